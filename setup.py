@@ -2,9 +2,23 @@
 
 from setuptools import find_packages, setup
 
-LAYERS = ("geometry", "meshing", "solvers", "reduction", "scene", "pipeline", "studies", "validation", "app")
+LAYERS = (
+    "geometry",
+    "meshing",
+    "solvers",
+    "reduction",
+    "scene",
+    "pipeline",
+    "studies",
+    "validation",
+    "app",
+)
 
 setup(
-    packages=[f"headstock.{name}" for layer in LAYERS for name in (layer, *(f"{layer}.{room}" for room in find_packages(layer)))],
+    packages=[
+        f"headstock.{name}"
+        for layer in LAYERS
+        for name in (layer, *(f"{layer}.{room}" for room in find_packages(layer)))
+    ],
     package_dir={f"headstock.{layer}": layer for layer in LAYERS},
 )

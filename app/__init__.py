@@ -1,1 +1,3 @@
-"""The command line, and every way in which results are shown: tables, charts, pictures, reports. Never a number that is not in a result."""
+"""The command line, and every way in which results are shown: tables, charts, pictures, reports.
+Never a number that is not in a result.
+"""

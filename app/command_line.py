@@ -39,10 +39,18 @@ COMMANDS = (
 
 # help is plain text here, and typer would escape its brackets for rich all the same
 typer.core.rich = None  # type: ignore[assignment, attr-defined]
-app = typer.Typer(name=PROGRAM, help=PROGRAM_HELP, no_args_is_help=True, add_completion=False, rich_markup_mode=None)
+app = typer.Typer(
+    name=PROGRAM,
+    help=PROGRAM_HELP,
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+)
 for command in COMMANDS:
     app.command()(command)
-app.command("test", context_settings={"ignore_unknown_options": True, "allow_extra_args": True})(tool_commands.refuse_test)
+app.command("test", context_settings={"ignore_unknown_options": True, "allow_extra_args": True})(
+    tool_commands.refuse_test
+)
 
 
 def _print_version(asked: bool) -> None:
@@ -57,7 +65,13 @@ def _print_version(asked: bool) -> None:
 @app.callback(help=PROGRAM_HELP)
 def read_program_options(
     version: Annotated[
-        bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print version and commit, and end.")
+        bool,
+        typer.Option(
+            "--version",
+            is_eager=True,
+            callback=_print_version,
+            help="Print version and commit, and end.",
+        ),
     ] = False,
 ) -> None:
     """Options before any command."""
@@ -69,7 +83,9 @@ def main(arguments: list[str] | None = None) -> int:
     find_home()
     try:
         words = sys.argv[1:] if arguments is None else arguments
-        code = typer.main.get_command(app).main(args=words, prog_name=PROGRAM, standalone_mode=False, obj=tuple(words))
+        code = typer.main.get_command(app).main(
+            args=words, prog_name=PROGRAM, standalone_mode=False, obj=tuple(words)
+        )
     except click.ClickException as error:
         error.show()
         return error.exit_code

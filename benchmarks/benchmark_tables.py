@@ -10,7 +10,9 @@ MODES = 20
 
 @dataclass
 class Run:
-    """One process of one contender: what each stage and all of it took, the frequencies it found, or why there are none."""
+    """One process of one contender: what each stage and all of it took, the frequencies it found,
+    or why there are none.
+    """
 
     name: str
     size: str
@@ -40,11 +42,26 @@ def summary_table(runs: Sequence[Run], size: str) -> list[str]:
         chosen = _chosen(runs, size, name, modes)
         good = [run for run in chosen if not run.failure]
         if good:
-            cells = [_seconds(good, "seconds"), _seconds(good, "cpu"), f"{max(run.total['peak_mb'] for run in good) / 1024:.2f}"]
+            cells = [
+                _seconds(good, "seconds"),
+                _seconds(good, "cpu"),
+                f"{max(run.total['peak_mb'] for run in good) / 1024:.2f}",
+            ]
         else:
             cells = [chosen[0].failure, "", ""]
         rows.append([name, str(chosen[0].dofs), str(modes), *cells, str(len(good))])
-    return _table(["contender", "dofs", "modes", "seconds (min–max)", "CPU seconds (min–max)", "peak GiB", "runs"], rows)
+    return _table(
+        [
+            "contender",
+            "dofs",
+            "modes",
+            "seconds (min–max)",
+            "CPU seconds (min–max)",
+            "peak GiB",
+            "runs",
+        ],
+        rows,
+    )
 
 
 def stage_table(runs: Sequence[Run], size: str) -> list[str]:
@@ -54,9 +71,23 @@ def stage_table(runs: Sequence[Run], size: str) -> list[str]:
         good = [run for run in _chosen(runs, size, name, modes) if not run.failure]
         for stage in good[0].stages if good else ():
             entries = [run.stages[stage] for run in good]
-            middle = [statistics.median(entry[key] for entry in entries) for key in ("seconds", "cpu", "peak_mb")]
-            rows.append([name, str(modes), stage, f"{middle[0]:.2f}", f"{middle[1]:.2f}", f"{middle[2] / 1024:.2f}"])
-    return _table(["contender", "modes", "stage", "seconds", "CPU seconds", "peak GiB at its end"], rows)
+            middle = [
+                statistics.median(entry[key] for entry in entries)
+                for key in ("seconds", "cpu", "peak_mb")
+            ]
+            rows.append(
+                [
+                    name,
+                    str(modes),
+                    stage,
+                    f"{middle[0]:.2f}",
+                    f"{middle[1]:.2f}",
+                    f"{middle[2] / 1024:.2f}",
+                ]
+            )
+    return _table(
+        ["contender", "modes", "stage", "seconds", "CPU seconds", "peak GiB at its end"], rows
+    )
 
 
 def ratio_lines(runs: Sequence[Run], size: str) -> list[str]:
@@ -70,18 +101,36 @@ def ratio_lines(runs: Sequence[Run], size: str) -> list[str]:
             continue
         other = _middle(runs, size, name, modes)
         if other is None:
-            rows.append([f"{name} / headstock", _chosen(runs, size, name, modes)[0].failure, "", ""])
+            rows.append(
+                [f"{name} / headstock", _chosen(runs, size, name, modes)[0].failure, "", ""]
+            )
         elif name == "floor":
-            rows.append(["headstock / floor", *(f"{own[key] / other[key]:.2f}" for key in ("seconds", "cpu", "peak_mb"))])
+            rows.append(
+                [
+                    "headstock / floor",
+                    *(f"{own[key] / other[key]:.2f}" for key in ("seconds", "cpu", "peak_mb")),
+                ]
+            )
         else:
-            label = f"{modes} modes / {MODES} modes" if name == "headstock" else f"{name} / headstock"
-            rows.append([label, *(f"{other[key] / own[key]:.2f}" for key in ("seconds", "cpu", "peak_mb"))])
+            label = (
+                f"{modes} modes / {MODES} modes" if name == "headstock" else f"{name} / headstock"
+            )
+            rows.append(
+                [label, *(f"{other[key] / own[key]:.2f}" for key in ("seconds", "cpu", "peak_mb"))]
+            )
     return _table(["ratio", "seconds", "CPU seconds", "peak memory"], rows)
 
 
 def agreement_table(runs: Sequence[Run], size: str, reference: str) -> list[str]:
     """Largest relative difference of frequencies from the reference contender."""
-    tight = next((run for run in runs if (run.name, run.size, run.modes, run.failure) == (reference, size, MODES, "")), None)
+    tight = next(
+        (
+            run
+            for run in runs
+            if (run.name, run.size, run.modes, run.failure) == (reference, size, MODES, "")
+        ),
+        None,
+    )
     if tight is None:
         return [f"frequencies not compared: {reference} did not run"]
     rows = []
@@ -90,17 +139,29 @@ def agreement_table(runs: Sequence[Run], size: str, reference: str) -> list[str]
             if run.failure or not run.fixed_hz or modes != MODES or name == reference:
                 continue
             differences = [
-                max(abs(mine / theirs - 1.0) for mine, theirs in zip(getattr(run, key), getattr(tight, key), strict=True))
+                max(
+                    abs(mine / theirs - 1.0)
+                    for mine, theirs in zip(getattr(run, key), getattr(tight, key), strict=True)
+                )
                 for key in ("fixed_hz", "free_hz")
             ]
             rows.append([name, *(f"{difference:.1e}" for difference in differences)])
-    return _table([f"against {reference}", "fixed-interface frequencies", "free-free frequencies of the reduced model"], rows)
+    return _table(
+        [
+            f"against {reference}",
+            "fixed-interface frequencies",
+            "free-free frequencies of the reduced model",
+        ],
+        rows,
+    )
 
 
 def pose_lines(run: Run) -> list[str]:
     """Poses per second."""
     rows = [[size, f"{rate:.0f}"] for size, rate in run.poses_per_second.items()]
-    return _table(["dofs of the reduced machine", "poses per second, all frequencies and shapes"], rows)
+    return _table(
+        ["dofs of the reduced machine", "poses per second, all frequencies and shapes"], rows
+    )
 
 
 def _contenders(runs: Sequence[Run], size: str) -> list[tuple[str, int]]:
@@ -113,7 +174,9 @@ def _chosen(runs: Sequence[Run], size: str, name: str, modes: int) -> list[Run]:
 
 def _middle(runs: Sequence[Run], size: str, name: str, modes: int) -> dict[str, float] | None:
     good = [run.total for run in _chosen(runs, size, name, modes) if not run.failure]
-    return {key: statistics.median(total[key] for total in good) for key in good[0]} if good else None
+    return (
+        {key: statistics.median(total[key] for total in good) for key in good[0]} if good else None
+    )
 
 
 def _seconds(runs: Sequence[Run], key: str) -> str:

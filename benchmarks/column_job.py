@@ -1,4 +1,6 @@
-"""The job of the reduction benchmark: a steel column with two rigid end faces, its mesh and its matrices as plain files."""
+"""The job of the reduction benchmark: a steel column with two rigid end faces, its mesh and its
+matrices as plain files.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +10,14 @@ import scipy.sparse
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray, rigid_map
-from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, ReductionSettings
+from headstock.geometry.parts.components import (
+    Component,
+    Interface,
+    Material,
+    MeshSettings,
+    Patch,
+    ReductionSettings,
+)
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import ComponentMesh, IntArray, MeshQuality
 from headstock.meshing.components.meshing import mesh_component
@@ -25,7 +34,10 @@ def column(size: str, modes: int) -> Component:
         name="column",
         solid=Box(EXTENT),
         material=Material(name="steel", youngs_modulus=210e9, poisson_ratio=0.3, density=7850.0),
-        interfaces={"foot": Interface("foot", (Patch("z-"),)), "tip": Interface("tip", (Patch("z+"),))},
+        interfaces={
+            "foot": Interface("foot", (Patch("z-"),)),
+            "tip": Interface("tip", (Patch("z+"),)),
+        },
         mesh=MeshSettings(size=SIZES[size]),
         reduction=ReductionSettings(modes=modes),
     )
@@ -41,7 +53,9 @@ def write_mesh(size: str, folder: Path) -> int:
         cells=mesh.cells,
         foot=mesh.patches["foot"],
         tip=mesh.patches["tip"],
-        scalars=np.array([quality.minimum_scaled_jacobian, quality.repaired, quality.volume, quality.cad_volume]),
+        scalars=np.array(
+            [quality.minimum_scaled_jacobian, quality.repaired, quality.volume, quality.cad_volume]
+        ),
         kind=np.array(mesh.kind),
         straight=np.array(mesh.straight),
     )
@@ -63,9 +77,13 @@ def read_mesh(folder: Path) -> ComponentMesh:
 
 
 def write_matrices(folder: Path) -> None:
-    """Stiffness and mass of the whole column for the peers, in mesh point order; compiles the element kernels on the way."""
+    """Stiffness and mass of the whole column for the peers, in mesh point order; compiles the
+    element kernels on the way.
+    """
     mesh = read_mesh(folder)
-    operators = assemble_elasticity(mesh, column("20k", 0).material, comm=MPI.COMM_SELF, with_mass=True)
+    operators = assemble_elasticity(
+        mesh, column("20k", 0).material, comm=MPI.COMM_SELF, with_mass=True
+    )
     place = np.argsort(operators.nodes)
     dofs = (3 * place[:, None] + np.arange(3)).ravel()
     assert operators.scalar_mass is not None  # asked for with the stiffness
@@ -116,5 +134,8 @@ def read_matrices(folder: Path) -> MatrixJob:
     """The matrices as they were written."""
     mesh = read_mesh(folder)
     faces = (np.unique(mesh.patches["foot"]), np.unique(mesh.patches["tip"]))
-    stiffness, mass = (scipy.sparse.csr_matrix(scipy.sparse.load_npz(folder / f"{name}.npz")) for name in ("stiffness", "mass"))
+    stiffness, mass = (
+        scipy.sparse.csr_matrix(scipy.sparse.load_npz(folder / f"{name}.npz"))
+        for name in ("stiffness", "mass")
+    )
     return MatrixJob(mesh.points, faces, stiffness, mass)

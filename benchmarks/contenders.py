@@ -1,4 +1,6 @@
-"""One contender of the reduction benchmark in a process of its own: does the job and prints one line of JSON."""
+"""One contender of the reduction benchmark in a process of its own: does the job and prints one
+line of JSON.
+"""
 
 import json
 import sys
@@ -41,11 +43,15 @@ def run_headstock(folder: Path, modes: int) -> Result:
 
 
 def run_floor(folder: Path, modes: int) -> Result:
-    """Analysis, factorisation and 52 right-hand sides on the same K_ii with the same solver; assembly not counted."""
+    """Analysis, factorisation and 52 right-hand sides on the same K_ii with the same solver;
+    assembly not counted.
+    """
     component, mesh = column("20k", modes), read_mesh(folder)
     operators = assemble_elasticity(mesh, component.material, comm=MPI.COMM_SELF, with_mass=False)
     held = np.zeros(len(mesh.points), dtype=bool)
-    held[np.unique(np.concatenate([mesh.patches["foot"].ravel(), mesh.patches["tip"].ravel()]))] = True
+    held[np.unique(np.concatenate([mesh.patches["foot"].ravel(), mesh.patches["tip"].ravel()]))] = (
+        True
+    )
     loads = np.random.default_rng(1).standard_normal((operators.owned_dofs, max(FLOOR_BLOCKS)))
     clock = StageClock()
     with clock.stage("factorisation"):
@@ -57,7 +63,9 @@ def run_floor(folder: Path, modes: int) -> Result:
 
 
 def run_superlu(folder: Path, modes: int) -> Result:
-    """Scipy: eigsh in shift-invert mode and the constraint modes on one SuperLU factorisation with its default ordering."""
+    """Scipy: eigsh in shift-invert mode and the constraint modes on one SuperLU factorisation with
+    its default ordering.
+    """
 
     def factorize(matrix: scipy.sparse.csc_matrix) -> Callable[[FloatArray], FloatArray]:
         return scipy.sparse.linalg.splu(matrix).solve  # type: ignore[no-any-return]
@@ -73,7 +81,9 @@ def run_cholmod(folder: Path, modes: int) -> Result:
 
 
 def run_exudyn(folder: Path, modes: int) -> Result:
-    """Exudyn's Hurty-Craig-Bampton modes, scipy path, with the matrices given; the projection is done outside the clock."""
+    """Exudyn's Hurty-Craig-Bampton modes, scipy path, with the matrices given; the projection is
+    done outside the clock.
+    """
     import exudyn.FEM
 
     exudyn.FEM.exu.SetWriteToConsole(False)
@@ -91,7 +101,9 @@ def run_exudyn(folder: Path, modes: int) -> Result:
     total = clock.total()
     basis = np.asarray(fem.modeBasis["matrix"])
     frequencies = np.sqrt(np.sort(np.asarray(fem.eigenValues))) / (2.0 * np.pi)
-    return _result(clock, total, frequencies, basis.T @ (job.stiffness @ basis), basis.T @ (job.mass @ basis))
+    return _result(
+        clock, total, frequencies, basis.T @ (job.stiffness @ basis), basis.T @ (job.mass @ basis)
+    )
 
 
 def run_matrices(folder: Path, modes: int) -> Result:
@@ -123,7 +135,9 @@ def run_poses(folder: Path, modes: int) -> Result:
 
 
 def _run_eigsh(
-    folder: Path, modes: int, factorize: Callable[[scipy.sparse.csc_matrix], Callable[[FloatArray], FloatArray]]
+    folder: Path,
+    modes: int,
+    factorize: Callable[[scipy.sparse.csc_matrix], Callable[[FloatArray], FloatArray]],
 ) -> Result:
     job, clock = read_matrices(folder), StageClock()
     with clock.stage("partition"):
@@ -139,18 +153,35 @@ def _run_eigsh(
         basis[free, :12] = solve(loads)
     with clock.stage("fixed-interface modes"):
         inverse = scipy.sparse.linalg.LinearOperator(stiffness.shape, matvec=solve, dtype=float)
-        values, shapes = scipy.sparse.linalg.eigsh(stiffness, k=modes, M=mass, sigma=0.0, OPinv=inverse)
+        values, shapes = scipy.sparse.linalg.eigsh(
+            stiffness, k=modes, M=mass, sigma=0.0, OPinv=inverse
+        )
     with clock.stage("constraint modes, projection"):
         basis[free, 12:] = shapes
         reduced = [basis.T @ (matrix @ basis) for matrix in (job.stiffness, job.mass)]
     return _result(clock, clock.total(), np.sqrt(np.sort(values)) / (2.0 * np.pi), *reduced)
 
 
-def _result(clock: StageClock, total: dict[str, float], fixed_hz: FloatArray, stiffness: FloatArray, mass: FloatArray) -> Result:
-    """What is compared: fixed-interface frequencies, and the elastic frequencies of the free reduced model."""
-    squares = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T), eigvals_only=True)
+def _result(
+    clock: StageClock,
+    total: dict[str, float],
+    fixed_hz: FloatArray,
+    stiffness: FloatArray,
+    mass: FloatArray,
+) -> Result:
+    """What is compared: fixed-interface frequencies, and the elastic frequencies of the free
+    reduced model.
+    """
+    squares = scipy.linalg.eigh(
+        0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T), eigvals_only=True
+    )
     free_hz = np.sqrt(np.abs(squares[6:])) / (2.0 * np.pi)
-    return {"stages": clock.stages, "total": total, "fixed_hz": list(map(float, fixed_hz)), "free_hz": list(map(float, free_hz))}
+    return {
+        "stages": clock.stages,
+        "total": total,
+        "fixed_hz": list(map(float, fixed_hz)),
+        "free_hz": list(map(float, free_hz)),
+    }
 
 
 CONTENDERS: dict[str, Callable[[Path, int], Result]] = {

@@ -1,11 +1,12 @@
-"""What error estimates cost, in one run: CPU seconds inside them over those of the stages and of the whole command.
+"""What error estimates cost, in one run: CPU seconds inside them over those of the stages and of
+the whole command.
 
 Each scene is run with an empty store and again with a full one.
 
 HEADSTOCK_THREADS=1 ./headstock exec python3 benchmarks/estimates.py [SCENE[:VARIANT] ...]
 
-Child processes (the mesher, the painter of pictures) count. The stages end with results.h5; the command adds report and pictures.
-Imports are apart.
+Child processes (the mesher, the painter of pictures) count. The stages end with results.h5; the
+command adds report and pictures. Imports are apart.
 """
 
 import contextlib
@@ -52,7 +53,9 @@ def main() -> None:
     setattr(running, "run_scene", counted)  # noqa: B010
     for module, function, name in WATCHED:
         clock.watch(module, function, name)
-    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, {os.environ.get('OMP_NUM_THREADS', '?')} BLAS thread(s)")
+    print(
+        f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, {os.environ.get('OMP_NUM_THREADS', '?')} BLAS thread(s)"
+    )
     names = "".join(f"{name:>16}" for _, _, name in WATCHED)
     print(f"{'scene':<18}{'store':<7}{'CPU s':>7}{names}{'of stages':>12}{'of command':>12}")
     for name in sys.argv[1:] or SCENES:
@@ -70,7 +73,9 @@ def main() -> None:
                 whole, stages = _cpu_seconds() - start, marks[0]
                 parts = [clock.stages.get(what, {"cpu": 0.0})["cpu"] for _, _, what in WATCHED]
                 cells = "".join(f"{100 * part / stages:>14.1f} %" for part in parts)
-                shares = "".join(f"{100 * sum(parts) / total:>10.1f} %" for total in (stages, whole))
+                shares = "".join(
+                    f"{100 * sum(parts) / total:>10.1f} %" for total in (stages, whole)
+                )
                 print(f"{name:<18}{store:<7}{stages:>7.2f}{cells}{shares}", flush=True)
 
 

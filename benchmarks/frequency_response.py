@@ -1,4 +1,5 @@
-"""Responses at 1000 frequencies: the reduced column against direct solves of its whole model, and a large system with few dampers.
+"""Responses at 1000 frequencies: the reduced column against direct solves of its whole model, and a
+large system with few dampers.
 
 ./headstock exec python3 benchmarks/frequency_response.py [ELEMENT SIZE IN MM]
 """
@@ -18,25 +19,41 @@ from headstock.validation.parts.response_cases import PORTS, TO_HZ, column_model
 COUNT, TRIED, REPEATS = 1000, 3, 5
 
 
-def damped_lattice(*, sides: tuple[int, int, int] = (10, 10, 12), dampers: int = 60) -> SecondOrderSystem:
-    """Masses on a grid of springs, the lowest layer on ground, with dashpots between some neighbours: one dof per mass."""
+def damped_lattice(
+    *, sides: tuple[int, int, int] = (10, 10, 12), dampers: int = 60
+) -> SecondOrderSystem:
+    """Masses on a grid of springs, the lowest layer on ground, with dashpots between some
+    neighbours: one dof per mass.
+    """
     random = np.random.default_rng(1)
     places = np.arange(np.prod(sides)).reshape(sides)
     links = np.vstack(
-        [np.column_stack([np.moveaxis(places, a, 0)[:-1].ravel(), np.moveaxis(places, a, 0)[1:].ravel()]) for a in range(3)]
+        [
+            np.column_stack(
+                [np.moveaxis(places, a, 0)[:-1].ravel(), np.moveaxis(places, a, 0)[1:].ravel()]
+            )
+            for a in range(3)
+        ]
     )
     rows = np.zeros((len(links), places.size))
     rows[np.arange(len(links)), links[:, 0]], rows[np.arange(len(links)), links[:, 1]] = -1.0, 1.0
     stiffness = rows.T @ (1e8 * random.uniform(0.3, 3.0, len(links))[:, None] * rows)
     stiffness[places[:, :, 0].ravel(), places[:, :, 0].ravel()] += 1e8
     chosen = rows[random.choice(len(links), dampers, replace=False)]
-    ports = {(name, "x"): np.eye(places.size)[place] for name, place in (("a", -1), ("b", 500), ("c", 900))}
+    ports = {
+        (name, "x"): np.eye(places.size)[place]
+        for name, place in (("a", -1), ("b", 500), ("c", 900))
+    }
     mass = np.diag(random.uniform(0.5, 2.0, places.size))
-    return SecondOrderSystem(mass, 2e3 * chosen.T @ chosen, stiffness, ports, ports, tuple(map(str, range(places.size))))
+    return SecondOrderSystem(
+        mass, 2e3 * chosen.T @ chosen, stiffness, ports, ports, tuple(map(str, range(places.size)))
+    )
 
 
 def compare_with_eigenvalues() -> None:
-    """CPU time of a damped response, peaks included, over that of the undamped eigenvalue problem of the same size."""
+    """CPU time of a damped response, peaks included, over that of the undamped eigenvalue problem
+    of the same size.
+    """
     system = damped_lattice()
     ports, times = tuple(system.inputs), []
     for _ in range(REPEATS):
@@ -50,12 +67,19 @@ def compare_with_eigenvalues() -> None:
         answered = evaluate_frf(model, frequencies)
         done = time.process_time()
         find_peaks(model, float(frequencies[-1]))
-        times.append((solved - start, prepared - solved, done - prepared, time.process_time() - done))
+        times.append(
+            (solved - start, prepared - solved, done - prepared, time.process_time() - done)
+        )
     eigenvalues, undamped, response, peaks = np.median(times, axis=0)
     probed = np.arange(0, COUNT, COUNT // 20)
     expected = model.direct.evaluate(2.0 * np.pi * frequencies[probed])
-    error = (np.abs(answered.receptance[probed] - expected) / np.abs(expected).max(axis=(1, 2), keepdims=True)).max()
-    print(f"{len(system.mass)} dofs, 60 dampers that couple modes, {COUNT} frequencies x 3 entries, method {answered.method}")
+    error = (
+        np.abs(answered.receptance[probed] - expected)
+        / np.abs(expected).max(axis=(1, 2), keepdims=True)
+    ).max()
+    print(
+        f"{len(system.mass)} dofs, 60 dampers that couple modes, {COUNT} frequencies x 3 entries, method {answered.method}"
+    )
     print(
         f"eigh (LAPACK) {eigenvalues:.2f} s, all undamped modes {undamped:.2f} s, response {response:.2f} s, peaks {peaks:.2f} s of CPU"
     )
@@ -73,7 +97,9 @@ def main() -> None:
     reduced = []
     for _ in range(REPEATS):
         start = time.process_time()
-        found = evaluate_frf(prepare_frf(system, inputs=PORTS, outputs=PORTS), frequencies).receptance
+        found = evaluate_frf(
+            prepare_frf(system, inputs=PORTS, outputs=PORTS), frequencies
+        ).receptance
         reduced.append(time.process_time() - start)
     picked = np.linspace(0, COUNT - 1, TRIED).astype(int)
     start = time.process_time()
@@ -81,8 +107,12 @@ def main() -> None:
     direct = (time.process_time() - start) / TRIED * COUNT
     size_of = np.abs(expected).max(axis=(1, 2))
     error = (np.abs(found[picked] - expected).max(axis=(1, 2)) / size_of).max()
-    print(f"whole model {whole.stiffness.shape[0] - 6} dofs, reduced {len(system.mass)} dofs, {COUNT} frequencies x 9 entries")
-    print(f"reduced, preparation included   {np.median(reduced):9.4f} s of CPU (median of {REPEATS})")
+    print(
+        f"whole model {whole.stiffness.shape[0] - 6} dofs, reduced {len(system.mass)} dofs, {COUNT} frequencies x 9 entries"
+    )
+    print(
+        f"reduced, preparation included   {np.median(reduced):9.4f} s of CPU (median of {REPEATS})"
+    )
     print(f"direct, from {TRIED} frequencies       {direct:9.1f} s of CPU")
     print(f"ratio {direct / np.median(reduced):.0f}, largest difference {100 * error:.3f} %")
 

@@ -1,4 +1,5 @@
-"""A tower of equal blocks, each joined rigidly to the next: processor seconds and peak memory of a run with all parts stored.
+"""A tower of equal blocks, each joined rigidly to the next: processor seconds and peak memory of a
+run with all parts stored.
 
     ./headstock exec python3 benchmarks/many_parts.py [PARTS ...]
 
@@ -12,7 +13,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-COMMAND = "import sys; from headstock.app.command_line import main; sys.argv[0] = 'headstock'; main()"
+COMMAND = (
+    "import sys; from headstock.app.command_line import main; sys.argv[0] = 'headstock'; main()"
+)
 HEIGHT = 200  # of a block [mm]
 
 
@@ -30,7 +33,13 @@ def main() -> None:
 
 def write_tower(count: int) -> str:
     """A scene of equal blocks on each other."""
-    lines = ['name = "tower"', "[materials.steel]", 'E = "210 GPa"', "nu = 0.3", 'rho = "7850 kg/m^3"']
+    lines = [
+        'name = "tower"',
+        "[materials.steel]",
+        'E = "210 GPa"',
+        "nu = 0.3",
+        'rho = "7850 kg/m^3"',
+    ]
     below = "ground"
     for part in range(count):
         lines += [
@@ -47,7 +56,12 @@ def write_tower(count: int) -> str:
             'kind = "rigid"',
         ]
         below = f"p{part}.top"
-    lines += ["[points]", f'tcp = {{ tool = "{below}", work = "ground" }}', "[analyses.static]", 'at = "tcp"']
+    lines += [
+        "[points]",
+        f'tcp = {{ tool = "{below}", work = "ground" }}',
+        "[analyses.static]",
+        'at = "tcp"',
+    ]
     return "\n".join([*lines, "[analyses.modal]", "count = 6", ""])
 
 
@@ -58,7 +72,16 @@ def _measure(folder: Path, count: int) -> tuple[float, float]:
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "HEADSTOCK_STORE": str(folder / "store")}
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run(
-        [sys.executable, "-P", "-c", COMMAND, "run", str(scene), "-o", str(folder / f"out_{count}")],
+        [
+            sys.executable,
+            "-P",
+            "-c",
+            COMMAND,
+            "run",
+            str(scene),
+            "-o",
+            str(folder / f"out_{count}"),
+        ],
         env=environment,
         check=True,
         capture_output=True,

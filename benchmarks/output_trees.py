@@ -1,8 +1,9 @@
 """What two folders of outputs hold, as numbers and texts with places, and where they differ.
 
-``read_tree`` turns every file into leaves: arrays of numbers, and texts. ``differences`` compares two such trees: numbers within
-1e-10 of the largest one of their array (two digits of its type where that is coarser), texts word by word. Seconds, memory, dates,
-versions, digests and what else differs between two runs of the same code is listed once, at the top.
+``read_tree`` turns every file into leaves: arrays of numbers, and texts. ``differences`` compares
+two such trees: numbers within 1e-10 of the largest one of their array (two digits of its type where
+that is coarser), texts word by word. Seconds, memory, dates, versions, digests and what else
+differs between two runs of the same code is listed once, at the top.
 """
 
 import base64
@@ -26,7 +27,8 @@ import numpy as np
 import scipy.io
 
 TOLERANCE = 1e-10
-# keys of JSON and HDF5, heads of CSV columns, parts of texts and of reports that time, memory, place or version decide
+# keys of JSON and HDF5, heads of CSV columns, parts of texts and of reports that time, memory,
+# place or version decide
 MASKED_KEYS = (
     *(
         "seconds",
@@ -39,11 +41,19 @@ MASKED_KEYS = (
         "peak_rss_mb",
         "peak_mb",
     ),
-    *("cpu seconds", "cpu spread", "solving cpu seconds", "spread", "MB", "best"),  # of cost studies
+    *(
+        "cpu seconds",
+        "cpu spread",
+        "solving cpu seconds",
+        "spread",
+        "MB",
+        "best",
+    ),  # of cost studies
     *("date", "host", "commit", "version", "versions", "provenance", "sha256", "key"),
 )
 MASKED_COLUMNS = re.compile(
-    r"seconds|\bCPU\b|memory|\[MB\]|^(?:(?:load|components|couple|modes|total) \[s\]|(?:cpu )?spread|MB|best)$", re.IGNORECASE
+    r"seconds|\bCPU\b|memory|\[MB\]|^(?:(?:load|components|couple|modes|total) \[s\]|(?:cpu )?spread|MB|best)$",
+    re.IGNORECASE,
 )
 MASKED_SECTIONS = ("cost", "origin")  # of reports, by id
 MASKED_TEXTS = (
@@ -52,13 +62,29 @@ MASKED_TEXTS = (
     (re.compile(r"^(?:<[^>]*>)*seconds from scene.*"), "SECONDS"),
     (re.compile(r"\b(scene|components|coupling|modes) \d+\.\d\d(?=,|$)"), r"\1 COST"),
     (re.compile(r"\b(headstock|Headstock) \d+\.\d+\.\d+\S*"), r"\1 VERSION"),
-    (re.compile(r"(?<![\w.])\d[\d\u202f ]*(?:\.\d+)?[\s\u202f](?:(?:µs|ms|s|min|h)|[kMG]B)(?![\w/])"), "COST"),
+    (
+        re.compile(
+            r"(?<![\w.])\d[\d\u202f ]*(?:\.\d+)?[\s\u202f](?:(?:µs|ms|s|min|h)|[kMG]B)(?![\w/])"
+        ),
+        "COST",
+    ),
     (re.compile(r"─+"), "─"),
     (re.compile(r"\s+"), " "),
 )
-# numbers that may be rounding errors only, and the scale of what they are errors of: shares of a whole, Hz, and m/N
+# numbers that may be rounding errors only, and the scale of what they are errors of: shares of a
+# whole, Hz, and m/N
 SCALES = (
-    *((f"*/{name}/*", 1.0) for name in ("residual", "budget", "error_share", "energy_share", "kinetic_share", "error_hz")),
+    *(
+        (f"*/{name}/*", 1.0)
+        for name in (
+            "residual",
+            "budget",
+            "error_share",
+            "energy_share",
+            "kinetic_share",
+            "error_hz",
+        )
+    ),
     ("*/pushes/*", 1e-9),
 )
 # what is rounded to fewer digits where it is written; results.h5 has them all
@@ -84,7 +110,8 @@ class Difference:
         place: File, and the place in it.
         base: What the first tree holds.
         now: What the second one holds.
-        share: Largest difference over the scale of the array; infinite for texts and for what is missing.
+        share: Largest difference over the scale of the array; infinite for texts and for what is
+            missing.
     """
 
     place: str
@@ -107,7 +134,9 @@ def read_tree(folder: Path, names: dict[str, str] | None = None) -> dict[str, Le
             reader = READERS.get(path.suffix, _read_any)
             leaves[place] = f"a file {path.suffix}"
             try:
-                leaves.update({f"{place}{inner}": leaf for inner, leaf in reader(path, names or {})})
+                leaves.update(
+                    {f"{place}{inner}": leaf for inner, leaf in reader(path, names or {})}
+                )
             except Exception as error:
                 raise ValueError(f"{path}: {error}") from error
     return leaves
@@ -145,7 +174,13 @@ def compare_leaves(place: str, base: Leaf, now: Leaf) -> Difference | None:
 
 def _tolerance(place: str, *arrays: Numbers) -> float:
     digits = [2 * float(np.finfo(array.dtype).eps) for array in arrays if array.dtype.kind in "fc"]
-    return max([TOLERANCE, *digits, *(share for pattern, share in TOLERANCES if fnmatchcase(place, pattern))])
+    return max(
+        [
+            TOLERANCE,
+            *digits,
+            *(share for pattern, share in TOLERANCES if fnmatchcase(place, pattern)),
+        ]
+    )
 
 
 def _share(place: str, base: Numbers, now: Numbers) -> float:
@@ -162,7 +197,9 @@ def _share(place: str, base: Numbers, now: Numbers) -> float:
 
 
 def _distance(base: Numbers, now: Numbers) -> Numbers:
-    """Size of each difference, infinite where one is no finite number and the other is not the same."""
+    """Size of each difference, infinite where one is no finite number and the other is not the
+    same.
+    """
     if base.dtype.kind not in "fc" and now.dtype.kind not in "fc":
         return np.abs(base.astype(np.int64) - now.astype(np.int64)).astype(float)
     with np.errstate(invalid="ignore"):
@@ -178,13 +215,20 @@ def _compare_texts(place: str, base: str, now: str) -> Difference | None:
         return None
     for number, (old, new) in enumerate(zip(first, second, strict=False), start=1):
         if old != new and not _same_line(place, old, new):
-            column = next((i for i, (a, b) in enumerate(zip(old, new, strict=False)) if a != b), min(len(old), len(new)))
+            column = next(
+                (i for i, (a, b) in enumerate(zip(old, new, strict=False)) if a != b),
+                min(len(old), len(new)),
+            )
             start = max(0, column - 30)
-            return Difference(f"{place} line {number}", old[start : start + 90], new[start : start + 90], math.inf)
+            return Difference(
+                f"{place} line {number}", old[start : start + 90], new[start : start + 90], math.inf
+            )
     if len(first) != len(second):
         longer = first if len(first) > len(second) else second
         extra = longer[min(len(first), len(second))][:90]
-        return Difference(place, f"{len(first)} lines", f"{len(second)} lines, beginning with: {extra}", math.inf)
+        return Difference(
+            place, f"{len(first)} lines", f"{len(second)} lines, beginning with: {extra}", math.inf
+        )
     return None
 
 
@@ -214,7 +258,8 @@ def _is_masked(key: str) -> bool:
     return any(fnmatchcase(key, pattern) for pattern in MASKED_KEYS)
 
 
-# --- readers: one per kind of file ---------------------------------------------------------------------------------------------
+# --- readers: one per kind of file
+# ---------------------------------------------------------------------------------------------
 
 Names = dict[str, str]
 Leaves = Iterator[tuple[str, Leaf]]
@@ -266,12 +311,17 @@ def _json_leaves(value: object, place: str) -> Leaves:
 
 
 def _flat_numbers(value: object) -> list[float] | None:
-    """The numbers of a nested list, null as nan; None where it holds something else or no number at all."""
+    """The numbers of a nested list, null as nan; None where it holds something else or no number at
+    all.
+    """
     if isinstance(value, bool | str | dict) or value is None or value == []:
         return None
     if not isinstance(value, list):
         return [float(str(value))]
-    parts = [[math.nan] if inner is None else [] if inner == [] else _flat_numbers(inner) for inner in value]
+    parts = [
+        [math.nan] if inner is None else [] if inner == [] else _flat_numbers(inner)
+        for inner in value
+    ]
     if any(part is None for part in parts) or all(inner is None for inner in value):
         return None
     return [number for part in parts for number in part or []]
@@ -281,7 +331,9 @@ def _outline(value: object) -> str:
     """Lengths of nested lists as a text."""
     if not isinstance(value, list):
         return "1"
-    return f"{len(value)}" + ("(" + " ".join(_outline(inner) for inner in value) + ")" if list in map(type, value) else "")
+    return f"{len(value)}" + (
+        "(" + " ".join(_outline(inner) for inner in value) + ")" if list in map(type, value) else ""
+    )
 
 
 def _read_csv(path: Path, names: Names) -> Leaves:
@@ -289,7 +341,9 @@ def _read_csv(path: Path, names: Names) -> Leaves:
 
 
 def _csv_leaves(text: str) -> Leaves:
-    """A column that holds numbers only is one array, empty cells as nan; any other column is one text per cell."""
+    """A column that holds numbers only is one array, empty cells as nan; any other column is one
+    text per cell.
+    """
     rows = list(csv.reader(io.StringIO(text)))
     if not rows:
         return
@@ -301,17 +355,24 @@ def _csv_leaves(text: str) -> Leaves:
             continue
         cells = [row[index] if index < len(row) else "" for row in rows[1:]]
         try:
-            yield f" column {index} {head}", np.array([float(cell) if cell else math.nan for cell in cells])
+            yield (
+                f" column {index} {head}",
+                np.array([float(cell) if cell else math.nan for cell in cells]),
+            )
         except ValueError:
             yield f" column {index} {head}", "\n".join(cell or "-" for cell in cells)
 
 
 def _read_html(path: Path, names: Names) -> Leaves:
-    """Tables in files, pictures and data of the page as what they are, the rest as text; values with all their digits."""
+    """Tables in files, pictures and data of the page as what they are, the rest as text; values
+    with all their digits.
+    """
     page = _with_names(path.read_text(), names)
     for name in MASKED_SECTIONS:
         page = re.sub(rf'<section id="{name}">.*?</section>', "", page, flags=re.DOTALL)
-    for number, script in enumerate(re.findall(r'<script type="application/json"[^>]*>(.*?)</script>', page, flags=re.DOTALL)):
+    for number, script in enumerate(
+        re.findall(r'<script type="application/json"[^>]*>(.*?)</script>', page, flags=re.DOTALL)
+    ):
         yield from _json_leaves(json.loads(script), f": data {number}/")
     page = re.sub(r'<script type="application/json".*?</script>', "", page, flags=re.DOTALL)
     for number, (kind, coded) in enumerate(LONG_BASE64.findall(page)):
@@ -319,7 +380,9 @@ def _read_html(path: Path, names: Names) -> Leaves:
         if kind == "image/png":
             yield f": picture {number}", _pixels(io.BytesIO(content))
         else:
-            yield from ((f": table {number}{inner}", leaf) for inner, leaf in _csv_leaves(content.decode()))
+            yield from (
+                (f": table {number}{inner}", leaf) for inner, leaf in _csv_leaves(content.decode())
+            )
     page = LONG_BASE64.sub("DATA", page)
     page = re.sub(r'<data[^>]*value="([^"]*)"[^>]*>[^<]*</data>', r"\1", page)
     page = re.sub(r"<small>([^<]*)</small>", r"\1", page)
@@ -364,7 +427,15 @@ def _read_mat(path: Path, names: Names) -> Leaves:
             yield from _values(f":/{key}", np.asarray(value), names)
 
 
-VTK_TYPES = {"Float64": "<f8", "Float32": "<f4", "Int64": "<i8", "Int32": "<i4", "UInt64": "<u8", "UInt8": "<u1", "Int8": "<i1"}
+VTK_TYPES = {
+    "Float64": "<f8",
+    "Float32": "<f4",
+    "Int64": "<i8",
+    "Int32": "<i4",
+    "UInt64": "<u8",
+    "UInt8": "<u1",
+    "Int8": "<i1",
+}
 
 
 def _read_vtk(path: Path, names: Names) -> Leaves:
@@ -377,7 +448,10 @@ def _read_vtk(path: Path, names: Names) -> Leaves:
         place = f":/{parents[array].tag}/{number} {array.get('Name')}"
         kind = array.get("type", "")
         if array.get("format") == "binary" and kind in VTK_TYPES:
-            yield place, np.frombuffer(base64.b64decode(array.text or "")[8:], dtype=VTK_TYPES[kind])
+            yield (
+                place,
+                np.frombuffer(base64.b64decode(array.text or "")[8:], dtype=VTK_TYPES[kind]),
+            )
             array.text = ""
     yield ": xml", _with_names(ElementTree.tostring(root, encoding="unicode"), names)
 
@@ -397,7 +471,10 @@ def _read_glb(path: Path, names: Names) -> Leaves:
         view = scene["bufferViews"][accessor["bufferView"]]
         start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
         count = accessor["count"] * GLB_WIDTHS[accessor["type"]]
-        yield f":/accessor {number}", np.frombuffer(data, GLB_TYPES[accessor["componentType"]], count, start)
+        yield (
+            f":/accessor {number}",
+            np.frombuffer(data, GLB_TYPES[accessor["componentType"]], count, start),
+        )
 
 
 def _read_nothing(path: Path, names: Names) -> Leaves:

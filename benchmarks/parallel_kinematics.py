@@ -1,6 +1,8 @@
-"""What the Tripteor costs: modes of a pose, a map, and its contour by each model, in one run, beside the seconds its paper gives.
+"""What the Tripteor costs: modes of a pose, a map, and its contour by each model, in one run,
+beside the seconds its paper gives.
 
-./headstock exec python3 benchmarks/parallel_kinematics.py [SECONDS OF THE NONLINEAR CONTOUR, all of it without]
+./headstock exec python3 benchmarks/parallel_kinematics.py [SECONDS OF THE NONLINEAR CONTOUR, all of
+it without]
 """
 
 import dataclasses
@@ -37,7 +39,10 @@ def measure(action: Callable[[], object], repeats: int) -> tuple[float, float, f
 
 def machine_name() -> str:
     lines = Path("/proc/cpuinfo").read_text().splitlines()
-    model = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.machine())
+    model = next(
+        (line.split(":")[1].strip() for line in lines if line.startswith("model name")),
+        platform.machine(),
+    )
     return f"{model}, {os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f}"
 
 
@@ -51,13 +56,45 @@ def main() -> None:
     waves = dataclasses.replace(request, regeneration=True)
     still = dataclasses.replace(tripteor.model, velocity_terms=False)
     jobs = [
-        ("modes of one configuration", lambda: solve_pose_modes(linearise_poses(tripteor.model, state)), 200, 1.0, PAPER_MODES),
-        ("map of 100 x 100, one rank", lambda: map_workspace(tripteor.scene, tripteor.model, grid), 3, 1.0, 0.0),
-        ("contour, linear", lambda: run_contour(tripteor.scene, tripteor.model, request), 3, 1.0, PAPER_CONTOUR),
-        ("contour, linear, no Coriolis terms", lambda: run_contour(tripteor.scene, still, request), 3, 1.0, PAPER_CONTOUR),
-        ("contour with regeneration", lambda: run_contour(tripteor.scene, tripteor.model, waves), 1, 1.0, 0.0),
         (
-            "contour, nonlinear" if until >= WHOLE else f"contour, nonlinear, from {until:g} s of it",
+            "modes of one configuration",
+            lambda: solve_pose_modes(linearise_poses(tripteor.model, state)),
+            200,
+            1.0,
+            PAPER_MODES,
+        ),
+        (
+            "map of 100 x 100, one rank",
+            lambda: map_workspace(tripteor.scene, tripteor.model, grid),
+            3,
+            1.0,
+            0.0,
+        ),
+        (
+            "contour, linear",
+            lambda: run_contour(tripteor.scene, tripteor.model, request),
+            3,
+            1.0,
+            PAPER_CONTOUR,
+        ),
+        (
+            "contour, linear, no Coriolis terms",
+            lambda: run_contour(tripteor.scene, still, request),
+            3,
+            1.0,
+            PAPER_CONTOUR,
+        ),
+        (
+            "contour with regeneration",
+            lambda: run_contour(tripteor.scene, tripteor.model, waves),
+            1,
+            1.0,
+            0.0,
+        ),
+        (
+            "contour, nonlinear"
+            if until >= WHOLE
+            else f"contour, nonlinear, from {until:g} s of it",
             lambda: run_contour(tripteor.scene, tripteor.model, nonlinear, until=until),
             1,
             WHOLE / min(until, WHOLE),
@@ -65,11 +102,16 @@ def main() -> None:
         ),
     ]
     print(machine_name())
-    print("| what | seconds | CPU seconds | spread | the paper | paper over CPU |\n| --- | --- | --- | --- | --- | --- |")
+    print(
+        "| what | seconds | CPU seconds | spread | the paper | paper over CPU |\n| --- | --- | --- | --- | --- | --- |"
+    )
     for name, action, repeats, scale, paper in jobs:
         wall, used, spread = measure(action, repeats)
         beside = (f"{paper:g} s", f"{paper / (used * scale):.0f}") if paper else ("", "")
-        print(f"| {name} | {wall * scale:.4g} | {used * scale:.4g} | {spread:.2f} | {beside[0]} | {beside[1]} |", flush=True)
+        print(
+            f"| {name} | {wall * scale:.4g} | {used * scale:.4g} | {spread:.2f} | {beside[0]} | {beside[1]} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

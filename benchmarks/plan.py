@@ -1,11 +1,13 @@
 """Dofs and processor time that ``plan`` foresees, beside those of a run with an empty store.
 
-    ./headstock exec python3 benchmarks/plan.py machines/cantilever.toml machines/three_axis.toml@CE ...
-    ./headstock exec python3 benchmarks/plan.py --meshes bracket housing elbow bolt_plate bed part.step ...
+    ./headstock exec python3 benchmarks/plan.py machines/cantilever.toml machines/three_axis.toml@CE
+    ... ./headstock exec python3 benchmarks/plan.py --meshes bracket housing elbow bolt_plate bed
+    part.step ...
 
-A scene may be followed by ``@`` and a variant. A STEP file, or the name of a part of ``step_parts.py``, is clamped at its lower end
-(the elbow at its other flange) and carries the tool at its upper one. ``--meshes`` only meshes: dofs, the time of meshing, and what a
-user is told of each mesh.
+A scene may be followed by ``@`` and a variant. A STEP file, or the name of a part of
+``step_parts.py``, is clamped at its lower end (the elbow at its other flange) and carries the tool
+at its upper one. ``--meshes`` only meshes: dofs, the time of meshing, and what a user is told of
+each mesh.
 """
 
 import resource
@@ -63,11 +65,15 @@ def compare_run(argument: str, folder: Path) -> str:
     dofs = sum(results.components[str(stage.component)].full_dofs for stage in meshed)
     seconds = sum(record.cpu_seconds for record in results.stages)
     expected = sum(stage.estimated_seconds or 0.0 for stage in plan.stages)
-    return format_line(argument, sum(stage.estimated_dofs or 0 for stage in meshed), dofs, expected, seconds)
+    return format_line(
+        argument, sum(stage.estimated_dofs or 0 for stage in meshed), dofs, expected, seconds
+    )
 
 
 def compare_meshes(argument: str, folder: Path) -> str:
-    """One line: planned over real dofs and seconds of meshing, and lines of what is said of each mesh."""
+    """One line: planned over real dofs and seconds of meshing, and lines of what is said of each
+    mesh.
+    """
     scene = load_argument(argument, folder)
     stages = [stage for stage in plan_scene(scene, survey=True).stages if stage.kind == "mesh"]
     before, dofs = children_seconds(), 0
@@ -84,7 +90,9 @@ def compare_meshes(argument: str, folder: Path) -> str:
         said[-1] += f", poor elements hold {quality.poor_share:.2g} of the volume"
     seconds = children_seconds() - before
     expected = sum(stage.estimated_seconds or 0.0 for stage in stages)
-    line = format_line(argument, sum(stage.estimated_dofs or 0 for stage in stages), dofs, expected, seconds)
+    line = format_line(
+        argument, sum(stage.estimated_dofs or 0 for stage in stages), dofs, expected, seconds
+    )
     return "\n    ".join([line, *said])
 
 

@@ -1,10 +1,12 @@
 """Craig-Bampton reduction of a steel column against other programs, in one run on one machine.
 
-    ./headstock exec --with benchmarks python3 benchmarks/reduction.py [--sizes 20k,100k,300k] [--repeats 3] [--json FILE]
+    ./headstock exec --with benchmarks python3 benchmarks/reduction.py [--sizes 20k,100k,300k]
+    [--repeats 3] [--json FILE]
 
-Column 100 x 38 x 500 mm, both end faces rigid with 6 dofs each, 20 fixed-interface modes, second-order tetrahedra. Each contender
-runs in a process of its own, one after the other, with as many BLAS threads as the launcher gives (HEADSTOCK_THREADS) and one rank.
-The peers are given the assembled matrices; Headstock's assembly is counted.
+Column 100 x 38 x 500 mm, both end faces rigid with 6 dofs each, 20 fixed-interface modes,
+second-order tetrahedra. Each contender runs in a process of its own, one after the other, with as
+many BLAS threads as the launcher gives (HEADSTOCK_THREADS) and one rank. The peers are given the
+assembled matrices; Headstock's assembly is counted.
 """
 
 import argparse
@@ -19,7 +21,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from benchmark_tables import Run, agreement_table, environment_lines, pose_lines, ratio_lines, stage_table, summary_table
+from benchmark_tables import (
+    Run,
+    agreement_table,
+    environment_lines,
+    pose_lines,
+    ratio_lines,
+    stage_table,
+    summary_table,
+)
 from column_job import SIZES, write_mesh
 
 MODES = 20
@@ -27,7 +37,8 @@ MANY_MODES = 60
 MANY_MODES_SIZE = "100k"
 PEERS = ("scipy + CHOLMOD", "scipy + SuperLU", "Exudyn")
 OWN = ("headstock", "floor")
-TIGHT = "scipy + CHOLMOD"  # eigsh to machine precision on another solver: the reference of the frequencies
+# eigsh to machine precision on another solver: the reference of the frequencies
+TIGHT = "scipy + CHOLMOD"
 SPARE_BYTES = 1 << 30
 
 
@@ -39,8 +50,23 @@ def main(arguments: list[str] | None = None) -> int:
     for size in options.sizes:
         with tempfile.TemporaryDirectory(prefix="headstock-benchmark-") as folder:
             runs += _run_size(size, Path(folder), options)
-            print("", f"### {size}", "", *summary_table(runs, size), "", *stage_table(runs, size), sep="\n")
-            print("", *ratio_lines(runs, size), "", *agreement_table(runs, size, TIGHT), sep="\n", flush=True)
+            print(
+                "",
+                f"### {size}",
+                "",
+                *summary_table(runs, size),
+                "",
+                *stage_table(runs, size),
+                sep="\n",
+            )
+            print(
+                "",
+                *ratio_lines(runs, size),
+                "",
+                *agreement_table(runs, size, TIGHT),
+                sep="\n",
+                flush=True,
+            )
     poses = _run("poses", "-", Path.cwd(), 0, options.timeout)
     print("", *pose_lines(poses), sep="\n", flush=True)
     if options.json is not None:
@@ -50,12 +76,29 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parse(arguments: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sizes", default="20k,100k,300k", help=f"comma-separated, of {', '.join(SIZES)} [20k,100k,300k]")
-    parser.add_argument("--repeats", type=int, default=3, help="repeats of Headstock and the floor, median taken [3]")
-    parser.add_argument("--peers", default=",".join(PEERS), help=f"comma-separated, of {', '.join(PEERS)} [all]")
-    parser.add_argument("--peer-repeats", type=int, default=1, help="repeats of the peers [1]; 0 leaves them out")
-    parser.add_argument("--timeout", type=float, default=480.0, help="seconds a contender may take [480]")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--sizes",
+        default="20k,100k,300k",
+        help=f"comma-separated, of {', '.join(SIZES)} [20k,100k,300k]",
+    )
+    parser.add_argument(
+        "--repeats",
+        type=int,
+        default=3,
+        help="repeats of Headstock and the floor, median taken [3]",
+    )
+    parser.add_argument(
+        "--peers", default=",".join(PEERS), help=f"comma-separated, of {', '.join(PEERS)} [all]"
+    )
+    parser.add_argument(
+        "--peer-repeats", type=int, default=1, help="repeats of the peers [1]; 0 leaves them out"
+    )
+    parser.add_argument(
+        "--timeout", type=float, default=480.0, help="seconds a contender may take [480]"
+    )
     parser.add_argument("--json", type=Path, help="write every number of every repeat")
     options = parser.parse_args(arguments)
     options.sizes = options.sizes.split(",")
@@ -74,7 +117,10 @@ def _run_size(size: str, folder: Path, options: argparse.Namespace) -> list[Run]
     _run("matrices", size, folder, MODES, options.timeout)
     runs = []
     for repeat in range(max(options.repeats, options.peer_repeats)):
-        names = [*(OWN if repeat < options.repeats else ()), *(options.peers if repeat < options.peer_repeats else ())]
+        names = [
+            *(OWN if repeat < options.repeats else ()),
+            *(options.peers if repeat < options.peer_repeats else ()),
+        ]
         runs += [_run(name, size, folder, MODES, options.timeout) for name in names]
         if size == MANY_MODES_SIZE and repeat < options.repeats:
             runs.append(_run("headstock", size, folder, MANY_MODES, options.timeout))
@@ -103,7 +149,12 @@ def _run(name: str, size: str, folder: Path, modes: int, timeout: float) -> Run:
     if done.returncode or not lines or not lines[-1].startswith("{"):
         tail = (done.stderr.strip().splitlines() or ["no output"])[-1]
         print(f": {tail}", file=sys.stderr, flush=True)
-        return Run(name, size, modes, failure="out of memory" if "Memory" in tail else f"failed ({done.returncode})")
+        return Run(
+            name,
+            size,
+            modes,
+            failure="out of memory" if "Memory" in tail else f"failed ({done.returncode})",
+        )
     content: dict[str, Any] = json.loads(lines[-1])
     print(f": {content['total']['seconds']:.2f} s", file=sys.stderr, flush=True)
     return Run(name, size, modes, **content)
@@ -112,14 +163,18 @@ def _run(name: str, size: str, folder: Path, modes: int, timeout: float) -> Run:
 def _limit_memory() -> None:
     """No more than what is free, so that one contender cannot end its neighbours."""
     with Path("/proc/meminfo").open() as file:
-        available = next(int(line.split()[1]) for line in file if line.startswith("MemAvailable")) * 1024
+        available = (
+            next(int(line.split()[1]) for line in file if line.startswith("MemAvailable")) * 1024
+        )
     limit = max(available - SPARE_BYTES, SPARE_BYTES)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
 
 
 def _machine() -> dict[str, Any]:
     lines = Path("/proc/cpuinfo").read_text().splitlines()
-    cpu = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), "unknown")
+    cpu = next(
+        (line.split(":")[1].strip() for line in lines if line.startswith("model name")), "unknown"
+    )
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     return {
         "cpu": cpu,

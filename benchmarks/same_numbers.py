@@ -1,17 +1,22 @@
-"""The same numbers as before: runs commands in a base commit and in the work tree side by side and compares all they write.
+"""The same numbers as before: runs commands in a base commit and in the work tree side by side and
+compares all they write.
 
-    ./headstock exec python3 benchmarks/same_numbers.py                     the short set, some minutes on two quiet cores
-    ./headstock exec python3 benchmarks/same_numbers.py --set full          every scene as written, too
-    ./headstock exec python3 benchmarks/same_numbers.py --only cantilever   this case, or a pattern; repeatable
-    ./headstock exec python3 benchmarks/same_numbers.py --base COMMIT --keep DIR --expect FILE
+    ./headstock exec python3 benchmarks/same_numbers.py                     the short set, some
+    minutes on two quiet cores ./headstock exec python3 benchmarks/same_numbers.py --set full
+    every scene as written, too ./headstock exec python3 benchmarks/same_numbers.py --only
+    cantilever   this case, or a pattern; repeatable ./headstock exec python3
+    benchmarks/same_numbers.py --base COMMIT --keep DIR --expect FILE
 
-Each case begins with an empty store in a folder of its own, once per tree, with one BLAS thread; both trees use their own scenes.
-Numbers may differ by 1e-10 of the largest of their array, texts not at all; benchmarks/output_trees.py says what is compared and what
-is left out. Without --base the base is HEAD where the work tree has changes, else where the branch left main, else the commit before.
+Each case begins with an empty store in a folder of its own, once per tree, with one BLAS thread;
+both trees use their own scenes. Numbers may differ by 1e-10 of the largest of their array, texts
+not at all; benchmarks/output_trees.py says what is compared and what is left out. Without --base
+the base is HEAD where the work tree has changes, else where the branch left main, else the commit
+before.
 
-DIR keeps outputs; what the base commit wrote is used again for cases that are written the same. FILE (TOML) lists differences that
-were judged: [[expected]] with `place`, a pattern such as "step_column/*.html: page*", and `why`; they are printed apart. Exit code 1
-where anything else differs or a case fails, and 3 where only the base lacks a command that the work tree has.
+DIR keeps outputs; what the base commit wrote is used again for cases that are written the same.
+FILE (TOML) lists differences that were judged: [[expected]] with `place`, a pattern such as
+"step_column/*.html: page*", and `why`; they are printed apart. Exit code 1 where anything else
+differs or a case fails, and 3 where only the base lacks a command that the work tree has.
 """
 
 import argparse
@@ -50,7 +55,8 @@ class Case:
 
     Attributes:
         name: What ``--only`` calls it.
-        steps: Arguments of ``./headstock``, one command after the other; ``machines/`` holds the shipped scenes.
+        steps: Arguments of ``./headstock``, one command after the other; ``machines/`` holds the
+            shipped scenes.
         code: Exit code of the last step, 0 of those before.
         full: Part of the full set only.
         masked: Patterns of files that hold times in words or pictures, and are not compared.
@@ -84,14 +90,50 @@ CUT = """--set effects.cutting_force=true --set 'analyses.path.cut={mill={diamet
 axial_depth="1 mm",radial_depth="1 mm",material="al7075-t6"}' --set 'analyses.path.feeds=["3000 mm/min"]'"""
 
 CASES = (
-    Case("texts", ("--version", "schema", "schema targets --json targets.json", "schema --markdown", "completion bash", "--help")),
-    Case("help", tuple(f"{name} --help" for name in ("run", "check", "plan", "study", "sweep", "effects", "compare", "export"))),
-    Case("check", tuple(f"check machines/{name}.toml --json {name}.json" for name in ("cantilever", "three_axis", "tripteor"))),
-    Case("bad_key", ("check machines/cantilever.toml --set components.column.fidelty=1 --json check.json",), code=2),
+    Case(
+        "texts",
+        (
+            "--version",
+            "schema",
+            "schema targets --json targets.json",
+            "schema --markdown",
+            "completion bash",
+            "--help",
+        ),
+    ),
+    Case(
+        "help",
+        tuple(
+            f"{name} --help"
+            for name in ("run", "check", "plan", "study", "sweep", "effects", "compare", "export")
+        ),
+    ),
+    Case(
+        "check",
+        tuple(
+            f"check machines/{name}.toml --json {name}.json"
+            for name in ("cantilever", "three_axis", "tripteor")
+        ),
+    ),
+    Case(
+        "bad_key",
+        ("check machines/cantilever.toml --set components.column.fidelty=1 --json check.json",),
+        code=2,
+    ),
     Case("bad_file", ("run machines/nowhere.toml",), code=2),
-    Case("bad_value", ("""run machines/cantilever.toml --set 'materials.steel.E="210 mm"'""",), code=2),
+    Case(
+        "bad_value",
+        ("""run machines/cantilever.toml --set 'materials.steel.E="210 mm"'""",),
+        code=2,
+    ),
     Case("bad_table", ("run everything.toml --set joints.screw=false --set axes.X=false",), code=2),
-    Case("plan", tuple(f"plan machines/{name}.toml --json {name}.json" for name in ("three_axis", "step_column", "guideway"))),
+    Case(
+        "plan",
+        tuple(
+            f"plan machines/{name}.toml --json {name}.json"
+            for name in ("three_axis", "step_column", "guideway")
+        ),
+    ),
     Case(
         "cantilever",
         (
@@ -101,18 +143,34 @@ CASES = (
         ),
     ),
     Case("fixed_beam", (f"run machines/fixed_beam.toml {BEAM} --variant offset --volume",)),
-    Case("hexes", (f"""run machines/cantilever.toml {CANTILEVER} --set 'components.column.mesh.cells="hex"'""",)),
-    Case("linear", (f"run machines/cantilever.toml {CANTILEVER} --set components.column.mesh={{order=1,force=true}}",)),
+    Case(
+        "hexes",
+        (
+            f"""run machines/cantilever.toml {CANTILEVER} --set 'components.column.mesh.cells="hex"'""",
+        ),
+    ),
+    Case(
+        "linear",
+        (
+            f"run machines/cantilever.toml {CANTILEVER} --set components.column.mesh={{order=1,force=true}}",
+        ),
+    ),
     Case("free", (f"run machines/cantilever.toml {CANTILEVER} {HINGE}",)),
     Case("accuracy", ("run machines/cantilever.toml --accuracy 5%",)),
     Case("ranks", (f"run machines/cantilever.toml {CANTILEVER} --ranks 2",)),
     Case("guideway", (f"run machines/guideway.toml {GUIDEWAY} --volume",)),
     Case(
         "three_axis",
-        (f"run machines/three_axis.toml {MACHINE} {FRF}", f"run machines/three_axis.toml {MACHINE} --variant rails -o rails"),
+        (
+            f"run machines/three_axis.toml {MACHINE} {FRF}",
+            f"run machines/three_axis.toml {MACHINE} --variant rails -o rails",
+        ),
     ),
     Case("segmented", (f"run machines/three_axis.toml --variant segmented+YCE {FRF}",)),
-    Case("control", (f"run machines/three_axis.toml --variant segmented+R {FRF} {CONTROL} --json run.json",)),
+    Case(
+        "control",
+        (f"run machines/three_axis.toml --variant segmented+R {FRF} {CONTROL} --json run.json",),
+    ),
     Case("path", ("run machines/three_axis.toml --variant segmented+BE --analysis path",)),
     Case(
         "controlled_path",
@@ -126,11 +184,26 @@ CASES = (
     Case("map", (f"run machines/tripteor.toml --analysis map {PLANE}",)),
     Case(
         "contouring",
-        (f"run machines/tripteor.toml {BLOCK}", f"run machines/tripteor.toml {BLOCK} --set effects.regeneration=true -o waves"),
+        (
+            f"run machines/tripteor.toml {BLOCK}",
+            f"run machines/tripteor.toml {BLOCK} --set effects.regeneration=true -o waves",
+        ),
     ),
-    Case("nonlinear", (f"""run machines/tripteor.toml {BLOCK} --set 'analyses.contouring.model="nonlinear"'""",), full=True),
-    Case("legs", ("run machines/tripteor.toml --variant elastic_legs+segmented --analysis static --analysis modal",)),
-    Case("stiffening", ("run machines/tripteor.toml --analysis modal --set effects.gravity_stiffening=true",)),
+    Case(
+        "nonlinear",
+        (f"""run machines/tripteor.toml {BLOCK} --set 'analyses.contouring.model="nonlinear"'""",),
+        full=True,
+    ),
+    Case(
+        "legs",
+        (
+            "run machines/tripteor.toml --variant elastic_legs+segmented --analysis static --analysis modal",
+        ),
+    ),
+    Case(
+        "stiffening",
+        ("run machines/tripteor.toml --analysis modal --set effects.gravity_stiffening=true",),
+    ),
     Case(
         "everything",
         (
@@ -141,14 +214,25 @@ CASES = (
         ),
     ),
     Case("study", ("study everything.toml screws --json study.json",)),
-    Case("cost", (f"study machines/cantilever.toml few {COST} -o cost",), masked=("1.out.txt", "cost/cost.png")),
+    Case(
+        "cost",
+        (f"study machines/cantilever.toml few {COST} -o cost",),
+        masked=("1.out.txt", "cost/cost.png"),
+    ),
     Case("compare", ("compare everything.toml --json compare.json",)),
-    Case("fidelity", ("compare machines/three_axis.toml --variants YCE --fidelity rigid,segmented",)),
-    Case("compare_machine", ("compare machines/three_axis.toml --variants segmented+R,segmented+BE,segmented+CE",)),
+    Case(
+        "fidelity", ("compare machines/three_axis.toml --variants YCE --fidelity rigid,segmented",)
+    ),
+    Case(
+        "compare_machine",
+        ("compare machines/three_axis.toml --variants segmented+R,segmented+BE,segmented+CE",),
+    ),
     Case("sweep", (f"sweep machines/three_axis.toml small {WORKSPACE} --json sweep.json",)),
     Case(
         "effects",
-        (f"effects machines/three_axis.toml --variant segmented+R {FRF} --analysis frf --json effects.json",),
+        (
+            f"effects machines/three_axis.toml --variant segmented+R {FRF} --analysis frf --json effects.json",
+        ),
         masked=("1.out.txt",),
     ),
     Case(
@@ -157,8 +241,17 @@ CASES = (
         full=True,
         masked=("1.out.txt",),
     ),
-    Case("identify", ("identify machines/three_axis.toml machines/three_axis_targets.toml --starts 1 --json fit.json",)),
-    Case("identify_legs", ("identify machines/tripteor.toml machines/tripteor_targets.toml",), full=True),
+    Case(
+        "identify",
+        (
+            "identify machines/three_axis.toml machines/three_axis_targets.toml --starts 1 --json fit.json",
+        ),
+    ),
+    Case(
+        "identify_legs",
+        ("identify machines/tripteor.toml machines/tripteor_targets.toml",),
+        full=True,
+    ),
     Case(
         "export",
         (
@@ -168,13 +261,33 @@ CASES = (
             f"""export machines/three_axis.toml --variant segmented+R {CONTROL} --state-space "300 Hz" -o controlled.mat""",
         ),
     ),
-    Case("show", ("show machines/step_column.step --json faces.json --all", "show everything.toml -o everything.png")),
-    Case("new", ("new first", "check first/first.toml", "new part --part machines/step_column.step")),
+    Case(
+        "show",
+        (
+            "show machines/step_column.step --json faces.json --all",
+            "show everything.toml -o everything.png",
+        ),
+    ),
+    Case(
+        "new", ("new first", "check first/first.toml", "new part --part machines/step_column.step")
+    ),
     Case("validate", ("validate seed-cantilever-theory torsion-constant --json rows.json",)),
-    Case("validate_more", ("validate all-modes two-mass-drive mechanism-derivatives tripteor-lumped --json rows.json",)),
+    Case(
+        "validate_more",
+        (
+            "validate all-modes two-mass-drive mechanism-derivatives tripteor-lumped --json rows.json",
+        ),
+    ),
     *(
         Case(f"whole_{name}", (f"run machines/{name}.toml --volume",), full=True)
-        for name in ("cantilever", "fixed_beam", "guideway", "three_axis", "step_column", "tripteor")
+        for name in (
+            "cantilever",
+            "fixed_beam",
+            "guideway",
+            "three_axis",
+            "step_column",
+            "tripteor",
+        )
     ),
     Case("whole_legs", ("run machines/tripteor.toml --variant elastic_legs",), full=True),
     Case("whole_calibrated", ("run machines/three_axis.toml --variant calibrated+YCE",), full=True),
@@ -183,7 +296,15 @@ CASES = (
     Case("whole_study", ("study machines/cantilever.toml h",), full=True),
     *(
         Case(f"validate_{group}", (f"validate {group} --json rows.json",), full=True)
-        for group in ("beams", "benchmarks", "reduction", "drives", "time_response", "frequency_response", "tripteor_verification")
+        for group in (
+            "beams",
+            "benchmarks",
+            "reduction",
+            "drives",
+            "time_response",
+            "frequency_response",
+            "tripteor_verification",
+        )
     ),
 )
 
@@ -195,7 +316,8 @@ class Side:
     Attributes:
         tree: Checkout whose ``./headstock`` is called.
         place: Folder its cases are run in.
-        reuse: What a case must have been written with for its outputs to be used again; None computes always.
+        reuse: What a case must have been written with for its outputs to be used again; None
+            computes always.
     """
 
     tree: Path
@@ -221,7 +343,9 @@ class Outcome:
 
 
 def run_case(case: Case, side: Side) -> Outcome:
-    """All steps of a case in an empty folder with an empty store; output of the terminal goes to files beside the results."""
+    """All steps of a case in an empty folder with an empty store; output of the terminal goes to
+    files beside the results.
+    """
     folder, record = side.place / case.name, side.place / f"{case.name}.json"
     mark = hashlib.sha256(f"{case} {side.reuse} {SCENE_FILES.read_bytes()!r}".encode()).hexdigest()
     if side.reuse is not None and record.is_file():
@@ -241,13 +365,24 @@ def run_case(case: Case, side: Side) -> Outcome:
             if code != expected:
                 lacks = any(text in errors for text in LACKS)
                 last = (errors.strip().splitlines() or ["nothing on stderr"])[-1]
-                outcome = replace(outcome, failure=f"exit code {code} of `{step[:60]}`: {last[:120]}", lacks=lacks)
+                outcome = replace(
+                    outcome, failure=f"exit code {code} of `{step[:60]}`: {last[:120]}", lacks=lacks
+                )
                 break
     for path, content in brought.items():
         if path.is_file() and path.read_bytes() == content:
             path.unlink()
     outcome = replace(outcome, seconds=time.perf_counter() - start)
-    record.write_text(json.dumps({"mark": mark, "seconds": outcome.seconds, "failure": outcome.failure, "lacks": outcome.lacks}))
+    record.write_text(
+        json.dumps(
+            {
+                "mark": mark,
+                "seconds": outcome.seconds,
+                "failure": outcome.failure,
+                "lacks": outcome.lacks,
+            }
+        )
+    )
     return outcome
 
 
@@ -260,11 +395,17 @@ def _run_step(step: str, tree: Path, folder: Path, *, number: int, store: str) -
         "COLUMNS": "200",
         "PYTHONHASHSEED": "random",
     }
-    # the launcher puts its own tree into PYTHONPATH: that of this process must not be seen behind that of the base
+    # the launcher puts its own tree into PYTHONPATH: that of this process must not be seen behind
+    # that of the base
     environment = {
-        name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "HEADSTOCK_COMMAND", "PETSC_OPTIONS")
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("PYTHONPATH", "HEADSTOCK_COMMAND", "PETSC_OPTIONS")
     }
-    with (folder / f"{number}.out.txt").open("w") as out, (folder / f"{number}.err.txt").open("w") as err:
+    with (
+        (folder / f"{number}.out.txt").open("w") as out,
+        (folder / f"{number}.err.txt").open("w") as err,
+    ):
         try:
             code = subprocess.run(
                 [tree / "headstock", *shlex.split(step)],
@@ -298,11 +439,18 @@ class Verdict:
     lacks: bool = False
 
 
-def judge(case: Case, base: Outcome, now: Outcome, *, sides: tuple[Side, Side], expected: dict[str, str]) -> Verdict:
+def judge(
+    case: Case, base: Outcome, now: Outcome, *, sides: tuple[Side, Side], expected: dict[str, str]
+) -> Verdict:
     """Compare what both sides wrote."""
     seconds = f"{base.seconds:6.1f} s {now.seconds:6.1f} s"
     if base.lacks and not now.failure:
-        return Verdict(f"{case.name:18s} new      {seconds}  the base lacks this: {base.failure}", (), same=True, lacks=True)
+        return Verdict(
+            f"{case.name:18s} new      {seconds}  the base lacks this: {base.failure}",
+            (),
+            same=True,
+            lacks=True,
+        )
     if base.failure or now.failure:
         details = (f"base: {base.failure or 'done'}", f"now:  {now.failure or 'done'}")
         return Verdict(f"{case.name:18s} FAILS    {seconds}", details, same=False)
@@ -311,20 +459,35 @@ def judge(case: Case, base: Outcome, now: Outcome, *, sides: tuple[Side, Side], 
         for outcome, side in zip((base, now), sides, strict=True)
     ]
     found = differences(*trees)
-    found = [one for one in found if not any(fnmatchcase(one.place, f"{pattern}*") for pattern in case.masked)]
+    found = [
+        one
+        for one in found
+        if not any(fnmatchcase(one.place, f"{pattern}*") for pattern in case.masked)
+    ]
     open_ones = [difference for difference in found if _reason(case, difference, expected) is None]
     judged = [difference for difference in found if difference not in open_ones]
     of_numbers = [one for one in open_ones if one.share < math.inf]
     others = [one for one in open_ones if one.share == math.inf]
-    lines = [f"{one.place}: {one.base} -> {one.now}  ({one.share:.1e} of the scale)" for one in of_numbers[:LINES_SHOWN]]
+    lines = [
+        f"{one.place}: {one.base} -> {one.now}  ({one.share:.1e} of the scale)"
+        for one in of_numbers[:LINES_SHOWN]
+    ]
     lines += [f"{one.place}: {one.base} -> {one.now}" for one in others[:LINES_SHOWN]]
     lines += [f"... and {len(open_ones) - len(lines)} more"] if len(open_ones) > len(lines) else []
-    lines += [f"expected: {one.place} ({_reason(case, one, expected)})" for one in judged[:LINES_SHOWN]]
+    lines += [
+        f"expected: {one.place} ({_reason(case, one, expected)})" for one in judged[:LINES_SHOWN]
+    ]
     word = "DIFFERS" if open_ones else "equal"
-    numbers = sum(leaf.size for leaf in trees[1].values() if not isinstance(leaf, str) and leaf.dtype != np.uint8)
+    numbers = sum(
+        leaf.size
+        for leaf in trees[1].values()
+        if not isinstance(leaf, str) and leaf.dtype != np.uint8
+    )
     counts = f"{numbers} numbers, {sum(isinstance(leaf, str) for leaf in trees[1].values())} texts"
     places = f", {len(open_ones)} places differ" if open_ones else ""
-    return Verdict(f"{case.name:18s} {word:8s} {seconds}  {counts}{places}", tuple(lines), same=not open_ones)
+    return Verdict(
+        f"{case.name:18s} {word:8s} {seconds}  {counts}{places}", tuple(lines), same=not open_ones
+    )
 
 
 def _reason(case: Case, difference: Difference, expected: dict[str, str]) -> str | None:
@@ -333,7 +496,9 @@ def _reason(case: Case, difference: Difference, expected: dict[str, str]) -> str
 
 
 def _git(*words: str) -> str:
-    return subprocess.run(["git", "-C", PROJECT, *words], check=True, capture_output=True, text=True).stdout.strip()
+    return subprocess.run(
+        ["git", "-C", PROJECT, *words], check=True, capture_output=True, text=True
+    ).stdout.strip()
 
 
 def _default_base() -> str:
@@ -353,7 +518,9 @@ def _check_out(commit: str, place: Path) -> Path:
     tree = place / f"tree-{commit[:12]}"
     if not (tree / "headstock").is_file():
         shutil.rmtree(tree, ignore_errors=True)
-        subprocess.run(["git", "clone", "--quiet", "--shared", "--no-checkout", PROJECT, tree], check=True)
+        subprocess.run(
+            ["git", "clone", "--quiet", "--shared", "--no-checkout", PROJECT, tree], check=True
+        )
         subprocess.run(["git", "-C", tree, "checkout", "--quiet", "--detach", commit], check=True)
     return tree
 
@@ -374,11 +541,22 @@ def _processor_seconds() -> float:
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Run commands in a base commit and in the work tree and compare what they write.")
-    parser.add_argument("--set", choices=("short", "full"), default="short", help="which cases [short]")
-    parser.add_argument("--only", action="append", metavar="CASE", help="this case, or pattern, of any set; repeatable")
+    parser = argparse.ArgumentParser(
+        description="Run commands in a base commit and in the work tree and compare what they write."
+    )
+    parser.add_argument(
+        "--set", choices=("short", "full"), default="short", help="which cases [short]"
+    )
+    parser.add_argument(
+        "--only",
+        action="append",
+        metavar="CASE",
+        help="this case, or pattern, of any set; repeatable",
+    )
     parser.add_argument("--base", metavar="COMMIT", help="what the work tree is compared with")
-    parser.add_argument("--keep", metavar="DIR", help="keep outputs here, and use those of the base again")
+    parser.add_argument(
+        "--keep", metavar="DIR", help="keep outputs here, and use those of the base again"
+    )
     parser.add_argument("--expect", metavar="FILE", help="differences that were judged (TOML)")
     parser.add_argument("--list", action="store_true", help="print the cases and end")
     return parser.parse_args()
@@ -389,24 +567,54 @@ def main() -> int:
     arguments = _arguments()
     chosen = [case for case in CASES if not case.full or arguments.set == "full"]
     if arguments.only:
-        chosen = [case for case in CASES if any(fnmatchcase(case.name, pattern) for pattern in arguments.only)]
+        chosen = [
+            case
+            for case in CASES
+            if any(fnmatchcase(case.name, pattern) for pattern in arguments.only)
+        ]
     if arguments.list or not chosen:
-        print("\n".join(f"{case.name:18s} {'full' if case.full else 'short':6s} {'; '.join(case.steps)}" for case in CASES))
+        print(
+            "\n".join(
+                f"{case.name:18s} {'full' if case.full else 'short':6s} {'; '.join(case.steps)}"
+                for case in CASES
+            )
+        )
         return 0 if arguments.list else 2
-    commit = _git("rev-parse", "--verify", f"{arguments.base}^{{commit}}") if arguments.base else _default_base()
+    commit = (
+        _git("rev-parse", "--verify", f"{arguments.base}^{{commit}}")
+        if arguments.base
+        else _default_base()
+    )
     expected: dict[str, str] = {}
     if arguments.expect:
-        expected = {entry["place"]: entry["why"] for entry in tomllib.loads(Path(arguments.expect).read_text())["expected"]}
-    print(f"base {commit[:12]}, now the work tree; one thread, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}", flush=True)
+        expected = {
+            entry["place"]: entry["why"]
+            for entry in tomllib.loads(Path(arguments.expect).read_text())["expected"]
+        }
+    print(
+        f"base {commit[:12]}, now the work tree; one thread, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}",
+        flush=True,
+    )
     verdicts = []
     start = time.perf_counter()
     with _work_folder(arguments.keep) as place, ThreadPoolExecutor(2) as pool:
-        sides = (Side(_check_out(commit, place), place / "base", commit if arguments.keep else None), Side(PROJECT, place / "now"))
+        sides = (
+            Side(_check_out(commit, place), place / "base", commit if arguments.keep else None),
+            Side(PROJECT, place / "now"),
+        )
         for case in chosen:
             base, now = pool.map(lambda side, case=case: run_case(case, side), sides)
             verdicts.append(judge(case, base, now, sides=sides, expected=expected))
-            print(verdicts[-1].line, *(f"    {line}" for line in verdicts[-1].details), sep="\n", flush=True)
-    wrong, lacking = sum(not verdict.same for verdict in verdicts), sum(verdict.lacks for verdict in verdicts)
+            print(
+                verdicts[-1].line,
+                *(f"    {line}" for line in verdicts[-1].details),
+                sep="\n",
+                flush=True,
+            )
+    wrong, lacking = (
+        sum(not verdict.same for verdict in verdicts),
+        sum(verdict.lacks for verdict in verdicts),
+    )
     print(
         f"{len(verdicts) - wrong - lacking} of {len(verdicts)} cases equal, {wrong} differ or fail, {lacking} new; "
         f"{time.perf_counter() - start:.0f} s, {_processor_seconds():.0f} s of processor"

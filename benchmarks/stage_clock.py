@@ -9,7 +9,9 @@ from typing import Any
 
 
 class StageClock:
-    """Adds up what each named stage takes; time inside an inner stage counts for the inner one only."""
+    """Adds up what each named stage takes; time inside an inner stage counts for the inner one
+    only.
+    """
 
     def __init__(self) -> None:
         self.stages: dict[str, dict[str, float]] = {}

@@ -29,19 +29,39 @@ def write_part(name: str, path: Path) -> Path:
 
 def build_bracket() -> Solid:
     """A 160 x 100 x 120 angle with a gusset, fillets of 3 to 12 and six bores."""
-    foot, wall, gusset = _box(0, 0, 0, 160, 100, 16), _box(0, 0, 0, 16, 100, 120), _box(0, 42, 0, 110, 16, 80)
+    foot, wall, gusset = (
+        _box(0, 0, 0, 160, 100, 16),
+        _box(0, 0, 0, 16, 100, 120),
+        _box(0, 42, 0, 110, 16, 80),
+    )
     body = _fuse(foot, [wall, gusset])
     bores = [_bore((x, y, -1), (0, 0, 18), 5.5) for x in (60, 140) for y in (20, 80)]
     bores += [_bore((-1, y, 100), (18, 0, 0), 9.0) for y in (25, 75)]
     body = _cut(body, bores)
-    body = _round(body, 3.0, lambda low, high: high[2] - low[2] < 1e-3 and abs(low[2] - 120) < 1e-3 and high[1] - low[1] > 90)
-    return _round(body, 10.0, lambda low, high: high[2] - low[2] > 15 and abs(low[0] - 160) < 1e-3 and high[0] - low[0] < 1e-3)
+    body = _round(
+        body,
+        3.0,
+        lambda low, high: (
+            high[2] - low[2] < 1e-3 and abs(low[2] - 120) < 1e-3 and high[1] - low[1] > 90
+        ),
+    )
+    return _round(
+        body,
+        10.0,
+        lambda low, high: (
+            high[2] - low[2] > 15 and abs(low[0] - 160) < 1e-3 and high[0] - low[0] < 1e-3
+        ),
+    )
 
 
 def build_housing() -> Solid:
-    """A 400 x 280 x 220 case with walls of 9, inner ribs, a bearing seat on either side and eight bosses."""
+    """A 400 x 280 x 220 case with walls of 9, inner ribs, a bearing seat on either side and eight
+    bosses.
+    """
     body = _cut(_box(0, 0, 0, 400, 280, 220), [_box(9, 9, 12, 382, 262, 220)])
-    ribs = [_box(x, 9, 12, 8, 262, 60) for x in (100, 196, 292)] + [_box(9, y, 12, 382, 8, 40) for y in (90, 182)]
+    ribs = [_box(x, 9, 12, 8, 262, 60) for x in (100, 196, 292)] + [
+        _box(9, y, 12, 382, 8, 40) for y in (90, 182)
+    ]
     seats = [_bore((x, 140, 130), (40, 0, 0), 60.0) for x in (-15, 375)]
     bosses = [_bore((x, y, 0), (0, 0, 220), 14.0) for x in (14, 140, 260, 386) for y in (14, 266)]
     body = _fuse(body, [*ribs, *seats, *bosses])
@@ -51,7 +71,9 @@ def build_housing() -> Solid:
 
 
 def build_elbow() -> Solid:
-    """A cast quarter bend of a pipe, 120 wide inside with walls of 10, between two flanges with six bores each."""
+    """A cast quarter bend of a pipe, 120 wide inside with walls of 10, between two flanges with six
+    bores each.
+    """
     occ = gmsh.model.occ
     ring = occ.cut([(2, occ.addDisk(260, 0, 0, 70, 70))], [(2, occ.addDisk(260, 0, 0, 60, 60))])[0]
     bend = next(solid for solid in occ.revolve(ring, 0, 0, 0, 0, 1, 0, np.pi / 2) if solid[0] == 3)
@@ -61,26 +83,41 @@ def build_elbow() -> Solid:
     bores = [_bore((260, 0, 0), (0, 0, 30), 60.0), _bore((0, 0, -260), (30, 0, 0), 60.0)]
     for angle in np.pi / 6 + np.arange(6) * np.pi / 3:
         c, s = 90.0 * float(np.cos(angle)), 90.0 * float(np.sin(angle))
-        bores += [_bore((260 + c, s, -5), (0, 0, 30), 6.5), _bore((-5, s, -260 + c), (30, 0, 0), 6.5)]
+        bores += [
+            _bore((260 + c, s, -5), (0, 0, 30), 6.5),
+            _bore((-5, s, -260 + c), (30, 0, 0), 6.5),
+        ]
     return _cut(body, bores)
 
 
 def build_bolt_plate() -> Solid:
     """A 600 x 400 x 25 plate with 96 bores of 11."""
-    bores = [_circle(40 + 520 / 11 * i, 30 + 340 / 7 * j, 0, 5.5) for i in range(12) for j in range(8)]
+    bores = [
+        _circle(40 + 520 / 11 * i, 30 + 340 / 7 * j, 0, 5.5) for i in range(12) for j in range(8)
+    ]
     return _extrude(600, 400, bores, z=0, height=25)
 
 
 def build_bed() -> Solid:
-    """A 1280 x 420 x 300 machine bed of 1006 faces with edges of 54 µm, where tools have left steps of that depth."""
-    frame = _cut(_box(0, 0, 0, 1280, 420, 275), [_box(40 + 205 * i, 30, 25, 175, 360, 250) for i in range(6)])
+    """A 1280 x 420 x 300 machine bed of 1006 faces with edges of 54 µm, where tools have left steps
+    of that depth.
+    """
+    frame = _cut(
+        _box(0, 0, 0, 1280, 420, 275), [_box(40 + 205 * i, 30, 25, 175, 360, 250) for i in range(6)]
+    )
     loops = []
     for i in range(30):
         for j in range(9):
             x, y = 25 + 42 * i, 18 + 48 * j
-            loops.append(_slot(x, y, 275, 9.0, 3.0) if (i + j) % 2 else _circle(x, y, 275, 2.5 + 0.5 * (j % 3)))
+            loops.append(
+                _slot(x, y, 275, 9.0, 3.0)
+                if (i + j) % 2
+                else _circle(x, y, 275, 2.5 + 0.5 * (j % 3))
+            )
     body = _fuse(frame, [_extrude(1280, 420, loops, z=275, height=25)])
-    keyways = [_box(30 + 51 * i, y, 60 + 90 * (i % 2), 24, 13, 14) for i in range(24) for y in (-1, 408)]
+    keyways = [
+        _box(30 + 51 * i, y, 60 + 90 * (i % 2), 24, 13, 14) for i in range(24) for y in (-1, 408)
+    ]
     steps = [_box(50 + 100 * i, 419.946, 20, 20, 1, 8) for i in range(12)]
     return _cut(body, keyways + steps)
 
@@ -98,7 +135,9 @@ def _box(x: float, y: float, z: float, dx: float, dy: float, dz: float) -> Solid
     return 3, int(gmsh.model.occ.addBox(x, y, z, dx, dy, dz))
 
 
-def _bore(start: tuple[float, float, float], along: tuple[float, float, float], radius: float) -> Solid:
+def _bore(
+    start: tuple[float, float, float], along: tuple[float, float, float], radius: float
+) -> Solid:
     return 3, int(gmsh.model.occ.addCylinder(*start, *along, radius))
 
 
@@ -110,17 +149,27 @@ def _circle(x: float, y: float, z: float, radius: float) -> int:
 def _slot(x: float, y: float, z: float, length: float, radius: float) -> int:
     """A curve loop of two half circles and two lines."""
     occ, half = gmsh.model.occ, length / 2
-    points = [occ.addPoint(x + a, y + b, z) for a, b in ((-half, -radius), (half, -radius), (half, radius), (-half, radius))]
+    points = [
+        occ.addPoint(x + a, y + b, z)
+        for a, b in ((-half, -radius), (half, -radius), (half, radius), (-half, radius))
+    ]
     ends = [occ.addPoint(x + half, y, z), occ.addPoint(x - half, y, z)]
-    arcs = [occ.addCircleArc(points[1], ends[0], points[2]), occ.addCircleArc(points[3], ends[1], points[0])]
+    arcs = [
+        occ.addCircleArc(points[1], ends[0], points[2]),
+        occ.addCircleArc(points[3], ends[1], points[0]),
+    ]
     lines = [occ.addLine(points[0], points[1]), occ.addLine(points[2], points[3])]
     return int(occ.addCurveLoop([lines[0], arcs[0], lines[1], arcs[1]]))
 
 
 def _extrude(width: float, depth: float, holes: list[int], *, z: float, height: float) -> Solid:
-    """A plate from the origin along x and y, with holes right through it: quicker than to cut them."""
+    """A plate from the origin along x and y, with holes right through it: quicker than to cut
+    them.
+    """
     occ = gmsh.model.occ
-    corners = [occ.addPoint(*place, z) for place in ((0, 0), (width, 0), (width, depth), (0, depth))]
+    corners = [
+        occ.addPoint(*place, z) for place in ((0, 0), (width, 0), (width, depth), (0, depth))
+    ]
     loop = occ.addCurveLoop([occ.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)])
     return _only(occ.extrude([(2, occ.addPlaneSurface([loop, *holes]))], 0, 0, height))
 
@@ -137,8 +186,20 @@ def _round(body: Solid, radius: float, chosen: Callable[[list[float], list[float
     """Fillets of the edges whose bounding box is chosen."""
     occ = gmsh.model.occ
     occ.synchronize()
-    edges = sorted({abs(tag) for _, tag in gmsh.model.getBoundary([body], combined=False, recursive=False, oriented=False)})
-    curves = {abs(tag) for _, tag in gmsh.model.getBoundary([(2, face) for face in edges], combined=False, oriented=False)}
+    edges = sorted(
+        {
+            abs(tag)
+            for _, tag in gmsh.model.getBoundary(
+                [body], combined=False, recursive=False, oriented=False
+            )
+        }
+    )
+    curves = {
+        abs(tag)
+        for _, tag in gmsh.model.getBoundary(
+            [(2, face) for face in edges], combined=False, oriented=False
+        )
+    }
     boxes = {curve: list(occ.getBoundingBox(1, curve)) for curve in sorted(curves)}
     wanted = [curve for curve, box in boxes.items() if chosen(box[:3], box[3:])]
     return _only(occ.fillet([body[1]], wanted, [radius]))

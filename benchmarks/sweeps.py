@@ -1,9 +1,10 @@
-"""A sweep of the table on a long bed (242 reduced dofs): seconds of 1000 poses, and of many poses on one rank and on two.
+"""A sweep of the table on a long bed (242 reduced dofs): seconds of 1000 poses, and of many poses
+on one rank and on two.
 
     ./headstock exec python3 benchmarks/sweeps.py [POSES]
 
-POSES is 10000 unless given. Beside the wall-clock time stands the processor time of the rank that has most: on a machine that does
-other things besides, their ratio says what a second rank gives.
+POSES is 10000 unless given. Beside the wall-clock time stands the processor time of the rank that
+has most: on a machine that does other things besides, their ratio says what a second rank gives.
 """
 
 import os
@@ -43,25 +44,49 @@ def main() -> None:
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, one BLAS thread per rank")
     print(f"{'poses':>7} {'ranks':>5} {'seconds':>8} {'CPU of busiest rank':>20}")
     _measure(2, 1)  # loads libraries, reduces the bed
-    rows = {(count, ranks): _measure(count, ranks) for count, ranks in ((1000, 2), (poses, 1), (poses, 2))}
+    rows = {
+        (count, ranks): _measure(count, ranks)
+        for count, ranks in ((1000, 2), (poses, 1), (poses, 2))
+    }
     for (count, ranks), (seconds, busiest) in rows.items():
         print(f"{count:7d} {ranks:5d} {seconds:8.1f} {busiest:20.1f}")
     (wall, busiest), (wall_2, busiest_2) = rows[poses, 1], rows[poses, 2]
-    print(f"two ranks: {wall / wall_2:.2f} times as fast, {busiest / busiest_2:.2f} by the processor time of the busiest rank")
+    print(
+        f"two ranks: {wall / wall_2:.2f} times as fast, {busiest / busiest_2:.2f} by the processor time of the busiest rank"
+    )
 
 
 def _measure(count: int, ranks: int) -> tuple[float, float]:
-    """Wall-clock time and processor time of the busiest rank [s] of a sweep from an empty folder."""
+    """Wall-clock time and processor time of the busiest rank [s] of a sweep from an empty
+    folder.
+    """
     mpirun = shutil.which("mpirun")
     if mpirun is None:
         raise SystemExit("there is no mpirun here")
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "guideway.toml"
-        scene.write_text(f'{SCENE.read_text()}\n[sweeps.line]\naxes = {{ X = ["-240 mm", "240 mm", {count}] }}\n')
-        command = [mpirun, "--oversubscribe", "--bind-to", "none", "-n", str(ranks), sys.executable, "-P", "-c", PROGRAM]
+        scene.write_text(
+            f'{SCENE.read_text()}\n[sweeps.line]\naxes = {{ X = ["-240 mm", "240 mm", {count}] }}\n'
+        )
+        command = [
+            mpirun,
+            "--oversubscribe",
+            "--bind-to",
+            "none",
+            "-n",
+            str(ranks),
+            sys.executable,
+            "-P",
+            "-c",
+            PROGRAM,
+        ]
         start = time.perf_counter()
         done = subprocess.run(
-            [*command, str(scene), folder], env={**os.environ, "OMP_NUM_THREADS": "1"}, capture_output=True, text=True, check=True
+            [*command, str(scene), folder],
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
+            capture_output=True,
+            text=True,
+            check=True,
         )
         return time.perf_counter() - start, float(done.stdout.split()[-1])
 

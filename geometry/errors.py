@@ -5,15 +5,26 @@ import resource
 import unicodedata
 
 # what libraries say that got no memory, whatever class they raise
-OUT_OF_MEMORY = ("MemoryError", "bad_alloc", "annot allocate memory", "unable to map", "failed to map segment")
+OUT_OF_MEMORY = (
+    "MemoryError",
+    "bad_alloc",
+    "annot allocate memory",
+    "unable to map",
+    "failed to map segment",
+)
 PETSC_OUT_OF_MEMORY = 55
 # address space for the libraries; with less the BLAS waits for its work space and never gives up
 LEAST_MEMORY_BYTES = 768 << 20
 
 
 def printable(text: str) -> str:
-    """The text without what a terminal would obey (escape sequences, line ends, changes of direction): each such character as ``?``."""
-    return "".join("?" if unicodedata.category(letter) in ("Cc", "Cf", "Cs", "Zl", "Zp") else letter for letter in text)
+    """The text without what a terminal would obey (escape sequences, line ends, changes of
+    direction): each such character as ``?``.
+    """
+    return "".join(
+        "?" if unicodedata.category(letter) in ("Cc", "Cf", "Cs", "Zl", "Zp") else letter
+        for letter in text
+    )
 
 
 class HeadstockError(Exception):
@@ -27,8 +38,14 @@ class OutOfMemoryError(HeadstockError):
 def out_of_memory(what: str) -> OutOfMemoryError:
     """The error of a piece of work, with what to do."""
     allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
-    bound = "" if allowed == resource.RLIM_INFINITY else f"this shell allows {allowed / 2**30:.3g} GiB (ulimit -v): allow more, or "
-    return OutOfMemoryError(f"{what} needed more memory than there is; {bound}write a larger mesh size or keep fewer modes")
+    bound = (
+        ""
+        if allowed == resource.RLIM_INFINITY
+        else f"this shell allows {allowed / 2**30:.3g} GiB (ulimit -v): allow more, or "
+    )
+    return OutOfMemoryError(
+        f"{what} needed more memory than there is; {bound}write a larger mesh size or keep fewer modes"
+    )
 
 
 def require_least_memory() -> None:

@@ -32,12 +32,16 @@ class Frame:
         origin = np.array(self.origin, dtype=float)
         rotation = np.array(self.rotation, dtype=float)
         if origin.shape != (3,) or rotation.shape != (3, 3):
-            raise ValueError(f"a frame needs an origin (3,) and a rotation (3, 3), got {origin.shape} and {rotation.shape}")
+            raise ValueError(
+                f"a frame needs an origin (3,) and a rotation (3, 3), got {origin.shape} and {rotation.shape}"
+            )
         if not (np.isfinite(origin).all() and np.isfinite(rotation).all()):
             raise ValueError("a frame needs finite numbers")
         error = np.abs(rotation.T @ rotation - np.eye(3)).max()
         if error > ORTHONORMALITY_TOLERANCE or np.linalg.det(rotation) < 0.0:
-            raise ValueError(f"a frame's axes must be orthonormal and right-handed; R^T R differs from 1 by {error:.2g}")
+            raise ValueError(
+                f"a frame's axes must be orthonormal and right-handed; R^T R differs from 1 by {error:.2g}"
+            )
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "rotation", rotation)
 
@@ -64,12 +68,13 @@ def rotation_about(axis: FloatArray, angle: float) -> FloatArray:
 
 
 def frame_axes(primary: FloatArray, secondary: FloatArray | None = None) -> FloatArray:
-    """Rotation ``(3, 3)`` whose x axis is ``primary`` and whose z axis lies closest to ``secondary``.
+    """Rotation ``(3, 3)`` whose x axis is ``primary`` and whose z axis lies closest to
+    ``secondary``.
 
     Args:
         primary: Direction ``(3,)`` of the new x axis, any length.
-        secondary: Direction ``(3,)`` for the new z axis; without it the global axis least aligned with
-            ``primary`` is taken, z before y before x.
+        secondary: Direction ``(3,)`` for the new z axis; without it the global axis least aligned
+            with ``primary`` is taken, z before y before x.
 
     Raises:
         ValueError: A direction has no length or both are parallel.
@@ -112,14 +117,18 @@ def rigid_map(points: FloatArray, origin: FloatArray) -> FloatArray:
 
 
 def rigid_transfer(source: FloatArray, target: FloatArray) -> FloatArray:
-    """Matrix ``(6, 6)`` that carries the 6 motions of a rigid body at ``source`` to those at ``target`` (same axes)."""
+    """Matrix ``(6, 6)`` that carries the 6 motions of a rigid body at ``source`` to those at
+    ``target`` (same axes).
+    """
     transfer = np.eye(6)
     transfer[:3, 3:] = -skew(np.asarray(target, dtype=float) - np.asarray(source, dtype=float))
     return transfer
 
 
 def rotate_dofs(rotation: FloatArray) -> FloatArray:
-    """Matrix ``(6, 6)`` with a rotation ``(3, 3)`` for the translations and again for the rotations."""
+    """Matrix ``(6, 6)`` with a rotation ``(3, 3)`` for the translations and again for the
+    rotations.
+    """
     result = np.zeros((6, 6))
     result[:3, :3] = result[3:, 3:] = rotation
     return result

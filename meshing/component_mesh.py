@@ -20,15 +20,19 @@ class MeshQuality:
     """What a mesh is worth.
 
     Attributes:
-        minimum_scaled_jacobian: Smallest scaled Jacobian over all elements (1 ideal, <= 0 inverted).
+        minimum_scaled_jacobian: Smallest scaled Jacobian over all elements (1 ideal, <= 0
+            inverted).
         poor_share: Share of the volume in elements with a scaled Jacobian below ``POOR_QUALITY``.
         worst_place: ``(3,)`` middle of the element that is worst [m].
-        worst_face: ``face:N`` that it lies at; empty where it lies at none, or faces have no numbers.
-        flatness: ``L^6 / t^4`` of second-order tets of length L that alone fill a wall of thickness t, mean over the volume [m^2].
+        worst_face: ``face:N`` that it lies at; empty where it lies at none, or faces have no
+            numbers.
+        flatness: ``L^6 / t^4`` of second-order tets of length L that alone fill a wall of thickness
+            t, mean over the volume [m^2].
         flat_size: Median length of those [m], 0 where there are none.
         flat_thickness: Median thickness of their walls [m].
         remarks: What was done to mesh small features.
-        repaired: Number of curved elements that were inverted as meshed and have been straightened or optimised.
+        repaired: Number of curved elements that were inverted as meshed and have been straightened
+            or optimised.
         volume: Volume integrated over the elements [m^3].
         cad_volume: Volume of the CAD solid [m^3], NaN where there is none.
         cad_areas: CAD area of each patch group [m^2], NaN where there is none.
@@ -54,7 +58,8 @@ class CurvedFacets:
 
     Attributes:
         nodes: ``(n, nodes per facet)`` gmsh order, in any orientation.
-        nearest: ``(n, q, 3)`` points of the CAD face that are nearest to the quadrature places of each facet.
+        nearest: ``(n, q, 3)`` points of the CAD face that are nearest to the quadrature places of
+            each facet.
         shares: ``(n,)`` how many facets each stands for.
     """
 
@@ -69,8 +74,9 @@ class SurfaceGaps:
 
     Attributes:
         facets: ``(n, nodes per facet)`` facets on curved faces.
-        volumes: ``(n, q)`` volume between each facet and its face, shared out among the facet's quadrature places
-            (``elements.surface.PLACES`` along each side) [m^3]; positive where the mesh cuts the part short.
+        volumes: ``(n, q)`` volume between each facet and its face, shared out among the facet's
+            quadrature places (``elements.surface.PLACES`` along each side) [m^3]; positive where
+            the mesh cuts the part short.
     """
 
     facets: IntArray
@@ -81,15 +87,18 @@ class SurfaceGaps:
 class ComponentMesh:
     """Nodes, cells of one kind, and named groups of surface facets.
 
-    Node order inside cells and facets is gmsh's (VTK order differs for hex20/hex27 and the last two edges of tet10).
+    Node order inside cells and facets is gmsh's (VTK order differs for hex20/hex27 and the last two
+    edges of tet10).
 
     Attributes:
         points: ``(n_points, 3)`` [m]; every point belongs to a cell.
         cells: ``(n_cells, nodes per cell)`` indices into ``points``.
         kind: Cell kind; its order is the order of the displacement field.
-        straight: All edges straight and mid-nodes centred: the geometry map is affine (tets) or trilinear (hexes).
-        patches: ``(n_facets, nodes per facet)`` facets (gmsh tri3/tri6/quad4/quad8/quad9) of each patch group: one group per
-            interface name, ``support:NAME`` per support and ``load:NAME`` per load.
+        straight: All edges straight and mid-nodes centred: the geometry map is affine (tets) or
+            trilinear (hexes).
+        patches: ``(n_facets, nodes per facet)`` facets (gmsh tri3/tri6/quad4/quad8/quad9) of each
+            patch group: one group per interface name, ``support:NAME`` per support and
+            ``load:NAME`` per load.
         quality: Checks made when the mesh was made.
         gaps: What it cuts short of curved faces; None where no CAD shape tells, as of mesh files.
     """

@@ -8,8 +8,12 @@ class MeshError(HeadstockError):
 
 
 class PartFileError(MeshError):
-    """A part's file is none that can be meshed as it is chosen; the user chooses or exports another."""
+    """A part's file is none that can be meshed as it is chosen; the user chooses or exports
+    another.
+    """
 
 
 class MeshQualityError(MeshError):
-    """A mesh has unusable elements or misses a volume or area of its CAD shape; finer imprints and curved faces may mend it."""
+    """A mesh has unusable elements or misses a volume or area of its CAD shape; finer imprints and
+    curved faces may mend it.
+    """

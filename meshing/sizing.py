@@ -9,26 +9,34 @@ ParametricSolid = Box | Tube | Plate | HollowColumn
 CELL_BUDGET = 3_000_000
 UNCOUNTED = 1e30  # beyond this the number of cells says nothing, and overflows
 TETS_PER_CUBE = 5.2  # measured: tets per (volume / size^3) in blocks
-TETS_PER_SHEET = 7.0  # measured: tets per (mid-surface / size^2) where walls are thinner than the elements
+TETS_PER_SHEET = (
+    7.0  # measured: tets per (mid-surface / size^2) where walls are thinner than the elements
+)
 LARGEST_SHARE = 6.0
 SMALLEST_SHARE = 40.0
 DEFAULT_CELLS = 150_000
 DEFAULT_FILE_CELLS = 75_000  # of CAD parts, whose thin walls have more nodes per cell than blocks
 SIZE_STEP = 1.25
 SMALLEST_SIZE = 0.05  # of the element size: what curvature and short edges do not go below
-CELLS_AT_RIM = 5.0  # times length / (size * growth^2): measured on blocks with patches and clamped faces
-# Elements across a patch that are smaller than this share of the others grow from its rim: meshed evenly up to the next edge of the
-# face they are too thin to use (a strip of 0.5 mm among elements of 25 mm: scaled Jacobians of 5e-4, growing ones 5e-2)
+CELLS_AT_RIM = (
+    5.0  # times length / (size * growth^2): measured on blocks with patches and clamped faces
+)
+# Elements across a patch that are smaller than this share of the others grow from its rim: meshed
+# evenly up to the next edge of the face they are too thin to use (a strip of 0.5 mm among elements
+# of 25 mm: scaled Jacobians of 5e-4, growing ones 5e-2)
 NARROW_PATCH = 1.0 / 64.0
 NARROW_GROWTH = 0.5
 PATCH_CELLS = 300_000  # that one narrow patch may ask for
-# Measured on ten STEP parts, sheets and blocks, from 1.6 to 2.5 cells per triangle: within 0.7 to 1.4 of the cells
+# Measured on ten STEP parts, sheets and blocks, from 1.6 to 2.5 cells per triangle: within 0.7 to
+# 1.4 of the cells
 CELLS_PER_TRIANGLE = 1.2
 CELLS_PER_VOLUME = 4.5
 
 
 def round_length(value: float) -> float:
-    """A length rounded to 12 significant digits, so that units and float noise cannot change a mesh."""
+    """A length rounded to 12 significant digits, so that units and float noise cannot change a
+    mesh.
+    """
     return float(f"{value:.12g}")
 
 
@@ -56,8 +64,8 @@ def largest_extent(solid: ParametricSolid) -> float:
 def default_size(volume: float, thinnest: float, extent: float) -> float:
     """Element size [m] from a solid's volume [m^3], thinnest feature [m] and longest side [m].
 
-    Two elements through the thinnest feature, but between 1/40 and 1/6 of the longest side, and coarser where that would make
-    more than 150 000 elements.
+    Two elements through the thinnest feature, but between 1/40 and 1/6 of the longest side, and
+    coarser where that would make more than 150 000 elements.
 
     Args:
         volume: Of the solid [m^3].
@@ -86,7 +94,8 @@ def estimate_tets(volume: float, thinnest: float, size: float) -> int:
 def count_rim_cells(length: float, at_rim: float, *, growth: float, size: float) -> float:
     """Number of cells that growing from a curve adds, roughly.
 
-    Around a curve of length L in a half-space, elements of size ``s + g r`` at the distance r make up ``L / (s g^2)`` times a number.
+    Around a curve of length L in a half-space, elements of size ``s + g r`` at the distance r make
+    up ``L / (s g^2)`` times a number.
 
     Args:
         length: Of the curve [m].
@@ -98,7 +107,8 @@ def count_rim_cells(length: float, at_rim: float, *, growth: float, size: float)
 
 
 def count_patch_cells(patch: Patch, solid: ParametricSolid, *, across: int, size: float) -> float:
-    """Number of cells that a patch asks for, roughly, if it is so narrow that elements grow from its rim, else 0.
+    """Number of cells that a patch asks for, roughly, if it is so narrow that elements grow from
+    its rim, else 0.
 
     Args:
         patch: Imprinted on a face.
@@ -108,9 +118,11 @@ def count_patch_cells(patch: Patch, solid: ParametricSolid, *, across: int, size
     """
     if patch.shape == "whole" or not patch.size or min(patch.size) / across >= NARROW_PATCH * size:
         return 0.0
-    rim = {"disk": math.pi * patch.size[0], "rect": 2.0 * sum(patch.size), "strip": 2.0 * _length_along(solid, patch.along)}[
-        patch.shape
-    ]
+    rim = {
+        "disk": math.pi * patch.size[0],
+        "rect": 2.0 * sum(patch.size),
+        "strip": 2.0 * _length_along(solid, patch.along),
+    }[patch.shape]
     return count_rim_cells(rim, min(patch.size) / across, growth=NARROW_GROWTH, size=size)
 
 

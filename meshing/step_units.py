@@ -12,23 +12,36 @@ UNITS = (("inch", 0.0254), ("m", 1.0), ("mm", 1e-3), ("µm", 1e-6))
 
 
 def read_length_unit(path: Path) -> str | None:
-    """Length unit a STEP file names: ``mm``, ``m``, ``inch`` or another; None where there is none or several."""
+    """Length unit a STEP file names: ``mm``, ``m``, ``inch`` or another; None where there is none
+    or several.
+    """
     text = path.read_bytes()
-    found = {name.decode().lower() for name in re.findall(rb"CONVERSION_BASED_UNIT\s*\(\s*'(INCH|FOOT)'", text, re.IGNORECASE)}
+    found = {
+        name.decode().lower()
+        for name in re.findall(rb"CONVERSION_BASED_UNIT\s*\(\s*'(INCH|FOOT)'", text, re.IGNORECASE)
+    }
     if not found:  # a unit made from mm names mm too
         prefixes = set(re.findall(rb"SI_UNIT\s*\(\s*(?:\$|\.(\w+)\.)\s*,\s*\.METRE\.\s*\)", text))
-        found = {{b"": "m", b"MILLI": "mm", b"CENTI": "cm"}.get(prefix, "other") for prefix in prefixes}
+        found = {
+            {b"": "m", b"MILLI": "mm", b"CENTI": "cm"}.get(prefix, "other") for prefix in prefixes
+        }
     return found.pop() if len(found) == 1 else None
 
 
 def doubt_size(path: Path, extent: float) -> str | None:
-    """A warning where a STEP part is so long or short [m] that its unit is in doubt; None where it is plausible."""
+    """A warning where a STEP part is so long or short [m] that its unit is in doubt; None where it
+    is plausible.
+    """
     lowest, highest = PLAUSIBLE_LENGTHS
     if lowest <= extent <= highest:
         return None
     unit = read_length_unit(path)
     length = dict(UNITS).get(unit or "")
-    others = [] if length is None else [(name, extent * factor / length) for name, factor in UNITS if factor != length]
+    others = (
+        []
+        if length is None
+        else [(name, extent * factor / length) for name, factor in UNITS if factor != length]
+    )
     fitting = [(name, value) for name, value in others if lowest <= value <= highest]
     if others and not fitting:
         fitting = [min(others, key=lambda other: abs(math.log(other[1] / highest)))]

@@ -1,4 +1,6 @@
-"""Files for other programs and scenes: a component as a superelement file, and the state space of a machine for MATLAB."""
+"""Files for other programs and scenes: a component as a superelement file, and the state space of a
+machine for MATLAB.
+"""
 
 import dataclasses
 import io
@@ -26,9 +28,16 @@ from headstock.solvers.second_order import Port, name_port
 
 
 def export_state_space(
-    scene: Scene, path: Path, *, up_to_hz: float, pose: str | None, comm: MPI.Comm, origin: Provenance | None = None
+    scene: Scene,
+    path: Path,
+    *,
+    up_to_hz: float,
+    pose: str | None,
+    comm: MPI.Comm,
+    origin: Provenance | None = None,
 ) -> str:
-    """Write the state space between the ports of ``[analyses.frf]``, or x, y and z of every point, as a ``.mat`` file.
+    """Write the state space between the ports of ``[analyses.frf]``, or x, y and z of every point,
+    as a ``.mat`` file.
 
     Args:
         scene: The same on every rank; its damping counts.
@@ -60,7 +69,9 @@ def export_state_space(
     text = ""
     if state.is_root:
         if state.coupled is None:
-            raise ModelError("a state space is exported from machines of joined components only, not from a lumped mechanism")
+            raise ModelError(
+                "a state space is exported from machines of joined components only, not from a lumped mechanism"
+            )
         system = damp_system(scene, state.coupled.system)
         space = to_state_space(system, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz)
         write_output(path, encode_mat(space, origin))
@@ -70,16 +81,32 @@ def export_state_space(
 
 
 def encode_mat(space: StateSpace, origin: Provenance | None = None) -> bytes:
-    """A state space as a MATLAB 5 file: ``sys = ss(A, B, C, D, 'InputName', inputs, ...)``; where it comes from as a structure."""
+    """A state space as a MATLAB 5 file: ``sys = ss(A, B, C, D, 'InputName', inputs, ...)``; where
+    it comes from as a structure.
+    """
     image = io.BytesIO()
     names = {"inputs": space.inputs, "outputs": space.outputs}
-    cells = {key: np.array([name_port(port) for port in ports], dtype=object) for key, ports in names.items()}
+    cells = {
+        key: np.array([name_port(port) for port in ports], dtype=object)
+        for key, ports in names.items()
+    }
     states = np.array(space.states, dtype=object)
-    content: dict[str, Any] = {"A": space.a, "B": space.b, "C": space.c, "D": space.d, **cells, "states": states}
+    content: dict[str, Any] = {
+        "A": space.a,
+        "B": space.b,
+        "C": space.c,
+        "D": space.d,
+        **cells,
+        "states": states,
+    }
     if origin is not None:
         words = origin.summarise_for_export()
         content["provenance"] = {
-            key: np.array(value, dtype=object) if isinstance(value, list) else "" if value is None else value
+            key: np.array(value, dtype=object)
+            if isinstance(value, list)
+            else ""
+            if value is None
+            else value
             for key, value in words.items()
         }
     scipy.io.savemat(image, content)
@@ -91,14 +118,23 @@ def _ports(scene: Scene) -> tuple[tuple[Port, ...], tuple[Port, ...]]:
         return scene.analyses.frf.inputs, scene.analyses.frf.outputs
     ports = tuple((point, direction) for point in scene.machine.points for direction in "xyz")
     if not ports:
-        raise ModelError("there is no point whose motion could be an output; write [points], or [analyses.frf] with inputs")
+        raise ModelError(
+            "there is no point whose motion could be an output; write [points], or [analyses.frf] with inputs"
+        )
     return ports, ports
 
 
 def export_superelement(
-    scene: Scene, component: str, path: Path, *, comm: MPI.Comm, store: Store | None = None, origin: Provenance | None = None
+    scene: Scene,
+    component: str,
+    path: Path,
+    *,
+    comm: MPI.Comm,
+    store: Store | None = None,
+    origin: Provenance | None = None,
 ) -> str:
-    """Reduce a component as its scene says and write it; read it back with ``solid = { superelement = "x.h5" }``.
+    """Reduce a component as its scene says and write it; read it back with ``solid = { superelement
+    = "x.h5" }``.
 
     Args:
         scene: The scene; the same on every rank.
@@ -120,7 +156,9 @@ def export_superelement(
     check_output(path)
     plan = plan_scene(scene)
     if component not in plan.components:
-        raise ModelError(f"the scene has no component {component!r}; components: {', '.join(plan.components)}")
+        raise ModelError(
+            f"the scene has no component {component!r}; components: {', '.join(plan.components)}"
+        )
     state = RunState(scene, plan, comm, store or Store(default_store_root()))
     made = make_superelements(state, only=[component])
     text = ""

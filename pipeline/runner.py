@@ -12,7 +12,12 @@ from headstock.pipeline.accuracy.search import search_settings
 from headstock.pipeline.planning.budgets import check_elapsed
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.results.files import RESULTS_FILE, SUMMARY_FILE, add_results, publish_summary
+from headstock.pipeline.results.files import (
+    RESULTS_FILE,
+    SUMMARY_FILE,
+    add_results,
+    publish_summary,
+)
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.views import MachineView
 from headstock.pipeline.stages.components import make_superelements
@@ -24,7 +29,14 @@ from headstock.pipeline.stages.map import run_map_stage
 from headstock.pipeline.stages.mechanism import run_place_stage
 from headstock.pipeline.stages.modal import run_modal_stage, run_spread_stage
 from headstock.pipeline.stages.path import run_path_stage
-from headstock.pipeline.stages.run_state import Announcer, Observer, Outcome, ReducedComponent, RunState, run_stage
+from headstock.pipeline.stages.run_state import (
+    Announcer,
+    Observer,
+    Outcome,
+    ReducedComponent,
+    RunState,
+    run_stage,
+)
 from headstock.pipeline.stages.static import run_recover_stage, run_static_stage
 from headstock.pipeline.stages.volume_files import write_volumes
 from headstock.pipeline.stages.warnings import find_warnings
@@ -36,8 +48,8 @@ from headstock.scene.scene import Scene
 from headstock.solvers.ranks import share_from_root
 
 LIBRARIES = ("fenics-dolfinx", "petsc4py", "slepc4py", "gmsh", "numpy", "scipy", "h5py", "mpi4py")
-# stages of the machine; those of a component are in `COMPONENT_STAGES` of stages/components.py and run first, `write` is in
-# `run_scene`, and `refine` is what accuracy/search.py records of a round
+# stages of the machine; those of a component are in `COMPONENT_STAGES` of stages/components.py and
+# run first, `write` is in `run_scene`, and `refine` is what accuracy/search.py records of a round
 HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "couple": run_couple_stage,
     "static": run_static_stage,
@@ -66,8 +78,8 @@ def run_scene(
 ) -> Results:
     """Run the stages a scene calls for and write ``results.h5`` and ``summary.json``.
 
-    Rank 0 meshes, couples, reads and writes; all ranks assemble and reduce. An error on one rank leaves the others waiting: the
-    caller ends the job (``comm.Abort``).
+    Rank 0 meshes, couples, reads and writes; all ranks assemble and reduce. An error on one rank
+    leaves the others waiting: the caller ends the job (``comm.Abort``).
 
     Args:
         scene: The same on every rank.
@@ -87,9 +99,16 @@ def run_scene(
     """
     if comm.rank == 0:
         prepare_output(output, (RESULTS_FILE, SUMMARY_FILE))
-    rounds = _Rounds(scene.limits.time_s, comm, store or Store(default_store_root()), observer=observer, announce=announce)
+    rounds = _Rounds(
+        scene.limits.time_s,
+        comm,
+        store or Store(default_store_root()),
+        observer=observer,
+        announce=announce,
+    )
     state = _run_rounds(scene, rounds)
-    # results.h5 and the summary appear together at the end: a disk that is too full for one keeps both old ones
+    # results.h5 and the summary appear together at the end: a disk that is too full for one keeps
+    # both old ones
     with PendingOutputs() as pending:
         files: dict[str, str] = {}
 
@@ -97,7 +116,9 @@ def run_scene(
             if state.is_root:
                 for message in find_warnings(state):
                     state.warn(message)
-                files[RESULTS_FILE] = add_results(pending, output, gather_results(state, provenance=provenance))
+                files[RESULTS_FILE] = add_results(
+                    pending, output, gather_results(state, provenance=provenance)
+                )
             # the others wait here, so that all ranks end together
             return Outcome(detail=share_from_root(state.comm, str(output)))
 
@@ -115,13 +136,30 @@ def run_scene(
 class _Rounds:
     """Runs stages and keeps their records: once, or in as many rounds as an accuracy needs."""
 
-    def __init__(self, limit_s: float | None, comm: MPI.Comm, store: Store, *, observer: Observer, announce: Announcer) -> None:
-        self.limit_s, self.comm, self.store, self.observer, self.announce = limit_s, comm, store, observer, announce
+    def __init__(
+        self,
+        limit_s: float | None,
+        comm: MPI.Comm,
+        store: Store,
+        *,
+        observer: Observer,
+        announce: Announcer,
+    ) -> None:
+        self.limit_s, self.comm, self.store, self.observer, self.announce = (
+            limit_s,
+            comm,
+            store,
+            observer,
+            announce,
+        )
         self.records: list[StageRecord] = []
         self._start = time.perf_counter()
 
-    def run(self, scene: Scene, plan: Plan, reduced: Mapping[str, ReducedComponent] | None = None) -> RunState:
-        """Run every stage of a plan but the last, which writes; those of components only where they are not reduced yet.
+    def run(
+        self, scene: Scene, plan: Plan, reduced: Mapping[str, ReducedComponent] | None = None
+    ) -> RunState:
+        """Run every stage of a plan but the last, which writes; those of components only where they
+        are not reduced yet.
 
         Args:
             scene: The scene.
@@ -138,7 +176,9 @@ class _Rounds:
                 self.run_stage(state, stage, HANDLERS[stage.kind])
         return state
 
-    def run_stage(self, state: RunState, stage: Stage, work: Callable[[RunState, Stage], Outcome]) -> None:
+    def run_stage(
+        self, state: RunState, stage: Stage, work: Callable[[RunState, Stage], Outcome]
+    ) -> None:
         """Announce a stage of the machine, do its work, and record what it cost.
 
         Args:
@@ -164,14 +204,18 @@ class _Rounds:
 
 
 def _run_rounds(scene: Scene, rounds: _Rounds) -> RunState:
-    """One round; or as many as an accuracy needs, and then what is asked for beyond the analyses that errors are estimated of."""
+    """One round; or as many as an accuracy needs, and then what is asked for beyond the analyses
+    that errors are estimated of.
+    """
     if scene.accuracy is None:
         return rounds.run(scene, plan_scene(scene))
     search = search_settings(scene, rounds.run, rounds.note)
     state = search.state
     if search.scene.analyses != state.scene.analyses or scene.machine.probes:
         # probes need the mesh, which comes from the store
-        state = rounds.run(search.scene, plan_scene(search.scene), None if scene.machine.probes else state.reduced)
+        state = rounds.run(
+            search.scene, plan_scene(search.scene), None if scene.machine.probes else state.reduced
+        )
     state.answers.append(search.answer)
     if search.failure:
         state.failures.append(search.failure)
@@ -198,10 +242,20 @@ def gather_results(
         name=state.scene.name,
         versions=library_versions(LIBRARIES),
         stages=records,
-        components={name: gather_facts(state, name, reduced) for name, reduced in state.reduced.items()},
+        components={
+            name: gather_facts(state, name, reduced) for name, reduced in state.reduced.items()
+        },
         answers=tuple(state.answers),
-        joint_springs={name: joint.stiffness for name, joint in state.scene.machine.joints.items() if joint.stiffness.any()},
-        labels=tuple(f"{name}.{'.'.join(label)}" for name, item in superelements.items() for label in item.labels),
+        joint_springs={
+            name: joint.stiffness
+            for name, joint in state.scene.machine.joints.items()
+            if joint.stiffness.any()
+        },
+        labels=tuple(
+            f"{name}.{'.'.join(label)}"
+            for name, item in superelements.items()
+            for label in item.labels
+        ),
         warnings=tuple(state.warnings),
         failures=tuple(state.failures),
         files=files or {},
@@ -210,7 +264,11 @@ def gather_results(
             state.skins,
             {name: axis.direction for name, axis in state.scene.machine.axes.items()},
             state.views,
-            {name: state.plan.components[name].material for name, skin in state.skins.items() if skin.source == "mesh"},
+            {
+                name: state.plan.components[name].material
+                for name, skin in state.skins.items()
+                if skin.source == "mesh"
+            },
         ),
     )
 
@@ -228,9 +286,15 @@ def gather_facts(state: RunState, name: str, reduced: ReducedComponent) -> Compo
     mass = superelement.mass_kg
     if mass == 0.0 and quality is not None:
         # a static run assembles no mass
-        mass = component.material.density * quality.volume if component.mass is None else component.mass
+        mass = (
+            component.material.density * quality.volume
+            if component.mass is None
+            else component.mass
+        )
     return ComponentFacts(
-        fidelity="superelement" if isinstance(component.solid, SuperelementFile) else component.fidelity,
+        fidelity="superelement"
+        if isinstance(component.solid, SuperelementFile)
+        else component.fidelity,
         full_dofs=superelement.full_dofs,
         reduced_dofs=len(superelement.labels),
         mass_kg=mass,

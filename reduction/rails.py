@@ -1,4 +1,6 @@
-"""Rails: the motion of a strip as a cubic spline, and what a carriage anywhere on it sees of that motion."""
+"""Rails: the motion of a strip as a cubic spline, and what a carriage anywhere on it sees of that
+motion.
+"""
 
 import math
 from dataclasses import dataclass
@@ -19,10 +21,12 @@ _GAUSS_NODES, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 @dataclass(frozen=True, eq=False)
 class RailStation:
-    """A control point of a rail that has dofs of its own: ``x y z`` and the rotation about the rail, component axes.
+    """A control point of a rail that has dofs of its own: ``x y z`` and the rotation about the
+    rail, component axes.
 
     Attributes:
-        point: ``(3,)`` place in the component frame [m]; in a rigid motion the dofs are those of this point.
+        point: ``(3,)`` place in the component frame [m]; in a rigid motion the dofs are those of
+            this point.
         axis: Axis of the component the rail runs along, 0..2.
     """
 
@@ -32,17 +36,19 @@ class RailStation:
 
 @dataclass(frozen=True, eq=False)
 class Rail:
-    """A straight strip whose motion is a spline: four control values (x y z, rotation about the rail) per station.
+    """A straight strip whose motion is a spline: four control values (x y z, rotation about the
+    rail) per station.
 
     Attributes:
         axis: Axis of the component it runs along, 0..2.
         center: ``(3,)`` middle of its centre line in the component frame [m].
         low: Where it begins along its axis, component frame [m].
         high: Where it ends [m].
-        knots: ``(N + degree + 1,)`` of the B-splines along the axis [m]; clamped, from the beginning to the end or beyond them.
+        knots: ``(N + degree + 1,)`` of the B-splines along the axis [m]; clamped, from the
+            beginning to the end or beyond them.
         control: ``(4 N, n)`` control values per superelement dof, component axes.
-        blur: What a carriage sees is averaged over places so far apart [m]: the distance of the stations where they have dofs of
-            their own, zero where they follow from others.
+        blur: What a carriage sees is averaged over places so far apart [m]: the distance of the
+            stations where they have dofs of their own, zero where they follow from others.
     """
 
     axis: int
@@ -55,7 +61,8 @@ class Rail:
 
 
 def lay_out_rail(component: Component, interface: Interface, centroid: FloatArray) -> Rail:
-    """A rail of a component that is not meshed, without control values: the smallest cubic spline between its ends.
+    """A rail of a component that is not meshed, without control values: the smallest cubic spline
+    between its ends.
 
     Args:
         component: With its solid.
@@ -76,11 +83,19 @@ def lay_out_rail(component: Component, interface: Interface, centroid: FloatArra
     center = np.array(centroid, dtype=float)
     low, high = span
     center[axis] = 0.5 * (low + high)
-    return Rail(axis, center, low, high, place_knots(low, high, DEGREE + 1), np.zeros((STATION_DOFS * (DEGREE + 1), 0)))
+    return Rail(
+        axis,
+        center,
+        low,
+        high,
+        place_knots(low, high, DEGREE + 1),
+        np.zeros((STATION_DOFS * (DEGREE + 1), 0)),
+    )
 
 
 def place_knots(low: float, high: float, stations: int) -> FloatArray:
-    """Evenly spaced clamped knots ``(stations + 4,)`` of cubic B-splines between the ends of a rail.
+    """Evenly spaced clamped knots ``(stations + 4,)`` of cubic B-splines between the ends of a
+    rail.
 
     Args:
         low: Where the rail begins along its axis [m].
@@ -97,7 +112,8 @@ def place_knots(low: float, high: float, stations: int) -> FloatArray:
 
 
 def station_points(knots: FloatArray, center: FloatArray, axis: int) -> FloatArray:
-    """Places ``(N, 3)`` of the control points on the centre line: there a spline field that is linear takes their values.
+    """Places ``(N, 3)`` of the control points on the centre line: there a spline field that is
+    linear takes their values.
 
     Args:
         knots: ``(N + 4,)`` of the B-splines, clamped [m].
@@ -114,7 +130,8 @@ def station_points(knots: FloatArray, center: FloatArray, axis: int) -> FloatArr
 
 
 def station_motion(point: FloatArray, axis: int, origin: FloatArray) -> FloatArray:
-    """Control values ``(4, 6)`` of a control point, ``x y z`` and turn about the rail, under six unit rigid motions of the body.
+    """Control values ``(4, 6)`` of a control point, ``x y z`` and turn about the rail, under six
+    unit rigid motions of the body.
 
     Args:
         point: ``(3,)`` the control point, component frame [m].
@@ -125,11 +142,13 @@ def station_motion(point: FloatArray, axis: int, origin: FloatArray) -> FloatArr
 
 
 def carriage_rows(rail: Rail, place: float, length: float) -> FloatArray:
-    """Motion ``(6, n)`` of a carriage per superelement dof, component axes, at the centre line beside the carriage's middle.
+    """Motion ``(6, n)`` of a carriage per superelement dof, component axes, at the centre line
+    beside the carriage's middle.
 
-    Translations and the rotation about the rail are the means of the rail's motion over the carriage, weighed evenly; pitch and yaw
-    are the slopes of the straight line that fits the translations best. A force on the carriage spreads over the
-    rail as the transpose says. All of it is three times continuously differentiable in the place.
+    Translations and the rotation about the rail are the means of the rail's motion over the
+    carriage, weighed evenly; pitch and yaw are the slopes of the straight line that fits the
+    translations best. A force on the carriage spreads over the rail as the transpose says. All of
+    it is three times continuously differentiable in the place.
 
     Args:
         rail: The rail.
@@ -137,7 +156,8 @@ def carriage_rows(rail: Rail, place: float, length: float) -> FloatArray:
         length: Length of the carriage [m].
 
     Raises:
-        ModelError: The carriage is longer than the rail, hangs over one of its ends, or is too short for the stations.
+        ModelError: The carriage is longer than the rail, hangs over one of its ends, or is too
+            short for the stations.
     """
     place = _check_place(rail, place, length)
     points, mean, slope = _weigh_carriage(rail.knots, place, length, rail.blur)
@@ -151,18 +171,30 @@ def carriage_rows(rail: Rail, place: float, length: float) -> FloatArray:
     return rows
 
 
-def _weigh_carriage(knots: FloatArray, place: float, length: float, blur: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Points ``(q,)`` along the rail [m], and per value there its part in the mean ``(q,)`` [-] and in the slope ``(q,)`` [1/m].
+def _weigh_carriage(
+    knots: FloatArray, place: float, length: float, blur: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Points ``(q,)`` along the rail [m], and per value there its part in the mean ``(q,)`` [-] and
+    in the slope ``(q,)`` [1/m].
 
-    An even weight over the carriage, averaged over all places within half a blur of its own: its spectrum is zero where the stations
-    would be heard. Its lengths are such that the mean of parabolas and the slope of cubics are those over the carriage itself.
-    Gauss rules between knots and edges are exact.
+    An even weight over the carriage, averaged over all places within half a blur of its own: its
+    spectrum is zero where the stations would be heard. Its lengths are such that the mean of
+    parabolas and the slope of cubics are those over the carriage itself. Gauss rules between knots
+    and edges are exact.
     """
-    # second moment of the blurred even weight: flat^2/3 + blur^2/12 = length^2/12, that of the carriage; third moment of the odd one over
-    # its first: 3 tilted^2/5 + blur^2/4 = 3 length^2/20
-    flat, tilted = 0.5 * math.sqrt(length**2 - blur**2), 0.5 * math.sqrt(length**2 - 5.0 / 3.0 * blur**2)
+    # second moment of the blurred even weight: flat^2/3 + blur^2/12 = length^2/12, that of the
+    # carriage; third moment of the odd one over its first: 3 tilted^2/5 + blur^2/4 = 3 length^2/20
+    flat, tilted = (
+        0.5 * math.sqrt(length**2 - blur**2),
+        0.5 * math.sqrt(length**2 - 5.0 / 3.0 * blur**2),
+    )
     edges = place + np.array(
-        [sign * half + side for sign in (-1, 1) for half in (flat, tilted) for side in (-0.5 * blur, 0.5 * blur)]
+        [
+            sign * half + side
+            for sign in (-1, 1)
+            for half in (flat, tilted)
+            for side in (-0.5 * blur, 0.5 * blur)
+        ]
     )
     inner = knots[(knots > edges.min()) & (knots < edges.max())]
     breaks = np.unique(np.concatenate([edges, inner]))
@@ -170,16 +202,24 @@ def _weigh_carriage(knots: FloatArray, place: float, length: float, blur: float)
     points = np.asarray((middle[:, None] + half[:, None] * _GAUSS_NODES).ravel())
     parts = (half[:, None] * _GAUSS_WEIGHTS).ravel()
     mean, slope = (
-        _blurred_weights(points - place, flat, tilted, blur) if blur else (1.0 / length, (points - place) * 12.0 / length**3)
+        _blurred_weights(points - place, flat, tilted, blur)
+        if blur
+        else (1.0 / length, (points - place) * 12.0 / length**3)
     )
     return points, np.asarray(parts * mean, dtype=float), np.asarray(parts * slope, dtype=float)
 
 
-def _blurred_weights(arms: FloatArray, flat: float, tilted: float, blur: float) -> tuple[FloatArray, FloatArray]:
-    """Running averages over a blur of an even weight ``(q,)`` between +- flat and of an odd one between +- tilted."""
+def _blurred_weights(
+    arms: FloatArray, flat: float, tilted: float, blur: float
+) -> tuple[FloatArray, FloatArray]:
+    """Running averages over a blur of an even weight ``(q,)`` between +- flat and of an odd one
+    between +- tilted.
+    """
     after, before = arms + 0.5 * blur, arms - 0.5 * blur
     mean = (np.clip(after, -flat, flat) - np.clip(before, -flat, flat)) / (2.0 * flat * blur)
-    slope = (np.clip(after, -tilted, tilted) ** 2 - np.clip(before, -tilted, tilted) ** 2) * (0.75 / (tilted**3 * blur))
+    slope = (np.clip(after, -tilted, tilted) ** 2 - np.clip(before, -tilted, tilted) ** 2) * (
+        0.75 / (tilted**3 * blur)
+    )
     return np.asarray(mean), np.asarray(slope)
 
 

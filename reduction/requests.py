@@ -1,7 +1,9 @@
-"""What a reduction is asked for, and what a superelement that holds more gives to a request for less.
+"""What a reduction is asked for, and what a superelement that holds more gives to a request for
+less.
 
-A superelement of fewer modes is the leading part of one with more: rows and columns fall away, and what the modes that go had
-carried returns to the static responses and to the moments of the modes left out. So both give the same numbers, up to rounding.
+A superelement of fewer modes is the leading part of one with more: rows and columns fall away, and
+what the modes that go had carried returns to the static responses and to the moments of the modes
+left out. So both give the same numbers, up to rounding.
 """
 
 import dataclasses
@@ -12,7 +14,13 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Load
-from headstock.reduction.superelement import Recovery, StaticLoad, Superelement, Truncation, lowest_participating
+from headstock.reduction.superelement import (
+    Recovery,
+    StaticLoad,
+    Superelement,
+    Truncation,
+    lowest_participating,
+)
 from headstock.solvers.elastic.block_lanczos import ModeTarget, cluster_end
 from headstock.solvers.errors import ModelError
 
@@ -70,7 +78,11 @@ class ReductionExtent:
         if self.modes is None or (verify and not self.verified):
             return False
         enough = target.count is not None and target.count <= self.modes
-        return enough or np.isinf(self.cutoff_hz) or (target.up_to_hz is not None and target.up_to_hz < self.cutoff_hz)
+        return (
+            enough
+            or np.isinf(self.cutoff_hz)
+            or (target.up_to_hz is not None and target.up_to_hz < self.cutoff_hz)
+        )
 
 
 def mode_target(component: Component) -> ModeTarget:
@@ -90,17 +102,25 @@ def mode_target(component: Component) -> ModeTarget:
 def needs_mass(component: Component, loads: Sequence[Load], request: ReductionRequest) -> bool:
     """Whether a reduction assembles the component's mass.
 
-    A body without interfaces has it even then: the means of the motions that its supports leave free are weighed by it.
+    A body without interfaces has it even then: the means of the motions that its supports leave
+    free are weighed by it.
 
     Args:
         component: With or without interfaces.
         loads: Static loads on it.
         request: Modes and gravity wanted.
     """
-    return not component.interfaces or request.modes is not None or request.gravity or any(load.kind == "body" for load in loads)
+    return (
+        not component.interfaces
+        or request.modes is not None
+        or request.gravity
+        or any(load.kind == "body" for load in loads)
+    )
 
 
-def trim_superelement(element: Superelement, request: ReductionRequest, *, mass: bool) -> Superelement:
+def trim_superelement(
+    element: Superelement, request: ReductionRequest, *, mass: bool
+) -> Superelement:
     """What reducing for a request would have given, from a superelement that serves it.
 
     Args:
@@ -108,12 +128,17 @@ def trim_superelement(element: Superelement, request: ReductionRequest, *, mass:
         request: What is wanted.
         mass: The request assembles mass.
 
-    Source: Craig and Bampton (1968): the fixed-interface modes of a basis do not depend on each other.
+    Source: Craig and Bampton (1968): the fixed-interface modes of a basis do not depend on each
+    other.
     """
     count, cutoff = _kept_modes(element, request.modes)
     kept = element.boundary_size + count
     errors = element.errors
-    loads = {name: load for name, load in element.loads.items() if request.gravity or not name.startswith(f"{GRAVITY}:")}
+    loads = {
+        name: load
+        for name, load in element.loads.items()
+        if request.gravity or not name.startswith(f"{GRAVITY}:")
+    }
     trimmed = dataclasses.replace(
         element,
         labels=element.labels[:kept],
@@ -121,28 +146,42 @@ def trim_superelement(element: Superelement, request: ReductionRequest, *, mass:
         mass=element.mass[:kept, :kept],
         recovery=None
         if element.recovery is None
-        else Recovery(basis=np.ascontiguousarray(element.recovery.basis[:, :kept]), points=element.recovery.points),
+        else Recovery(
+            basis=np.ascontiguousarray(element.recovery.basis[:, :kept]),
+            points=element.recovery.points,
+        ),
         constraints=element.constraints[:, :kept],
         modal_frequencies_hz=element.modal_frequencies_hz[:count],
         cutoff_hz=cutoff,
         loads={name: _trim_load(element, load, kept) for name, load in loads.items()},
-        rails={name: dataclasses.replace(rail, control=rail.control[:, :kept]) for name, rail in element.rails.items()},
+        rails={
+            name: dataclasses.replace(rail, control=rail.control[:, :kept])
+            for name, rail in element.rails.items()
+        },
         errors=dataclasses.replace(
             errors,
             truncation=None if request.modes is None else _add_to_truncation(element, kept, cutoff),
-            missing_energy=None if errors.missing_energy is None else errors.missing_energy[:kept, :kept],
-            shape_stiffness=None if errors.shape_stiffness is None else errors.shape_stiffness[:kept, :kept],
+            missing_energy=None
+            if errors.missing_energy is None
+            else errors.missing_energy[:kept, :kept],
+            shape_stiffness=None
+            if errors.shape_stiffness is None
+            else errors.shape_stiffness[:kept, :kept],
             shape_mass=None if errors.shape_mass is None else errors.shape_mass[:kept, :kept],
         ),
     )
     if mass:
         return trimmed
     nothing = np.zeros_like(trimmed.mass)
-    return dataclasses.replace(trimmed, mass=nothing, mass_kg=0.0, center_of_mass=np.zeros(3), inertia=np.zeros((3, 3)))
+    return dataclasses.replace(
+        trimmed, mass=nothing, mass_kg=0.0, center_of_mass=np.zeros(3), inertia=np.zeros((3, 3))
+    )
 
 
 def _kept_modes(element: Superelement, target: ModeTarget | None) -> tuple[int, float]:
-    """Number of modes that a search for a target would have kept, and the first frequency it would have left out [Hz]."""
+    """Number of modes that a search for a target would have kept, and the first frequency it would
+    have left out [Hz].
+    """
     frequencies = element.modal_frequencies_hz
     if not len(frequencies) or target is None or target.count == 0:
         return 0, 0.0 if len(frequencies) else element.cutoff_hz
@@ -151,7 +190,9 @@ def _kept_modes(element: Superelement, target: ModeTarget | None) -> tuple[int, 
 
 
 def _trim_load(element: Superelement, load: StaticLoad, kept: int) -> StaticLoad:
-    """A load on the leading dofs; the static response of the modes that go is no longer in the reduced model."""
+    """A load on the leading dofs; the static response of the modes that go is no longer in the
+    reduced model.
+    """
     if load.particular is None or element.recovery is None:
         return StaticLoad(load.vector[:kept], load.particular)
     amplitudes = load.vector[kept:] / element.stiffness.diagonal()[kept:]
@@ -168,5 +209,7 @@ def _add_to_truncation(element: Superelement, kept: int, cutoff_hz: float) -> Tr
     squares = element.stiffness.diagonal()[kept:]
     first = before.first + participation / squares @ participation.T
     second = before.second + participation / squares**2 @ participation.T
-    limit = (2.0 * np.pi * cutoff_hz) ** 2 if cutoff_hz > 0.0 else lowest_participating(first, second)
+    limit = (
+        (2.0 * np.pi * cutoff_hz) ** 2 if cutoff_hz > 0.0 else lowest_participating(first, second)
+    )
     return Truncation(first, second, limit)

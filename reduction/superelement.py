@@ -1,4 +1,6 @@
-"""The superelement that every fidelity of a component is turned into: matrices, recovery basis and error estimates."""
+"""The superelement that every fidelity of a component is turned into: matrices, recovery basis and
+error estimates.
+"""
 
 from dataclasses import dataclass, field
 
@@ -10,10 +12,12 @@ from headstock.reduction.rails import STATION_DOFS, Rail, RailStation
 
 @dataclass(frozen=True, eq=False)
 class Truncation:
-    """Two moments of the modes left out, from which their dynamic stiffness is bounded at every frequency below them.
+    """Two moments of the modes left out, from which their dynamic stiffness is bounded at every
+    frequency below them.
 
-    With the participation ``p_k = psi^T M phi_k`` ``(n_b,)`` and ``omega_k`` of each mode left out, eliminating its modal dof adds
-    ``-lambda^2 p_k p_k^T / (omega_k^2 - lambda)`` to the dynamic stiffness of the boundary dofs at ``lambda = omega^2``.
+    With the participation ``p_k = psi^T M phi_k`` ``(n_b,)`` and ``omega_k`` of each mode left out,
+    eliminating its modal dof adds ``-lambda^2 p_k p_k^T / (omega_k^2 - lambda)`` to the dynamic
+    stiffness of the boundary dofs at ``lambda = omega^2``.
 
     Attributes:
         first: ``(n_b, n_b)`` sum of ``p_k p_k^T / omega_k^2``.
@@ -27,20 +31,25 @@ class Truncation:
 
 
 def most_participation(truncation: Truncation, square: float) -> FloatArray:
-    """What the sum of ``p_k p_k^T / (omega_k^2 - lambda)`` is at most ``(n_b, n_b)``: all of the series' rest at the lowest mode.
+    """What the sum of ``p_k p_k^T / (omega_k^2 - lambda)`` is at most ``(n_b, n_b)``: all of the
+    series' rest at the lowest mode.
 
     Raises:
         ValueError: The frequency is not below the lowest mode left out: there is no bound.
     """
     if not square < truncation.limit:
-        raise ValueError(f"omega^2 = {square:g} lies beyond the lowest mode left out, {truncation.limit:g}")
+        raise ValueError(
+            f"omega^2 = {square:g} lies beyond the lowest mode left out, {truncation.limit:g}"
+        )
     return truncation.first + (square / (1.0 - square / truncation.limit)) * truncation.second
 
 
 def lowest_participating(first: FloatArray, second: FloatArray) -> float:
-    """The lowest ``omega^2`` that the moments themselves show, where no mode was searched for; inf without any.
+    """The lowest ``omega^2`` that the moments themselves show, where no mode was searched for; inf
+    without any.
 
-    A Rayleigh quotient over ``K^-1 M psi``: as a rule a few percent above the lowest mode that the boundary feels.
+    A Rayleigh quotient over ``K^-1 M psi``: as a rule a few percent above the lowest mode that the
+    boundary feels.
     """
     scale = np.sqrt(np.maximum(first.diagonal(), 0.0))
     scale = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 0.0)
@@ -71,8 +80,8 @@ class StaticLoad:
 
     Attributes:
         vector: ``(n,)`` reduced load [N, N m; modal].
-        particular: ``(3 n_points,)`` displacement under the load with boundary and modal dofs held [m]: what the reduced dofs
-            cannot show; None when nothing is to be recovered.
+        particular: ``(3 n_points,)`` displacement under the load with boundary and modal dofs held
+            [m]: what the reduced dofs cannot show; None when nothing is to be recovered.
     """
 
     vector: FloatArray
@@ -97,12 +106,16 @@ class ErrorEstimates:
     """What is known of the errors of a superelement's matrices; None where nobody knows.
 
     Attributes:
-        truncation: What the fixed-interface modes left out would add; None without mass, for components that are no reduced finite
-            element model, and for imported ones that do not say.
-        missing_energy: ``(n, n)`` estimated energy products of the discretisation errors of the dofs: what the strain energy of the
-            component is too large by is half of ``q^T E q``. None for components without a mesh, and for imported ones that do not say.
-        mesh_safety: What ``missing_energy`` is to be multiplied by, so that it covers the true errors in 95 of 100 cases.
-        shape_stiffness: ``(n, n)`` change of the stiffness by the part's curved faces, which the mesh cuts short or overshoots.
+        truncation: What the fixed-interface modes left out would add; None without mass, for
+            components that are no reduced finite element model, and for imported ones that do not
+            say.
+        missing_energy: ``(n, n)`` estimated energy products of the discretisation errors of the
+            dofs: what the strain energy of the component is too large by is half of ``q^T E q``.
+            None for components without a mesh, and for imported ones that do not say.
+        mesh_safety: What ``missing_energy`` is to be multiplied by, so that it covers the true
+            errors in 95 of 100 cases.
+        shape_stiffness: ``(n, n)`` change of the stiffness by the part's curved faces, which the
+            mesh cuts short or overshoots.
         shape_mass: The same of the mass.
     """
 
@@ -117,21 +130,27 @@ class ErrorEstimates:
 class Superelement:
     """A component reduced to boundary and modal dofs, in its own frame, SI.
 
-    Dofs are ordered [6 per boundary node in the order x y z rx ry rz | 4 per station of its rails | modal dofs].
+    Dofs are ordered [6 per boundary node in the order x y z rx ry rz | 4 per station of its rails |
+    modal dofs].
 
     Attributes:
         name: Component name.
         labels: ``(node, station or "mode", dof name or mode number)`` for each dof, in their order.
-        frames: Frame of each boundary node in the component frame (origin where its 6 dofs live, axes parallel to the component).
-        attachments: Interface name to boundary node and interface frame. Elastic components have one node per distinct
-            interface; rigid ones a single node at the centre of mass that carries every interface. Rails are not among them.
+        frames: Frame of each boundary node in the component frame (origin where its 6 dofs live,
+            axes parallel to the component).
+        attachments: Interface name to boundary node and interface frame. Elastic components have
+            one node per distinct interface; rigid ones a single node at the centre of mass that
+            carries every interface. Rails are not among them.
         stiffness: ``(n, n)`` symmetric.
         mass: ``(n, n)`` symmetric.
         damping: ``(n, n)`` viscous or None.
-        recovery: Motion of the mesh points; None where it was not asked for, and on every rank but 0.
-        constraints: ``(m, n)`` rows that must vanish, where interfaces share nodes; usually ``(0, n)``.
+        recovery: Motion of the mesh points; None where it was not asked for, and on every rank but
+            0.
+        constraints: ``(m, n)`` rows that must vanish, where interfaces share nodes; usually ``(0,
+            n)``.
         modal_frequencies_hz: ``(n_modes,)`` fixed-interface frequencies of the modal dofs.
-        cutoff_hz: Fixed-interface modes are complete up to here; inf for rigid bodies, 0 with none kept.
+        cutoff_hz: Fixed-interface modes are complete up to here; inf for rigid bodies, 0 with none
+            kept.
         full_dofs: Degrees of freedom of the model it was reduced from.
         mass_kg: Mass [kg].
         center_of_mass: ``(3,)`` [m].
@@ -139,8 +158,10 @@ class Superelement:
         loads: By load name.
         residual: Largest relative residual of the solves behind it.
         warnings: What the reduction has to say to the user.
-        free_dofs: Boundary dofs that no mass and no stiffness reaches (named to the user), e.g. a rotation of a line patch.
-        supported: Some of its points are fixed to the machine frame, so it has no rigid-body motions.
+        free_dofs: Boundary dofs that no mass and no stiffness reaches (named to the user), e.g. a
+            rotation of a line patch.
+        supported: Some of its points are fixed to the machine frame, so it has no rigid-body
+            motions.
         stations: Control points of elastic rails, which have dofs of their own.
         rails: Interfaces that carriages slide along, by name.
         errors: What the modes left out and the mesh make of its matrices.

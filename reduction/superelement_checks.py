@@ -1,4 +1,6 @@
-"""Checks that a superelement must pass before it is coupled: symmetry, definiteness, rigid-body motions, mass properties."""
+"""Checks that a superelement must pass before it is coupled: symmetry, definiteness, rigid-body
+motions, mass properties.
+"""
 
 import numpy as np
 
@@ -18,8 +20,8 @@ FILE_ROUNDING = 1e-11  # of numbers from files, which other programs may have pr
 def check_superelement(superelement: Superelement, *, rounding: float = ROUNDING) -> None:
     """Check symmetry, definiteness, rigid-body motions and mass properties of a superelement.
 
-    A supported component has no rigid-body motions, and a superelement whose mass was not assembled (all zero) no mass
-    properties; those checks fall away for it.
+    A supported component has no rigid-body motions, and a superelement whose mass was not assembled
+    (all zero) no mass properties; those checks fall away for it.
 
     Args:
         superelement: What to check.
@@ -40,7 +42,9 @@ def check_superelement(superelement: Superelement, *, rounding: float = ROUNDING
 
 
 def characteristic_length(superelement: Superelement) -> float:
-    """Length that makes rotations comparable to translations [m]: radius of gyration, or extent of the boundary nodes."""
+    """Length that makes rotations comparable to translations [m]: radius of gyration, or extent of
+    the boundary nodes.
+    """
     if superelement.mass_kg > 0.0 and np.trace(superelement.inertia) > 0.0:
         return float(np.sqrt(0.5 * np.trace(superelement.inertia) / superelement.mass_kg))
     origins = np.array([frame.origin for frame in superelement.frames]).reshape(-1, 3)
@@ -49,24 +53,35 @@ def characteristic_length(superelement: Superelement) -> float:
 
 
 def dof_scale(superelement: Superelement) -> FloatArray:
-    """Factor per dof ``(n,)`` after which every dof is a length: rotations 1/L, modal dofs 1/sqrt(mass)."""
+    """Factor per dof ``(n,)`` after which every dof is a length: rotations 1/L, modal dofs
+    1/sqrt(mass).
+    """
     scale = np.ones(len(superelement.labels))
     length = characteristic_length(superelement)
     scale[: superelement.boundary_size][rotation_dofs(superelement)] = 1.0 / length
     # a mass-normalised modal dof has the unit m sqrt(kg)
-    scale[superelement.boundary_size :] = np.sqrt(superelement.mass_kg) if superelement.mass_kg > 0.0 else 1.0
+    scale[superelement.boundary_size :] = (
+        np.sqrt(superelement.mass_kg) if superelement.mass_kg > 0.0 else 1.0
+    )
     return scale
 
 
 def rotation_dofs(superelement: Superelement) -> IntArray:
     """Which boundary dofs are rotations."""
     nodes = (6 * np.arange(len(superelement.frames))[:, None] + np.arange(3, 6)).ravel()
-    stations = superelement.node_size + STATION_DOFS * np.arange(len(superelement.stations)) + STATION_DOFS - 1
+    stations = (
+        superelement.node_size
+        + STATION_DOFS * np.arange(len(superelement.stations))
+        + STATION_DOFS
+        - 1
+    )
     return np.concatenate([nodes, stations])
 
 
 def rigid_motions(superelement: Superelement, origin: FloatArray) -> FloatArray:
-    """Dofs ``(n, 6)`` of the six rigid motions about a point of the component frame; modal dofs rest."""
+    """Dofs ``(n, 6)`` of the six rigid motions about a point of the component frame; modal dofs
+    rest.
+    """
     motions = np.zeros((len(superelement.labels), 6))
     for node, frame in enumerate(superelement.frames):
         motions[6 * node : 6 * node + 6] = rigid_transfer(origin, frame.origin)
@@ -77,12 +92,18 @@ def rigid_motions(superelement: Superelement, origin: FloatArray) -> FloatArray:
 
 
 def _check_finite(superelement: Superelement) -> None:
-    arrays = {"stiffness": superelement.stiffness, "mass": superelement.mass, "constraints": superelement.constraints}
+    arrays = {
+        "stiffness": superelement.stiffness,
+        "mass": superelement.mass,
+        "constraints": superelement.constraints,
+    }
     if superelement.damping is not None:
         arrays["damping"] = superelement.damping
     for what, array in arrays.items():
         if not np.isfinite(array).all():
-            raise AccuracyError(f"component {superelement.name!r}: its {what} holds values that are not finite")
+            raise AccuracyError(
+                f"component {superelement.name!r}: its {what} holds values that are not finite"
+            )
 
 
 def _check_symmetric_semidefinite(name: str, matrix: FloatArray, what: str) -> None:
@@ -91,7 +112,9 @@ def _check_symmetric_semidefinite(name: str, matrix: FloatArray, what: str) -> N
         return
     asymmetry = float(np.abs(matrix - matrix.T).max()) / largest
     if not asymmetry <= SYMMETRY_LIMIT:
-        raise AccuracyError(f"component {name!r}: its {what} is unsymmetric by {asymmetry:.2g}, limit {SYMMETRY_LIMIT:g}")
+        raise AccuracyError(
+            f"component {name!r}: its {what} is unsymmetric by {asymmetry:.2g}, limit {SYMMETRY_LIMIT:g}"
+        )
     lowest = float(np.linalg.eigvalsh(matrix / largest)[0])
     if not lowest >= -DEFINITENESS_LIMIT:
         raise AccuracyError(
@@ -100,7 +123,9 @@ def _check_symmetric_semidefinite(name: str, matrix: FloatArray, what: str) -> N
         )
 
 
-def _check_rigid_stiffness(superelement: Superelement, stiffness: FloatArray, scale: FloatArray) -> None:
+def _check_rigid_stiffness(
+    superelement: Superelement, stiffness: FloatArray, scale: FloatArray
+) -> None:
     motions = rigid_motions(superelement, superelement.center_of_mass) / scale[:, None]
     boundary = superelement.boundary_size
     norm = float(np.linalg.norm(stiffness[:, :boundary])) * float(np.linalg.norm(motions))
@@ -113,18 +138,23 @@ def _check_rigid_stiffness(superelement: Superelement, stiffness: FloatArray, sc
 
 
 def _check_mass_properties(superelement: Superelement, rounding: float) -> None:
-    """Compare the mass of rigid motions with mass, centre and inertia, as closely as rounding of the mass matrix lets them agree.
+    """Compare the mass of rigid motions with mass, centre and inertia, as closely as rounding of
+    the mass matrix lets them agree.
 
-    Entries ``m_ij`` are sums over the mesh of products of shapes, off by ``rounding * sqrt(m_ii m_jj)`` times the square root of the
-    number of terms where signs are random; in a rigid motion r they add up to ``(sum_i |r_i| sqrt(m_ii))^2``, which is much more than
-    its mass where shapes all but cancel. Places far from the component's origin are themselves rounded, by ``rounding`` of their distance.
+    Entries ``m_ij`` are sums over the mesh of products of shapes, off by ``rounding * sqrt(m_ii
+    m_jj)`` times the square root of the number of terms where signs are random; in a rigid motion r
+    they add up to ``(sum_i |r_i| sqrt(m_ii))^2``, which is much more than its mass where shapes all
+    but cancel. Places far from the component's origin are themselves rounded, by ``rounding`` of
+    their distance.
 
     Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), secs. 2.8 and 3.1.
     """
     if not superelement.mass.any():
         return
     length = characteristic_length(superelement)
-    motions = rigid_motions(superelement, superelement.center_of_mass) * np.repeat([1.0, 1.0 / length], 3)
+    motions = rigid_motions(superelement, superelement.center_of_mass) * np.repeat(
+        [1.0, 1.0 / length], 3
+    )
     wanted = np.zeros((6, 6))
     wanted[:3, :3] = superelement.mass_kg * np.eye(3)
     wanted[3:, 3:] = superelement.inertia / length**2
@@ -132,7 +162,9 @@ def _check_mass_properties(superelement: Superelement, rounding: float) -> None:
     error = np.abs(motions.T @ superelement.mass @ motions - wanted) / scale
     sizes = np.abs(motions).T @ np.sqrt(np.abs(superelement.mass.diagonal()))
     terms = np.sqrt(max(superelement.full_dofs, len(superelement.labels)))
-    places = np.array([superelement.center_of_mass, *(frame.origin for frame in superelement.frames)])
+    places = np.array(
+        [superelement.center_of_mass, *(frame.origin for frame in superelement.frames)]
+    )
     distance = float(np.abs(places).max()) / length
     limit = rounding * (terms + distance) * np.outer(sizes, sizes) / scale
     blocks = {"mass": np.s_[:3, :3], "centre of mass": np.s_[:3, 3:], "inertia": np.s_[3:, 3:]}

@@ -122,7 +122,11 @@ class ContouringRequest:
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""
-        source = f"forces of {self.forces.name}" if self.forces is not None else f"cutting forces in {self.material}"
+        source = (
+            f"forces of {self.forces.name}"
+            if self.forces is not None
+            else f"cutting forces in {self.material}"
+        )
         if not self.cutting:
             source = "no cutting force: not named in [effects]"
         elif self.regeneration:
@@ -172,14 +176,14 @@ class PathRequest:
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""
         feeds = " and ".join(f"{6e4 * move.feed:g}" for move in self.moves)
-        return (
-            f"{', '.join(self.path.axes)} moves {1e3 * self.path.length:g} mm at {feeds} mm/min, sampled at {self.sampling_hz:g} Hz"
-        )
+        return f"{', '.join(self.path.axes)} moves {1e3 * self.path.length:g} mm at {feeds} mm/min, sampled at {self.sampling_hz:g} Hz"
 
 
 @dataclass(frozen=True)
 class ControlRequest:
-    """Closed loops of the drives: poles up to a frequency [Hz], lag at a speed [m/s], in named poses."""
+    """Closed loops of the drives: poles up to a frequency [Hz], lag at a speed [m/s], in named
+    poses.
+    """
 
     up_to_hz: float
     speed: float
@@ -190,7 +194,15 @@ class ControlRequest:
         return f"effect drive_control: loops of {', '.join(drives)} closed, poles up to {self.up_to_hz:g} Hz"
 
 
-Request = StaticRequest | ModalRequest | FrfRequest | MapRequest | ContouringRequest | PathRequest | ControlRequest
+Request = (
+    StaticRequest
+    | ModalRequest
+    | FrfRequest
+    | MapRequest
+    | ContouringRequest
+    | PathRequest
+    | ControlRequest
+)
 
 
 @dataclass(frozen=True)

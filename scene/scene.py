@@ -18,7 +18,9 @@ from headstock.scene.studies import Study, Sweep
 
 @dataclass(frozen=True)
 class Limits:
-    """What a run may cost: elements of one mesh, memory [byte], time of one mesh [s]; None for the defaults."""
+    """What a run may cost: elements of one mesh, memory [byte], time of one mesh [s]; None for the
+    defaults.
+    """
 
     elements: int | None = None
     memory_bytes: float | None = None
@@ -31,7 +33,8 @@ class AccuracyGoal:
 
     Attributes:
         to: Relative error.
-        fidelity: Elastic components whose share of the strain energy is small enough may become rigid.
+        fidelity: Elastic components whose share of the strain energy is small enough may become
+            rigid.
     """
 
     to: float
@@ -78,7 +81,8 @@ class SceneMechanism(ToolMechanism):
 
     Attributes:
         kind: Which mechanism.
-        model: ``lumped``: rigid bodies on springs in the legs; ``components``: it only places the components it carries.
+        model: ``lumped``: rigid bodies on springs in the legs; ``components``: it only places the
+            components it carries.
         springs: For the lumped model.
         screw_lead: Travel of a leg per turn of its motor [m]; None where it is not known.
     """
@@ -97,7 +101,8 @@ class Scene:
         name: Name in the scene, or the file's.
         path: Scene file.
         machine: The machine in SI units.
-        poses: By name, at least one: ``reference`` with every axis at zero when the scene names none.
+        poses: By name, at least one: ``reference`` with every axis at zero when the scene names
+            none.
         analyses: What is to be computed.
         on_request: What is computed only when it is named.
         deferred: What keeps an analysis on request from running as the scene stands, by its name.
@@ -112,8 +117,10 @@ class Scene:
         sweeps: Poses in which the analyses may be repeated, by name.
         mechanism: The closed-loop mechanism that carries components, if any.
         drives: By name; empty unless the effect drive_control is on.
-        accuracy: How far any number may be off; None where mesh sizes and modes are as the scene says.
-        modal_damping: Damping ratios of the first, second, ... elastic mode, the last for all others; empty for none.
+        accuracy: How far any number may be off; None where mesh sizes and modes are as the scene
+            says.
+        modal_damping: Damping ratios of the first, second, ... elastic mode, the last for all
+            others; empty for none.
     """
 
     name: str
@@ -151,7 +158,9 @@ def keep_analyses(scene: Scene, names: Collection[str]) -> Scene:
     """
     if lacking := [problem for name in names for problem in scene.deferred.get(name, ())]:
         raise SceneError(lacking)
-    kept: dict[str, Any] = {name: request for name, request in list_analyses(scene).items() if name in names}
+    kept: dict[str, Any] = {
+        name: request for name, request in list_analyses(scene).items() if name in names
+    }
     return dataclasses.replace(scene, analyses=Analyses(**kept))
 
 

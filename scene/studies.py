@@ -13,7 +13,9 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose, show_position
 from headstock.scene.reading.files import TomlValue
 
-VARIANT = "variant"  # varied like a key of the scene, by names of variants; "" is the scene as it stands
+VARIANT = (
+    "variant"  # varied like a key of the scene, by names of variants; "" is the scene as it stands
+)
 MAX_POINTS = 100_000
 TRUTH = "truth"  # family of the one point that the others are held against
 SweepKind = Literal["grid", "list", "path"]
@@ -28,10 +30,11 @@ class StudyFamily:
         label: How it is called in tables and figures.
         settings: Dotted key to value, the same in every point.
         vary: Dotted key (or ``variant``) to its values.
-        pairwise: The first values go together, then the second ones; else every combination is a point.
+        pairwise: The first values go together, then the second ones; else every combination is a
+            point.
         analyses: What is computed; empty for all the scene asks for.
-        other_model: It computes another machine than the truth of a cost study (other interfaces, say): how far its numbers lie
-            apart is a spread of the model, no error.
+        other_model: It computes another machine than the truth of a cost study (other interfaces,
+            say): how far its numbers lie apart is a spread of the model, no error.
     """
 
     name: str
@@ -51,9 +54,11 @@ class Study:
         name: In the scene.
         families: At least one.
         watch: Paths into a point's summary.
-        cold: Every point starts with an empty store, so that seconds are those of the whole computation.
+        cold: Every point starts with an empty store, so that seconds are those of the whole
+            computation.
         repeats: How often each point is computed, for the spread of its seconds.
-        truth: Settings of the run that all others are held against, so that errors stand beside costs; None without one.
+        truth: Settings of the run that all others are held against, so that errors stand beside
+            costs; None without one.
         reference: Published study that the results are held against; None for studies of one's own.
     """
 
@@ -74,7 +79,8 @@ class StudyPoint:
         family: Name of its family.
         varied: Dotted key (or ``variant``) to the value it has here.
         settings: Every override, fixed and varied, in the order in which they apply.
-        variant: Variant of the scene that applies after the one the study was started with; empty for none.
+        variant: Variant of the scene that applies after the one the study was started with; empty
+            for none.
         analyses: What is computed; empty for all the scene asks for.
     """
 
@@ -96,8 +102,13 @@ def expand_study(study: Study) -> tuple[StudyPoint, ...]:
 
 def make_point(family: StudyFamily, varied: Mapping[str, TomlValue]) -> StudyPoint:
     """The point of a family at which varied keys have these values."""
-    settings = {**family.settings, **{key: value for key, value in varied.items() if key != VARIANT}}
-    return StudyPoint(family.name, dict(varied), settings, str(varied.get(VARIANT, "")), family.analyses)
+    settings = {
+        **family.settings,
+        **{key: value for key, value in varied.items() if key != VARIANT},
+    }
+    return StudyPoint(
+        family.name, dict(varied), settings, str(varied.get(VARIANT, "")), family.analyses
+    )
 
 
 def _combinations(family: StudyFamily) -> Iterator[tuple[TomlValue, ...]]:
@@ -112,7 +123,9 @@ def describe_point(point: StudyPoint) -> str:
 
 
 def list_varied(varied: Mapping[str, TomlValue]) -> list[str]:
-    """Varied keys with their values; those that differ in the component only stand together: ``mesh.size = 76 mm, 100 mm``."""
+    """Varied keys with their values; those that differ in the component only stand together:
+    ``mesh.size = 76 mm, 100 mm``.
+    """
     groups: dict[str, list[str]] = {}
     for key in varied:
         groups.setdefault(_without_owner(key), []).append(key)
@@ -137,7 +150,13 @@ def show_value(value: TomlValue) -> str:
     """A varied value as a reader knows it from the scene."""
     if isinstance(value, list):
         return ", ".join(map(show_value, value))
-    return value if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else str(value)
+    return (
+        value
+        if isinstance(value, str)
+        else f"{value:g}"
+        if isinstance(value, float)
+        else str(value)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +165,8 @@ class Sweep:
 
     Attributes:
         name: In the scene.
-        kind: A grid, whose last axis changes fastest; a list; or a path, whose neighbours follow each other.
+        kind: A grid, whose last axis changes fastest; a list; or a path, whose neighbours follow
+            each other.
         axes: Names of the axes that are set; others stand at zero.
         units: ``m`` or ``rad`` of each.
         positions: ``(n, k)`` of every pose [m, rad].
@@ -178,7 +198,9 @@ def make_grid(name: str, units: dict[str, str], spans: dict[str, FloatArray]) ->
     return Sweep(name, "grid", tuple(spans), tuple(units[axis] for axis in spans), positions, shape)
 
 
-def make_list(name: str, units: dict[str, str], places: list[dict[str, float]], labels: list[str]) -> Sweep:
+def make_list(
+    name: str, units: dict[str, str], places: list[dict[str, float]], labels: list[str]
+) -> Sweep:
     """Poses one by one; axes that a pose does not name stand at zero in it.
 
     Args:
@@ -188,13 +210,25 @@ def make_list(name: str, units: dict[str, str], places: list[dict[str, float]], 
         labels: Names of the poses; empty for none.
     """
     axes, positions = _stack(places)
-    return Sweep(name, "list", axes, tuple(units[axis] for axis in axes), positions, (len(positions),), tuple(labels))
+    return Sweep(
+        name,
+        "list",
+        axes,
+        tuple(units[axis] for axis in axes),
+        positions,
+        (len(positions),),
+        tuple(labels),
+    )
 
 
-def make_path(name: str, units: dict[str, str], waypoints: list[dict[str, float]], step: float, unit: str) -> Sweep:
-    """Poses along straight legs between waypoints, each leg divided evenly into steps of at most ``step``.
+def make_path(
+    name: str, units: dict[str, str], waypoints: list[dict[str, float]], step: float, unit: str
+) -> Sweep:
+    """Poses along straight legs between waypoints, each leg divided evenly into steps of at most
+    ``step``.
 
-    An infinite step gives no poses but the waypoints. The length of a leg is that of the way of the axes that are measured like the step.
+    An infinite step gives no poses but the waypoints. The length of a leg is that of the way of the
+    axes that are measured like the step.
 
     Args:
         name: Of the sweep.
@@ -213,11 +247,16 @@ def make_path(name: str, units: dict[str, str], waypoints: list[dict[str, float]
             places.append(start + np.arange(1, count)[:, None] / count * (end - start))
         places.append(end)  # corners as they are written, not as the sum of a leg
     positions = np.vstack(places)
-    return Sweep(name, "path", axes, tuple(units[axis] for axis in axes), positions, (len(positions),))
+    return Sweep(
+        name, "path", axes, tuple(units[axis] for axis in axes), positions, (len(positions),)
+    )
 
 
-def count_path(units: dict[str, str], waypoints: list[dict[str, float]], step: float, unit: str) -> int:
-    """How many poses a path has, without making them; infinite where a number is too large to count.
+def count_path(
+    units: dict[str, str], waypoints: list[dict[str, float]], step: float, unit: str
+) -> int:
+    """How many poses a path has, without making them; infinite where a number is too large to
+    count.
 
     Args:
         units: ``m`` or ``rad`` of each axis.
@@ -236,7 +275,9 @@ def count_path(units: dict[str, str], waypoints: list[dict[str, float]], step: f
 
 def _count_steps(legs: FloatArray, step: float) -> FloatArray:
     """How many steps of at most ``step`` each leg takes, ``(n,)`` of ``(n, k)``."""
-    return np.asarray(np.maximum(1.0, np.ceil(np.linalg.norm(legs, axis=1) / step * (1.0 - 1e-9))), dtype=float)
+    return np.asarray(
+        np.maximum(1.0, np.ceil(np.linalg.norm(legs, axis=1) / step * (1.0 - 1e-9))), dtype=float
+    )
 
 
 def sweep_pose(sweep: Sweep, number: int) -> Pose:
@@ -250,7 +291,8 @@ def describe_positions(sweep: Sweep, number: int) -> str:
     """Positions of a pose in words: ``X -100 mm, B 30 deg``; axes that stand still are left out."""
     columns = moving_axes(sweep) or range(len(sweep.axes))
     return ", ".join(
-        f"{sweep.axes[column]} {show_position(float(sweep.positions[number, column]), sweep.units[column])}" for column in columns
+        f"{sweep.axes[column]} {show_position(float(sweep.positions[number, column]), sweep.units[column])}"
+        for column in columns
     )
 
 
@@ -264,7 +306,8 @@ def sweep_neighbours(sweep: Sweep, present: NDArray[np.bool_]) -> list[tuple[int
 
     Args:
         sweep: The poses.
-        present: ``(n,)`` which of them count; those before and after one that does not are neighbours.
+        present: ``(n,)`` which of them count; those before and after one that does not are
+            neighbours.
     """
     numbers = np.arange(len(sweep.positions)).reshape(sweep.shape)
     pairs: list[tuple[int, int]] = []

@@ -1,4 +1,5 @@
-"""Mathematics of systems: finite elements, responses, control, paths, mechanisms, milling; the only users of dolfinx, PETSc and SLEPc.
+"""Mathematics of systems: finite elements, responses, control, paths, mechanisms, milling; the only
+users of dolfinx, PETSc and SLEPc.
 
 Never scenes, superelements or files of results.
 """

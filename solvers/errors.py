@@ -16,7 +16,9 @@ class ModelError(HeadstockError):
 
 
 class CompileError(HeadstockError):
-    """A form could not be compiled; says what the compiler said, and how much room there is for its files."""
+    """A form could not be compiled; says what the compiler said, and how much room there is for its
+    files.
+    """
 
 
 class UnstableControlError(ModelError):

@@ -1,4 +1,6 @@
-"""Talk between the ranks of a communicator: sums and maxima of arrays, and values passed from rank 0."""
+"""Talk between the ranks of a communicator: sums and maxima of arrays, and values passed from rank
+0.
+"""
 
 import time
 from collections.abc import Callable
@@ -31,14 +33,18 @@ def max_over_ranks(comm: MPI.Comm, values: FloatArray) -> FloatArray:
 
 
 class SharedFailure(Exception):  # noqa: N818 (what failed is its cause)
-    """Rank 0 could not make what all ranks wait for, and every rank knows; on rank 0 the cause says why."""
+    """Rank 0 could not make what all ranks wait for, and every rank knows; on rank 0 the cause says
+    why.
+    """
 
 
 def make_on_root[T](comm: MPI.Comm, make: Callable[[], T]) -> T:
-    """What ``make`` returns on rank 0, on every rank; a scene, for example, is read once and shared.
+    """What ``make`` returns on rank 0, on every rank; a scene, for example, is read once and
+    shared.
 
     Raises:
-        SharedFailure: ``make`` failed, on every rank of several; a single rank gets the error itself.
+        SharedFailure: ``make`` failed, on every rank of several; a single rank gets the error
+            itself.
     """
     if comm.size == 1:
         return make()
@@ -58,7 +64,8 @@ def make_on_root[T](comm: MPI.Comm, make: Callable[[], T]) -> T:
 def share_from_root[T](comm: MPI.Comm, value: T | None) -> T:
     """The value rank 0 hands in, on every rank.
 
-    The others sleep while they wait: a broadcast would spin, and take the cores from the mesher and BLAS on rank 0.
+    The others sleep while they wait: a broadcast would spin, and take the cores from the mesher and
+    BLAS on rank 0.
     """
     if comm.rank == 0:
         for rank in range(1, comm.size):

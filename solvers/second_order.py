@@ -1,4 +1,6 @@
-"""The one type every analysis takes: a linear second-order system with inputs and outputs by name."""
+"""The one type every analysis takes: a linear second-order system with inputs and outputs by
+name.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,10 +28,12 @@ class SecondOrderSystem:
         mass: ``(n, n)`` symmetric, positive semidefinite.
         damping: ``(n, n)`` viscous, or None.
         stiffness: ``(n, n)``; symmetric unless control or gyroscopic terms are in it.
-        inputs: Port label such as ``("tcp", "z")`` to generalised load ``(n,)`` of a unit load there.
+        inputs: Port label such as ``("tcp", "z")`` to generalised load ``(n,)`` of a unit load
+            there.
         outputs: Port label to row ``(n,)`` that gives the motion there.
         labels: A name for each dof.
-        hysteretic: ``(n, n)`` imaginary part ``H`` of the complex stiffness (loss factor times stiffness), or None.
+        hysteretic: ``(n, n)`` imaginary part ``H`` of the complex stiffness (loss factor times
+            stiffness), or None.
     """
 
     mass: FloatArray
@@ -47,7 +51,11 @@ def input_columns(system: SecondOrderSystem, inputs: Sequence[Port]) -> FloatArr
     Raises:
         ModelError: There is no such input.
     """
-    return np.array([_find(system.inputs, port, "input") for port in inputs]).reshape(len(inputs), len(system.mass)).T
+    return (
+        np.array([_find(system.inputs, port, "input") for port in inputs])
+        .reshape(len(inputs), len(system.mass))
+        .T
+    )
 
 
 def output_rows(system: SecondOrderSystem, outputs: Sequence[Port]) -> FloatArray:
@@ -56,7 +64,9 @@ def output_rows(system: SecondOrderSystem, outputs: Sequence[Port]) -> FloatArra
     Raises:
         ModelError: There is no such output.
     """
-    return np.array([_find(system.outputs, port, "output") for port in outputs]).reshape(len(outputs), len(system.mass))
+    return np.array([_find(system.outputs, port, "output") for port in outputs]).reshape(
+        len(outputs), len(system.mass)
+    )
 
 
 def name_port(port: Port) -> str:
@@ -67,5 +77,7 @@ def name_port(port: Port) -> str:
 def _find(ports: dict[Port, FloatArray], port: Port, what: str) -> FloatArray:
     if port not in ports:
         known = sorted({name for name, _ in ports})
-        raise ModelError(f"there is no {what} {name_port(port)!r}; points and interfaces: {known}, directions x y z rx ry rz")
+        raise ModelError(
+            f"there is no {what} {name_port(port)!r}; points and interfaces: {known}, directions x y z rx ry rz"
+        )
     return ports[port]

@@ -1,1 +1,3 @@
-"""Many runs or poses of one scene: studies, sweeps, comparisons, effects, identification. Never printing, charts or reference values."""
+"""Many runs or poses of one scene: studies, sweeps, comparisons, effects, identification. Never
+printing, charts or reference values.
+"""

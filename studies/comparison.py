@@ -1,4 +1,6 @@
-"""Variants of a machine side by side, as ``compare.json`` has them: which modes are the same, and how far apart they are."""
+"""Variants of a machine side by side, as ``compare.json`` has them: which modes are the same, and
+how far apart they are.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,7 +26,8 @@ class ModeCell:
     Attributes:
         index: Number of the mode in its variant, from 0.
         frequency_hz: [Hz].
-        deviation: Relative deviation from the row's first variant; None there and for rigid-body modes.
+        deviation: Relative deviation from the row's first variant; None there and for rigid-body
+            modes.
         correlation: MAC with the shape in the row's first variant; None there.
     """
 
@@ -39,7 +42,8 @@ class ModeRow:
     """One mode throughout the variants.
 
     Attributes:
-        name: What it is called in the variant in which it was found first: the reference, if it is there.
+        name: What it is called in the variant in which it was found first: the reference, if it is
+            there.
         origin: That variant.
         cells: Variant to cell, that of the origin first; variants without this mode are not in it.
     """
@@ -83,21 +87,28 @@ class _Family:
     modes: ModeSet
 
 
-def compare_variants(solutions: Sequence[VariantSolution], *, scene: str, reference: str | None = None) -> Comparison:
+def compare_variants(
+    solutions: Sequence[VariantSolution], *, scene: str, reference: str | None = None
+) -> Comparison:
     """Pair the modes of all variants with those of a reference, and the rest with each other.
 
-    Motions are compared at places that stand for the mass of each body, the same in all variants whatever their fidelity.
+    Motions are compared at places that stand for the mass of each body, the same in all variants
+    whatever their fidelity.
 
     Args:
         solutions: At least one, all in the same pose.
         scene: Name for headings.
-        reference: Variant to hold the others against; by default the first of those with most elastic, then segmented components.
+        reference: Variant to hold the others against; by default the first of those with most
+            elastic, then segmented components.
     """
     by_name = {solution.choice.name: solution for solution in solutions}
     richest = sorted(by_name, key=lambda name: _richness(by_name[name]), reverse=True)
     best = reference or richest[0]
     order = [best, *(name for name in richest if name != best)]
-    places = {name: choose_places(part) for name, part in by_name[best].coupled.layout.superelements.items()}
+    places = {
+        name: choose_places(part)
+        for name, part in by_name[best].coupled.layout.superelements.items()
+    }
     families: list[_Family] = []
     for name in order:
         left = _mode_set(by_name[name], places)
@@ -110,7 +121,11 @@ def compare_variants(solutions: Sequence[VariantSolution], *, scene: str, refere
         ]
         families.append(_Family(rows, left))
     every = [row for family in families for row in family.rows]
-    kept = [row for row in every if any(cell.index < by_name[name].wanted for name, cell in row.cells.items())]
+    kept = [
+        row
+        for row in every
+        if any(cell.index < by_name[name].wanted for name, cell in row.cells.items())
+    ]
     rows = sorted(kept, key=lambda row: row.frequency_hz)
     return Comparison(scene, by_name[best].pose, best, by_name, tuple(rows), SAME_MODE)
 
@@ -130,11 +145,17 @@ def _mode_set(solution: VariantSolution, places: Mapping[str, BodyPlaces]) -> Mo
     if solution.modal is None:
         return ModeSet(np.zeros(0), np.zeros((0, 0)))
     shapes = machine_field(solution.coupled, places, solution.modal.shapes)
-    return ModeSet(solution.modal.frequencies_hz, shapes, min(solution.modal.rigid_count, shapes.shape[1]))
+    return ModeSet(
+        solution.modal.frequencies_hz, shapes, min(solution.modal.rigid_count, shapes.shape[1])
+    )
 
 
-def _enter_cells(family: _Family, name: str, modes: ModeSet, numbers: list[int], same_from: float) -> tuple[ModeSet, list[int]]:
-    """Enter a variant's modes into the rows they belong to; the modes that are left, with their numbers in the variant."""
+def _enter_cells(
+    family: _Family, name: str, modes: ModeSet, numbers: list[int], same_from: float
+) -> tuple[ModeSet, list[int]]:
+    """Enter a variant's modes into the rows they belong to; the modes that are left, with their
+    numbers in the variant.
+    """
     pairs = pair_modes(family.modes, modes, same_from=same_from)
     for pair in pairs:
         row, hz = family.rows[pair.first], float(modes.frequencies_hz[pair.second])
@@ -175,7 +196,9 @@ class LinkSummary(TypedDict):
 
 
 class VariantPointSummary(TypedDict):
-    """Compliance of a variant at a point; directions x, y, z are keys of errors, budgets and links."""
+    """Compliance of a variant at a point; directions x, y, z are keys of errors, budgets and
+    links.
+    """
 
     compliance_um_per_kN: list[list[float | None]]
     compliance_6x6: list[list[float | None]]
@@ -187,7 +210,9 @@ class VariantPointSummary(TypedDict):
 
 
 class EffortSummary(TypedDict):
-    """What a model cost, by step and in ``total`` [s], and how many of its components came from the store."""
+    """What a model cost, by step and in ``total`` [s], and how many of its components came from the
+    store.
+    """
 
     seconds: dict[str, float]
     cpu_seconds: dict[str, float]
@@ -214,7 +239,9 @@ class VariantSummary(FrequencyErrors):
 
 
 class EffortsSummary(TypedDict):
-    """Costs from an empty store: of each variant its ``first`` model, and one ``changed`` after it."""
+    """Costs from an empty store: of each variant its ``first`` model, and one ``changed`` after
+    it.
+    """
 
     change: list[str]
     variants: dict[str, dict[str, EffortSummary]]
@@ -245,7 +272,9 @@ def summarise_comparison(comparison: Comparison) -> ComparisonSummary:
         "reference": comparison.reference,
         "same_from": comparison.same_from,
         "modes": [_summarise_row(row, comparison) for row in comparison.rows],
-        "variants": {name: _summarise_variant(solution) for name, solution in comparison.solutions.items()},
+        "variants": {
+            name: _summarise_variant(solution) for name, solution in comparison.solutions.items()
+        },
     }
 
 
@@ -278,30 +307,45 @@ def _summarise_variant(solution: VariantSolution) -> VariantSummary:
         "error_left_out": _left_out(errors),
         "rigid_count": 0 if modal is None else min(modal.rigid_count, solution.wanted),
         "mode_names": list(solution.mode_names[: solution.wanted]),
-        "static": {name: _summarise_point(name, budget, solution) for name, budget in solution.points.items()},
+        "static": {
+            name: _summarise_point(name, budget, solution)
+            for name, budget in solution.points.items()
+        },
         "effort": summarise_effort(solution.effort),
         "failures": list(solution.failures),
     }
 
 
-def _summarise_point(name: str, budget: PointBudget, solution: VariantSolution) -> VariantPointSummary:
+def _summarise_point(
+    name: str, budget: PointBudget, solution: VariantSolution
+) -> VariantPointSummary:
     what = f"static compliance at {name} in variant {solution.choice.name}"
     along = np.diag(budget.compliance)[:3]
     # a free direction has no number, and no error
     errors = {
         direction: Estimate() if np.isnan(value) else error
-        for (direction, error), value in zip(solution.point_errors[name].items(), along, strict=True)
+        for (direction, error), value in zip(
+            solution.point_errors[name].items(), along, strict=True
+        )
     }
     return {
-        "compliance_um_per_kN": null_open(what, budget.compliance[:3, :3] * UM_PER_KN, free=budget.free),
+        "compliance_um_per_kN": null_open(
+            what, budget.compliance[:3, :3] * UM_PER_KN, free=budget.free
+        ),
         "compliance_6x6": null_open(what, budget.compliance, free=budget.free),
         "error_um_per_kN": {
-            direction: None if error.total is None else UM_PER_KN * error.total for direction, error in errors.items()
+            direction: None if error.total is None else UM_PER_KN * error.total
+            for direction, error in errors.items()
         },
-        "error_share": {direction: scale_shares(error, UM_PER_KN) for direction, error in errors.items()},
+        "error_share": {
+            direction: scale_shares(error, UM_PER_KN) for direction, error in errors.items()
+        },
         "error_left_out": _left_out(errors.values()),
         "budget": {direction: dict(shares) for direction, shares in budget.shares.items()},
-        "weak_link": {direction: _summarise_link(link) for direction, link in solution.weak_links[name].items()},
+        "weak_link": {
+            direction: _summarise_link(link)
+            for direction, link in solution.weak_links[name].items()
+        },
     }
 
 
@@ -310,13 +354,18 @@ def _left_out(errors: Iterable[Estimate]) -> list[str]:
 
 
 def _summarise_link(link: WeakLink | None) -> LinkSummary | None:
-    return None if link is None else {"name": link.name, "share": link.share, "change_if_doubled": link.change}
+    return (
+        None
+        if link is None
+        else {"name": link.name, "share": link.share, "change_if_doubled": link.change}
+    )
 
 
 def summarise_effort(effort: Effort) -> EffortSummary:
     """What it cost to get from the scene to the modes."""
     return {
-        "seconds": {step: round(value, 4) for step, value in effort.seconds.items()} | {"total": round(effort.total, 4)},
+        "seconds": {step: round(value, 4) for step, value in effort.seconds.items()}
+        | {"total": round(effort.total, 4)},
         "cpu_seconds": {step: round(value, 4) for step, value in effort.cpu_seconds.items()}
         | {"total": round(effort.cpu_total, 4)},
         "import_seconds": round(effort.import_seconds, 4),

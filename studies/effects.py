@@ -1,4 +1,6 @@
-"""What each effect of a scene moves and costs: answers and time of a run with it and of one without it, compared by kind."""
+"""What each effect of a scene moves and costs: answers and time of a run with it and of one without
+it, compared by kind.
+"""
 
 import tempfile
 import time
@@ -38,9 +40,13 @@ UNITS = {
     "variation of leg forces": "N",
     "map of frequencies": "Hz",
 }
-# numbers that are each held against themselves; of the others, components of a vector say, the largest of the group counts
+# numbers that are each held against themselves; of the others, components of a vector say, the
+# largest of the group counts
 EACH_ITS_OWN = {"frequencies", "dynamic stiffness", "control poles", "map of frequencies"}
-LITTLE, MUCH = 1e-3, 1e-2  # changes of an answer below which an effect may be left out, and from which it is to be named
+LITTLE, MUCH = (
+    1e-3,
+    1e-2,
+)  # changes of an answer below which an effect may be left out, and from which it is to be named
 QUICK = 3.0  # a run that takes no longer is repeated, for the least of its times [s]
 REPEATS = 3
 # effects that act through another one
@@ -68,7 +74,8 @@ class Change:
 
     Attributes:
         answer: Which, of :data:`UNITS`.
-        share: Largest difference of one number in either run, over that number, or over the largest of its group.
+        share: Largest difference of one number in either run, over that number, or over the largest
+            of its group.
         entry: Where it is largest.
         without: Its number without the effect; None where that run has no such answer.
         present: Its number with it.
@@ -107,13 +114,18 @@ def compare_answers(without: RunSummary, present: RunSummary) -> list[Change]:
     changes = []
     for answer in UNITS:
         first, second = before.get(answer, {}), after.get(answer, {})
-        found = [_compare(answer, entry, first.get(entry), second.get(entry)) for entry in dict.fromkeys((*first, *second))]
+        found = [
+            _compare(answer, entry, first.get(entry), second.get(entry))
+            for entry in dict.fromkeys((*first, *second))
+        ]
         if found:
             changes.append(max(found, key=lambda change: change.share))
     return changes
 
 
-def _compare(answer: str, entry: str, first: FloatArray | None, second: FloatArray | None) -> Change:
+def _compare(
+    answer: str, entry: str, first: FloatArray | None, second: FloatArray | None
+) -> Change:
     if first is None or second is None or first.shape != second.shape:
         return Change(answer, 1.0, entry, _largest(first), _largest(second))
     sizes = np.maximum(np.abs(np.nan_to_num(first)), np.abs(np.nan_to_num(second)))
@@ -128,7 +140,11 @@ def _number(value: float) -> float | None:
 
 
 def _largest(values: FloatArray | None) -> float | None:
-    return None if values is None or not np.isfinite(values).any() else float(values[np.nanargmax(np.abs(values))])
+    return (
+        None
+        if values is None or not np.isfinite(values).any()
+        else float(values[np.nanargmax(np.abs(values))])
+    )
 
 
 class _Entry(NamedTuple):
@@ -143,12 +159,17 @@ def _entries(summary: RunSummary) -> Iterator[_Entry]:
     yield from _machine_entries(summary)
     for run in summary["path"]["feeds"] if "path" in summary else ():
         for output in run["outputs"]:
-            for zone, figures in (("accelerating", output["accelerating"]), ("decelerating", output["decelerating"])):
+            for zone, figures in (
+                ("accelerating", output["accelerating"]),
+                ("decelerating", output["decelerating"]),
+            ):
                 if "peak_um" in figures:
                     where = f"{' '.join(output['port'])}, {zone}, {run['name']}"
                     yield _Entry("path deviation", where, [figures["peak_um"], figures["span_um"]])
     for pose, found in summary.get("control", {}).items():
-        yield _Entry("control poles", f"pose {pose}", [pole["frequency_hz"] for pole in found["poles"]])
+        yield _Entry(
+            "control poles", f"pose {pose}", [pole["frequency_hz"] for pole in found["poles"]]
+        )
         for name, drive in found["drives"].items():
             yield _Entry("velocity lag", f"drive {name} in pose {pose}", [drive["velocity_lag_um"]])
     contour = summary.get("contouring")
@@ -174,13 +195,18 @@ def _machine_entries(summary: RunSummary) -> Iterator[_Entry]:
         for name, point in found.items():
             where = f"{name} in pose {pose}" if pose else name
             yield _Entry("static compliance", where, point["compliance_um_per_kN"])
-            # zeros without a load or gravity: a displacement that comes with an effect is a change of all of it
+            # zeros without a load or gravity: a displacement that comes with an effect is a change
+            # of all of it
             moved = np.array(point.get("displacement", [0.0] * 6)[:3], dtype=np.float64)
             yield _Entry("displacement under loads", where, 1e6 * moved)
     for pose, response in summary.get("frf", {}).items():
         for port in response["ports"]:
             if port.get("softest_N_per_um") is not None:
-                yield _Entry("dynamic stiffness", f"{' '.join(port['port'])} in pose {pose}", [port["softest_N_per_um"]])
+                yield _Entry(
+                    "dynamic stiffness",
+                    f"{' '.join(port['port'])} in pose {pose}",
+                    [port["softest_N_per_um"]],
+                )
 
 
 @dataclass(frozen=True)
@@ -195,7 +221,8 @@ class EffectTrial:
         seconds_without: And without it [s].
         noise: By which share runs of the same scene differ in time.
         obstacle: Why it could not be tried; empty where it was.
-        beside: Effect it acts through, on in both runs though the scene does not name it; empty elsewhere.
+        beside: Effect it acts through, on in both runs though the scene does not name it; empty
+            elsewhere.
     """
 
     effect: str
@@ -214,7 +241,9 @@ class EffectTrial:
 
     @property
     def time_share(self) -> float:
-        """Share of the run's processor time that the effect takes; zero where it is within the noise, or nothing moved."""
+        """Share of the run's processor time that the effect takes; zero where it is within the
+        noise, or nothing moved.
+        """
         share = 1.0 - self.seconds_without / self.seconds_with if self.seconds_with else 0.0
         return share if share > self.noise and self.largest > 0.0 else 0.0
 
@@ -232,12 +261,15 @@ class EffectTrial:
         return "keep it" if self.named else "name it"
 
 
-def try_effects(choice: SceneChoice, store: Store, *, announce: Callable[[str], None] = lambda text: None) -> Iterator[EffectTrial]:
+def try_effects(
+    choice: SceneChoice, store: Store, *, announce: Callable[[str], None] = lambda text: None
+) -> Iterator[EffectTrial]:
     """Run a scene as written, then once per effect with that effect switched the other way.
 
     Args:
         choice: The scene.
-        store: Where meshes and superelements are kept: no effect changes them, and no time of theirs is counted.
+        store: Where meshes and superelements are kept: no effect changes them, and no time of
+            theirs is counted.
         announce: Told what is run.
 
     Raises:
@@ -250,16 +282,28 @@ def try_effects(choice: SceneChoice, store: Store, *, announce: Callable[[str], 
         named, beside = effect in scene.effects, _missing_need(effect, scene)
         try:
             with_need = bench.run((f"effects.{beside}=true",)) if beside else written
-            other = bench.run((*((f"effects.{beside}=true",) if beside else ()), *_switch(effect, scene)))
+            other = bench.run(
+                (*((f"effects.{beside}=true",) if beside else ()), *_switch(effect, scene))
+            )
         except SceneError as error:
             yield EffectTrial(effect, named, obstacle=error.problems[0].message)
         except HeadstockError as error:
             yield EffectTrial(effect, named, obstacle=str(error))
         else:
             without, present = (other, with_need) if named else (with_need, other)
-            changes = sorted(compare_answers(without.summary, present.summary), key=lambda change: -change.share)
+            changes = sorted(
+                compare_answers(without.summary, present.summary), key=lambda change: -change.share
+            )
             noise = max(written.noise, with_need.noise, other.noise)
-            yield EffectTrial(effect, named, tuple(changes), min(present.seconds), min(without.seconds), noise, beside=beside)
+            yield EffectTrial(
+                effect,
+                named,
+                tuple(changes),
+                min(present.seconds),
+                min(without.seconds),
+                noise,
+                beside=beside,
+            )
 
 
 def rank_trials(trials: Sequence[EffectTrial]) -> list[EffectTrial]:
@@ -268,7 +312,9 @@ def rank_trials(trials: Sequence[EffectTrial]) -> list[EffectTrial]:
 
 
 class TrialSummary(TypedDict):
-    """What an effect moves and costs; of the time its share and by which share runs differ without any change."""
+    """What an effect moves and costs; of the time its share and by which share runs differ without
+    any change.
+    """
 
     effect: str
     named: bool
@@ -365,7 +411,9 @@ class _Bench:
 
 
 def _load(choice: SceneChoice, switches: tuple[str, ...]) -> Scene:
-    scene = load_scene(choice.path, variant=choice.variant, overrides=[*choice.overrides, *switches])
+    scene = load_scene(
+        choice.path, variant=choice.variant, overrides=[*choice.overrides, *switches]
+    )
     return keep_analyses(scene, choice.analyses) if choice.analyses else scene
 
 

@@ -1,4 +1,6 @@
-"""Variants of a scene: which to hold side by side, and each from its file to its modes and compliances, with the time of each step."""
+"""Variants of a scene: which to hold side by side, and each from its file to its modes and
+compliances, with the time of each step.
+"""
 
 import dataclasses
 import importlib
@@ -23,7 +25,12 @@ from headstock.pipeline.stages.estimates import estimate_compliance_errors, esti
 from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.motions.compliance_budget import PointBudget, WeakLink, find_weakest_link, point_budget
+from headstock.reduction.motions.compliance_budget import (
+    PointBudget,
+    WeakLink,
+    find_weakest_link,
+    point_budget,
+)
 from headstock.reduction.motions.mode_naming import name_modes
 from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
@@ -119,7 +126,9 @@ class VariantSolution:
     failures: tuple[str, ...] = ()
 
 
-def solve_variant(path: Path, choice: VariantChoice, *, pose: str | None, comm: MPI.Comm, store: Store) -> VariantSolution | None:
+def solve_variant(
+    path: Path, choice: VariantChoice, *, pose: str | None, comm: MPI.Comm, store: Store
+) -> VariantSolution | None:
     """Solve one variant of a scene in one pose; collective.
 
     Args:
@@ -138,7 +147,10 @@ def solve_variant(path: Path, choice: VariantChoice, *, pose: str | None, comm: 
     """
     with measure() as loading:
         scene = share_from_root(
-            comm, load_scene(path, variant=choice.variant, overrides=choice.overrides) if comm.rank == 0 else None
+            comm,
+            load_scene(path, variant=choice.variant, overrides=choice.overrides)
+            if comm.rank == 0
+            else None,
         )
         state = RunState(scene, plan_scene(scene), comm, store)
     effort, superelements = _make_components(state)
@@ -152,7 +164,9 @@ def solve_variant(path: Path, choice: VariantChoice, *, pose: str | None, comm: 
     costs = {"load": loading, "couple": coupling, "modes": solving}
     solution = VariantSolution(
         choice=choice,
-        components={name: gather_facts(state, name, reduced) for name, reduced in state.reduced.items()},
+        components={
+            name: gather_facts(state, name, reduced) for name, reduced in state.reduced.items()
+        },
         pose=stands.name,
         coupled=coupled,
         modal=modal,
@@ -174,7 +188,9 @@ def choose_pose(scene: Scene, name: str | None) -> Pose:
     """
     if name is None:
         modal, static = scene.analyses.modal, scene.analyses.static
-        asked: Sequence[str] = (modal.poses if modal else ()) or (static.poses if static else ()) or tuple(scene.poses)
+        asked: Sequence[str] = (
+            (modal.poses if modal else ()) or (static.poses if static else ()) or tuple(scene.poses)
+        )
         return scene.poses[asked[0]]
     if name not in scene.poses:
         raise ModelError(f"there is no pose {name!r}; poses: {', '.join(scene.poses)}")
@@ -194,28 +210,43 @@ def _make_components(state: RunState) -> tuple[Effort, dict[str, Superelement]]:
 
     superelements = make_superelements(state, announce=import_elements, observer=records.append)
     stored = [record.cached for record in records if record.stage.kind == "reduce"]
-    seconds, cpu_seconds = sum(record.seconds for record in records), sum(record.cpu_seconds for record in records)
-    return Effort({"components": seconds}, {"components": cpu_seconds}, sum(imports), len(stored), sum(stored)), superelements
+    seconds, cpu_seconds = (
+        sum(record.seconds for record in records),
+        sum(record.cpu_seconds for record in records),
+    )
+    return Effort(
+        {"components": seconds}, {"components": cpu_seconds}, sum(imports), len(stored), sum(stored)
+    ), superelements
 
 
 def _add_steps(effort: Effort, costs: dict[str, Cost]) -> Effort:
     seconds = effort.seconds | {step: cost.seconds for step, cost in costs.items()}
     cpu_seconds = effort.cpu_seconds | {step: cost.cpu_seconds for step, cost in costs.items()}
     return dataclasses.replace(
-        effort, seconds={step: seconds[step] for step in STEPS}, cpu_seconds={step: cpu_seconds[step] for step in STEPS}
+        effort,
+        seconds={step: seconds[step] for step in STEPS},
+        cpu_seconds={step: cpu_seconds[step] for step in STEPS},
     )
 
 
-def _solve_modes(coupled: CoupledMachine, request: ModalRequest | None) -> tuple[ModalResult | None, int]:
+def _solve_modes(
+    coupled: CoupledMachine, request: ModalRequest | None
+) -> tuple[ModalResult | None, int]:
     """Modes somewhat beyond what is asked for, and how many are asked for."""
     if request is None:
         return None, 0
     count = None if request.count is None else int(REACH * request.count) + 1
     limit = None if request.up_to_hz is None else REACH * request.up_to_hz
     modal = solve_modal(coupled.system, count=count, up_to_hz=limit)
-    wanted = len(modal.frequencies_hz) if request.count is None else min(request.count, len(modal.frequencies_hz))
+    wanted = (
+        len(modal.frequencies_hz)
+        if request.count is None
+        else min(request.count, len(modal.frequencies_hz))
+    )
     if request.up_to_hz is not None:
-        wanted = min(wanted, max(modal.rigid_count, int((modal.frequencies_hz <= request.up_to_hz).sum())))
+        wanted = min(
+            wanted, max(modal.rigid_count, int((modal.frequencies_hz <= request.up_to_hz).sum()))
+        )
     return modal, wanted
 
 
@@ -228,25 +259,34 @@ def _with_compliances(solution: VariantSolution, state: RunState) -> VariantSolu
     except ModelError as error:
         return dataclasses.replace(solution, failures=(f"static analysis: {error}",))
     links = {
-        name: {direction: find_weakest_link(solution.coupled, name, direction, budget) for direction in DIRECTIONS}
+        name: {
+            direction: find_weakest_link(solution.coupled, name, direction, budget)
+            for direction in DIRECTIONS
+        }
         for name, budget in points.items()
     }
     errors = {
-        name: estimate_compliance_errors(state.parts, solution.coupled, budget.displacements) for name, budget in points.items()
+        name: estimate_compliance_errors(state.parts, solution.coupled, budget.displacements)
+        for name, budget in points.items()
     }
     return dataclasses.replace(solution, points=points, weak_links=links, point_errors=errors)
 
 
 def choose_variants(
-    path: Path, names: Sequence[str] = (), *, fidelities: Sequence[Fidelity] = (), overrides: Sequence[str] = ()
+    path: Path,
+    names: Sequence[str] = (),
+    *,
+    fidelities: Sequence[Fidelity] = (),
+    overrides: Sequence[str] = (),
 ) -> tuple[VariantChoice, ...]:
     """Variants to compare.
 
     Args:
         path: Scene file.
-        names: Variants, ``A+B`` for joined ones, ``as written`` for the scene itself; all of them when empty, and the scene as
-            written where none of them is the same.
-        fidelities: Each variant once per fidelity, taken by every component that it has elastic or segmented.
+        names: Variants, ``A+B`` for joined ones, ``as written`` for the scene itself; all of them
+            when empty, and the scene as written where none of them is the same.
+        fidelities: Each variant once per fidelity, taken by every component that it has elastic or
+            segmented.
         overrides: ``key=value`` settings for all of them.
 
     Raises:
@@ -261,9 +301,13 @@ def choose_variants(
             scenes.append((choice, load_scene(path, variant=choice.variant, overrides=overrides)))
         except SceneError as error:
             problems += error.problems
-    if not names and any(choice.variant is not None and scene.raw == base.raw for choice, scene in scenes):
+    if not names and any(
+        choice.variant is not None and scene.raw == base.raw for choice, scene in scenes
+    ):
         scenes = [(choice, scene) for choice, scene in scenes if choice.variant is not None]
-    choices = [made for choice, scene in scenes for made in _with_fidelities(choice, scene, fidelities)]
+    choices = [
+        made for choice, scene in scenes for made in _with_fidelities(choice, scene, fidelities)
+    ]
     if fidelities:
         problems += [problem for choice in choices for problem in _find_problems(path, choice)]
     if problems:
@@ -271,7 +315,9 @@ def choose_variants(
     return tuple(choices)
 
 
-def _with_fidelities(choice: VariantChoice, scene: Scene, fidelities: Sequence[Fidelity]) -> list[VariantChoice]:
+def _with_fidelities(
+    choice: VariantChoice, scene: Scene, fidelities: Sequence[Fidelity]
+) -> list[VariantChoice]:
     deforming = [
         name
         for name, component in scene.machine.components.items()

@@ -1,4 +1,6 @@
-"""What tests share: what has to be there, small structured meshes with tagged patches, their dense matrices."""
+"""What tests share: what has to be there, small structured meshes with tagged patches, their dense
+matrices.
+"""
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -9,14 +11,26 @@ import scipy.linalg
 from mpi4py import MPI
 
 from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
-from headstock.geometry.parts.components import Component, Interface, Material, Patch, ReductionSettings
+from headstock.geometry.parts.components import (
+    Component,
+    Interface,
+    Material,
+    Patch,
+    ReductionSettings,
+)
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
 from headstock.meshing.elements.surface import extract_surface
-from headstock.validation.parts.structured_meshes import integrate_over_cells, lattice_mesh, straight_lattice
+from headstock.validation.parts.structured_meshes import (
+    integrate_over_cells,
+    lattice_mesh,
+    straight_lattice,
+)
 
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
-Choice = str | Callable[[FloatArray], BoolArray]  # a side such as ``z+``, or from facet centres ``(n, 3)`` those wanted
+Choice = (
+    str | Callable[[FloatArray], BoolArray]
+)  # a side such as ``z+``, or from facet centres ``(n, 3)`` those wanted
 
 
 def present[T](value: T | None) -> T:
@@ -31,7 +45,9 @@ def sketch[T](kind: type[T], content: Mapping[str, object]) -> T:
 
 
 def tag_patches(mesh: ComponentMesh, groups: Mapping[str, Choice]) -> ComponentMesh:
-    """Patch groups of a mesh: a side such as ``z+``, or a function from facet centres ``(n, 3)`` to the facets wanted."""
+    """Patch groups of a mesh: a side such as ``z+``, or a function from facet centres ``(n, 3)`` to
+    the facets wanted.
+    """
     surface = extract_surface(mesh.cells, mesh.kind)
     centers = mesh.points[surface.facets[:, : surface.corners]].mean(axis=1)
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
@@ -41,9 +57,13 @@ def tag_patches(mesh: ComponentMesh, groups: Mapping[str, Choice]) -> ComponentM
             return np.asarray(surface.facets[group(centers)])
         axis = "xyz".index(group[0])
         level = low[axis] if group[1] == "-" else high[axis]
-        return np.asarray(surface.facets[np.abs(centers[:, axis] - level) < 1e-9 * (high - low).max()])
+        return np.asarray(
+            surface.facets[np.abs(centers[:, axis] - level) < 1e-9 * (high - low).max()]
+        )
 
-    return dataclasses.replace(mesh, patches={name: facets(group) for name, group in groups.items()})
+    return dataclasses.replace(
+        mesh, patches={name: facets(group) for name, group in groups.items()}
+    )
 
 
 def make_box(
@@ -55,13 +75,19 @@ def make_box(
     warp: Callable[[FloatArray], FloatArray] | None = None,
     straight: bool = True,
 ) -> ComponentMesh:
-    """A structured box from the origin, perhaps warped, with patch groups chosen before the warp."""
-    mesh = tag_patches(lattice_mesh(straight_lattice(counts, size), kind, straight=straight), groups or {})
+    """A structured box from the origin, perhaps warped, with patch groups chosen before the
+    warp.
+    """
+    mesh = tag_patches(
+        lattice_mesh(straight_lattice(counts, size), kind, straight=straight), groups or {}
+    )
     if warp is None:
         return mesh
     points = warp(mesh.points)
     volume = float(integrate_over_cells(points, mesh.cells, kind, lambda x: np.ones(len(x))))
-    return dataclasses.replace(mesh, points=points, quality=dataclasses.replace(mesh.quality, volume=volume))
+    return dataclasses.replace(
+        mesh, points=points, quality=dataclasses.replace(mesh.quality, volume=volume)
+    )
 
 
 def make_component(
@@ -72,21 +98,32 @@ def make_component(
     name: str = "body",
     size: tuple[float, float, float] = (1.0, 1.0, 1.0),
 ) -> Component:
-    """A component for a structured mesh; interfaces map names to ``rigid`` or ``average``, with ``!`` behind it where forced."""
+    """A component for a structured mesh; interfaces map names to ``rigid`` or ``average``, with
+    ``!`` behind it where forced.
+    """
     made = {
         label: Interface(
-            label, (Patch("z+"),), "average" if coupling.startswith("average") else "rigid", force=coupling.endswith("!")
+            label,
+            (Patch("z+"),),
+            "average" if coupling.startswith("average") else "rigid",
+            force=coupling.endswith("!"),
         )
         for label, coupling in (interfaces or {}).items()
     }
-    return Component(name, Box(size), material, interfaces=made, reduction=ReductionSettings(modes=modes))
+    return Component(
+        name, Box(size), material, interfaces=made, reduction=ReductionSettings(modes=modes)
+    )
 
 
 class Dense:
-    """Roads that share no solver with the code under test: dense matrices in the order of the mesh points."""
+    """Roads that share no solver with the code under test: dense matrices in the order of the mesh
+    points.
+    """
 
     def pencil(self, mesh: ComponentMesh, material: Material) -> tuple[FloatArray, FloatArray]:
-        """Stiffness and mass ``(3 n, 3 n)`` in the order of the mesh points, for roads that share no solver with the code under test."""
+        """Stiffness and mass ``(3 n, 3 n)`` in the order of the mesh points, for roads that share
+        no solver with the code under test.
+        """
         # here, so that tests without finite elements start without dolfinx
         from headstock.solvers.elastic.elasticity import assemble_elasticity
 
@@ -97,8 +134,11 @@ class Dense:
         mass = np.kron(operators.scalar_mass.toarray(), np.eye(3))
         return operators.stiffness.toarray()[np.ix_(dofs, dofs)], mass[np.ix_(dofs, dofs)]
 
-    def rigid_map(self, mesh: ComponentMesh, groups: Iterable[str]) -> tuple[FloatArray, FloatArray]:
-        """Displacements of all mesh points from 6 dofs at each rigid patch's nodal mean, then the dofs of the points outside.
+    def rigid_map(
+        self, mesh: ComponentMesh, groups: Iterable[str]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Displacements of all mesh points from 6 dofs at each rigid patch's nodal mean, then the
+        dofs of the points outside.
 
         Returns the matrix ``(3 n, 6 p + n_i)`` and the reference points ``(p, 3)``.
         """

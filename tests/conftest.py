@@ -13,19 +13,28 @@ from _pytest.python_api import ApproxScalar
 
 from common import Dense
 
-# pytest.approx means 1e-12 besides any relative tolerance, within which compliances of 1e-9 m/N and moments of mass are all alike;
-# without it an expected zero needs an abs of its own
+# pytest.approx means 1e-12 besides any relative tolerance, within which compliances of 1e-9 m/N and
+# moments of mass are all alike; without it an expected zero needs an abs of its own
 ApproxScalar.DEFAULT_ABSOLUTE_TOLERANCE = 0.0
 
 ROOT = Path(__file__).resolve().parent.parent
 ELASTIC = {"dolfinx", "petsc4py", "slepc4py"}
 IMPORT = re.compile(r"^\s*(?:from ([\w.]+) import (\([^)]*\)|.*)|import ([\w.]+))", re.MULTILINE)
 DOCUMENTS = {"test_documents.py", "test_mechanism_document.py"}
-SLOW_KINDS = ("fem", "process", "mpi", "faults", "slow", "documents")  # what `./headstock test --quick` leaves out
+SLOW_KINDS = (
+    "fem",
+    "process",
+    "mpi",
+    "faults",
+    "slow",
+    "documents",
+)  # what `./headstock test --quick` leaves out
 
 
 def imported_by(path: Path) -> set[str]:
-    """Modules that the import statements of a file name, and the names it takes from them: any of these may be a module."""
+    """Modules that the import statements of a file name, and the names it takes from them: any of
+    these may be a module.
+    """
     found = set()
     for module, names, plain in IMPORT.findall(path.read_text()):
         found |= {module or plain, *(f"{module}.{name}" for name in re.findall(r"\w+", names))}
@@ -36,13 +45,21 @@ def imported_by(path: Path) -> set[str]:
 def uses_elements(path: Path) -> bool:
     """Whether finite elements are imported along with a file."""
     names = imported_by(path)
-    files = [ROOT.joinpath(*name.split(".")[1:]).with_suffix(".py") for name in names if name.startswith("headstock.")]
-    return any(name.split(".")[0] in ELASTIC for name in names) or any(uses_elements(file) for file in files if file.is_file())
+    files = [
+        ROOT.joinpath(*name.split(".")[1:]).with_suffix(".py")
+        for name in names
+        if name.startswith("headstock.")
+    ]
+    return any(name.split(".")[0] in ELASTIC for name in names) or any(
+        uses_elements(file) for file in files if file.is_file()
+    )
 
 
 @functools.cache
 def kinds_of(path: Path) -> frozenset[str]:
-    """Markers of all tests of a file, from what it imports and where it lies; others are written in the file (``pytestmark``)."""
+    """Markers of all tests of a file, from what it imports and where it lies; others are written in
+    the file (``pytestmark``).
+    """
     imports = {name.split(".")[0] for name in imported_by(path)}
     signs = {
         "fem": uses_elements(path),
@@ -55,12 +72,24 @@ def kinds_of(path: Path) -> frozenset[str]:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--quick", action="store_true", help=f"a minute: no tests of the kinds {', '.join(SLOW_KINDS)}")
     parser.addoption(
-        "--none-skipped", action="store_true", help="a skipped test fails the run: all that tests need has to be there"
+        "--quick",
+        action="store_true",
+        help=f"a minute: no tests of the kinds {', '.join(SLOW_KINDS)}",
     )
-    parser.addoption("--trials", type=int, help="how many faults each test of -m faults injects (200, 60, 20, 100000, 500, 4)")
-    parser.addoption("--seed", type=int, default=1, help="of what is random in the tests of -m faults")
+    parser.addoption(
+        "--none-skipped",
+        action="store_true",
+        help="a skipped test fails the run: all that tests need has to be there",
+    )
+    parser.addoption(
+        "--trials",
+        type=int,
+        help="how many faults each test of -m faults injects (200, 60, 20, 100000, 500, 4)",
+    )
+    parser.addoption(
+        "--seed", type=int, default=1, help="of what is random in the tests of -m faults"
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -77,23 +106,36 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     for item in items:
-        kinds = kinds_of(item.path) | ({"fem"} if "dense" in getattr(item, "fixturenames", ()) else set())
+        kinds = kinds_of(item.path) | (
+            {"fem"} if "dense" in getattr(item, "fixturenames", ()) else set()
+        )
         for kind in sorted(kinds):
             item.add_marker(kind)
     if "faults" not in config.option.markexpr:  # hours of them, only when they are asked for
-        config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("faults")])
+        config.hook.pytest_deselected(
+            items=[item for item in items if item.get_closest_marker("faults")]
+        )
         items[:] = [item for item in items if not item.get_closest_marker("faults")]
-    # files that take long first (stable): in the end both workers have short tests left, and neither waits for the other
+    # files that take long first (stable): in the end both workers have short tests left, and
+    # neither waits for the other
     lengths = {item.path: 0 for item in items}
     for item in items:
-        length = sum(item.get_closest_marker(kind) is not None for kind in ("process", "mpi", "documents"))
-        lengths[item.path] = max(lengths[item.path], 2 * length + (item.get_closest_marker("fem") is not None))
+        length = sum(
+            item.get_closest_marker(kind) is not None for kind in ("process", "mpi", "documents")
+        )
+        lengths[item.path] = max(
+            lengths[item.path], 2 * length + (item.get_closest_marker("fem") is not None)
+        )
     items.sort(key=lambda item: -lengths[item.path])
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
-    if session.config.getoption("--none-skipped") and reporter is not None and reporter.stats.get("skipped"):
+    if (
+        session.config.getoption("--none-skipped")
+        and reporter is not None
+        and reporter.stats.get("skipped")
+    ):
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
@@ -102,18 +144,27 @@ def refuse_slow_kinds(event: str, details: tuple[object, ...]) -> None:
     if not inside_a_test:
         return
     if event in ("subprocess.Popen", "os.fork", "os.posix_spawn"):
-        raise RuntimeError(f"this test starts a process: pytestmark = pytest.mark.process is missing ({details[0]})")
+        raise RuntimeError(
+            f"this test starts a process: pytestmark = pytest.mark.process is missing ({details[0]})"
+        )
     if event == "import" and details[0] in ELASTIC:
-        raise RuntimeError(f"this test imports {details[0]}: pytestmark = pytest.mark.fem is missing")
+        raise RuntimeError(
+            f"this test imports {details[0]}: pytestmark = pytest.mark.fem is missing"
+        )
 
 
 inside_a_test: list[str] = []
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    # pytest itself prints where a test hangs and lets it hang; this process ends, and xdist starts another for the tests left
-    if (limit := get_timeout_config_value(item.config)) > 0.0 and not item.get_closest_marker("faults"):
-        faulthandler.dump_traceback_later(limit, exit=True, file=item.config.stash[fault_handler_stderr_fd_key])
+    # pytest itself prints where a test hangs and lets it hang; this process ends, and xdist starts
+    # another for the tests left
+    if (limit := get_timeout_config_value(item.config)) > 0.0 and not item.get_closest_marker(
+        "faults"
+    ):
+        faulthandler.dump_traceback_later(
+            limit, exit=True, file=item.config.stash[fault_handler_stderr_fd_key]
+        )
 
 
 @pytest.hookimpl(wrapper=True)

@@ -25,18 +25,28 @@ def rigid_body(
     center: Sequence[float] | FloatArray = (0.0, 0.0, 0.0),
     placement: Frame | None = None,
 ) -> Body:
-    """A rigid body with principal moments of inertia [kg m^2] and interfaces at given places [m]."""
+    """A rigid body with principal moments of inertia [kg m^2] and interfaces at given places
+    [m].
+    """
     component = _component(name, mass, interfaces, placement)
     moments = np.diag(np.asarray(inertia, dtype=float)) / (mass or 1.0)
     centroids = {key: np.asarray(place, dtype=float) for key, place in interfaces.items()}
-    properties = SolidProperties(1.0, np.asarray(center, dtype=float), moments, dict.fromkeys(interfaces, 1.0), centroids)
+    properties = SolidProperties(
+        1.0, np.asarray(center, dtype=float), moments, dict.fromkeys(interfaces, 1.0), centroids
+    )
     return component, reduce_rigid(component, properties)
 
 
 def two_node_body(
-    name: str, mass: float, length: float, stiffness: Sequence[float] | FloatArray, *, placement: Frame | None = None
+    name: str,
+    mass: float,
+    length: float,
+    stiffness: Sequence[float] | FloatArray,
+    *,
+    placement: Frame | None = None,
 ) -> Body:
-    """Two equal rigid halves at ``z = 0`` and ``z = length`` (interfaces ``foot`` and ``head``), sprung at half length.
+    """Two equal rigid halves at ``z = 0`` and ``z = length`` (interfaces ``foot`` and ``head``),
+    sprung at half length.
 
     Args:
         name: Component name.
@@ -48,14 +58,20 @@ def two_node_body(
     places = {"foot": np.zeros(3), "head": np.array([0.0, 0.0, length])}
     component = _component(name, mass, places, placement)
     middle = np.array([0.0, 0.0, 0.5 * length])
-    stretch = np.hstack([-rigid_transfer(places["foot"], middle), rigid_transfer(places["head"], middle)])
+    stretch = np.hstack(
+        [-rigid_transfer(places["foot"], middle), rigid_transfer(places["head"], middle)]
+    )
     half = 0.5 * mass * np.diag([1.0, 1.0, 1.0, *([(0.1 * length) ** 2] * 3)])
-    inertia = mass * np.diag([0.25 * length**2, 0.25 * length**2, 0.0]) + mass * (0.1 * length) ** 2 * np.eye(3)
+    inertia = mass * np.diag([0.25 * length**2, 0.25 * length**2, 0.0]) + mass * (
+        0.1 * length
+    ) ** 2 * np.eye(3)
     return component, Superelement(
         name=name,
         labels=tuple((node, dof) for node in places for dof in DOF_NAMES),
         frames=tuple(Frame(place) for place in places.values()),
-        attachments={node: Attachment(i, Frame(place)) for i, (node, place) in enumerate(places.items())},
+        attachments={
+            node: Attachment(i, Frame(place)) for i, (node, place) in enumerate(places.items())
+        },
         stiffness=stretch.T @ np.diag(np.asarray(stiffness, dtype=float)) @ stretch,
         mass=np.asarray(np.kron(np.eye(2), half), dtype=np.float64),
         constraints=np.zeros((0, 12)),
@@ -92,19 +108,26 @@ def joint_between(
 
 
 def lumped_machine(
-    bodies: Sequence[Body], joints: Sequence[Joint], points: Mapping[str, tuple[str, str]] | None = None
+    bodies: Sequence[Body],
+    joints: Sequence[Joint],
+    points: Mapping[str, tuple[str, str]] | None = None,
 ) -> tuple[dict[str, Superelement], Machine]:
     """Superelements and the machine they make; points map a name to tool and work."""
     machine = Machine(
         "lumped",
         {component.name: component for component, _ in bodies},
         {joint.name: joint for joint in joints},
-        {name: Point(name, _end(tool), _end(work)) for name, (tool, work) in (points or {}).items()},
+        {
+            name: Point(name, _end(tool), _end(work))
+            for name, (tool, work) in (points or {}).items()
+        },
     )
     return {superelement.name: superelement for _, superelement in bodies}, machine
 
 
-def _component(name: str, mass: float, interfaces: Mapping[str, object], placement: Frame | None) -> Component:
+def _component(
+    name: str, mass: float, interfaces: Mapping[str, object], placement: Frame | None
+) -> Component:
     return Component(
         name,
         Box((1.0, 1.0, 1.0)),

@@ -1,4 +1,6 @@
-"""Reduces small bodies on however many ranks there are and writes what came out; run by test_ranks.py under mpirun."""
+"""Reduces small bodies on however many ranks there are and writes what came out; run by
+test_ranks.py under mpirun.
+"""
 
 import dataclasses
 import sys
@@ -39,7 +41,9 @@ STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 OIL = Load("oil", "body", "pressure", (Patch("x+"),), magnitude=1e6)
 
 
-def box(counts: Sequence[int], size: Sequence[float], kind: CellKind, **groups: str) -> ComponentMesh:
+def box(
+    counts: Sequence[int], size: Sequence[float], kind: CellKind, **groups: str
+) -> ComponentMesh:
     mesh = lattice_mesh(straight_lattice(counts, size), kind, straight=True)
     surface = extract_surface(mesh.cells, mesh.kind)
     centers = mesh.points[surface.facets[:, : surface.corners]].mean(axis=1)
@@ -59,8 +63,16 @@ def reduced(
     loads: Sequence[Load] = (),
     gravity: bool = True,
 ) -> Superelement:
-    interfaces = {name: Interface(name, (Patch("z+"),), coupling) for name, coupling in couplings.items()}
-    component = Component("body", Box((1.0, 1.0, 1.0)), STEEL, interfaces=interfaces, reduction=ReductionSettings(modes=count))
+    interfaces = {
+        name: Interface(name, (Patch("z+"),), coupling) for name, coupling in couplings.items()
+    }
+    component = Component(
+        "body",
+        Box((1.0, 1.0, 1.0)),
+        STEEL,
+        interfaces=interfaces,
+        reduction=ReductionSettings(modes=count),
+    )
     request = ReductionRequest(ModeTarget(count=count), gravity=gravity)
     element = reduce_elastic(component, mesh, supports, loads, comm=COMM, request=request)
     check_superelement(element)
@@ -68,27 +80,41 @@ def reduced(
 
 
 def report(name: str, element: Superelement, found: dict[str, FloatArray]) -> None:
-    """Frequencies, static response of the second interface with the first held, mass, and recovered points on rank 0."""
+    """Frequencies, static response of the second interface with the first held, mass, and recovered
+    points on rank 0.
+    """
     count = len(element.stiffness)
-    found[f"{name}.frequencies"] = np.sqrt(np.abs(scipy.linalg.eigvalsh(element.stiffness, element.mass)))[6:] / (2.0 * np.pi)
+    found[f"{name}.frequencies"] = np.sqrt(
+        np.abs(scipy.linalg.eigvalsh(element.stiffness, element.mass))
+    )[6:] / (2.0 * np.pi)
     free = np.arange(6, count)
     found[f"{name}.compliance"] = np.linalg.inv(element.stiffness[np.ix_(free, free)])[:6, :6]
-    found[f"{name}.mass"] = np.array([element.mass_kg, *element.center_of_mass, *np.diag(element.inertia)])
+    found[f"{name}.mass"] = np.array(
+        [element.mass_kg, *element.center_of_mass, *np.diag(element.inertia)]
+    )
     if COMM.rank == 0:
         for load, vector in element.loads.items():
             answer = np.zeros(count)
             answer[6:] = np.linalg.solve(element.stiffness[np.ix_(free, free)], vector.vector[6:])
-            found[f"{name}.moved by {load}"] = present(element.recovery).basis @ answer + present(vector.particular).ravel()
+            found[f"{name}.moved by {load}"] = (
+                present(element.recovery).basis @ answer + present(vector.particular).ravel()
+            )
 
 
 def main(path: Path) -> None:
     found: dict[str, FloatArray] = {}
     column = box((2, 3, 8), (0.04, 0.1, 0.5), "tet10", foot="z-", tip="z+", load__oil="x+")
     report("rigid", reduced(column, {"foot": "rigid", "tip": "rigid"}, 10, loads=(OIL,)), found)
-    report("average", reduced(column, {"foot": "average", "tip": "average"}, 10, loads=(OIL,)), found)
+    report(
+        "average", reduced(column, {"foot": "average", "tip": "average"}, 10, loads=(OIL,)), found
+    )
     report(
         "one cell",
-        reduced(box((1, 1, 1), (0.1, 0.1, 0.1), "hex27", foot="z-", tip="z+"), {"foot": "rigid", "tip": "rigid"}, 9),
+        reduced(
+            box((1, 1, 1), (0.1, 0.1, 0.1), "hex27", foot="z-", tip="z+"),
+            {"foot": "rigid", "tip": "rigid"},
+            9,
+        ),
         found,
     )
     two = box((1, 1, 2), (0.1, 0.12, 0.2), "hex27", foot="z-", tip="z+")
@@ -102,14 +128,18 @@ def main(path: Path) -> None:
     modes = full_modes(model, 6)
     found["free.frequencies"] = modes.frequencies_hz
     below = 0.5 * (modes.frequencies_hz[1] + modes.frequencies_hz[2])
-    found["free.count"] = np.array([count_frequencies_below(model.operators, model.owned_held, below)])
+    found["free.count"] = np.array(
+        [count_frequencies_below(model.operators, model.owned_held, below)]
+    )
     # bending twins: only the plane they span is defined, so its projector is compared
     twins = model.everywhere(modes.shapes[:, :2]).reshape(-1, 2)
     found["free.plane"] = (twins @ twins.T)[:60, :60] / np.linalg.norm(twins) ** 2
     held = np.repeat((square.points[:, 2] < 1e-9)[:, None], 3, axis=1)
     loads = np.zeros((len(square.points), 3))
     loads[-1] = [1.0, 2.0, 3.0]
-    found["held.displacement"] = full_displacement(full_model(square, STEEL, comm=COMM, held=held), loads)
+    found["held.displacement"] = full_displacement(
+        full_model(square, STEEL, comm=COMM, held=held), loads
+    )
     if COMM.rank == 0:
         np.savez(path, allow_pickle=False, **found)
 

@@ -1,4 +1,6 @@
-"""CONTRIBUTING.md names the files of an extension: those of a patch that adds an analysis, and those that name what there is already."""
+"""CONTRIBUTING.md names the files of an extension: those of a patch that adds an analysis, and
+those that name what there is already.
+"""
 
 import json
 import os
@@ -17,8 +19,15 @@ LAYERS = sorted(link.name for link in (ROOT / ".typing" / "headstock").iterdir()
 
 
 def files_in(title: str) -> set[str]:
-    """Files that a section of CONTRIBUTING.md names; a name without folders lies in the folder of the one before it."""
-    section = (ROOT / "CONTRIBUTING.md").read_text().partition(f"## Adding {title}\n")[2].partition("\n## ")[0]
+    """Files that a section of CONTRIBUTING.md names; a name without folders lies in the folder of
+    the one before it.
+    """
+    section = (
+        (ROOT / "CONTRIBUTING.md")
+        .read_text()
+        .partition(f"## Adding {title}\n")[2]
+        .partition("\n## ")[0]
+    )
     found, folder = set(), ""
     for name in re.findall(r"`((?:\w+/)*\w+\.(?:py|html))`", section):
         folder = name.rpartition("/")[0] or folder
@@ -27,10 +36,18 @@ def files_in(title: str) -> set[str]:
 
 
 def files_with(*patterns: str) -> set[str]:
-    """Modules that hold all of some patterns; validation uses what there is and is not extended with it."""
-    paths = [path for layer in LAYERS if layer != "validation" for path in (ROOT / layer).rglob("*.py")]
+    """Modules that hold all of some patterns; validation uses what there is and is not extended
+    with it.
+    """
+    paths = [
+        path for layer in LAYERS if layer != "validation" for path in (ROOT / layer).rglob("*.py")
+    ]
     texts = {path.relative_to(ROOT).as_posix(): path.read_text() for path in paths}
-    return {name for name, text in texts.items() if all(re.search(pattern, text) for pattern in patterns)}
+    return {
+        name
+        for name, text in texts.items()
+        if all(re.search(pattern, text) for pattern in patterns)
+    }
 
 
 @pytest.fixture(scope="module")
@@ -43,16 +60,30 @@ def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
     # a repository around the copy would take the paths for its own
     variables = os.environ | {"GIT_CEILING_DIRECTORIES": str(copy.parent)}
     done = subprocess.run(
-        ["git", "apply", "--unidiff-zero", str(PATCH)], cwd=copy, env=variables, capture_output=True, text=True, check=False
+        ["git", "apply", "--unidiff-zero", str(PATCH)],
+        cwd=copy,
+        env=variables,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, f"tests/data/README.md says how to mend the patch:\n{done.stderr}"
     return copy
 
 
 def run_in(copy: Path, *command: str) -> str:
-    variables = os.environ | {"PYTHONPATH": str(copy / ".typing"), "HEADSTOCK_STORE": str(copy / "store")}
+    variables = os.environ | {
+        "PYTHONPATH": str(copy / ".typing"),
+        "HEADSTOCK_STORE": str(copy / "store"),
+    }
     done = subprocess.run(
-        [sys.executable, "-P", "-m", *command], cwd=copy, env=variables, capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, "-P", "-m", *command],
+        cwd=copy,
+        env=variables,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
     )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
     return done.stdout
@@ -60,27 +91,60 @@ def run_in(copy: Path, *command: str) -> str:
 
 def test_the_list_of_files_of_a_new_analysis_is_that_of_a_patch_that_adds_one() -> None:
     changed = set(re.findall(r"^\+\+\+ b/(.+)$", PATCH.read_text(), re.MULTILINE))
-    assert changed == {name.replace("NAME", "mass").replace("ROOM", "linear") for name in files_in("an analysis")}
+    assert changed == {
+        name.replace("NAME", "mass").replace("ROOM", "linear") for name in files_in("an analysis")
+    }
 
 
 def test_a_shipped_scene_runs_with_the_analysis_of_the_patch(extended: Path) -> None:
-    settings = ("--variant", "segmented", "--set", "analyses={mass={}}", "-o", "out", "--no-figures")
-    shown = run_in(extended, "headstock.app.command_line", "run", "machines/three_axis.toml", *settings)
+    settings = (
+        "--variant",
+        "segmented",
+        "--set",
+        "analyses={mass={}}",
+        "-o",
+        "out",
+        "--no-figures",
+    )
+    shown = run_in(
+        extended, "headstock.app.command_line", "run", "machines/three_axis.toml", *settings
+    )
     summary = json.loads((extended / "out" / "summary.json").read_text())
     found = summary["mass"]["reference"]
-    assert found["mass_kg"] == pytest.approx(summary["totals"]["mass_kg"], rel=1e-12) and found["mass_kg"] > 100.0
+    assert (
+        found["mass_kg"] == pytest.approx(summary["totals"]["mass_kg"], rel=1e-12)
+        and found["mass_kg"] > 100.0
+    )
     with h5py.File(extended / "out" / "results.h5") as file:
         assert file["mass/reference/center"][:].tolist() == found["center_m"]
         assert file["mass/reference/center"].attrs["unit"] == "m"
     assert "Mass and centre of gravity" in shown and f"{found['mass_kg']:.6g}" in shown
     assert repr(found["mass_kg"]) in (extended / "out" / "tables" / "mass.csv").read_text()
-    assert f'value="{found["mass_kg"]!r}"' in (extended / "out" / "report.html").read_text().partition('id="mass-table"')[2]
+    assert (
+        f'value="{found["mass_kg"]!r}"'
+        in (extended / "out" / "report.html").read_text().partition('id="mass-table"')[2]
+    )
 
 
-def test_the_patched_tree_keeps_its_layers_and_passes_the_tests_of_the_patch(extended: Path) -> None:
-    chosen = ("tests/solvers/linear/test_mass.py", "tests/pipeline/stages/test_mass.py", "tests/test_layering.py")
+def test_the_patched_tree_keeps_its_layers_and_passes_the_tests_of_the_patch(
+    extended: Path,
+) -> None:
+    chosen = (
+        "tests/solvers/linear/test_mass.py",
+        "tests/pipeline/stages/test_mass.py",
+        "tests/test_layering.py",
+    )
     assert " passed" in run_in(
-        extended, "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-k", "mass or imports_only or glance", *chosen
+        extended,
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-p",
+        "no:xdist",
+        "-k",
+        "mass or imports_only or glance",
+        *chosen,
     )
 
 
@@ -89,6 +153,8 @@ def test_the_patched_tree_keeps_its_layers_and_passes_the_tests_of_the_patch(ext
     ("a solid", (r"\bPlate\b", r"\bTube\b", r"\bHollowColumn\b")),
     ("an effect", ('"screw_inertia"',)),
 ])  # fmt: skip
-def test_the_list_of_an_extension_has_every_file_that_names_what_there_is(title: str, patterns: tuple[str, ...]) -> None:
+def test_the_list_of_an_extension_has_every_file_that_names_what_there_is(
+    title: str, patterns: tuple[str, ...]
+) -> None:
     names = files_with(*patterns)
     assert names and names - files_in(title) == set()

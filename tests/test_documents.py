@@ -17,7 +17,8 @@ from headstock.scene.schema.key_notes import NOTES
 ROOT = Path(__file__).resolve().parent.parent
 DOCUMENTS = ("README.md", "docs/tutorial.md")
 BLOCK = re.compile(r"^```(\w+)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-# these would run the tests again, build an environment, or run for minutes; their own tests see to them
+# these would run the tests again, build an environment, or run for minutes; their own tests see to
+# them
 SKIPPED = re.compile(r"\./headstock (test|exec|validate)\b|docker |apt|git clone")
 SECONDS = 300
 
@@ -29,11 +30,15 @@ def blocks(document: str, language: str) -> list[str]:
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """A folder in which the commands of a document can be typed without leaving anything in the real one."""
+    """A folder in which the commands of a document can be typed without leaving anything in the
+    real one.
+    """
     for name in ("machines", "tests", "docs"):
         (tmp_path / name).symlink_to(ROOT / name)
     program = tmp_path / "headstock"
-    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -P -m headstock.app.command_line "$@"\n')
+    program.write_text(
+        f'#!/bin/sh\nexec "{sys.executable}" -P -m headstock.app.command_line "$@"\n'
+    )
     program.chmod(0o755)
     return tmp_path
 
@@ -42,12 +47,23 @@ def checkout(tmp_path: Path) -> Path:
 def test_every_command_of_a_document_runs_as_typed(document: str, checkout: Path) -> None:
     shown = [text for text in blocks(document, "sh") if not SKIPPED.search(text)]
     assert shown
-    variables = {**os.environ, "HEADSTOCK_STORE": str(checkout / "store"), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    variables = {
+        **os.environ,
+        "HEADSTOCK_STORE": str(checkout / "store"),
+        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+    }
     for text in shown:
         done = subprocess.run(
-            ["sh", "-eu", "-c", text], cwd=checkout, env=variables, capture_output=True, text=True, timeout=SECONDS
+            ["sh", "-eu", "-c", text],
+            cwd=checkout,
+            env=variables,
+            capture_output=True,
+            text=True,
+            timeout=SECONDS,
         )
-        assert done.returncode == 0, f"{document}:\n{text}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+        assert done.returncode == 0, (
+            f"{document}:\n{text}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+        )
 
 
 def test_every_scene_of_the_readme_loads(tmp_path: Path) -> None:
@@ -65,14 +81,28 @@ def test_the_scene_reference_is_up_to_date() -> None:
 
 def test_every_key_of_scenes_and_target_files_has_a_note_and_every_note_a_key() -> None:
     scene, targets = plain_schema(), targets_schema()
-    tables = {**rules_in(scene, "$defs"), **rules_in(targets, "$defs"), "Scene": scene, "Targets": targets}
-    keys = {f"{name.removesuffix('Table')}.{key}" for name, table in tables.items() for key in rules_in(table, "properties")}
+    tables = {
+        **rules_in(scene, "$defs"),
+        **rules_in(targets, "$defs"),
+        "Scene": scene,
+        "Targets": targets,
+    }
+    keys = {
+        f"{name.removesuffix('Table')}.{key}"
+        for name, table in tables.items()
+        for key in rules_in(table, "properties")
+    }
     assert {key for key in keys if not key.startswith("Span.")} ^ set(NOTES) == set()
 
 
 @pytest.mark.parametrize(
     "document",
-    ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))],
+    [
+        "README.md",
+        "CHANGELOG.md",
+        "CONTRIBUTING.md",
+        *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")),
+    ],
 )
 def test_links_of_a_document_lead_to_files(document: str) -> None:
     path = ROOT / document
@@ -84,10 +114,19 @@ def test_links_of_a_document_lead_to_files(document: str) -> None:
 
 def test_the_list_of_hard_cases_is_what_their_tests_say_of_themselves() -> None:
     files = sorted((ROOT / "tests" / "hard_cases").glob("test_h*.py"))
-    titles = {path.name: (ast.get_docstring(ast.parse(path.read_text())) or "").splitlines()[0] for path in files}
+    titles = {
+        path.name: (ast.get_docstring(ast.parse(path.read_text())) or "").splitlines()[0]
+        for path in files
+    }
     assert sorted({int(title[1:3]) for title in titles.values()}) == list(range(1, 53))
-    shown = [line for line in (ROOT / "docs" / "hard_cases.md").read_text().splitlines() if line.startswith("- ")]
-    assert shown == [f"- [{title[:3]}](../tests/hard_cases/{name}){title[3:]}" for name, title in titles.items()]
+    shown = [
+        line
+        for line in (ROOT / "docs" / "hard_cases.md").read_text().splitlines()
+        if line.startswith("- ")
+    ]
+    assert shown == [
+        f"- [{title[:3]}](../tests/hard_cases/{name}){title[3:]}" for name, title in titles.items()
+    ]
 
 
 @pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md"])

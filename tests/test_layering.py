@@ -1,4 +1,6 @@
-"""The tree is what it says: layers and rooms point one way, modules form no circle, heavy libraries stay in their rooms."""
+"""The tree is what it says: layers and rooms point one way, modules form no circle, heavy libraries
+stay in their rooms.
+"""
 
 import ast
 import re
@@ -12,10 +14,22 @@ import pytest
 from headstock.pipeline.storage.content_keys import MESH_CODE, REDUCTION_ROOMS
 
 ROOT = Path(__file__).resolve().parent.parent
-# A layer imports from those before it; scene and reduction stand side by side, and of meshing a scene sees the sizes only.
-LAYERS = ("geometry", "meshing", "solvers", "reduction", "scene", "pipeline", "studies", "validation", "app")
+# A layer imports from those before it; scene and reduction stand side by side, and of meshing a
+# scene sees the sizes only.
+LAYERS = (
+    "geometry",
+    "meshing",
+    "solvers",
+    "reduction",
+    "scene",
+    "pipeline",
+    "studies",
+    "validation",
+    "app",
+)
 APART = {("scene", "reduction")}
-# What the files of a layer that are in no room are: nouns that its rooms import, or doors that import its rooms.
+# What the files of a layer that are in no room are: nouns that its rooms import, or doors that
+# import its rooms.
 GROUNDS = {"geometry", "meshing", "solvers", "reduction", "scene"}
 BELOW_THE_GROUND = {("scene", "reading")}  # the nouns of a scene know where they were written
 # Which rooms of its own layer a room may import from.
@@ -115,7 +129,9 @@ PACKAGES = {name.removesuffix(".__init__") for name in KNOWN}
 
 
 def imported_names(node: ast.AST) -> list[str]:
-    """Modules an import statement names; ``from headstock.x import y`` counts as ``headstock.x.y`` where that is a module."""
+    """Modules an import statement names; ``from headstock.x import y`` counts as ``headstock.x.y``
+    where that is a module.
+    """
     if isinstance(node, ast.Import):
         return [alias.name for alias in node.names]
     if isinstance(node, ast.ImportFrom) and node.module is not None:
@@ -124,7 +140,10 @@ def imported_names(node: ast.AST) -> list[str]:
     return []
 
 
-IMPORTS = {path: {name for node in ast.walk(tree) for name in imported_names(node)} for path, tree in TREES.items()}
+IMPORTS = {
+    path: {name for node in ast.walk(tree) for name in imported_names(node)}
+    for path, tree in TREES.items()
+}
 
 
 def offenders(wrong: Callable[[Path], object]) -> dict[str, object]:
@@ -155,7 +174,9 @@ def test_a_module_imports_only_from_layers_and_rooms_before_its_own() -> None:
     def wrong(path: Path) -> set[str]:
         # a layer as a whole is imported for its folder only, where its code is part of a key
         inside = {name for name in IMPORTS[path] if name in places}
-        return {name for name in inside if not may_import((layer_of(path), room_of(path)), places[name])}
+        return {
+            name for name in inside if not may_import((layer_of(path), room_of(path)), places[name])
+        }
 
     assert offenders(wrong) == {}
 
@@ -163,13 +184,20 @@ def test_a_module_imports_only_from_layers_and_rooms_before_its_own() -> None:
 def test_an_import_of_this_program_names_a_module() -> None:
     def wrong(path: Path) -> set[str]:
         layers = {f"headstock.{layer}" for layer in LAYERS}
-        return {name for name in IMPORTS[path] if name.split(".")[0] == "headstock" and name not in KNOWN | layers}
+        return {
+            name
+            for name in IMPORTS[path]
+            if name.split(".")[0] == "headstock" and name not in KNOWN | layers
+        }
 
     assert offenders(wrong) == {}
 
 
 def test_every_room_is_in_the_table_and_rooms_form_no_circle() -> None:
-    found = {layer: {room_of(path) for path in MODULES if layer_of(path) == layer} - {""} for layer in LAYERS}
+    found = {
+        layer: {room_of(path) for path in MODULES if layer_of(path) == layer} - {""}
+        for layer in LAYERS
+    }
     assert found == {layer: set(rooms) for layer, rooms in ROOMS.items()}
     for rooms in ROOMS.values():
         assert len(list(TopologicalSorter(rooms).static_order())) == len(rooms)
@@ -181,7 +209,10 @@ def test_a_folder_is_seen_at_a_glance(folder: Path) -> None:
 
 
 def test_modules_form_a_directed_acyclic_graph() -> None:
-    graph = {module_name(path): {name for name in IMPORTS[path] if name.startswith("headstock.")} for path in MODULES}
+    graph = {
+        module_name(path): {name for name in IMPORTS[path] if name.startswith("headstock.")}
+        for path in MODULES
+    }
     order = list(TopologicalSorter(graph).static_order())
     assert set(graph) <= set(order)
 
@@ -189,7 +220,11 @@ def test_modules_form_a_directed_acyclic_graph() -> None:
 def test_heavy_libraries_are_imported_only_in_their_adapter_folders() -> None:
     def wrong(path: Path) -> set[str]:
         libraries = {name.split(".")[0] for name in IMPORTS[path]}
-        return {name for name in libraries & set(ADAPTERS) if path.parent.relative_to(ROOT).as_posix() not in ADAPTERS[name]}
+        return {
+            name
+            for name in libraries & set(ADAPTERS)
+            if path.parent.relative_to(ROOT).as_posix() not in ADAPTERS[name]
+        }
 
     assert offenders(wrong) == {}
 
@@ -204,15 +239,28 @@ def test_geometry_needs_numpy_and_nothing_else() -> None:
 
 def test_no_import_is_relative() -> None:
     def wrong(path: Path) -> list[int]:
-        return [node.lineno for node in ast.walk(TREES[path]) if isinstance(node, ast.ImportFrom) and node.level > 0]
+        return [
+            node.lineno
+            for node in ast.walk(TREES[path])
+            if isinstance(node, ast.ImportFrom) and node.level > 0
+        ]
 
     assert offenders(wrong) == {}
 
 
 def test_only_the_command_line_folder_imports_inside_functions() -> None:
     def wrong(path: Path) -> list[int]:
-        functions = [node for node in ast.walk(TREES[path]) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
-        late = [node.lineno for body in functions for node in ast.walk(body) if isinstance(node, ast.Import | ast.ImportFrom)]
+        functions = [
+            node
+            for node in ast.walk(TREES[path])
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        ]
+        late = [
+            node.lineno
+            for body in functions
+            for node in ast.walk(body)
+            if isinstance(node, ast.Import | ast.ImportFrom)
+        ]
         return [] if layer_of(path) == "app" else late
 
     assert offenders(wrong) == {}
@@ -229,16 +277,26 @@ def test_a_package_file_holds_a_docstring_and_nothing_else(folder: Path) -> None
 def test_a_folder_is_typed_mapped_and_linked(layer: str) -> None:
     assert (ROOT / layer / "py.typed").is_file()
     assert (ROOT / ".typing" / "headstock" / layer).resolve() == ROOT / layer
-    (layers,) = (node.value for node in ast.parse((ROOT / "setup.py").read_text()).body if isinstance(node, ast.Assign))
+    (layers,) = (
+        node.value
+        for node in ast.parse((ROOT / "setup.py").read_text()).body
+        if isinstance(node, ast.Assign)
+    )
     assert layer in ast.literal_eval(layers)
 
 
 def test_a_module_that_is_named_in_a_string_exists() -> None:
-    """Modules that children run and that are loaded late are named in strings, which no type checker follows."""
+    """Modules that children run and that are loaded late are named in strings, which no type
+    checker follows.
+    """
     pattern = re.compile(rf"headstock(\.({'|'.join(LAYERS)}))(\.\w+)+")
 
     def wrong(path: Path) -> set[str]:
-        texts = {node.value for node in ast.walk(TREES[path]) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+        texts = {
+            node.value
+            for node in ast.walk(TREES[path])
+            if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        }
         return {text for text in texts if pattern.fullmatch(text) and text not in KNOWN | PACKAGES}
 
     named = [path for path in MODULES if pattern.search(path.read_text())]
@@ -253,7 +311,14 @@ def test_headstock_is_a_namespace_without_a_file_of_its_own() -> None:
 
 def test_no_module_shares_its_name_with_a_function_in_it() -> None:
     kinds = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
-    assert offenders(lambda path: path.stem in {node.name for node in TREES[path].body if isinstance(node, kinds)}) == {}
+    assert (
+        offenders(
+            lambda path: (
+                path.stem in {node.name for node in TREES[path].body if isinstance(node, kinds)}
+            )
+        )
+        == {}
+    )
 
 
 def closure_of(start: str) -> set[str]:
@@ -266,7 +331,10 @@ def closure_of(start: str) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("start", ["reduction.components.elastic", "meshing.components.meshing", "meshing.components.skins"])
+@pytest.mark.parametrize(
+    "start",
+    ["reduction.components.elastic", "meshing.components.meshing", "meshing.components.skins"],
+)
 def test_the_keys_of_the_store_cover_every_module_that_an_entry_is_computed_by(start: str) -> None:
     whole, grounds = {package.__name__ for package in MESH_CODE}, set()
     if start.startswith("reduction"):
@@ -283,7 +351,10 @@ def text_files() -> Iterator[Path]:
     folders = (*LAYERS, "tests", "benchmarks", "machines", "docs", "environment", ".ci")
     for folder in folders:
         for path in sorted((ROOT / folder).rglob("*")):
-            if path.suffix in {".py", ".sh", ".md", ".toml", ".txt", ".yaml", ""} and path.is_file():
+            if (
+                path.suffix in {".py", ".sh", ".md", ".toml", ".txt", ".yaml", ""}
+                and path.is_file()
+            ):
                 yield path
     # a worktree has a file .git, which names the folder of the clone it belongs to
     yield from (
@@ -296,7 +367,10 @@ def text_files() -> Iterator[Path]:
 def test_no_line_names_a_folder_of_one_machine_or_a_host_of_packages() -> None:
     # taken apart so that this file does not hold what it looks for
     folders = "|".join(rf"(?<![\w.$}}/])/{name}/\w" for name in ("work", "root", "home"))
-    hosts = "|".join(re.escape(".".join(parts)) for parts in (("deb", "debian", "org"), ("pypi", "org"), ("pythonhosted", "org")))
+    hosts = "|".join(
+        re.escape(".".join(parts))
+        for parts in (("deb", "debian", "org"), ("pypi", "org"), ("pythonhosted", "org"))
+    )
     pattern = re.compile(f"{folders}|{hosts}")
     found = [
         f"{path.relative_to(ROOT)}:{number}: {line.strip()}"

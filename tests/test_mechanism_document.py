@@ -26,11 +26,15 @@ def test_the_document_prints_what_it_says(shown: tuple[str, dict[str, object]]) 
     assert re.findall(r"```text\n(.*?)```", TEXT, re.DOTALL) == [shown[0]]
 
 
-def test_its_stiffness_along_the_axis_is_that_of_three_inclined_springs(shown: tuple[str, dict[str, object]]) -> None:
+def test_its_stiffness_along_the_axis_is_that_of_three_inclined_springs(
+    shown: tuple[str, dict[str, object]],
+) -> None:
     # three springs in series with nothing, at the angle of the legs: k_z = 3 k cos^2
     length = np.hypot(1.0, 0.3)
     spring = 1.0 / (1.0 / 80e6 + 1.044 / 400e6)
     height = float(re.findall(r"z = ([\d.]+) m", shown[0])[0])
-    assert height == pytest.approx(np.sqrt(1.044**2 - 0.3**2), abs=1e-4) and length == pytest.approx(1.044, abs=1e-3)
+    assert height == pytest.approx(
+        np.sqrt(1.044**2 - 0.3**2), abs=1e-4
+    ) and length == pytest.approx(1.044, abs=1e-3)
     along = float(re.findall(r"([\d.]+)\n$", shown[0])[0])
     assert 1e6 * along == pytest.approx(3.0 * spring * (height / 1.044) ** 2, rel=1e-3)

@@ -12,7 +12,14 @@ import pytest
 from headstock.geometry.frames import FloatArray
 
 PROGRAM = Path(__file__).with_name("rank_program.py")
-TOLERANCES = {"frequencies": 1e-8, "compliance": 1e-8, "mass": 1e-12, "plane": 1e-6, "displacement": 1e-8, "count": 0.0}
+TOLERANCES = {
+    "frequencies": 1e-8,
+    "compliance": 1e-8,
+    "mass": 1e-12,
+    "plane": 1e-6,
+    "displacement": 1e-8,
+    "count": 0.0,
+}
 
 
 def run_on(ranks: int, path: Path) -> dict[str, FloatArray]:
@@ -20,12 +27,31 @@ def run_on(ranks: int, path: Path) -> dict[str, FloatArray]:
     if launcher is None:
         pytest.skip("there is no mpirun here")
     # what this process knows of a launcher of its own must not reach the new one
-    inherited = {name: value for name, value in os.environ.items() if not name.startswith(("PMIX_", "PRTE_", "OMPI_COMM_"))}
+    inherited = {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(("PMIX_", "PRTE_", "OMPI_COMM_"))
+    }
     folder = str(PROGRAM.parent.parent / ".typing")
     paths = os.pathsep.join([folder, *filter(None, [inherited.get("PYTHONPATH")])])
-    more = {"OMP_NUM_THREADS": "1", "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "PYTHONPATH": paths}
-    command = [launcher, "--oversubscribe", "-n", str(ranks), sys.executable, str(PROGRAM), str(path)]
-    done = subprocess.run(command, env=inherited | more, capture_output=True, text=True, timeout=300, check=False)
+    more = {
+        "OMP_NUM_THREADS": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "PYTHONPATH": paths,
+    }
+    command = [
+        launcher,
+        "--oversubscribe",
+        "-n",
+        str(ranks),
+        sys.executable,
+        str(PROGRAM),
+        str(path),
+    ]
+    done = subprocess.run(
+        command, env=inherited | more, capture_output=True, text=True, timeout=300, check=False
+    )
     assert done.returncode == 0, done.stderr[-3000:]
     with np.load(path) as file:
         return dict(file)
@@ -37,7 +63,9 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> dict[str, FloatArray]:
 
 
 @pytest.mark.parametrize("ranks", [2, 4])
-def test_every_answer_is_that_of_one_rank(alone: dict[str, FloatArray], tmp_path: Path, ranks: int) -> None:
+def test_every_answer_is_that_of_one_rank(
+    alone: dict[str, FloatArray], tmp_path: Path, ranks: int
+) -> None:
     found = run_on(ranks, tmp_path / "found.npz")
     assert found.keys() == alone.keys()
     for name, exact in alone.items():
@@ -46,11 +74,24 @@ def test_every_answer_is_that_of_one_rank(alone: dict[str, FloatArray], tmp_path
         if kind in ("frequencies", "count"):
             np.testing.assert_allclose(found[name], exact, rtol=tolerance, err_msg=name)
             continue
-        scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact))) if kind == "compliance" else np.abs(exact).max()
+        scale = (
+            np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
+            if kind == "compliance"
+            else np.abs(exact).max()
+        )
         assert (np.abs(found[name] - exact) / scale).max() < tolerance, name
 
 
 def test_the_program_has_reached_every_kind_of_answer(alone: dict[str, FloatArray]) -> None:
     kinds = {name.rsplit(".", 1)[1] for name in alone}
-    assert kinds >= {"frequencies", "compliance", "mass", "plane", "displacement", "count", "moved by oil", "moved by gravity:z"}
+    assert kinds >= {
+        "frequencies",
+        "compliance",
+        "mass",
+        "plane",
+        "displacement",
+        "count",
+        "moved by oil",
+        "moved by gravity:z",
+    }
     assert alone["free.count"][0] == 8

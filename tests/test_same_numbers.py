@@ -1,4 +1,6 @@
-"""Outputs are compared number by number: what a run decides passes, and nothing else does (benchmarks/same_numbers.py)."""
+"""Outputs are compared number by number: what a run decides passes, and nothing else does
+(benchmarks/same_numbers.py).
+"""
 
 import base64
 import importlib
@@ -28,7 +30,9 @@ def same_numbers(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def vtk_array(*numbers: float) -> str:
-    return base64.b64encode(np.array([8 * len(numbers)], "<u8").tobytes() + np.array(numbers).tobytes()).decode()
+    return base64.b64encode(
+        np.array([8 * len(numbers)], "<u8").tobytes() + np.array(numbers).tobytes()
+    ).decode()
 
 
 def write_outputs(folder: Path) -> Path:
@@ -42,7 +46,9 @@ def write_outputs(folder: Path) -> Path:
         "provenance": {"date": "2026-01-02T03:04:05+00:00"},
     }
     (folder / "summary.json").write_text(json.dumps(summary))
-    (folder / "tables" / "modes.csv").write_text("mode,frequency [Hz],seconds,name\n1,128.2,0.5,bends X\n2,326.9,0.6,\n")
+    (folder / "tables" / "modes.csv").write_text(
+        "mode,frequency [Hz],seconds,name\n1,128.2,0.5,bends X\n2,326.9,0.6,\n"
+    )
     (folder / "1.out.txt").write_text(
         "  mesh   column   1.02 s  1 491 dofs\n\ndone in 5.23 s at 2026-01-02 03:04\nx 426.71018258694535\n"
     )
@@ -52,10 +58,14 @@ def write_outputs(folder: Path) -> Path:
         f'<a href="data:text/csv;charset=utf-8;base64,{coded}">CSV</a>\n'
         '<section id="cost">2 s</section><script type="application/json">{"at": [0.5, 1.0]}</script>'
     )
-    array = f'<DataArray type="Float64" Name="points" format="binary">{vtk_array(1.0, 2.0)}</DataArray>'
+    array = (
+        f'<DataArray type="Float64" Name="points" format="binary">{vtk_array(1.0, 2.0)}</DataArray>'
+    )
     (folder / "modes.vtu").write_text(f"<VTKFile><Points>{array}</Points></VTKFile>")
     with h5py.File(folder / "results.h5", "w") as file:
-        file.create_dataset("modal/shapes", data=np.array([[1.0, -0.5], [0.25, 1e-9]])).attrs["unit"] = "m"
+        file.create_dataset("modal/shapes", data=np.array([[1.0, -0.5], [0.25, 1e-9]])).attrs[
+            "unit"
+        ] = "m"
         file.create_dataset("labels", data=np.array([b"x", b"y"]))
         file.attrs["scale"] = 2.0
         file.create_group("provenance").attrs["date"] = "2026-01-02"
@@ -88,7 +98,9 @@ def set_attribute(place: str, key: str, value: object) -> Callable[[Path], None]
 
 
 def code_table(old: bytes, new: bytes) -> Callable[[Path], None]:
-    return replace_text("report.html", base64.b64encode(old).decode(), base64.b64encode(new).decode())
+    return replace_text(
+        "report.html", base64.b64encode(old).decode(), base64.b64encode(new).decode()
+    )
 
 
 PASSES = {
@@ -106,7 +118,9 @@ PASSES = {
     "number at 1e-11": replace_text("summary.json", "326.9", repr(326.9 + 785 * 1e-11)),
     "small number of a large array": replace_text("summary.json", "2e-06", "2.00001e-06"),
     "rounding error": replace_text("summary.json", '"residual": 1e-13', '"residual": 4e-13'),
-    "number in text at 1e-12": replace_text("1.out.txt", "426.71018258694535", "426.71018258694578"),
+    "number in text at 1e-12": replace_text(
+        "1.out.txt", "426.71018258694535", "426.71018258694578"
+    ),
 }
 
 FAILS = {
@@ -114,23 +128,59 @@ FAILS = {
         replace_text("summary.json", "326.9", repr(326.9 + 785 * 1e-9)),
         "summary.json/modal/frequencies_hz/[1]",
     ),
-    "null in JSON": (replace_text("summary.json", "785.0", "null"), "summary.json/modal/frequencies_hz/[2]"),
-    "length in JSON": (replace_text("summary.json", ", 785.0", ""), "summary.json/modal/frequencies_hz/"),
-    "text in JSON": (replace_text("summary.json", "elastic", "rigid"), "summary.json/stages/0/reason/ line 1"),
+    "null in JSON": (
+        replace_text("summary.json", "785.0", "null"),
+        "summary.json/modal/frequencies_hz/[2]",
+    ),
+    "length in JSON": (
+        replace_text("summary.json", ", 785.0", ""),
+        "summary.json/modal/frequencies_hz/",
+    ),
+    "text in JSON": (
+        replace_text("summary.json", "elastic", "rigid"),
+        "summary.json/stages/0/reason/ line 1",
+    ),
     "key in JSON": (replace_text("summary.json", '"status"', '"state"'), "summary.json/state/"),
-    "real residual": (replace_text("summary.json", '"residual": 1e-13', '"residual": 1e-6'), "summary.json/residual/"),
-    "number in CSV": (replace_text("tables/modes.csv", "128.2", "128.2000001"), "tables/modes.csv column 1 frequency [Hz][0]"),
-    "text in CSV": (replace_text("tables/modes.csv", "bends X", "bends Y"), "tables/modes.csv column 3 name line 1"),
-    "head of CSV": (replace_text("tables/modes.csv", "[Hz]", "[rad/s]"), "tables/modes.csv head line 1"),
+    "real residual": (
+        replace_text("summary.json", '"residual": 1e-13', '"residual": 1e-6'),
+        "summary.json/residual/",
+    ),
+    "number in CSV": (
+        replace_text("tables/modes.csv", "128.2", "128.2000001"),
+        "tables/modes.csv column 1 frequency [Hz][0]",
+    ),
+    "text in CSV": (
+        replace_text("tables/modes.csv", "bends X", "bends Y"),
+        "tables/modes.csv column 3 name line 1",
+    ),
+    "head of CSV": (
+        replace_text("tables/modes.csv", "[Hz]", "[rad/s]"),
+        "tables/modes.csv head line 1",
+    ),
     "word in text": (replace_text("1.out.txt", "column", "bed"), "1.out.txt: line 1"),
     "count in text": (replace_text("1.out.txt", "1 491", "1 492"), "1.out.txt: line 1"),
     "number in text": (replace_text("1.out.txt", "426.71018", "426.71019"), "1.out.txt: line 3"),
-    "value in report": (replace_text("report.html", "128.189171", "128.189181"), "report.html: page line 1"),
-    "table in report": (code_table(b"part,x\ncolumn,0.5\n", b"part,x\ncolumn,0.6\n"), "report.html: table 0 column 1 x"),
-    "data of report": (replace_text("report.html", "[0.5, 1.0]", "[0.5, 1.00001]"), "report.html: data 0/at/[1]"),
-    "array of VTU": (replace_text("modes.vtu", vtk_array(1.0, 2.0), vtk_array(1.0, 2.0 + 1e-9)), "modes.vtu:/Points/0 points[1]"),
+    "value in report": (
+        replace_text("report.html", "128.189171", "128.189181"),
+        "report.html: page line 1",
+    ),
+    "table in report": (
+        code_table(b"part,x\ncolumn,0.5\n", b"part,x\ncolumn,0.6\n"),
+        "report.html: table 0 column 1 x",
+    ),
+    "data of report": (
+        replace_text("report.html", "[0.5, 1.0]", "[0.5, 1.00001]"),
+        "report.html: data 0/at/[1]",
+    ),
+    "array of VTU": (
+        replace_text("modes.vtu", vtk_array(1.0, 2.0), vtk_array(1.0, 2.0 + 1e-9)),
+        "modes.vtu:/Points/0 points[1]",
+    ),
     "number in HDF5": (set_value("modal/shapes", 1.0 + 1e-9), "results.h5:/modal/shapes[0][0]"),
-    "attribute in HDF5": (set_attribute("modal/shapes", "unit", "mm"), "results.h5:/modal/shapes@unit line 1"),
+    "attribute in HDF5": (
+        set_attribute("modal/shapes", "unit", "mm"),
+        "results.h5:/modal/shapes@unit line 1",
+    ),
     "number of an attribute": (set_attribute("/", "scale", 2.0 + 1e-8), "results.h5:/@scale"),
     "missing file": (lambda folder: (folder / "modes.vtu").unlink(), "modes.vtu"),
     "another file": (lambda folder: (folder / "more.json").write_text("{}"), "more.json"),
@@ -145,12 +195,16 @@ def found(trees: Any, folder: Path, change: Callable[[Path], object]) -> list[An
 
 
 @pytest.mark.parametrize("name", PASSES)
-def test_what_differs_between_two_runs_of_the_same_code_passes(trees: Any, tmp_path: Path, name: str) -> None:
+def test_what_differs_between_two_runs_of_the_same_code_passes(
+    trees: Any, tmp_path: Path, name: str
+) -> None:
     assert found(trees, tmp_path, PASSES[name]) == []
 
 
 @pytest.mark.parametrize("name", FAILS)
-def test_any_other_change_is_found_and_its_place_named(trees: Any, tmp_path: Path, name: str) -> None:
+def test_any_other_change_is_found_and_its_place_named(
+    trees: Any, tmp_path: Path, name: str
+) -> None:
     change, place = FAILS[name]
     assert place in {difference.place for difference in found(trees, tmp_path, change)}
 
@@ -178,7 +232,10 @@ def test_paths_of_the_two_trees_are_the_same_place(trees: Any, tmp_path: Path) -
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "1.err.txt").write_text(f"{tmp_path / name}/scene.toml: no such key")
-    read = [trees.read_tree(tmp_path / name, {str(tmp_path / name): "FOLDER"}) for name in ("one", "two")]
+    read = [
+        trees.read_tree(tmp_path / name, {str(tmp_path / name): "FOLDER"})
+        for name in ("one", "two")
+    ]
     assert trees.differences(*read) == []
 
 
@@ -186,16 +243,22 @@ def verdict(same_numbers: Any, folder: Path, expected: dict[str, str], **failure
     case = same_numbers.Case("column", ("run column.toml",))
     sides = tuple(same_numbers.Side(folder / name, folder / name) for name in ("base", "now"))
     base = same_numbers.Outcome(folder / "base", 1.0, **failure)
-    return same_numbers.judge(case, base, same_numbers.Outcome(folder / "now", 1.0), sides=sides, expected=expected)
+    return same_numbers.judge(
+        case, base, same_numbers.Outcome(folder / "now", 1.0), sides=sides, expected=expected
+    )
 
 
-def test_a_judged_difference_passes_and_is_printed_with_its_reason(same_numbers: Any, tmp_path: Path) -> None:
+def test_a_judged_difference_passes_and_is_printed_with_its_reason(
+    same_numbers: Any, tmp_path: Path
+) -> None:
     write_outputs(tmp_path / "base")
     replace_text("summary.json", "elastic", "rigid")(write_outputs(tmp_path / "now"))
     plain = verdict(same_numbers, tmp_path, {})
     assert not plain.same and any("summary.json/stages/0/reason/" in line for line in plain.details)
     judged = verdict(same_numbers, tmp_path, {"column/*.json/stages/*": "a better word"})
-    assert judged.same and judged.details == ("expected: summary.json/stages/0/reason/ line 1 (a better word)",)
+    assert judged.same and judged.details == (
+        "expected: summary.json/stages/0/reason/ line 1 (a better word)",
+    )
 
 
 def test_a_case_that_fails_is_no_equal_case(same_numbers: Any, tmp_path: Path) -> None:
@@ -203,7 +266,9 @@ def test_a_case_that_fails_is_no_equal_case(same_numbers: Any, tmp_path: Path) -
     write_outputs(tmp_path / "now")
     assert verdict(same_numbers, tmp_path, {}).same
     assert not verdict(same_numbers, tmp_path, {}, failure="exit code 1").same
-    unknown = verdict(same_numbers, tmp_path, {}, failure="exit code 2: No such command", lacks=True)
+    unknown = verdict(
+        same_numbers, tmp_path, {}, failure="exit code 2: No such command", lacks=True
+    )
     assert unknown.lacks and "the base lacks this" in unknown.line
 
 
@@ -211,5 +276,9 @@ def test_every_case_has_a_name_of_its_own_and_every_shipped_scene_is_run(same_nu
     names = [case.name for case in same_numbers.CASES]
     assert len(set(names)) == len(names)
     steps = " ".join(step for case in same_numbers.CASES if not case.full for step in case.steps)
-    scenes = [path.name for path in (BENCHMARKS.parent / "machines").glob("*.toml") if "targets" not in path.name]
+    scenes = [
+        path.name
+        for path in (BENCHMARKS.parent / "machines").glob("*.toml")
+        if "targets" not in path.name
+    ]
     assert scenes and [name for name in scenes if f"run machines/{name}" not in steps] == []

@@ -1,4 +1,6 @@
-"""A comparison of small numbers can fail: no absolute tolerance stands beside a relative one unless it is written."""
+"""A comparison of small numbers can fail: no absolute tolerance stands beside a relative one unless
+it is written.
+"""
 
 import ast
 from pathlib import Path
@@ -6,12 +8,26 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-FOLDERS = ("geometry", "meshing", "solvers", "reduction", "pipeline", "validation", "app", "benchmarks", "tests")
+FOLDERS = (
+    "geometry",
+    "meshing",
+    "solvers",
+    "reduction",
+    "pipeline",
+    "validation",
+    "app",
+    "benchmarks",
+    "tests",
+)
 
 
 def compares_unawares(node: ast.Call) -> bool:
-    """Whether a call is one of numpy's ``allclose`` or ``isclose`` with their own absolute tolerance of 1e-8."""
-    return ast.unparse(node.func) in ("np.allclose", "np.isclose") and "atol" not in {word.arg for word in node.keywords}
+    """Whether a call is one of numpy's ``allclose`` or ``isclose`` with their own absolute
+    tolerance of 1e-8.
+    """
+    return ast.unparse(node.func) in ("np.allclose", "np.isclose") and "atol" not in {
+        word.arg for word in node.keywords
+    }
 
 
 def test_numbers_below_pytest_s_own_absolute_tolerance_are_told_apart() -> None:

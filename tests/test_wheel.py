@@ -9,16 +9,28 @@ import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PARTS = ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE", "CHANGELOG.md", "CITATION.cff")
+PARTS = (
+    "pyproject.toml",
+    "setup.py",
+    "MANIFEST.in",
+    "README.md",
+    "LICENSE",
+    "CHANGELOG.md",
+    "CITATION.cff",
+)
 ASSETS = {".py", ".toml", ".yaml", ".html", ".css", ".js"}
 COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
 
 
 def build_wheel(folder: Path) -> Path:
-    """The wheel of this tree, built from a copy: setuptools leaves folders beside what it builds."""
+    """The wheel of this tree, built from a copy: setuptools leaves folders beside what it
+    builds.
+    """
     layers = [link.name for link in (ROOT / ".typing" / "headstock").iterdir()]
     for layer in layers:
-        shutil.copytree(ROOT / layer, folder / "tree" / layer, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            ROOT / layer, folder / "tree" / layer, ignore=shutil.ignore_patterns("__pycache__")
+        )
     for name in PARTS:
         shutil.copy(ROOT / name, folder / "tree" / name)
     command = [
@@ -41,8 +53,24 @@ def build_wheel(folder: Path) -> Path:
 
 def run(folder: Path, packages: Path, name: str) -> list[float]:
     """Frequencies that the program in a folder of packages finds."""
-    command = [sys.executable, "-P", "-m", "headstock.app.command_line", "run", "scene.toml", "-o", name]
-    subprocess.run(command, cwd=folder, env=os.environ | {"PYTHONPATH": str(packages)}, check=True, capture_output=True, text=True)
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "headstock.app.command_line",
+        "run",
+        "scene.toml",
+        "-o",
+        name,
+    ]
+    subprocess.run(
+        command,
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(packages)},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     summary = json.loads((folder / name / "summary.json").read_text())
     (pose,) = summary["modal"]
     found: list[float] = pose["frequencies_hz"]
@@ -56,11 +84,17 @@ def test_a_scene_runs_from_the_wheel_which_holds_every_module_and_asset(tmp_path
     layers = [link.resolve() for link in (ROOT / ".typing" / "headstock").iterdir()]
     # the rest of app/report/viewer is what its script was packed from
     files = {
-        path.relative_to(ROOT) for layer in layers for path in layer.rglob("*") if path.suffix in ASSETS or path.name == "py.typed"
+        path.relative_to(ROOT)
+        for layer in layers
+        for path in layer.rglob("*")
+        if path.suffix in ASSETS or path.name == "py.typed"
     }
     assert {path for path in files if not (installed / "headstock" / path).is_file()} == set()
 
     (tmp_path / "scene.toml").write_text(COLUMN.read_text() + "[analyses.modal]\ncount = 3\n")
-    frequencies = [run(tmp_path, path, name) for path, name in ((installed, "wheel"), (ROOT / ".typing", "checkout"))]
+    frequencies = [
+        run(tmp_path, path, name)
+        for path, name in ((installed, "wheel"), (ROOT / ".typing", "checkout"))
+    ]
     assert frequencies[0] == frequencies[1]
     assert len(frequencies[0]) == 3

@@ -9,14 +9,28 @@ from mpi4py import MPI
 from headstock.geometry.errors import HeadstockError
 from headstock.solvers.ranks import make_on_root
 from headstock.validation.coverage.cases import check_coverage, check_coverage_smoke
-from headstock.validation.machines.accuracy_cases import check_beam_accuracy, check_machine_accuracy, check_mesh_estimates
+from headstock.validation.machines.accuracy_cases import (
+    check_beam_accuracy,
+    check_machine_accuracy,
+    check_mesh_estimates,
+)
 from headstock.validation.machines.axis_kit_cases import check_axis_kit
-from headstock.validation.machines.drive_cases import check_friction, check_sampled_control, check_two_masses
-from headstock.validation.machines.estimate_cases import check_frequency_estimates, check_step_estimates
+from headstock.validation.machines.drive_cases import (
+    check_friction,
+    check_sampled_control,
+    check_two_masses,
+)
+from headstock.validation.machines.estimate_cases import (
+    check_frequency_estimates,
+    check_step_estimates,
+)
 from headstock.validation.machines.identification_cases import check_identification
 from headstock.validation.machines.machine_cases import check_guideway, check_three_axis_machine
 from headstock.validation.machines.path_cases import check_path_roads, check_path_test
-from headstock.validation.machines.response_estimate_cases import check_mesh_response_estimates, check_response_estimates
+from headstock.validation.machines.response_estimate_cases import (
+    check_mesh_response_estimates,
+    check_response_estimates,
+)
 from headstock.validation.mechanisms.contouring_cases import (
     check_contour_stability,
     check_contouring,
@@ -70,7 +84,11 @@ from headstock.validation.parts.modal_benchmarks import (
     check_slender_cantilever,
     check_square_column,
 )
-from headstock.validation.parts.order_cases import check_displacement_orders, check_rod_frequencies, check_rod_orders
+from headstock.validation.parts.order_cases import (
+    check_displacement_orders,
+    check_rod_frequencies,
+    check_rod_orders,
+)
 from headstock.validation.parts.plate_cases import check_thin_plates
 from headstock.validation.parts.rail_bases import check_rail_bases
 from headstock.validation.parts.reduction_cases import (
@@ -80,8 +98,16 @@ from headstock.validation.parts.reduction_cases import (
     check_rigid_body_content,
     check_static_exactness,
 )
-from headstock.validation.parts.response_cases import check_beam_truncation, check_column_response, check_rod_peak, check_rod_step
-from headstock.validation.parts.static_benchmarks import check_straight_cantilever, check_thick_plate
+from headstock.validation.parts.response_cases import (
+    check_beam_truncation,
+    check_column_response,
+    check_rod_peak,
+    check_rod_step,
+)
+from headstock.validation.parts.static_benchmarks import (
+    check_straight_cantilever,
+    check_thick_plate,
+)
 from headstock.validation.references.rows import ValidationRow, failed_computation
 
 CaseFunction = Callable[[MPI.Comm], list[ValidationRow]]
@@ -93,8 +119,8 @@ class Case:
 
     Attributes:
         name: What the command line calls it.
-        group: ``beams``, ``benchmarks``, ``orders``, ``reduction``, ``machines``, ``axis_construction_kit``, ``tripteor`` or
-            ``tripteor_verification``.
+        group: ``beams``, ``benchmarks``, ``orders``, ``reduction``, ``machines``,
+            ``axis_construction_kit``, ``tripteor`` or ``tripteor_verification``.
         title: One line.
         compute: Collective function that returns the rows.
         on_request: Takes so long that it runs only when it is named itself.
@@ -116,35 +142,104 @@ VERIFICATION = "tripteor_verification"
 
 
 CASES: tuple[Case, ...] = (
-    Case("seed-cantilever", "beams", "six frequencies of the seed's column", check_cantilever_modes),
-    Case("seed-cantilever-static", "beams", "compliances of the seed's column", check_cantilever_statics),
-    Case("seed-fixed-beam", "beams", "six frequencies of the seed's fixed beam", check_fixed_beam_modes),
-    Case("seed-fixed-beam-static", "beams", "deflections of the seed's fixed beam", check_fixed_beam_statics),
-    Case("seed-cantilever-theory", "beams", "the seed's column by beam theories", check_cantilever_theory),
-    Case("seed-fixed-beam-theory", "beams", "the seed's fixed beam by beam theories", check_fixed_beam_theory),
+    Case(
+        "seed-cantilever", "beams", "six frequencies of the seed's column", check_cantilever_modes
+    ),
+    Case(
+        "seed-cantilever-static",
+        "beams",
+        "compliances of the seed's column",
+        check_cantilever_statics,
+    ),
+    Case(
+        "seed-fixed-beam",
+        "beams",
+        "six frequencies of the seed's fixed beam",
+        check_fixed_beam_modes,
+    ),
+    Case(
+        "seed-fixed-beam-static",
+        "beams",
+        "deflections of the seed's fixed beam",
+        check_fixed_beam_statics,
+    ),
+    Case(
+        "seed-cantilever-theory",
+        "beams",
+        "the seed's column by beam theories",
+        check_cantilever_theory,
+    ),
+    Case(
+        "seed-fixed-beam-theory",
+        "beams",
+        "the seed's fixed beam by beam theories",
+        check_fixed_beam_theory,
+    ),
     Case("torsion-constant", "beams", "torsion constants of rectangles", check_torsion_constants),
     Case("fv5-theory", "benchmarks", "NAFEMS FV5 by beam theories", check_deep_beam_theory),
     Case("sdll02-theory", "benchmarks", "SDLL02 by Euler and Bernoulli", check_slender_beam_theory),
     Case("rod-theory", "benchmarks", "rod without lateral contraction", check_rod_theory),
-    Case("block-theory", "benchmarks", "block on four air springs, closed form", check_block_theory),
+    Case(
+        "block-theory", "benchmarks", "block on four air springs, closed form", check_block_theory
+    ),
     Case("fv5", "benchmarks", "NAFEMS FV5, deep beam on averaged supports", check_deep_beam),
     Case("block", "benchmarks", "rigid block on four air springs", check_block),
     Case("free", "benchmarks", "the seed's column without support", check_free_column),
     Case("square-column", "benchmarks", "square column with repeated modes", check_square_column),
     Case("sdll02", "benchmarks", "SDLL02, slender cantilever", check_slender_cantilever),
     Case(
-        "straight-cantilever", "benchmarks", "MacNeal and Harder's straight cantilever, slanted elements", check_straight_cantilever
+        "straight-cantilever",
+        "benchmarks",
+        "MacNeal and Harder's straight cantilever, slanted elements",
+        check_straight_cantilever,
     ),
-    Case("thin-parts", "benchmarks", "plates down to 1:1000, one element through the thickness", check_thin_plates),
+    Case(
+        "thin-parts",
+        "benchmarks",
+        "plates down to 1:1000, one element through the thickness",
+        check_thin_plates,
+    ),
     Case("le10", "benchmarks", "NAFEMS LE10, thick plate under pressure", check_thick_plate),
-    Case("rod", "benchmarks", "axial frequencies of the rod without lateral contraction", check_rod_frequencies),
+    Case(
+        "rod",
+        "benchmarks",
+        "axial frequencies of the rod without lateral contraction",
+        check_rod_frequencies,
+    ),
     Case("rod-orders", "orders", "order of axial frequencies", check_rod_orders),
-    Case("displacement-orders", "orders", "order of the displacement under a manufactured load", check_displacement_orders),
-    Case("all-modes", "reduction", "every mode kept is the whole model, none is Guyan's", check_all_modes),
-    Case("static-exactness", "reduction", "static interface response with any number of modes", check_static_exactness),
-    Case("mode-truncation", "reduction", "free column with rigid faces by number of modes", check_mode_truncation),
-    Case("average-truncation", "reduction", "free column with averaging faces", check_mean_truncation),
-    Case("rigid-body-content", "reduction", "rigid-body frequencies, mass, centre and inertia", check_rigid_body_content),
+    Case(
+        "displacement-orders",
+        "orders",
+        "order of the displacement under a manufactured load",
+        check_displacement_orders,
+    ),
+    Case(
+        "all-modes",
+        "reduction",
+        "every mode kept is the whole model, none is Guyan's",
+        check_all_modes,
+    ),
+    Case(
+        "static-exactness",
+        "reduction",
+        "static interface response with any number of modes",
+        check_static_exactness,
+    ),
+    Case(
+        "mode-truncation",
+        "reduction",
+        "free column with rigid faces by number of modes",
+        check_mode_truncation,
+    ),
+    Case(
+        "average-truncation", "reduction", "free column with averaging faces", check_mean_truncation
+    ),
+    Case(
+        "rigid-body-content",
+        "reduction",
+        "rigid-body frequencies, mass, centre and inertia",
+        check_rigid_body_content,
+    ),
     Case("mesh-estimates", "estimates", "± of meshes against a fine mesh", check_mesh_estimates),
     Case(
         "mesh-estimates-response",
@@ -165,35 +260,172 @@ CASES: tuple[Case, ...] = (
         check_machine_accuracy,
         on_request=True,
     ),
-    Case("coverage", "estimates", "how often ± covers the truth, over 48 parts", on_root(check_coverage), on_request=True),
+    Case(
+        "coverage",
+        "estimates",
+        "how often ± covers the truth, over 48 parts",
+        on_root(check_coverage),
+        on_request=True,
+    ),
     Case("coverage-smoke", "estimates", "the same on two parts", on_root(check_coverage_smoke)),
-    Case("reduction-estimates", "estimates", "± of frequencies against unreduced machines", on_root(check_frequency_estimates)),
-    Case("reduction-estimates-step", "estimates", "± of a large STEP part's frequencies", on_root(check_step_estimates)),
-    Case("response-estimates", "estimates", "± of frequency responses against direct solves", on_root(check_response_estimates)),
-    Case("known-stiffnesses", "identification", "known stiffnesses found again from noisy data, 50 seeds", check_identification),
-    Case("rail-bases", "guideways", "splines, polynomials and frames as dofs of a rail", on_root(check_rail_bases)),
-    Case("guideway", "guideways", "a table at 50 places of its rails against a model of its own at each", on_root(check_guideway)),
-    Case("path-test", "path", "the path test of Kono et al. with variants BE and YCE", on_root(check_path_test)),
-    Case("path-roads", "path", "a path by carried modes and by absolute coordinates", on_root(check_path_roads)),
+    Case(
+        "reduction-estimates",
+        "estimates",
+        "± of frequencies against unreduced machines",
+        on_root(check_frequency_estimates),
+    ),
+    Case(
+        "reduction-estimates-step",
+        "estimates",
+        "± of a large STEP part's frequencies",
+        on_root(check_step_estimates),
+    ),
+    Case(
+        "response-estimates",
+        "estimates",
+        "± of frequency responses against direct solves",
+        on_root(check_response_estimates),
+    ),
+    Case(
+        "known-stiffnesses",
+        "identification",
+        "known stiffnesses found again from noisy data, 50 seeds",
+        check_identification,
+    ),
+    Case(
+        "rail-bases",
+        "guideways",
+        "splines, polynomials and frames as dofs of a rail",
+        on_root(check_rail_bases),
+    ),
+    Case(
+        "guideway",
+        "guideways",
+        "a table at 50 places of its rails against a model of its own at each",
+        on_root(check_guideway),
+    ),
+    Case(
+        "path-test",
+        "path",
+        "the path test of Kono et al. with variants BE and YCE",
+        on_root(check_path_test),
+    ),
+    Case(
+        "path-roads",
+        "path",
+        "a path by carried modes and by absolute coordinates",
+        on_root(check_path_roads),
+    ),
     Case("rod-step", "time_response", "a rod under a suddenly applied force", check_rod_step),
-    Case("rod-peak", "time_response", "its sharp peak with 1200 modes", check_rod_peak, on_request=True),
-    Case("nafems-5t", "time_response", "NAFEMS 5T, deep beam under a suddenly applied load", check_transient_beam),
-    Case("nafems-5h", "frequency_response", "NAFEMS 5H, deep beam under a harmonic load", check_harmonic_beam),
-    Case("two-mass-drive", "drives", "a motor that drives a load, controlled, against closed forms", check_two_masses),
-    Case("sampled-control", "drives", "a sampled controller step by step beside its dead time", check_sampled_control),
-    Case("drive-friction", "drives", "sliding, sticking and slipping, and the balance of energy", check_friction),
-    Case("beam-truncation", "frequency_response", "share of a cantilever's tip compliance in its modes", check_beam_truncation),
-    Case("column-response", "frequency_response", "reduced column against direct solves of its whole model", check_column_response),
-    Case("three-axis-machine", "machines", "the shipped machine against a monolithic model of itself", check_three_axis_machine),
-    Case("axis-construction-kit", "axis_construction_kit", "table 3 and figures 17, 18 of Kono et al.", check_axis_kit),
-    Case("tripteor-lumped", "tripteor", "measured modes in three configurations and the lumped model", check_lumped_modes),
-    Case("tripteor-claims", "tripteor", "what the paper says of its model, held or not", check_paper_claims),
-    Case("tripteor-elastic-legs", "tripteor", "measured modes in three configurations and elastic legs", check_elastic_legs),
-    Case("tripteor-leg-roads", "tripteor", "elastic legs by three roads, stiff legs and the lumped model", check_leg_roads),
-    Case("tripteor-compliances", "tripteor", "what could be missing beside elastic legs, one after the other", check_compliances),
-    Case("tripteor-cost", "tripteor", "modes of one configuration and a map of 100 x 100", check_modal_cost),
-    Case("tripteor-contouring", "tripteor", "tool gap along x on the faces of the milled block", check_contouring),
-    Case("tripteor-contouring-nonlinear", "tripteor", "the start of the contour by the full equations", check_nonlinear_contour),
+    Case(
+        "rod-peak",
+        "time_response",
+        "its sharp peak with 1200 modes",
+        check_rod_peak,
+        on_request=True,
+    ),
+    Case(
+        "nafems-5t",
+        "time_response",
+        "NAFEMS 5T, deep beam under a suddenly applied load",
+        check_transient_beam,
+    ),
+    Case(
+        "nafems-5h",
+        "frequency_response",
+        "NAFEMS 5H, deep beam under a harmonic load",
+        check_harmonic_beam,
+    ),
+    Case(
+        "two-mass-drive",
+        "drives",
+        "a motor that drives a load, controlled, against closed forms",
+        check_two_masses,
+    ),
+    Case(
+        "sampled-control",
+        "drives",
+        "a sampled controller step by step beside its dead time",
+        check_sampled_control,
+    ),
+    Case(
+        "drive-friction",
+        "drives",
+        "sliding, sticking and slipping, and the balance of energy",
+        check_friction,
+    ),
+    Case(
+        "beam-truncation",
+        "frequency_response",
+        "share of a cantilever's tip compliance in its modes",
+        check_beam_truncation,
+    ),
+    Case(
+        "column-response",
+        "frequency_response",
+        "reduced column against direct solves of its whole model",
+        check_column_response,
+    ),
+    Case(
+        "three-axis-machine",
+        "machines",
+        "the shipped machine against a monolithic model of itself",
+        check_three_axis_machine,
+    ),
+    Case(
+        "axis-construction-kit",
+        "axis_construction_kit",
+        "table 3 and figures 17, 18 of Kono et al.",
+        check_axis_kit,
+    ),
+    Case(
+        "tripteor-lumped",
+        "tripteor",
+        "measured modes in three configurations and the lumped model",
+        check_lumped_modes,
+    ),
+    Case(
+        "tripteor-claims",
+        "tripteor",
+        "what the paper says of its model, held or not",
+        check_paper_claims,
+    ),
+    Case(
+        "tripteor-elastic-legs",
+        "tripteor",
+        "measured modes in three configurations and elastic legs",
+        check_elastic_legs,
+    ),
+    Case(
+        "tripteor-leg-roads",
+        "tripteor",
+        "elastic legs by three roads, stiff legs and the lumped model",
+        check_leg_roads,
+    ),
+    Case(
+        "tripteor-compliances",
+        "tripteor",
+        "what could be missing beside elastic legs, one after the other",
+        check_compliances,
+    ),
+    Case(
+        "tripteor-cost",
+        "tripteor",
+        "modes of one configuration and a map of 100 x 100",
+        check_modal_cost,
+    ),
+    Case(
+        "tripteor-contouring",
+        "tripteor",
+        "tool gap along x on the faces of the milled block",
+        check_contouring,
+    ),
+    Case(
+        "tripteor-contouring-nonlinear",
+        "tripteor",
+        "the start of the contour by the full equations",
+        check_nonlinear_contour,
+    ),
     Case(
         "tripteor-contour-whole",
         "tripteor",
@@ -201,21 +433,75 @@ CASES: tuple[Case, ...] = (
         check_whole_nonlinear_contour,
         on_request=True,
     ),
-    Case("tripteor-stability", "tripteor", "limit depths of the contour face by face", check_contour_stability),
-    Case("milling-stability", "milling_stability", "multipliers and limit depths by second roads", check_stability_methods),
     Case(
-        "mechanism-derivatives", VERIFICATION, "Jacobians, bias and inertial forces by complex steps", check_mechanism_derivatives
+        "tripteor-stability",
+        "tripteor",
+        "limit depths of the contour face by face",
+        check_contour_stability,
     ),
-    Case("exechon-inverse-kinematics", VERIFICATION, "the published table of 16 assemblies", check_inverse_kinematics),
-    Case("mirror-symmetry", VERIFICATION, "both sides of the plane of symmetry", check_mirror_symmetry),
-    Case("linear-limits", VERIFICATION, "small forces and small swings of the nonlinear equations", check_limits),
-    Case("three-models", VERIFICATION, "ODE, DAE and absolute coordinates in one instant", check_three_models),
-    Case("three-models-path", VERIFICATION, "ODE and absolute coordinates over 10 ms", check_common_path),
+    Case(
+        "milling-stability",
+        "milling_stability",
+        "multipliers and limit depths by second roads",
+        check_stability_methods,
+    ),
+    Case(
+        "mechanism-derivatives",
+        VERIFICATION,
+        "Jacobians, bias and inertial forces by complex steps",
+        check_mechanism_derivatives,
+    ),
+    Case(
+        "exechon-inverse-kinematics",
+        VERIFICATION,
+        "the published table of 16 assemblies",
+        check_inverse_kinematics,
+    ),
+    Case(
+        "mirror-symmetry",
+        VERIFICATION,
+        "both sides of the plane of symmetry",
+        check_mirror_symmetry,
+    ),
+    Case(
+        "linear-limits",
+        VERIFICATION,
+        "small forces and small swings of the nonlinear equations",
+        check_limits,
+    ),
+    Case(
+        "three-models",
+        VERIFICATION,
+        "ODE, DAE and absolute coordinates in one instant",
+        check_three_models,
+    ),
+    Case(
+        "three-models-path",
+        VERIFICATION,
+        "ODE and absolute coordinates over 10 ms",
+        check_common_path,
+    ),
     Case("energy-balance", VERIFICATION, "energy gained is work put in", check_energy_balance),
-    Case("integration-orders", VERIFICATION, "generalised-α on ODE and index-3 DAE", check_integration_orders),
-    Case("singular-passage", VERIFICATION, "20 s to and fro over a singular pose", check_singular_passage),
+    Case(
+        "integration-orders",
+        VERIFICATION,
+        "generalised-α on ODE and index-3 DAE",
+        check_integration_orders,
+    ),
+    Case(
+        "singular-passage",
+        VERIFICATION,
+        "20 s to and fro over a singular pose",
+        check_singular_passage,
+    ),
     Case("constraint-drift", VERIFICATION, "open loops over 10 000 steps", check_constraint_drift),
-    Case("constraint-drift-million", VERIFICATION, "open loops over 1 000 000 steps", check_million_steps, on_request=True),
+    Case(
+        "constraint-drift-million",
+        VERIFICATION,
+        "open loops over 1 000 000 steps",
+        check_million_steps,
+        on_request=True,
+    ),
 )
 
 
@@ -230,11 +516,14 @@ def group_names() -> list[str]:
 
 
 class UnknownCaseError(ValueError):
-    """A case or group was asked for that does not exist; the message lists those that do (bad input, exit code 2)."""
+    """A case or group was asked for that does not exist; the message lists those that do (bad
+    input, exit code 2).
+    """
 
 
 def select_cases(names: Sequence[str]) -> list[Case]:
-    """The cases that names of cases or groups stand for, each once, in registry order; all when no name is given.
+    """The cases that names of cases or groups stand for, each once, in registry order; all when no
+    name is given.
 
     A case that takes very long is run only under its own name.
 
@@ -250,16 +539,23 @@ def select_cases(names: Sequence[str]) -> list[Case]:
             f"unknown validation case {unknown[0]!r}{hint}; groups: {', '.join(group_names())}; cases: {', '.join(case_names())}"
         )
     wanted = {name.lower() for name in names}
-    return [case for case in CASES if case.name in wanted or ((not wanted or case.group in wanted) and not case.on_request)]
+    return [
+        case
+        for case in CASES
+        if case.name in wanted or ((not wanted or case.group in wanted) and not case.on_request)
+    ]
 
 
 def run_validation(
-    names: Sequence[str], *, comm: MPI.Comm, on_case: Callable[[Case, list[ValidationRow]], None] | None = None
+    names: Sequence[str],
+    *,
+    comm: MPI.Comm,
+    on_case: Callable[[Case, list[ValidationRow]], None] | None = None,
 ) -> list[ValidationRow]:
     """Compute the rows of cases and groups.
 
-    A case whose computation ends with a named error yields one failed row that carries the error's text, so that the others are
-    still computed.
+    A case whose computation ends with a named error yields one failed row that carries the error's
+    text, so that the others are still computed.
 
     Args:
         names: Cases or groups; empty for all.

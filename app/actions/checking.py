@@ -1,4 +1,6 @@
-"""``headstock check`` and the rows of ``headstock plan``: what is wrong with a scene, and what it calls for; nothing is computed."""
+"""``headstock check`` and the rows of ``headstock plan``: what is wrong with a scene, and what it
+calls for; nothing is computed.
+"""
 
 import dataclasses
 from collections.abc import Sequence
@@ -14,7 +16,9 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 
 
-def check_scene(path: Path, variant: str | None, overrides: Sequence[str], json_file: Path | None) -> int:
+def check_scene(
+    path: Path, variant: str | None, overrides: Sequence[str], json_file: Path | None
+) -> int:
     """Load a scene and say what it holds.
 
     Args:
@@ -47,9 +51,16 @@ def check_scene(path: Path, variant: str | None, overrides: Sequence[str], json_
     return 0
 
 
-def _write(json_file: Path | None, path: Path, problems: Sequence[object], warnings: Sequence[str]) -> None:
+def _write(
+    json_file: Path | None, path: Path, problems: Sequence[object], warnings: Sequence[str]
+) -> None:
     if json_file is not None:
-        content = {"scene": str(path), "ok": not problems, "problems": list(problems), "warnings": list(warnings)}
+        content = {
+            "scene": str(path),
+            "ok": not problems,
+            "problems": list(problems),
+            "warnings": list(warnings),
+        }
         write_output(json_file, dump_json(content).encode())
 
 
@@ -74,8 +85,12 @@ def plan_rows(plan: Plan) -> list[StagePlan]:
             "pose": stage.pose,
             "reason": stage.reason,
             "estimated_dofs": stage.estimated_dofs,
-            "estimated_seconds": None if stage.estimated_seconds is None else round(stage.estimated_seconds, 2),
-            "estimated_memory_mb": None if stage.estimated_memory_mb is None else round(stage.estimated_memory_mb, 1),
+            "estimated_seconds": None
+            if stage.estimated_seconds is None
+            else round(stage.estimated_seconds, 2),
+            "estimated_memory_mb": None
+            if stage.estimated_memory_mb is None
+            else round(stage.estimated_memory_mb, 1),
         }
         for stage in plan.stages
     ]

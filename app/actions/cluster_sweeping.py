@@ -1,4 +1,6 @@
-"""``headstock sweep --on slurm``: submits a sweep as an array job, waits for it and collects what its tasks computed."""
+"""``headstock sweep --on slurm``: submits a sweep as an array job, waits for it and collects what
+its tasks computed.
+"""
 
 import dataclasses
 import os
@@ -33,7 +35,13 @@ from headstock.studies.sweeps.slurm_jobs import (
     wait_for_array,
     write_submission,
 )
-from headstock.studies.sweeps.slurm_tools import SlurmError, SlurmMissingError, read_states, require_slurm, submit
+from headstock.studies.sweeps.slurm_tools import (
+    SlurmError,
+    SlurmMissingError,
+    read_states,
+    require_slurm,
+    submit,
+)
 
 LAUNCHER = PROJECT / "headstock"
 
@@ -55,7 +63,9 @@ class ClusterRequest:
     wait: bool
 
 
-def sweep_on_slurm(job: SweepJob, request: ClusterRequest, comm: MPI.Comm, collect: Callable[[], int]) -> int:
+def sweep_on_slurm(
+    job: SweepJob, request: ClusterRequest, comm: MPI.Comm, collect: Callable[[], int]
+) -> int:
     """Submit what is missing of a sweep, or find the array job that is still at it; wait; collect.
 
     Args:
@@ -65,20 +75,31 @@ def sweep_on_slurm(job: SweepJob, request: ClusterRequest, comm: MPI.Comm, colle
         collect: Makes the files of a sweep whose poses are all computed, and returns the exit code.
 
     Raises:
-        click.UsageError: There is no Slurm here, or this was not started through the launcher of a checkout.
+        click.UsageError: There is no Slurm here, or this was not started through the launcher of a
+            checkout.
         SlurmError: Slurm refuses the job, or tasks ended without their poses.
     """
     _require_cluster(comm)
     key = sweep_key(job.scene)
     with claim_output(job.folder, (SCRIPT_FILE,), (FOLDER,)):
-        done = {name for name, found in read_journals(job.folder, key).items() if not (request.retry and found.state == "failed")}
+        done = {
+            name
+            for name, found in read_journals(job.folder, key).items()
+            if not (request.retry and found.state == "failed")
+        }
         tasks = min(request.options.tasks, len(job.sweep.positions))
-        request = dataclasses.replace(request, options=dataclasses.replace(request.options, tasks=tasks))
+        request = dataclasses.replace(
+            request, options=dataclasses.replace(request.options, tasks=tasks)
+        )
         missing = list_missing(job.sweep, done, tasks)
         if missing:
-            submission = _find_waiting(job.folder, key) or _submit(job, request, key, tuple(missing), fresh=not done)
+            submission = _find_waiting(job.folder, key) or _submit(
+                job, request, key, tuple(missing), fresh=not done
+            )
             if not request.wait:
-                _say(f"to wait for it and collect: the same command without --no-wait; to stop it: scancel {submission.job}")
+                _say(
+                    f"to wait for it and collect: the same command without --no-wait; to stop it: scancel {submission.job}"
+                )
                 return DONE
             _wait(job, submission, key)
     return collect()
@@ -86,9 +107,13 @@ def sweep_on_slurm(job: SweepJob, request: ClusterRequest, comm: MPI.Comm, colle
 
 def _require_cluster(comm: MPI.Comm) -> None:
     if comm.size > 1:
-        raise click.UsageError("--on slurm submits from one process; start it through ./headstock, which leaves --ranks to the job")
+        raise click.UsageError(
+            "--on slurm submits from one process; start it through ./headstock, which leaves --ranks to the job"
+        )
     if not LAUNCHER.is_file():
-        raise click.UsageError(f"--on slurm needs the launcher of a checkout, {LAUNCHER}, for the job to start on the nodes")
+        raise click.UsageError(
+            f"--on slurm needs the launcher of a checkout, {LAUNCHER}, for the job to start on the nodes"
+        )
     try:
         require_slurm()
     except SlurmMissingError as error:
@@ -104,7 +129,9 @@ def _find_waiting(folder: Path, key: str) -> Submission | None:
     return submission
 
 
-def _submit(job: SweepJob, request: ClusterRequest, key: str, tasks: tuple[int, ...], *, fresh: bool) -> Submission:
+def _submit(
+    job: SweepJob, request: ClusterRequest, key: str, tasks: tuple[int, ...], *, fresh: bool
+) -> Submission:
     folder = job.folder.absolute()
     script = folder / SCRIPT_FILE
     array = ArrayJob(
@@ -121,7 +148,9 @@ def _submit(job: SweepJob, request: ClusterRequest, key: str, tasks: tuple[int, 
     try:
         text = render_script(array)
     except ScriptValueError as error:
-        raise click.UsageError(f"--on slurm: {error}; rename it, or start from elsewhere") from error
+        raise click.UsageError(
+            f"--on slurm: {error}; rename it, or start from elsewhere"
+        ) from error
     make_part(folder / FOLDER)
     write_output(script, text.encode())
     elastic = any(stage.kind == "reduce" for stage in plan_scene(job.scene).stages)
@@ -130,8 +159,14 @@ def _submit(job: SweepJob, request: ClusterRequest, key: str, tasks: tuple[int, 
     submission = Submission(key, number, first, request.options.tasks, tasks)
     write_submission(folder, submission)
     before = f", after job {first}, which reduces the components" if first else ""
-    chosen = "" if len(tasks) == request.options.tasks else f" ({', '.join(str(task) for task in tasks)})"
-    _say(f"submitted {shlex.quote(str(script))} as array job {number}: {counted(len(tasks), 'task')}{chosen}{before}")
+    chosen = (
+        ""
+        if len(tasks) == request.options.tasks
+        else f" ({', '.join(str(task) for task in tasks)})"
+    )
+    _say(
+        f"submitted {shlex.quote(str(script))} as array job {number}: {counted(len(tasks), 'task')}{chosen}{before}"
+    )
     return submission
 
 
@@ -139,7 +174,9 @@ def _wait(job: SweepJob, submission: Submission, key: str) -> None:
     try:
         states = wait_for_array(submission, lambda text: _say(f"job {submission.job}: {text}"))
     except KeyboardInterrupt:
-        _say(f"job {submission.job} goes on; the same command again waits for it; to stop it: scancel {submission.job}")
+        _say(
+            f"job {submission.job} goes on; the same command again waits for it; to stop it: scancel {submission.job}"
+        )
         raise
     if missing := list_missing(job.sweep, read_journals(job.folder, key), submission.tasks):
         raise SlurmError(describe_missing(job.folder, job.sweep, submission, missing, states))

@@ -1,4 +1,6 @@
-"""``headstock compare``: variants of a scene side by side, as one table, and as JSON, CSV, figures and a page."""
+"""``headstock compare``: variants of a scene side by side, as one table, and as JSON, CSV, figures
+and a page.
+"""
 
 import contextlib
 import dataclasses
@@ -29,15 +31,28 @@ from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import suggest_names
 from headstock.solvers.ranks import make_on_root, share_from_root
-from headstock.studies.comparison import ComparisonSummary, EffortSummary, compare_variants, summarise_comparison, summarise_effort
-from headstock.studies.variants import VariantChoice, VariantSolution, choose_variants, solve_variant
+from headstock.studies.comparison import (
+    ComparisonSummary,
+    EffortSummary,
+    compare_variants,
+    summarise_comparison,
+    summarise_effort,
+)
+from headstock.studies.variants import (
+    VariantChoice,
+    VariantSolution,
+    choose_variants,
+    solve_variant,
+)
 
 PAGE_FILE, JSON_FILE = "compare.html", "compare.json"
 
 
 @dataclass(frozen=True, kw_only=True)
 class CompareRequest:
-    """What the command line asked for; the scene as written, since each column is a variant of it."""
+    """What the command line asked for; the scene as written, since each column is a variant of
+    it.
+    """
 
     scene: SceneChoice
     output: Path | None = None
@@ -51,8 +66,11 @@ class CompareRequest:
     json_file: Path | None = None
 
 
-def compare_request(request: CompareRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
-    """Solve every variant on all ranks, print them side by side and write the files, with where they come from.
+def compare_request(
+    request: CompareRequest, comm: MPI.Comm, origin: Provenance | None = None
+) -> int:
+    """Solve every variant on all ranks, print them side by side and write the files, with where
+    they come from.
 
     Args:
         request: Of the command line.
@@ -69,7 +87,9 @@ def compare_request(request: CompareRequest, comm: MPI.Comm, origin: Provenance 
     request = make_on_root(comm, partial(_with_settings, request))
     choices = make_on_root(comm, partial(_choose, request))
     folder = request.output or Path("results") / f"{request.scene.path.stem}-compare"
-    with claim_output(folder, (JSON_FILE, PAGE_FILE)) if comm.rank == 0 else contextlib.nullcontext():
+    with (
+        claim_output(folder, (JSON_FILE, PAGE_FILE)) if comm.rank == 0 else contextlib.nullcontext()
+    ):
         summary, solutions = _solve_all(request, choices, comm)
         if summary is not None:
             if origin is not None:
@@ -78,8 +98,12 @@ def compare_request(request: CompareRequest, comm: MPI.Comm, origin: Provenance 
             print_comparison(summary)
             print_effort(summary)
             print_remarks(remarks)
-            print(f"done in {time.perf_counter() - start:.2f} s, results in {folder} ({PAGE_FILE}, {JSON_FILE})")
-    return int(share_from_root(comm, FAILED if any(solution.failures for solution in solutions) else DONE))
+            print(
+                f"done in {time.perf_counter() - start:.2f} s, results in {folder} ({PAGE_FILE}, {JSON_FILE})"
+            )
+    return int(
+        share_from_root(comm, FAILED if any(solution.failures for solution in solutions) else DONE)
+    )
 
 
 def _with_settings(request: CompareRequest) -> CompareRequest:
@@ -93,7 +117,8 @@ def _with_settings(request: CompareRequest) -> CompareRequest:
         fidelities=request.fidelities or settings.fidelities,
         pose=request.pose or settings.pose,
         # a reference of the scene may be no column of what was asked for on the command line
-        reference=request.reference or (None if request.variants or request.fidelities else settings.reference),
+        reference=request.reference
+        or (None if request.variants or request.fidelities else settings.reference),
     )
 
 
@@ -101,9 +126,13 @@ def _choose(request: CompareRequest) -> tuple[VariantChoice, ...]:
     known, path = get_args(Fidelity), request.scene.path
     for fidelity in request.fidelities:
         if fidelity not in known:
-            raise click.UsageError(f"there is no fidelity {fidelity!r}; {suggest_names(fidelity, known, what='fidelities')}")
+            raise click.UsageError(
+                f"there is no fidelity {fidelity!r}; {suggest_names(fidelity, known, what='fidelities')}"
+            )
     fidelities: list[Fidelity] = [known[known.index(fidelity)] for fidelity in request.fidelities]
-    choices = choose_variants(path, request.variants, fidelities=fidelities, overrides=request.scene.overrides)
+    choices = choose_variants(
+        path, request.variants, fidelities=fidelities, overrides=request.scene.overrides
+    )
     names = [choice.name for choice in choices]
     if request.reference is not None and request.reference not in names:
         raise click.UsageError(
@@ -112,9 +141,13 @@ def _choose(request: CompareRequest) -> tuple[VariantChoice, ...]:
     for choice in choices:
         scene = load_scene(path, variant=choice.variant, overrides=choice.overrides)
         if scene.is_lumped:
-            raise click.UsageError(f"{path} describes a lumped mechanism; compare takes machines of components and joints")
+            raise click.UsageError(
+                f"{path} describes a lumped mechanism; compare takes machines of components and joints"
+            )
         if request.pose is not None and request.pose not in scene.poses:
-            raise click.UsageError(f"there is no pose {request.pose!r}; {suggest_names(request.pose, scene.poses, what='poses')}")
+            raise click.UsageError(
+                f"there is no pose {request.pose!r}; {suggest_names(request.pose, scene.poses, what='poses')}"
+            )
         if request.change:
             changed = _change(choice, request.change, scene.variants)
             load_scene(path, variant=changed.variant, overrides=changed.overrides)
@@ -135,15 +168,21 @@ def _solve_all(
             if request.change:
                 known = tuple(load_scene(path).variants)
                 changed = _change(choice, request.change, known)
-                runs["changed"] = solve_variant(path, changed, pose=request.pose, comm=comm, store=store)
+                runs["changed"] = solve_variant(
+                    path, changed, pose=request.pose, comm=comm, store=store
+                )
         if solution is not None:
             solutions.append(solution)
-            efforts[choice.name] = {name: summarise_effort(run.effort) for name, run in runs.items() if run is not None}
+            efforts[choice.name] = {
+                name: summarise_effort(run.effort) for name, run in runs.items() if run is not None
+            }
             print_variant(choice.name, efforts[choice.name])
     if not solutions:
         return None, []
     name = load_scene(path).name
-    summary = summarise_comparison(compare_variants(solutions, scene=name, reference=request.reference))
+    summary = summarise_comparison(
+        compare_variants(solutions, scene=name, reference=request.reference)
+    )
     if request.effort:
         summary["effort"] = {"change": list(request.change), "variants": efforts}
     return summary, solutions
@@ -159,19 +198,25 @@ def _store(*, cold: bool) -> Iterator[Store]:
         yield Store(Path(folder))
 
 
-def _change(choice: VariantChoice, change: tuple[str, ...], known: tuple[str, ...]) -> VariantChoice:
+def _change(
+    choice: VariantChoice, change: tuple[str, ...], known: tuple[str, ...]
+) -> VariantChoice:
     """A variant with other variants joined and settings applied."""
     joined = [item for item in change if item in known]
     settings = tuple(item for item in change if item not in known)
     parts = [choice.variant] if choice.variant else []
-    return VariantChoice(choice.name, "+".join([*parts, *joined]) or None, (*choice.overrides, *settings))
+    return VariantChoice(
+        choice.name, "+".join([*parts, *joined]) or None, (*choice.overrides, *settings)
+    )
 
 
 def _publish(summary: ComparisonSummary, folder: Path, json_file: Path | None) -> list[str]:
     """Write every file of a comparison; remarks for the user."""
     figures = {name: encode_png(pixels) for name, pixels in draw_comparison(summary).items()}
     tables = {f"{name}.csv": table for name, table in comparison_csv(summary).items()}
-    remarks = write_beside(folder, {f"{name}.png": image for name, image in figures.items()} | tables)
+    remarks = write_beside(
+        folder, {f"{name}.png": image for name, image in figures.items()} | tables
+    )
     write_output(folder / JSON_FILE, dump_json(summary).encode())
     write_output(folder / PAGE_FILE, render_comparison(summary, figures).encode())
     if json_file is not None:

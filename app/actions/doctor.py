@@ -23,16 +23,17 @@ Status = Literal["ok", "missing", "warning"]
 TIME_LIMIT_S = 120.0
 MEMORY_WANTED_MB = 4000
 SPACE_WANTED_MB = 2000
-# variables by which an MPI process passes its place to its children; with them mpirun takes itself for a rank
+# variables by which an MPI process passes its place to its children; with them mpirun takes itself
+# for a rank
 RANK_PREFIXES = ("OMPI_COMM_", "OMPI_UNIVERSE_", "PMIX_", "PRTE_", "PMI_")
-PACKAGES = (
-    "install the packages of environment/packages.txt, or unset HEADSTOCK_PYTHON and let ./headstock build its own environment"
-)
+PACKAGES = "install the packages of environment/packages.txt, or unset HEADSTOCK_PYTHON and let ./headstock build its own environment"
 
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the doctor: what was looked at, what was found, whether it will do and what to do if not."""
+    """One line of the doctor: what was looked at, what was found, whether it will do and what to do
+    if not.
+    """
 
     name: str
     found: str
@@ -42,7 +43,9 @@ class Check:
 
 @dataclass(frozen=True)
 class Question:
-    """Code whose last printed line says what is there; ``expected`` must begin it, ``remedy`` says what to do otherwise."""
+    """Code whose last printed line says what is there; ``expected`` must begin it, ``remedy`` says
+    what to do otherwise.
+    """
 
     name: str
     code: str
@@ -52,7 +55,12 @@ class Question:
 
 
 LIBRARIES = (
-    Question("dolfinx", "import dolfinx; print(dolfinx.__version__)", "0.9", "the code runs on dolfinx 0.9 only: " + PACKAGES),
+    Question(
+        "dolfinx",
+        "import dolfinx; print(dolfinx.__version__)",
+        "0.9",
+        "the code runs on dolfinx 0.9 only: " + PACKAGES,
+    ),
     Question(
         "PETSc",
         "from petsc4py import PETSc; import numpy; v = PETSc.Sys.getVersion(); "
@@ -68,8 +76,13 @@ LIBRARIES = (
         "factorises",
         "PETSc must be built with MUMPS",
     ),
-    Question("SLEPc", "from slepc4py import SLEPc; print('.'.join(map(str, SLEPc.Sys.getVersion())))"),
-    Question("MPI library", "from mpi4py import MPI; print(MPI.Get_library_version().split(',')[0].strip())"),
+    Question(
+        "SLEPc", "from slepc4py import SLEPc; print('.'.join(map(str, SLEPc.Sys.getVersion())))"
+    ),
+    Question(
+        "MPI library",
+        "from mpi4py import MPI; print(MPI.Get_library_version().split(',')[0].strip())",
+    ),
     Question("gmsh", "import gmsh; print(gmsh.__version__)"),
     Question(
         "isolation",
@@ -79,7 +92,9 @@ LIBRARIES = (
         "user namespaces (Linux 5.12 or newer) would keep them from both",
         needed=False,
     ),
-    Question("h5py", "import h5py; print(h5py.__version__, 'with HDF5', h5py.version.hdf5_version)"),
+    Question(
+        "h5py", "import h5py; print(h5py.__version__, 'with HDF5', h5py.version.hdf5_version)"
+    ),
     Question(
         "BLAS",
         "import numpy.linalg, threadpoolctl; print(*{f\"{i['internal_api']} {i['version']} ({i.get('architecture', '')})\""
@@ -89,12 +104,26 @@ LIBRARIES = (
         needed=False,
     ),
     Question(
-        "VTK", "import vtk; print(vtk.vtkVersion().GetVTKVersion())", remedy="pictures only: python3-pyvista and xvfb", needed=False
+        "VTK",
+        "import vtk; print(vtk.vtkVersion().GetVTKVersion())",
+        remedy="pictures only: python3-pyvista and xvfb",
+        needed=False,
     ),
 )
 
 
-PYTHON_PACKAGES = ("numpy", "scipy", "pydantic", "pint", "typer", "rich", "matplotlib", "jinja2", "meshio", "mpi4py")
+PYTHON_PACKAGES = (
+    "numpy",
+    "scipy",
+    "pydantic",
+    "pint",
+    "typer",
+    "rich",
+    "matplotlib",
+    "jinja2",
+    "meshio",
+    "mpi4py",
+)
 
 
 TEST_PACKAGES = ("pytest", "pytest-xdist", "hypothesis", "mypy")
@@ -105,21 +134,43 @@ def check_environment() -> list[Check]:
     with ThreadPoolExecutor(2) as pool:
         libraries = list(pool.map(ask, LIBRARIES))
         ranks = pool.submit(check_ranks)
-    packages = [check_package(name) for name in PYTHON_PACKAGES] + [check_package(name, "warning") for name in TEST_PACKAGES]
-    return [*check_python(), *libraries, ranks.result(), *packages, check_compiler(), *check_machine()]
+    packages = [check_package(name) for name in PYTHON_PACKAGES] + [
+        check_package(name, "warning") for name in TEST_PACKAGES
+    ]
+    return [
+        *check_python(),
+        *libraries,
+        ranks.result(),
+        *packages,
+        check_compiler(),
+        *check_machine(),
+    ]
 
 
 def run_child(command: list[str]) -> tuple[int, str]:
     """Exit code and last line of a child process's output (of its errors when it fails)."""
-    environment = {key: value for key, value in os.environ.items() if not key.startswith(RANK_PREFIXES)}
+    environment = {
+        key: value for key, value in os.environ.items() if not key.startswith(RANK_PREFIXES)
+    }
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=TIME_LIMIT_S, env=environment, check=False)
+        done = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            timeout=TIME_LIMIT_S,
+            env=environment,
+            check=False,
+        )
     except subprocess.TimeoutExpired:
         return 1, f"no answer within {TIME_LIMIT_S:.0f} s"
     except OSError as error:
         return 1, str(error)
-    lines = (done.stdout if done.returncode == 0 else done.stderr or done.stdout).strip().splitlines()
-    return done.returncode, lines[-1].strip() if lines else f"exit code {done.returncode}, no output"
+    lines = (
+        (done.stdout if done.returncode == 0 else done.stderr or done.stdout).strip().splitlines()
+    )
+    return done.returncode, lines[
+        -1
+    ].strip() if lines else f"exit code {done.returncode}, no output"
 
 
 def ask(question: Question) -> Check:
@@ -127,7 +178,9 @@ def ask(question: Question) -> Check:
     code, answer = run_child([sys.executable, "-P", "-c", question.code])
     if code == 0 and answer.startswith(question.expected):
         return Check(question.name, answer, "ok")
-    return Check(question.name, answer, "missing" if question.needed else "warning", question.remedy)
+    return Check(
+        question.name, answer, "missing" if question.needed else "warning", question.remedy
+    )
 
 
 def check_package(name: str, otherwise: Status = "missing") -> Check:
@@ -142,10 +195,16 @@ def check_python() -> list[Check]:
     """The interpreter, where it comes from and which copy of the code it runs."""
     version = ".".join(map(str, sys.version_info[:3]))
     marker = Path("/etc/headstock-root")
-    origin = f"private root {marker.read_text().strip()}" if marker.is_file() else f"this system's {sys.executable}"
+    origin = (
+        f"private root {marker.read_text().strip()}"
+        if marker.is_file()
+        else f"this system's {sys.executable}"
+    )
     status: Status = "ok" if sys.version_info >= (3, 13) else "missing"
     return [
-        Check("python", version, status, "" if status == "ok" else "Python 3.13 or newer is needed"),
+        Check(
+            "python", version, status, "" if status == "ok" else "Python 3.13 or newer is needed"
+        ),
         Check("environment", origin, "ok"),
         Check("code", str(PROJECT), "ok"),
     ]
@@ -158,7 +217,20 @@ def check_ranks() -> Check:
     if mpirun is None:
         return Check("MPI, 2 ranks", "no mpirun", "missing", remedy)
     code = "from mpi4py import MPI; s = MPI.COMM_WORLD.allreduce(1); MPI.COMM_WORLD.rank or print(s, 'ranks answer')"
-    exit_code, answer = run_child([mpirun, "--oversubscribe", "--bind-to", "none", "-n", "2", sys.executable, "-P", "-c", code])
+    exit_code, answer = run_child(
+        [
+            mpirun,
+            "--oversubscribe",
+            "--bind-to",
+            "none",
+            "-n",
+            "2",
+            sys.executable,
+            "-P",
+            "-c",
+            code,
+        ]
+    )
     good = exit_code == 0 and answer == "2 ranks answer"
     return Check("MPI, 2 ranks", answer, "ok" if good else "missing", "" if good else remedy)
 
@@ -169,10 +241,18 @@ def check_compiler() -> Check:
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None or not header.is_file():
         return Check(
-            "C compiler", "no compiler" if compiler is None else f"no {header}", "missing", "on Debian: gcc and python3-dev"
+            "C compiler",
+            "no compiler" if compiler is None else f"no {header}",
+            "missing",
+            "on Debian: gcc and python3-dev",
         )
     exit_code, answer = run_child([compiler, "-dumpfullversion"])
-    return Check("C compiler", answer, "ok" if exit_code == 0 else "missing", "" if exit_code == 0 else "on Debian: gcc")
+    return Check(
+        "C compiler",
+        answer,
+        "ok" if exit_code == 0 else "missing",
+        "" if exit_code == 0 else "on Debian: gcc",
+    )
 
 
 def check_machine() -> list[Check]:
@@ -180,9 +260,16 @@ def check_machine() -> list[Check]:
     threads = os.environ.get("OMP_NUM_THREADS", "not set")
     cache = cache_folder()
     return [
-        Check("cores", f"{len(os.sched_getaffinity(0))} usable, load {os.getloadavg()[0]:.1f}", "ok"),
+        Check(
+            "cores", f"{len(os.sched_getaffinity(0))} usable, load {os.getloadavg()[0]:.1f}", "ok"
+        ),
         Check("BLAS threads", f"{threads} (HEADSTOCK_THREADS changes it)", "ok"),
-        _at_least("free memory", free_memory_mb(), MEMORY_WANTED_MB, "300 000 dofs need about 4 GB: close programs or coarsen"),
+        _at_least(
+            "free memory",
+            free_memory_mb(),
+            MEMORY_WANTED_MB,
+            "300 000 dofs need about 4 GB: close programs or coarsen",
+        ),
         _room(cache),
     ]
 
@@ -203,19 +290,31 @@ def free_memory_mb(meminfo: Path = Path("/proc/meminfo")) -> int:
 def _room(cache: Path) -> Check:
     existing = next(folder for folder in (cache, *cache.parents) if folder.is_dir())
     if not os.access(existing, os.W_OK):
-        return Check("cache folder", f"{cache} cannot be written", "missing", "choose another folder with XDG_CACHE_HOME")
+        return Check(
+            "cache folder",
+            f"{cache} cannot be written",
+            "missing",
+            "choose another folder with XDG_CACHE_HOME",
+        )
     free_mb = shutil.disk_usage(existing).free // 1_000_000
     return _at_least(
-        f"cache folder {cache}", free_mb, SPACE_WANTED_MB, "free some space or choose another folder with XDG_CACHE_HOME"
+        f"cache folder {cache}",
+        free_mb,
+        SPACE_WANTED_MB,
+        "free some space or choose another folder with XDG_CACHE_HOME",
     )
 
 
 def _at_least(name: str, megabytes: int, wanted: int, remedy: str) -> Check:
     enough = megabytes >= wanted
-    return Check(name, f"{megabytes} MB free", "ok" if enough else "warning", "" if enough else remedy)
+    return Check(
+        name, f"{megabytes} MB free", "ok" if enough else "warning", "" if enough else remedy
+    )
 
 
-def run_doctor(json_file: Path | None, examine: Callable[[], list[Check]] = check_environment) -> int:
+def run_doctor(
+    json_file: Path | None, examine: Callable[[], list[Check]] = check_environment
+) -> int:
     """Print each check with its remedy and write them to a file if one is asked for.
 
     Args:

@@ -1,4 +1,6 @@
-"""JSON schemas of scene and target files for editors: every key with what it means, and no file refused that the program accepts."""
+"""JSON schemas of scene and target files for editors: every key with what it means, and no file
+refused that the program accepts.
+"""
 
 from collections.abc import Iterator
 
@@ -26,21 +28,31 @@ def scene_schema() -> JsonTable:
 
 
 def targets_schema() -> JsonTable:
-    """JSON schema of a target file of ``headstock identify``, as ``headstock schema targets`` prints it."""
+    """JSON schema of a target file of ``headstock identify``, as ``headstock schema targets``
+    prints it.
+    """
     return _finish(TargetsTable, "Targets", "Headstock targets")
 
 
 def rules_in(rule: JsonTable, key: str) -> dict[str, JsonTable]:
     """What stands under a key of a rule that names other rules, by name."""
     inner = rule.get(key)
-    return {name: each for name, each in inner.items() if isinstance(each, dict)} if isinstance(inner, dict) else {}
+    return (
+        {name: each for name, each in inner.items() if isinstance(each, dict)}
+        if isinstance(inner, dict)
+        else {}
+    )
 
 
 def _declare(table: type[StrictTable]) -> JsonTable:
-    """What pydantic says of a table; tables with names of the user's own are one rule for all entries and one for their names."""
+    """What pydantic says of a table; tables with names of the user's own are one rule for all
+    entries and one for their names.
+    """
     schema: JsonTable = table.model_json_schema(mode="validation")
     for rule in list(_walk(schema)):
-        for pattern, entry in rules_in(rule, "patternProperties").items():  # one: the user's names all follow the same
+        for pattern, entry in rules_in(
+            rule, "patternProperties"
+        ).items():  # one: the user's names all follow the same
             del rule["patternProperties"]
             rule.update({"additionalProperties": entry, "propertyNames": {"pattern": pattern}})
     return schema
@@ -64,7 +76,9 @@ def _finish(table: type[StrictTable], name: str, title: str) -> JsonTable:
         if len(pattern) > LONG_PATTERN:
             rule["$ref"] = f"#/$defs/{patterns.setdefault(pattern, f'quantity{len(patterns) + 1}')}"
             del rule["pattern"]
-    definitions = rules_in(schema, "$defs") | {number: {"pattern": pattern} for pattern, number in patterns.items()}
+    definitions = rules_in(schema, "$defs") | {
+        number: {"pattern": pattern} for pattern, number in patterns.items()
+    }
     return {"$schema": DIALECT, "title": title, **schema, "$defs": {**definitions}}
 
 
@@ -96,7 +110,14 @@ def _joint_rules() -> Iterator[JsonTable]:
     for kind, rule in KINDS.items():
         keys: JsonTable = {"propertyNames": {"enum": [*rule.keys]}}
         stiffness = keys | ({"required": [*rule.required]} if rule.required else {})
-        needs = {"axis": rule.needs_axis, "normal": rule.needs_normal, "stiffness": bool(rule.required)}
+        needs = {
+            "axis": rule.needs_axis,
+            "normal": rule.needs_normal,
+            "stiffness": bool(rule.required),
+        }
         required: list[JsonValue] = [key for key, needed in needs.items() if needed]
-        then: JsonTable = {"properties": {"stiffness": stiffness, "damping": keys}, **({"required": required} if required else {})}
+        then: JsonTable = {
+            "properties": {"stiffness": stiffness, "damping": keys},
+            **({"required": required} if required else {}),
+        }
         yield {"if": {"properties": {"kind": {"const": kind}}, "required": ["kind"]}, "then": then}

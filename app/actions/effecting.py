@@ -1,4 +1,6 @@
-"""``headstock effects``: a scene run with each effect switched the other way; what each moves and costs, as a table and sentences."""
+"""``headstock effects``: a scene run with each effect switched the other way; what each moves and
+costs, as a table and sentences.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,14 +17,23 @@ from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
-from headstock.studies.effects import UNITS, Change, EffectTrial, rank_trials, summarise_trials, try_effects
+from headstock.studies.effects import (
+    UNITS,
+    Change,
+    EffectTrial,
+    rank_trials,
+    summarise_trials,
+    try_effects,
+)
 
 SHOWN = 3  # answers per effect
 CLEARLY = 0.05  # share of the time from which it is told as a number
 
 
 def print_trials(trials: Sequence[EffectTrial]) -> None:
-    """A block per effect that moves anything, those that matter most first, then a line per effect."""
+    """A block per effect that moves anything, those that matter most first, then a line per
+    effect.
+    """
     for trial in [trial for trial in trials if trial.largest > 0.0]:
         beside = f", in both runs beside {trial.beside}" if trial.beside else ""
         times = f"{show_seconds(trial.seconds_with)} with, {show_seconds(trial.seconds_without)} without"
@@ -43,7 +54,11 @@ def tell_trial(trial: EffectTrial) -> str:
         times = f"{show_seconds(trial.seconds_with)} with, {show_seconds(trial.seconds_without)} without"
         return f"{name}: {trial.advice} ({times})"
     moved = trial.changes[0]
-    cost = f"{100.0 * trial.time_share:.0f} % of run time" if trial.time_share >= CLEARLY else "hardly any time"
+    cost = (
+        f"{100.0 * trial.time_share:.0f} % of run time"
+        if trial.time_share >= CLEARLY
+        else "hardly any time"
+    )
     return f"{name}: {show_share(moved.share)} of {moved.answer}, {cost}: {trial.advice}"
 
 
@@ -54,7 +69,9 @@ def show_seconds(seconds: float) -> str:
 
 def _describe(change: Change) -> str:
     unit = UNITS[change.answer]
-    before, after = ("none" if value is None else f"{value:.5g}" for value in (change.without, change.present))
+    before, after = (
+        "none" if value is None else f"{value:.5g}" for value in (change.without, change.present)
+    )
     return f"{before} → {after} {unit} ({change.entry})"
 
 
@@ -80,9 +97,15 @@ def effects_request(request: EffectsRequest) -> int:
         raise click.UsageError(f"there is no folder {request.json_file.parent} for --json")
     scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
     select_analyses(scene, chosen.analyses)
-    print(f"{scene.name}: every effect switched the other way, one at a time; processor seconds, meshing and reduction not counted")
+    print(
+        f"{scene.name}: every effect switched the other way, one at a time; processor seconds, meshing and reduction not counted"
+    )
     with show_progress() as progress:
-        trials = list(try_effects(chosen, Store(default_store_root()), announce=lambda text: progress.begin(text, 0.0)))
+        trials = list(
+            try_effects(
+                chosen, Store(default_store_root()), announce=lambda text: progress.begin(text, 0.0)
+            )
+        )
     ranked = rank_trials(trials)
     print_trials(ranked)
     if request.json_file is not None:

@@ -38,7 +38,9 @@ def export_component(request: ExportRequest, comm: MPI.Comm) -> int:
     """
     require_ranks(request.ranks, comm)
     scene = make_on_root(comm, partial(_load, request))
-    written = export_superelement(scene, request.component, request.output, comm=comm, origin=request.origin)
+    written = export_superelement(
+        scene, request.component, request.output, comm=comm, origin=request.origin
+    )
     if comm.rank == 0:
         click.echo(written)
     return DONE
@@ -64,7 +66,9 @@ def export_machine(request: ExportRequest, up_to: str, pose: str | None, comm: M
     except UnitError as error:
         raise click.UsageError(f"--state-space {error}") from error
     scene = make_on_root(comm, partial(_load, request))
-    written = export_state_space(scene, request.output, up_to_hz=up_to_hz, pose=pose, comm=comm, origin=request.origin)
+    written = export_state_space(
+        scene, request.output, up_to_hz=up_to_hz, pose=pose, comm=comm, origin=request.origin
+    )
     if comm.rank == 0:
         click.echo(written)
     return DONE

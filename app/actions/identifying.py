@@ -1,4 +1,6 @@
-"""``headstock identify``: numbers of a scene fitted to measurements, with intervals and directions that the data leave open."""
+"""``headstock identify``: numbers of a scene fitted to measurements, with intervals and directions
+that the data leave open.
+"""
 
 import dataclasses
 import math
@@ -19,7 +21,12 @@ from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.keys import write_number
 from headstock.studies.identification.descent import StartRecord
-from headstock.studies.identification.files import OVERRIDES_FILE, RECORD_FILE, render_overrides, summarise_identification
+from headstock.studies.identification.files import (
+    OVERRIDES_FILE,
+    RECORD_FILE,
+    render_overrides,
+    summarise_identification,
+)
 from headstock.studies.identification.identification import (
     FittedParameter,
     Identification,
@@ -40,7 +47,9 @@ def print_task(task: IdentificationTask) -> None:
     held_out = [held for case in task.cases for held in case.held_out]
     held = sum(held_out)
     text = f"{len(task.parameters)} parameters, {len(held_out) - held} targets in {len(task.cases)} cases"
-    make_console().print(f"{task.name}  ({text}{f', {held} held out' if held else ''})", style="bold", markup=False)
+    make_console().print(
+        f"{task.name}  ({text}{f', {held} held out' if held else ''})", style="bold", markup=False
+    )
 
 
 def print_start(record: StartRecord) -> None:
@@ -59,15 +68,22 @@ def print_identification(found: Identification, folder: Path) -> None:
     table = make_table("parameter", ">fitted", ">95 % from", ">to", ">seen", "note")
     for item in found.parameters:
         add_row(table, *_parameter_cells(item))
-    print_table(console, "Parameters (seen: share of what was open beforehand that the data settle)", table)
-    table = make_table("target", ">measured", ">model", ">deviation", ">in sigma", ">MAC", ">mode", "")
+    print_table(
+        console, "Parameters (seen: share of what was open beforehand that the data settle)", table
+    )
+    table = make_table(
+        "target", ">measured", ">model", ">deviation", ">in sigma", ">MAC", ">mode", ""
+    )
     for outcome in found.outcomes:
         add_row(table, *_outcome_cells(outcome))
     print_table(console, "Targets", table)
     for case, extra in found.extra_hz.items():
         if extra:
             shown = ", ".join(f"{value:.4g}" for value in extra)
-            console.print(f"{case}: the model has {len(extra)} further mode(s) in the range: {shown} Hz", markup=False)
+            console.print(
+                f"{case}: the model has {len(extra)} further mode(s) in the range: {shown} Hz",
+                markup=False,
+            )
     _print_doubts(found)
     fitted = [abs(item.deviation) for item in found.outcomes if not item.hold_out]
     status = "converged" if found.converged else f"not converged: {found.starts[found.best].reason}"
@@ -83,17 +99,33 @@ def _parameter_cells(item: FittedParameter) -> tuple[str, ...]:
     if item.seen < SEEN_FAINTLY:
         within = "the prior" if item.parameter.prior_sigma is not None else "its bounds"
         notes.append(f"unobservable: within {within}")
-    return (item.parameter.name, f"{write_number(item.value, unit, 4)}", *ends, f"{100.0 * item.seen:.0f} %", "; ".join(notes))
+    return (
+        item.parameter.name,
+        f"{write_number(item.value, unit, 4)}",
+        *ends,
+        f"{100.0 * item.seen:.0f} %",
+        "; ".join(notes),
+    )
 
 
 def _outcome_cells(item: TargetOutcome) -> tuple[str, ...]:
     wanted, model = (
-        f"{value:.4g} Hz" if item.kind == "frequency" else f"{UM_PER_KN * value:.4g} µm/kN" for value in (item.wanted, item.found)
+        f"{value:.4g} Hz" if item.kind == "frequency" else f"{UM_PER_KN * value:.4g} µm/kN"
+        for value in (item.wanted, item.found)
     )
     mac = "" if item.mac is None else f"{item.mac:.2f}"
     mode = str(item.mode) if item.mode else ""
     note = "held out" if item.hold_out else ""
-    return item.name, wanted, model, f"{100.0 * item.deviation:+.2f} %", f"{item.residual:+.2f}", mac, mode, note
+    return (
+        item.name,
+        wanted,
+        model,
+        f"{100.0 * item.deviation:+.2f} %",
+        f"{item.residual:+.2f}",
+        mac,
+        mode,
+        note,
+    )
 
 
 def _print_doubts(found: Identification) -> None:
@@ -102,13 +134,17 @@ def _print_doubts(found: Identification) -> None:
         console.print(f"the data do not see {blind}", style="yellow", markup=False)
     if len(statistics.blind) > BLIND_SHOWN:
         more = len(statistics.blind) - BLIND_SHOWN
-        console.print(f"nor {more} further direction(s), in {RECORD_FILE}", style="yellow", markup=False)
+        console.print(
+            f"nor {more} further direction(s), in {RECORD_FILE}", style="yellow", markup=False
+        )
     names = [item.parameter.name for item in found.parameters]
     for i, first in enumerate(names):
         for j, second in enumerate(names[:i]):
             value = statistics.correlations[i, j]
             if abs(value) >= CORRELATION_SHOWN:
-                console.print(f"correlated {value:+.2f}: {second} and {first}", style="yellow", markup=False)
+                console.print(
+                    f"correlated {value:+.2f}: {second} and {first}", style="yellow", markup=False
+                )
     if statistics.noise is not None:
         text = f"residuals are {statistics.noise:.2g} times the stated tolerances ({statistics.freedom:.1f} degrees of freedom)"
         console.print(text, markup=False)
@@ -136,7 +172,9 @@ def identify_scene(request: IdentifyRequest, origin: Provenance | None = None) -
     loaded = load_targets(request.targets, request.scene.path, overrides=request.scene.overrides)
     if request.starts is not None:
         settings = dataclasses.replace(loaded.task.settings, starts=request.starts)
-        loaded = dataclasses.replace(loaded, task=dataclasses.replace(loaded.task, settings=settings))
+        loaded = dataclasses.replace(
+            loaded, task=dataclasses.replace(loaded.task, settings=settings)
+        )
     output = request.output or Path("results") / f"{request.scene.path.stem}-{request.targets.stem}"
     with claim_output(output, (OVERRIDES_FILE, RECORD_FILE)):
         print_task(loaded.task)
@@ -146,7 +184,11 @@ def identify_scene(request: IdentifyRequest, origin: Provenance | None = None) -
         summary["seconds"] = time.perf_counter() - begin
         if origin is not None:
             summary["provenance"] = origin.summarise()
-        command = _command(request, loaded.task.settings.starts, with_folders=origin is None or origin.command is not None)
+        command = _command(
+            request,
+            loaded.task.settings.starts,
+            with_folders=origin is None or origin.command is not None,
+        )
         written = load_scene(request.scene.path, overrides=request.scene.overrides)
         write_output(output / OVERRIDES_FILE, render_overrides(found, written, command).encode())
         write_output(output / RECORD_FILE, dump_json(summary).encode())
@@ -158,7 +200,16 @@ def identify_scene(request: IdentifyRequest, origin: Provenance | None = None) -
 
 def _command(request: IdentifyRequest, starts: int, *, with_folders: bool) -> str:
     """How to get the same again."""
-    files = [str(path) if with_folders else path.name for path in (request.scene.path, request.targets)]
+    files = [
+        str(path) if with_folders else path.name for path in (request.scene.path, request.targets)
+    ]
     return shlex.join(
-        ["./headstock", "identify", *files, "--starts", str(starts), *(f"--set={text}" for text in request.scene.overrides)]
+        [
+            "./headstock",
+            "identify",
+            *files,
+            "--starts",
+            str(starts),
+            *(f"--set={text}" for text in request.scene.overrides),
+        ]
     )

@@ -1,4 +1,6 @@
-"""Everything a finished run leaves besides ``results.h5`` and ``summary.json``: report, tables, figures and mode shapes."""
+"""Everything a finished run leaves besides ``results.h5`` and ``summary.json``: report, tables,
+figures and mode shapes.
+"""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -33,7 +35,8 @@ def publish_run(
     figures: bool = True,
     more: Drawing | None = None,
 ) -> list[str]:
-    """Write report, tables and modes, and pictures of the machine while that goes on; remarks for the user.
+    """Write report, tables and modes, and pictures of the machine while that goes on; remarks for
+    the user.
 
     Args:
         folder: Folder of results.
@@ -50,12 +53,21 @@ def publish_run(
     store = Store(default_store_root())
     with ThreadPoolExecutor(1) as pool:
         drawing = pool.submit(draw_machine, folder, view, store) if figures else None
-        remarks = [*_write_tables(folder, summary, curves, paths), *write_mode_files(folder, summary["modal"], view)]
+        remarks = [
+            *_write_tables(folder, summary, curves, paths),
+            *write_mode_files(folder, summary["modal"], view),
+        ]
         drawn = drawing.result() if drawing is not None else Drawing({})
     images = {**(more.images if more is not None else {}), **drawn.images}
-    remarks += replace_outputs(folder, FIGURES_FOLDER, {f"{name}.png": image for name, image in images.items()})
+    remarks += replace_outputs(
+        folder, FIGURES_FOLDER, {f"{name}.png": image for name, image in images.items()}
+    )
     write_report(folder, summary, view, stills_by_pose(view, drawn.images), curves, paths)
-    return list(dict.fromkeys([*remarks, *(item.remark for item in (drawn, more) if item is not None and item.remark)]))
+    return list(
+        dict.fromkeys(
+            [*remarks, *(item.remark for item in (drawn, more) if item is not None and item.remark)]
+        )
+    )
 
 
 def publish_again(
@@ -65,7 +77,8 @@ def publish_again(
     curves: Sequence[ResponseCurves] = (),
     paths: Sequence[PathCurves] = (),
 ) -> list[str]:
-    """Report, tables, modes and pictures anew from the files of a run, with all modes and every chart; remarks for the user.
+    """Report, tables, modes and pictures anew from the files of a run, with all modes and every
+    chart; remarks for the user.
 
     Args:
         folder: Folder of results.
@@ -89,12 +102,18 @@ def publish_again(
 
 
 def _write_tables(
-    folder: Path, summary: RunSummary, curves: Sequence[ResponseCurves] = (), paths: Sequence[PathCurves] = ()
+    folder: Path,
+    summary: RunSummary,
+    curves: Sequence[ResponseCurves] = (),
+    paths: Sequence[PathCurves] = (),
 ) -> list[str]:
-    """Write every table as ``tables/NAME.csv``, and remove those of an earlier run; remarks for the user.
+    """Write every table as ``tables/NAME.csv``, and remove those of an earlier run; remarks for the
+    user.
 
     Raises:
         OutputError: A file cannot be written.
     """
     tables = [*list_tables(summary), *map(tabulate_response, curves), *map(tabulate_path, paths)]
-    return replace_outputs(folder, TABLES_FOLDER, {f"{table.name}.csv": encode_csv(table) for table in tables})
+    return replace_outputs(
+        folder, TABLES_FOLDER, {f"{table.name}.csv": encode_csv(table) for table in tables}
+    )

@@ -70,7 +70,11 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
     with contextlib.ExitStack() as claims:
         make_on_root(
             comm,
-            lambda: claims.enter_context(claim_output(output, (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE), (*PARTS, VOLUME_FOLDER))),
+            lambda: claims.enter_context(
+                claim_output(
+                    output, (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE), (*PARTS, VOLUME_FOLDER)
+                )
+            ),
         )
         said = find_unheld_motions(scene) if comm.rank == 0 else ()
         if comm.rank == 0:
@@ -80,10 +84,16 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
         if comm.rank == 0:
             summary = summarise(results)
             curves = [response.curves for response in find_answers(results.answers, PoseResponse)]
-            paths = [run.curves for path in find_answers(results.answers, PathResult) for run in path.runs]
+            paths = [
+                run.curves
+                for path in find_answers(results.answers, PathResult)
+                for run in path.runs
+            ]
             with show_progress() as progress:
                 progress.begin("report", DRAWING_SECONDS if request.figures else 0.0)
-                remarks = publish_run(output, summary, results.view, curves, paths, figures=request.figures)
+                remarks = publish_run(
+                    output, summary, results.view, curves, paths, figures=request.figures
+                )
             if request.json_file is not None:
                 write_output(request.json_file, dump_json(summary).encode())
             print_remarks(remarks)
@@ -112,11 +122,15 @@ def select_analyses(scene: Scene, names: tuple[str, ...]) -> Scene:
     present = list_analyses(scene)
     for name in names:
         if name not in present:
-            raise click.UsageError(f"{scene.path} has no [analyses.{name}]; it has: {', '.join(present) or 'none'}")
+            raise click.UsageError(
+                f"{scene.path} has no [analyses.{name}]; it has: {', '.join(present) or 'none'}"
+            )
     return keep_analyses(scene, names) if names else scene
 
 
-def _run_with_progress(scene: Scene, output: Path, comm: MPI.Comm, *, volume: bool, origin: Provenance | None) -> Results:
+def _run_with_progress(
+    scene: Scene, output: Path, comm: MPI.Comm, *, volume: bool, origin: Provenance | None
+) -> Results:
     """Run a scene; rank 0 prints each stage as it ends, and shows how a long one goes on."""
     if comm.rank > 0:
         return run_scene(scene, output, comm=comm, volume=volume)
@@ -124,16 +138,29 @@ def _run_with_progress(scene: Scene, output: Path, comm: MPI.Comm, *, volume: bo
 
         def announce(stage: Stage) -> None:
             unknown = stage.kind in ("mesh", "reduce", "load")
-            seconds = stage.estimated_seconds if stage.estimated_seconds is not None or unknown else 0.0
+            seconds = (
+                stage.estimated_seconds if stage.estimated_seconds is not None or unknown else 0.0
+            )
             progress.begin(f"{stage.kind:<7} {stage.component or stage.pose or ''}", seconds)
 
         def observe(record: StageRecord) -> None:
             progress.end()
             print_stage(record)
 
-        if any(isinstance(part.solid, StepFile | MeshFile) for part in scene.machine.components.values()):
+        if any(
+            isinstance(part.solid, StepFile | MeshFile)
+            for part in scene.machine.components.values()
+        ):
             progress.begin("plan    from the parts' files")
-        return run_scene(scene, output, comm=comm, observer=observe, announce=announce, volume=volume, provenance=origin)
+        return run_scene(
+            scene,
+            output,
+            comm=comm,
+            observer=observe,
+            announce=announce,
+            volume=volume,
+            provenance=origin,
+        )
 
 
 def _load(request: RunRequest) -> Scene:
@@ -142,5 +169,9 @@ def _load(request: RunRequest) -> Scene:
     if request.accuracy is not None:
         # what the scene allows beside the number stays as it is
         key = "accuracy" if scene.accuracy is None else "accuracy.to"
-        scene = load_scene(chosen.path, variant=chosen.variant, overrides=(*chosen.overrides, f"{key}={request.accuracy}"))
+        scene = load_scene(
+            chosen.path,
+            variant=chosen.variant,
+            overrides=(*chosen.overrides, f"{key}={request.accuracy}"),
+        )
     return select_analyses(scene, chosen.analyses)

@@ -1,4 +1,6 @@
-"""The scene reference as Markdown, made from the schema: ``headstock schema --markdown > docs/scene_reference.md``."""
+"""The scene reference as Markdown, made from the schema: ``headstock schema --markdown >
+docs/scene_reference.md``.
+"""
 
 from collections.abc import Iterator
 
@@ -22,7 +24,14 @@ scene names lie in its folder or below.
 
 def render_reference(schema: JsonTable) -> str:
     """The reference of all keys as Markdown."""
-    parts = [INTRODUCTION, "## The file", "", str(schema.get("description", "")), "", *_key_table("Scene", schema)]
+    parts = [
+        INTRODUCTION,
+        "## The file",
+        "",
+        str(schema.get("description", "")),
+        "",
+        *_key_table("Scene", schema),
+    ]
     seen: set[str] = set()
     for key, rule in rules_in(schema, "properties").items():
         name = _table_of(rule)
@@ -33,14 +42,22 @@ def render_reference(schema: JsonTable) -> str:
     return "\n".join(parts).rstrip() + "\n"
 
 
-def _section(schema: JsonTable, name: str, path: str, seen: set[str], *, level: int) -> Iterator[str]:
+def _section(
+    schema: JsonTable, name: str, path: str, seen: set[str], *, level: int
+) -> Iterator[str]:
     """A table, then the tables inside it that have not been written yet."""
     if name in seen:
         return
     seen.add(name)
     table = rules_in(schema, "$defs")[name]
     label = name.removesuffix("Table")
-    yield from [f"{'#' * level} `[{path}]`", "", str(table.get("description", "")), "", *_key_table(label, table)]
+    yield from [
+        f"{'#' * level} `[{path}]`",
+        "",
+        str(table.get("description", "")),
+        "",
+        *_key_table(label, table),
+    ]
     for key, rule in rules_in(table, "properties").items():
         inner = _table_of(rule)
         if inner is not None:
@@ -70,7 +87,12 @@ def _table_of(rule: JsonTable) -> str | None:
 
 def _options(rule: JsonTable) -> list[JsonTable]:
     """What a value may be one of."""
-    return [option for key in ("anyOf", "oneOf") for option in _items(rule, key) if isinstance(option, dict)]
+    return [
+        option
+        for key in ("anyOf", "oneOf")
+        for option in _items(rule, key)
+        if isinstance(option, dict)
+    ]
 
 
 def _items(rule: JsonTable, key: str) -> list[JsonValue]:
@@ -80,32 +102,51 @@ def _items(rule: JsonTable, key: str) -> list[JsonValue]:
 
 def _describe_value(rule: JsonTable) -> str:
     if _options(rule):
-        return " or ".join(_describe_value(option) for option in _options(rule) if option.get("type") != "null")
+        return " or ".join(
+            _describe_value(option) for option in _options(rule) if option.get("type") != "null"
+        )
     if "$ref" in rule:
         return "table"
     if "enum" in rule:
         return ", ".join(f"`{option}`" for option in _items(rule, "enum"))
     if "description" in rule:
         examples = ", ".join(f"`{_show(example)}`" for example in _items(rule, "examples"))
-        return f"{rule['description']}, such as {examples}" if examples else str(rule["description"])
+        return (
+            f"{rule['description']}, such as {examples}" if examples else str(rule["description"])
+        )
     if rule.get("type") == "array":
         inner = rule.get("items")
         low, high = rule.get("minItems"), rule.get("maxItems")
         count = f"{low} × " if low is not None and low == high else ""
         if "examples" in rule:
             return f"list, such as `{_show(_items(rule, 'examples')[0])}`"
-        return f"list of {count}({_describe_value(inner)})" if isinstance(inner, dict) and inner else "list"
+        return (
+            f"list of {count}({_describe_value(inner)})"
+            if isinstance(inner, dict) and inner
+            else "list"
+        )
     if rule.get("type") == "object":
         inner = rule.get("additionalProperties")
-        return f"table of names: {_describe_value(inner)}" if isinstance(inner, dict) and inner else "table"
-    return {"string": "text", "boolean": "`true`, `false`", "integer": "whole number", "number": "number"}.get(
-        str(rule.get("type", "")), ""
-    )
+        return (
+            f"table of names: {_describe_value(inner)}"
+            if isinstance(inner, dict) and inner
+            else "table"
+        )
+    return {
+        "string": "text",
+        "boolean": "`true`, `false`",
+        "integer": "whole number",
+        "number": "number",
+    }.get(str(rule.get("type", "")), "")
 
 
 def _describe_default(rule: JsonTable) -> str:
     default = rule.get("default")
-    return "" if default is None or isinstance(default, dict) or default == [] else f"`{_show(default)}`"
+    return (
+        ""
+        if default is None or isinstance(default, dict) or default == []
+        else f"`{_show(default)}`"
+    )
 
 
 def _show(value: object) -> str:
@@ -113,14 +154,23 @@ def _show(value: object) -> str:
         return str(value).lower()
     if isinstance(value, list):
         return f"[{', '.join(_show(item) for item in value)}]"
-    return f'"{value}"' if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else str(value)
+    return (
+        f'"{value}"'
+        if isinstance(value, str)
+        else f"{value:g}"
+        if isinstance(value, float)
+        else str(value)
+    )
 
 
 def _joint_table() -> Iterator[str]:
     yield "Directions are those of the joint: x along `axis` (z for bolted joints and mounts), z along `normal`."
     yield 'A bearing lets its shaft turn unless `torsion` holds it: `stiffness = { radial = "300 N/um", torsion = "rigid" }`.'
     yield ""
-    yield from ["| kind | keys of `stiffness` and `damping` | always held | needs |", "|---|---|---|---|"]
+    yield from [
+        "| kind | keys of `stiffness` and `damping` | always held | needs |",
+        "|---|---|---|---|",
+    ]
     for kind, rule in KINDS.items():
         keys = ", ".join(
             f"`{key}`"

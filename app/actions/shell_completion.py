@@ -1,7 +1,9 @@
-"""Scripts that teach a shell to complete ``headstock`` commands, options and file names with the Tab key.
+"""Scripts that teach a shell to complete ``headstock`` commands, options and file names with the
+Tab key.
 
-They ask the command as it was typed, so that ``./headstock`` completes from its own checkout and needs no place on the PATH. What
-they send and get is click's protocol (click.shell_completion), in the order of words that typer reads.
+They ask the command as it was typed, so that ``./headstock`` completes from its own checkout and
+needs no place on the PATH. What they send and get is click's protocol (click.shell_completion), in
+the order of words that typer reads.
 """
 
 VARIABLE = "_HEADSTOCK_COMPLETE"
@@ -62,4 +64,7 @@ function _headstock_completion
 end
 complete --no-files --command headstock --arguments '(_headstock_completion)'
 """
-SCRIPTS = {shell: text.replace("VARIABLE", VARIABLE) for shell, text in (("bash", BASH), ("zsh", ZSH), ("fish", FISH))}
+SCRIPTS = {
+    shell: text.replace("VARIABLE", VARIABLE)
+    for shell, text in (("bash", BASH), ("zsh", ZSH), ("fish", FISH))
+}

@@ -9,7 +9,14 @@ import numpy as np
 
 from headstock.app.pictures.numbered import LabelledSurface, draw_numbered
 from headstock.app.terminal.console import add_row, counted, make_console, make_table, print_table
-from headstock.geometry.parts.cad_faces import CadFace, SuggestedInterface, Vector, find_holes, name_faces, suggest_interfaces
+from headstock.geometry.parts.cad_faces import (
+    CadFace,
+    SuggestedInterface,
+    Vector,
+    find_holes,
+    name_faces,
+    suggest_interfaces,
+)
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import StepFile
@@ -52,13 +59,19 @@ def show_file(request: ShowRequest) -> int:
     if request.path.suffix.lower() in STEP_SUFFIXES:
         if request.component is not None:
             raise click.UsageError("--component goes with a scene; a STEP file takes --solid")
-        return _show_part(StepFile(request.path.absolute(), request.solid), request.path.stem, request)
+        return _show_part(
+            StepFile(request.path.absolute(), request.solid), request.path.stem, request
+        )
     scene = load_scene(request.path)
     if request.component is None:
         return _show_scene(scene, request)
     component = scene.machine.components.get(request.component)
     if component is None or not isinstance(component.solid, StepFile):
-        known = [name for name, part in scene.machine.components.items() if isinstance(part.solid, StepFile)]
+        known = [
+            name
+            for name, part in scene.machine.components.items()
+            if isinstance(part.solid, StepFile)
+        ]
         raise click.UsageError(
             f"no component {request.component!r} is read from a STEP file; those are: {', '.join(known) or 'none'}"
         )
@@ -97,7 +110,9 @@ def _show_part(solid: StepFile, name: str, request: ShowRequest) -> int:
     _print_faces(survey, request.every_face)
     suggestions = suggest_interfaces(survey.faces)
     if suggestions:
-        console.print("\nInterfaces to choose from, to paste into a scene:\n", style="bold", markup=False)
+        console.print(
+            "\nInterfaces to choose from, to paste into a scene:\n", style="bold", markup=False
+        )
         console.print(format_suggestions(name, suggestions), markup=False, soft_wrap=True)
     numbers = {face.number: str(face.number) for face in survey.faces}
     surface = LabelledSurface(survey.points, survey.triangles, survey.owners, numbers, title)
@@ -118,8 +133,12 @@ def _show_part(solid: StepFile, name: str, request: ShowRequest) -> int:
 def _print_faces(survey: CadSurvey, every_face: bool) -> None:
     console = make_console()
     largest = sorted(survey.faces, key=lambda face: -face.area)
-    shown = survey.faces if every_face else sorted(largest[:FACES_SHOWN], key=lambda face: face.number)
-    table = make_table(">face", "<kind", ">area cm²", ">centre mm", "<looks to", ">size mm", ">radius mm")
+    shown = (
+        survey.faces if every_face else sorted(largest[:FACES_SHOWN], key=lambda face: face.number)
+    )
+    table = make_table(
+        ">face", "<kind", ">area cm²", ">centre mm", "<looks to", ">size mm", ">radius mm"
+    )
     names = name_faces(survey.faces)
     for face in shown:
         name = names[face.number]
@@ -127,8 +146,23 @@ def _print_faces(survey: CadSurvey, every_face: bool) -> None:
         radius = f"{1e3 * face.radius:.5g}" if face.radius else ""
         kind = "hollow cyl" if face.hollow else face.kind  # the wall of a hole, or an inner fillet
         area = f"{1e4 * face.area:.4g}"
-        add_row(table, number, kind, area, _in_mm(face.center), _describe_normal(face), _in_mm(face.size), radius)
-    print_table(console, "Faces" if len(shown) == len(survey.faces) else f"The {len(shown)} largest faces (--all lists all)", table)
+        add_row(
+            table,
+            number,
+            kind,
+            area,
+            _in_mm(face.center),
+            _describe_normal(face),
+            _in_mm(face.size),
+            radius,
+        )
+    print_table(
+        console,
+        "Faces"
+        if len(shown) == len(survey.faces)
+        else f"The {len(shown)} largest faces (--all lists all)",
+        table,
+    )
 
 
 def _describe_normal(face: CadFace) -> str:
@@ -136,7 +170,11 @@ def _describe_normal(face: CadFace) -> str:
     axis = int(np.argmax(np.abs(normal)))
     if abs(normal[axis]) > 1.0 - 1e-9:
         return f"{'+' if normal[axis] > 0 else '-'}{'xyz'[axis]}"
-    return " ".join(f"{round(float(value), 2) + 0.0:.2f}" for value in normal) if face.kind == "plane" else ""
+    return (
+        " ".join(f"{round(float(value), 2) + 0.0:.2f}" for value in normal)
+        if face.kind == "plane"
+        else ""
+    )
 
 
 def _in_mm(values: Vector) -> str:
@@ -150,14 +188,25 @@ def _show_scene(scene: Scene, request: ShowRequest) -> int:
     for name, component in scene.machine.components.items():
         skin = unmeshed_skin(component.solid)
         size = "" if skin is None else _in_mm(tuple(np.ptp(skin.points, axis=0)))
-        add_row(table, name, component.fidelity, _describe_solid(component), size, ", ".join(component.interfaces))
+        add_row(
+            table,
+            name,
+            component.fidelity,
+            _describe_solid(component),
+            size,
+            ", ".join(component.interfaces),
+        )
         if skin is not None:
             skins[name] = skin
-    print_table(console, f"{scene.name}: {counted(len(scene.machine.components), 'component')}", table)
+    print_table(
+        console, f"{scene.name}: {counted(len(scene.machine.components), 'component')}", table
+    )
     if not skins:
         console.print("no component has a shape that can be drawn before meshing", markup=False)
         return 0
-    _write_picture(_join_components(scene, skins), request.picture or Path(f"{scene.path.stem}_machine.png"))
+    _write_picture(
+        _join_components(scene, skins), request.picture or Path(f"{scene.path.stem}_machine.png")
+    )
     return 0
 
 
@@ -169,9 +218,18 @@ def _describe_solid(component: Component) -> str:
 def _join_components(scene: Scene, skins: dict[str, Skin]) -> LabelledSurface:
     frames = {name: scene.machine.components[name].placement for name in skins}
     starts = np.cumsum([0, *(len(skin.points) for skin in skins.values())])
-    points = np.vstack([skin.points @ frames[name].rotation.T + frames[name].origin for name, skin in skins.items()])
-    triangles = np.vstack([skin.triangles + start for skin, start in zip(skins.values(), starts, strict=False)])
-    owners = np.repeat(np.arange(1, len(skins) + 1), [len(skin.triangles) for skin in skins.values()])
+    points = np.vstack(
+        [
+            skin.points @ frames[name].rotation.T + frames[name].origin
+            for name, skin in skins.items()
+        ]
+    )
+    triangles = np.vstack(
+        [skin.triangles + start for skin, start in zip(skins.values(), starts, strict=False)]
+    )
+    owners = np.repeat(
+        np.arange(1, len(skins) + 1), [len(skin.triangles) for skin in skins.values()]
+    )
     return LabelledSurface(points, triangles, owners, dict(enumerate(skins, 1)), scene.name)
 
 

@@ -1,4 +1,6 @@
-"""``headstock new``: a folder with a scene that runs as it is, for a box or for a STEP part of the user's own."""
+"""``headstock new``: a folder with a scene that runs as it is, for a box or for a STEP part of the
+user's own.
+"""
 
 import dataclasses
 import os
@@ -15,7 +17,12 @@ from headstock.app.actions.editor_schema import scene_schema
 from headstock.app.actions.showing import STEP_SUFFIXES, format_suggestions
 from headstock.app.terminal.console import make_console
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.parts.cad_faces import CadFace, SuggestedInterface, name_faces, suggest_interfaces
+from headstock.geometry.parts.cad_faces import (
+    CadFace,
+    SuggestedInterface,
+    name_faces,
+    suggest_interfaces,
+)
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.cad_survey import CadSurvey, survey_step
 from headstock.meshing.components.meshing import mesh_component
@@ -88,7 +95,9 @@ def start_scene(request: StartRequest) -> int:
     """
     folder = request.folder.absolute() if request.folder.name in ("", "..") else request.folder
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise click.UsageError(f"{folder} exists and is not an empty folder; nothing was changed: choose another name")
+        raise click.UsageError(
+            f"{folder} exists and is not an empty folder; nothing was changed: choose another name"
+        )
     if request.part is not None and request.part.suffix.lower() not in STEP_SUFFIXES:
         raise click.UsageError(f"{request.part.name} is no STEP file (.step, .stp)")
     if request.part is None:
@@ -109,7 +118,11 @@ def start_scene(request: StartRequest) -> int:
         _try_mesh(scene)
     # as the reader types it: the launcher says how it was called
     command = shlex.quote(os.environ.get("HEADSTOCK_COMMAND", "headstock"))
-    console.print(f"{scene} is ready; next: {command} run {shlex.quote(str(scene))}", markup=False, soft_wrap=True)
+    console.print(
+        f"{scene} is ready; next: {command} run {shlex.quote(str(scene))}",
+        markup=False,
+        soft_wrap=True,
+    )
     return 0
 
 
@@ -124,7 +137,9 @@ def _try_mesh(path: Path) -> None:
     try:
         mesh_component(component)
     except MeshError as error:
-        raise MeshError(f"{path} is written, but its part cannot be meshed as it is: {error}") from error
+        raise MeshError(
+            f"{path} is written, but its part cannot be meshed as it is: {error}"
+        ) from error
 
 
 def _fill_folder(folder: Path, text: str, part: Path | None) -> None:
@@ -188,17 +203,32 @@ def _part_scene(request: StartRequest, survey: CadSurvey) -> str:
 def _choose_ends(
     faces: Sequence[CadFace], suggestions: Sequence[SuggestedInterface]
 ) -> tuple[SuggestedInterface, SuggestedInterface]:
-    """What to hold and where to look: the opposing planes, the lower one first, else the largest plane and the farthest other."""
+    """What to hold and where to look: the opposing planes, the lower one first, else the largest
+    plane and the farthest other.
+    """
     ends = [found for found in suggestions if found.reason.startswith("plane")]
     if len(ends) == 2:
-        return (ends[1], ends[0]) if ends[1].name in ("bottom", "back", "right") else (ends[0], ends[1])
+        return (
+            (ends[1], ends[0])
+            if ends[1].name in ("bottom", "back", "right")
+            else (ends[0], ends[1])
+        )
     planes = sorted((face for face in faces if face.kind == "plane"), key=lambda face: -face.area)
     if len(planes) < 2:
-        raise HeadstockError("the part has no two plane faces to hold it by; write the scene by hand, see docs/scene_reference.md")
+        raise HeadstockError(
+            "the part has no two plane faces to hold it by; write the scene by hand, see docs/scene_reference.md"
+        )
     names = name_faces(faces)
-    farthest = max(planes[1:], key=lambda face: float(np.linalg.norm(np.subtract(face.center, planes[0].center))))
-    foot = SuggestedInterface("foot", (names[planes[0].number],), f"plane, {planes[0].area * 1e4:.4g} cm^2")
-    return foot, SuggestedInterface("tip", (names[farthest.number],), f"plane, {farthest.area * 1e4:.4g} cm^2")
+    farthest = max(
+        planes[1:],
+        key=lambda face: float(np.linalg.norm(np.subtract(face.center, planes[0].center))),
+    )
+    foot = SuggestedInterface(
+        "foot", (names[planes[0].number],), f"plane, {planes[0].area * 1e4:.4g} cm^2"
+    )
+    return foot, SuggestedInterface(
+        "tip", (names[farthest.number],), f"plane, {farthest.area * 1e4:.4g} cm^2"
+    )
 
 
 def _quote(value: int | str) -> str:

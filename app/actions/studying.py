@@ -81,7 +81,11 @@ def study_request(request: StudyRequest, comm: MPI.Comm, origin: Provenance | No
     require_ranks(request.ranks, comm)
     job = make_on_root(comm, lambda: _make_job(request))
     folder = request.output or Path("results") / f"{request.scene.path.stem}-{request.name}"
-    with claim_output(folder, (TABLE_FILE, LISTING_FILE)) if comm.rank == 0 else contextlib.nullcontext():
+    with (
+        claim_output(folder, (TABLE_FILE, LISTING_FILE))
+        if comm.rank == 0
+        else contextlib.nullcontext()
+    ):
         records = run_study(job, folder, comm=comm, observer=print_progress)
         if comm.rank == 0:
             table = tabulate_study(job.study, records)
@@ -109,8 +113,12 @@ def _make_job(request: StudyRequest) -> StudyJob:
         content=content,
         variant=chosen.variant,
         overrides=chosen.overrides,
-        measure=None if study.reference is None else functools.partial(measure_beam, study.reference),
-        measure_name="" if study.reference is None else f"{study.reference} {code_fingerprint(headstock.validation)}",
+        measure=None
+        if study.reference is None
+        else functools.partial(measure_beam, study.reference),
+        measure_name=""
+        if study.reference is None
+        else f"{study.reference} {code_fingerprint(headstock.validation)}",
         retry=request.retry,
     )
     check_points(job)
@@ -118,9 +126,15 @@ def _make_job(request: StudyRequest) -> StudyJob:
 
 
 def _publish(
-    table: StudyTable, records: Sequence[StudyRecord], folder: Path, request: StudyRequest, origin: Provenance | None
+    table: StudyTable,
+    records: Sequence[StudyRecord],
+    folder: Path,
+    request: StudyRequest,
+    origin: Provenance | None,
 ) -> list[str]:
-    """Write the files of a study beside its records, and print what a reference says of it; remarks for the user."""
+    """Write the files of a study beside its records, and print what a reference says of it; remarks
+    for the user.
+    """
     extra: Extra = {}
     listing = list_study(table, request.scene.path)
     if table.study.reference is not None:
@@ -150,11 +164,20 @@ def _add_costs(table: StudyTable, listing: StudyListing, extra: Extra) -> None:
     listing["costs"], listing["digits"] = list_costs(points), digit_words(points)
 
 
-def _add_ladder(beam: LadderBeam, records: Sequence[StudyRecord], listing: StudyListing, extra: Extra) -> None:
+def _add_ladder(
+    beam: LadderBeam, records: Sequence[StudyRecord], listing: StudyListing, extra: Extra
+) -> None:
     """Figures, tables and claims of a ladder."""
     points = [*collect_points(beam, records), *paper_points(beam)]
     claims, own = judge_ladder(beam, points), judge_own(beam, points)
-    extra.update({f"{table.name}.csv": encode_csv(table) for table in ladder_tables(beam, points, [*claims, *own])})
-    extra.update({f"{name}.png": encode_png(pixels) for name, pixels in draw_ladder(beam, points).items()})
+    extra.update(
+        {
+            f"{table.name}.csv": encode_csv(table)
+            for table in ladder_tables(beam, points, [*claims, *own])
+        }
+    )
+    extra.update(
+        {f"{name}.png": encode_png(pixels) for name, pixels in draw_ladder(beam, points).items()}
+    )
     print_ladder(beam, points, claims, own)
     listing["claims"], listing["own_claims"] = list_claims(claims), list_claims(own)

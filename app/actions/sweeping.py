@@ -1,4 +1,6 @@
-"""``headstock sweep``: the analyses of a scene in every pose of a sweep, or the share of one task of an array job."""
+"""``headstock sweep``: the analyses of a scene in every pose of a sweep, or the share of one task
+of an array job.
+"""
 
 import contextlib
 import dataclasses
@@ -15,7 +17,12 @@ from headstock.app.actions.running import require_ranks
 from headstock.app.charts.sweep import draw_sweep
 from headstock.app.pictures.png_images import encode_png
 from headstock.app.report.pages import render_sweep
-from headstock.app.terminal.console import counted, make_console, print_remarks, warn_of_unused_accuracy
+from headstock.app.terminal.console import (
+    counted,
+    make_console,
+    print_remarks,
+    warn_of_unused_accuracy,
+)
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.summary import print_stage
 from headstock.app.terminal.sweep import print_sweep, print_sweep_header
@@ -23,7 +30,12 @@ from headstock.app.texts.sweep_quantities import tabulate_sweep
 from headstock.app.texts.tables import encode_csv
 from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.storage.json_texts import dump_json
-from headstock.pipeline.storage.outputs import claim_output, prepare_output, write_beside, write_output
+from headstock.pipeline.storage.outputs import (
+    claim_output,
+    prepare_output,
+    write_beside,
+    write_output,
+)
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene, prepare_sweep
 from headstock.scene.reading.findings import suggest_names
@@ -74,14 +86,17 @@ def compute_part(job: SweepJob, key: str | None, comm: MPI.Comm) -> int:
     if comm.rank == 0:
         poses = counted(outcome.computed, "pose")
         make_console().print(
-            f"part {job.part.number} of {job.part.of}: {poses} computed, {counted(comm.size, 'rank')}", markup=False
+            f"part {job.part.number} of {job.part.of}: {poses} computed, {counted(comm.size, 'rank')}",
+            markup=False,
         )
     return DONE
 
 
 @dataclass(frozen=True, kw_only=True)
 class SweepRequest:
-    """What the command line asked for; a part only in a task of an array job, whose key says what was submitted."""
+    """What the command line asked for; a part only in a task of an array job, whose key says what
+    was submitted.
+    """
 
     scene: SceneChoice
     name: str
@@ -96,7 +111,8 @@ class SweepRequest:
 
 
 def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
-    """Run a sweep on all ranks, print what it found and write its files, and beside them where they come from.
+    """Run a sweep on all ranks, print what it found and write its files, and beside them where they
+    come from.
 
     Args:
         request: Of the command line.
@@ -116,7 +132,9 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | No
     if request.part is not None:
         return compute_part(job, request.key, comm)
     with (
-        claim_output(job.folder, (SWEEP_FILE, SUMMARY, CSV_FILE, ORIGIN_FILE, REPORT_FILE), (FOLDER,))
+        claim_output(
+            job.folder, (SWEEP_FILE, SUMMARY, CSV_FILE, ORIGIN_FILE, REPORT_FILE), (FOLDER,)
+        )
         if comm.rank == 0
         else contextlib.nullcontext()
     ):
@@ -125,29 +143,49 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | No
         outcome = run_sweep(job, comm=comm, observer=print_stage)
         failed = False
         if comm.rank == 0:
-            results = collect_results(job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key)
+            results = collect_results(
+                job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key
+            )
             results = name_tracked_modes(outcome.parts, results)
             summary = summarise_sweep(results)
             remarks = _publish(summary, results, request, job.folder, origin)
-            print_sweep(summary, results, computed=outcome.computed, seconds=time.perf_counter() - start, folder=job.folder)
+            print_sweep(
+                summary,
+                results,
+                computed=outcome.computed,
+                seconds=time.perf_counter() - start,
+                folder=job.folder,
+            )
             print_remarks(remarks)
             failed = bool(results.failed)
     return int(share_from_root(comm, FAILED if failed else DONE))
 
 
-def _sweep_elsewhere(request: SweepRequest, options: SlurmOptions, comm: MPI.Comm, origin: Provenance | None) -> int:
+def _sweep_elsewhere(
+    request: SweepRequest, options: SlurmOptions, comm: MPI.Comm, origin: Provenance | None
+) -> int:
     here = dataclasses.replace(request, cluster=None, ranks=None, retry=False)
     words = [word for text in request.scene.overrides for word in ("--set", text)]
     words += ["--variant", request.scene.variant] if request.scene.variant else []
     words += ["--retry"] if request.retry else []
-    cluster = ClusterRequest(options=options, arguments=tuple(words), retry=request.retry, wait=request.wait)
-    return sweep_on_slurm(_make_job(request), cluster, comm, lambda: sweep_request(here, comm, origin))
+    cluster = ClusterRequest(
+        options=options, arguments=tuple(words), retry=request.retry, wait=request.wait
+    )
+    return sweep_on_slurm(
+        _make_job(request), cluster, comm, lambda: sweep_request(here, comm, origin)
+    )
 
 
 def _publish(
-    summary: SweepSummary, results: SweepResults, request: SweepRequest, folder: Path, origin: Provenance | None
+    summary: SweepSummary,
+    results: SweepResults,
+    request: SweepRequest,
+    folder: Path,
+    origin: Provenance | None,
 ) -> list[str]:
-    """Write every file of a sweep: results, pictures and the page, and where they come from; remarks for the user."""
+    """Write every file of a sweep: results, pictures and the page, and where they come from;
+    remarks for the user.
+    """
     words = None if origin is None else origin.summarise()
     if words is not None:
         # apart from the results, which are the same bytes whenever and wherever they are computed
@@ -156,7 +194,10 @@ def _publish(
     write_output(folder / SUMMARY, dump_json(summary).encode())
     if request.json_file is not None:
         # there alone, without a file of its origin beside it
-        write_output(request.json_file, dump_json(summary if words is None else {**summary, "provenance": words}).encode())
+        write_output(
+            request.json_file,
+            dump_json(summary if words is None else {**summary, "provenance": words}).encode(),
+        )
     write_output(folder / CSV_FILE, encode_csv(tabulate_sweep(summary)))
     figures = {name: encode_png(pixels) for name, pixels in draw_sweep(summary).items()}
     remarks = write_beside(folder, {f"{name}.png": image for name, image in figures.items()})
@@ -173,9 +214,21 @@ def _make_job(request: SweepRequest) -> SweepJob:
             f"{chosen.path} has no sweep {request.name!r}; {suggest_names(request.name, scene.sweeps, what='sweeps')}"
         )
     scene = prepare_sweep(scene, request.name, overrides=chosen.overrides)
-    if scene.analyses.static is None and scene.analyses.modal is None and scene.analyses.frf is None:
-        raise click.UsageError(f"{chosen.path} asks for nothing to compute in a pose; write [analyses.static] or [analyses.modal]")
+    if (
+        scene.analyses.static is None
+        and scene.analyses.modal is None
+        and scene.analyses.frf is None
+    ):
+        raise click.UsageError(
+            f"{chosen.path} asks for nothing to compute in a pose; write [analyses.static] or [analyses.modal]"
+        )
     warn_of_unused_accuracy(scene)
     stem = "-".join(filter(None, [chosen.path.stem, request.name, chosen.variant]))
     folder = request.output or Path("results") / stem
-    return SweepJob(select_analyses(scene), scene.sweeps[request.name], folder, request.part or Part(), request.retry)
+    return SweepJob(
+        select_analyses(scene),
+        scene.sweeps[request.name],
+        folder,
+        request.part or Part(),
+        request.retry,
+    )

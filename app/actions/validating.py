@@ -1,4 +1,6 @@
-"""``headstock validate``: numbers compared with their references, one section per case, notes below the numbers they belong to."""
+"""``headstock validate``: numbers compared with their references, one section per case, notes below
+the numbers they belong to.
+"""
 
 import contextlib
 import importlib
@@ -30,20 +32,34 @@ def print_validation(console: Console, rows: Sequence[ValidationRow]) -> None:
     for case, members in groupby(rows, key=lambda row: row.case):
         group = list(members)
         failed = sum(not row.passed for row in group)
-        verdict = f"[bold red]{failed} of {len(group)} fail[/bold red]" if failed else "[green]ok[/green]"
+        verdict = (
+            f"[bold red]{failed} of {len(group)} fail[/bold red]" if failed else "[green]ok[/green]"
+        )
         console.print(f"\n[bold]{escape(case)}[/bold]  {verdict}")
         console.print(f"[dim]{escape(head)}[/dim]", highlight=False, soft_wrap=True)
         for row in group:
             _print_row(console, row)
     failed = sum(not row.passed for row in rows)
-    console.print(f"\n{len(rows) - failed} of {len(rows)} rows passed", style="bold red" if failed else "bold green")
+    console.print(
+        f"\n{len(rows) - failed} of {len(rows)} rows passed",
+        style="bold red" if failed else "bold green",
+    )
 
 
 def _print_row(console: Console, row: ValidationRow) -> None:
     name, rest = _split(row.quantity)
-    value, reference, error, allowed = _number(row.value), _number(row.reference), _error(row.relative_error), _error(row.tolerance)
+    value, reference, error, allowed = (
+        _number(row.value),
+        _number(row.reference),
+        _error(row.relative_error),
+        _error(row.tolerance),
+    )
     line = escape(_line(name, value, reference, row.unit, error, allowed, row.kind))
-    console.print(line if row.passed else f"[bold red]{line}  FAIL[/bold red]", highlight=False, soft_wrap=True)
+    console.print(
+        line if row.passed else f"[bold red]{line}  FAIL[/bold red]",
+        highlight=False,
+        soft_wrap=True,
+    )
     for text in [*rest, *([row.note] if row.note else [])]:
         console.print(f"[dim]      {escape(text)}[/dim]", highlight=False)
 
@@ -57,7 +73,9 @@ def _split(quantity: str) -> tuple[str, list[str]]:
     return quantity[:cut], [quantity[cut:].strip()]
 
 
-def _line(name: str, value: str, reference: str, unit: str, error: str, allowed: str, kind: str) -> str:
+def _line(
+    name: str, value: str, reference: str, unit: str, error: str, allowed: str, kind: str
+) -> str:
     return f"  {name:<{QUANTITY - 2}}{value:>{NUMBER}}{reference:>{NUMBER}} {unit:<7}{error:>9}{allowed:>9}  {kind}"
 
 
@@ -72,9 +90,14 @@ def _error(value: float) -> str:
 
 
 def validate_cases(
-    names: Sequence[str], json_file: Path | None, ranks: int | None, comm: MPI.Comm, output: Path | None = None
+    names: Sequence[str],
+    json_file: Path | None,
+    ranks: int | None,
+    comm: MPI.Comm,
+    output: Path | None = None,
 ) -> int:
-    """Compute the rows of cases and groups, print them, draw what has a figure, and fail when a row falls short.
+    """Compute the rows of cases and groups, print them, draw what has a figure, and fail when a row
+    falls short.
 
     Args:
         names: Cases or groups; all where it is empty.
@@ -92,9 +115,14 @@ def validate_cases(
     def report_progress(case: Case, rows: Sequence[ValidationRow]) -> None:
         failed = sum(not row.passed for row in rows)
         if comm.rank == 0:
-            console.print(f"{case.name}: {len(rows)} rows" + (f", [red]{failed} failed[/red]" if failed else ""))
+            console.print(
+                f"{case.name}: {len(rows)} rows"
+                + (f", [red]{failed} failed[/red]" if failed else "")
+            )
 
-    with claim_output(output) if output is not None and comm.rank == 0 else contextlib.nullcontext():
+    with (
+        claim_output(output) if output is not None and comm.rank == 0 else contextlib.nullcontext()
+    ):
         try:
             rows = run_validation(names, comm=comm, on_case=report_progress)
         except UnknownCaseError as error:
@@ -111,4 +139,9 @@ def validate_cases(
 def _draw_figures(rows: Sequence[ValidationRow], output: Path) -> None:
     # matplotlib takes long to import: only where a folder for figures is asked for
     draw_axis_kit = importlib.import_module(FIGURES_MODULE).draw_axis_kit
-    print_remarks(write_beside(output, {f"{name}.png": encode_png(pixels) for name, pixels in draw_axis_kit(rows).items()}))
+    print_remarks(
+        write_beside(
+            output,
+            {f"{name}.png": encode_png(pixels) for name, pixels in draw_axis_kit(rows).items()},
+        )
+    )

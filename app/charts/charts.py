@@ -1,4 +1,6 @@
-"""Compliance budgets, natural frequencies and responses as images, and what all charts share: figures, axes, legends, pixels."""
+"""Compliance budgets, natural frequencies and responses as images, and what all charts share:
+figures, axes, legends, pixels.
+"""
 
 import itertools
 import textwrap
@@ -51,7 +53,9 @@ def draw_charts(summary: RunSummary, colors: dict[str, str]) -> dict[str, NDArra
     found = {}
     for pose, points in static_by_pose(summary).items():
         for name, point in points.items():
-            found[f"budget_{file_stem(pose)}_{file_stem(name)}"] = _draw_budget(point["budget"], colors)
+            found[f"budget_{file_stem(pose)}_{file_stem(name)}"] = _draw_budget(
+                point["budget"], colors
+            )
     if any(modes["frequencies_hz"] for modes in summary["modal"]):
         found["frequencies"] = _draw_frequencies(summary["modal"])
     return found
@@ -63,9 +67,13 @@ def _draw_budget(budget: dict[str, dict[str, float]], colors: dict[str, str]) ->
         axes = figure.add_subplot(1, len(budget), number + 1)
         rows = sort_shares(shares)[:BARS_SHOWN][::-1]
         axes.barh(
-            [name for name, _ in rows], [100 * share for _, share in rows], color=[colors.get(n, JOINT_COLOR) for n, _ in rows]
+            [name for name, _ in rows],
+            [100 * share for _, share in rows],
+            color=[colors.get(n, JOINT_COLOR) for n, _ in rows],
         )
-        axes.set_title(f"{direction}: share of the compliance [%]", fontsize=9, color=INK, loc="left")
+        axes.set_title(
+            f"{direction}: share of the compliance [%]", fontsize=9, color=INK, loc="left"
+        )
         calm_axes(axes)
     return read_pixels(figure)
 
@@ -85,12 +93,15 @@ def _draw_frequencies(modal: Sequence[ModesSummary]) -> NDArray[np.uint8]:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure of this size [inch], whose panels make space for what is written around them."""
+    """An empty figure of this size [inch], whose panels make space for what is written around
+    them.
+    """
     return Figure(figsize=(width, height), dpi=DPI, layout="constrained")
 
 
 def add_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str]) -> None:
-    """A legend below the panels, whole: as many columns as fit, long labels over several lines, and a figure as much higher.
+    """A legend below the panels, whole: as many columns as fit, long labels over several lines, and
+    a figure as much higher.
 
     Args:
         figure: With its panels.
@@ -100,12 +111,16 @@ def add_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str])
     if not labels:
         return
     wide, high = figure.get_size_inches()
-    shown = ["\n".join(textwrap.wrap(label, max(20, int(wide / LETTER_INCHES) - 8))) for label in labels]
+    shown = [
+        "\n".join(textwrap.wrap(label, max(20, int(wide / LETTER_INCHES) - 8))) for label in labels
+    ]
     longest = max(len(line) for label in shown for line in label.split("\n"))
     columns = max(1, min(6, len(shown), int(wide / (LETTER_INCHES * longest + HANDLE_INCHES))))
     rows = -(-len(shown) // columns) * max(label.count("\n") + 1 for label in shown)
     figure.set_size_inches(wide, high + LINE_INCHES * rows)
-    figure.legend(handles, shown, loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
+    figure.legend(
+        handles, shown, loc="outside lower center", ncols=columns, fontsize=8, frameon=False
+    )
 
 
 class LineStyle(TypedDict):
@@ -117,7 +132,10 @@ class LineStyle(TypedDict):
 
 def line_style(number: int, colors: Sequence[str]) -> LineStyle:
     """Colour and dashes of the line of this number: dashes change where colours begin again."""
-    return {"color": colors[number % len(colors)], "linestyle": DASHES[(number // len(colors)) % len(DASHES)]}
+    return {
+        "color": colors[number % len(colors)],
+        "linestyle": DASHES[(number // len(colors)) % len(DASHES)],
+    }
 
 
 def calm_axes(axes: Axes, *, grid: Literal["x", "y", "both"] = "x") -> None:
@@ -138,7 +156,9 @@ def read_pixels(figure: Figure) -> NDArray[np.uint8]:
 
 
 def draw_responses(responses: Sequence[ResponseCurves]) -> dict[str, NDArray[np.uint8]]:
-    """A grid of Bode plots per pose, and one of all poses: name to ``(height, width, 4)`` pixels."""
+    """A grid of Bode plots per pose, and one of all poses: name to ``(height, width, 4)``
+    pixels.
+    """
     drawn = {f"frf_{file_stem(curves.pose)}": _draw_grid([curves]) for curves in responses}
     together = overlaid_responses({curves.pose: curves for curves in responses})
     return drawn | ({"frf_all_poses": _draw_grid(together)} if together else {})
@@ -148,27 +168,45 @@ def _draw_grid(responses: Sequence[ResponseCurves]) -> NDArray[np.uint8]:
     curves = responses[0]
     outputs, inputs = curves.outputs[:MOST_FIELDS], curves.inputs[:MOST_FIELDS]
     figure = new_figure(1.5 + 3.4 * len(inputs), 0.8 + 2.7 * len(outputs))
-    grid = figure.add_gridspec(2 * len(outputs), len(inputs), height_ratios=[3.0, 1.0] * len(outputs))
+    grid = figure.add_gridspec(
+        2 * len(outputs), len(inputs), height_ratios=[3.0, 1.0] * len(outputs)
+    )
     values = [each.values for each in responses]
     for row, output in enumerate(outputs):
         for column, given in enumerate(inputs):
-            upper, lower = figure.add_subplot(grid[2 * row, column]), figure.add_subplot(grid[2 * row + 1, column])
+            upper, lower = (
+                figure.add_subplot(grid[2 * row, column]),
+                figure.add_subplot(grid[2 * row + 1, column]),
+            )
             unit, factor = response_unit(curves.motion, output, given)
             own = [DIRECT if output == given else CURVE] if len(responses) == 1 else COLORS
             sizes = [factor * np.abs(value[:, row, column]) for value in values]
             _draw_magnitude(upper, responses, sizes, own)
-            upper.set_title(f"{name_entry(output, given)} [{unit}]", fontsize=9, color=INK, loc="left")
+            upper.set_title(
+                f"{name_entry(output, given)} [{unit}]", fontsize=9, color=INK, loc="left"
+            )
             _draw_phase(lower, responses, [value[:, row, column] for value in values], own)
             if row == len(outputs) - 1:
                 lower.set_xlabel("frequency [Hz]", fontsize=9, color=INK)
     if len(responses) > 1:
-        add_legend(figure, figure.axes[0].get_lines()[: len(responses)], [f"pose {each.pose}" for each in responses])
+        add_legend(
+            figure,
+            figure.axes[0].get_lines()[: len(responses)],
+            [f"pose {each.pose}" for each in responses],
+        )
     return read_pixels(figure)
 
 
-def _draw_magnitude(axes: Axes, responses: Sequence[ResponseCurves], sizes: Sequence[FloatArray], colors: Sequence[str]) -> None:
+def _draw_magnitude(
+    axes: Axes,
+    responses: Sequence[ResponseCurves],
+    sizes: Sequence[FloatArray],
+    colors: Sequence[str],
+) -> None:
     for curves, size, color in zip(responses, sizes, itertools.cycle(colors), strict=False):
-        axes.semilogy(curves.frequencies_hz, np.where(size > 0.0, size, np.nan), color=color, linewidth=1.2)
+        axes.semilogy(
+            curves.frequencies_hz, np.where(size > 0.0, size, np.nan), color=color, linewidth=1.2
+        )
     low, high = magnitude_range(np.concatenate(sizes))
     axes.set_ylim(low, high)
     _set_ticks(axes.yaxis, round_ticks(low, high))
@@ -176,7 +214,12 @@ def _draw_magnitude(axes: Axes, responses: Sequence[ResponseCurves], sizes: Sequ
     _frame(axes, responses)
 
 
-def _draw_phase(axes: Axes, responses: Sequence[ResponseCurves], values: Sequence[ComplexArray], colors: Sequence[str]) -> None:
+def _draw_phase(
+    axes: Axes,
+    responses: Sequence[ResponseCurves],
+    values: Sequence[ComplexArray],
+    colors: Sequence[str],
+) -> None:
     for curves, value, color in zip(responses, values, itertools.cycle(colors), strict=False):
         axes.plot(curves.frequencies_hz, broken_phase(value), color=color, linewidth=1.0)
     axes.set_ylim(-190.0, 190.0)
@@ -190,7 +233,10 @@ def _set_ticks(axis: Axis, places: Sequence[float]) -> None:
 
 
 def _frame(axes: Axes, responses: Sequence[ResponseCurves]) -> None:
-    low, high = min(each.frequencies_hz[0] for each in responses), max(each.frequencies_hz[-1] for each in responses)
+    low, high = (
+        min(each.frequencies_hz[0] for each in responses),
+        max(each.frequencies_hz[-1] for each in responses),
+    )
     axes.set_xscale(responses[0].spacing)
     axes.set_xlim(low, high)
     if responses[0].spacing == "log":

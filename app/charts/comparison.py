@@ -1,4 +1,6 @@
-"""Variants side by side as figures: frequencies as levels joined where modes are the same, compliances as bars."""
+"""Variants side by side as figures: frequencies as levels joined where modes are the same,
+compliances as bars.
+"""
 
 import itertools
 import textwrap
@@ -43,22 +45,39 @@ def _draw_levels(summary: ComparisonSummary) -> NDArray[np.uint8]:
     for row in alike:
         for x, name in enumerate(names):
             hz = row_frequencies(row)[name]
-            axes.plot([x - LEVEL_HALF_WIDTH, x + LEVEL_HALF_WIDTH], [hz, hz], color=FAINT, linewidth=1.0)
-    ends = [((len(names) - 1, row_frequencies(alike[-1])[names[-1]]), f"{len(alike)} rigid-body modes", INK)] if alike else []
+            axes.plot(
+                [x - LEVEL_HALF_WIDTH, x + LEVEL_HALF_WIDTH], [hz, hz], color=FAINT, linewidth=1.0
+            )
+    ends = (
+        [
+            (
+                (len(names) - 1, row_frequencies(alike[-1])[names[-1]]),
+                f"{len(alike)} rigid-body modes",
+                INK,
+            )
+        ]
+        if alike
+        else []
+    )
     for number, row in enumerate(rows):
         color = COLORS[number % len(COLORS)]
         known = row_frequencies(row)
         places = [(x, known[name]) for x, name in enumerate(names) if name in known]
         _draw_mode(axes, places, color)
         ends.append((places[-1], row["name"], color))
-    axes.set_xticks(range(len(names)), ["\n".join(textwrap.wrap(name, VARIANT_LENGTH)) for name in names])
+    axes.set_xticks(
+        range(len(names)), ["\n".join(textwrap.wrap(name, VARIANT_LENGTH)) for name in names]
+    )
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.set_ylim(0.0, (1.0 + 1.5 * LABEL_INCHES / height) * axes.get_ylim()[1])
     axes.set_ylabel("natural frequency [Hz]", fontsize=9, color=INK)
     calm_axes(axes, grid="y")
     gap = LABEL_INCHES / (height - 1.0) * axes.get_ylim()[1]
     for x, name in enumerate(names):
-        cells = [(row_frequencies(row).get(name), COLORS[number % len(COLORS)]) for number, row in enumerate(rows)]
+        cells = [
+            (row_frequencies(row).get(name), COLORS[number % len(COLORS)])
+            for number, row in enumerate(rows)
+        ]
         _write_levels(axes, x, [(hz, color) for hz, color in cells if hz is not None], gap)
     _name_levels(axes, ends, len(names) - 0.6, gap)
     return read_pixels(figure)
@@ -73,25 +92,52 @@ def spread_labels(levels: Sequence[float], gap: float) -> list[float]:
 
 
 def _write_levels(axes: Axes, x: int, levels: list[tuple[float, str]], gap: float) -> None:
-    """The frequency above each level of a variant, in its colour; on white, since lines may pass behind it."""
+    """The frequency above each level of a variant, in its colour; on white, since lines may pass
+    behind it.
+    """
     ordered = sorted(levels)
     white = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
-    for (hz, color), height in zip(ordered, spread_labels([hz for hz, _ in ordered], gap), strict=True):
+    for (hz, color), height in zip(
+        ordered, spread_labels([hz for hz, _ in ordered], gap), strict=True
+    ):
         axes.annotate(
-            show_digits(hz, 4), (x, height), (0, 4), textcoords="offset points", ha="center", fontsize=7, color=color, bbox=white
+            show_digits(hz, 4),
+            (x, height),
+            (0, 4),
+            textcoords="offset points",
+            ha="center",
+            fontsize=7,
+            color=color,
+            bbox=white,
         )
 
 
 def _draw_mode(axes: Axes, places: list[tuple[int, float]], color: str) -> None:
-    """A level per variant that has the mode, joined by lines; dotted where variants between lack it."""
+    """A level per variant that has the mode, joined by lines; dotted where variants between lack
+    it.
+    """
     for x, hz in places:
-        axes.plot([x - LEVEL_HALF_WIDTH, x + LEVEL_HALF_WIDTH], [hz, hz], color=color, linewidth=2.6, solid_capstyle="butt")
+        axes.plot(
+            [x - LEVEL_HALF_WIDTH, x + LEVEL_HALF_WIDTH],
+            [hz, hz],
+            color=color,
+            linewidth=2.6,
+            solid_capstyle="butt",
+        )
     for (x, hz), (next_x, next_hz) in itertools.pairwise(places):
         style = "-" if next_x == x + 1 else ":"
-        axes.plot([x + LEVEL_HALF_WIDTH, next_x - LEVEL_HALF_WIDTH], [hz, next_hz], style, color=color, linewidth=1.0)
+        axes.plot(
+            [x + LEVEL_HALF_WIDTH, next_x - LEVEL_HALF_WIDTH],
+            [hz, next_hz],
+            style,
+            color=color,
+            linewidth=1.0,
+        )
 
 
-def _name_levels(axes: Axes, ends: list[tuple[tuple[int, float], str, str]], right: float, gap: float) -> None:
+def _name_levels(
+    axes: Axes, ends: list[tuple[tuple[int, float], str, str]], right: float, gap: float
+) -> None:
     """Names beside the last level of each mode, moved apart where they would touch."""
     ordered = sorted(ends, key=lambda end: end[0][1])
     heights = spread_labels([hz for (_, hz), _, _ in ordered], gap)
@@ -125,7 +171,9 @@ def _draw_compliances(summary: ComparisonSummary, points: list[str]) -> NDArray[
             bars = axes.bar(at, values, 0.92 * bar, label=name, color=COLORS[place % len(COLORS)])
             crowded = 3 * len(known) > MOST_UPRIGHT
             words = ["" if np.isnan(value) else show_digits(value, 3) for value in values]
-            axes.bar_label(bars, words, fontsize=6.5, color=INK, padding=2, rotation=90 if crowded else 0)
+            axes.bar_label(
+                bars, words, fontsize=6.5, color=INK, padding=2, rotation=90 if crowded else 0
+            )
         axes.set_xticks(range(3), [f"d{d}/F{d}" for d in DIRECTIONS])
         axes.set_title(f"compliance at {point} [µm/kN]", fontsize=9, color=INK, loc="left")
         calm_axes(axes, grid="y")

@@ -1,4 +1,6 @@
-"""The figures of Kono et al.: deviations of the beams over degrees of freedom and over time, and of the machine's compliances."""
+"""The figures of Kono et al.: deviations of the beams over degrees of freedom and over time, and of
+the machine's compliances.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,7 +14,15 @@ from numpy.typing import NDArray
 
 from headstock.app.charts.charts import INK, calm_axes, new_figure, read_pixels
 from headstock.pipeline.results.views import COLORS
-from headstock.validation.ladder.points import KINDS, LadderKind, LadderPoint, Rungs, deviations, pick_rungs, worst_by_ndof
+from headstock.validation.ladder.points import (
+    KINDS,
+    LadderKind,
+    LadderPoint,
+    Rungs,
+    deviations,
+    pick_rungs,
+    worst_by_ndof,
+)
 from headstock.validation.ladder.references import Group, LadderBeam
 from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
 from headstock.validation.machines.axis_kit_models import MEASURED_COMPLIANCE, VARIANTS
@@ -45,7 +55,9 @@ LEAST_SHOWN = 1e-3  # percent, in the overview
 
 
 def draw_ladder(beam: LadderBeam, points: Sequence[LadderPoint]) -> dict[str, NDArray[np.uint8]]:
-    """Every figure of a ladder by file name: those of the paper over nDOF and over time, and all models together."""
+    """Every figure of a ladder by file name: those of the paper over nDOF and over time, and all
+    models together.
+    """
     found: dict[str, NDArray[np.uint8]] = {}
     cases: tuple[tuple[Group, tuple[LadderKind, ...]], ...] = (
         ("static", KINDS[:1]),
@@ -55,7 +67,9 @@ def draw_ladder(beam: LadderBeam, points: Sequence[LadderPoint]) -> dict[str, ND
     )
     for number, (group, kinds) in zip(beam.figures, cases, strict=True):
         for over, own in ((NDOF, points), (TIME, _timed(points))):
-            panels = [rungs for kind in kinds if (rungs := pick_rungs(beam, own, group, kind)).points]
+            panels = [
+                rungs for kind in kinds if (rungs := pick_rungs(beam, own, group, kind)).points
+            ]
             if panels:
                 found[f"figure_{number:02d}_{over}"] = _draw_figure(panels, number, over)
     if _timed(points):
@@ -68,14 +82,26 @@ def _timed(points: Sequence[LadderPoint]) -> list[LadderPoint]:
 
 
 def _draw_figure(panels: Sequence[Rungs], number: int, over: Over) -> NDArray[np.uint8]:
-    """One panel per kind of model, on the same axes; the legend in the first row where that has one panel of several."""
+    """One panel per kind of model, on the same axes; the legend in the first row where that has one
+    panel of several.
+    """
     beam, group = panels[0].beam, panels[0].group
-    names = [name for name, reference in beam.references.items() if reference.group == group and "back face" not in name]
+    names = [
+        name
+        for name, reference in beam.references.items()
+        if reference.group == group and "back face" not in name
+    ]
     width = min(2, len(panels))
     height = -(-len(panels) // width)
     figure = new_figure(5.4 * width + 1.0, 3.1 * height + 1.2)
     what = "static displacements" if group == "static" else "natural frequencies"
-    figure.suptitle(f"Figure {number} of Kono et al.: {what} of the {beam.title}", fontsize=11, color=INK, x=0.01, ha="left")
+    figure.suptitle(
+        f"Figure {number} of Kono et al.: {what} of the {beam.title}",
+        fontsize=11,
+        color=INK,
+        x=0.01,
+        ha="left",
+    )
     largest = max(abs(d.value) for rungs in panels for d in deviations(rungs, names)) * 100.0
     grid = figure.subplots(height, width, sharex=True, sharey=True, squeeze=False)
     odd = len(panels) % width > 0
@@ -84,7 +110,9 @@ def _draw_figure(panels: Sequence[Rungs], number: int, over: Over) -> NDArray[np
         grid[0, 1].set_axis_off()
         grid[0, 1].legend(handles=handles, loc="center", fontsize=9, frameon=False)
     else:
-        figure.legend(handles=handles, loc="outside lower center", ncols=2 * width, fontsize=8, frameon=False)
+        figure.legend(
+            handles=handles, loc="outside lower center", ncols=2 * width, fontsize=8, frameon=False
+        )
     cells = [axes for place, axes in enumerate(grid.flat) if not (odd and place == 1)]
     for axes, rungs in zip(cells, panels, strict=True):
         _draw_panel(axes, rungs, names, over)
@@ -102,10 +130,22 @@ def _draw_panel(axes: Axes, rungs: Rungs, names: Sequence[str], over: Over) -> N
     axes.axhline(0.0, color=INK, linewidth=0.8)
     for name, color, marker in zip(names, KIND_COLORS, MARKERS, strict=False):
         found = deviations(rungs, [name])
-        x = [deviation.point.ndof if over == "ndof" else deviation.point.cpu_seconds for deviation in found]
-        axes.plot(x, [100.0 * d.value for d in found], color=color, marker=marker, markersize=4.5, linewidth=1.3)
+        x = [
+            deviation.point.ndof if over == "ndof" else deviation.point.cpu_seconds
+            for deviation in found
+        ]
+        axes.plot(
+            x,
+            [100.0 * d.value for d in found],
+            color=color,
+            marker=marker,
+            markersize=4.5,
+            linewidth=1.3,
+        )
         reference = rungs.beam.references[name]
-        roads = [(reference.solid, "none")] + ([(reference.beam, color)] if rungs.kinds == ("segmented",) else [])
+        roads = [(reference.solid, "none")] + (
+            [(reference.beam, color)] if rungs.kinds == ("segmented",) else []
+        )
         for value, filled in roads:
             level = 100.0 * (value / reference.analytic - 1.0)
             axes.plot(
@@ -130,12 +170,16 @@ def _shape_axes(axes: Axes, largest: float) -> None:
 
 
 def _label_decades(axes: Axes) -> None:
-    """A logarithmic x axis with plain numbers, some between the decades where there are few of those."""
+    """A logarithmic x axis with plain numbers, some between the decades where there are few of
+    those.
+    """
     axes.set_xscale("log")
     calm_axes(axes, grid="both")
     axes.tick_params(which="minor", length=0)
     low, high = axes.get_xlim()
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < FEW_DECADES * low else (1.0,)))
+    axes.xaxis.set_major_locator(
+        LogLocator(subs=(1.0, 2.0, 5.0) if high < FEW_DECADES * low else (1.0,))
+    )
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
@@ -145,9 +189,21 @@ def _handles(names: Sequence[str], *, segmented: bool) -> list[Line2D]:
         Line2D([], [], color=color, marker=marker, markersize=4.5, linewidth=1.3, label=name)
         for name, color, marker in zip(names, KIND_COLORS, MARKERS, strict=False)
     ]
-    lines.append(Line2D([], [], color=INK, marker="<", linestyle="none", markerfacecolor="none", label="converged 3D elasticity"))
+    lines.append(
+        Line2D(
+            [],
+            [],
+            color=INK,
+            marker="<",
+            linestyle="none",
+            markerfacecolor="none",
+            label="converged 3D elasticity",
+        )
+    )
     if segmented:
-        lines.append(Line2D([], [], color=INK, marker="<", linestyle="none", label="beam theory with shear"))
+        lines.append(
+            Line2D([], [], color=INK, marker="<", linestyle="none", label="beam theory with shear")
+        )
     return lines
 
 
@@ -156,7 +212,9 @@ def _draw_overview(beam: LadderBeam, points: Sequence[LadderPoint]) -> NDArray[n
     both: tuple[Group, ...] = ("static", "modal")
     groups = [group for group in both if any(point.group == group for point in points)]
     figure = new_figure(5.2 * len(groups) + 0.8, 4.4)
-    figure.suptitle(f"Accuracy against effort: {beam.title}", fontsize=11, color=INK, x=0.01, ha="left")
+    figure.suptitle(
+        f"Accuracy against effort: {beam.title}", fontsize=11, color=INK, x=0.01, ha="left"
+    )
     for number, group in enumerate(groups):
         axes = figure.add_subplot(1, len(groups), number + 1)
         names = [name for name, reference in beam.references.items() if reference.group == group]
@@ -164,9 +222,25 @@ def _draw_overview(beam: LadderBeam, points: Sequence[LadderPoint]) -> NDArray[n
             worst = worst_by_ndof(pick_rungs(beam, points, group, kind), names, against="solid")
             if not worst:
                 continue
-            x, y = [d.point.cpu_seconds for d in worst.values()], [max(LEAST_SHOWN, 100.0 * abs(d.value)) for d in worst.values()]
-            axes.plot(x, y, color=color, marker=marker, markersize=4.5, linewidth=1.3, label=KIND_LABELS[kind])
-        axes.set_title("static displacements" if group == "static" else "natural frequencies", fontsize=9, color=INK, loc="left")
+            x, y = (
+                [d.point.cpu_seconds for d in worst.values()],
+                [max(LEAST_SHOWN, 100.0 * abs(d.value)) for d in worst.values()],
+            )
+            axes.plot(
+                x,
+                y,
+                color=color,
+                marker=marker,
+                markersize=4.5,
+                linewidth=1.3,
+                label=KIND_LABELS[kind],
+            )
+        axes.set_title(
+            "static displacements" if group == "static" else "natural frequencies",
+            fontsize=9,
+            color=INK,
+            loc="left",
+        )
         axes.set_yscale("log")
         _label_decades(axes)
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -178,12 +252,17 @@ def _draw_overview(beam: LadderBeam, points: Sequence[LadderPoint]) -> NDArray[n
 
 
 FIGURE_NAME = "axis_construction_kit_figures_17_18"
-TITLES = {"segmented": "Figure 17: rigid bodies and segments", "elastic": "Figure 18: finite elements"}
+TITLES = {
+    "segmented": "Figure 17: rigid bodies and segments",
+    "elastic": "Figure 18: finite elements",
+}
 BAR_WIDTH = 0.26
 
 
 def draw_axis_kit(rows: Sequence[ValidationRow]) -> dict[str, NDArray[np.uint8]]:
-    """Figure name to ``(height, width, 4)`` pixels; nothing when the rows hold no such compliances."""
+    """Figure name to ``(height, width, 4)`` pixels; nothing when the rows hold no such
+    compliances.
+    """
     found = {row.quantity: row for row in rows if row.case == CASE}
     if compliance_name(VARIANTS[0], FIDELITIES[0], "z") not in found:
         return {}
@@ -198,13 +277,30 @@ def draw_axis_kit(rows: Sequence[ValidationRow]) -> dict[str, NDArray[np.uint8]]
 
 def _draw_bars(axes: Axes, found: Mapping[str, ValidationRow], fidelity: str) -> None:
     for number, (axis, measured) in enumerate(MEASURED_COMPLIANCE.items()):
-        values = [100.0 * found[compliance_name(variant, fidelity, axis)].relative_error for variant in VARIANTS]
+        values = [
+            100.0 * found[compliance_name(variant, fidelity, axis)].relative_error
+            for variant in VARIANTS
+        ]
         places = np.arange(len(VARIANTS)) + (number - 1) * BAR_WIDTH
-        axes.bar(places, values, BAR_WIDTH, color=COLORS[number], label=f"dz/F{axis}, measured {measured:g} µm/kN")
+        axes.bar(
+            places,
+            values,
+            BAR_WIDTH,
+            color=COLORS[number],
+            label=f"dz/F{axis}, measured {measured:g} µm/kN",
+        )
         for place, value in zip(places, values, strict=True):
             offset = (0, 2) if value >= 0.0 else (0, -9)
             text = f"{round(value):+d}" if round(value) else "0"
-            axes.annotate(text, (float(place), value), offset, textcoords="offset points", ha="center", fontsize=7, color=INK)
+            axes.annotate(
+                text,
+                (float(place), value),
+                offset,
+                textcoords="offset points",
+                ha="center",
+                fontsize=7,
+                color=INK,
+            )
     axes.axhline(0.0, color=INK, linewidth=0.8)
     axes.set_xticks(range(len(VARIANTS)), VARIANTS)
     axes.set_title(TITLES[fidelity], fontsize=10, color=INK, loc="left")

@@ -1,4 +1,6 @@
-"""A study as figures: a small chart per watched number, and error against cost with the front of what is worth its cost."""
+"""A study as figures: a small chart per watched number, and error against cost with the front of
+what is worth its cost.
+"""
 
 import math
 import re
@@ -13,11 +15,26 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from headstock.app.charts.charts import FAINT, INK, add_legend, calm_axes, line_style, new_figure, read_pixels
+from headstock.app.charts.charts import (
+    FAINT,
+    INK,
+    add_legend,
+    calm_axes,
+    line_style,
+    new_figure,
+    read_pixels,
+)
 from headstock.scene.reading.units import DIMENSIONS, read_unit, unit_of
 from headstock.scene.studies import shorten_key, show_value
 from headstock.studies.parameters.costs import CostPoint, pareto_front, read_cost
-from headstock.studies.parameters.tables import MESH_SIZE, StudyRow, StudyTable, is_number, shorten_columns, varied_numbers
+from headstock.studies.parameters.tables import (
+    MESH_SIZE,
+    StudyRow,
+    StudyTable,
+    is_number,
+    shorten_columns,
+    varied_numbers,
+)
 
 MOST_PANELS = 30
 MOST_TICKS = 7
@@ -61,7 +78,9 @@ SMALLEST = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class _Axis:
-    """What is drawn along x: a varied key, its label, the place of each of its values, and what stands at each place."""
+    """What is drawn along x: a varied key, its label, the place of each of its values, and what
+    stands at each place.
+    """
 
     key: str
     label: str
@@ -71,11 +90,17 @@ class _Axis:
 
 
 def draw_study(table: StudyTable) -> NDArray[np.uint8] | None:
-    """The watched numbers over the first varied key (a mesh size before others); None where no number is watched.
+    """The watched numbers over the first varied key (a mesh size before others); None where no
+    number is watched.
 
-    Every line is drawn; of more than thirty watched numbers the first thirty, which the figure says.
+    Every line is drawn; of more than thirty watched numbers the first thirty, which the figure
+    says.
     """
-    every = [column for column in table.columns if any(is_number(row.values.get(column)) for row in table.rows)]
+    every = [
+        column
+        for column in table.columns
+        if any(is_number(row.values.get(column)) for row in table.rows)
+    ]
     columns, axis = every[:MOST_PANELS], _choose_axis(table)
     if not columns or axis is None:
         return None
@@ -91,8 +116,16 @@ def draw_study(table: StudyTable) -> NDArray[np.uint8] | None:
         if number >= len(columns) - width:
             axes.set_xlabel(axis.label, fontsize=8, color=INK)
     if len(columns) < len(every):
-        figure.suptitle(f"the first {len(columns)} of {len(every)} watched numbers; study.csv holds all", fontsize=9, color=INK)
-    titled = {title: Line2D([], [], **LINE, **line_style(number, COLORS)) for number, title in enumerate(lines) if title}
+        figure.suptitle(
+            f"the first {len(columns)} of {len(every)} watched numbers; study.csv holds all",
+            fontsize=9,
+            color=INK,
+        )
+    titled = {
+        title: Line2D([], [], **LINE, **line_style(number, COLORS))
+        for number, title in enumerate(lines)
+        if title
+    }
     add_legend(figure, list(titled.values()), list(titled))
     return read_pixels(figure)
 
@@ -110,7 +143,11 @@ def describe_column(column: str, short: str) -> str:
     ending = next((end for end in UNITS if names[-1] == end or names[-1].endswith(f"_{end}")), None)
     words = [*names[:-1], names[-1].removesuffix(ending or "").rstrip("_") or names[-1]]
     if names[-1].startswith("compliance") and len(numbers) == len("xy"):
-        words.append("".join("xyz"[number] if 0 <= number < len("xyz") else str(number + 1) for number in numbers))
+        words.append(
+            "".join(
+                "xyz"[number] if 0 <= number < len("xyz") else str(number + 1) for number in numbers
+            )
+        )
     else:
         words += [str(number + 1 if number >= 0 else number) for number in numbers]
     text = " ".join(words).replace("_", " ").replace("frequencies", "frequency")
@@ -120,7 +157,11 @@ def describe_column(column: str, short: str) -> str:
 
 def _choose_axis(table: StudyTable) -> _Axis | None:
     values = {
-        key: list(dict.fromkeys(show_value(row.record.varied[key]) for row in table.rows if key in row.record.varied))
+        key: list(
+            dict.fromkeys(
+                show_value(row.record.varied[key]) for row in table.rows if key in row.record.varied
+            )
+        )
         for key in table.varied
     }
     many = [key for key in table.varied if len(values[key]) > 1] or list(table.varied)
@@ -131,7 +172,13 @@ def _choose_axis(table: StudyTable) -> _Axis | None:
     found = varied_numbers(table, key)
     if found is None:
         places = {value: float(place) for place, value in enumerate(values[key])}
-        return _Axis(key, shorten_key(key), places, {place: value for value, place in places.items()}, logarithmic=False)
+        return _Axis(
+            key,
+            shorten_key(key),
+            places,
+            {place: value for value, place in places.items()},
+            logarithmic=False,
+        )
     rows = [
         (show_value(row.record.varied[key]), number)
         for row, number in zip(table.rows, found.values, strict=True)
@@ -153,10 +200,14 @@ def _written_unit(texts: Sequence[str], unit: str) -> tuple[str, float]:
     return unit, 1.0
 
 
-def _draw_panel(axes: Axes, table: StudyTable, lines: dict[str, Sequence[StudyRow]], column: str, axis: _Axis) -> None:
+def _draw_panel(
+    axes: Axes, table: StudyTable, lines: dict[str, Sequence[StudyRow]], column: str, axis: _Axis
+) -> None:
     for number, rows in enumerate(lines.values()):
         points = sorted(
-            (axis.places[show_value(row.record.varied[axis.key])], row.values[column]) for row in rows if _is_drawn(row, column)
+            (axis.places[show_value(row.record.varied[axis.key])], row.values[column])
+            for row in rows
+            if _is_drawn(row, column)
         )
         if points:
             x, y = zip(*points, strict=True)
@@ -197,8 +248,14 @@ def _lines(table: StudyTable, key: str) -> dict[str, Sequence[StudyRow]]:
     for row in table.rows:
         varied = row.record.varied
         if key in varied:
-            words = [f"{shorten_key(other)} = {show_value(value)}" for other, value in varied.items() if other != key]
-            title = ", ".join([labels[row.record.family], *words] if row.record.family in labels else words)
+            words = [
+                f"{shorten_key(other)} = {show_value(value)}"
+                for other, value in varied.items()
+                if other != key
+            ]
+            title = ", ".join(
+                [labels[row.record.family], *words] if row.record.family in labels else words
+            )
             lines.setdefault(title, []).append(row)
     return dict(lines)
 
@@ -225,21 +282,47 @@ def draw_costs(points: Sequence[CostPoint], labels: dict[str, str]) -> NDArray[n
     return read_pixels(figure)
 
 
-def _draw_cost_panel(axes: Axes, points: Sequence[CostPoint], cost: str, labels: dict[str, str]) -> None:
+def _draw_cost_panel(
+    axes: Axes, points: Sequence[CostPoint], cost: str, labels: dict[str, str]
+) -> None:
     calm_axes(axes, grid="both")
     axes.set_xscale("log")
     axes.set_yscale("log")
-    families = list(dict.fromkeys(point.row.record.family for point in points if not point.automatic))
+    families = list(
+        dict.fromkeys(point.row.record.family for point in points if not point.automatic)
+    )
     points = [point for point in points if cost != "memory" or point.memory_known]
     front = pareto_front([point for point in points if point.competes], cost)
-    axes.plot(*_places(front, cost), color=FAINT, linewidth=5.0, solid_capstyle="round", zorder=1.5, label="cheapest for its error")
+    axes.plot(
+        *_places(front, cost),
+        color=FAINT,
+        linewidth=5.0,
+        solid_capstyle="round",
+        zorder=1.5,
+        label="cheapest for its error",
+    )
     for number, family in enumerate(families):
-        # in the order of the scene: a line leads from coarse to fine even where the finer one was cheaper
-        own = [point for point in points if not point.automatic and point.row.record.family == family]
-        style: dict[str, Any] = {"linestyle": ":", "markerfacecolor": "white"} if any(point.other_model for point in own) else {}
+        # in the order of the scene: a line leads from coarse to fine even where the finer one was
+        # cheaper
+        own = [
+            point for point in points if not point.automatic and point.row.record.family == family
+        ]
+        style: dict[str, Any] = (
+            {"linestyle": ":", "markerfacecolor": "white"}
+            if any(point.other_model for point in own)
+            else {}
+        )
         label = labels.get(family, family) + (": another model" if style else "")
         color, mark = COLORS[number % len(COLORS)], MARKS[number % len(MARKS)]
-        axes.plot(*_places(own, cost), color=color, marker=mark, markersize=4.5, linewidth=0.9, label=label, **style)
+        axes.plot(
+            *_places(own, cost),
+            color=color,
+            marker=mark,
+            markersize=4.5,
+            linewidth=0.9,
+            label=label,
+            **style,
+        )
     _mark_automatic(axes, [point for point in points if point.automatic], cost)
     low, high = axes.get_xlim()
     if high < 30.0 * low:
@@ -257,15 +340,30 @@ def _mark_automatic(axes: Axes, points: Sequence[CostPoint], cost: str) -> None:
     """A star at each automatic choice, with the accuracy that was asked for."""
     if points:
         star: dict[str, Any] = {"marker": "*", "markersize": 13, "color": "#111111", "zorder": 5}
-        axes.plot(*_places(points, cost), linestyle="", label="chosen automatically, with the accuracy asked for", **star)
+        axes.plot(
+            *_places(points, cost),
+            linestyle="",
+            label="chosen automatically, with the accuracy asked for",
+            **star,
+        )
     for point in points:
         if point.accuracy is None:
             continue
         place = (read_cost(point, cost), max(point.error, SMALLEST))
         halo = [withStroke(linewidth=2.5, foreground="white")]
         below: dict[str, Any] = {"xytext": (-8, -9), "textcoords": "offset points", "ha": "right"}
-        axes.annotate(f"{100.0 * point.accuracy['asked']:g} %", place, fontsize=8, color=INK, zorder=6, path_effects=halo, **below)
+        axes.annotate(
+            f"{100.0 * point.accuracy['asked']:g} %",
+            place,
+            fontsize=8,
+            color=INK,
+            zorder=6,
+            path_effects=halo,
+            **below,
+        )
 
 
 def _places(points: Sequence[CostPoint], cost: str) -> tuple[list[float], list[float]]:
-    return [read_cost(point, cost) for point in points], [max(point.error, SMALLEST) for point in points]
+    return [read_cost(point, cost) for point in points], [
+        max(point.error, SMALLEST) for point in points
+    ]

@@ -16,12 +16,15 @@ LEGEND_LINES = 20  # beside a chart
 
 
 def draw_sweep(summary: SweepSummary) -> dict[str, NDArray[np.uint8]]:
-    """Pictures of a sweep by name: maps over a plane, curves along one axis or a way; a volume in its middle planes.
+    """Pictures of a sweep by name: maps over a plane, curves along one axis or a way; a volume in
+    its middle planes.
 
     Args:
         summary: As ``summarise_sweep`` gives it.
     """
-    quantities = [quantity for quantity in list_quantities(summary) if np.isfinite(quantity.values).any()]
+    quantities = [
+        quantity for quantity in list_quantities(summary) if np.isfinite(quantity.values).any()
+    ]
     families = {
         "modes": [quantity for quantity in quantities if quantity.name.startswith("mode_")],
         "stiffness": [quantity for quantity in quantities if not quantity.name.startswith("mode_")],
@@ -44,11 +47,15 @@ def middle_plane(summary: SweepSummary, values: FloatArray, axes: list[int]) -> 
         axes: Two numbers of axes.
     """
     table = values.reshape(summary["shape"])
-    place = tuple(slice(None) if axis in axes else count // 2 for axis, count in enumerate(summary["shape"]))
+    place = tuple(
+        slice(None) if axis in axes else count // 2 for axis, count in enumerate(summary["shape"])
+    )
     return np.asarray(table[place])
 
 
-def _draw_maps(summary: SweepSummary, quantities: list[Quantity], axes: list[int]) -> NDArray[np.uint8]:
+def _draw_maps(
+    summary: SweepSummary, quantities: list[Quantity], axes: list[int]
+) -> NDArray[np.uint8]:
     rows = -(-len(quantities) // PER_ROW)
     figure = new_figure(12.0, 0.4 + 3.5 * rows)
     positions = np.array(summary["positions"], dtype=float)
@@ -58,11 +65,23 @@ def _draw_maps(summary: SweepSummary, quantities: list[Quantity], axes: list[int
         spans.append((factor * np.unique(positions[:, axis]), f"{summary['axes'][axis]} [{word}]"))
     for number, quantity in enumerate(quantities, start=1):
         frame = figure.add_subplot(rows, min(PER_ROW, len(quantities)), number)
-        mesh = frame.pcolormesh(spans[0][0], spans[1][0], middle_plane(summary, quantity.values, axes).T, shading="nearest")
+        mesh = frame.pcolormesh(
+            spans[0][0],
+            spans[1][0],
+            middle_plane(summary, quantity.values, axes).T,
+            shading="nearest",
+        )
         bar = figure.colorbar(mesh, ax=frame)
         bar.ax.tick_params(labelsize=7)
-        bar.ax.ticklabel_format(axis="y", useOffset=False)  # the numbers themselves, no "+1.108" in a corner
-        frame.set_title(f"{quantity.title}{f' [{quantity.unit}]' if quantity.unit else ''}", fontsize=9, color=INK, loc="left")
+        bar.ax.ticklabel_format(
+            axis="y", useOffset=False
+        )  # the numbers themselves, no "+1.108" in a corner
+        frame.set_title(
+            f"{quantity.title}{f' [{quantity.unit}]' if quantity.unit else ''}",
+            fontsize=9,
+            color=INK,
+            loc="left",
+        )
         frame.set_xlabel(spans[0][1], fontsize=8)
         frame.set_ylabel(spans[1][1], fontsize=8)
         frame.tick_params(labelsize=7)
@@ -79,9 +98,13 @@ def _draw_curves(summary: SweepSummary, quantities: list[Quantity]) -> NDArray[n
         marker = "." if len(places) < MANY else ""
         for place, quantity in enumerate(own):
             style = line_style(place, COLORS)
-            frame.plot(places, quantity.values, marker=marker, linewidth=1.4, label=quantity.title, **style)
+            frame.plot(
+                places, quantity.values, marker=marker, linewidth=1.4, label=quantity.title, **style
+            )
         columns = -(-len(own) // LEGEND_LINES)
-        frame.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, ncols=columns)
+        frame.legend(
+            fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, ncols=columns
+        )
         frame.ticklabel_format(axis="y", useOffset=False)
         frame.set_xlabel(label, fontsize=9, color=INK)
         frame.set_ylabel(f"[{unit}]" if unit else "", fontsize=9, color=INK)
@@ -90,7 +113,9 @@ def _draw_curves(summary: SweepSummary, quantities: list[Quantity]) -> NDArray[n
 
 
 def way_of(summary: SweptAxes) -> tuple[FloatArray, str]:
-    """Where the poses stand along a sweep ``(n,)``, and what to write below: the axis that moves, or the number of the pose."""
+    """Where the poses stand along a sweep ``(n,)``, and what to write below: the axis that moves,
+    or the number of the pose.
+    """
     positions = np.array(summary["positions"], dtype=float)
     moving = [axis for axis in range(positions.shape[1]) if np.ptp(positions[:, axis]) > 0.0]
     if len(moving) == 1 and bool((np.diff(positions[:, moving[0]]) > 0.0).all()):

@@ -1,1 +1,3 @@
-"""Signatures and help texts of the commands; heavy modules are imported inside them. Never the work itself."""
+"""Signatures and help texts of the commands; heavy modules are imported inside them. Never the work
+itself.
+"""

@@ -1,4 +1,6 @@
-"""Commands that run a scene many times: study, sweep, compare, identify. Heavy modules are imported by the command that needs them."""
+"""Commands that run a scene many times: study, sweep, compare, identify. Heavy modules are imported
+by the command that needs them.
+"""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -23,7 +25,10 @@ from headstock.app.terminal.guard import run_guarded
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-StudyFolder = Annotated[Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of results [results/SCENE-NAME].")]
+StudyFolder = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", metavar="DIR", help="Folder of results [results/SCENE-NAME]."),
+]
 
 
 def study(
@@ -34,10 +39,21 @@ def study(
     set_: Overrides = None,
     ranks: Ranks = None,
     cold: Annotated[
-        bool, typer.Option("--cold", help="Compute every point from an empty store, so that its seconds are all of them.")
+        bool,
+        typer.Option(
+            "--cold",
+            help="Compute every point from an empty store, so that its seconds are all of them.",
+        ),
     ] = False,
     repeats: Annotated[
-        int | None, typer.Option("--repeats", metavar="N", min=1, max=100, help="Runs per point, for median and spread of seconds.")
+        int | None,
+        typer.Option(
+            "--repeats",
+            metavar="N",
+            min=1,
+            max=100,
+            help="Runs per point, for median and spread of seconds.",
+        ),
     ] = None,
     retry: Annotated[bool, typer.Option("--retry", help="Compute failed points again.")] = False,
     no_host: NoHost = False,
@@ -52,7 +68,14 @@ def study(
         chosen = choose_scene(scene, variant, set_)
         origin = trace_command(chosen, ranks=comm.size, with_host=not no_host)
         request = StudyRequest(
-            scene=chosen, name=name, output=output, ranks=ranks, cold=cold, repeats=repeats, retry=retry, json_file=json
+            scene=chosen,
+            name=name,
+            output=output,
+            ranks=ranks,
+            cold=cold,
+            repeats=repeats,
+            retry=retry,
+            json_file=json,
         )
         return study_request(request, comm, origin)
 
@@ -67,27 +90,52 @@ def sweep(
     set_: Overrides = None,
     ranks: Ranks = None,
     retry: Annotated[bool, typer.Option("--retry", help="Compute failed poses again.")] = False,
-    on: Annotated[str | None, typer.Option("--on", metavar="slurm", help="Compute in an array job of this cluster.")] = None,
-    tasks: Annotated[int | None, typer.Option("--tasks", metavar="N", min=1, max=1000, help="With --on: array tasks [4].")] = None,
-    partition: Annotated[str | None, typer.Option("--partition", metavar="NAME", help="With --on: where to.")] = None,
+    on: Annotated[
+        str | None,
+        typer.Option("--on", metavar="slurm", help="Compute in an array job of this cluster."),
+    ] = None,
+    tasks: Annotated[
+        int | None,
+        typer.Option("--tasks", metavar="N", min=1, max=1000, help="With --on: array tasks [4]."),
+    ] = None,
+    partition: Annotated[
+        str | None, typer.Option("--partition", metavar="NAME", help="With --on: where to.")
+    ] = None,
     time_limit: Annotated[
-        str | None, typer.Option("--time", metavar="LIMIT", help="With --on: of each task, as in 0:30:00.")
+        str | None,
+        typer.Option("--time", metavar="LIMIT", help="With --on: of each task, as in 0:30:00."),
     ] = None,
     sbatch: Annotated[
-        list[str] | None, typer.Option("--sbatch", metavar="OPTION", help="With --on: as in --sbatch=--account=ours; repeatable.")
+        list[str] | None,
+        typer.Option(
+            "--sbatch",
+            metavar="OPTION",
+            help="With --on: as in --sbatch=--account=ours; repeatable.",
+        ),
     ] = None,
-    no_wait: Annotated[bool, typer.Option("--no-wait", help="With --on: submit only; the same command again collects.")] = False,
-    part: Annotated[str | None, typer.Option("--part", hidden=True, help="K/N: only this share of the poses.")] = None,
-    key: Annotated[str | None, typer.Option("--key", hidden=True, help="Of the sweep that was submitted.")] = None,
+    no_wait: Annotated[
+        bool,
+        typer.Option("--no-wait", help="With --on: submit only; the same command again collects."),
+    ] = False,
+    part: Annotated[
+        str | None, typer.Option("--part", hidden=True, help="K/N: only this share of the poses.")
+    ] = None,
+    key: Annotated[
+        str | None, typer.Option("--key", hidden=True, help="Of the sweep that was submitted.")
+    ] = None,
     no_host: NoHost = False,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Repeat a scene's analyses in every pose of a sweep; one that was stopped goes on where it was."""
+    """Repeat a scene's analyses in every pose of a sweep; one that was stopped goes on where it
+    was.
+    """
     if on not in (None, "slurm"):
         raise click.UsageError(f"--on {on} is not known; write --on slurm")
     if on is None and (tasks or partition or time_limit or sbatch or no_wait):
-        raise click.UsageError("--tasks, --partition, --time, --sbatch and --no-wait go with --on slurm")
+        raise click.UsageError(
+            "--tasks, --partition, --time, --sbatch and --no-wait go with --on slurm"
+        )
 
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.actions.sweeping import SweepRequest, parse_part, sweep_request
@@ -116,23 +164,47 @@ def sweep(
 def compare(
     scene: SceneFile,
     variants: Annotated[
-        str | None, typer.Option("--variants", metavar="A,B,C", help="These variants [all]; A+B joins, 'as written' is none.")
+        str | None,
+        typer.Option(
+            "--variants",
+            metavar="A,B,C",
+            help="These variants [all]; A+B joins, 'as written' is none.",
+        ),
     ] = None,
     fidelity: Annotated[
         str | None,
-        typer.Option("--fidelity", metavar="A,B", help="Each variant with its elastic parts rigid, segmented or elastic."),
+        typer.Option(
+            "--fidelity",
+            metavar="A,B",
+            help="Each variant with its elastic parts rigid, segmented or elastic.",
+        ),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of results [results/SCENE-compare].")
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder of results [results/SCENE-compare]."
+        ),
     ] = None,
-    pose: Annotated[str | None, typer.Option("--pose", metavar="NAME", help="Pose [the first].")] = None,
-    reference: Annotated[str | None, typer.Option("--reference", metavar="NAME", help="Column to hold the others against.")] = None,
+    pose: Annotated[
+        str | None, typer.Option("--pose", metavar="NAME", help="Pose [the first].")
+    ] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option("--reference", metavar="NAME", help="Column to hold the others against."),
+    ] = None,
     effort: Annotated[
-        bool, typer.Option("--effort", help="Begin each variant from an empty store, and show what it costs.")
+        bool,
+        typer.Option(
+            "--effort", help="Begin each variant from an empty store, and show what it costs."
+        ),
     ] = False,
     change: Annotated[
         list[str] | None,
-        typer.Option("--change", metavar="NAME", help="With --effort: also after this variant or KEY=VALUE; repeatable."),
+        typer.Option(
+            "--change",
+            metavar="NAME",
+            help="With --effort: also after this variant or KEY=VALUE; repeatable.",
+        ),
     ] = None,
     set_: Overrides = None,
     ranks: Ranks = None,
@@ -140,7 +212,9 @@ def compare(
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Hold variants of a scene side by side: modes paired by shape, compliances, weak links, dofs, seconds."""
+    """Hold variants of a scene side by side: modes paired by shape, compliances, weak links, dofs,
+    seconds.
+    """
 
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.actions.comparing import CompareRequest, compare_request
@@ -166,26 +240,41 @@ def compare(
 
 def identify(
     scene: SceneFile,
-    targets: Annotated[Path, typer.Argument(metavar="TARGETS", help="Target file (.toml): what was measured, what may be fitted.")],
+    targets: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TARGETS", help="Target file (.toml): what was measured, what may be fitted."
+        ),
+    ],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of results [results/SCENE-TARGETS].")
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder of results [results/SCENE-TARGETS]."
+        ),
     ] = None,
     starts: Annotated[
-        int | None, typer.Option("--starts", metavar="N", min=1, max=4096, help="Starts, instead of the file's.")
+        int | None,
+        typer.Option(
+            "--starts", metavar="N", min=1, max=4096, help="Starts, instead of the file's."
+        ),
     ] = None,
     set_: Overrides = None,
     no_host: NoHost = False,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Fit numbers of a scene to measured frequencies, shapes and compliances; the scene file is not changed."""
+    """Fit numbers of a scene to measured frequencies, shapes and compliances; the scene file is not
+    changed.
+    """
 
     def action() -> int:
         from headstock.app.actions.identifying import IdentifyRequest, identify_scene
 
         chosen = choose_scene(scene, None, set_)
         origin = trace_command(chosen, with_host=not no_host)
-        request = IdentifyRequest(scene=chosen, targets=targets, output=output, starts=starts, json_file=json)
+        request = IdentifyRequest(
+            scene=chosen, targets=targets, output=output, starts=starts, json_file=json
+        )
         return identify_scene(request, origin)
 
     return run_guarded(action, debug=debug)

@@ -27,16 +27,33 @@ def _check_file(path: Path | None) -> Path | None:
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (.toml).")]
 Variant = Annotated[
-    str | None, typer.Option("--variant", metavar="NAME", help="Apply a variant of the scene; A+B applies A, then B.")
+    str | None,
+    typer.Option(
+        "--variant", metavar="NAME", help="Apply a variant of the scene; A+B applies A, then B."
+    ),
 ]
-Overrides = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the scene; repeatable.")]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the scene; repeatable."),
+]
 JsonFile = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", callback=_check_file, help="Write what is printed as JSON too.")
+    Path | None,
+    typer.Option(
+        "--json", metavar="FILE", callback=_check_file, help="Write what is printed as JSON too."
+    ),
 ]
 Debug = Annotated[bool, typer.Option("--debug", help="Show tracebacks.")]
-Ranks = Annotated[int | None, typer.Option("--ranks", metavar="N", min=1, help="MPI ranks; the launcher starts them.")]
-NoHost = Annotated[bool, typer.Option("--no-host", help="Leave host and command line out of what is written.")]
-Names = Annotated[list[str] | None, typer.Option("--analysis", metavar="NAME", help="Run this analysis only; repeatable.")]
+Ranks = Annotated[
+    int | None,
+    typer.Option("--ranks", metavar="N", min=1, help="MPI ranks; the launcher starts them."),
+]
+NoHost = Annotated[
+    bool, typer.Option("--no-host", help="Leave host and command line out of what is written.")
+]
+Names = Annotated[
+    list[str] | None,
+    typer.Option("--analysis", metavar="NAME", help="Run this analysis only; repeatable."),
+]
 
 
 def load_checked(scene: Path, variant: str | None, overrides: list[str] | None) -> "Scene":
@@ -52,7 +69,9 @@ def load_checked(scene: Path, variant: str | None, overrides: list[str] | None) 
     return load_scene(scene, variant=variant, overrides=overrides or [])
 
 
-def write_json_file(path: Path | None, content: Mapping[str, object] | Sequence[Mapping[str, object]]) -> None:
+def write_json_file(
+    path: Path | None, content: Mapping[str, object] | Sequence[Mapping[str, object]]
+) -> None:
     """Write what was printed, where a file was named."""
     if path is not None:
         from headstock.pipeline.storage.json_texts import dump_json
@@ -62,7 +81,10 @@ def write_json_file(path: Path | None, content: Mapping[str, object] | Sequence[
 
 
 def choose_scene(
-    scene: Path, variant: str | None, overrides: Sequence[str] | None, analyses: Sequence[str] | None = None
+    scene: Path,
+    variant: str | None,
+    overrides: Sequence[str] | None,
+    analyses: Sequence[str] | None = None,
 ) -> "SceneChoice":
     """What a command line says of a scene, as one thing.
 
@@ -78,7 +100,8 @@ def choose_scene(
 
 
 def trace_command(choice: "SceneChoice", *, ranks: int = 1, with_host: bool) -> "Provenance | None":
-    """Where the results of the present command come from; None where there is no scene file, which is said elsewhere.
+    """Where the results of the present command come from; None where there is no scene file, which
+    is said elsewhere.
 
     Args:
         choice: Of the command line.

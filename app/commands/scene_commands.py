@@ -1,4 +1,6 @@
-"""Commands on one scene: check, plan, run, effects, export. Heavy modules are imported by the command that needs them."""
+"""Commands on one scene: check, plan, run, effects, export. Heavy modules are imported by the
+command that needs them.
+"""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -26,7 +28,13 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 
-def check(scene: SceneFile, variant: Variant = None, set_: Overrides = None, json: JsonFile = None, debug: Debug = False) -> int:
+def check(
+    scene: SceneFile,
+    variant: Variant = None,
+    set_: Overrides = None,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
     """Check a scene: every problem at once, nothing computed."""
 
     def action() -> int:
@@ -37,7 +45,13 @@ def check(scene: SceneFile, variant: Variant = None, set_: Overrides = None, jso
     return run_guarded(action, debug=debug)
 
 
-def plan(scene: SceneFile, variant: Variant = None, set_: Overrides = None, json: JsonFile = None, debug: Debug = False) -> int:
+def plan(
+    scene: SceneFile,
+    variant: Variant = None,
+    set_: Overrides = None,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
     """Print the stages a scene calls for, with reasons, dofs and memory."""
 
     def action() -> int:
@@ -68,20 +82,32 @@ def plan(scene: SceneFile, variant: Variant = None, set_: Overrides = None, json
 
 def run(
     scene: SceneFile,
-    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of results [results/NAME].")] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Folder of results [results/NAME]."),
+    ] = None,
     variant: Variant = None,
     analysis: Names = None,
     set_: Overrides = None,
     ranks: Ranks = None,
     no_figures: Annotated[
-        bool, typer.Option("--no-figures", help="Draw no pictures of the machine: saves about a second.")
+        bool,
+        typer.Option("--no-figures", help="Draw no pictures of the machine: saves about a second."),
     ] = False,
     volume: Annotated[
-        bool, typer.Option("--volume", help="Write volume meshes with modes, static responses and stresses, too (volume/*.vtu).")
+        bool,
+        typer.Option(
+            "--volume",
+            help="Write volume meshes with modes, static responses and stresses, too (volume/*.vtu).",
+        ),
     ] = False,
     accuracy: Annotated[
         str | None,
-        typer.Option("--accuracy", metavar="SHARE", help="Choose meshes and modes so that no number is off by more, such as 1%."),
+        typer.Option(
+            "--accuracy",
+            metavar="SHARE",
+            help="Choose meshes and modes so that no number is off by more, such as 1%.",
+        ),
     ] = None,
     no_host: NoHost = False,
     json: JsonFile = None,
@@ -94,7 +120,13 @@ def run(
 
         chosen = choose_scene(scene, variant, set_, analysis)
         request = RunRequest(
-            scene=chosen, output=output, ranks=ranks, json_file=json, figures=not no_figures, accuracy=accuracy, volume=volume
+            scene=chosen,
+            output=output,
+            ranks=ranks,
+            json_file=json,
+            figures=not no_figures,
+            accuracy=accuracy,
+            volume=volume,
         )
         asked = [f"accuracy={accuracy}"] if accuracy is not None else []
         traced = choose_scene(scene, variant, [*chosen.overrides, *asked], analysis)
@@ -113,7 +145,9 @@ def effects(
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Run a scene with each effect switched the other way: how much it moves every answer, and what it costs."""
+    """Run a scene with each effect switched the other way: how much it moves every answer, and what
+    it costs.
+    """
 
     def action() -> int:
         from headstock.app.actions.effecting import EffectsRequest, effects_request
@@ -127,23 +161,40 @@ def effects(
 
 def export(
     scene: SceneFile,
-    component: Annotated[str | None, typer.Argument(metavar="[COMPONENT]", help="Component to reduce.")] = None,
+    component: Annotated[
+        str | None, typer.Argument(metavar="[COMPONENT]", help="Component to reduce.")
+    ] = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="File to write [COMPONENT.h5, SCENE.mat].")
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="File to write [COMPONENT.h5, SCENE.mat]."
+        ),
     ] = None,
     state_space: Annotated[
-        str | None, typer.Option("--state-space", metavar="HZ", help='State space with modes up to here, such as "500 Hz".')
+        str | None,
+        typer.Option(
+            "--state-space",
+            metavar="HZ",
+            help='State space with modes up to here, such as "500 Hz".',
+        ),
     ] = None,
-    pose: Annotated[str | None, typer.Option("--pose", metavar="NAME", help="Pose of the state space [the first].")] = None,
+    pose: Annotated[
+        str | None,
+        typer.Option("--pose", metavar="NAME", help="Pose of the state space [the first]."),
+    ] = None,
     variant: Variant = None,
     set_: Overrides = None,
     ranks: Ranks = None,
     no_host: NoHost = False,
     debug: Debug = False,
 ) -> int:
-    """Write one component as a superelement file for other scenes, or the machine's state space as a file for MATLAB."""
+    """Write one component as a superelement file for other scenes, or the machine's state space as
+    a file for MATLAB.
+    """
     if (component is None) == (state_space is None):
-        raise click.UsageError('name a component to reduce, or write --state-space "500 Hz" for the whole machine')
+        raise click.UsageError(
+            'name a component to reduce, or write --state-space "500 Hz" for the whole machine'
+        )
 
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.actions.exporting import ExportRequest, export_component, export_machine
@@ -151,7 +202,17 @@ def export(
         default = Path(f"{component}.h5") if component is not None else Path(f"{scene.stem}.mat")
         chosen = choose_scene(scene, variant, set_)
         origin = trace_command(chosen, ranks=comm.size, with_host=not no_host)
-        request = ExportRequest(scene=chosen, component=component or "", output=output or default, ranks=ranks, origin=origin)
-        return export_component(request, comm) if state_space is None else export_machine(request, state_space, pose, comm)
+        request = ExportRequest(
+            scene=chosen,
+            component=component or "",
+            output=output or default,
+            ranks=ranks,
+            origin=origin,
+        )
+        return (
+            export_component(request, comm)
+            if state_space is None
+            else export_machine(request, state_space, pose, comm)
+        )
 
     return run_guarded(action, debug=debug)

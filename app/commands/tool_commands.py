@@ -1,4 +1,6 @@
-"""Commands beside a scene: parts, validation, reports, the environment. Heavy modules are imported by the command that needs them."""
+"""Commands beside a scene: parts, validation, reports, the environment. Heavy modules are imported
+by the command that needs them.
+"""
 
 from enum import StrEnum
 from pathlib import Path
@@ -22,22 +24,41 @@ class SchemaKind(StrEnum):
 
 
 def show(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="STEP file (.step, .stp) or scene (.toml).")],
-    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="PNG", help="Picture [NAME_faces.png].")] = None,
-    solid: Annotated[str | None, typer.Option("--solid", metavar="NAME|N", help="Which solid of a STEP file with several.")] = None,
-    component: Annotated[str | None, typer.Option("--component", metavar="NAME", help="This STEP component of a scene.")] = None,
-    every_face: Annotated[bool, typer.Option("--all", help="List every face, not only the largest.")] = False,
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="STEP file (.step, .stp) or scene (.toml).")
+    ],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="PNG", help="Picture [NAME_faces.png].")
+    ] = None,
+    solid: Annotated[
+        str | None,
+        typer.Option("--solid", metavar="NAME|N", help="Which solid of a STEP file with several."),
+    ] = None,
+    component: Annotated[
+        str | None,
+        typer.Option("--component", metavar="NAME", help="This STEP component of a scene."),
+    ] = None,
+    every_face: Annotated[
+        bool, typer.Option("--all", help="List every face, not only the largest.")
+    ] = False,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Draw a STEP part with numbered faces and suggest interfaces, or draw the machine of a scene."""
+    """Draw a STEP part with numbered faces and suggest interfaces, or draw the machine of a
+    scene.
+    """
 
     def action() -> int:
         from headstock.app.actions.showing import ShowRequest, show_file
 
         return show_file(
             ShowRequest(
-                path=file, picture=output, solid=read_solid(solid), component=component, every_face=every_face, json_file=json
+                path=file,
+                picture=output,
+                solid=read_solid(solid),
+                component=component,
+                every_face=every_face,
+                json_file=json,
             )
         )
 
@@ -46,8 +67,14 @@ def show(
 
 def new(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder to make.")],
-    part: Annotated[Path | None, typer.Option("--part", metavar="STEP", help="STEP part to start from; it is copied.")] = None,
-    solid: Annotated[str | None, typer.Option("--solid", metavar="NAME|N", help="Which solid of a STEP file with several.")] = None,
+    part: Annotated[
+        Path | None,
+        typer.Option("--part", metavar="STEP", help="STEP part to start from; it is copied."),
+    ] = None,
+    solid: Annotated[
+        str | None,
+        typer.Option("--solid", metavar="NAME|N", help="Which solid of a STEP file with several."),
+    ] = None,
     debug: Debug = False,
 ) -> int:
     """Make a folder with a commented scene that runs as it is."""
@@ -61,8 +88,14 @@ def new(
 
 
 def validate(
-    cases: Annotated[list[str] | None, typer.Argument(metavar="[CASE]...", help="Cases or groups; all when none is named.")] = None,
-    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for figures of cases.")] = None,
+    cases: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[CASE]...", help="Cases or groups; all when none is named."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Folder for figures of cases."),
+    ] = None,
     json: JsonFile = None,
     ranks: Ranks = None,
     debug: Debug = False,
@@ -77,18 +110,33 @@ def validate(
     return run_guarded(action, debug=debug)
 
 
-def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of results.")], debug: Debug = False) -> int:
-    """Write the report of a finished run again, with a PNG of every mode and chart in DIR/figures."""
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of results.")],
+    debug: Debug = False,
+) -> int:
+    """Write the report of a finished run again, with a PNG of every mode and chart in
+    DIR/figures.
+    """
 
     def action() -> int:
         from headstock.app.actions.publishing import PARTS, publish_again
         from headstock.app.terminal.console import print_remarks
-        from headstock.pipeline.results.files import REPORT_FILE, read_curves, read_paths, read_summary, read_view
+        from headstock.pipeline.results.files import (
+            REPORT_FILE,
+            read_curves,
+            read_paths,
+            read_summary,
+            read_view,
+        )
         from headstock.pipeline.storage.outputs import claim_output
 
         summary = read_summary(folder)
         with claim_output(folder, (REPORT_FILE,), PARTS):
-            print_remarks(publish_again(folder, summary, read_view(folder), read_curves(folder), read_paths(folder)))
+            print_remarks(
+                publish_again(
+                    folder, summary, read_view(folder), read_curves(folder), read_paths(folder)
+                )
+            )
         typer.echo(folder / REPORT_FILE)
         return 0
 
@@ -107,8 +155,12 @@ def doctor(json: JsonFile = None, debug: Debug = False) -> int:
 
 
 def schema(
-    kind: Annotated[SchemaKind, typer.Argument(help="Of scene files, or of target files (targets).")] = SchemaKind.scene,
-    markdown: Annotated[bool, typer.Option("--markdown", help="Print the scene reference instead.")] = False,
+    kind: Annotated[
+        SchemaKind, typer.Argument(help="Of scene files, or of target files (targets).")
+    ] = SchemaKind.scene,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print the scene reference instead.")
+    ] = False,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
@@ -132,17 +184,25 @@ def _list_shells() -> list[str]:
 
 
 def completion(
-    shell: Annotated[str, typer.Argument(metavar="SHELL", help="bash, zsh or fish.", autocompletion=_list_shells)],
+    shell: Annotated[
+        str, typer.Argument(metavar="SHELL", help="bash, zsh or fish.", autocompletion=_list_shells)
+    ],
 ) -> int:
-    """Print a script that completes commands with the Tab key: source <(./headstock completion bash)."""
+    """Print a script that completes commands with the Tab key: source <(./headstock completion
+    bash).
+    """
     from headstock.app.actions.shell_completion import SCRIPTS
 
     if shell not in SCRIPTS:
-        raise click.UsageError(f"no completion for {shell!r}; there is one for: {', '.join(SCRIPTS)}")
+        raise click.UsageError(
+            f"no completion for {shell!r}; there is one for: {', '.join(SCRIPTS)}"
+        )
     typer.echo(SCRIPTS[shell], nl=False)
     return 0
 
 
-def refuse_test(arguments: Annotated[list[str] | None, typer.Argument(metavar="[PYTEST ARGUMENTS]...")] = None) -> int:
+def refuse_test(
+    arguments: Annotated[list[str] | None, typer.Argument(metavar="[PYTEST ARGUMENTS]...")] = None,
+) -> int:
     """Run the tests (the launcher ./headstock does this itself)."""
     raise click.UsageError("start the tests through the launcher: ./headstock test")

@@ -15,7 +15,9 @@ LIGHT = np.array([0.35, 0.55, 0.75]) / np.linalg.norm([0.35, 0.55, 0.75])
 
 
 def paint(pictures: list[Picture]) -> dict[str, NDArray[np.uint8]]:
-    """Draw pictures: name to ``(height, width, 4)`` red, green, blue, opacity on a transparent ground."""
+    """Draw pictures: name to ``(height, width, 4)`` red, green, blue, opacity on a transparent
+    ground.
+    """
     return {picture.name: _paint_one(picture) for picture in pictures}
 
 
@@ -28,7 +30,9 @@ def _paint_one(picture: Picture) -> NDArray[np.uint8]:
     front = normals[:, 2] > 0.0
     order = np.flatnonzero(front)[np.argsort(corners[front, :, 2].mean(axis=1), kind="stable")]
     shade = 0.45 + 0.55 * np.clip(normals[order] @ LIGHT, 0.0, 1.0)
-    colors = np.clip(picture.colors[picture.triangles[order]].mean(axis=1) * shade[:, None], 0.0, 1.0)
+    colors = np.clip(
+        picture.colors[picture.triangles[order]].mean(axis=1) * shade[:, None], 0.0, 1.0
+    )
     width, height = picture.size
     figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
     canvas: Any = FigureCanvasAgg(figure)
@@ -36,10 +40,16 @@ def _paint_one(picture: Picture) -> NDArray[np.uint8]:
     axes = figure.add_axes((0.01, 0.01, 0.98, 0.98))
     axes.set_axis_off()
     axes.set_aspect("equal")
-    axes.add_collection(PolyCollection(list(corners[order, :, :2]), facecolors=colors, edgecolors=colors, linewidths=0.4))
+    axes.add_collection(
+        PolyCollection(
+            list(corners[order, :, :2]), facecolors=colors, edgecolors=colors, linewidths=0.4
+        )
+    )
     if picture.ghost is not None:
         rest = picture.ghost @ axes_of_view.T
-        axes.add_collection(LineCollection(list(rest[picture.edges][:, :, :2]), colors="#9aa0a8", linewidths=0.6))
+        axes.add_collection(
+            LineCollection(list(rest[picture.edges][:, :, :2]), colors="#9aa0a8", linewidths=0.6)
+        )
     for places, color, size in ((picture.marks, "#d97706", 14.0), (picture.tools, "#cc1a33", 40.0)):
         flat = places @ axes_of_view.T
         axes.scatter(flat[:, 0], flat[:, 1], s=size, c=color, zorder=5)

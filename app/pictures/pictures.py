@@ -1,4 +1,6 @@
-"""Pictures of the machine for a report and for ``figures/``: drawn by a child process, because VTK may end the one it runs in."""
+"""Pictures of the machine for a report and for ``figures/``: drawn by a child process, because VTK
+may end the one it runs in.
+"""
 
 import hashlib
 import os
@@ -28,7 +30,9 @@ Wanted = Literal["machine", "all"]
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """What a child drew: PNG files by name without suffix, and a remark for the user when something stood in the way."""
+    """What a child drew: PNG files by name without suffix, and a remark for the user when something
+    stood in the way.
+    """
 
     images: dict[str, bytes]
     remark: str | None = None
@@ -54,10 +58,18 @@ def draw_machine(folder: Path, view: MachineView, store: Store) -> Drawing:
     key = _view_key(view)
     kept = read_entry(store, key, StoredImages).value
     if kept is not None:
-        return Drawing({name: image.astype(np.uint8).tobytes() for name, image in kept.images.items()})
+        return Drawing(
+            {name: image.astype(np.uint8).tobytes() for name, image in kept.images.items()}
+        )
     drawing = draw_pictures(folder, "machine")
     if drawing.images and drawing.remark is None:
-        write_entry(store, key, StoredImages({name: np.frombuffer(data, dtype=np.uint8) for name, data in drawing.images.items()}))
+        write_entry(
+            store,
+            key,
+            StoredImages(
+                {name: np.frombuffer(data, dtype=np.uint8) for name, data in drawing.images.items()}
+            ),
+        )
     return drawing
 
 
@@ -67,12 +79,24 @@ def draw_pictures(folder: Path, wanted: Wanted) -> Drawing:
     for renderer, prefix in _renderers():
         # without a name in the file system, so that nothing stays behind however this process ends
         with tempfile.TemporaryFile() as target:
-            command = [*prefix, sys.executable, "-P", "-m", WORKER, str(folder.resolve()), str(target.fileno()), renderer, wanted]
+            command = [
+                *prefix,
+                sys.executable,
+                "-P",
+                "-m",
+                WORKER,
+                str(folder.resolve()),
+                str(target.fileno()),
+                renderer,
+                wanted,
+            ]
             problem = _run(command, target.fileno())
             if problem is None:
                 target.seek(0)
                 with np.load(target, allow_pickle=False) as images:
-                    return Drawing({name: images[name].tobytes() for name in sorted(images.files)}, remark)
+                    return Drawing(
+                        {name: images[name].tobytes() for name in sorted(images.files)}, remark
+                    )
         remark = f"VTK could not draw ({problem}): pictures are painted by matplotlib"
     return Drawing({}, f"no pictures were drawn: {problem}")
 
@@ -92,8 +116,13 @@ def _renderers() -> Sequence[tuple[str, list[str]]]:
 
 def _run(command: list[str], target: int) -> str | None:
     """Run a command that writes to an open file to its end; what went wrong, or None."""
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(LAUNCHER_PREFIXES)}
-    environment |= {"OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    environment = {
+        name: value for name, value in os.environ.items() if not name.startswith(LAUNCHER_PREFIXES)
+    }
+    environment |= {
+        "OMP_NUM_THREADS": "1",
+        "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+    }
     try:
         child = subprocess.Popen(
             command,
@@ -131,7 +160,9 @@ def _view_key(view: MachineView) -> str:
         arrays += [skin.points, skin.triangles, skin.edges]
     for name, pose in view.poses.items():
         digest.update(f"{name}\0{'|'.join(pose.placements)}\0".encode())
-        arrays += [np.column_stack([frame.origin, frame.rotation]) for frame in pose.placements.values()]
+        arrays += [
+            np.column_stack([frame.origin, frame.rotation]) for frame in pose.placements.values()
+        ]
         arrays += [joint.frame.origin for joint in pose.joints.values()]
         arrays += [point.tool_place for point in pose.points.values()]
     for array in arrays:

@@ -1,4 +1,6 @@
-"""What one picture shows: coloured triangles and edges in the machine frame, and where the camera stands."""
+"""What one picture shows: coloured triangles and edges in the machine frame, and where the camera
+stands.
+"""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -13,7 +15,19 @@ from headstock.pipeline.results.views import MachineView, PoseView, component_co
 # towards the viewer: from the front, the right and above
 CAMERA = np.array([1.25, -1.0, 0.75]) / np.linalg.norm([1.25, -1.0, 0.75])
 # small to large displacement, the same stops as in the viewer
-RAMP = np.array([[49, 69, 155], [62, 143, 196], [127, 205, 187], [254, 224, 139], [244, 109, 67], [197, 27, 61]]) / 255.0
+RAMP = (
+    np.array(
+        [
+            [49, 69, 155],
+            [62, 143, 196],
+            [127, 205, 187],
+            [254, 224, 139],
+            [244, 109, 67],
+            [197, 27, 61],
+        ]
+    )
+    / 255.0
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,15 +67,21 @@ def rest_picture(name: str, view: MachineView, pose: PoseView, size: tuple[int, 
         size: Width and height in pixels.
     """
     points, triangles, edges = _assemble(view, pose)
-    palette = [[int(color[i : i + 2], 16) / 255.0 for i in (1, 3, 5)] for color in component_colors(view).values()]
+    palette = [
+        [int(color[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
+        for color in component_colors(view).values()
+    ]
     colors = np.repeat(palette, [len(skin.points) for skin in view.skins.values()], axis=0)
     marks = np.array([joint.frame.origin for joint in pose.joints.values()]).reshape(-1, 3)
     tools = np.array([point.tool_place for point in pose.points.values()]).reshape(-1, 3)
     return Picture(name, points, triangles, edges, colors, None, marks, tools, size)
 
 
-def mode_picture(name: str, view: MachineView, pose: PoseView, index: int, size: tuple[int, int]) -> Picture:
-    """A natural mode at its turning point, coloured by displacement, with the undeformed machine as edges.
+def mode_picture(
+    name: str, view: MachineView, pose: PoseView, index: int, size: tuple[int, int]
+) -> Picture:
+    """A natural mode at its turning point, coloured by displacement, with the undeformed machine as
+    edges.
 
     Args:
         name: Stem of its file.
@@ -74,9 +94,16 @@ def mode_picture(name: str, view: MachineView, pose: PoseView, index: int, size:
     shift = np.vstack([pose.shifts[part][index] for part in view.skins]).astype(float)
     largest = largest_shift([shift])
     share = np.linalg.norm(shift, axis=1) / largest
-    colors = np.column_stack([np.interp(share, np.linspace(0.0, 1.0, len(RAMP)), RAMP[:, channel]) for channel in range(3)])
+    colors = np.column_stack(
+        [
+            np.interp(share, np.linspace(0.0, 1.0, len(RAMP)), RAMP[:, channel])
+            for channel in range(3)
+        ]
+    )
     moved = points + shift * (SHOWN_SHARE * machine_size(view, pose) / largest)
-    return Picture(name, moved, triangles, edges, colors, points, np.zeros((0, 3)), np.zeros((0, 3)), size)
+    return Picture(
+        name, moved, triangles, edges, colors, points, np.zeros((0, 3)), np.zeros((0, 3)), size
+    )
 
 
 def camera_axes() -> FloatArray:
@@ -87,7 +114,9 @@ def camera_axes() -> FloatArray:
 
 
 class _Surface(NamedTuple):
-    """Points ``(n, 3)`` [m] of all skins in the machine frame, and their triangles ``(m, 3)`` and edges ``(e, 2)``."""
+    """Points ``(n, 3)`` [m] of all skins in the machine frame, and their triangles ``(m, 3)`` and
+    edges ``(e, 2)``.
+    """
 
     points: FloatArray
     triangles: IntArray

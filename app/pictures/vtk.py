@@ -1,4 +1,6 @@
-"""Pictures by VTK's off-screen renderer. Without a display VTK may end the process: only ``picture_worker`` calls this."""
+"""Pictures by VTK's off-screen renderer. Without a display VTK may end the process: only
+``picture_worker`` calls this.
+"""
 
 import numpy as np
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  registers the renderer
@@ -31,7 +33,9 @@ MARK_SHARE, TOOL_SHARE = 0.006, 0.010
 
 
 def draw_with_vtk(pictures: list[Picture]) -> dict[str, NDArray[np.uint8]]:
-    """Draw pictures: name to ``(height, width, 4)`` red, green, blue, opacity on a transparent ground."""
+    """Draw pictures: name to ``(height, width, 4)`` red, green, blue, opacity on a transparent
+    ground.
+    """
     window = vtkRenderWindow()
     window.SetOffScreenRendering(1)
     window.SetAlphaBitPlanes(1)
@@ -69,7 +73,9 @@ def _compose(picture: Picture) -> vtkRenderer:
     renderer.AddActor(_lines(picture.points, picture.edges, EDGE_COLOR, 1.6))
     if picture.ghost is not None:
         renderer.AddActor(_lines(picture.ghost, picture.edges, GHOST_COLOR, 1.0))
-    everything = picture.points if picture.ghost is None else np.vstack([picture.points, picture.ghost])
+    everything = (
+        picture.points if picture.ghost is None else np.vstack([picture.points, picture.ghost])
+    )
     reach = float(np.linalg.norm(np.ptp(everything, axis=0)))
     for place in picture.marks:
         renderer.AddActor(_ball(place, MARK_SHARE * reach, MARK_COLOR))
@@ -91,7 +97,11 @@ def _mark_points(picture: Picture, below: vtkRenderer) -> vtkRenderer:
 
 
 def _add_lights(renderer: vtkRenderer) -> None:
-    for position, strength in (((0.3, 0.6, 1.0), 0.82), ((-0.8, 0.3, 0.4), 0.33), ((0.9, -0.5, 0.3), 0.22)):
+    for position, strength in (
+        ((0.3, 0.6, 1.0), 0.82),
+        ((-0.8, 0.3, 0.4), 0.33),
+        ((0.9, -0.5, 0.3), 0.22),
+    ):
         light = vtkLight()
         light.SetLightTypeToCameraLight()
         light.SetPosition(*position)
@@ -153,7 +163,9 @@ def _ball(place: FloatArray, radius: float, color: tuple[float, ...]) -> vtkActo
     return actor
 
 
-def _place_camera(renderer: vtkRenderer, points: FloatArray, size: tuple[int, int], reach: float) -> None:
+def _place_camera(
+    renderer: vtkRenderer, points: FloatArray, size: tuple[int, int], reach: float
+) -> None:
     axes = camera_axes()
     seen = points @ axes.T
     low, high = seen.min(axis=0), seen.max(axis=0)

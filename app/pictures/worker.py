@@ -1,4 +1,6 @@
-"""Child process that draws a folder of results: ``picture_worker DIR TARGET vtk|painted machine|all``."""
+"""Child process that draws a folder of results: ``picture_worker DIR TARGET vtk|painted
+machine|all``.
+"""
 
 import importlib
 import os
@@ -21,19 +23,29 @@ MODE_SIZE = (720, 480)
 MODES_DRAWN = 40
 LIFETIME = 150  # seconds
 CHARTS = "headstock.app.charts.charts"
-RENDERERS = {"vtk": ("headstock.app.pictures.vtk", "draw_with_vtk"), "painted": ("headstock.app.pictures.painted", "paint")}
+RENDERERS = {
+    "vtk": ("headstock.app.pictures.vtk", "draw_with_vtk"),
+    "painted": ("headstock.app.pictures.painted", "paint"),
+}
 
 
 def list_machine_pictures(view: MachineView) -> list[Picture]:
     """The machine in each pose."""
-    return [rest_picture(f"machine_{file_stem(name)}", view, pose, MACHINE_SIZE) for name, pose in view.poses.items()]
+    return [
+        rest_picture(f"machine_{file_stem(name)}", view, pose, MACHINE_SIZE)
+        for name, pose in view.poses.items()
+    ]
 
 
 def list_mode_pictures(summary: RunSummary, view: MachineView) -> list[Picture]:
     """The modes of each pose."""
     return [
         mode_picture(
-            f"mode_{file_stem(modes['pose_name'])}_{index + 1:02d}", view, view.poses[modes["pose_name"]], index, MODE_SIZE
+            f"mode_{file_stem(modes['pose_name'])}_{index + 1:02d}",
+            view,
+            view.poses[modes["pose_name"]],
+            index,
+            MODE_SIZE,
         )
         for modes in summary["modal"]
         if view.poses[modes["pose_name"]].shifts
@@ -42,7 +54,9 @@ def list_mode_pictures(summary: RunSummary, view: MachineView) -> list[Picture]:
 
 
 def main(arguments: list[str]) -> int:
-    """Draw everything that is wanted and write it to the open file with the number TARGET (npz of PNG files)."""
+    """Draw everything that is wanted and write it to the open file with the number TARGET (npz of
+    PNG files).
+    """
     signal.alarm(LIFETIME)  # where nobody waits any more
     folder, target = Path(arguments[0]), int(arguments[1])
     renderer, wanted = arguments[2:]
@@ -59,7 +73,9 @@ def main(arguments: list[str]) -> int:
     if view.skins:
         module, function = RENDERERS[renderer]
         images |= getattr(importlib.import_module(module), function)(pictures)
-    packed: dict[str, Any] = {name: np.frombuffer(encode_png(pixels), dtype=np.uint8) for name, pixels in images.items()}
+    packed: dict[str, Any] = {
+        name: np.frombuffer(encode_png(pixels), dtype=np.uint8) for name, pixels in images.items()
+    }
     with os.fdopen(target, "wb") as file:
         np.savez(file, **packed)
     return 0

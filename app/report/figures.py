@@ -1,4 +1,6 @@
-"""Budgets, natural frequencies, closed-loop poles and maps of the report as SVG, so that they print and work without scripts."""
+"""Budgets, natural frequencies, closed-loop poles and maps of the report as SVG, so that they print
+and work without scripts.
+"""
 
 import base64
 import math
@@ -36,7 +38,9 @@ COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b", "#8a6fae", "#b5566e", "#777777")
 GROWING = "#c0392b"
 MAP_WIDTH, MAP_LEFT, MAP_TOP, MAP_BOTTOM = 340, 56, 22, 34
 # five stops of viridis, told apart by most colour-blind readers and in grey
-STOPS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], dtype=float)
+STOPS = np.array(
+    [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], dtype=float
+)
 TITLES = {
     "condition_number": "condition number",
     "mean_leg_m": "mean leg length [m]",
@@ -45,8 +49,11 @@ TITLES = {
 }
 
 
-def draw_budget(shares: Mapping[str, float], colors: Mapping[str, str], identity: str, longest: float) -> Markup:
-    """One bar per part, largest first; joints in grey, components in their colours; a share of ``longest`` fills the width.
+def draw_budget(
+    shares: Mapping[str, float], colors: Mapping[str, str], identity: str, longest: float
+) -> Markup:
+    """One bar per part, largest first; joints in grey, components in their colours; a share of
+    ``longest`` fills the width.
 
     Args:
         shares: Part to its share of the compliance, 0 to 1.
@@ -58,15 +65,29 @@ def draw_budget(shares: Mapping[str, float], colors: Mapping[str, str], identity
     parts = []
     for number, (name, share) in enumerate(rows):
         places = {"line": number * BAR_STEP + 12, "bar": number * BAR_STEP + 16, "width": BAR_WIDTH}
-        words = {"name": shorten(name), "value": repr(share), "text": percent(share), "color": colors.get(name, JOINT_COLOR)}
-        parts.append(Markup(BUDGET_ROW).format(**places, **words, long=f"{max(1.0, BAR_WIDTH * share / longest):.1f}"))
+        words = {
+            "name": shorten(name),
+            "value": repr(share),
+            "text": percent(share),
+            "color": colors.get(name, JOINT_COLOR),
+        }
+        parts.append(
+            Markup(BUDGET_ROW).format(
+                **places, **words, long=f"{max(1.0, BAR_WIDTH * share / longest):.1f}"
+            )
+        )
     height = max(1, len(rows)) * BAR_STEP + 2
     return svg.picture(parts, identity=identity, kind="budget", width=BAR_WIDTH, height=height)
 
 
 def draw_frequencies(modal: Sequence[ModesSummary], identity: str) -> Markup:
     """A stick per elastic natural frequency, one row per pose, from zero to the highest."""
-    highest = max((modes["frequencies_hz"][-1] for modes in modal if modes["frequencies_hz"]), default=1.0) or 1.0
+    highest = (
+        max(
+            (modes["frequencies_hz"][-1] for modes in modal if modes["frequencies_hz"]), default=1.0
+        )
+        or 1.0
+    )
     scale = (STICK_WIDTH - STICK_LEFT - 40) / highest
     parts = []
     for row, modes in enumerate(modal):
@@ -79,7 +100,9 @@ def draw_frequencies(modal: Sequence[ModesSummary], identity: str) -> Markup:
         )
         parts.append(svg.line(STICK_LEFT, base, STICK_WIDTH - 20, base, opacity=0.3))
         parts.append(_sticks(modes, scale, base))
-    return svg.picture(parts, identity=identity, kind="sticks", width=STICK_WIDTH, height=len(modal) * STICK_HEIGHT)
+    return svg.picture(
+        parts, identity=identity, kind="sticks", width=STICK_WIDTH, height=len(modal) * STICK_HEIGHT
+    )
 
 
 def draw_stack(shares: Mapping[str, float], colors: Mapping[str, str]) -> Markup:
@@ -88,11 +111,15 @@ def draw_stack(shares: Mapping[str, float], colors: Mapping[str, str]) -> Markup
     for name, share in sort_shares(shares):
         if share >= SHOWN_SHARE:
             piece = '<rect x="{:.1f}" width="{:.1f}" height="9" fill="{}"><title>{}</title></rect>'
-            parts.append(Markup(piece).format(100 * start, max(0.0, 100 * share - 0.4), colors.get(name, JOINT_COLOR), name))
+            parts.append(
+                Markup(piece).format(
+                    100 * start, max(0.0, 100 * share - 0.4), colors.get(name, JOINT_COLOR), name
+                )
+            )
         start += max(0.0, share)
-    return Markup('<svg class="stack" viewBox="0 0 100 9" preserveAspectRatio="none" aria-hidden="true">{}</svg>').format(
-        Markup("").join(parts)
-    )
+    return Markup(
+        '<svg class="stack" viewBox="0 0 100 9" preserveAspectRatio="none" aria-hidden="true">{}</svg>'
+    ).format(Markup("").join(parts))
 
 
 def percent(share: float) -> str:
@@ -111,9 +138,9 @@ def _sticks(modes: ModesSummary, scale: float, base: int) -> Markup:
     for frequency in modes["frequencies_hz"][modes["rigid_count"] :]:
         x = STICK_LEFT + scale * frequency
         parts.append(
-            Markup('<line x1="{:.1f}" y1="{}" x2="{:.1f}" y2="{}" stroke="#4f7cac" stroke-width="2.4"/>').format(
-                x, base - 30, x, base
-            )
+            Markup(
+                '<line x1="{:.1f}" y1="{}" x2="{:.1f}" y2="{}" stroke="#4f7cac" stroke-width="2.4"/>'
+            ).format(x, base - 30, x, base)
         )
         if x >= free_from:
             label = '<text x="{:.1f}" y="{}" font-size="11" text-anchor="middle" fill="currentColor" data-value="{}">{}</text>'
@@ -125,7 +152,9 @@ def _sticks(modes: ModesSummary, scale: float, base: int) -> Markup:
 
 
 def draw_poles(control: ControlSummary, identity: str) -> Markup:
-    """Every pole as a dot in the colour of its drive; those that grow stand below the axis, in red."""
+    """Every pole as a dot in the colour of its drive; those that grow stand below the axis, in
+    red.
+    """
     names = list(control["drives"])
     parts = []
     for level, label in LEVELS:
@@ -137,18 +166,26 @@ def draw_poles(control: ControlSummary, identity: str) -> Markup:
         parts.append(svg.line(x, TOP, x, HEIGHT - BOTTOM, opacity=0.1))
         words = f"{share * control['up_to_hz']:g}{' Hz' if share == 1.0 else ''}"
         parts.append(svg.text(x, HEIGHT - BOTTOM + 22, words, anchor="middle"))
-    dot = Markup('<circle cx="{:.1f}" cy="{:.1f}" r="5" fill="{}" opacity="0.85"><title>{}</title></circle>')
+    dot = Markup(
+        '<circle cx="{:.1f}" cy="{:.1f}" r="5" fill="{}" opacity="0.85"><title>{}</title></circle>'
+    )
     for pole in control["poles"]:
         grows = pole["real"] > 0.0
         color = GROWING if grows else COLORS[names.index(pole["drive"]) % len(COLORS)]
         y = HEIGHT - BOTTOM + 8 if grows else _height(pole["damping_ratio"])
-        title = f"{pole['frequency_hz']:.4g} Hz, {100.0 * pole['damping_ratio']:.3g} %: {pole['name']}"
+        title = (
+            f"{pole['frequency_hz']:.4g} Hz, {100.0 * pole['damping_ratio']:.3g} %: {pole['name']}"
+        )
         x = LEFT + min(1.0, pole["frequency_hz"] / control["up_to_hz"]) * (WIDTH - LEFT - RIGHT)
         parts.append(dot.format(x, y, color, title))
     for number, name in enumerate(names):
-        parts.append(svg.text(LEFT + 90 * number, 12, f"● {name}", color=COLORS[number % len(COLORS)]))
+        parts.append(
+            svg.text(LEFT + 90 * number, 12, f"● {name}", color=COLORS[number % len(COLORS)])
+        )
     label = "Damping of closed-loop poles over frequency"
-    return svg.picture(parts, identity=identity, kind="sticks", width=WIDTH, height=HEIGHT, label=label)
+    return svg.picture(
+        parts, identity=identity, kind="sticks", width=WIDTH, height=HEIGHT, label=label
+    )
 
 
 def _height(ratio: float) -> float:
@@ -164,7 +201,9 @@ def map_values(found: MapSummary, name: str) -> FloatArray:
 
 
 class MapLayer(NamedTuple):
-    """A plane to draw: its place along the third axis of a volume, and what it stands at; of a plane it is the map itself."""
+    """A plane to draw: its place along the third axis of a volume, and what it stands at; of a
+    plane it is the map itself.
+    """
 
     place: int | None = None
     title: str = ""
@@ -176,11 +215,15 @@ def map_layers(found: MapSummary) -> list[MapLayer]:
         return [MapLayer()]
     levels, axis = found["positions"][2], found["axes"][2]
     places = sorted({0, (len(levels) - 1) // 2, len(levels) - 1})
-    return [MapLayer(place, f"{axis} = {show_position(levels[place], found['units'][axis])}") for place in places]
+    return [
+        MapLayer(place, f"{axis} = {show_position(levels[place], found['units'][axis])}")
+        for place in places
+    ]
 
 
 def draw_map(found: MapSummary, name: str, layer: int | None = None) -> Markup:
-    """One quantity over a plane: first axis to the right, second upwards; grey where the pose cannot be taken.
+    """One quantity over a plane: first axis to the right, second upwards; grey where the pose
+    cannot be taken.
 
     Args:
         found: The map of a summary.
@@ -194,20 +237,30 @@ def draw_map(found: MapSummary, name: str, layer: int | None = None) -> Markup:
     share = np.clip((values - low) / ((high - low) or 1.0), 0.0, 1.0)
     pixels = np.full((*values.shape, 4), [200, 200, 200, 255], dtype=np.uint8)
     good = np.isfinite(values)
-    channels = [np.interp(share[good], np.linspace(0.0, 1.0, len(STOPS)), STOPS[:, channel]) for channel in range(3)]
+    channels = [
+        np.interp(share[good], np.linspace(0.0, 1.0, len(STOPS)), STOPS[:, channel])
+        for channel in range(3)
+    ]
     pixels[good, :3] = np.round(np.stack(channels, axis=-1)).astype(np.uint8)
-    picture = base64.b64encode(encode_png(np.ascontiguousarray(pixels.transpose(1, 0, 2)[::-1]))).decode()
+    picture = base64.b64encode(
+        encode_png(np.ascontiguousarray(pixels.transpose(1, 0, 2)[::-1]))
+    ).decode()
     spans = [(float(positions[0]), float(positions[-1])) for positions in found["positions"][:2]]
     ratio = (spans[1][1] - spans[1][0]) / ((spans[0][1] - spans[0][0]) or 1.0)
     inside = MAP_WIDTH - MAP_LEFT - 8
     height = float(np.clip(inside * ratio, 60.0, 480.0))
     title = f"{TITLES.get(name, name)}: {low:.4g} to {high:.4g}"
-    shown = [[show_position(end, found["units"][axis]) for end in span] for axis, span in zip(found["axes"], spans, strict=False)]
+    shown = [
+        [show_position(end, found["units"][axis]) for end in span]
+        for axis, span in zip(found["axes"], spans, strict=False)
+    ]
     words = [
         svg.text(MAP_LEFT, 14, title, size=12),
         svg.text(MAP_LEFT, MAP_TOP + height + 14, shown[0][0], size=10),
         svg.text(MAP_WIDTH - 8, MAP_TOP + height + 14, shown[0][1], anchor="end", size=10),
-        svg.text(MAP_LEFT + inside / 2, MAP_TOP + height + 14, found["axes"][0], anchor="middle", size=10),
+        svg.text(
+            MAP_LEFT + inside / 2, MAP_TOP + height + 14, found["axes"][0], anchor="middle", size=10
+        ),
         svg.text(MAP_LEFT - 4, MAP_TOP + height, shown[1][0], anchor="end", size=10),
         svg.text(MAP_LEFT - 4, MAP_TOP + 9, shown[1][1], anchor="end", size=10),
         svg.text(MAP_LEFT - 4, MAP_TOP + height / 2, found["axes"][1], anchor="end", size=10),
@@ -218,4 +271,11 @@ def draw_map(found: MapSummary, name: str, layer: int | None = None) -> Markup:
     ).format(MAP_LEFT, MAP_TOP, inside, height, picture)
     stem = name if layer is None else f"{name}_{layer}"
     high = MAP_TOP + height + MAP_BOTTOM - 12
-    return svg.picture([image, *words], identity=f"map_{stem}", kind="map", width=MAP_WIDTH, height=high, label=title)
+    return svg.picture(
+        [image, *words],
+        identity=f"map_{stem}",
+        kind="map",
+        width=MAP_WIDTH,
+        height=high,
+        label=title,
+    )

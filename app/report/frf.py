@@ -38,7 +38,9 @@ PATH = '<path d="{}" fill="none" stroke="{}" stroke-width="1.5" stroke-linejoin=
 
 @dataclass(frozen=True, eq=False)
 class _Cell:
-    """One entry and where it is drawn: its upper left corner, its width, and its range of magnitudes."""
+    """One entry and where it is drawn: its upper left corner, its width, and its range of
+    magnitudes.
+    """
 
     title: str
     unit: str
@@ -67,8 +69,12 @@ def draw_response(curves: ResponseCurves, identity: str) -> Markup:
     width, height = columns * cells[0].width, _cell_height() * (len(cells) // columns)
     parts = [_draw_cell(curves, cell) for cell in cells]
     parts.append(Markup('<g class="cursor" visibility="hidden"></g>'))
-    script = Markup('<script type="application/json" class="response-data" data-for="{}">{}</script>')
-    return _picture(parts, identity, width, height) + script.format(identity, Markup(script_json(_cursor_data(curves, cells))))
+    script = Markup(
+        '<script type="application/json" class="response-data" data-for="{}">{}</script>'
+    )
+    return _picture(parts, identity, width, height) + script.format(
+        identity, Markup(script_json(_cursor_data(curves, cells)))
+    )
 
 
 def draw_overlay(responses: Sequence[ResponseCurves], identity: str) -> Markup:
@@ -77,7 +83,12 @@ def draw_overlay(responses: Sequence[ResponseCurves], identity: str) -> Markup:
     columns = _lay_out(responses[0])[1]
     widest = dataclasses.replace(
         responses[0],
-        frequencies_hz=np.array([min(c.frequencies_hz[0] for c in responses), max(c.frequencies_hz[-1] for c in responses)]),
+        frequencies_hz=np.array(
+            [
+                min(c.frequencies_hz[0] for c in responses),
+                max(c.frequencies_hz[-1] for c in responses),
+            ]
+        ),
     )
     parts = []
     for place, frame in enumerate(layouts[0]):
@@ -90,7 +101,11 @@ def draw_overlay(responses: Sequence[ResponseCurves], identity: str) -> Markup:
     width, height = columns * layouts[0][0].width, _cell_height() * (len(layouts[0]) // columns)
     for number, (curves, color) in enumerate(zip(responses, itertools.cycle(COLORS), strict=False)):
         y = height + LEGEND_STEP * number + 12.0
-        parts.append(Markup('<rect x="{}" y="{:.0f}" width="18" height="3" fill="{}"/>').format(LEFT, y - 5.0, color))
+        parts.append(
+            Markup('<rect x="{}" y="{:.0f}" width="18" height="3" fill="{}"/>').format(
+                LEFT, y - 5.0, color
+            )
+        )
         parts.append(_text(LEFT + 24, y, f"pose {curves.pose}"))
     height += LEGEND_STEP * len(responses) + 6.0
     return _picture(parts, identity, width, height)
@@ -98,7 +113,9 @@ def draw_overlay(responses: Sequence[ResponseCurves], identity: str) -> Markup:
 
 def _picture(parts: Sequence[Markup], identity: str, width: float, height: float) -> Markup:
     widest = max(width, 0.6 * PAGE_WIDTH)
-    return svg.picture(parts, identity=identity, kind="response", width=width, height=height, widest=widest)
+    return svg.picture(
+        parts, identity=identity, kind="response", width=width, height=height, widest=widest
+    )
 
 
 def has_more_fields(curves: ResponseCurves) -> bool:
@@ -120,7 +137,20 @@ def _lay_out(curves: ResponseCurves) -> tuple[list[_Cell], int]:
             corner = (column * width, row * _cell_height())
             phase = broken_phase(values[:, row, column])
             error = np.asarray(factor * errors[:, row, column], dtype=float)
-            cells.append(_Cell(name_entry(output, given), unit, color, size, phase, error, corner, width, low, high))
+            cells.append(
+                _Cell(
+                    name_entry(output, given),
+                    unit,
+                    color,
+                    size,
+                    phase,
+                    error,
+                    corner,
+                    width,
+                    low,
+                    high,
+                )
+            )
     return cells, len(inputs)
 
 
@@ -133,7 +163,9 @@ def _places(curves: ResponseCurves, cell: _Cell, frequencies: FloatArray) -> Flo
     f = np.log(frequencies) if curves.spacing == "log" else frequencies
     ends = curves.frequencies_hz[[0, -1]]
     low, high = np.log(ends) if curves.spacing == "log" else ends
-    return np.asarray(cell.corner[0] + LEFT + (cell.width - LEFT - RIGHT) * (f - low) / (high - low))
+    return np.asarray(
+        cell.corner[0] + LEFT + (cell.width - LEFT - RIGHT) * (f - low) / (high - low)
+    )
 
 
 def _draw_cell(curves: ResponseCurves, cell: _Cell) -> Markup:
@@ -142,8 +174,12 @@ def _draw_cell(curves: ResponseCurves, cell: _Cell) -> Markup:
 
 
 def _draw_curves(cell: _Cell, along: FloatArray) -> Markup:
-    size = Markup(PATH).format(_path(along, cell.size_level(cell.size), np.isfinite(cell.size)), cell.color)
-    return size + Markup(PATH).format(_path(along, cell.phase_level(cell.phase), np.isfinite(cell.phase)), cell.color)
+    size = Markup(PATH).format(
+        _path(along, cell.size_level(cell.size), np.isfinite(cell.size)), cell.color
+    )
+    return size + Markup(PATH).format(
+        _path(along, cell.phase_level(cell.phase), np.isfinite(cell.phase)), cell.color
+    )
 
 
 def _draw_frame(curves: ResponseCurves, cell: _Cell) -> Markup:
@@ -153,16 +189,25 @@ def _draw_frame(curves: ResponseCurves, cell: _Cell) -> Markup:
     parts = [svg.heading(left, top - 8, f"{cell.title}  [{cell.unit}]")]
     for value in round_ticks(cell.low, cell.high):
         y = float(cell.size_level(np.array(value)))
-        parts += [svg.line(left, y, right, y, opacity=0.13), _text(left - 5, y + 3.5, _name_tick(value), anchor="end")]
+        parts += [
+            svg.line(left, y, right, y, opacity=0.13),
+            _text(left - 5, y + 3.5, _name_tick(value), anchor="end"),
+        ]
     for angle, label in ((180.0, "180°"), (0.0, "0°"), (-180.0, "−180°")):
         y = float(cell.phase_level(np.array(angle)))
-        parts += [svg.line(left, y, right, y, opacity=0.13), _text(left - 5, y + 3.5, label, anchor="end")]
+        parts += [
+            svg.line(left, y, right, y, opacity=0.13),
+            _text(left - 5, y + 3.5, label, anchor="end"),
+        ]
     begin, end = float(curves.frequencies_hz[0]), float(curves.frequencies_hz[-1])
     ticks = round_ticks(begin, end) if curves.spacing == "log" else even_ticks(begin, end, 5)
     for frequency in ticks:
         x = float(_places(curves, cell, np.array(frequency)))
         words = f"{frequency:g}{' Hz' if frequency == ticks[-1] else ''}"
-        parts += [svg.line(x, top, x, low, opacity=0.13), _text(x, low + 13, words, anchor="middle")]
+        parts += [
+            svg.line(x, top, x, low, opacity=0.13),
+            _text(x, low + 13, words, anchor="middle"),
+        ]
     return Markup("").join(parts)
 
 

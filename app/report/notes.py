@@ -35,12 +35,21 @@ def judge_numbers(summary: RunSummary) -> list[Note]:
             )
         )
     if "rigid" in fidelities:
-        names = ", ".join(name for name, facts in summary["components"].items() if facts["fidelity"] == "rigid")
+        names = ", ".join(
+            name for name, facts in summary["components"].items() if facts["fidelity"] == "rigid"
+        )
         notes.append(
-            Note("Rigid components", f"{names}: taken as infinitely stiff. The real machine is softer by what they deform.")
+            Note(
+                "Rigid components",
+                f"{names}: taken as infinitely stiff. The real machine is softer by what they deform.",
+            )
         )
     if "segmented" in fidelities:
-        names = ", ".join(name for name, facts in summary["components"].items() if facts["fidelity"] == "segmented")
+        names = ", ".join(
+            name
+            for name, facts in summary["components"].items()
+            if facts["fidelity"] == "segmented"
+        )
         notes.append(
             Note(
                 "Segmented components",
@@ -48,15 +57,22 @@ def judge_numbers(summary: RunSummary) -> list[Note]:
                 " and softer where a joint holds only a part of their section: compare with fidelity elastic.",
             )
         )
-    notes.append(Note("Joint stiffness", "Taken from the scene as written: no result is better than these values."))
+    notes.append(
+        Note(
+            "Joint stiffness",
+            "Taken from the scene as written: no result is better than these values.",
+        )
+    )
     return notes
 
 
 def _judge_compliance(summary: RunSummary) -> Note:
-    text = (
-        "Reduction adds no error to the static compliance: forces at interfaces are answered exactly by the finite element model. "
-    )
-    if any(error is not None for point in summary["static"].values() for error in point.get("error_um_per_kN", {}).values()):
+    text = "Reduction adds no error to the static compliance: forces at interfaces are answered exactly by the finite element model. "
+    if any(
+        error is not None
+        for point in summary["static"].values()
+        for error in point.get("error_um_per_kN", {}).values()
+    ):
         text += "Meshes make it too small: what stands behind ± covers the error in 95 % of cases. It comes from comparing stresses with smoothed ones."
     elif any(facts["fidelity"] == "elastic" for facts in summary["components"].values()):
         text += "An error estimate for the mesh was not made; run again with a smaller mesh size and compare."

@@ -1,4 +1,6 @@
-"""Sweeps and comparisons, each as one HTML page that works offline; a click on a pose of a sweep shows its modes and compliance."""
+"""Sweeps and comparisons, each as one HTML page that works offline; a click on a pose of a sweep
+shows its modes and compliance.
+"""
 
 import base64
 from collections.abc import Mapping, Sequence
@@ -29,7 +31,9 @@ DIGITS = 6
 COMPARISON_TEMPLATE = "comparison_template.html"
 
 
-def render_sweep(summary: SweepSummary, figures: Mapping[str, bytes], origin: ProvenanceSummary | None = None) -> str:
+def render_sweep(
+    summary: SweepSummary, figures: Mapping[str, bytes], origin: ProvenanceSummary | None = None
+) -> str:
     """The page as HTML text that refers to nothing outside itself.
 
     Args:
@@ -37,8 +41,13 @@ def render_sweep(summary: SweepSummary, figures: Mapping[str, bytes], origin: Pr
         figures: Name to PNG, for browsers without scripts and for paper.
         origin: Where it comes from, as ``Provenance.summarise`` gives it.
     """
-    quantities = [quantity for quantity in list_quantities(summary) if np.isfinite(quantity.values).any()]
-    ranges = [(float(np.nanmin(quantity.values)), float(np.nanmax(quantity.values))) for quantity in quantities]
+    quantities = [
+        quantity for quantity in list_quantities(summary) if np.isfinite(quantity.values).any()
+    ]
+    ranges = [
+        (float(np.nanmin(quantity.values)), float(np.nanmax(quantity.values)))
+        for quantity in quantities
+    ]
     return (
         report_environment()
         .get_template(TEMPLATE)
@@ -165,8 +174,14 @@ def render_comparison(summary: ComparisonSummary, figures: Mapping[str, bytes]) 
             error_notes=variant_error_words(summary),
             points=list_points(summary),
             figures={name: base64.b64encode(image).decode() for name, image in figures.items()},
-            downloads={name: base64.b64encode(table).decode() for name, table in comparison_csv(summary).items()},
-            stores={name: describe_store(variant["effort"]) for name, variant in summary["variants"].items()},
+            downloads={
+                name: base64.b64encode(table).decode()
+                for name, table in comparison_csv(summary).items()
+            },
+            stores={
+                name: describe_store(variant["effort"])
+                for name, variant in summary["variants"].items()
+            },
             style=Markup(read_asset(STYLE)),
         )
     )

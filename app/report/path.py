@@ -1,4 +1,6 @@
-"""Paths and contours in the report: the line as travelled, its deviation over time, and the gap and leg forces of a contour."""
+"""Paths and contours in the report: the line as travelled, its deviation over time, and the gap and
+leg forces of a contour.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -46,7 +48,8 @@ class _Panel:
 
 
 def draw_path(curves: Sequence[PathCurves], output: int, identity: str) -> Markup:
-    """Everything of one output as one SVG: the path, then a row of three plots over time for each feed.
+    """Everything of one output as one SVG: the path, then a row of three plots over time for each
+    feed.
 
     Args:
         curves: One per feed.
@@ -60,7 +63,9 @@ def draw_path(curves: Sequence[PathCurves], output: int, identity: str) -> Marku
         parts.append(_draw_run(run, output, top))
         top += TITLE + PANEL_HEIGHT + FOOT
     title = f"Deviation of {name_port(port)} from the path"
-    return svg.picture(parts, identity=identity, kind="sticks", width=WIDTH, height=top, label=title)
+    return svg.picture(
+        parts, identity=identity, kind="sticks", width=WIDTH, height=top, label=title
+    )
 
 
 def _draw_line(curves: Sequence[PathCurves], output: int) -> Markup:
@@ -81,7 +86,14 @@ def _draw_line(curves: Sequence[PathCurves], output: int) -> Markup:
         color = FEED_COLORS[number % len(FEED_COLORS)]
         parts.append(_curve(panel, 1e3 * run.positions, value, color, 1.3))
         parts.append(
-            svg.text(WIDTH - RIGHT - 120 * (len(curves) - number - 1), TITLE - 10, run.name, anchor="end", size=10.5, color=color)
+            svg.text(
+                WIDTH - RIGHT - 120 * (len(curves) - number - 1),
+                TITLE - 10,
+                run.name,
+                anchor="end",
+                size=10.5,
+                color=color,
+            )
         )
     return Markup("").join(parts)
 
@@ -89,7 +101,10 @@ def _draw_line(curves: Sequence[PathCurves], output: int) -> Markup:
 def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
     unit, factor = deviation_unit(run.outputs[output])
     found = run.deviation
-    total, follows = factor * found.total[:, output], factor * (found.quasi_static + found.sway)[:, output]
+    total, follows = (
+        factor * found.total[:, output],
+        factor * (found.quasi_static + found.sway)[:, output],
+    )
     rings = factor * found.dynamic[:, output]
     last = float(found.times[-1])
     spans = [(0.0, last)]
@@ -99,13 +114,28 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
     room = WIDTH - LEFT - RIGHT - 2 * LEFT
     left, parts = float(LEFT), []
     for number, (span, share) in enumerate(zip(spans, SHARES, strict=True)):
-        panel = _Panel(left, top + TITLE, share * room, PANEL_HEIGHT, span, _range([total, follows, rings]))
-        parts.append(svg.heading(panel.x, panel.y - 10, (f"{run.name} [{UNITS[unit]}]", "accelerating", "decelerating")[number]))
-        parts += [_shade(panel, begin, end) for begin, end in run.zones if begin < span[1] and end > span[0]]
+        panel = _Panel(
+            left, top + TITLE, share * room, PANEL_HEIGHT, span, _range([total, follows, rings])
+        )
+        parts.append(
+            svg.heading(
+                panel.x,
+                panel.y - 10,
+                (f"{run.name} [{UNITS[unit]}]", "accelerating", "decelerating")[number],
+            )
+        )
+        parts += [
+            _shade(panel, begin, end)
+            for begin, end in run.zones
+            if begin < span[1] and end > span[0]
+        ]
         parts.append(_axes(panel, "s", ""))
         if number:
             parts.append(_curve(panel, found.times, rings, RINGS, 1.0))
-        parts += [_curve(panel, found.times, follows, FOLLOWS, 1.6), _curve(panel, found.times, total, TOTAL, 1.3)]
+        parts += [
+            _curve(panel, found.times, follows, FOLLOWS, 1.6),
+            _curve(panel, found.times, total, TOTAL, 1.3),
+        ]
         left += panel.width + LEFT
     words = (("deviation", TOTAL), ("quasi-static, with sway", FOLLOWS), ("ringing", RINGS))
     for place, (word, color) in zip((0, 70, 210), words, strict=True):
@@ -114,7 +144,10 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
 
 
 def _range(values: Sequence[FloatArray]) -> tuple[float, float]:
-    low, high = min(0.0, *(float(part.min()) for part in values)), max(0.0, *(float(part.max()) for part in values))
+    low, high = (
+        min(0.0, *(float(part.min()) for part in values)),
+        max(0.0, *(float(part.max()) for part in values)),
+    )
     room = 0.06 * ((high - low) or 1.0)
     return low - room, high + room
 
@@ -122,24 +155,34 @@ def _range(values: Sequence[FloatArray]) -> tuple[float, float]:
 def _curve(panel: _Panel, x: FloatArray, y: FloatArray, color: str, width: float) -> Markup:
     inside = (x >= panel.across[0]) & (x <= panel.across[1])
     thin = thin_curve(np.asarray(x[inside]), np.asarray(y[inside]), int(panel.width))
-    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(panel.place(thin[0]), panel.level(thin[1]), strict=True))
-    return Markup('<polyline points="{}" fill="none" stroke="{}" stroke-width="{}" stroke-linejoin="round"/>').format(
-        points, color, width
+    points = " ".join(
+        f"{a:.1f},{b:.1f}" for a, b in zip(panel.place(thin[0]), panel.level(thin[1]), strict=True)
     )
+    return Markup(
+        '<polyline points="{}" fill="none" stroke="{}" stroke-width="{}" stroke-linejoin="round"/>'
+    ).format(points, color, width)
 
 
 def _shade(panel: _Panel, begin: float, end: float) -> Markup:
     low, high = panel.place(np.clip([begin, end], *panel.across))
-    return Markup('<rect x="{:.1f}" y="{:.1f}" width="{:.1f}" height="{}" fill="currentColor" opacity="0.09"/>').format(
-        low, panel.y, max(high - low, 1.0), panel.height
-    )
+    return Markup(
+        '<rect x="{:.1f}" y="{:.1f}" width="{:.1f}" height="{}" fill="currentColor" opacity="0.09"/>'
+    ).format(low, panel.y, max(high - low, 1.0), panel.height)
 
 
 def _axes(panel: _Panel, unit: str, side: str) -> Markup:
     parts = []
     for value in even_ticks(panel.up[0], panel.up[1], 4):
         y = float(panel.level(np.array(value)))
-        parts.append(svg.line(float(panel.x), y, float(panel.x + panel.width), y, opacity=0.45 if value == 0.0 else 0.13))
+        parts.append(
+            svg.line(
+                float(panel.x),
+                y,
+                float(panel.x + panel.width),
+                y,
+                opacity=0.45 if value == 0.0 else 0.13,
+            )
+        )
         parts.append(svg.text(panel.x - 5, y + 3.5, _round(value), anchor="end", size=10.5))
     ticks = even_ticks(panel.across[0], panel.across[1], 6)
     for value in ticks:
@@ -152,7 +195,11 @@ def _axes(panel: _Panel, unit: str, side: str) -> Markup:
 
 
 def _round(value: float) -> str:
-    text = f"{value:.3g}" if abs(value) < 1000.0 else f"{float(f'{value:.2g}'):,.0f}".replace(",", "\u202f")
+    text = (
+        f"{value:.3g}"
+        if abs(value) < 1000.0
+        else f"{float(f'{value:.2g}'):,.0f}".replace(",", "\u202f")
+    )
     return text.replace("-", "−") if text.startswith("-") else text
 
 
@@ -165,13 +212,18 @@ PICTURES = {"gap": (("x", "y", "z"), "Gap of the tool point, gravity sag subtrac
 def draw_contour(found: ContourSummary, picture: Literal["gap", "legs"]) -> Markup:
     """One picture of a contour, ``gap`` or ``legs``: a line per column over time."""
     names, title = PICTURES[picture]
-    times, values = found["series"]["time_s"], found["series"]["gap_um" if picture == "gap" else "leg_force_n"]
+    times, values = (
+        found["series"]["time_s"],
+        found["series"]["gap_um" if picture == "gap" else "leg_force_n"],
+    )
     low, high = min(min(row) for row in values), max(max(row) for row in values)
     room = 0.05 * ((high - low) or 1.0)
     low, high = low - room, high + room
 
     def across(time: float) -> float:
-        return CONTOUR_LEFT + (CONTOUR_WIDTH - CONTOUR_LEFT - CONTOUR_RIGHT) * (time - times[0]) / ((times[-1] - times[0]) or 1.0)
+        return CONTOUR_LEFT + (CONTOUR_WIDTH - CONTOUR_LEFT - CONTOUR_RIGHT) * (time - times[0]) / (
+            (times[-1] - times[0]) or 1.0
+        )
 
     def up(value: float) -> float:
         return TOP + (CONTOUR_HEIGHT - TOP - BOTTOM) * (high - value) / (high - low)
@@ -179,20 +231,45 @@ def draw_contour(found: ContourSummary, picture: Literal["gap", "legs"]) -> Mark
     parts = [_faces(found["marks_s"], across, times[-1])]
     for value in (low + room, 0.0, high - room):
         if low <= value <= high:
-            parts.append(svg.line(CONTOUR_LEFT, up(value), CONTOUR_WIDTH - CONTOUR_RIGHT, up(value), opacity=0.25))
             parts.append(
-                svg.text(CONTOUR_LEFT - 5, up(value) + 4, f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}", anchor="end")
+                svg.line(
+                    CONTOUR_LEFT, up(value), CONTOUR_WIDTH - CONTOUR_RIGHT, up(value), opacity=0.25
+                )
+            )
+            parts.append(
+                svg.text(
+                    CONTOUR_LEFT - 5,
+                    up(value) + 4,
+                    f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}",
+                    anchor="end",
+                )
             )
     for column, color in enumerate(CONTOUR_COLORS):
-        points = " ".join(f"{across(time):.1f},{up(row[column]):.1f}" for time, row in zip(times, values, strict=True))
-        parts.append(Markup('<polyline points="{}" fill="none" stroke="{}" stroke-width="1.3"/>').format(points, color))
+        points = " ".join(
+            f"{across(time):.1f},{up(row[column]):.1f}"
+            for time, row in zip(times, values, strict=True)
+        )
+        parts.append(
+            Markup('<polyline points="{}" fill="none" stroke="{}" stroke-width="1.3"/>').format(
+                points, color
+            )
+        )
         parts.append(svg.text(CONTOUR_LEFT + 470 + 60 * column, 13, names[column], color=color))
     parts += [
         svg.text(CONTOUR_LEFT, 13, title),
-        svg.text(CONTOUR_WIDTH - CONTOUR_RIGHT, CONTOUR_HEIGHT - 4, f"{times[-1]:.1f} s", anchor="end"),
+        svg.text(
+            CONTOUR_WIDTH - CONTOUR_RIGHT, CONTOUR_HEIGHT - 4, f"{times[-1]:.1f} s", anchor="end"
+        ),
         svg.text(CONTOUR_LEFT, CONTOUR_HEIGHT - 4, "0 s"),
     ]
-    return svg.picture(parts, identity=f"contour_{picture}", kind="sticks", width=CONTOUR_WIDTH, height=CONTOUR_HEIGHT, label=title)
+    return svg.picture(
+        parts,
+        identity=f"contour_{picture}",
+        kind="sticks",
+        width=CONTOUR_WIDTH,
+        height=CONTOUR_HEIGHT,
+        label=title,
+    )
 
 
 def _faces(marks: Sequence[float], across: Callable[[float], float], last: float) -> Markup:
@@ -202,9 +279,16 @@ def _faces(marks: Sequence[float], across: Callable[[float], float], last: float
             start, end = across(marks[face]), across(min(marks[face + 1], last))
             shade = 0.07 if face % 2 == 0 else 0.0
             parts.append(
-                Markup('<rect x="{:.1f}" y="{}" width="{:.1f}" height="{}" fill="currentColor" opacity="{}"/>').format(
-                    start, TOP, end - start, CONTOUR_HEIGHT - TOP - BOTTOM, shade
+                Markup(
+                    '<rect x="{:.1f}" y="{}" width="{:.1f}" height="{}" fill="currentColor" opacity="{}"/>'
+                ).format(start, TOP, end - start, CONTOUR_HEIGHT - TOP - BOTTOM, shade)
+            )
+            parts.append(
+                svg.text(
+                    (start + end) / 2,
+                    CONTOUR_HEIGHT - BOTTOM + 13,
+                    f"face {face + 1}",
+                    anchor="middle",
                 )
             )
-            parts.append(svg.text((start + end) / 2, CONTOUR_HEIGHT - BOTTOM + 13, f"face {face + 1}", anchor="middle"))
     return Markup("").join(parts)

@@ -1,4 +1,6 @@
-"""The report: one HTML file that works offline, made from a summary and from what there is to draw."""
+"""The report: one HTML file that works offline, made from a summary and from what there is to
+draw.
+"""
 
 import base64
 import functools
@@ -113,7 +115,8 @@ def render_report(
 ) -> str:
     """The report as HTML text that refers to nothing outside itself.
 
-    Every number from the summary stands in a ``data`` element, or an SVG text, with its unrounded value as an attribute.
+    Every number from the summary stands in a ``data`` element, or an SVG text, with its unrounded
+    value as an attribute.
 
     Args:
         summary: Content of ``summary.json``.
@@ -136,11 +139,15 @@ def render_report(
             keys=_key_figures(summary, static),
             machine=None if machine is None else Markup(machine.text),
             omissions=_omissions(machine),
-            stills={pose: base64.b64encode(image).decode() for pose, image in (stills or {}).items()},
+            stills={
+                pose: base64.b64encode(image).decode() for pose, image in (stills or {}).items()
+            },
             poses=list(view.poses),
             colors=colors,
             notes=judge_numbers(summary),
-            downloads={table.name: base64.b64encode(encode_csv(table)).decode() for table in tables},
+            downloads={
+                table.name: base64.b64encode(encode_csv(table)).decode() for table in tables
+            },
             paths=list(paths),
             path_stems=[path_stem(run) for run in paths],
             responses={response.pose: response for response in curves},
@@ -165,7 +172,9 @@ def show_number(value: float | None, digits: int = 4, missing: str = "–") -> M
 
 
 def format_number(value: float, digits: int = 4) -> str:
-    """A number for readers: thousands apart, a true minus, tiny and huge ones with a power of ten."""
+    """A number for readers: thousands apart, a true minus, tiny and huge ones with a power of
+    ten.
+    """
     if isinstance(value, int):
         return f"{value:,}".replace(",", "\u202f")
     if value == 0.0:
@@ -178,7 +187,10 @@ def format_number(value: float, digits: int = 4) -> str:
 
 
 def draw_rows[Row](
-    columns: Sequence[Column[Row]], rows: Iterable[Row], identity: str, colors: Mapping[str, str] | None = None
+    columns: Sequence[Column[Row]],
+    rows: Iterable[Row],
+    identity: str,
+    colors: Mapping[str, str] | None = None,
 ) -> Markup:
     """A table of the report, of the columns that it has there.
 
@@ -198,13 +210,17 @@ def draw_rows[Row](
             cells.append(_row_cell(column, row))
         if colors is not None:
             dot = Markup('<td class="name"><span class="dot" style="background:{}"></span> {}</td>')
-            cells[0] = dot.format(colors.get(str(shown[0].value(row)), JOINT_COLOR), shown[0].value(row))
+            cells[0] = dot.format(
+                colors.get(str(shown[0].value(row)), JOINT_COLOR), shown[0].value(row)
+            )
         body.append(Markup("<tr>{}</tr>\n").format(Markup("").join(cells)))
     heads = [
         Markup('<th class="number">{}</th>' if number else "<th>{}</th>").format(column.report)
         for column, number in zip(shown, numeric, strict=True)
     ]
-    table = Markup('<div class="scroll"><table id="{}"><thead><tr>{}</tr></thead><tbody>\n{}</tbody></table></div>')
+    table = Markup(
+        '<div class="scroll"><table id="{}"><thead><tr>{}</tr></thead><tbody>\n{}</tbody></table></div>'
+    )
     return table.format(identity, Markup("").join(heads), Markup("").join(body))
 
 
@@ -216,8 +232,12 @@ def _row_cell[Row](column: Column[Row], row: Row) -> Markup:
         bound = Markup('<span class="soft">{}</span>').format(_bound(error, value))
         return Markup('<td class="number">{} {}</td>').format(_bounded(value, error), bound)
     if value is not None and column.show is not None:
-        return Markup('<td class="number">{}</td>').format(_data(value, _typeset(column.show(value))))
-    return Markup('<td class="number">{}</td>').format(show_number(value, column.digits, column.missing or "–"))
+        return Markup('<td class="number">{}</td>').format(
+            _data(value, _typeset(column.show(value)))
+        )
+    return Markup('<td class="number">{}</td>').format(
+        show_number(value, column.digits, column.missing or "–")
+    )
 
 
 def _bounded(value: float, error: float | None) -> Markup:
@@ -234,27 +254,42 @@ def _beside(error: float | None, text: str) -> Markup:
     """What stands behind a value, as written; nothing where there is nothing to say."""
     if error is None or not text:
         return Markup('<span class="missing">{}</span>').format(text)
-    return Markup('± <data class="bound" value="{}">{}</data>').format(repr(error), _typeset(text.removeprefix("± ")))
+    return Markup('± <data class="bound" value="{}">{}</data>').format(
+        repr(error), _typeset(text.removeprefix("± "))
+    )
 
 
 def _moved(point: PointSummary, row: int, column: int) -> Markup:
     """An entry of the compliance matrix of a point, rounded with its errors."""
     matrix = point["compliance_um_per_kN"]
-    value, text = matrix[row][column], show_compliances(matrix, column, point["error_um_per_kN"])[row]
-    return Markup('<span class="missing">{}</span>').format(text) if value is None else _data(value, _typeset(text))
+    value, text = (
+        matrix[row][column],
+        show_compliances(matrix, column, point["error_um_per_kN"])[row],
+    )
+    return (
+        Markup('<span class="missing">{}</span>').format(text)
+        if value is None
+        else _data(value, _typeset(text))
+    )
 
 
 def _damping(mode: ModeRow) -> tuple[Markup, Markup]:
     """Damping ratio of a mode, and what stands behind it."""
     shown, bound = show_damping_error(mode.damping_ratio, mode.damping_error, rigid=mode.rigid)
-    value = Markup("–") if mode.damping_ratio is None else _data(mode.damping_ratio, _typeset(shown))
+    value = (
+        Markup("–") if mode.damping_ratio is None else _data(mode.damping_ratio, _typeset(shown))
+    )
     return value, _beside(mode.damping_error, bound)
 
 
 def _damped(mode: ModeRow) -> tuple[Markup, Markup]:
     """Frequency of the damped oscillation of a mode, and what stands behind it."""
     shown, bound = show_damped(mode.damped_hz, mode.damped_error_hz, rigid=mode.rigid)
-    value = Markup("–") if mode.damped_hz is None else _data(mode.damped_hz, _typeset(shown) if mode.damped_hz else shown)
+    value = (
+        Markup("–")
+        if mode.damped_hz is None
+        else _data(mode.damped_hz, _typeset(shown) if mode.damped_hz else shown)
+    )
     return value, _beside(mode.damped_error_hz, bound)
 
 
@@ -263,7 +298,11 @@ def _typeset(text: str) -> str:
     mantissa, exponent, power = text.partition("e")
     whole, point, decimals = mantissa.partition(".")
     whole = re.sub(r"(?<=\d)(?=(\d{3})+$)", "\u202f", whole)
-    return f"{whole}{point}{decimals}{f'·10{raise_digits(int(power))}' if exponent else ''}".replace("-", "−")
+    return (
+        f"{whole}{point}{decimals}{f'·10{raise_digits(int(power))}' if exponent else ''}".replace(
+            "-", "−"
+        )
+    )
 
 
 def _data(value: float, text: str) -> Markup:
@@ -289,11 +328,17 @@ class KeyFigures:
     first: tuple[float, float | None, str] | None = None
 
 
-def _key_figures(summary: RunSummary, static: Mapping[str, Mapping[str, PointSummary]]) -> KeyFigures:
-    """Compliance of the first point in the first pose, and the first mode in which something deforms."""
+def _key_figures(
+    summary: RunSummary, static: Mapping[str, Mapping[str, PointSummary]]
+) -> KeyFigures:
+    """Compliance of the first point in the first pose, and the first mode in which something
+    deforms.
+    """
     first = None
     for modes in summary["modal"][:1]:
-        named = list(zip(modes["frequencies_hz"], modes["error_hz"], modes["mode_names"], strict=True))[modes["rigid_count"] :]
+        named = list(
+            zip(modes["frequencies_hz"], modes["error_hz"], modes["mode_names"], strict=True)
+        )[modes["rigid_count"] :]
         first = next((mode for mode in named if WHOLE_MACHINE not in mode[-1]), None)
     for pose, points in static.items():
         for name, point in points.items():
@@ -318,8 +363,12 @@ def _omissions(machine: EncodedMachine | None) -> list[str]:
     return found
 
 
-def _captions(summary: RunSummary, view: MachineView, static: Mapping[str, Mapping[str, PointSummary]]) -> dict[str, list[Caption]]:
-    """Forces first, then modes in which something deforms, last those in which the machine moves as a whole."""
+def _captions(
+    summary: RunSummary, view: MachineView, static: Mapping[str, Mapping[str, PointSummary]]
+) -> dict[str, list[Caption]]:
+    """Forces first, then modes in which something deforms, last those in which the machine moves as
+    a whole.
+    """
     captions: dict[str, list[Caption]] = {name: [] for name in view.poses}
     for name, pose in view.poses.items():
         for push in pose.pushes:
@@ -327,15 +376,30 @@ def _captions(summary: RunSummary, view: MachineView, static: Mapping[str, Mappi
             known = static.get(name, {}).get(point)
             shares = {} if known is None else known["budget"].get(direction, {})
             text = f"1 kN at {point}, static"
-            captions[name].append(Caption(f"push:{push}", f"Force in {direction}", text, "force", shares=shares))
+            captions[name].append(
+                Caption(f"push:{push}", f"Force in {direction}", text, "force", shares=shares)
+            )
     for modes in summary["modal"]:
         found = []
-        for index, (hz, name) in enumerate(zip(modes["frequencies_hz"], modes["mode_names"], strict=True)):
+        for index, (hz, name) in enumerate(
+            zip(modes["frequencies_hz"], modes["mode_names"], strict=True)
+        ):
             free = index < modes["rigid_count"]
             kind: Kind = "whole" if free or WHOLE_MACHINE in name else "mode"
             lead = "0 Hz" if free else f"{format_number(hz)} Hz"
-            found.append(Caption(f"mode:{index}", lead, name, kind, 0.0 if free else hz, modes["energy_share"][index]))
-        captions.setdefault(modes["pose_name"], []).extend(sorted(found, key=lambda caption: caption.kind == "whole"))
+            found.append(
+                Caption(
+                    f"mode:{index}",
+                    lead,
+                    name,
+                    kind,
+                    0.0 if free else hz,
+                    modes["energy_share"][index],
+                )
+            )
+        captions.setdefault(modes["pose_name"], []).extend(
+            sorted(found, key=lambda caption: caption.kind == "whole")
+        )
     return captions
 
 
@@ -357,7 +421,9 @@ def report_environment() -> jinja2.Environment:
         "damped": _damped,
         "mode_damping": _damping,
         "damping": lambda ratio: _data(ratio, show_damping(ratio)),
-        "size": lambda error: Markup('<data class="bound" value="{}">{}</data>').format(repr(error), _typeset(show_size(error))),
+        "size": lambda error: Markup('<data class="bound" value="{}">{}</data>').format(
+            repr(error), _typeset(show_size(error))
+        ),
         "error_words": error_words,
         "largest_shares": largest_shares,
         "response_error_words": response_error_words,
@@ -366,12 +432,21 @@ def report_environment() -> jinja2.Environment:
         "share": lambda share: _data(share, percent(share)),
         "top": lambda shares: top_shares(shares, SHARES_NAMED, SMALLEST_NAMED),
         "stem": file_stem,
-        "position": lambda position, unit: _data(position, show_position(position, unit).replace("-", "−")),
+        "position": lambda position, unit: _data(
+            position, show_position(position, unit).replace("-", "−")
+        ),
         "plain": lambda value: _data(value, f"{value:g}".replace("-", "−")),
-        "longest": lambda budget: max((share for shares in budget.values() for share in shares.values()), default=1.0) or 1.0,
+        "longest": lambda budget: (
+            max((share for shares in budget.values() for share in shares.values()), default=1.0)
+            or 1.0
+        ),
     }
     environment.filters |= filters
-    drawing: dict[str, Any] = {"draw_budget": draw_budget, "draw_stack": draw_stack, "draw_frequencies": draw_frequencies}
+    drawing: dict[str, Any] = {
+        "draw_budget": draw_budget,
+        "draw_stack": draw_stack,
+        "draw_frequencies": draw_frequencies,
+    }
     drawing |= {"draw_response": draw_response, "has_more_fields": has_more_fields}
     drawing |= {"draw_overlay": draw_overlay, "overlaid_responses": overlaid_responses}
     drawing |= {

@@ -1,4 +1,6 @@
-"""Lines, texts and frames of SVG pictures, as every plot of the report draws them; places in user units, ``y`` downwards."""
+"""Lines, texts and frames of SVG pictures, as every plot of the report draws them; places in user
+units, ``y`` downwards.
+"""
 
 from collections.abc import Iterable
 
@@ -6,7 +8,8 @@ from markupsafe import Markup
 
 
 def line(x1: float, y1: float, x2: float, y2: float, *, opacity: float) -> Markup:
-    """A line in the colour of the text. Places to a tenth; whole numbers (``int``) are written as such.
+    """A line in the colour of the text. Places to a tenth; whole numbers (``int``) are written as
+    such.
 
     Args:
         x1: From where, to the right.
@@ -16,7 +19,9 @@ def line(x1: float, y1: float, x2: float, y2: float, *, opacity: float) -> Marku
         opacity: From 0 to 1.
     """
     ends = (_place(end) for end in (x1, y1, x2, y2))
-    return Markup('<line x1="{}" y1="{}" x2="{}" y2="{}" stroke="currentColor" opacity="{}"/>').format(*ends, opacity)
+    return Markup(
+        '<line x1="{}" y1="{}" x2="{}" y2="{}" stroke="currentColor" opacity="{}"/>'
+    ).format(*ends, opacity)
 
 
 def text(
@@ -41,9 +46,9 @@ def text(
         opacity: From 0 to 1; opaque without it.
     """
     faint = Markup("") if opacity is None else Markup(' opacity="{}"').format(opacity)
-    return Markup('<text x="{:.1f}" y="{:.1f}" font-size="{}" text-anchor="{}" fill="{}"{}>{}</text>').format(
-        x, y, size, anchor, color, faint, words
-    )
+    return Markup(
+        '<text x="{:.1f}" y="{:.1f}" font-size="{}" text-anchor="{}" fill="{}"{}>{}</text>'
+    ).format(x, y, size, anchor, color, faint, words)
 
 
 def heading(x: float, y: float, words: str) -> Markup:
@@ -54,13 +59,20 @@ def heading(x: float, y: float, words: str) -> Markup:
         y: Of its foot.
         words: What it says.
     """
-    return Markup('<text x="{:.1f}" y="{:.1f}" font-size="11.5" font-weight="600" fill="currentColor">{}</text>').format(
-        x, y, words
-    )
+    return Markup(
+        '<text x="{:.1f}" y="{:.1f}" font-size="11.5" font-weight="600" fill="currentColor">{}</text>'
+    ).format(x, y, words)
 
 
 def picture(
-    parts: Iterable[Markup], *, identity: str, kind: str, width: float, height: float, label: str = "", widest: float | None = None
+    parts: Iterable[Markup],
+    *,
+    identity: str,
+    kind: str,
+    width: float,
+    height: float,
+    label: str = "",
+    widest: float | None = None,
 ) -> Markup:
     """A whole picture.
 
@@ -75,9 +87,9 @@ def picture(
     """
     said = Markup(' aria-label="{}"').format(label) if label else Markup("")
     style = Markup("") if widest is None else Markup(' style="max-width:{:.0f}px"').format(widest)
-    return Markup('<svg id="{}" class="{}" viewBox="0 0 {:.0f} {:.0f}" role="img"{}{}>{}</svg>').format(
-        identity, kind, width, height, said, style, Markup("").join(parts)
-    )
+    return Markup(
+        '<svg id="{}" class="{}" viewBox="0 0 {:.0f} {:.0f}" role="img"{}{}>{}</svg>'
+    ).format(identity, kind, width, height, said, style, Markup("").join(parts))
 
 
 def _place(value: float) -> str:

@@ -1,4 +1,5 @@
-"""The machine as the report's 3D view reads it: a JSON object whose numbers sit in one compressed block.
+"""The machine as the report's 3D view reads it: a JSON object whose numbers sit in one compressed
+block.
 
 A body that moves rigidly in a shape takes six numbers; only what deforms is written point by point.
 """
@@ -17,19 +18,27 @@ from headstock.geometry.frames import FloatArray, Frame, rigid_map
 from headstock.geometry.parts.skin_decimation import decimate_skin
 from headstock.geometry.parts.skins import Skin
 from headstock.pipeline.results.mode_files import largest_shift
-from headstock.pipeline.results.views import MachineView, PoseView, ShiftArray, component_colors, surface_energy_density
+from headstock.pipeline.results.views import (
+    MachineView,
+    PoseView,
+    ShiftArray,
+    component_colors,
+    surface_energy_density,
+)
 from headstock.pipeline.storage.json_texts import JsonValue
 
 # triangles of all bodies together; what has more is drawn more coarsely
 MOST_TRIANGLES = 48_000
-# displacements as 16-bit numbers up to here, above as 8-bit ones; what is more than the last limit is left to modes/
+# displacements as 16-bit numbers up to here, above as 8-bit ones; what is more than the last limit
+# is left to modes/
 FINE_BYTES, MOST_BYTES = 1_500_000, 1_800_000
-# a body moves rigidly when it deforms by less than this share of the largest displacement: half a step of the 8-bit numbers
+# a body moves rigidly when it deforms by less than this share of the largest displacement: half a
+# step of the 8-bit numbers
 RIGID_SHARE = 0.004
 # forces are shown as 1 kN
 SHOWN_FORCE = 1000.0
-# energy densities above those of all but this share of the surface points get the last colour: at re-entrant corners there is no
-# largest one
+# energy densities above those of all but this share of the surface points get the last colour: at
+# re-entrant corners there is no largest one
 PEAK_SHARE = 0.002
 SMALLEST_SHARE = 0.002
 COMPRESSION = 9
@@ -44,7 +53,8 @@ class Caption:
         shape: ``mode:N`` or ``push:POINT DIRECTION``.
         lead: Short label.
         text: What follows it.
-        kind: Motion under a force, natural mode, or natural mode in which the machine moves as a whole.
+        kind: Motion under a force, natural mode, or natural mode in which the machine moves as a
+            whole.
         frequency_hz: Of a mode.
         shares: Component and joint to its share of the strain energy.
     """
@@ -67,7 +77,8 @@ class EncodedMachine:
     Attributes:
         text: JSON, safe inside a script element.
         left_out: How many of them the page does not hold.
-        thinned: Bodies drawn with fewer triangles than the surface of their mesh or solid has: how many are drawn, of how many.
+        thinned: Bodies drawn with fewer triangles than the surface of their mesh or solid has: how
+            many are drawn, of how many.
     """
 
     text: str
@@ -81,10 +92,11 @@ class _Shape:
 
     Attributes:
         caption: What the page says of it.
-        largest: Largest displacement, under 1 kN [m] or of the mode shape; ``parts`` are shares of it.
+        largest: Largest displacement, under 1 kN [m] or of the mode shape; ``parts`` are shares of
+            it.
         parts: Per body ``(n, 3)``, or translation and rotation vector ``(6,)``.
-        peak: Energy density that gets the last colour, in J/m^3 under 1 kN or as a share of the mode's energy per m^3; 0 where none
-            is known.
+        peak: Energy density that gets the last colour, in J/m^3 under 1 kN or as a share of the
+            mode's energy per m^3; 0 where none is known.
         energies: Per body ``(n,)`` energy density over ``peak``, or None where it is not known.
     """
 
@@ -111,27 +123,47 @@ def encode_machine(view: MachineView, captions: Captions) -> EncodedMachine | No
     if not view.skins or not view.poses:
         return None
     drawn, kept = _thin_out(view)
-    shapes = {name: list(_find_shapes(view, pose, captions.get(name, ()), drawn, kept)) for name, pose in view.poses.items()}
+    shapes = {
+        name: list(_find_shapes(view, pose, captions.get(name, ()), drawn, kept))
+        for name, pose in view.poses.items()
+    }
     offered, width = _fit(shapes)
-    places = [_place(skin, pose.placements[name]) for pose in view.poses.values() for name, skin in drawn.items()]
+    places = [
+        _place(skin, pose.placements[name])
+        for pose in view.poses.values()
+        for name, skin in drawn.items()
+    ]
     low, high = np.vstack(places).min(axis=0), np.vstack(places).max(axis=0)
     blocks: list[bytes] = []
     colors = component_colors(view)
     data: dict[str, JsonValue] = {
-        "components": [_encode_skin(name, skin, colors[name], blocks) for name, skin in drawn.items()],
-        "poses": [_encode_pose(name, drawn, pose, offered[name], width, blocks) for name, pose in view.poses.items()],
+        "components": [
+            _encode_skin(name, skin, colors[name], blocks) for name, skin in drawn.items()
+        ],
+        "poses": [
+            _encode_pose(name, drawn, pose, offered[name], width, blocks)
+            for name, pose in view.poses.items()
+        ],
         "bytes": width,
         "box": [[float(a), float(b)] for a, b in zip(low, high, strict=True)],
         "size": float(np.linalg.norm(high - low)) or 1.0,
     }
     data["blob"] = base64.b64encode(zlib.compress(b"".join(blocks), COMPRESSION)).decode()
     count = sum(len(items) for items in shapes.values())
-    thinned = {name: (len(skin.triangles), skin.thinned_from) for name, skin in drawn.items() if skin.thinned_from is not None}
-    return EncodedMachine(script_json(data), count - sum(len(items) for items in offered.values()), thinned)
+    thinned = {
+        name: (len(skin.triangles), skin.thinned_from)
+        for name, skin in drawn.items()
+        if skin.thinned_from is not None
+    }
+    return EncodedMachine(
+        script_json(data), count - sum(len(items) for items in offered.values()), thinned
+    )
 
 
 def script_json(content: Mapping[str, object]) -> str:
-    """JSON that no browser takes for the end of the script element it stands in, nor for a line break in a script."""
+    """JSON that no browser takes for the end of the script element it stands in, nor for a line
+    break in a script.
+    """
     text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")
@@ -142,18 +174,29 @@ def pose_shapes(pose: PoseView) -> dict[str, dict[str, ShiftArray]]:
     """Shape id to component to ``(n, 3)`` displacement."""
     shapes = {f"push:{name}": parts for name, parts in pose.pushes.items()}
     count = len(next(iter(pose.shifts.values()), ()))
-    return shapes | {f"mode:{index}": {name: part[index] for name, part in pose.shifts.items()} for index in range(count)}
+    return shapes | {
+        f"mode:{index}": {name: part[index] for name, part in pose.shifts.items()}
+        for index in range(count)
+    }
 
 
 def _thin_out(view: MachineView) -> tuple[dict[str, Skin], dict[str, NDArray[np.int64]]]:
-    """Surfaces small enough for a page that can be mailed, neighbours next to each other, and which point of the view each was."""
-    share = min(1.0, MOST_TRIANGLES / max(1, sum(len(skin.triangles) for skin in view.skins.values())))
+    """Surfaces small enough for a page that can be mailed, neighbours next to each other, and which
+    point of the view each was.
+    """
+    share = min(
+        1.0, MOST_TRIANGLES / max(1, sum(len(skin.triangles) for skin in view.skins.values()))
+    )
     drawn: dict[str, Skin] = {}
     kept: dict[str, NDArray[np.int64]] = {}
     # equal parts are thinned out once
     known: dict[tuple[object, ...], tuple[Skin, NDArray[np.int64]]] = {}
     for name, whole in view.skins.items():
-        content = (*(part.tobytes() for part in (whole.points, whole.triangles, whole.edges)), whole.source, whole.thinned_from)
+        content = (
+            *(part.tobytes() for part in (whole.points, whole.triangles, whole.edges)),
+            whole.source,
+            whole.thinned_from,
+        )
         if content not in known:
             known[content] = _thin_skin(whole, max(12, int(share * len(whole.triangles))))
         drawn[name], kept[name] = known[content]
@@ -168,15 +211,20 @@ def _thin_skin(whole: Skin, largest: int) -> tuple[Skin, NDArray[np.int64]]:
     triangles = triangles[np.lexsort((triangles.max(axis=1), triangles.min(axis=1)))]
     edges = np.sort(numbers[skin.edges], axis=1)
     edges = edges[np.lexsort((edges[:, 1], edges[:, 0]))]
-    return Skin(skin.points[order], triangles, edges, skin.source, thinned_from=skin.thinned_from), found[order]
+    return Skin(
+        skin.points[order], triangles, edges, skin.source, thinned_from=skin.thinned_from
+    ), found[order]
 
 
 def _order_along_curve(points: FloatArray) -> NDArray[np.int64]:
-    """Points in the order of a curve that fills space, so that neighbours differ little: they compress well.
+    """Points in the order of a curve that fills space, so that neighbours differ little: they
+    compress well.
 
     Source: Morton (1966).
     """
-    steps = np.round((points - points.min(axis=0)) / max(float(np.ptp(points, axis=0).max()), 1e-12) * 1023.0).astype(np.int64)
+    steps = np.round(
+        (points - points.min(axis=0)) / max(float(np.ptp(points, axis=0).max()), 1e-12) * 1023.0
+    ).astype(np.int64)
     code = np.zeros(len(points), dtype=np.int64)
     for bit in range(10):
         for axis in range(3):
@@ -197,27 +245,49 @@ def _find_shapes(
         if caption.shape not in known:
             continue
         force = SHOWN_FORCE if caption.kind == "force" else 1.0
-        whole = {name: np.asarray(force * known[caption.shape][name].astype(np.float64), dtype=np.float64) for name in view.skins}
+        whole = {
+            name: np.asarray(
+                force * known[caption.shape][name].astype(np.float64), dtype=np.float64
+            )
+            for name in view.skins
+        }
         largest = largest_shift(list(whole.values()))
         parts = {
-            name: _find_rigid(places[name], np.asarray(part[kept[name]] / largest, dtype=np.float64))
+            name: _find_rigid(
+                places[name], np.asarray(part[kept[name]] / largest, dtype=np.float64)
+            )
             for name, part in whole.items()
         }
         density: dict[str, FloatArray] = {}
         for name, material in view.materials.items():
             skin = view.skins[name]
-            found = surface_energy_density(_place(skin, pose.placements[name]), skin.triangles, whole[name], material)
+            found = surface_energy_density(
+                _place(skin, pose.placements[name]), skin.triangles, whole[name], material
+            )
             density[name] = np.asarray(found[kept[name]])
         if caption.kind != "force":  # share of the energy of a mode of unit modal mass
             energy = 0.5 * (2.0 * np.pi * caption.frequency_hz) ** 2
-            density = {name: np.asarray(values / energy, dtype=np.float64) for name, values in density.items() if energy > 0.0}
-        peak = float(np.quantile(np.concatenate(list(density.values())), 1.0 - PEAK_SHARE)) if density else 0.0
-        energies = tuple(np.minimum(density[name] / peak, 1.0) if name in density and peak > 0.0 else None for name in drawn)
+            density = {
+                name: np.asarray(values / energy, dtype=np.float64)
+                for name, values in density.items()
+                if energy > 0.0
+            }
+        peak = (
+            float(np.quantile(np.concatenate(list(density.values())), 1.0 - PEAK_SHARE))
+            if density
+            else 0.0
+        )
+        energies = tuple(
+            np.minimum(density[name] / peak, 1.0) if name in density and peak > 0.0 else None
+            for name in drawn
+        )
         yield _Shape(caption, largest, tuple(parts.values()), peak, energies)
 
 
 def _find_rigid(places: FloatArray, shift: FloatArray) -> FloatArray:
-    """Translation at the origin and rotation vector ``(6,)`` where points move by nothing else, else their displacements."""
+    """Translation at the origin and rotation vector ``(6,)`` where points move by nothing else,
+    else their displacements.
+    """
     moves = rigid_map(places, places.mean(axis=0))
     motion, *_ = np.linalg.lstsq(moves, shift.ravel(), rcond=1e-9)
     if np.abs(moves @ motion - shift.ravel()).max() > RIGID_SHARE:
@@ -226,8 +296,14 @@ def _find_rigid(places: FloatArray, shift: FloatArray) -> FloatArray:
 
 
 def _fit(shapes: Mapping[str, Sequence[_Shape]]) -> tuple[dict[str, list[_Shape]], int]:
-    """The shapes of each pose that fit into a page that can be mailed, the first of every pose first, and the bytes per number."""
-    width = 2 if sum(shape.count_bytes(2) for items in shapes.values() for shape in items) <= FINE_BYTES else 1
+    """The shapes of each pose that fit into a page that can be mailed, the first of every pose
+    first, and the bytes per number.
+    """
+    width = (
+        2
+        if sum(shape.count_bytes(2) for items in shapes.values() for shape in items) <= FINE_BYTES
+        else 1
+    )
     offered: dict[str, list[_Shape]] = {name: [] for name in shapes}
     room = MOST_BYTES
     for turn in range(max((len(items) for items in shapes.values()), default=0)):
@@ -259,23 +335,38 @@ def _encode_skin(name: str, skin: Skin, color: str, blocks: list[bytes]) -> dict
 
 
 def pack_columns(values: NDArray[np.integer]) -> bytes:
-    """Columns of whole numbers one after the other, as differences from the number before, which wrap round.
+    """Columns of whole numbers one after the other, as differences from the number before, which
+    wrap round.
 
-    All lowest bytes come before all next ones: the differences of neighbours are small, so that most bytes are alike.
+    All lowest bytes come before all next ones: the differences of neighbours are small, so that
+    most bytes are alike.
     """
     columns = np.ascontiguousarray(values.T)
     unsigned = columns.view(f"u{columns.itemsize}")
     first = np.zeros((len(unsigned), 1), dtype=unsigned.dtype)
-    steps = np.ascontiguousarray(np.diff(unsigned, axis=1, prepend=first)).astype(f"<u{columns.itemsize}")
-    return bytes(np.ascontiguousarray(steps.view(np.uint8).reshape(-1, columns.itemsize).T).tobytes())
+    steps = np.ascontiguousarray(np.diff(unsigned, axis=1, prepend=first)).astype(
+        f"<u{columns.itemsize}"
+    )
+    return bytes(
+        np.ascontiguousarray(steps.view(np.uint8).reshape(-1, columns.itemsize).T).tobytes()
+    )
 
 
 def _encode_pose(
-    name: str, drawn: Mapping[str, Skin], pose: PoseView, offered: Sequence[_Shape], width: int, blocks: list[bytes]
+    name: str,
+    drawn: Mapping[str, Skin],
+    pose: PoseView,
+    offered: Sequence[_Shape],
+    width: int,
+    blocks: list[bytes],
 ) -> dict[str, JsonValue]:
     kind, scale = (np.int16, 32767) if width == 2 else (np.int8, 127)
     for shape in offered:
-        blocks += [pack_columns(np.round(part * scale).astype(kind)) for part in shape.parts if part.ndim == 2]
+        blocks += [
+            pack_columns(np.round(part * scale).astype(kind))
+            for part in shape.parts
+            if part.ndim == 2
+        ]
         # square roots, so that what holds a hundredth of the largest density is still told apart
         blocks += [
             pack_columns(np.round(255.0 * np.sqrt(density))[:, None].astype(np.uint8))
@@ -285,7 +376,9 @@ def _encode_pose(
     frames = [pose.placements[component] for component in drawn]
     return {
         "name": name,
-        "frames": [[*_rounded(frame.origin), *_rounded(frame.rotation.ravel())] for frame in frames],
+        "frames": [
+            [*_rounded(frame.origin), *_rounded(frame.rotation.ravel())] for frame in frames
+        ],
         "joints": [
             {
                 "name": joint,
@@ -322,14 +415,20 @@ def _encode_shape(shape: _Shape) -> dict[str, JsonValue]:
         "kind": caption.kind,
         "largest": float(f"{shape.largest:.5g}"),
         "peak": float(f"{shape.peak:.5g}"),
-        "shares": {part: round(share, 4) for part, share in caption.shares.items() if share >= SMALLEST_SHARE},
+        "shares": {
+            part: round(share, 4)
+            for part, share in caption.shares.items()
+            if share >= SMALLEST_SHARE
+        },
         "rigid": [None if part.ndim == 2 else _rounded(part) for part in shape.parts],
         "resolved": [density is not None for density in shape.energies],
     }
 
 
 def _body_of(end: str, drawn: Mapping[str, Skin], other: int | None = None) -> int | None:
-    """Number of the component that an end ``COMPONENT.INTERFACE`` belongs to; another one for ground."""
+    """Number of the component that an end ``COMPONENT.INTERFACE`` belongs to; another one for
+    ground.
+    """
     return next((number for number, name in enumerate(drawn) if end.startswith(f"{name}.")), other)
 
 

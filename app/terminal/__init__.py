@@ -1,1 +1,3 @@
-"""The screen: console, progress, exit codes, and one listing per kind of result. Never a file of results."""
+"""The screen: console, progress, exit codes, and one listing per kind of result. Never a file of
+results.
+"""

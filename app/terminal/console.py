@@ -1,4 +1,6 @@
-"""The screen: a console, tables in which nothing is cut, remarks, counts in words; reads well at 100 columns and without a terminal."""
+"""The screen: a console, tables in which nothing is cut, remarks, counts in words; reads well at
+100 columns and without a terminal.
+"""
 
 import os
 import sys
@@ -17,14 +19,18 @@ WIDTH_WITHOUT_TERMINAL = 100
 
 
 class _PipedConsole(Console):
-    """Lets a command end as others do when the next one in a pipe closes it, without rich's own exit."""
+    """Lets a command end as others do when the next one in a pipe closes it, without rich's own
+    exit.
+    """
 
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError
 
 
 def is_terminal(stream: TextIO) -> bool:
-    """Whether somebody looks at a stream; mpirun gives every rank a terminal of its own, wherever its own output goes."""
+    """Whether somebody looks at a stream; mpirun gives every rank a terminal of its own, wherever
+    its own output goes.
+    """
     return stream.isatty() and "OMPI_COMM_WORLD_SIZE" not in os.environ
 
 
@@ -32,7 +38,9 @@ def make_console(*, stderr: bool = False) -> Console:
     """A console that does not colour numbers, 100 columns wide where there is no terminal."""
     terminal = is_terminal(sys.stderr if stderr else sys.stdout)
     width = None if terminal or "COLUMNS" in os.environ else WIDTH_WITHOUT_TERMINAL
-    return _PipedConsole(stderr=stderr, highlight=False, width=width, emoji=False, force_terminal=terminal)
+    return _PipedConsole(
+        stderr=stderr, highlight=False, width=width, emoji=False, force_terminal=terminal
+    )
 
 
 def print_remarks(remarks: Sequence[str]) -> None:
@@ -43,10 +51,16 @@ def print_remarks(remarks: Sequence[str]) -> None:
 
 
 def warn_of_unused_accuracy(scene: Scene) -> None:
-    """Say that a command takes meshes and modes as they are written although the scene asks for an accuracy."""
+    """Say that a command takes meshes and modes as they are written although the scene asks for an
+    accuracy.
+    """
     if scene.accuracy is not None:
         asked = f"{100.0 * scene.accuracy.to:g} %"
-        print_remarks([f"accuracy = {asked} is for run, study and effects; here meshes and modes are those written in the scene"])
+        print_remarks(
+            [
+                f"accuracy = {asked} is for run, study and effects; here meshes and modes are those written in the scene"
+            ]
+        )
 
 
 def counted(number: int, noun: str, plural: str | None = None) -> str:
@@ -66,13 +80,18 @@ def spaced(count: int) -> str:
 
 
 def make_table(*headings: str) -> Table:
-    """A light table; a heading that starts with ``>`` is for numbers, with ``<`` for texts that are never broken."""
+    """A light table; a heading that starts with ``>`` is for numbers, with ``<`` for texts that are
+    never broken.
+    """
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in headings:
         # headings of some tables come from scenes: a bracket in one is no markup
         whole = heading[:1] in (">", "<")
         table.add_column(
-            Text(heading[whole:]), justify="right" if heading.startswith(">") else "left", no_wrap=whole, overflow="fold"
+            Text(heading[whole:]),
+            justify="right" if heading.startswith(">") else "left",
+            no_wrap=whole,
+            overflow="fold",
         )
     return table
 
@@ -86,8 +105,9 @@ def add_row(table: Table, *cells: str) -> None:
 def print_table(console: Console, title: str, table: Table) -> None:
     """Print a table under a bold title; nothing in it is cut.
 
-    Where it is wider than the console, headings and texts are broken between words; if that is not enough, the last columns of texts
-    are left out, which is said, and then the table is printed wider than the console. A pipe has no edge: nothing is left out there.
+    Where it is wider than the console, headings and texts are broken between words; if that is not
+    enough, the last columns of texts are left out, which is said, and then the table is printed
+    wider than the console. A pipe has no edge: nothing is left out there.
 
     Args:
         console: Where to.
@@ -96,14 +116,20 @@ def print_table(console: Console, title: str, table: Table) -> None:
     """
     edge = console.width if console.is_terminal or "COLUMNS" in os.environ else None
     columns = list(table.columns)
-    while edge is not None and _is_spare(columns) and _spread_out([_least_width(column) for column in columns]) > edge:
+    while (
+        edge is not None
+        and _is_spare(columns)
+        and _spread_out([_least_width(column) for column in columns]) > edge
+    ):
         columns.pop()
     widths = _share_width(columns, console.width)
     fitted = Table(box=table.box, pad_edge=False)
     for index, (column, width) in enumerate(zip(columns, widths, strict=True)):
         # rich counts a padding at the edges that it then leaves out
         edges = (index == 0) + (index == len(columns) - 1)
-        fitted.add_column(column.header, justify=column.justify, width=width - edges, overflow="fold")
+        fitted.add_column(
+            column.header, justify=column.justify, width=width - edges, overflow="fold"
+        )
     cells = [list(column.cells) for column in columns]
     for index, row in enumerate(table.rows):
         fitted.add_row(*(column[index] for column in cells), end_section=row.end_section)
@@ -128,21 +154,30 @@ def _spread_out(widths: Sequence[int]) -> int:
 
 
 def _share_width(columns: Sequence[Column], available: int) -> list[int]:
-    """Width of each column: the widest give way first, none below what its numbers or longest word need."""
+    """Width of each column: the widest give way first, none below what its numbers or longest word
+    need.
+    """
     least = [_least_width(column) for column in columns]
     widths = [max(low, _natural_width(column)) for low, column in zip(least, columns, strict=True)]
     while _spread_out(widths) > available and widths != least:
-        widest = max(range(len(widths)), key=lambda index: (widths[index] > least[index], widths[index]))
+        widest = max(
+            range(len(widths)), key=lambda index: (widths[index] > least[index], widths[index])
+        )
         widths[widest] -= 1
     return widths
 
 
 def _natural_width(column: Column) -> int:
-    return max(cell_len(line) for part in (column.header, *column.cells) for line in str(part).split("\n"))
+    return max(
+        cell_len(line) for part in (column.header, *column.cells) for line in str(part).split("\n")
+    )
 
 
 def _least_width(column: Column) -> int:
-    words = [*str(column.header).split(), *(word for cell in column.cells for word in _unbroken(column, str(cell)))]
+    words = [
+        *str(column.header).split(),
+        *(word for cell in column.cells for word in _unbroken(column, str(cell))),
+    ]
     return max([column.min_width or 1, *(cell_len(word) for word in words)])
 
 

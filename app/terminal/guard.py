@@ -57,7 +57,9 @@ def run_guarded(action: Callable[..., int], *, debug: bool) -> int:
         if debug:
             traceback.print_exc()
         # names from files of strangers are no commands to the terminal
-        print("\n".join(printable(line) for line in message.split("\n")), file=sys.stderr, flush=True)
+        print(
+            "\n".join(printable(line) for line in message.split("\n")), file=sys.stderr, flush=True
+        )
         if comm is not None and comm.size > 1 and not shared:
             comm.Abort(code)
     return code
@@ -70,7 +72,8 @@ def _is_shared(error: BaseException) -> bool:
 
 
 def hand_over(code: int) -> int:
-    """Exit code for the operating system; where the launcher started several ranks, rank 0 leaves it in a file.
+    """Exit code for the operating system; where the launcher started several ranks, rank 0 leaves
+    it in a file.
 
     An MPI runtime takes a code other than 0 for a crash of that rank, and reports one.
     """
@@ -84,7 +87,9 @@ def hand_over(code: int) -> int:
 
 
 class _LosableOutput(io.FileIO):
-    """A descriptor whose reader may leave: what nobody reads any more is dropped, and the work goes on."""
+    """A descriptor whose reader may leave: what nobody reads any more is dropped, and the work goes
+    on.
+    """
 
     def write(self, data: Buffer) -> int:
         try:
@@ -99,8 +104,9 @@ class _LosableOutput(io.FileIO):
 def prepare_streams() -> None:
     """Make sure that nothing printed can stop a computation.
 
-    A stream that the caller closed (``>&-``) leads nowhere, one whose reader leaves (``run SCENE | head -1``) leads nowhere from then on,
-    and a character that a terminal's encoding has not is spelled with those it has. Streams that a test put in place stay.
+    A stream that the caller closed (``>&-``) leads nowhere, one whose reader leaves (``run SCENE |
+    head -1``) leads nowhere from then on, and a character that a terminal's encoding has not is
+    spelled with those it has. Streams that a test put in place stay.
     """
     codecs.register_error("spelled", _spell)
     for name in ("stdout", "stderr"):
@@ -110,7 +116,12 @@ def prepare_streams() -> None:
         elif stream is getattr(sys, f"__{name}__"):
             stream.flush()
             output = io.BufferedWriter(_LosableOutput(stream.fileno(), "w", closefd=False))
-            buffered = io.TextIOWrapper(output, stream.encoding, "spelled", line_buffering=name == "stderr" or stream.isatty())
+            buffered = io.TextIOWrapper(
+                output,
+                stream.encoding,
+                "spelled",
+                line_buffering=name == "stderr" or stream.isatty(),
+            )
             setattr(sys, name, buffered)
 
 
@@ -127,7 +138,9 @@ def find_home() -> None:
 def _spell(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    return "".join(SPELLED.get(letter, "?") for letter in error.object[error.start : error.end]), error.end
+    return "".join(
+        SPELLED.get(letter, "?") for letter in error.object[error.start : error.end]
+    ), error.end
 
 
 def _judge(error: BaseException) -> tuple[int, str]:
@@ -155,4 +168,7 @@ def _judge(error: BaseException) -> tuple[int, str]:
         return FAILED, f"{type(error).__name__}: {error} (--debug shows where)"
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else FAILED, "stopped"
-    return FAILED, f"internal error: {type(error).__name__}: {error} (a fault of this program: --debug shows where)"
+    return (
+        FAILED,
+        f"internal error: {type(error).__name__}: {error} (a fault of this program: --debug shows where)",
+    )

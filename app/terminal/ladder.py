@@ -1,4 +1,6 @@
-"""The fidelity series of a beam on the terminal: references, dofs needed for an accuracy, and which statements of the paper hold."""
+"""The fidelity series of a beam on the terminal: references, dofs needed for an accuracy, and which
+statements of the paper hold.
+"""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +21,9 @@ LIMITS = (0.10, 0.05, 0.01, 0.003)
 UNITS: dict[Group, str] = {"static": "um", "modal": "Hz"}
 
 
-def print_ladder(beam: LadderBeam, points: Sequence[LadderPoint], claims: Sequence[Claim], own: Sequence[Claim]) -> None:
+def print_ladder(
+    beam: LadderBeam, points: Sequence[LadderPoint], claims: Sequence[Claim], own: Sequence[Claim]
+) -> None:
     """References, effort and claims of a ladder.
 
     Args:
@@ -32,13 +36,17 @@ def print_ladder(beam: LadderBeam, points: Sequence[LadderPoint], claims: Sequen
     print_table(console, f"References of the {beam.title}", _reference_table(beam))
     _print_reasons(console, beam)
     print_table(
-        console, "nDOF (CPU seconds) from which every quantity is so near to converged 3D elasticity", _effort_table(beam, points)
+        console,
+        "nDOF (CPU seconds) from which every quantity is so near to converged 3D elasticity",
+        _effort_table(beam, points),
     )
     _print_claims(console, "What the paper says", claims)
     _print_claims(console, "What Headstock's own models show", own)
 
 
-def ladder_tables(beam: LadderBeam, points: Sequence[LadderPoint], claims: Sequence[Claim]) -> list[PlainTable]:
+def ladder_tables(
+    beam: LadderBeam, points: Sequence[LadderPoint], claims: Sequence[Claim]
+) -> list[PlainTable]:
     """Every value of a ladder beside its three references, and the claims.
 
     Args:
@@ -51,16 +59,33 @@ def ladder_tables(beam: LadderBeam, points: Sequence[LadderPoint], claims: Seque
         "converged 3D", "deviation from that", "seconds", "cpu seconds", "MAC",
     )  # fmt: skip
     rows = []
-    for point in sorted(points, key=lambda item: (item.group != "static", KINDS.index(item.kind), item.ndof)):
+    for point in sorted(
+        points, key=lambda item: (item.group != "static", KINDS.index(item.kind), item.ndof)
+    ):
         for name, value in point.values.items():
             reference = beam.references[name]
             roads = (reference.analytic, reference.beam, reference.solid)
             compared = [cell for right in roads for cell in (right, value / right - 1.0)]
-            cost = (*(time if math.isfinite(time) else None for time in (point.seconds, point.cpu_seconds)), point.macs.get(name))
+            cost = (
+                *(
+                    time if math.isfinite(time) else None
+                    for time in (point.seconds, point.cpu_seconds)
+                ),
+                point.macs.get(name),
+            )
             rows.append((point.kind, point.ndof, name, UNITS[point.group], value, *compared, *cost))
     table = PlainTable("ladder", headings, tuple(rows))
-    verdicts = tuple((c.figure, c.models, c.text, verdict(c.held), c.decides, c.value, c.note) for c in claims)
-    return [table, PlainTable("claims", ("figure", "models", "claim", "verdict", "decided by", "number", "note"), verdicts)]
+    verdicts = tuple(
+        (c.figure, c.models, c.text, verdict(c.held), c.decides, c.value, c.note) for c in claims
+    )
+    return [
+        table,
+        PlainTable(
+            "claims",
+            ("figure", "models", "claim", "verdict", "decided by", "number", "note"),
+            verdicts,
+        ),
+    ]
 
 
 class ClaimListing(TypedDict):
@@ -92,10 +117,20 @@ def list_claims(claims: Sequence[Claim]) -> list[ClaimListing]:
 
 
 def _reference_table(beam: LadderBeam) -> Table:
-    table = make_table("quantity", "", ">analytic", ">beam with shear", ">off by", ">converged 3D", ">off by")
+    table = make_table(
+        "quantity", "", ">analytic", ">beam with shear", ">off by", ">converged 3D", ">off by"
+    )
     for name, reference in beam.references.items():
-        off = [100.0 * (value / reference.analytic - 1.0) for value in (reference.beam, reference.solid)]
-        numbers = (f"{reference.beam:.5g}", f"{off[0]:+.2f} %", f"{reference.solid:.5g}", f"{off[1]:+.2f} %")
+        off = [
+            100.0 * (value / reference.analytic - 1.0)
+            for value in (reference.beam, reference.solid)
+        ]
+        numbers = (
+            f"{reference.beam:.5g}",
+            f"{off[0]:+.2f} %",
+            f"{reference.solid:.5g}",
+            f"{off[1]:+.2f} %",
+        )
         add_row(table, name, UNITS[reference.group], f"{reference.analytic:.5g}", *numbers)
     return table
 
@@ -125,7 +160,9 @@ def _effort_table(beam: LadderBeam, points: Sequence[LadderPoint]) -> Table:
             for limit in LIMITS:
                 ndof = ndof_within(rungs, names, limit, against="solid")
                 seconds = [point.cpu_seconds for point in rungs.points if point.ndof == ndof]
-                timed = f" ({max(seconds):.2g} s)" if seconds and math.isfinite(max(seconds)) else ""
+                timed = (
+                    f" ({max(seconds):.2g} s)" if seconds and math.isfinite(max(seconds)) else ""
+                )
                 cells.append("-" if ndof is None else f"{ndof}{timed}")
             add_row(table, kind, group, *cells)
     return table

@@ -1,4 +1,6 @@
-"""Progress of long stages: a bar on a terminal, a line every 15 to 30 s in a log, nothing for short ones."""
+"""Progress of long stages: a bar on a terminal, a line every 15 to 30 s in a log, nothing for short
+ones.
+"""
 
 import contextlib
 import os
@@ -16,7 +18,9 @@ NO_BREAKS = str.maketrans("\t\r\n", "   ")
 
 
 class Progress:
-    """Tells a painter process when something long begins and ends; where none can be started, nothing is shown."""
+    """Tells a painter process when something long begins and ends; where none can be started,
+    nothing is shown.
+    """
 
     def __init__(self, *, haste: float = 1.0) -> None:
         self._haste = haste
@@ -54,7 +58,9 @@ class Progress:
         kind = "bar" if is_terminal(sys.stdout) else "lines"
         command = [sys.executable, "-I", "-S", str(PAINTER), kind, str(theirs), str(self._haste)]
         try:
-            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL, pass_fds=(theirs,))
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL, pass_fds=(theirs,)
+            )
         except OSError:
             self._silent = True
             os.close(self._answers)

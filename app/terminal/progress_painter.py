@@ -1,8 +1,10 @@
-"""The process that shows how a long stage goes on while the main one computes: a bar on a terminal, plain lines elsewhere.
+"""The process that shows how a long stage goes on while the main one computes: a bar on a terminal,
+plain lines elsewhere.
 
-It is run as a file and knows only the standard library, so that it starts in a few hundredths of a second. A process and not a
-thread, because a factorisation keeps Python's lock for minutes. It reads ``SECONDS<tab>LABEL`` when a stage begins (zero
-seconds: no estimate) and an empty line when it ended, and answers that with one byte once its bar is gone. It ends with its parent.
+It is run as a file and knows only the standard library, so that it starts in a few hundredths of a
+second. A process and not a thread, because a factorisation keeps Python's lock for minutes. It
+reads ``SECONDS<tab>LABEL`` when a stage begins (zero seconds: no estimate) and an empty line when
+it ended, and answers that with one byte once its bar is gone. It ends with its parent.
 """
 
 import os
@@ -18,7 +20,8 @@ CLEAR = "\r\x1b[K"
 
 
 def render_bar(label: str, elapsed: float, expected: float, columns: int) -> str:
-    """One line for a terminal; the bar creeps on, never full, when a stage takes longer than was expected.
+    """One line for a terminal; the bar creeps on, never full, when a stage takes longer than was
+    expected.
 
     Args:
         label: The stage.
@@ -103,7 +106,8 @@ def main(arguments: list[str]) -> int:
     """Follow the parent's words.
 
     Args:
-        arguments: ``bar`` or ``lines``, the number of the open file that takes the answers, and a factor on all waiting times.
+        arguments: ``bar`` or ``lines``, the number of the open file that takes the answers, and a
+            factor on all waiting times.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     painter, answers = Painter(arguments[0], float(arguments[2])), int(arguments[1])

@@ -1,4 +1,6 @@
-"""A study on the terminal, as CSV and as JSON: progress, its table, orders of convergence; with a truth, error beside cost."""
+"""A study on the terminal, as CSV and as JSON: progress, its table, orders of convergence; with a
+truth, error beside cost.
+"""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -7,7 +9,14 @@ from typing import Literal, NotRequired, TypedDict
 
 from rich.console import Console
 
-from headstock.app.terminal.console import add_row, make_console, make_table, print_remarks, print_table, spaced
+from headstock.app.terminal.console import (
+    add_row,
+    make_console,
+    make_table,
+    print_remarks,
+    print_table,
+    spaced,
+)
 from headstock.app.terminal.ladder import ClaimListing
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.app.texts.tables import Cell, PlainTable, encode_csv
@@ -39,15 +48,27 @@ def print_costs(points: Sequence[CostPoint]) -> None:
     console = make_console()
     console.print()
     if not points:
-        console.print("nothing to hold the points against: the study's truth failed", style="bold red", markup=False)
+        console.print(
+            "nothing to hold the points against: the study's truth failed",
+            style="bold red",
+            markup=False,
+        )
         return
-    table = make_table("settings", ">off by %", "most off", ">cpu s", ">of it solving", ">MB", ">dofs", "")
+    table = make_table(
+        "settings", ">off by %", "most off", ">cpu s", ">of it solving", ">MB", ">dofs", ""
+    )
     short = shorten_columns(list(dict.fromkeys(point.worst for point in points)))
     for point in points:
         memory = f"{'' if point.memory_known else '≤ '}{spaced(round(point.memory_mb))}"
         cost = (_show_seconds(point), f"{point.solve_seconds:.3g}", memory, spaced(point.dofs))
-        add_row(table, point.name, f"{100.0 * point.error:.3g}", short[point.worst], *cost, _mark(point))
-    print_table(console, "What accuracy costs: largest error of a watched number, and processor time from an empty store", table)
+        add_row(
+            table, point.name, f"{100.0 * point.error:.3g}", short[point.worst], *cost, _mark(point)
+        )
+    print_table(
+        console,
+        "What accuracy costs: largest error of a watched number, and processor time from an empty store",
+        table,
+    )
     for line in digit_words(points):
         console.print(f"  {line}", markup=False)
     console.print()
@@ -61,11 +82,21 @@ def _show_seconds(point: CostPoint) -> str:
 
 
 def _mark(point: CostPoint) -> str:
-    return "automatic" if point.automatic else "other model" if point.other_model else "best" if point.best else ""
+    return (
+        "automatic"
+        if point.automatic
+        else "other model"
+        if point.other_model
+        else "best"
+        if point.best
+        else ""
+    )
 
 
 def digit_words(points: Sequence[CostPoint]) -> list[str]:
-    """The cheapest point for each accuracy and how many times the time of the one before it takes, automatic choices, other models."""
+    """The cheapest point for each accuracy and how many times the time of the one before it takes,
+    automatic choices, other models.
+    """
     lines = []
     before: CostPoint | None = None
     for bound in BOUNDS:
@@ -75,20 +106,30 @@ def digit_words(points: Sequence[CostPoint]) -> list[str]:
         elif found is before:
             lines.append(f"{100.0 * bound:g} %: the same")
         else:
-            more = f", {found.cpu_seconds[0] / before.cpu_seconds[0]:.2g} times the line above" if before else ""
+            more = (
+                f", {found.cpu_seconds[0] / before.cpu_seconds[0]:.2g} times the line above"
+                if before
+                else ""
+            )
             lines.append(
                 f"{100.0 * bound:g} %: {found.name} ({100.0 * found.error:.2g} %), {found.cpu_seconds[0]:.3g} s of processor time{more}"
             )
         before = found
     return [
         *lines,
-        *(_compare(point, point.accuracy["asked"], points) for point in points if point.automatic and point.accuracy),
+        *(
+            _compare(point, point.accuracy["asked"], points)
+            for point in points
+            if point.automatic and point.accuracy
+        ),
         *_spreads(points),
     ]
 
 
 def _compare(point: CostPoint, asked: float, points: Sequence[CostPoint]) -> str:
-    """An automatic choice beside the cheapest of the others that is as good as what it was asked for."""
+    """An automatic choice beside the cheapest of the others that is as good as what it was asked
+    for.
+    """
     words = f"automatic, {100.0 * asked:g} % asked: off by {100.0 * point.error:.2g} %, {point.cpu_seconds[0]:.3g} s"
     other = cheapest_within(points, asked)
     if other is None:
@@ -112,13 +153,36 @@ def _spreads(points: Sequence[CostPoint]) -> list[str]:
 def cost_table(points: Sequence[CostPoint]) -> PlainTable:
     """The same for a CSV file."""
     columns = (
-        *("settings", "error", "most off", "cpu seconds", "cpu spread", "seconds", "spread", "solving cpu seconds"),
+        *(
+            "settings",
+            "error",
+            "most off",
+            "cpu seconds",
+            "cpu spread",
+            "seconds",
+            "spread",
+            "solving cpu seconds",
+        ),
         *("MB", "MB known", "dofs", "best", "automatic", "other model"),
     )
     rows = tuple(
         (
-            *(point.name, point.error, point.worst, *point.cpu_seconds, *point.seconds, point.solve_seconds),
-            *(point.memory_mb, point.memory_known, point.dofs, point.best, point.automatic, point.other_model),
+            *(
+                point.name,
+                point.error,
+                point.worst,
+                *point.cpu_seconds,
+                *point.seconds,
+                point.solve_seconds,
+            ),
+            *(
+                point.memory_mb,
+                point.memory_known,
+                point.dofs,
+                point.best,
+                point.automatic,
+                point.other_model,
+            ),
         )
         for point in points
     )
@@ -136,14 +200,21 @@ def print_progress(progress: StudyProgress) -> None:
     """One line per point: how it went, and whether it was finished before."""
     record = progress.record
     seconds = median_seconds(record)
-    spent = "  finished before" if progress.known else f"{seconds[0]:8.2f} s" if seconds else f"{'':8}  "
+    spent = (
+        "  finished before"
+        if progress.known
+        else f"{seconds[0]:8.2f} s"
+        if seconds
+        else f"{'':8}  "
+    )
     state = f"  {record.status}: {record.error[:ERROR_LENGTH]}" if record.status == "failed" else ""
     line = f"  {progress.number + 1:>4}/{progress.total}  {spent}  {describe_point(progress.point)}{state}"
     make_console().print(line, markup=False, soft_wrap=True)
 
 
 def print_study(table: StudyTable, *, seconds: float, folder: Path) -> None:
-    """The table of a study (of one with a truth: errors beside costs), its orders of convergence, and what was measured how.
+    """The table of a study (of one with a truth: errors beside costs), its orders of convergence,
+    and what was measured how.
 
     Args:
         table: Of the study.
@@ -161,7 +232,9 @@ def print_study(table: StudyTable, *, seconds: float, folder: Path) -> None:
     failed = [row.record for row in table.rows if row.record.status == "failed"]
     for record in failed:
         name = ", ".join([record.family, *list_varied(record.varied)])
-        console.print(f"failed: {name.removeprefix(', ')}: {record.error}", style="bold red", markup=False)
+        console.print(
+            f"failed: {name.removeprefix(', ')}: {record.error}", style="bold red", markup=False
+        )
     print_remarks(list(dict.fromkeys(problem for row in table.rows for problem in row.problems)))
     console.print(describe_timing(table), markup=False)
     done = len(table.rows) - len(failed)
@@ -172,9 +245,15 @@ def print_study(table: StudyTable, *, seconds: float, folder: Path) -> None:
 def describe_timing(table: StudyTable) -> str:
     """How the seconds of a study were measured: store, repeats, threads, ranks."""
     records = [row.record for row in table.rows if row.record.seconds]
-    threads, ranks = (_span(getattr(record, name) for record in records) for name in ("threads", "ranks"))
+    threads, ranks = (
+        _span(getattr(record, name) for record in records) for name in ("threads", "ranks")
+    )
     spreads = [
-        spread / median for record in records if (measured := median_seconds(record)) for median, spread in [measured] if median
+        spread / median
+        for record in records
+        if (measured := median_seconds(record))
+        for median, spread in [measured]
+        if median
     ]
     cached = sum(record.cached_stages for record in records)
     store = (
@@ -193,16 +272,36 @@ def describe_timing(table: StudyTable) -> str:
 def study_csv(table: StudyTable) -> bytes:
     """One row per point: family, varied keys, watched values, seconds with their spread, state.
 
-    Varied quantities are numbers in SI with their unit in the head (``components.bed.mesh.size [m]``); other values stand as written.
+    Varied quantities are numbers in SI with their unit in the head (``components.bed.mesh.size
+    [m]``); other values stand as written.
     """
     numbers = {key: varied_numbers(table, key) for key in table.varied}
     written = [
-        [show_value(row.record.varied[key]) if key in row.record.varied else None for row in table.rows] for key in table.varied
+        [
+            show_value(row.record.varied[key]) if key in row.record.varied else None
+            for row in table.rows
+        ]
+        for key in table.varied
     ]
-    varied = [written[place] if found is None else found.values for place, found in enumerate(numbers.values())]
-    heads = [f"{key} [{found.unit}]" if found is not None and found.unit else key for key, found in numbers.items()]
+    varied = [
+        written[place] if found is None else found.values
+        for place, found in enumerate(numbers.values())
+    ]
+    heads = [
+        f"{key} [{found.unit}]" if found is not None and found.unit else key
+        for key, found in numbers.items()
+    ]
     columns = [column for column in table.columns if column not in MEASURED_NAMES]
-    timing = ("seconds", "seconds spread", "cpu seconds", "threads", "ranks", "cached stages", "status", "error")
+    timing = (
+        "seconds",
+        "seconds spread",
+        "cpu seconds",
+        "threads",
+        "ranks",
+        "cached stages",
+        "status",
+        "error",
+    )
     rows = tuple(
         (
             row.record.family,
@@ -216,7 +315,9 @@ def study_csv(table: StudyTable) -> bytes:
 
 
 class RowListing(TypedDict):
-    """A point of a study; seconds have an item per repeat, ``missing`` says which watched paths led nowhere."""
+    """A point of a study; seconds have an item per repeat, ``missing`` says which watched paths led
+    nowhere.
+    """
 
     family: str
     varied: dict[str, TomlValue]
@@ -247,7 +348,9 @@ class SeriesListing(TypedDict):
 
 
 class StudyListing(TypedDict):
-    """The content of ``study.json``: claims where there is a published reference, costs where there is a truth."""
+    """The content of ``study.json``: claims where there is a published reference, costs where there
+    is a truth.
+    """
 
     scene: str
     study: str
@@ -314,7 +417,15 @@ def _list_series(series: SizeSeries) -> SeriesListing:
 def _timing_cells(record: StudyRecord) -> tuple[Cell, ...]:
     wall, cpu = median_seconds(record), median_seconds(record, "cpu_seconds")
     spent = (wall[0], wall[1]) if wall else (None, None)
-    return (*spent, cpu[0] if cpu else None, record.threads, record.ranks, record.cached_stages, record.status, record.error)
+    return (
+        *spent,
+        cpu[0] if cpu else None,
+        record.threads,
+        record.ranks,
+        record.cached_stages,
+        record.status,
+        record.error,
+    )
 
 
 def _print_rows(console: Console, table: StudyTable) -> None:
@@ -322,9 +433,13 @@ def _print_rows(console: Console, table: StudyTable) -> None:
     families = any(row.record.family for row in table.rows)
     keys = {key: shorten_key(key) for key in table.varied}
     headings = [*keys.values(), *(short[column] for column in table.columns)]
-    shown = make_table(*(["family"] if families else []), *(f">{_break_heading(heading)}" for heading in headings))
+    shown = make_table(
+        *(["family"] if families else []), *(f">{_break_heading(heading)}" for heading in headings)
+    )
     for row in table.rows:
-        varied = (show_value(row.record.varied[key]) if key in row.record.varied else "" for key in keys)
+        varied = (
+            show_value(row.record.varied[key]) if key in row.record.varied else "" for key in keys
+        )
         values = (_show_cell(row, column, repeats=table.study.repeats) for column in table.columns)
         add_row(shown, *([row.record.family] if families else []), *varied, *values)
     print_table(console, f"Study {table.study.name}", shown)
@@ -355,17 +470,35 @@ def _show_cell(row: StudyRow, column: str, *, repeats: int) -> str:
 def _print_orders(console: Console, found: Sequence[SizeSeries]) -> None:
     short = shorten_columns([series.column for series in found])
     titled = any(series_title(series) for series in found)
-    table = make_table("value", *(["of"] if titled else []), ">finest", ">order", ">extrapolated", ">finest off by", "")
+    table = make_table(
+        "value",
+        *(["of"] if titled else []),
+        ">finest",
+        ">order",
+        ">extrapolated",
+        ">finest off by",
+        "",
+    )
     for series in found:
         out = series.extrapolation
         numbers = (
             ("-", "-", "-")
             if out.order is None or out.limit is None
-            else (f"{out.order:.2f}", f"{out.limit:.{DIGITS}g}", "-" if out.error is None else f"{100 * out.error:+.3f} %")
+            else (
+                f"{out.order:.2f}",
+                f"{out.limit:.{DIGITS}g}",
+                "-" if out.error is None else f"{100 * out.error:+.3f} %",
+            )
         )
         title = [series_title(series)] if titled else []
-        add_row(table, short[series.column], *title, f"{out.finest:.{DIGITS}g}", *numbers, out.remark)
-    print_table(console, "Order of convergence by the three finest meshes, and Richardson's extrapolation", table)
+        add_row(
+            table, short[series.column], *title, f"{out.finest:.{DIGITS}g}", *numbers, out.remark
+        )
+    print_table(
+        console,
+        "Order of convergence by the three finest meshes, and Richardson's extrapolation",
+        table,
+    )
 
 
 def _span(numbers: Iterable[int]) -> str:

@@ -1,11 +1,21 @@
-"""What the terminal shows of a run: its plan, stages as they end, and everything that it found in tables."""
+"""What the terminal shows of a run: its plan, stages as they end, and everything that it found in
+tables.
+"""
 
 from collections.abc import Iterable, Sequence
 
 from rich.console import Console
 from rich.table import Table
 
-from headstock.app.terminal.console import add_row, counted, make_console, make_table, print_remarks, print_table, spaced
+from headstock.app.terminal.console import (
+    add_row,
+    counted,
+    make_console,
+    make_table,
+    print_remarks,
+    print_table,
+    spaced,
+)
 from headstock.app.texts.bounded_values import (
     accuracy_words,
     error_words,
@@ -53,7 +63,9 @@ def print_header(scene: Scene, *, ranks: int) -> None:
     """Name what is run."""
     variant = f", variant {scene.variant}" if scene.variant else ""
     made_of = f"{counted(len(scene.machine.components), 'component')}, {counted(len(scene.machine.joints), 'joint')}{variant}"
-    make_console().print(f"{scene.name}  ({made_of}, {counted(ranks, 'rank')})", style="bold", markup=False)
+    make_console().print(
+        f"{scene.name}  ({made_of}, {counted(ranks, 'rank')})", style="bold", markup=False
+    )
 
 
 def print_stage(record: StageRecord) -> None:
@@ -74,13 +86,19 @@ def print_plan(name: str, plan: Plan) -> None:
     table = make_table("stage", "component", "pose", ">dofs ≈", ">MB ≈", "reason")
     for stage in plan.stages:
         dofs = "" if stage.estimated_dofs is None else spaced(stage.estimated_dofs)
-        memory = "" if stage.estimated_memory_mb is None else spaced(round(stage.estimated_memory_mb))
-        add_row(table, stage.kind, stage.component or "", stage.pose or "", dofs, memory, stage.reason)
+        memory = (
+            "" if stage.estimated_memory_mb is None else spaced(round(stage.estimated_memory_mb))
+        )
+        add_row(
+            table, stage.kind, stage.component or "", stage.pose or "", dofs, memory, stage.reason
+        )
     print_table(console, f"{name}: what the scene calls for", table)
     print_remarks(plan.warnings)
 
 
-def print_summary(summary: RunSummary, *, seconds: float, folder: object, said: Sequence[str] = ()) -> None:
+def print_summary(
+    summary: RunSummary, *, seconds: float, folder: object, said: Sequence[str] = ()
+) -> None:
     """Everything a run found, but warnings that were said before.
 
     Args:
@@ -97,16 +115,28 @@ def print_summary(summary: RunSummary, *, seconds: float, folder: object, said: 
         for name, point in points.items():
             _print_point(console, f"{name} in pose {pose}" if several else name, point)
     for pose, probes in summary.get("probes", {}).items():
-        print_table(console, f"Under the static loads in pose {pose}", tell_rows(PROBE_COLUMNS, probes.items()))
+        print_table(
+            console,
+            f"Under the static loads in pose {pose}",
+            tell_rows(PROBE_COLUMNS, probes.items()),
+        )
     for modes in summary["modal"]:
         print_table(console, f"Natural modes in pose {_describe_pose(modes)}", _mode_table(modes))
         _print_error_shares(console, modes)
     for pose, response in summary.get("frf", {}).items():
-        print_table(console, f"Frequency response in pose {pose}", tell_rows(PORT_COLUMNS, list_ports(response)))
+        print_table(
+            console,
+            f"Frequency response in pose {pose}",
+            tell_rows(PORT_COLUMNS, list_ports(response)),
+        )
         for words in response_error_words(response):
             console.print(f"  {words}", markup=False)
     if "path" in summary:
-        print_table(console, _path_title(summary["path"]), tell_rows(ZONE_COLUMNS, list_zones(summary["path"])))
+        print_table(
+            console,
+            _path_title(summary["path"]),
+            tell_rows(ZONE_COLUMNS, list_zones(summary["path"])),
+        )
     for pose, control in summary.get("control", {}).items():
         up_to, speed = control["up_to_hz"], 60e3 * control["speed_m_per_s"]
         print_table(
@@ -114,13 +144,19 @@ def print_summary(summary: RunSummary, *, seconds: float, folder: object, said: 
             f"Closed-loop poles in pose {pose} up to {up_to:g} Hz",
             tell_rows(POLE_COLUMNS, enumerate(control["poles"], start=1)),
         )
-        print_table(console, f"Drives in pose {pose}, lag at {speed:g} mm/min", tell_rows(DRIVE_COLUMNS, control["drives"].items()))
+        print_table(
+            console,
+            f"Drives in pose {pose}, lag at {speed:g} mm/min",
+            tell_rows(DRIVE_COLUMNS, control["drives"].items()),
+        )
     for words in accuracy_words(summary["accuracy"]) if "accuracy" in summary else ():
         console.print(words, markup=False)
     print_remarks([warning for warning in summary["warnings"] if warning not in said])
     for failure in summary["failures"]:
         console.print(f"failed: {failure}", style="bold red", markup=False)
-    console.print(f"{summary['status']} in {seconds:.2f} s, results in {folder}", style="bold", markup=False)
+    console.print(
+        f"{summary['status']} in {seconds:.2f} s, results in {folder}", style="bold", markup=False
+    )
 
 
 def tell_rows[Row](columns: Sequence[Column[Row]], rows: Iterable[Row]) -> Table:
@@ -148,12 +184,22 @@ def _tell[Row](column: Column[Row], row: Row) -> str:
 def _print_point(console: Console, place: str, point: PointSummary) -> None:
     errors = point.get("error_um_per_kN", {})
     known = any(error is not None for error in errors.values())
-    table = make_table("force", *(f">moves {direction}" for direction in "xyz"), *([">± along the force"] if known else []))
+    table = make_table(
+        "force",
+        *(f">moves {direction}" for direction in "xyz"),
+        *([">± along the force"] if known else []),
+    )
     matrix = point["compliance_um_per_kN"]
-    # row i of the matrix is the motion in i: a column per force is shown as a row, so that it reads from cause to effect
+    # row i of the matrix is the motion in i: a column per force is shown as a row, so that it reads
+    # from cause to effect
     for column, direction in enumerate("xyz"):
         moved = show_compliances(matrix, column, errors)
-        add_row(table, direction, *moved, *([show_bound(matrix[column][column], errors.get(direction))] if known else []))
+        add_row(
+            table,
+            direction,
+            *moved,
+            *([show_bound(matrix[column][column], errors.get(direction))] if known else []),
+        )
     print_table(console, f"Static compliance at {place} [µm/kN]", table)
     for direction, shares in shared_budget(point).items():
         _print_budget(console, direction, shares)
@@ -168,17 +214,23 @@ def _print_budget(console: Console, direction: str, shares: dict[str, float]) ->
     for index, (name, share) in enumerate(shown):
         head = f"budget {direction}" if index == 0 else ""
         bar = "█" * max(1, round(BAR_LENGTH * share))
-        console.print(f"  {head:<9} {name:<24} {100 * share:5.1f} %  {bar}", markup=False, soft_wrap=True)
+        console.print(
+            f"  {head:<9} {name:<24} {100 * share:5.1f} %  {bar}", markup=False, soft_wrap=True
+        )
     rest = sum(share for _, share in ordered) - sum(share for _, share in shown)
     if rest >= SMALLEST_SHARE:
-        console.print(f"  {'':<9} {'all others':<24} {100 * rest:5.1f} %", markup=False, soft_wrap=True)
+        console.print(
+            f"  {'':<9} {'all others':<24} {100 * rest:5.1f} %", markup=False, soft_wrap=True
+        )
 
 
 def describe_position(modes: ModesSummary) -> str:
     """Where the axes stand in the pose of some modes: ``Y = 30 mm``."""
     units = modes["pose_units"]
     return ", ".join(
-        f"{axis} = {show_position(position, units[axis])}" for axis, position in modes["pose"].items() if axis in units
+        f"{axis} = {show_position(position, units[axis])}"
+        for axis, position in modes["pose"].items()
+        if axis in units
     )
 
 
@@ -221,13 +273,17 @@ def _mode_table(modes: ModesSummary) -> Table:
 
 def _print_error_shares(console: Console, modes: ModesSummary) -> None:
     """Where the errors of a pose's frequencies come from."""
-    found = ", ".join(f"{source} up to {show_size(size)} Hz" for source, size in largest_shares(modes).items())
+    found = ", ".join(
+        f"{source} up to {show_size(size)} Hz" for source, size in largest_shares(modes).items()
+    )
     for words in [f"± covers 95 % of errors, from {found}"] * bool(found) + error_words(modes):
         console.print(f"  {words}", markup=False)
     console.print()
 
 
 def _path_title(path: PathSummary) -> str:
-    moved = ", ".join(axis for axis, place in path["end"].items() if place != path["start"].get(axis, 0.0))
+    moved = ", ".join(
+        axis for axis, place in path["end"].items() if place != path["start"].get(axis, 0.0)
+    )
     low_pass = "" if path["lowpass_hz"] is None else f", below {path['lowpass_hz']:g} Hz"
     return f"Deviation while {moved} moves {1e3 * path['length']:g} mm{low_pass} [µm or µrad, s]"

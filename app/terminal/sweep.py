@@ -1,11 +1,20 @@
-"""What the terminal shows of a sweep: what is swept, ranges of every quantity, crossings, poses that failed."""
+"""What the terminal shows of a sweep: what is swept, ranges of every quantity, crossings, poses
+that failed.
+"""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from rich.table import Table
 
-from headstock.app.terminal.console import add_row, counted, make_console, make_table, print_remarks, print_table
+from headstock.app.terminal.console import (
+    add_row,
+    counted,
+    make_console,
+    make_table,
+    print_remarks,
+    print_table,
+)
 from headstock.app.texts.bounded_values import show_bound
 from headstock.app.texts.sweep_quantities import sampled_error_words
 from headstock.geometry.frames import FloatArray
@@ -24,13 +33,19 @@ def print_sweep_header(job: SweepJob, *, ranks: int) -> None:
     sizes = " × ".join(str(sweep.shape[column]) for column in moving)
     variant = f", variant {job.scene.variant}" if job.scene.variant else ""
     poses = counted(len(sweep.positions), "pose")
-    poses += f", {sizes} over {' and '.join(sweep.axes[column] for column in moving)}" if moving else ""
+    poses += (
+        f", {sizes} over {' and '.join(sweep.axes[column] for column in moving)}" if moving else ""
+    )
     make_console().print(
-        f"{job.scene.name}: sweep {sweep.name}  ({poses}{variant}, {counted(ranks, 'rank')})", style="bold", markup=False
+        f"{job.scene.name}: sweep {sweep.name}  ({poses}{variant}, {counted(ranks, 'rank')})",
+        style="bold",
+        markup=False,
     )
 
 
-def print_sweep(summary: SweepSummary, results: SweepResults, *, computed: int, seconds: float, folder: object) -> None:
+def print_sweep(
+    summary: SweepSummary, results: SweepResults, *, computed: int, seconds: float, folder: object
+) -> None:
     """Ranges of every quantity and where they lie.
 
     Args:
@@ -43,16 +58,24 @@ def print_sweep(summary: SweepSummary, results: SweepResults, *, computed: int, 
     console = make_console()
     console.print()
     if results.frequencies_hz.shape[1]:
-        print_table(console, "Natural modes, followed from pose to pose [Hz]", _mode_table(summary, results))
+        print_table(
+            console, "Natural modes, followed from pose to pose [Hz]", _mode_table(summary, results)
+        )
     for crossing in summary["crossings"]:
         one, other = crossing["modes"]
         console.print(
             f"modes {one} and {other} cross between {counted(crossing['between_neighbours'], 'pair')} of neighbouring poses"
         )
     for name, point in summary["static"].items():
-        samples = [sample["error_um_per_kN"] for sample in summary["sampled_errors"] if sample["error_um_per_kN"]]
+        samples = [
+            sample["error_um_per_kN"]
+            for sample in summary["sampled_errors"]
+            if sample["error_um_per_kN"]
+        ]
         errors = samples[0][name] if samples else {}
-        print_table(console, f"Static compliance at {name} [µm/kN]", _point_table(point, results, errors))
+        print_table(
+            console, f"Static compliance at {name} [µm/kN]", _point_table(point, results, errors)
+        )
     for words in sampled_error_words(summary):
         console.print(words, markup=False)
     _print_states(results)
@@ -65,7 +88,9 @@ def print_sweep(summary: SweepSummary, results: SweepResults, *, computed: int, 
 
 
 def _describe_poses(total: int, computed: int) -> str:
-    """How many poses this call computed, and how many it found: those of earlier calls, or of the tasks of a cluster."""
+    """How many poses this call computed, and how many it found: those of earlier calls, or of the
+    tasks of a cluster.
+    """
     if computed == total:
         return f"{counted(total, 'pose')} computed"
     found = f"{counted(total - computed, 'finished pose')} collected"
@@ -73,17 +98,43 @@ def _describe_poses(total: int, computed: int) -> str:
 
 
 def _mode_table(summary: SweepSummary, results: SweepResults) -> Table:
-    errors = {int(mode): size for sample in summary["sampled_errors"] for mode, size in sample["error_hz"].items()}
+    errors = {
+        int(mode): size
+        for sample in summary["sampled_errors"]
+        for mode, size in sample["error_hz"].items()
+    }
     known = any(size is not None for size in errors.values())
-    table = make_table(">no.", ">lowest", "<at", ">highest", "<at", *(["<± Hz"] if known else []), ">poses", ">least MAC", "mode")
+    table = make_table(
+        ">no.",
+        ">lowest",
+        "<at",
+        ">highest",
+        "<at",
+        *(["<± Hz"] if known else []),
+        ">poses",
+        ">least MAC",
+        "mode",
+    )
     for number in range(results.frequencies_hz.shape[1]):
         values = results.frequencies_hz[:, number]
-        least = np.nanmin(results.tracked.correlation[:, number]) if results.tracked is not None else np.nan
+        least = (
+            np.nanmin(results.tracked.correlation[:, number])
+            if results.tracked is not None
+            else np.nan
+        )
         add_row(
             table,
             str(number + 1),
             *_range_cells(values, results, "{:.3f}"),
-            *([show_bound(float(np.nanmax(values)), errors[number + 1]) if number + 1 in errors else ""] if known else []),
+            *(
+                [
+                    show_bound(float(np.nanmax(values)), errors[number + 1])
+                    if number + 1 in errors
+                    else ""
+                ]
+                if known
+                else []
+            ),
             str(np.isfinite(values).sum()),
             f"{least:.2f}",
             results.mode_names[number],
@@ -91,7 +142,9 @@ def _mode_table(summary: SweepSummary, results: SweepResults) -> Table:
     return table
 
 
-def _point_table(point: PointMapSummary, results: SweepResults, errors: Mapping[str, float | None]) -> Table:
+def _point_table(
+    point: PointMapSummary, results: SweepResults, errors: Mapping[str, float | None]
+) -> Table:
     known = any(size is not None for size in errors.values())
     table = make_table("", ">lowest", "<at", ">highest", "<at", *(["<±"] if known else []))
     matrix = np.array(point["compliance_um_per_kN"], dtype=float)
@@ -100,7 +153,16 @@ def _point_table(point: PointMapSummary, results: SweepResults, errors: Mapping[
     for name, values in rows.items():
         cells = _range_cells(values, results, "{:.4g}")
         shown = name in errors and np.isfinite(values).any()
-        add_row(table, name, *cells, *([show_bound(float(np.nanmax(values)), errors[name]) if shown else ""] if known else []))
+        add_row(
+            table,
+            name,
+            *cells,
+            *(
+                [show_bound(float(np.nanmax(values)), errors[name]) if shown else ""]
+                if known
+                else []
+            ),
+        )
     return table
 
 
@@ -116,10 +178,17 @@ def _print_states(results: SweepResults) -> None:
     console = make_console()
     out = sum(state == "unreachable" for state in results.states)
     if out:
-        console.print(f"{counted(out, 'pose')} of {len(results.states)} cannot be taken by the mechanism")
+        console.print(
+            f"{counted(out, 'pose')} of {len(results.states)} cannot be taken by the mechanism"
+        )
     for number in results.failed[:FAILED_SHOWN]:
         console.print(
-            f"failed: pose {describe_positions(results.sweep, number)}: {results.errors[number]}", style="bold red", markup=False
+            f"failed: pose {describe_positions(results.sweep, number)}: {results.errors[number]}",
+            style="bold red",
+            markup=False,
         )
     if len(results.failed) > FAILED_SHOWN:
-        console.print(f"failed: {len(results.failed) - FAILED_SHOWN} poses more, in sweep.json", style="bold red")
+        console.print(
+            f"failed: {len(results.failed) - FAILED_SHOWN} poses more, in sweep.json",
+            style="bold red",
+        )

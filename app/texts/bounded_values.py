@@ -1,7 +1,9 @@
-"""How values and their errors read: one rounding rule, ``77.4 ± 0.6``, for terminal, report and CSV; and what is in an error.
+"""How values and their errors read: one rounding rule, ``77.4 ± 0.6``, for terminal, report and
+CSV; and what is in an error.
 
-An error keeps two digits where it begins with 1 or 2, else one, and is never rounded down; its value ends at the same decimal. A value
-has at most five significant digits: an error below its last one is shown as less than that digit.
+An error keeps two digits where it begins with 1 or 2, else one, and is never rounded down; its
+value ends at the same decimal. A value has at most five significant digits: an error below its last
+one is shown as less than that digit.
 """
 
 import math
@@ -15,19 +17,25 @@ from headstock.pipeline.results.frf import ResponseSummary
 
 MOST_DIGITS = 5  # significant ones of a value, however small its error is
 LARGE_FIRST_DIGIT = 3  # an error that begins with it or more keeps one digit
-LEAST_POSITIONAL = -9  # power of ten of the last digit; below it numbers are written with an exponent
+LEAST_POSITIONAL = (
+    -9
+)  # power of ten of the last digit; below it numbers are written with an exponent
 NO_BOUND = "± ?"
 FREE = "free"  # in place of a compliance that a free motion of the machine leaves open
 
 
 def bound_size(value: float | None, error: float | None) -> float | None:
-    """What stands behind ±, as a number: the error rounded up by the rule, at least the last digit that the value may have."""
+    """What stands behind ±, as a number: the error rounded up by the rule, at least the last digit
+    that the value may have.
+    """
     size = None if value is None else _round(value, error).size
     return None if size is None else float(size)
 
 
 def show_bound(value: float | None, error: float | None) -> str:
-    """``± 0.6``, ``± <0.001`` below the last digit that the value may have, ``± ?`` where no error is known; nothing without value."""
+    """``± 0.6``, ``± <0.001`` below the last digit that the value may have, ``± ?`` where no error
+    is known; nothing without value.
+    """
     if value is None:
         return ""
     found = _round(value, error)
@@ -37,13 +45,21 @@ def show_bound(value: float | None, error: float | None) -> str:
 def show_bounded(value: float, error: float | None = None) -> str:
     """A value to the decimal at which its error ends."""
     last = _round(value, error).last
-    return "0" if last is None else _write(Decimal(repr(float(value))).quantize(last, rounding=ROUND_HALF_EVEN))
+    return (
+        "0"
+        if last is None
+        else _write(Decimal(repr(float(value))).quantize(last, rounding=ROUND_HALF_EVEN))
+    )
 
 
 def show_digits(value: float, digits: int) -> str:
-    """A number to so many significant digits, with their zeros and without a bare point: ``99.50``, ``1010``."""
+    """A number to so many significant digits, with their zeros and without a bare point: ``99.50``,
+    ``1010``.
+    """
     exact = Decimal(repr(float(value)))
-    return _write(exact.quantize(Decimal(1).scaleb(exact.adjusted() - digits + 1))) if exact else "0"
+    return (
+        _write(exact.quantize(Decimal(1).scaleb(exact.adjusted() - digits + 1))) if exact else "0"
+    )
 
 
 def show_size(error: float | None) -> str:
@@ -57,24 +73,35 @@ def raise_digits(power: int) -> str:
     return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
-def show_compliances(matrix: Sequence[Sequence[float | None]], column: int, errors: Mapping[str, float | None]) -> list[str]:
-    """Motions in x, y and z under a force in one direction; across the force as coarse as along either direction.
+def show_compliances(
+    matrix: Sequence[Sequence[float | None]], column: int, errors: Mapping[str, float | None]
+) -> list[str]:
+    """Motions in x, y and z under a force in one direction; across the force as coarse as along
+    either direction.
 
     Args:
         matrix: ``(3, 3)`` compliances, a column per force; None where a free motion leaves it open.
         column: Direction of the force.
-        errors: Direction to how far the compliance along it may be off; those that are missing are not known.
+        errors: Direction to how far the compliance along it may be off; those that are missing are
+            not known.
     """
     along = [(matrix[place][place], errors.get(direction)) for place, direction in enumerate("xyz")]
     lasts = [None if value is None else _round(value, error).last for value, error in along]
     shown = []
     for row, values in enumerate(matrix):
-        known, value = [last for last in (lasts[row], lasts[column]) if last is not None], values[column]
+        known, value = (
+            [last for last in (lasts[row], lasts[column]) if last is not None],
+            values[column],
+        )
         if value is None:
             shown.append(FREE)
         else:
             exact = Decimal(repr(float(value)))
-            shown.append(_write(exact.quantize(max(known), ROUND_HALF_EVEN)) if known else show_bounded(value))
+            shown.append(
+                _write(exact.quantize(max(known), ROUND_HALF_EVEN))
+                if known
+                else show_bounded(value)
+            )
     return shown
 
 
@@ -118,7 +145,9 @@ def show_damping_error(ratio: float | None, error: float | None, *, rigid: bool)
 
 @dataclass(frozen=True)
 class _Rounded:
-    """An error as it is printed (None: not known), whether it is below what is printed, and the last digit of its value."""
+    """An error as it is printed (None: not known), whether it is below what is printed, and the
+    last digit of its value.
+    """
 
     size: Decimal | None
     below: bool
@@ -137,7 +166,9 @@ def _round(value: float, error: float | None) -> _Rounded:
     size = exact
     for _ in range(2):  # 0.296 rises to 0.30, which begins with 3: 0.3
         digit = _error_digit(size)
-        size = size.quantize(digit if finest is None else max(digit, finest), rounding=ROUND_CEILING)
+        size = size.quantize(
+            digit if finest is None else max(digit, finest), rounding=ROUND_CEILING
+        )
     return _Rounded(size, below=False, last=Decimal(1).scaleb(int(size.as_tuple().exponent)))
 
 
@@ -148,7 +179,11 @@ def _error_digit(error: Decimal) -> Decimal:
 
 
 def _last_digit(value: float) -> Decimal | None:
-    return Decimal(1).scaleb(Decimal(repr(float(value))).adjusted() - MOST_DIGITS + 1) if value else None
+    return (
+        Decimal(1).scaleb(Decimal(repr(float(value))).adjusted() - MOST_DIGITS + 1)
+        if value
+        else None
+    )
 
 
 def _write(number: Decimal) -> str:
@@ -166,7 +201,10 @@ def largest_shares(modes: FrequencyErrors) -> dict[str, float]:
     """Largest part [Hz] of each source over the elastic modes of a pose."""
     shares = modes.get("error_share", [])[modes["rigid_count"] :]
     sources = dict.fromkeys(source for share in shares for source in share)
-    return {source: max((share[source] or 0.0 for share in shares if source in share), default=0.0) for source in sources}
+    return {
+        source: max((share[source] or 0.0 for share in shares if source in share), default=0.0)
+        for source in sources
+    }
 
 
 def error_words(modes: FrequencyErrors) -> list[str]:
@@ -178,19 +216,27 @@ def error_words(modes: FrequencyErrors) -> list[str]:
     if modes.get("error_left_out"):
         words.append(f"not in ±: {'; '.join(modes['error_left_out'])}")
     if any(share.get(REDUCTION, 0.0) is None for share in shares):
-        words.append(f"{NO_BOUND} : beyond the cut-off of the modes kept, where there is no bound; see the warnings")
+        words.append(
+            f"{NO_BOUND} : beyond the cut-off of the modes kept, where there is no bound; see the warnings"
+        )
     if any(share.get(DISCRETISATION, 0.0) is None for share in shares):
-        words.append(f"{NO_BOUND} : modes of imported parts take part whose mesh error their files do not state")
+        words.append(
+            f"{NO_BOUND} : modes of imported parts take part whose mesh error their files do not state"
+        )
     return words
 
 
 def response_error_words(response: ResponseSummary) -> list[str]:
-    """How far the lines of a frequency response may be off, by source, and what is not in it; empty where nothing is known."""
+    """How far the lines of a frequency response may be off, by source, and what is not in it; empty
+    where nothing is known.
+    """
     found, left_out = response.get("error"), response.get("error_left_out")
     if not found:
         return [f"{NO_BOUND} : nothing is known of {'; '.join(left_out)}"] if left_out else []
     if None in found.values():
-        return ["no bound of the reduction error: the range lies beyond the cut-off of the modes kept"]
+        return [
+            "no bound of the reduction error: the range lies beyond the cut-off of the modes kept"
+        ]
     parts = [
         f"{source} {100 * shares['median_share']:.2g} % of a line in the median, at most {100 * shares['largest_share']:.2g} % at "
         f"{shares['largest_share_hz']:.4g} Hz"
@@ -207,7 +253,9 @@ def response_error_words(response: ResponseSummary) -> list[str]:
 
 
 def accuracy_words(accuracy: AccuracySummary) -> list[str]:
-    """How settings were chosen for an accuracy: what was asked for, what is reached, and with which settings."""
+    """How settings were chosen for an accuracy: what was asked for, what is reached, and with which
+    settings.
+    """
     rounds, reached = accuracy["rounds"], accuracy["estimated"]
     if "owner" not in rounds[-1]:
         return [

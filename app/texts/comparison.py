@@ -1,4 +1,6 @@
-"""Variants side by side in words and rows: which modes are alike, where errors come from, tables for CSV files."""
+"""Variants side by side in words and rows: which modes are alike, where errors come from, tables
+for CSV files.
+"""
 
 from headstock.app.texts.bounded_values import bound_size, error_words, largest_shares, show_size
 from headstock.app.texts.tables import PlainTable, encode_csv
@@ -17,22 +19,37 @@ def describe_store(effort: EffortSummary) -> str:
     if not effort["from_store"]:
         return "cold"
     every = effort["from_store"] == effort["elastic_components"]
-    return "from the store" if every else f"{effort['from_store']} of {effort['elastic_components']} from the store"
+    return (
+        "from the store"
+        if every
+        else f"{effort['from_store']} of {effort['elastic_components']} from the store"
+    )
 
 
 def variant_error_words(summary: ComparisonSummary) -> list[str]:
-    """Where the errors of the variants' numbers come from and what is not in them; once for variants that share the words."""
+    """Where the errors of the variants' numbers come from and what is not in them; once for
+    variants that share the words.
+    """
     owners: dict[str, list[str]] = {}
     for name, variant in summary["variants"].items():
-        sources = [f"{source} up to {show_size(size)} Hz" for source, size in largest_shares(variant).items()]
+        sources = [
+            f"{source} up to {show_size(size)} Hz"
+            for source, size in largest_shares(variant).items()
+        ]
         words = [f"± covers 95 % of errors, from {', '.join(sources)}"] if sources else []
         owners.setdefault("; ".join([*words, *error_words(variant)]), []).append(name)
     return [f"{', '.join(names)}: {words}" for words, names in owners.items() if words]
 
 
 def alike_rigid_modes(summary: ComparisonSummary) -> list[RowSummary]:
-    """Rows in which the machine moves as one body, much the same in every variant: one line is enough for all of them."""
-    return [row for row in summary["modes"] if WHOLE_MACHINE in row["name"] and all(map(_is_alike, row["variants"].values()))]
+    """Rows in which the machine moves as one body, much the same in every variant: one line is
+    enough for all of them.
+    """
+    return [
+        row
+        for row in summary["modes"]
+        if WHOLE_MACHINE in row["name"] and all(map(_is_alike, row["variants"].values()))
+    ]
 
 
 def _is_alike(cell: CellSummary | None) -> bool:
@@ -41,16 +58,25 @@ def _is_alike(cell: CellSummary | None) -> bool:
 
 def row_frequencies(row: RowSummary) -> dict[str, float]:
     """Frequency of a mode in each variant that has it [Hz]."""
-    return {name: cell["frequency_hz"] for name, cell in row["variants"].items() if cell is not None}
+    return {
+        name: cell["frequency_hz"] for name, cell in row["variants"].items() if cell is not None
+    }
 
 
 def list_points(summary: ComparisonSummary) -> list[str]:
     """Points at which a variant has a compliance, in their order."""
-    return list(dict.fromkeys(point for variant in summary["variants"].values() for point in variant["static"]))
+    return list(
+        dict.fromkeys(
+            point for variant in summary["variants"].values() for point in variant["static"]
+        )
+    )
 
 
-def read_compliance(summary: ComparisonSummary, name: str, point: str, row: int, column: int) -> float | None:
-    """Entry of the compliance matrix of a variant at a point [µm/kN]; None where it has no such point, or moves freely.
+def read_compliance(
+    summary: ComparisonSummary, name: str, point: str, row: int, column: int
+) -> float | None:
+    """Entry of the compliance matrix of a variant at a point [µm/kN]; None where it has no such
+    point, or moves freely.
 
     Args:
         summary: Of a comparison.
@@ -71,15 +97,29 @@ def comparison_csv(summary: ComparisonSummary) -> dict[str, bytes]:
         "modes",
         ("mode", "origin", *(label.format(name) for name in names for label in labels)),
         tuple(
-            (row["name"], row["origin"], *(item for name in names for item in _list_cell(row["variants"][name])))
+            (
+                row["name"],
+                row["origin"],
+                *(item for name in names for item in _list_cell(row["variants"][name])),
+            )
             for row in summary["modes"]
         ),
     )
     compliances = PlainTable(
         "compliances",
-        ("point", "motion in", "force in", *(text for name in names for text in (f"{name} [um/kN]", f"{name} ± [um/kN]"))),
+        (
+            "point",
+            "motion in",
+            "force in",
+            *(text for name in names for text in (f"{name} [um/kN]", f"{name} ± [um/kN]")),
+        ),
         tuple(
-            (point, a, b, *(item for name in names for item in _list_entry(summary, name, point, i, j)))
+            (
+                point,
+                a,
+                b,
+                *(item for name in names for item in _list_entry(summary, name, point, i, j)),
+            )
             for point in list_points(summary)
             for j, b in enumerate(DIRECTIONS)
             for i, a in enumerate(DIRECTIONS)
@@ -115,11 +155,21 @@ def comparison_csv(summary: ComparisonSummary) -> dict[str, bytes]:
 def _list_cell(cell: CellSummary | None) -> tuple[float | None, ...]:
     if cell is None:
         return (None,) * 5
-    return cell["number"], cell["frequency_hz"], bound_size(cell["frequency_hz"], cell["error_hz"]), cell["deviation"], cell["mac"]
+    return (
+        cell["number"],
+        cell["frequency_hz"],
+        bound_size(cell["frequency_hz"], cell["error_hz"]),
+        cell["deviation"],
+        cell["mac"],
+    )
 
 
-def _list_entry(summary: ComparisonSummary, name: str, point: str, row: int, column: int) -> tuple[float | None, float | None]:
+def _list_entry(
+    summary: ComparisonSummary, name: str, point: str, row: int, column: int
+) -> tuple[float | None, float | None]:
     value = read_compliance(summary, name, point, row, column)
     if value is None or row != column:
         return value, None
-    return value, bound_size(value, summary["variants"][name]["static"][point]["error_um_per_kN"][DIRECTIONS[row]])
+    return value, bound_size(
+        value, summary["variants"][name]["static"][point]["error_um_per_kN"][DIRECTIONS[row]]
+    )

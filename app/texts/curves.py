@@ -1,4 +1,6 @@
-"""How curves are drawn, in the report and as figures: units, ranges, ticks, and as many points as can be seen."""
+"""How curves are drawn, in the report and as figures: units, ranges, ticks, and as many points as
+can be seen.
+"""
 
 import itertools
 import math
@@ -17,7 +19,8 @@ RATES: dict[Motion, str] = {"receptance": "", "mobility": "/s", "accelerance": "
 
 
 def response_unit(motion: Motion, output: Port, given: Port) -> tuple[str, float]:
-    """Unit in which an entry is shown, and the factor from SI to it; compliances in µm/kN, as everywhere but in files in SI.
+    """Unit in which an entry is shown, and the factor from SI to it; compliances in µm/kN, as
+    everywhere but in files in SI.
 
     Args:
         motion: Which member of the family of frequency responses.
@@ -36,19 +39,30 @@ def name_entry(output: Port, given: Port) -> str:
 
 
 def magnitude_range(size: FloatArray) -> tuple[float, float]:
-    """Lowest and highest magnitude to draw: around the curve, at most five decades below its top."""
+    """Lowest and highest magnitude to draw: around the curve, at most five decades below its
+    top.
+    """
     known = size[np.isfinite(size) & (size > 0.0)]
     if not len(known):
         return 0.1, 1.0
-    return float(max(known.min() / 1.5, known.max() / 10.0**DECADES_SHOWN)), float(2.0 * known.max())
+    return float(max(known.min() / 1.5, known.max() / 10.0**DECADES_SHOWN)), float(
+        2.0 * known.max()
+    )
 
 
 def round_ticks(low: float, high: float) -> list[float]:
-    """Round numbers on a logarithmic axis: decades; where they are few, also their doubles and fives, or every whole multiple."""
+    """Round numbers on a logarithmic axis: decades; where they are few, also their doubles and
+    fives, or every whole multiple.
+    """
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     found: list[float] = []
     for factors in ((1,), (1, 2, 5), range(1, 10)):
-        found = [factor * 10.0**power for power in powers for factor in factors if low <= factor * 10.0**power <= high]
+        found = [
+            factor * 10.0**power
+            for power in powers
+            for factor in factors
+            if low <= factor * 10.0**power <= high
+        ]
         if len(found) >= LEAST_TICKS:
             break
     return found
@@ -65,25 +79,37 @@ def even_ticks(low: float, high: float, count: int) -> list[float]:
     rough = (high - low) / count
     unit = 10.0 ** math.floor(math.log10(rough))
     step = next(factor * unit for factor in (1.0, 2.0, 5.0, 10.0) if factor * unit >= rough)
-    return [step * number for number in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
+    return [
+        step * number
+        for number in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
+    ]
 
 
 def broken_phase(values: ComplexArray) -> FloatArray:
-    """Phase [degrees], NaN where it jumps from -180 to 180: a line there would say something that is not so."""
+    """Phase [degrees], NaN where it jumps from -180 to 180: a line there would say something that
+    is not so.
+    """
     phase = np.degrees(np.angle(values))
     return np.where(np.abs(np.diff(phase, prepend=phase[:1])) > 180.0, np.nan, phase)
 
 
 def overlaid_responses(responses: Mapping[str, ResponseCurves]) -> list[ResponseCurves]:
-    """The responses of all poses, where there are several and they are of the same entries; else none."""
+    """The responses of all poses, where there are several and they are of the same entries; else
+    none.
+    """
     found = [responses[pose] for pose in sorted(responses)]  # the order in which files hold them
     first = found[0] if found else None
-    same = all((one.inputs, one.outputs, one.motion) == (first.inputs, first.outputs, first.motion) for one in found if first)
+    same = all(
+        (one.inputs, one.outputs, one.motion) == (first.inputs, first.outputs, first.motion)
+        for one in found
+        if first
+    )
     return found if len(found) > 1 and same else []
 
 
 def thin_curve(x: FloatArray, y: FloatArray, bins: int) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest point of each of so many stretches, in order: what a plot of that width shows of a curve.
+    """Lowest and highest point of each of so many stretches, in order: what a plot of that width
+    shows of a curve.
 
     Args:
         x: From left to right ``(n,)``.

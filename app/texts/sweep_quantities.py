@@ -34,39 +34,100 @@ class Quantity:
 
 
 def list_quantities(summary: SweepSummary) -> list[Quantity]:
-    """Frequencies of tracked modes, compliances, condition number and figures of frequency responses."""
-    found = [Quantity(f"mode_{number}", f"mode {number}", "Hz", values) for number, values in enumerate(_columns(summary), start=1)]
+    """Frequencies of tracked modes, compliances, condition number and figures of frequency
+    responses.
+    """
+    found = [
+        Quantity(f"mode_{number}", f"mode {number}", "Hz", values)
+        for number, values in enumerate(_columns(summary), start=1)
+    ]
     for point, entry in summary["static"].items():
         matrix = np.array(entry["compliance_um_per_kN"], dtype=float).reshape(-1, 3, 3)
         found += [
-            Quantity(f"compliance_{point}_{axis}", f"compliance {axis} at {point}", "µm/kN", matrix[:, place, place])
+            Quantity(
+                f"compliance_{point}_{axis}",
+                f"compliance {axis} at {point}",
+                "µm/kN",
+                matrix[:, place, place],
+            )
             for place, axis in enumerate("xyz")
         ]
-        largest, ratio = (np.array(values, dtype=float) for values in (entry["largest_um_per_kN"], entry["ratio"]))
-        found.append(Quantity(f"compliance_{point}_largest", f"largest compliance at {point}", "µm/kN", largest))
-        found.append(Quantity(f"compliance_{point}_ratio", f"largest over smallest compliance at {point}", "", ratio))
+        largest, ratio = (
+            np.array(values, dtype=float) for values in (entry["largest_um_per_kN"], entry["ratio"])
+        )
+        found.append(
+            Quantity(
+                f"compliance_{point}_largest", f"largest compliance at {point}", "µm/kN", largest
+            )
+        )
+        found.append(
+            Quantity(
+                f"compliance_{point}_ratio",
+                f"largest over smallest compliance at {point}",
+                "",
+                ratio,
+            )
+        )
     if summary["condition_number"] is not None:
-        found.append(Quantity("condition_number", "condition number", "", np.array(summary["condition_number"], dtype=float)))
+        found.append(
+            Quantity(
+                "condition_number",
+                "condition number",
+                "",
+                np.array(summary["condition_number"], dtype=float),
+            )
+        )
     for port, figures in summary["frf"].items():
         found += [
-            Quantity(f"frf_{port.replace(' ', '_')}_{key}", f"{title} at {port}", unit, np.array(figures[key], dtype=float))
+            Quantity(
+                f"frf_{port.replace(' ', '_')}_{key}",
+                f"{title} at {port}",
+                unit,
+                np.array(figures[key], dtype=float),
+            )
             for key, (title, unit) in FIGURE_TITLES.items()
         ]
     return found
 
 
 def tabulate_sweep(summary: SweepSummary) -> PlainTable:
-    """A row per pose: its positions in SI, its state, every quantity with its unit in the head, and what gives most at each point."""
+    """A row per pose: its positions in SI, its state, every quantity with its unit in the head, and
+    what gives most at each point.
+    """
     quantities = list_quantities(summary)
     labels = summary["labels"] or [""] * len(summary["positions"])
-    axes = [f"{axis} [{unit}]" for axis, unit in zip(summary["axes"], summary["units"], strict=True)]
-    names = [f"{quantity.name} [{quantity.unit.replace('µ', 'u')}]" if quantity.unit else quantity.name for quantity in quantities]
-    weakest = [(f"weakest {axis} at {name}", point["weakest"]) for name, point in summary["static"].items() for axis in "xyz"]
+    axes = [
+        f"{axis} [{unit}]" for axis, unit in zip(summary["axes"], summary["units"], strict=True)
+    ]
+    names = [
+        f"{quantity.name} [{quantity.unit.replace('µ', 'u')}]" if quantity.unit else quantity.name
+        for quantity in quantities
+    ]
+    weakest = [
+        (f"weakest {axis} at {name}", point["weakest"])
+        for name, point in summary["static"].items()
+        for axis in "xyz"
+    ]
     rows = []
-    for number, (positions, label, state) in enumerate(zip(summary["positions"], labels, summary["states"], strict=True)):
-        values = [float(quantity.values[number]) if np.isfinite(quantity.values[number]) else None for quantity in quantities]
+    for number, (positions, label, state) in enumerate(
+        zip(summary["positions"], labels, summary["states"], strict=True)
+    ):
+        values = [
+            float(quantity.values[number]) if np.isfinite(quantity.values[number]) else None
+            for quantity in quantities
+        ]
         links = [links[number][place % 3] or None for place, (_, links) in enumerate(weakest)]
-        rows.append((number + 1, label or None, *positions, state, *values, *links, summary["errors"].get(str(number))))
+        rows.append(
+            (
+                number + 1,
+                label or None,
+                *positions,
+                state,
+                *values,
+                *links,
+                summary["errors"].get(str(number)),
+            )
+        )
     heads = ("pose", "name", *axes, "state", *names, *(heading for heading, _ in weakest), "error")
     return PlainTable("sweep", heads, tuple(rows))
 
@@ -82,16 +143,26 @@ def sampled_error_words(summary: SweepSummary) -> list[str]:
     for sample in summary["sampled_errors"]:
         place = ", ".join(
             f"{axis} {show_position(value, unit)}"
-            for axis, value, unit in zip(summary["axes"], summary["positions"][sample["pose"]], summary["units"], strict=True)
+            for axis, value, unit in zip(
+                summary["axes"], summary["positions"][sample["pose"]], summary["units"], strict=True
+            )
         )
         modes = sample["error_hz"]
         plural = "s" if len(modes) > 1 else ""
-        what = [f"mode{plural} {', '.join(modes)}"] * any(size is not None for size in modes.values())
+        what = [f"mode{plural} {', '.join(modes)}"] * any(
+            size is not None for size in modes.values()
+        )
         points = sample["error_um_per_kN"]
-        what += ["compliances"] * any(size is not None for errors in points.values() for size in errors.values())
-        left = f"; not in ±: {'; '.join(sample['error_left_out'])}" if sample["error_left_out"] else ""
+        what += ["compliances"] * any(
+            size is not None for errors in points.values() for size in errors.values()
+        )
+        left = (
+            f"; not in ±: {'; '.join(sample['error_left_out'])}" if sample["error_left_out"] else ""
+        )
         if what:
-            words.append(f"± of {' and '.join(what)} covers 95 % of errors in pose {place}, and was estimated in no other{left}")
+            words.append(
+                f"± of {' and '.join(what)} covers 95 % of errors in pose {place}, and was estimated in no other{left}"
+            )
         elif left:
             words.append(f"no ± in pose {place}{left}")
     return words

@@ -19,13 +19,24 @@ from headstock.pipeline.results.frf import PortSummary, ResponseCurves, Response
 from headstock.pipeline.results.map import Grid, MapSummary
 from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.mode_files import file_stem
-from headstock.pipeline.results.path import FeedSummary, PathCurves, PathSummary, ZoneSummary, deviation_unit
+from headstock.pipeline.results.path import (
+    FeedSummary,
+    PathCurves,
+    PathSummary,
+    ZoneSummary,
+    deviation_unit,
+)
 from headstock.pipeline.results.static import PointSummary, ProbeSummary
 from headstock.pipeline.results.summary import ComponentSummary, RunSummary
 from headstock.solvers.second_order import name_port
 
 type Cell = str | float | None
-PART_NAMES = {"total": "deviation", "quasi_static": "quasi-static", "sway": "sway", "dynamic": "ringing"}
+PART_NAMES = {
+    "total": "deviation",
+    "quasi_static": "quasi-static",
+    "sway": "sway",
+    "dynamic": "ringing",
+}
 
 
 @dataclass(frozen=True)
@@ -39,7 +50,8 @@ class PlainTable:
 
 @dataclass(frozen=True)
 class Column[Row]:
-    """A column of a table, the same for the screen, the report and files; each leaves out what has no heading there.
+    """A column of a table, the same for the screen, the report and files; each leaves out what has
+    no heading there.
 
     Attributes:
         value: Of a row, unrounded; None where there is none.
@@ -49,7 +61,8 @@ class Column[Row]:
         digits: Significant ones of a number on the screen and in the report.
         show: Another way to write a number there.
         missing: Written there in place of None; empty for a dash.
-        error: How far the number of a row may be off; None where nobody says, and the number is then written like any other.
+        error: How far the number of a row may be off; None where nobody says, and the number is
+            then written like any other.
     """
 
     value: Callable[[Row], Cell]
@@ -72,7 +85,9 @@ def tabulate[Row](name: str, columns: Sequence[Column[Row]], rows: Iterable[Row]
     """
     kept = [column for column in columns if column.file]
     headings = tuple(column.file for column in kept)
-    return PlainTable(name, headings, tuple(tuple(column.value(row) for column in kept) for row in rows))
+    return PlainTable(
+        name, headings, tuple(tuple(column.value(row) for column in kept) for row in rows)
+    )
 
 
 def show_percent(share: float) -> str:
@@ -95,22 +110,34 @@ COMPONENT_COLUMNS: tuple[Column[tuple[str, ComponentSummary]], ...] = (
     ),
     Column(lambda row: row[1]["residual"], "residual", report="Residual", digits=3),
     Column(
-        lambda row: row[1]["mesh_quality"]["minimum_scaled_jacobian"] if "mesh_quality" in row[1] else None,
+        lambda row: (
+            row[1]["mesh_quality"]["minimum_scaled_jacobian"] if "mesh_quality" in row[1] else None
+        ),
         file="worst scaled Jacobian",
         report="Worst element (1 is ideal)",
         digits=2,
     ),
-    Column(lambda row: row[1]["mesh_quality"]["repaired"] if "mesh_quality" in row[1] else None, report="Repaired elements"),
+    Column(
+        lambda row: row[1]["mesh_quality"]["repaired"] if "mesh_quality" in row[1] else None,
+        report="Repaired elements",
+    ),
 )
 
 
 def _moved(axis: int) -> Column[tuple[str, ProbeSummary]]:
     d = DIRECTIONS[axis]
-    return Column(lambda row: row[1]["displacement_um"][axis], f"displacement {d} [um]", f">{d} µm", f"{d} [µm]")
+    return Column(
+        lambda row: row[1]["displacement_um"][axis],
+        f"displacement {d} [um]",
+        f">{d} µm",
+        f"{d} [µm]",
+    )
 
 
 def _stressed(pair: str) -> Column[tuple[str, ProbeSummary]]:
-    return Column(lambda row: row[1]["stress_mpa"][pair], f"stress {pair} [MPa]", report=f"{pair} [MPa]")
+    return Column(
+        lambda row: row[1]["stress_mpa"][pair], f"stress {pair} [MPa]", report=f"{pair} [MPa]"
+    )
 
 
 PROBE_COLUMNS: tuple[Column[tuple[str, ProbeSummary]], ...] = (
@@ -118,8 +145,16 @@ PROBE_COLUMNS: tuple[Column[tuple[str, ProbeSummary]], ...] = (
     Column(lambda row: row[1]["component"], "component", "in", "Component"),
     *(_moved(axis) for axis in range(3)),
     *(_stressed(pair) for pair in ("xx", "yy", "zz", "xy", "xz", "yz")),
-    Column(lambda row: row[1]["von_mises_mpa"], "von Mises [MPa]", ">von Mises MPa", "von Mises [MPa]"),
-    Column(lambda row: row[1]["stress_jump"], "stress jump", ">stress jump", "Jump between elements", show=show_percent),
+    Column(
+        lambda row: row[1]["von_mises_mpa"], "von Mises [MPa]", ">von Mises MPa", "von Mises [MPa]"
+    ),
+    Column(
+        lambda row: row[1]["stress_jump"],
+        "stress jump",
+        ">stress jump",
+        "Jump between elements",
+        show=show_percent,
+    ),
 )
 
 
@@ -137,7 +172,13 @@ POLE_COLUMNS: tuple[Column[tuple[int, PoleSummary]], ...] = (
         report="Hz",
         show=lambda hz: f"{hz:.3f}" if hz else "0",
     ),
-    Column(lambda row: row[1]["damping_ratio"], "damping ratio", ">damping", "Damping", show=show_damping),
+    Column(
+        lambda row: row[1]["damping_ratio"],
+        "damping ratio",
+        ">damping",
+        "Damping",
+        show=show_damping,
+    ),
     Column(_decay, screen=">decays in ms"),
     Column(lambda row: row[1]["real"], "real [rad/s]"),
     Column(lambda row: row[1]["imag"], "imaginary [rad/s]"),
@@ -149,7 +190,11 @@ POLE_COLUMNS: tuple[Column[tuple[int, PoleSummary]], ...] = (
 def _margin(
     key: Literal["bandwidth_hz", "gain", "phase_deg", "sensitivity"], screen: str, report: str
 ) -> Column[tuple[str, DriveSummary]]:
-    return Column(lambda row: row[1]["margins"][key] if row[1]["margins"] else None, screen=screen, report=report)
+    return Column(
+        lambda row: row[1]["margins"][key] if row[1]["margins"] else None,
+        screen=screen,
+        report=report,
+    )
 
 
 DRIVE_COLUMNS: tuple[Column[tuple[str, DriveSummary]], ...] = (
@@ -199,10 +244,17 @@ PORT_COLUMNS: tuple[Column[PortSummary], ...] = (
         report="chatter limit −1/(2 Re) [N/µm]",
         show=_show_four,
     ),
-    Column(lambda row: row["softest_N_per_um"], screen=">least N/µm", report="smallest dynamic stiffness [N/µm]", show=_show_four),
+    Column(
+        lambda row: row["softest_N_per_um"],
+        screen=">least N/µm",
+        report="smallest dynamic stiffness [N/µm]",
+        show=_show_four,
+    ),
     Column(lambda row: row["softest_hz"], screen=">at Hz", report="at [Hz]", show=_show_four),
     Column(lambda row: row["softest_mode"], screen="near mode", report="near mode"),
-    Column(lambda row: row["plain_sum_error"], report="missed by a plain modal sum", show=show_percent),
+    Column(
+        lambda row: row["plain_sum_error"], report="missed by a plain modal sum", show=show_percent
+    ),
 )
 
 
@@ -226,7 +278,10 @@ def list_zones(path: PathSummary, output: int | None = None) -> list[ZoneRow]:
         for run in path["feeds"]
         for number, shown in enumerate(run["outputs"])
         if output in (None, number)
-        for zone, found in (("accelerating", shown["accelerating"]), ("decelerating", shown["decelerating"]))
+        for zone, found in (
+            ("accelerating", shown["accelerating"]),
+            ("decelerating", shown["decelerating"]),
+        )
     ]
 
 
@@ -239,9 +294,19 @@ ZONE_COLUMNS: tuple[Column[ZoneRow], ...] = (
     Column(lambda row: row.found["peak_s"], screen=">at s", report="at [s]"),
     Column(lambda row: row.size("span"), screen=">span", report="Peak to peak"),
     Column(lambda row: row.size("quasi_static"), screen=">static", report="Quasi-static"),
-    Column(lambda row: row.size("dynamic"), screen=f">{PART_NAMES['dynamic']}", report=PART_NAMES["dynamic"].capitalize()),
+    Column(
+        lambda row: row.size("dynamic"),
+        screen=f">{PART_NAMES['dynamic']}",
+        report=PART_NAMES["dynamic"].capitalize(),
+    ),
     Column(lambda row: row.size("rms"), report="rms"),
-    Column(lambda row: row.found["settling_s"], screen=">settles", report="below 5 % after [s]", digits=3, missing="never"),
+    Column(
+        lambda row: row.found["settling_s"],
+        screen=">settles",
+        report="below 5 % after [s]",
+        digits=3,
+        missing="never",
+    ),
     Column(lambda row: row.size("frozen_peak"), screen=">pose kept", report="Peak, pose kept"),
 )
 
@@ -280,7 +345,9 @@ def top_shares(shares: Mapping[str, float], count: int, least: float) -> list[tu
 
 @dataclass(frozen=True)
 class ModeRow:
-    """A natural mode as a row: unrounded, None where it is not known; a damped frequency of zero is an overdamped mode."""
+    """A natural mode as a row: unrounded, None where it is not known; a damped frequency of zero is
+    an overdamped mode.
+    """
 
     number: int
     rigid: bool
@@ -318,11 +385,17 @@ def list_modes(modes: ModesSummary) -> list[ModeRow]:
 
 def list_tables(summary: RunSummary) -> list[PlainTable]:
     """Every table of a summary."""
-    tables = [tabulate("components", COMPONENT_COLUMNS, summary["components"].items()), _stage_table(summary)]
+    tables = [
+        tabulate("components", COMPONENT_COLUMNS, summary["components"].items()),
+        _stage_table(summary),
+    ]
     for pose, points in static_by_pose(summary).items():
         for name, point in points.items():
             stem = f"{file_stem(pose)}_{file_stem(name)}"
-            tables += [_compliance_table(f"compliance_{stem}", point), _whole_compliance_table(f"compliance_6x6_{stem}", point)]
+            tables += [
+                _compliance_table(f"compliance_{stem}", point),
+                _whole_compliance_table(f"compliance_6x6_{stem}", point),
+            ]
             tables.append(_budget_table(f"budget_{stem}", point["budget"]))
     tables += [_mode_table(modes) for modes in summary["modal"]]
     for pose, probes in summary.get("probes", {}).items():
@@ -330,36 +403,56 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
     if "contouring" in summary:
         tables.append(_contour_table(summary["contouring"]["series"]))
     for pose, control in summary.get("control", {}).items():
-        tables.append(tabulate(f"poles_{file_stem(pose)}", POLE_COLUMNS, list(enumerate(control["poles"], start=1))))
+        tables.append(
+            tabulate(
+                f"poles_{file_stem(pose)}", POLE_COLUMNS, list(enumerate(control["poles"], start=1))
+            )
+        )
     if "map" in summary:
         tables.append(_map_table(summary["map"]))
     return tables
 
 
 def _contour_table(series: SeriesSummary) -> PlainTable:
-    headings = ["time [s]", *(f"gap {d} [um]" for d in DIRECTIONS), *(f"force of leg {n} [N]" for n in (1, 2, 3))]
+    headings = [
+        "time [s]",
+        *(f"gap {d} [um]" for d in DIRECTIONS),
+        *(f"force of leg {n} [N]" for n in (1, 2, 3)),
+    ]
     rows = [
-        (time, *gap, *forces) for time, gap, forces in zip(series["time_s"], series["gap_um"], series["leg_force_n"], strict=True)
+        (time, *gap, *forces)
+        for time, gap, forces in zip(
+            series["time_s"], series["gap_um"], series["leg_force_n"], strict=True
+        )
     ]
     if "motor_torque_nm" in series:
         headings += [f"torque of motor {n} [Nm]" for n in (1, 2, 3)]
-        rows = [(*row, *torques) for row, torques in zip(rows, series["motor_torque_nm"], strict=True)]
+        rows = [
+            (*row, *torques) for row, torques in zip(rows, series["motor_torque_nm"], strict=True)
+        ]
     return PlainTable("contour", tuple(headings), tuple(rows))
 
 
 def _map_table(found: MapSummary) -> PlainTable:
     names = list(found["quantities"])
     flat = [_flatten(found["quantities"][name]) for name in names]
-    rows = tuple((*place, *values) for place, *values in zip(product(*found["positions"]), *flat, strict=True))
+    rows = tuple(
+        (*place, *values)
+        for place, *values in zip(product(*found["positions"]), *flat, strict=True)
+    )
     return PlainTable("map", (*found["axes"], *names), rows)
 
 
 def _flatten(values: Grid) -> list[float | None]:
-    return [value for item in values for value in (_flatten(item) if isinstance(item, list) else [item])]
+    return [
+        value for item in values for value in (_flatten(item) if isinstance(item, list) else [item])
+    ]
 
 
 def encode_csv(table: PlainTable) -> bytes:
-    """A table as CSV (RFC 4180) in UTF-8. A text that a spreadsheet would take for a formula gets an apostrophe before it."""
+    """A table as CSV (RFC 4180) in UTF-8. A text that a spreadsheet would take for a formula gets
+    an apostrophe before it.
+    """
     text = io.StringIO()
     writer = csv.writer(text)
     writer.writerow(table.headings)
@@ -374,9 +467,25 @@ def _cell(value: Cell) -> Cell:
 
 
 def _stage_table(summary: RunSummary) -> PlainTable:
-    headings = ("stage", "component", "pose", "seconds", "peak memory [MB]", "from the store", "reason")
+    headings = (
+        "stage",
+        "component",
+        "pose",
+        "seconds",
+        "peak memory [MB]",
+        "from the store",
+        "reason",
+    )
     rows = tuple(
-        (row["stage"], row["component"], row["pose"], row["seconds"], row["peak_rss_mb"], row["cached"], row["reason"])
+        (
+            row["stage"],
+            row["component"],
+            row["pose"],
+            row["seconds"],
+            row["peak_rss_mb"],
+            row["cached"],
+            row["reason"],
+        )
         for row in summary["stages"]
     )
     return PlainTable("stages", headings, rows)
@@ -385,9 +494,17 @@ def _stage_table(summary: RunSummary) -> PlainTable:
 def _compliance_table(name: str, point: PointSummary) -> PlainTable:
     matrix = point["compliance_um_per_kN"]
     errors = point.get("error_um_per_kN", {})
-    headings = ("force in", *(f"motion in {direction} [um/kN]" for direction in DIRECTIONS), "± along the force [um/kN]")
+    headings = (
+        "force in",
+        *(f"motion in {direction} [um/kN]" for direction in DIRECTIONS),
+        "± along the force [um/kN]",
+    )
     rows = (
-        (d, *(matrix[row][column] for row in range(3)), bound_size(matrix[column][column], errors.get(d)))
+        (
+            d,
+            *(matrix[row][column] for row in range(3)),
+            bound_size(matrix[column][column], errors.get(d)),
+        )
         for column, d in enumerate(DIRECTIONS)
     )
     return PlainTable(name, headings, tuple(rows))
@@ -395,21 +512,40 @@ def _compliance_table(name: str, point: PointSummary) -> PlainTable:
 
 def _whole_compliance_table(name: str, point: PointSummary) -> PlainTable:
     loads = [*(f"1 N in {d}" for d in DIRECTIONS), *(f"1 N m about {d}" for d in DIRECTIONS)]
-    headings = ("load", *(f"motion in {d} [m]" for d in DIRECTIONS), *(f"rotation about {d} [rad]" for d in DIRECTIONS))
+    headings = (
+        "load",
+        *(f"motion in {d} [m]" for d in DIRECTIONS),
+        *(f"rotation about {d} [rad]" for d in DIRECTIONS),
+    )
     columns = zip(*point["compliance_6x6"], strict=True)
-    return PlainTable(name, headings, tuple((load, *column) for load, column in zip(loads, columns, strict=True)))
+    return PlainTable(
+        name, headings, tuple((load, *column) for load, column in zip(loads, columns, strict=True))
+    )
 
 
 def _budget_table(name: str, budget: Mapping[str, dict[str, float]]) -> PlainTable:
     parts = [part for part, _ in sort_shares(next(iter(budget.values()), {}))]
-    return PlainTable(name, ("part", *budget), tuple((part, *(budget[d].get(part) for d in budget)) for part in parts))
+    return PlainTable(
+        name,
+        ("part", *budget),
+        tuple((part, *(budget[d].get(part) for d in budget)) for part in parts),
+    )
 
 
 def _mode_table(modes: ModesSummary) -> PlainTable:
     found = list_modes(modes)
     parts = sorted({part for row in found for part in row.energy_share})
     headings = (
-        *("mode", "frequency [Hz]", "± [Hz]", "damped frequency [Hz]", "± damped [Hz]", "damping ratio", "± damping ratio", "name"),
+        *(
+            "mode",
+            "frequency [Hz]",
+            "± [Hz]",
+            "damped frequency [Hz]",
+            "± damped [Hz]",
+            "damping ratio",
+            "± damping ratio",
+            "name",
+        ),
         *(f"strain energy in {part}" for part in parts),
     )
     rows = tuple(
@@ -425,21 +561,29 @@ def _mode_table(modes: ModesSummary) -> PlainTable:
 
 
 def tabulate_response(curves: ResponseCurves) -> PlainTable:
-    """A row per frequency: real and imaginary part of every entry in SI, its error and the part of each source; empty where there is none."""
+    """A row per frequency: real and imaginary part of every entry in SI, its error and the part of
+    each source; empty where there is none.
+    """
     values, errors, shares = curves.values, curves.value_errors, curves.value_error_share
     headings, columns = ["frequency [Hz]"], [curves.frequencies_hz]
     for row, output in enumerate(curves.outputs):
         for column, given in enumerate(curves.inputs):
             unit = f"{'rad' if output[1].startswith('r') else 'm'}{RATES[curves.motion]} per {'N m' if given[1].startswith('r') else 'N'}"
             headings += [f"{part} {name_entry(output, given)} [{unit}]" for part in ("Re", "Im")]
-            columns += [np.array(part, dtype=float) for part in (values[:, row, column].real, values[:, row, column].imag)]
+            columns += [
+                np.array(part, dtype=float)
+                for part in (values[:, row, column].real, values[:, row, column].imag)
+            ]
             if errors is not None:
                 headings.append(f"± {name_entry(output, given)} [{unit}]")
                 columns.append(np.array(errors[:, row, column], dtype=float))
             for source, share in shares.items():
                 headings.append(f"± {source} {name_entry(output, given)} [{unit}]")
                 columns.append(np.array(share[:, row, column], dtype=float))
-    cells = tuple(tuple(None if math.isnan(value) else float(value) for value in row) for row in np.column_stack(columns))
+    cells = tuple(
+        tuple(None if math.isnan(value) else float(value) for value in row)
+        for row in np.column_stack(columns)
+    )
     return PlainTable(f"frf_{file_stem(curves.pose)}", tuple(headings), cells)
 
 
@@ -461,5 +605,7 @@ def tabulate_path(curves: PathCurves) -> PlainTable:
         headings.append(f"deviation in the pose of the middle {name_port(port)} [{unit}]")
         columns.append(factor * curves.frozen[:, number])
     return PlainTable(
-        path_stem(curves), tuple(headings), tuple(tuple(float(value) for value in row) for row in np.column_stack(columns))
+        path_stem(curves),
+        tuple(headings),
+        tuple(tuple(float(value) for value in row) for row in np.column_stack(columns)),
     )

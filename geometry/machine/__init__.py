@@ -1,1 +1,3 @@
-"""Bodies tied together: joints, axes, poses, carriages on rails, drives. Never how any of it is solved."""
+"""Bodies tied together: joints, axes, poses, carriages on rails, drives. Never how any of it is
+solved.
+"""

@@ -1,4 +1,6 @@
-"""Where rails begin and end and where carriages stand on them in a pose, as far as solids tell without a mesh."""
+"""Where rails begin and end and where carriages stand on them in a pose, as far as solids tell
+without a mesh.
+"""
 
 import math
 from collections.abc import Mapping
@@ -22,11 +24,14 @@ from headstock.geometry.parts.patches import (
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
 
 DEGREE = 3  # of the splines along a rail
-LEAST_INTERVALS = 1.5  # station intervals per carriage length below which the carriage feels every single station
+LEAST_INTERVALS = (
+    1.5  # station intervals per carriage length below which the carriage feels every single station
+)
 
 
 def rail_span(solid: Solid, interface: Interface) -> Span | None:
-    """Lowest and highest place of a rail along its axis, component frame [m]; None where only a mesh knows.
+    """Lowest and highest place of a rail along its axis, component frame [m]; None where only a
+    mesh knows.
 
     Raises:
         ValueError: The interface is no rail.
@@ -80,14 +85,23 @@ class Carriage:
     @property
     def overhang(self) -> float:
         """How far it hangs over the nearer end [m]; below zero by as much as it may still move."""
-        return max(self.span[0] - (self.place - 0.5 * self.length), self.place + 0.5 * self.length - self.span[1])
+        return max(
+            self.span[0] - (self.place - 0.5 * self.length),
+            self.place + 0.5 * self.length - self.span[1],
+        )
 
 
 def rail_end(machine: Machine, joint: Joint) -> JointEnd | None:
-    """The end of a joint that is a rail; None where there is none, or its component is not described by the machine."""
+    """The end of a joint that is a rail; None where there is none, or its component is not
+    described by the machine.
+    """
     for end in joint.ends:
         component = machine.components.get(end.component or "")
-        interface = None if component is None or end.interface is None else component.interfaces.get(end.interface)
+        interface = (
+            None
+            if component is None or end.interface is None
+            else component.interfaces.get(end.interface)
+        )
         if interface is not None and interface.rail is not None:
             return end
     return None
@@ -109,7 +123,10 @@ def place_carriages(machine: Machine, pose: Pose) -> tuple[Carriage, ...]:
             continue
         component = machine.components[str(rail.component)]
         interface = component.interfaces[str(rail.interface)]
-        span, point = rail_span(component.solid, interface), _joint_point(machine, joint, rail, placements)
+        span, point = (
+            rail_span(component.solid, interface),
+            _joint_point(machine, joint, rail, placements),
+        )
         if span is not None and point is not None and interface.rail is not None:
             frame = placements[component.name]
             place = (frame.rotation.T @ (point - frame.origin))["xyz".index(interface.rail.along)]
@@ -118,7 +135,8 @@ def place_carriages(machine: Machine, pose: Pose) -> tuple[Carriage, ...]:
 
 
 def find_overhangs(machine: Machine, pose: Pose) -> dict[str, str]:
-    """Which carriages hang over an end of their rail in a pose: joint to why it cannot stand there and what to do.
+    """Which carriages hang over an end of their rail in a pose: joint to why it cannot stand there
+    and what to do.
 
     Raises:
         ValueError: The pose names an unknown axis or leaves its limits.
@@ -143,7 +161,9 @@ def _describe_overhang(carriage: Carriage) -> str:
     )
 
 
-def _joint_point(machine: Machine, joint: Joint, rail: JointEnd, placements: Mapping[str, Frame]) -> FloatArray | None:
+def _joint_point(
+    machine: Machine, joint: Joint, rail: JointEnd, placements: Mapping[str, Frame]
+) -> FloatArray | None:
     """Joint point in the machine frame, carried along by the end that is not the rail."""
     other = joint.ends[0] if joint.ends[1] is rail else joint.ends[1]
     if other.component is None:
@@ -154,7 +174,9 @@ def _joint_point(machine: Machine, joint: Joint, rail: JointEnd, placements: Map
     now = placements[other.component]
     if joint.point is not None:
         home = component.placement
-        return np.asarray(now.origin + now.rotation @ (home.rotation.T @ (joint.point - home.origin)))
+        return np.asarray(
+            now.origin + now.rotation @ (home.rotation.T @ (joint.point - home.origin))
+        )
     interface = component.interfaces.get(other.interface or "")
     if interface is None or not isinstance(component.solid, Box | Plate | HollowColumn | Tube):
         return None
@@ -163,7 +185,8 @@ def _joint_point(machine: Machine, joint: Joint, rail: JointEnd, placements: Map
 
 
 def count_stations(span: float, length: float, intervals: float) -> int:
-    """Stations of a rail that give a carriage of a length so many intervals; at least as many as a cubic needs.
+    """Stations of a rail that give a carriage of a length so many intervals; at least as many as a
+    cubic needs.
 
     Args:
         span: Length of the rail [m].

@@ -15,7 +15,8 @@ class AxisControl:
         position_gain: kv [1/s].
         velocity_gain: Force per velocity error [N s/m].
         integral_time: Of the velocity controller [s]; infinite for a P controller.
-        velocity_feed_forward: Share of the commanded velocity that is added to the position controller's [-].
+        velocity_feed_forward: Share of the commanded velocity that is added to the position
+            controller's [-].
         acceleration_feed_forward: Force per commanded acceleration [kg].
         dead_time: From a measurement to the force it leads to [s].
         current_lag: Time constant of the current loop [s].
@@ -64,7 +65,8 @@ class Drive:
         control: The controller.
         screw_inertia: Of the screw about its axis [kg m^2]; zero where it does not count.
         coupling: Torsional stiffness between motor and screw [N m/rad]; infinite where it is rigid.
-        scale: Point whose motion along the axis a linear scale reads, tool against work; None for the place of the screw.
+        scale: Point whose motion along the axis a linear scale reads, tool against work; None for
+            the place of the screw.
         friction: Along the axis; None where there is none.
         cycle: Time between two samples of the controller [s]; zero for a continuous one.
         acceleration_share: Share of the axis' inertia that acceleration feed-forward carries [-].

@@ -9,7 +9,17 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 
 JointKind = Literal[
-    "rigid", "spring", "linear_guide", "ball_screw", "bolted", "bearing", "mount", "revolute", "universal", "spherical", "prismatic"
+    "rigid",
+    "spring",
+    "linear_guide",
+    "ball_screw",
+    "bolted",
+    "bearing",
+    "mount",
+    "revolute",
+    "universal",
+    "spherical",
+    "prismatic",
 ]
 GROUND = "ground"
 
@@ -27,7 +37,8 @@ class JointEnd:
 
 @dataclass(frozen=True)
 class ScrewShaft:
-    """The shaft of a ball screw, from the fixed bearing at the joint's second end to the nut at its first.
+    """The shaft of a ball screw, from the fixed bearing at the joint's second end to the nut at its
+    first.
 
     Attributes:
         axial: Young's modulus times area [N].
@@ -35,7 +46,8 @@ class ScrewShaft:
         lead: Travel per turn [m]; zero where the shaft's twist is not to be seen.
         bearing: Axial stiffness of the fixed bearing [N/m].
         coupling: Torsional stiffness between the shaft and the motor, which is held [N m/rad].
-        reach: Interface up to which the shaft's free length is measured; None for the bearing's own.
+        reach: Interface up to which the shaft's free length is measured; None for the bearing's
+            own.
         far: A second fixed bearing, at the shaft's other end; None where that end floats.
         far_bearing: Its axial stiffness [N/m].
         length: Of the shaft between both bearings [m]; infinite without a second one.
@@ -56,24 +68,31 @@ class ScrewShaft:
 class Joint:
     """Two ends that are held together, freed or sprung in a joint frame.
 
-    The joint point is ``point`` (machine frame, zero axis positions) or else the frame origin of the first end that is neither
-    ground nor a rail; it moves with that end's component. Both ends are carried to it by rigid levers. On a rail a carriage of
-    a given length holds on beside the joint point, wherever that stands in the pose.
+    The joint point is ``point`` (machine frame, zero axis positions) or else the frame origin of
+    the first end that is neither ground nor a rail; it moves with that end's component. Both ends
+    are carried to it by rigid levers. On a rail a carriage of a given length holds on beside the
+    joint point, wherever that stands in the pose.
 
     Attributes:
         name: Name in the scene.
         ends: The two ends.
         kind: What the scene called it.
-        rotation: ``(3, 3)`` joint axes in the machine frame, all fixed to the body that carries the joint point.
-        second_axis: ``(3,)`` axis of a universal joint that is fixed to its second end, as ``rotation``'s x axis is to its first;
-            the joint's z axis lies closest to it in every pose. None for other joints.
-        held: Joint dofs (0..5 for x y z rx ry rz of the joint frame) that are eliminated: no relative motion.
-        stiffness: ``(6, 6)`` stiffness between the ends in the joint frame [N/m, N m/rad], zero on held dofs.
+        rotation: ``(3, 3)`` joint axes in the machine frame, all fixed to the body that carries the
+            joint point.
+        second_axis: ``(3,)`` axis of a universal joint that is fixed to its second end, as
+            ``rotation``'s x axis is to its first; the joint's z axis lies closest to it in every
+            pose. None for other joints.
+        held: Joint dofs (0..5 for x y z rx ry rz of the joint frame) that are eliminated: no
+            relative motion.
+        stiffness: ``(6, 6)`` stiffness between the ends in the joint frame [N/m, N m/rad], zero on
+            held dofs.
         damping: ``(6, 6)`` viscous damping in the joint frame [N s/m, N m s/rad].
         point: ``(3,)`` joint point [m] or None.
         length: Length of the carriage on a rail [m]; None for a joint between fixed interfaces.
-        screw: Shaft between the ends of a ball screw, in series with its nut: the stiffness changes with the axis position.
-        loss_factor: Structural damping eta: the complex stiffness is ``(1 + i eta)`` times the stiffness [-].
+        screw: Shaft between the ends of a ball screw, in series with its nut: the stiffness changes
+            with the axis position.
+        loss_factor: Structural damping eta: the complex stiffness is ``(1 + i eta)`` times the
+            stiffness [-].
     """
 
     name: str
@@ -117,7 +136,8 @@ def connected_groups(names: Iterable[str], edges: Iterable[tuple[str, str]]) -> 
     """Groups of what edges connect, directly or by way of others.
 
     Args:
-        names: All there are, in the order in which groups and their members are listed; names of edges beside them come last.
+        names: All there are, in the order in which groups and their members are listed; names of
+            edges beside them come last.
         edges: Pairs of names.
     """
     group_of = {name: [name] for name in names}

@@ -1,4 +1,6 @@
-"""The machine: components, joints, points and axes, where everything is in a pose, and straight moves between poses."""
+"""The machine: components, joints, points and axes, where everything is in a pose, and straight
+moves between poses.
+"""
 
 import dataclasses
 import math
@@ -10,7 +12,12 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame, compose_frames, rotation_about
 from headstock.geometry.machine.joints import Axis, Joint, JointEnd
-from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT, ToolMechanism, place_carriers
+from headstock.geometry.mechanisms.tool_mechanism import (
+    TOOL_AXES,
+    TOOL_POINT,
+    ToolMechanism,
+    place_carriers,
+)
 from headstock.geometry.parts.components import Component, Load, Support
 
 # positions of axes as scenes write them: SI unit to factor and unit
@@ -64,8 +71,9 @@ class Machine:
         loads: By name.
         probes: By name.
         gravity: Acceleration of gravity in the machine frame [m/s^2].
-        mechanism: The closed-loop mechanism that carries components, if any: their placements, and points and axes of joints
-            whose leading end is one of them, are given in the frame of the mark that carries them.
+        mechanism: The closed-loop mechanism that carries components, if any: their placements, and
+            points and axes of joints whose leading end is one of them, are given in the frame of
+            the mark that carries them.
     """
 
     name: str
@@ -83,8 +91,9 @@ class Machine:
 def place_components(machine: Machine, pose: Pose) -> dict[str, Frame]:
     """Frame of every component in the machine frame when the axes stand at a pose.
 
-    Axes act in chains: an axis that carries another axis' base carries its direction with it, so axes are applied from the
-    one that carries most components to the one that carries least. A mechanism closes its loops first.
+    Axes act in chains: an axis that carries another axis' base carries its direction with it, so
+    axes are applied from the one that carries most components to the one that carries least. A
+    mechanism closes its loops first.
 
     Raises:
         ValueError: The pose names an unknown axis or leaves an axis' limits.
@@ -95,14 +104,23 @@ def place_components(machine: Machine, pose: Pose) -> dict[str, Frame]:
         if mechanism is not None and name in TOOL_AXES:
             continue
         if name not in machine.axes:
-            raise ValueError(f"pose {pose.name!r} names axis {name!r}; axes: {sorted(machine.axes)}")
+            raise ValueError(
+                f"pose {pose.name!r} names axis {name!r}; axes: {sorted(machine.axes)}"
+            )
         low, high = machine.axes[name].limits
-        if fault := find_limit_fault(name, position, low=low, high=high, unit=position_units(machine)[name]):
+        if fault := find_limit_fault(
+            name, position, low=low, high=high, unit=position_units(machine)[name]
+        ):
             raise ValueError(f"pose {pose.name!r}: {fault}")
     frames = {name: component.placement for name, component in machine.components.items()}
     carriers = {} if mechanism is None else place_carriers(mechanism, pose.positions)
-    frames |= {name: compose_frames(carrier, frames[name]) for name, carrier in carriers.items() if name in frames}
-    # innermost first: a motion given at zero position is then carried along by the motions of the axes below it
+    frames |= {
+        name: compose_frames(carrier, frames[name])
+        for name, carrier in carriers.items()
+        if name in frames
+    }
+    # innermost first: a motion given at zero position is then carried along by the motions of the
+    # axes below it
     for axis in sorted(machine.axes.values(), key=lambda axis: len(axis.moves)):
         motion = axis_motion(axis, pose.positions.get(axis.name, 0.0))
         for name in axis.moves:
@@ -125,7 +143,9 @@ class _Axes(Protocol):
 
 
 def position_units(machine: _Axes) -> dict[str, str]:
-    """Axis to the unit of its position, ``m`` or ``rad``; those of the tool, too, where a mechanism carries it."""
+    """Axis to the unit of its position, ``m`` or ``rad``; those of the tool, too, where a mechanism
+    carries it.
+    """
     units = {name: "m" if axis.kind == "linear" else "rad" for name, axis in machine.axes.items()}
     if machine.mechanism is not None:
         units |= {name: "m" if name in TOOL_POINT else "rad" for name in TOOL_AXES}
@@ -133,7 +153,9 @@ def position_units(machine: _Axes) -> dict[str, str]:
 
 
 def show_position(position: float, unit: str = "m") -> str:
-    """A length or position as scenes write it: ``30 mm``, ``12.5 deg``; ``unit`` is ``m`` or ``rad``."""
+    """A length or position as scenes write it: ``30 mm``, ``12.5 deg``; ``unit`` is ``m`` or
+    ``rad``.
+    """
     factor, word = SCENE_UNITS[unit]
     return f"{round(factor * position, 9) + 0.0:g} {word}"
 
@@ -163,7 +185,9 @@ def axis_motion(axis: Axis, position: float) -> Frame:
 
 
 def orient_machine(machine: Machine, frame: Frame) -> Machine:
-    """The same machine set up in another orientation and place: every frame, axis and joint is carried along; gravity is not."""
+    """The same machine set up in another orientation and place: every frame, axis and joint is
+    carried along; gravity is not.
+    """
     rotation = frame.rotation
 
     def carry_point(point: FloatArray) -> FloatArray:
@@ -183,17 +207,25 @@ def orient_machine(machine: Machine, frame: Frame) -> Machine:
         for name, joint in machine.joints.items()
     }
     axes = {
-        name: dataclasses.replace(axis, direction=rotation @ axis.direction, center=carry_point(axis.center))
+        name: dataclasses.replace(
+            axis, direction=rotation @ axis.direction, center=carry_point(axis.center)
+        )
         for name, axis in machine.axes.items()
     }
     loads = {
         name: dataclasses.replace(
             load,
-            vector=tuple(float(v) for i in range(0, len(load.vector), 3) for v in rotation @ load.vector[i : i + 3]),
+            vector=tuple(
+                float(v)
+                for i in range(0, len(load.vector), 3)
+                for v in rotation @ load.vector[i : i + 3]
+            ),
         )
         for name, load in machine.loads.items()
     }
-    return dataclasses.replace(machine, components=components, joints=joints, axes=axes, loads=loads)
+    return dataclasses.replace(
+        machine, components=components, joints=joints, axes=axes, loads=loads
+    )
 
 
 @dataclass(frozen=True)
@@ -212,12 +244,19 @@ class MachinePath:
     def axes(self) -> tuple[str, ...]:
         """Names of the axes that move."""
         names = dict.fromkeys((*self.start.positions, *self.end.positions))
-        return tuple(name for name in names if self.start.positions.get(name, 0.0) != self.end.positions.get(name, 0.0))
+        return tuple(
+            name
+            for name in names
+            if self.start.positions.get(name, 0.0) != self.end.positions.get(name, 0.0)
+        )
 
     @property
     def length(self) -> float:
         """Length of the way in the space of the axes [m]."""
-        steps = [self.end.positions.get(name, 0.0) - self.start.positions.get(name, 0.0) for name in self.axes]
+        steps = [
+            self.end.positions.get(name, 0.0) - self.start.positions.get(name, 0.0)
+            for name in self.axes
+        ]
         return float(np.linalg.norm(steps))
 
     def pose_at(self, position: float) -> Pose:
@@ -233,7 +272,8 @@ class MachinePath:
 
 
 def travel_directions(machine: Machine, path: MachinePath) -> dict[str, FloatArray]:
-    """Velocity ``(3,)`` of every component that moves, machine frame, per unit speed along the path.
+    """Velocity ``(3,)`` of every component that moves, machine frame, per unit speed along the
+    path.
 
     Raises:
         ValueError: A component turns on the way, or an end lies outside an axis' limits.
@@ -242,7 +282,9 @@ def travel_directions(machine: Machine, path: MachinePath) -> dict[str, FloatArr
     found = {}
     for name, frame in after.items():
         if np.abs(frame.rotation - before[name].rotation).max() > TURN_TOLERANCE:
-            raise ValueError(f"component {name!r} turns between both ends of the path; a path moves linear axes only")
+            raise ValueError(
+                f"component {name!r} turns between both ends of the path; a path moves linear axes only"
+            )
         step = frame.origin - before[name].origin
         if step.any():
             found[name] = np.asarray(step / path.length)

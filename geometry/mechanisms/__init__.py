@@ -1,1 +1,3 @@
-"""Closed kinematic loops: chains, loop closures, the Exechon and other platforms. Never springs, masses or forces."""
+"""Closed kinematic loops: chains, loop closures, the Exechon and other platforms. Never springs,
+masses or forces.
+"""

@@ -1,7 +1,9 @@
-"""Closure equations of a mechanism: residual, Jacobian and bias, and the passive coordinates that close the loops.
+"""Closure equations of a mechanism: residual, Jacobian and bias, and the passive coordinates that
+close the loops.
 
-``phi(q) = 0``, ``phi_q qd = 0``, ``phi_q qdd + gamma = 0``. Orientation closures use ``vee skew(E)``, ``E = R1^T R2``, whose
-derivative is ``T R1^T (omega2 - omega1)`` with ``T = (tr(E) I - E) / 2``, off the constraint too.
+``phi(q) = 0``, ``phi_q qd = 0``, ``phi_q qdd + gamma = 0``. Orientation closures use ``vee
+skew(E)``, ``E = R1^T R2``, whose derivative is ``T R1^T (omega2 - omega1)`` with ``T = (tr(E) I -
+E) / 2``, off the constraint too.
 """
 
 from dataclasses import dataclass
@@ -51,12 +53,18 @@ def evaluate_kinematics(mechanism: Mechanism, state: FloatArray) -> Kinematics:
     """Placement and all Jacobians at a state ``(..., n)``."""
     placement = place_marks(mechanism, state)
     of_position, of_turn = mark_jacobians(placement)
-    return Kinematics(placement, of_position, of_turn, _closure_jacobian(mechanism, placement, of_position, of_turn))
+    return Kinematics(
+        placement,
+        of_position,
+        of_turn,
+        _closure_jacobian(mechanism, placement, of_position, of_turn),
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class ClosureLayout:
-    """Closures as arrays: marks of all meetings and alignments, and which of their components are wanted.
+    """Closures as arrays: marks of all meetings and alignments, and which of their components are
+    wanted.
 
     Attributes:
         meet_first: ``(K,)`` marks of the meetings.
@@ -64,7 +72,8 @@ class ClosureLayout:
         meet_frame: ``(K,)`` mark whose axes are used; the number of marks for ground.
         align_first: ``(L,)`` marks of the alignments.
         align_second: ``(L,)``.
-        rows: Picks the wanted components from meetings (3 K), alignments (3 L) and balances, in the order of the closures.
+        rows: Picks the wanted components from meetings (3 K), alignments (3 L) and balances, in the
+            order of the closures.
         weights: ``(B, n)`` of the balances.
         values: ``(B,)`` of the balances.
     """
@@ -86,7 +95,9 @@ def closure_layout(mechanism: Mechanism) -> ClosureLayout:
     meetings = [item for item in mechanism.closures if isinstance(item, Meeting)]
     alignments = [item for item in mechanism.closures if isinstance(item, Alignment)]
     balances = [item for item in mechanism.closures if isinstance(item, Balance)]
-    weights = np.array([[item.weights.get(name, 0.0) for name in mechanism.coordinates] for item in balances])
+    weights = np.array(
+        [[item.weights.get(name, 0.0) for name in mechanism.coordinates] for item in balances]
+    )
     starts = {id(item): 3 * number for number, item in enumerate((*meetings, *alignments))}
     starts |= {id(item): 3 * len(starts) + number for number, item in enumerate(balances)}
     rows: list[int] = []
@@ -95,7 +106,9 @@ def closure_layout(mechanism: Mechanism) -> ClosureLayout:
         rows += [starts[id(item)] + component for component in picked]
 
     def place(names: list[str | None]) -> IndexArray:
-        return np.array([len(marks) if name is None else marks[name] for name in names], dtype=np.intp)
+        return np.array(
+            [len(marks) if name is None else marks[name] for name in names], dtype=np.intp
+        )
 
     return ClosureLayout(
         place([item.first for item in meetings]),
@@ -109,7 +122,9 @@ def closure_layout(mechanism: Mechanism) -> ClosureLayout:
     )
 
 
-def closure_residual(mechanism: Mechanism, state: FloatArray, placement: Placement | None = None) -> FloatArray:
+def closure_residual(
+    mechanism: Mechanism, state: FloatArray, placement: Placement | None = None
+) -> FloatArray:
     """``phi``, ``(..., m)`` [m, rad], by how much the loops are open.
 
     Args:
@@ -127,7 +142,8 @@ def closure_residual(mechanism: Mechanism, state: FloatArray, placement: Placeme
 
 
 def closure_bias(mechanism: Mechanism, placement: Placement, bias: Bias) -> FloatArray:
-    """``gamma``, ``(..., m)``: second time derivative of the closures with zero joint accelerations.
+    """``gamma``, ``(..., m)``: second time derivative of the closures with zero joint
+    accelerations.
 
     Args:
         mechanism: With its chains and closures.
@@ -136,9 +152,16 @@ def closure_bias(mechanism: Mechanism, placement: Placement, bias: Bias) -> Floa
     """
     layout = closure_layout(mechanism)
     axes, gap = _axes_and_gap(layout, placement)
-    omega, alpha = bias.omega.take(layout.meet_frame, axis=-2), bias.alpha.take(layout.meet_frame, axis=-2)
-    speed = bias.velocity.take(layout.meet_first, axis=-2) - bias.velocity.take(layout.meet_second, axis=-2)
-    apart = bias.acceleration.take(layout.meet_first, axis=-2) - bias.acceleration.take(layout.meet_second, axis=-2)
+    omega, alpha = (
+        bias.omega.take(layout.meet_frame, axis=-2),
+        bias.alpha.take(layout.meet_frame, axis=-2),
+    )
+    speed = bias.velocity.take(layout.meet_first, axis=-2) - bias.velocity.take(
+        layout.meet_second, axis=-2
+    )
+    apart = bias.acceleration.take(layout.meet_first, axis=-2) - bias.acceleration.take(
+        layout.meet_second, axis=-2
+    )
     turned = apart - 2.0 * cross(omega, speed) - cross(alpha, gap) + cross(omega, cross(omega, gap))
     met = (np.swapaxes(axes, -1, -2) @ turned[..., None])[..., 0]
     aligned = _alignment_bias(layout, placement, bias)
@@ -146,7 +169,9 @@ def closure_bias(mechanism: Mechanism, placement: Placement, bias: Bias) -> Floa
     return _pick(layout, met, aligned, balanced)
 
 
-def close_loops(mechanism: Mechanism, state: FloatArray, *, unknown: slice | IndexArray | None = None) -> FloatArray:
+def close_loops(
+    mechanism: Mechanism, state: FloatArray, *, unknown: slice | IndexArray | None = None
+) -> FloatArray:
     """Coordinates that close the loops, by Newton's method from a state.
 
     Args:
@@ -166,7 +191,8 @@ def close_loops(mechanism: Mechanism, state: FloatArray, *, unknown: slice | Ind
 def close_kinematics(
     mechanism: Mechanism, state: FloatArray, *, unknown: slice | IndexArray | None = None
 ) -> tuple[FloatArray, Kinematics]:
-    """As :func:`close_loops`, with the kinematics there, right to the last correction of Newton's method.
+    """As :func:`close_loops`, with the kinematics there, right to the last correction of Newton's
+    method.
 
     Args:
         mechanism: With its chains and closures.
@@ -206,8 +232,10 @@ class Mobility:
     Attributes:
         freedom: Motions that the closures leave, compliant coordinates held.
         rank: Rank of the closures.
-        closures: Number of closure equations; those above the rank are redundant, and forces in them not unique.
-        passive_condition: Condition number of the closures in the passive coordinates; infinite where these are not square.
+        closures: Number of closure equations; those above the rank are redundant, and forces in
+            them not unique.
+        passive_condition: Condition number of the closures in the passive coordinates; infinite
+            where these are not square.
     """
 
     freedom: int
@@ -232,36 +260,52 @@ def find_mobility(mechanism: Mechanism, state: FloatArray) -> Mobility:
     return Mobility(rigid.shape[1] - rank, rank, len(jacobian), condition)
 
 
-def _closure_jacobian(mechanism: Mechanism, placement: Placement, of_position: FloatArray, of_turn: FloatArray) -> FloatArray:
+def _closure_jacobian(
+    mechanism: Mechanism, placement: Placement, of_position: FloatArray, of_turn: FloatArray
+) -> FloatArray:
     layout = closure_layout(mechanism)
     axes, gap = _axes_and_gap(layout, placement)
     frame_turn = of_turn.take(layout.meet_frame, axis=-3)
-    opening = of_position.take(layout.meet_first, axis=-3) - of_position.take(layout.meet_second, axis=-3)
+    opening = of_position.take(layout.meet_first, axis=-3) - of_position.take(
+        layout.meet_second, axis=-3
+    )
     met = np.swapaxes(axes, -1, -2) @ (opening + skew_matrices(gap) @ frame_turn)
     turning = of_turn.take(layout.align_second, axis=-3) - of_turn.take(layout.align_first, axis=-3)
     first = placement.rotations.take(layout.align_first, axis=-3)
     aligned = _vee_map(_relative(layout, placement)) @ np.swapaxes(first, -1, -2) @ turning
-    balanced = np.broadcast_to(layout.weights, (*placement.positions.shape[:-2], *layout.weights.shape))
+    balanced = np.broadcast_to(
+        layout.weights, (*placement.positions.shape[:-2], *layout.weights.shape)
+    )
     return _pick(layout, met, aligned, balanced, columns=True)
 
 
 def _axes_and_gap(layout: ClosureLayout, placement: Placement) -> tuple[FloatArray, FloatArray]:
-    gap = placement.positions.take(layout.meet_first, axis=-2) - placement.positions.take(layout.meet_second, axis=-2)
+    gap = placement.positions.take(layout.meet_first, axis=-2) - placement.positions.take(
+        layout.meet_second, axis=-2
+    )
     return placement.rotations.take(layout.meet_frame, axis=-3), gap
 
 
 def _relative(layout: ClosureLayout, placement: Placement) -> FloatArray:
     first = placement.rotations.take(layout.align_first, axis=-3)
-    return np.asarray(np.swapaxes(first, -1, -2) @ placement.rotations.take(layout.align_second, axis=-3))
+    return np.asarray(
+        np.swapaxes(first, -1, -2) @ placement.rotations.take(layout.align_second, axis=-3)
+    )
 
 
 def _alignment_bias(layout: ClosureLayout, placement: Placement, bias: Bias) -> FloatArray:
     first = np.swapaxes(placement.rotations.take(layout.align_first, axis=-3), -1, -2)
     relative = _relative(layout, placement)
-    omega1, omega2 = bias.omega.take(layout.align_first, axis=-2), bias.omega.take(layout.align_second, axis=-2)
-    alpha = bias.alpha.take(layout.align_second, axis=-2) - bias.alpha.take(layout.align_first, axis=-2)
-    # the closure is the axial vector of Q = R1^T R2, whose rate is V(Q) w with w the relative spin in the axes of the first body. Its
-    # second rate is V(Q) w' + V(Q') w; here without unknown accelerations, with Q' = w x Q and w' seen from the turning axes
+    omega1, omega2 = (
+        bias.omega.take(layout.align_first, axis=-2),
+        bias.omega.take(layout.align_second, axis=-2),
+    )
+    alpha = bias.alpha.take(layout.align_second, axis=-2) - bias.alpha.take(
+        layout.align_first, axis=-2
+    )
+    # the closure is the axial vector of Q = R1^T R2, whose rate is V(Q) w with w the relative spin
+    # in the axes of the first body. Its second rate is V(Q) w' + V(Q') w; here without unknown
+    # accelerations, with Q' = w x Q and w' seen from the turning axes
     speed = first @ (omega2 - omega1)[..., None]
     change = first @ (alpha - cross(omega1, omega2))[..., None]
     growth = _vee_map(skew_matrices(speed[..., 0]) @ relative)
@@ -279,7 +323,12 @@ def _vee_map(matrix: FloatArray) -> FloatArray:
 
 
 def _pick(
-    layout: ClosureLayout, met: FloatArray, aligned: FloatArray, balanced: FloatArray, *, columns: bool = False
+    layout: ClosureLayout,
+    met: FloatArray,
+    aligned: FloatArray,
+    balanced: FloatArray,
+    *,
+    columns: bool = False,
 ) -> FloatArray:
     """The wanted rows of all closures, in the closures' order."""
     keep = 1 if columns else 0

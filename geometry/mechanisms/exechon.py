@@ -1,12 +1,15 @@
-"""The Exechon, a tripod of two UPR legs on a common first axis and one SPR leg with a two-axis wrist: mechanism and inverse kinematics.
+"""The Exechon, a tripod of two UPR legs on a common first axis and one SPR leg with a two-axis
+wrist: mechanism and inverse kinematics.
 
-Base frame: y along the common first axis of legs 1 and 2, x towards leg 3, z towards the platform. Platform frame: x along the last
-revolutes of legs 1 and 2, y along the last revolute of leg 3, z towards the tool. Functions of poses take leading batch dimensions.
+Base frame: y along the common first axis of legs 1 and 2, x towards leg 3, z towards the platform.
+Platform frame: x along the last revolutes of legs 1 and 2, y along the last revolute of leg 3, z
+towards the tool. Functions of poses take leading batch dimensions.
 
-Source: Zoppi, Zlatanov and Molfino (2010), Kinematics analysis of the Exechon tripod, DETC2010-28668, whose legs A, C, B are legs 1,
-2, 3 here; sec. 4 is written with the angles ``phi`` of the plane of legs 1 and 2 (sin phi = c_alpha there up to sign) and ``beta`` of
-the platform in it. With lumped compliances between leg tip and platform joint the model is that of Bonnemains, Chanal, Bouzgarrou and
-Ray (2010), eqs. 4 to 6.
+Source: Zoppi, Zlatanov and Molfino (2010), Kinematics analysis of the Exechon tripod,
+DETC2010-28668, whose legs A, C, B are legs 1, 2, 3 here; sec. 4 is written with the angles ``phi``
+of the plane of legs 1 and 2 (sin phi = c_alpha there up to sign) and ``beta`` of the platform in
+it. With lumped compliances between leg tip and platform joint the model is that of Bonnemains,
+Chanal, Bouzgarrou and Ray (2010), eqs. 4 to 6.
 """
 
 from collections.abc import Mapping
@@ -51,7 +54,8 @@ class ExechonDimensions:
     Attributes:
         base: Places of the legs' base joints: y of legs 1 and 2 on the common axis, x of leg 3.
         platform: Places of the platform joints: y of legs 1 and 2, x of leg 3.
-        universal_offsets: Distance between the two axes of the universal joint of legs 1 and 2, signed by the way it is built.
+        universal_offsets: Distance between the two axes of the universal joint of legs 1 and 2,
+            signed by the way it is built.
         platform_heights: z of the platform joints of legs 1 and 2.
         wrist: x and z of the wrist centre in the platform frame.
         tool_length: From the wrist centre to the tool point along the spindle.
@@ -66,12 +70,15 @@ class ExechonDimensions:
 
 
 def exechon_mechanism(dimensions: ExechonDimensions) -> Mechanism:
-    """The mechanism: 3 lengths and 2 wrist angles driven, 9 passive angles, 9 closures, 6 lumped compliances.
+    """The mechanism: 3 lengths and 2 wrist angles driven, 9 passive angles, 9 closures, 6 lumped
+    compliances.
 
-    Marks: ``leg_i`` turns with leg i and does not slide, ``tip_i`` is its end, ``joint_i`` its platform joint, ``platform``,
-    ``wrist_4`` and ``wrist_5`` turn with the axes of the wrist about its centre, ``tcp``.
+    Marks: ``leg_i`` turns with leg i and does not slide, ``tip_i`` is its end, ``joint_i`` its
+    platform joint, ``platform``, ``wrist_4`` and ``wrist_5`` turn with the axes of the wrist about
+    its centre, ``tcp``.
 
-    Of the twelve loop equations two are redundant, and sharing the first angle of legs 1 and 2 takes one more away.
+    Of the twelve loop equations two are redundant, and sharing the first angle of legs 1 and 2
+    takes one more away.
     """
     c, h = dimensions.wrist
     wrist: tuple[ChainItem, ...] = (
@@ -88,7 +95,8 @@ def exechon_mechanism(dimensions: ExechonDimensions) -> Mechanism:
         "Exechon",
         chains=(_planar_leg(dimensions, 1, wrist), _planar_leg(dimensions, 2, ()), third),
         closures=(
-            # the component along the last revolutes is an identity in the rotating plane of legs 1 and 2
+            # the component along the last revolutes is an identity in the rotating plane of legs 1
+            # and 2
             Meeting("platform", "platform_2", between, frame="plane"),
             Balance({"th1": 1.0, "ps1": 1.0, "th2": -1.0, "ps2": -1.0}),
             Meeting("platform_3", "platform"),
@@ -99,7 +107,9 @@ def exechon_mechanism(dimensions: ExechonDimensions) -> Mechanism:
     )
 
 
-def _planar_leg(dimensions: ExechonDimensions, leg: int, wrist: tuple[ChainItem, ...]) -> tuple[ChainItem, ...]:
+def _planar_leg(
+    dimensions: ExechonDimensions, leg: int, wrist: tuple[ChainItem, ...]
+) -> tuple[ChainItem, ...]:
     place = leg - 1
     return (
         turn("y", "phi"),
@@ -129,7 +139,8 @@ class MountedExechon:
         dimensions: Of the tripod and its wrist.
         mounting: Base frame in the table frame.
         limits: Lowest and highest value of coordinates that have limits [m, rad].
-        assembly: Which way round it is put together: signs of the plane's and of the platform's angle.
+        assembly: Which way round it is put together: signs of the plane's and of the platform's
+            angle.
         mechanism: The chains and closures.
     """
 
@@ -151,7 +162,8 @@ class PoseSurvey:
         states: ``(..., n)`` coordinates, NaN where a pose is out of reach.
         reached: ``(...)`` whether the pose can be taken.
         within: ``(...)`` whether every joint is within its limits too.
-        condition: ``(...)`` condition number of the wrist centre's motion by the leg lengths; infinite where not reached.
+        condition: ``(...)`` condition number of the wrist centre's motion by the leg lengths;
+            infinite where not reached.
     """
 
     states: FloatArray
@@ -160,17 +172,21 @@ class PoseSurvey:
     condition: FloatArray
 
 
-def solve_tool_pose(machine: MountedExechon, point: FloatArray, direction: FloatArray) -> FloatArray:
+def solve_tool_pose(
+    machine: MountedExechon, point: FloatArray, direction: FloatArray
+) -> FloatArray:
     """Coordinates ``(n,)`` at which the tool stands in one pose.
 
     Args:
         machine: The mounted mechanism.
         point: ``(3,)`` tool point in the table frame [m].
-        direction: ``(3,)`` unit vector along the tool, from the wrist to the tip, in the table frame.
+        direction: ``(3,)`` unit vector along the tool, from the wrist to the tip, in the table
+            frame.
 
     Raises:
         UnreachablePoseError: The wrist centre is too close to the common axis of legs 1 and 2.
-        SingularPoseError: The plane, the platform or the wrist is undetermined, or a motion is lost or gained.
+        SingularPoseError: The plane, the platform or the wrist is undetermined, or a motion is lost
+            or gained.
         JointLimitError: A joint is beyond its limits; says which and by how much.
     """
     place = f"tool point ({', '.join(f'{1e3 * value:.4g}' for value in point)}) mm"
@@ -178,7 +194,9 @@ def solve_tool_pose(machine: MountedExechon, point: FloatArray, direction: Float
     _require_reach(machine, center, place)
     survey = survey_tool_poses(machine, np.asarray(point), np.asarray(direction))
     if not survey.reached:
-        raise SingularPoseError(f"{place}: the directions of a leg or of the wrist are undetermined there; move the pose a little")
+        raise SingularPoseError(
+            f"{place}: the directions of a leg or of the wrist are undetermined there; move the pose a little"
+        )
     if not survey.condition < LARGEST_CONDITION:
         raise SingularPoseError(
             f"{place}: the tripod is singular there, condition number {survey.condition:.2g}; a motion of the platform is lost or gained"
@@ -188,8 +206,11 @@ def solve_tool_pose(machine: MountedExechon, point: FloatArray, direction: Float
     return survey.states
 
 
-def survey_tool_poses(machine: MountedExechon, points: FloatArray, directions: FloatArray) -> PoseSurvey:
-    """Coordinates at which the tool stands in many poses, with what is wrong with each told by flags instead of errors.
+def survey_tool_poses(
+    machine: MountedExechon, points: FloatArray, directions: FloatArray
+) -> PoseSurvey:
+    """Coordinates at which the tool stands in many poses, with what is wrong with each told by
+    flags instead of errors.
 
     Args:
         machine: The mounted mechanism.
@@ -198,13 +219,19 @@ def survey_tool_poses(machine: MountedExechon, points: FloatArray, directions: F
     """
     directions = np.broadcast_to(np.asarray(directions, dtype=float), points.shape)
     with np.errstate(invalid="ignore", divide="ignore"):
-        states = platform_states(machine.dimensions, _wrist_center(machine, points, directions), machine.assembly)
+        states = platform_states(
+            machine.dimensions, _wrist_center(machine, points, directions), machine.assembly
+        )
         turned = place_marks(machine.mechanism, states)
         platform = turned.rotations[..., machine.mechanism.marks.index("platform"), :, :]
-        own = (np.swapaxes(machine.mounting.rotation @ platform, -1, -2) @ directions[..., None])[..., 0]
+        own = (np.swapaxes(machine.mounting.rotation @ platform, -1, -2) @ directions[..., None])[
+            ..., 0
+        ]
         wrist = machine.mechanism.index("g4")
         sideways = np.hypot(own[..., 0], own[..., 1])
-        states[..., wrist] = np.where(sideways > SINGULAR, np.arctan2(own[..., 1], own[..., 0]), np.nan)
+        states[..., wrist] = np.where(
+            sideways > SINGULAR, np.arctan2(own[..., 1], own[..., 0]), np.nan
+        )
         states[..., wrist + 1] = np.arctan2(sideways, own[..., 2])
     reached = np.asarray(np.isfinite(states).all(axis=-1))
     within = reached.copy()
@@ -214,13 +241,17 @@ def survey_tool_poses(machine: MountedExechon, points: FloatArray, directions: F
     return PoseSurvey(states, reached, within, condition_numbers(machine.mechanism, states))
 
 
-def platform_states(dimensions: ExechonDimensions, center: FloatArray, assembly: Assembly = (1, 1)) -> FloatArray:
-    """Coordinates of the tripod with its wrist centre in a place, wrist angles and compliances zero; NaN where it cannot be.
+def platform_states(
+    dimensions: ExechonDimensions, center: FloatArray, assembly: Assembly = (1, 1)
+) -> FloatArray:
+    """Coordinates of the tripod with its wrist centre in a place, wrist angles and compliances
+    zero; NaN where it cannot be.
 
     Args:
         dimensions: Of the tripod.
         center: ``(..., 3)`` wrist centre in the base frame [m].
-        assembly: One of :data:`ASSEMBLIES`; together they are all solutions with legs of positive length.
+        assembly: One of :data:`ASSEMBLIES`; together they are all solutions with legs of positive
+            length.
     """
     mechanism = exechon_mechanism(dimensions)
     phi, beta = _plane_and_platform(dimensions, center, assembly)
@@ -233,10 +264,21 @@ def platform_states(dimensions: ExechonDimensions, center: FloatArray, assembly:
     origin = center - dimensions.wrist[0] * normal - dimensions.wrist[1] * z_axis
     values: dict[str, FloatArray] = {"phi": phi}
     for leg in (1, 2):
-        joint = origin + dimensions.platform[leg - 1] * y_axis + dimensions.platform_heights[leg - 1] * z_axis
-        arm = joint - dimensions.base[leg - 1] * along - dimensions.universal_offsets[leg - 1] * radial
+        joint = (
+            origin
+            + dimensions.platform[leg - 1] * y_axis
+            + dimensions.platform_heights[leg - 1] * z_axis
+        )
+        arm = (
+            joint
+            - dimensions.base[leg - 1] * along
+            - dimensions.universal_offsets[leg - 1] * radial
+        )
         across, outward = arm[..., 1], (arm * radial).sum(axis=-1)
-        values[f"q{leg}"], values[f"th{leg}"] = np.hypot(across, outward), np.arctan2(-across, outward)
+        values[f"q{leg}"], values[f"th{leg}"] = (
+            np.hypot(across, outward),
+            np.arctan2(-across, outward),
+        )
     values["ps1"] = wrap_angles(beta - values["th1"])
     values["ps2"] = values["th1"] + values["ps1"] - values["th2"]
     arm = origin + dimensions.platform[2] * normal - np.array([dimensions.base[2], 0.0, 0.0])
@@ -249,14 +291,18 @@ def platform_states(dimensions: ExechonDimensions, center: FloatArray, assembly:
 
 
 def condition_numbers(mechanism: Mechanism, states: FloatArray) -> FloatArray:
-    """Condition number ``(...)`` of the map from leg speeds to the velocity of the wrist centre; all lengths, so it has no unit."""
+    """Condition number ``(...)`` of the map from leg speeds to the velocity of the wrist centre;
+    all lengths, so it has no unit.
+    """
     finite = np.asarray(np.isfinite(states).all(axis=-1))
     known = np.where(finite[..., None], states, 1.0)
     kinematics = evaluate_kinematics(mechanism, known)
     closures = kinematics.closures
     sizes = np.linalg.svd(closures[..., mechanism.passive_slice], compute_uv=False)
     regular = finite & (sizes[..., -1] > SINGULAR * sizes[..., 0])
-    passive = np.where(regular[..., None, None], closures[..., mechanism.passive_slice], np.eye(closures.shape[-2]))
+    passive = np.where(
+        regular[..., None, None], closures[..., mechanism.passive_slice], np.eye(closures.shape[-2])
+    )
     legs = slice(0, len(LENGTHS))
     follow = -np.linalg.solve(passive, closures[..., legs])
     center = kinematics.of_position[..., mechanism.marks.index("wrist_4"), :, :]
@@ -273,12 +319,18 @@ def name_limit_faults(machine: MountedExechon, state: FloatArray) -> list[str]:
         value = float(state[machine.mechanism.index(name)])
         if not low <= value <= high:
             scale, unit = (1e3, "mm") if name in LENGTHS else (180.0 / np.pi, "deg")
-            faults.append(f"{name} would be {scale * value:.4g} {unit}, outside {scale * low:.4g} to {scale * high:.4g} {unit}")
+            faults.append(
+                f"{name} would be {scale * value:.4g} {unit}, outside {scale * low:.4g} to {scale * high:.4g} {unit}"
+            )
     return faults
 
 
-def _wrist_center(machine: MountedExechon, points: FloatArray, directions: FloatArray) -> FloatArray:
-    return (points - machine.dimensions.tool_length * directions - machine.mounting.origin) @ machine.mounting.rotation
+def _wrist_center(
+    machine: MountedExechon, points: FloatArray, directions: FloatArray
+) -> FloatArray:
+    return (
+        points - machine.dimensions.tool_length * directions - machine.mounting.origin
+    ) @ machine.mounting.rotation
 
 
 def _require_reach(machine: MountedExechon, center: FloatArray, place: str) -> None:
@@ -289,18 +341,32 @@ def _require_reach(machine: MountedExechon, center: FloatArray, place: str) -> N
             f" {1e3 * aside:.4g} mm"
         )
     if distance - aside <= SINGULAR:
-        raise SingularPoseError(f"{place}: the wrist centre is on the common axis of legs 1 and 2, whose plane may turn freely")
+        raise SingularPoseError(
+            f"{place}: the wrist centre is on the common axis of legs 1 and 2, whose plane may turn freely"
+        )
 
 
-def _plane_and_platform(dimensions: ExechonDimensions, center: FloatArray, assembly: Assembly) -> tuple[FloatArray, FloatArray]:
+def _plane_and_platform(
+    dimensions: ExechonDimensions, center: FloatArray, assembly: Assembly
+) -> tuple[FloatArray, FloatArray]:
     distance = np.hypot(center[..., 0], center[..., 2])
     near = distance - abs(dimensions.wrist[0]) <= SINGULAR
     ratio = dimensions.wrist[0] / np.where(near, np.inf, distance)
     lean = np.arcsin(ratio)
-    phi = wrap_angles(np.arctan2(center[..., 0], center[..., 2]) - (lean if assembly[0] > 0 else np.pi - lean))
-    outward = center[..., 0] * np.sin(phi) + center[..., 2] * np.cos(phi) - dimensions.base[2] * np.sin(phi)
+    phi = wrap_angles(
+        np.arctan2(center[..., 0], center[..., 2]) - (lean if assembly[0] > 0 else np.pi - lean)
+    )
+    outward = (
+        center[..., 0] * np.sin(phi)
+        + center[..., 2] * np.cos(phi)
+        - dimensions.base[2] * np.sin(phi)
+    )
     free = np.hypot(center[..., 1], outward) <= SINGULAR
-    beta = -np.arctan2(center[..., 1], outward) if assembly[1] > 0 else wrap_angles(np.pi - np.arctan2(center[..., 1], outward))
+    beta = (
+        -np.arctan2(center[..., 1], outward)
+        if assembly[1] > 0
+        else wrap_angles(np.pi - np.arctan2(center[..., 1], outward))
+    )
     return np.where(near, np.nan, phi), np.where(free, np.nan, beta)
 
 

@@ -1,8 +1,10 @@
-"""Positions, Jacobians and bias accelerations of the marks of a mechanism, for one state or a batch of states at once.
+"""Positions, Jacobians and bias accelerations of the marks of a mechanism, for one state or a batch
+of states at once.
 
-A chain is a product of elementary motions, as 4 x 4 matrices (Denavit and Hartenberg 1955, with one motion per factor). A column of
-a Jacobian is the unit twist of its joint (Whitney 1972); bias accelerations come by the outward recursion with zero joint
-accelerations (Featherstone 2008, ch. 5). Every function takes leading batch dimensions and complex numbers, for the complex step.
+A chain is a product of elementary motions, as 4 x 4 matrices (Denavit and Hartenberg 1955, with one
+motion per factor). A column of a Jacobian is the unit twist of its joint (Whitney 1972); bias
+accelerations come by the outward recursion with zero joint accelerations (Featherstone 2008, ch.
+5). Every function takes leading batch dimensions and complex numbers, for the complex step.
 """
 
 from dataclasses import dataclass
@@ -23,15 +25,18 @@ class ChainLayout:
     """A mechanism's chains as arrays; chains are padded to the same number of motions.
 
     Attributes:
-        constant: ``(C, D, 4, 4)``: motion = constant + cosine cos v + sine sin v + linear v, fixed steps before it multiplied in.
+        constant: ``(C, D, 4, 4)``: motion = constant + cosine cos v + sine sin v + linear v, fixed
+            steps before it multiplied in.
         cosine: ``(C, D, 4, 4)``.
         sine: ``(C, D, 4, 4)``.
         linear: ``(C, D, 4, 4)``.
-        source: ``(C, D)`` which coordinate drives a motion; the number of coordinates where none does.
+        source: ``(C, D)`` which coordinate drives a motion; the number of coordinates where none
+            does.
         amount: ``(C, D)`` fixed part of each motion.
         direction: ``(C, D, 3)`` axis of each motion in its own frame, zero where there is none.
         turns: ``(C, D)`` 1 for rotations, else 0.
-        mark_chain: ``(P,)`` chain of each mark; after the mechanism's marks comes the ground, as one more.
+        mark_chain: ``(P,)`` chain of each mark; after the mechanism's marks comes the ground, as
+            one more.
         mark_depth: ``(P,)`` motions before each mark.
         mark_local: ``(P, 4, 4)`` fixed steps between the last motion and the mark.
         spread: ``(P, D, n)`` 1 where a motion on the way to a mark is driven by a coordinate.
@@ -94,7 +99,11 @@ def chain_layout(mechanism: Mechanism) -> ChainLayout:
     tensors = np.zeros((4, count, depth, 4, 4))
     tensors[0] = np.eye(4)
     source = np.full((count, depth), len(mechanism.coordinates), dtype=np.intp)
-    amount, turns, direction = np.zeros((count, depth)), np.zeros((count, depth)), np.zeros((count, depth, 3))
+    amount, turns, direction = (
+        np.zeros((count, depth)),
+        np.zeros((count, depth)),
+        np.zeros((count, depth, 3)),
+    )
     marks: list[tuple[int, int, FloatArray]] = []
     for row, chain in enumerate(mechanism.chains):
         fixed, level = np.eye(4), 0
@@ -108,7 +117,10 @@ def chain_layout(mechanism: Mechanism) -> ChainLayout:
                 continue
             tensors[:, row, level] = fixed @ motion
             source[row, level], amount[row, level] = mechanism.index(item.coordinate), item.amount
-            turns[row, level], direction[row, level] = item.kind == "turn", np.eye(3)[AXES.index(item.axis)]
+            turns[row, level], direction[row, level] = (
+                item.kind == "turn",
+                np.eye(3)[AXES.index(item.axis)],
+            )
             fixed, level = np.eye(4), level + 1
     # the ground, as a last mark without a name
     marks.append((0, 0, np.eye(4)))
@@ -117,7 +129,20 @@ def chain_layout(mechanism: Mechanism) -> ChainLayout:
     spread = spread * (np.arange(depth) < depths[:, None])[..., None]
     local = np.array([mark[2] for mark in marks])
     constant, cosine, sine, linear = tensors
-    return ChainLayout(constant, cosine, sine, linear, source, amount, direction, turns, chains, depths, local, spread)
+    return ChainLayout(
+        constant,
+        cosine,
+        sine,
+        linear,
+        source,
+        amount,
+        direction,
+        turns,
+        chains,
+        depths,
+        local,
+        spread,
+    )
 
 
 def place_marks(mechanism: Mechanism, state: FloatArray) -> Placement:
@@ -130,11 +155,20 @@ def place_marks(mechanism: Mechanism, state: FloatArray) -> Placement:
     layout = chain_layout(mechanism)
     padded = np.concatenate([state, np.zeros((*state.shape[:-1], 1), state.dtype)], axis=-1)
     value = (padded[..., layout.source] + layout.amount)[..., None, None]
-    steps = layout.constant + layout.cosine * np.cos(value) + layout.sine * np.sin(value) + layout.linear * value
-    frames = np.empty((*state.shape[:-1], len(layout.source), layout.source.shape[1] + 1, 4, 4), steps.dtype)
+    steps = (
+        layout.constant
+        + layout.cosine * np.cos(value)
+        + layout.sine * np.sin(value)
+        + layout.linear * value
+    )
+    frames = np.empty(
+        (*state.shape[:-1], len(layout.source), layout.source.shape[1] + 1, 4, 4), steps.dtype
+    )
     frames[..., 0, :, :] = np.eye(4)
     for level in range(layout.source.shape[1]):
-        np.matmul(frames[..., level, :, :], steps[..., level, :, :], out=frames[..., level + 1, :, :])
+        np.matmul(
+            frames[..., level, :, :], steps[..., level, :, :], out=frames[..., level + 1, :, :]
+        )
     axes = (frames[..., 1:, :3, :3] @ layout.direction[..., None])[..., 0]
     marked = frames[..., layout.mark_chain, layout.mark_depth, :, :] @ layout.mark_local
     return Placement(layout, frames, axes, marked[..., :3, :3], marked[..., :3, 3])
@@ -144,7 +178,8 @@ def mark_jacobians(placement: Placement) -> tuple[FloatArray, FloatArray]:
     """Derivatives of the marks' motion by the coordinates.
 
     Returns:
-        Of positions ``(..., P, 3, n)`` and of orientations ``(..., P, 3, n)``: velocity and angular velocity per unit rate.
+        Of positions ``(..., P, 3, n)`` and of orientations ``(..., P, 3, n)``: velocity and angular
+        velocity per unit rate.
     """
     layout = placement.layout
     axes = placement.axes.take(layout.mark_chain, axis=-3)
@@ -157,7 +192,9 @@ def mark_jacobians(placement: Placement) -> tuple[FloatArray, FloatArray]:
 
 
 def mark_bias(placement: Placement, rates: FloatArray) -> Bias:
-    """Velocities and bias accelerations of all marks at given rates ``(..., n)`` of the coordinates."""
+    """Velocities and bias accelerations of all marks at given rates ``(..., n)`` of the
+    coordinates.
+    """
     layout = placement.layout
     padded = np.concatenate([rates, np.zeros((*rates.shape[:-1], 1), rates.dtype)], axis=-1)
     twist = placement.axes * padded[..., layout.source][..., None]
@@ -169,12 +206,19 @@ def mark_bias(placement: Placement, rates: FloatArray) -> Bias:
     step = origins[..., 1:, :] - origins[..., :-1, :]
     swept = cross(before, step)
     velocity = _running_sum(swept + sliding)
-    acceleration = _running_sum(cross(alpha[..., :-1, :], step) + cross(before, swept + 2.0 * sliding))
+    acceleration = _running_sum(
+        cross(alpha[..., :-1, :], step) + cross(before, swept + 2.0 * sliding)
+    )
     place = (..., layout.mark_chain, layout.mark_depth, slice(None))
     omega, alpha = omega[place], alpha[place]
     arms = placement.positions - origins[place]
     lever = cross(omega, arms)
-    return Bias(omega, velocity[place] + lever, alpha, acceleration[place] + cross(alpha, arms) + cross(omega, lever))
+    return Bias(
+        omega,
+        velocity[place] + lever,
+        alpha,
+        acceleration[place] + cross(alpha, arms) + cross(omega, lever),
+    )
 
 
 def cross(first: FloatArray, second: FloatArray) -> FloatArray:

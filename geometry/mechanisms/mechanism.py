@@ -1,4 +1,6 @@
-"""Mechanisms as data: chains of elementary motions from ground, and the closures that make loops of them."""
+"""Mechanisms as data: chains of elementary motions from ground, and the closures that make loops of
+them.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -50,7 +52,9 @@ def shift(axis: AxisName, by: str | float) -> Step:
 
 @dataclass(frozen=True)
 class Meeting:
-    """Two marks coincide in some directions: ``axes`` of the frame of a third mark, of ground where there is none."""
+    """Two marks coincide in some directions: ``axes`` of the frame of a third mark, of ground where
+    there is none.
+    """
 
     first: str
     second: str
@@ -60,7 +64,9 @@ class Meeting:
 
 @dataclass(frozen=True)
 class Alignment:
-    """Two marks have the same orientation about some axes of the first: components of ``vee skew(R1^T R2)`` vanish."""
+    """Two marks have the same orientation about some axes of the first: components of ``vee
+    skew(R1^T R2)`` vanish.
+    """
 
     first: str
     second: str
@@ -84,10 +90,12 @@ class Mechanism:
 
     Attributes:
         name: For messages.
-        chains: Each a row of steps and marks, from the ground frame outwards; chains may share coordinates.
+        chains: Each a row of steps and marks, from the ground frame outwards; chains may share
+            coordinates.
         closures: What makes loops of the chains.
         driven: Coordinates that drives prescribe, ``u``.
-        compliant: Coordinates of lumped compliances, ``delta``, zero on the rigid mechanism; every other coordinate is passive, ``v``.
+        compliant: Coordinates of lumped compliances, ``delta``, zero on the rigid mechanism; every
+            other coordinate is passive, ``v``.
 
     Raises:
         ValueError: A name means nothing or means two things.
@@ -101,19 +109,32 @@ class Mechanism:
     passive: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        used = [step.coordinate for chain in self.chains for step in chain if isinstance(step, Step) and step.coordinate]
+        used = [
+            step.coordinate
+            for chain in self.chains
+            for step in chain
+            if isinstance(step, Step) and step.coordinate
+        ]
         named = (*self.driven, *self.compliant)
         unknown = sorted(set(named) - set(used))
         if unknown or len(set(named)) < len(named):
-            raise ValueError(f"{self.name}: driven and compliant coordinates must be different ones of the chains, not {unknown}")
-        object.__setattr__(self, "passive", tuple(name for name in dict.fromkeys(used) if name not in named))
+            raise ValueError(
+                f"{self.name}: driven and compliant coordinates must be different ones of the chains, not {unknown}"
+            )
+        object.__setattr__(
+            self, "passive", tuple(name for name in dict.fromkeys(used) if name not in named)
+        )
         marks = [item.name for chain in self.chains for item in chain if isinstance(item, Mark)]
         if len(set(marks)) < len(marks):
             raise ValueError(f"{self.name}: a mark is named twice among {marks}")
         for closure in self.closures:
-            wrong = sorted(_names_in(closure) - (set(used) if isinstance(closure, Balance) else set(marks)))
+            wrong = sorted(
+                _names_in(closure) - (set(used) if isinstance(closure, Balance) else set(marks))
+            )
             if wrong:
-                raise ValueError(f"{self.name}: a closure names {', '.join(wrong)}, which is nowhere in the chains")
+                raise ValueError(
+                    f"{self.name}: a closure names {', '.join(wrong)}, which is nowhere in the chains"
+                )
 
     @cached_property
     def coordinates(self) -> tuple[str, ...]:
@@ -155,4 +176,8 @@ def _names_in(closure: Closure) -> set[str]:
     if isinstance(closure, Balance):
         return set(closure.weights)
     names = {closure.first, closure.second}
-    return names | {closure.frame} if isinstance(closure, Meeting) and closure.frame is not None else names
+    return (
+        names | {closure.frame}
+        if isinstance(closure, Meeting) and closure.frame is not None
+        else names
+    )

@@ -23,7 +23,8 @@ ON_CIRCLE = 1e-6
 
 
 def planar_3rpr(base: FloatArray, platform: FloatArray) -> Mechanism:
-    """A triangle held by three telescopic legs in the xy plane, each with a lumped compliance ``d_i`` along it.
+    """A triangle held by three telescopic legs in the xy plane, each with a lumped compliance
+    ``d_i`` along it.
 
     Args:
         base: ``(3, 2)`` joints on the ground [m].
@@ -44,11 +45,16 @@ def planar_3rpr(base: FloatArray, platform: FloatArray) -> Mechanism:
                 Meeting("platform_1", f"platform_{leg}", PLANAR),
                 Balance({"th1": 1.0, "ps1": 1.0, f"th{leg}": -1.0, f"ps{leg}": -1.0}),
             ]
-    return Mechanism("planar 3-RPR", tuple(chains), tuple(closures), ("q1", "q2", "q3"), ("d1", "d2", "d3"))
+    return Mechanism(
+        "planar 3-RPR", tuple(chains), tuple(closures), ("q1", "q2", "q3"), ("d1", "d2", "d3")
+    )
 
 
-def planar_3rpr_state(base: FloatArray, platform: FloatArray, place: Sequence[float], angle: float) -> FloatArray:
-    """All coordinates of a planar 3-RPR whose platform frame is at a place [m] and turned by an angle [rad].
+def planar_3rpr_state(
+    base: FloatArray, platform: FloatArray, place: Sequence[float], angle: float
+) -> FloatArray:
+    """All coordinates of a planar 3-RPR whose platform frame is at a place [m] and turned by an
+    angle [rad].
 
     Args:
         base: Base joints, ``(3, 2)`` [m].
@@ -60,17 +66,25 @@ def planar_3rpr_state(base: FloatArray, platform: FloatArray, place: Sequence[fl
     turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     legs = np.asarray(place) + platform @ turned.T - base
     directions = np.arctan2(legs[:, 1], legs[:, 0])
-    values = {"th": directions, "q": np.hypot(legs[:, 0], legs[:, 1]), "ps": wrap_angles(angle - directions), "d": np.zeros(3)}
+    values = {
+        "th": directions,
+        "q": np.hypot(legs[:, 0], legs[:, 1]),
+        "ps": wrap_angles(angle - directions),
+        "d": np.zeros(3),
+    }
     # the balances compare plain sums of angles, so all legs count the same turns
     values["ps"] += angle - directions - values["ps"]
     return np.array([values[name[:-1]][int(name[-1]) - 1] for name in mechanism.coordinates])
 
 
-def planar_3rpr_assemblies(base: FloatArray, platform: FloatArray, lengths: FloatArray) -> list[tuple[float, float, float]]:
+def planar_3rpr_assemblies(
+    base: FloatArray, platform: FloatArray, lengths: FloatArray
+) -> list[tuple[float, float, float]]:
     """Every pose (x, y, angle) of the platform frame at given leg lengths ``(3,)``, at most six.
 
-    With the first platform joint as origin the differences of the leg equations are linear in its place; what is left is a
-    trigonometric polynomial of degree three in the angle (Gosselin, Sefrioui and Richard 1992), found here from seven samples.
+    With the first platform joint as origin the differences of the leg equations are linear in its
+    place; what is left is a trigonometric polynomial of degree three in the angle (Gosselin,
+    Sefrioui and Richard 1992), found here from seven samples.
 
     Args:
         base: Base joints, ``(3, 2)`` [m].
@@ -86,7 +100,11 @@ def planar_3rpr_assemblies(base: FloatArray, platform: FloatArray, lengths: Floa
         sums = (x**2 + y**2 - lengths**2) / 2.0
         a, b, c = ((part[:, 1:] - part[:, :1]) for part in (x, y, sums))
         across = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-        return -(c[:, 0] * b[:, 1] - c[:, 1] * b[:, 0]), -(a[:, 0] * c[:, 1] - a[:, 1] * c[:, 0]), across
+        return (
+            -(c[:, 0] * b[:, 1] - c[:, 1] * b[:, 0]),
+            -(a[:, 0] * c[:, 1] - a[:, 1] * c[:, 0]),
+            across,
+        )
 
     samples = np.array([2.0 * np.pi * number / 7.0 for number in range(7)])
     px, py, d = place(samples)
@@ -97,7 +115,10 @@ def planar_3rpr_assemblies(base: FloatArray, platform: FloatArray, lengths: Floa
     px, py, d = place(angles)
     shift_x = np.cos(angles) * platform[0, 0] - np.sin(angles) * platform[0, 1]
     shift_y = np.sin(angles) * platform[0, 0] + np.cos(angles) * platform[0, 1]
-    return [(float(x), float(y), float(t)) for x, y, t in zip(px / d - shift_x, py / d - shift_y, angles, strict=True)]
+    return [
+        (float(x), float(y), float(t))
+        for x, y, t in zip(px / d - shift_x, py / d - shift_y, angles, strict=True)
+    ]
 
 
 def hexapod(base: FloatArray, platform: FloatArray) -> Mechanism:
@@ -107,25 +128,42 @@ def hexapod(base: FloatArray, platform: FloatArray) -> Mechanism:
         base: ``(6, 3)`` universal joints on the ground [m].
         platform: ``(6, 3)`` spherical joints on the platform, in its own frame [m].
     """
-    carried = [item for number in range(len(platform)) for item in _joint_there_and_back(number + 1, platform[number])]
+    carried = [
+        item
+        for number in range(len(platform))
+        for item in _joint_there_and_back(number + 1, platform[number])
+    ]
     free: tuple[ChainItem, ...] = (
         shift("x", "x"), shift("y", "y"), shift("z", "z"), turn("x", "rx"), turn("y", "ry"), turn("z", "rz"), Mark("platform"),
         *carried,
     )  # fmt: skip
     legs = [_telescopic_leg(number + 1, base[number]) for number in range(len(base))]
     closures = tuple(Meeting(f"foot_{number}", f"tip_{number}") for number in range(1, 7))
-    return Mechanism("hexapod", (free, *legs), closures, tuple(f"q{number}" for number in range(1, 7)))
+    return Mechanism(
+        "hexapod", (free, *legs), closures, tuple(f"q{number}" for number in range(1, 7))
+    )
 
 
 def tricept(base: FloatArray, platform: FloatArray) -> Mechanism:
-    """A platform on a central telescope behind a universal joint (UP), moved by three telescopic legs (UPS).
+    """A platform on a central telescope behind a universal joint (UP), moved by three telescopic
+    legs (UPS).
 
     Args:
         base: ``(3, 3)`` universal joints on the ground [m].
         platform: ``(3, 3)`` spherical joints on the platform, in its own frame [m].
     """
-    carried = [item for number in range(len(platform)) for item in _joint_there_and_back(number + 1, platform[number])]
-    center: tuple[ChainItem, ...] = (turn("x", "rx"), turn("y", "ry"), shift("z", "z"), Mark("platform"), *carried)
+    carried = [
+        item
+        for number in range(len(platform))
+        for item in _joint_there_and_back(number + 1, platform[number])
+    ]
+    center: tuple[ChainItem, ...] = (
+        turn("x", "rx"),
+        turn("y", "ry"),
+        shift("z", "z"),
+        Mark("platform"),
+        *carried,
+    )
     legs = [_telescopic_leg(number + 1, base[number]) for number in range(len(base))]
     closures = tuple(Meeting(f"foot_{number}", f"tip_{number}") for number in range(1, 4))
     return Mechanism("Tricept", (center, *legs), closures, ("q1", "q2", "q3"))
@@ -133,7 +171,12 @@ def tricept(base: FloatArray, platform: FloatArray) -> Mechanism:
 
 def _joint_there_and_back(number: int, joint: FloatArray) -> tuple[ChainItem, ...]:
     x, y, z = (float(value) for value in joint)
-    there: tuple[ChainItem, ...] = (shift("x", x), shift("y", y), shift("z", z), Mark(f"foot_{number}"))
+    there: tuple[ChainItem, ...] = (
+        shift("x", x),
+        shift("y", y),
+        shift("z", z),
+        Mark(f"foot_{number}"),
+    )
     return (*there, shift("x", -x), shift("y", -y), shift("z", -z))
 
 

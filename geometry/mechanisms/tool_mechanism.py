@@ -9,7 +9,8 @@ from headstock.geometry.frames import FloatArray, Frame, compose_frames, rotatio
 from headstock.geometry.mechanisms.exechon import MountedExechon, solve_tool_pose
 from headstock.geometry.mechanisms.kinematics import place_marks
 
-# the axes of a tool pose: place of the tool point, and turns of the tool about the machine's x and y
+# the axes of a tool pose: place of the tool point, and turns of the tool about the machine's x and
+# y
 TOOL_AXES = ("X", "Y", "Z", "A", "B")
 TOOL_POINT, TOOL_TURNS = TOOL_AXES[:3], TOOL_AXES[3:]
 
@@ -21,7 +22,8 @@ class ToolMechanism:
     Attributes:
         mounted: Dimensions, place and limits.
         tool: ``(3,)`` direction of the tool in the machine frame where a pose does not turn it.
-        carries: Component to the mark of the mechanism it is fixed to; its placement is relative to that mark.
+        carries: Component to the mark of the mechanism it is fixed to; its placement is relative to
+            that mark.
     """
 
     mounted: MountedExechon
@@ -29,8 +31,12 @@ class ToolMechanism:
     carries: Mapping[str, str]
 
 
-def tool_pose(mechanism: ToolMechanism, positions: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
-    """Tool point ``(3,)`` [m] and direction ``(3,)`` of a pose, machine frame; A and B turn the tool about x, then about y."""
+def tool_pose(
+    mechanism: ToolMechanism, positions: Mapping[str, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Tool point ``(3,)`` [m] and direction ``(3,)`` of a pose, machine frame; A and B turn the
+    tool about x, then about y.
+    """
     point = np.array([positions.get(axis, 0.0) for axis in TOOL_POINT])
     direction = mechanism.tool
     for axis, about in zip(TOOL_TURNS, ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), strict=True):
@@ -58,6 +64,8 @@ def place_carriers(mechanism: ToolMechanism, positions: Mapping[str, float]) -> 
     placed = place_marks(known, solve_pose(mechanism, positions))
     places = {name: known.marks.index(mark) for name, mark in mechanism.carries.items()}
     return {
-        name: compose_frames(mechanism.mounted.mounting, Frame(placed.positions[place], placed.rotations[place]))
+        name: compose_frames(
+            mechanism.mounted.mounting, Frame(placed.positions[place], placed.rotations[place])
+        )
         for name, place in places.items()
     }

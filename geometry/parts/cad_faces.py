@@ -13,8 +13,17 @@ FaceKind = Literal["plane", "cylinder", "cone", "sphere", "torus", "freeform"]
 Vector = tuple[float, float, float]
 SAME_PLACE = 1e-4
 SAME_DIRECTION = 1e-6
-WHOLE_SHARE = 0.7  # of a cylinder's area: crossing holes take some off, and half a turn is the end of a slot
-DIRECTION_NAMES = {(0, 1): "front", (0, -1): "back", (1, 1): "left", (1, -1): "right", (2, 1): "top", (2, -1): "bottom"}
+WHOLE_SHARE = (
+    0.7  # of a cylinder's area: crossing holes take some off, and half a turn is the end of a slot
+)
+DIRECTION_NAMES = {
+    (0, 1): "front",
+    (0, -1): "back",
+    (1, 1): "left",
+    (1, -1): "right",
+    (2, 1): "top",
+    (2, -1): "bottom",
+}
 CANDIDATES = 24
 MOST_PATTERNS = 4
 SMALLEST_PATTERN = 2
@@ -30,7 +39,8 @@ class CadFace:
         kind: Kind of surface.
         area: [m^2].
         center: Centroid [m].
-        normal: Outward unit normal: of a plane everywhere, of a curved face where its largest facet lies.
+        normal: Outward unit normal: of a plane everywhere, of a curved face where its largest facet
+            lies.
         low: Lower corner of its bounding box [m].
         high: Upper corner of its bounding box [m].
         radius: Of a cylinder or sphere [m]; 0 otherwise.
@@ -93,9 +103,13 @@ def fit_cylinder(points: FloatArray, normals: FloatArray) -> FittedCylinder:
     across = np.linalg.svd(axis[None, :])[2][1:]
     flat = (points - middle) @ across.T
     # circle through points, by least squares (Kasa 1976): |p|^2 = 2 c.p + r^2 - |c|^2
-    solution = np.linalg.lstsq(np.column_stack([2 * flat, np.ones(len(flat))]), (flat**2).sum(axis=1), rcond=None)[0]
+    solution = np.linalg.lstsq(
+        np.column_stack([2 * flat, np.ones(len(flat))]), (flat**2).sum(axis=1), rcond=None
+    )[0]
     center = solution[:2]
-    return FittedCylinder(axis, middle + center @ across, float(np.sqrt(solution[2] + center @ center)))
+    return FittedCylinder(
+        axis, middle + center @ across, float(np.sqrt(solution[2] + center @ center))
+    )
 
 
 def find_holes(faces: Sequence[CadFace]) -> list[Hole]:
@@ -107,16 +121,29 @@ def find_holes(faces: Sequence[CadFace]) -> list[Hole]:
         mates = [face for face in left if _share_cylinder(left[0], face, extent)]
         left = [face for face in left if face not in mates]
         low, high = min(face.span[0] for face in mates), max(face.span[1] for face in mates)
-        radius, axis, point = mates[0].radius, np.array(mates[0].axis), np.array(mates[0].axis_point)
+        radius, axis, point = (
+            mates[0].radius,
+            np.array(mates[0].axis),
+            np.array(mates[0].axis_point),
+        )
         if sum(face.area for face in mates) < WHOLE_SHARE * 2.0 * np.pi * radius * (high - low):
             continue
         x, y, z = point + ((low + high) / 2 - point @ axis) * axis
-        holes.append(Hole(tuple(face.number for face in mates), radius, mates[0].axis, (float(x), float(y), float(z))))
+        holes.append(
+            Hole(
+                tuple(face.number for face in mates),
+                radius,
+                mates[0].axis,
+                (float(x), float(y), float(z)),
+            )
+        )
     return holes
 
 
 def name_faces(faces: Sequence[CadFace]) -> dict[int, str]:
-    """A name for each face by number: ``z-`` and the like where that selects this face alone, else ``face:N``."""
+    """A name for each face by number: ``z-`` and the like where that selects this face alone, else
+    ``face:N``.
+    """
     extent = part_extent(faces)
     names = {face.number: f"face:{face.number}" for face in faces}
     for name, (axis, sign) in FACE_DIRECTIONS.items():
@@ -135,7 +162,9 @@ def name_faces(faces: Sequence[CadFace]) -> dict[int, str]:
 
 def part_extent(faces: Sequence[CadFace]) -> float:
     """Longest side of the bounding box [m]."""
-    return max(max(face.high[i] for face in faces) - min(face.low[i] for face in faces) for i in range(3))
+    return max(
+        max(face.high[i] for face in faces) - min(face.low[i] for face in faces) for i in range(3)
+    )
 
 
 def _share_cylinder(first: CadFace, second: CadFace, extent: float) -> bool:
@@ -172,14 +201,26 @@ def suggest_interfaces(faces: Sequence[CadFace]) -> list[SuggestedInterface]:
     for face in _opposing_planes(faces):
         axis = int(np.argmax(np.abs(face.normal)))
         upright = abs(face.normal[axis]) > PARALLEL
-        name = DIRECTION_NAMES[axis, int(np.sign(face.normal[axis]))] if upright else f"face_{face.number}"
-        found[name] = SuggestedInterface(name, (names[face.number],), f"plane, {face.area * 1e4:.4g} cm^2")
+        name = (
+            DIRECTION_NAMES[axis, int(np.sign(face.normal[axis]))]
+            if upright
+            else f"face_{face.number}"
+        )
+        found[name] = SuggestedInterface(
+            name, (names[face.number],), f"plane, {face.area * 1e4:.4g} cm^2"
+        )
     patterns = _hole_patterns(find_holes(faces), part_extent(faces))
-    for number, holes in enumerate([pattern for pattern in patterns if len(pattern) >= SMALLEST_PATTERN][:MOST_PATTERNS], 1):
+    for number, holes in enumerate(
+        [pattern for pattern in patterns if len(pattern) >= SMALLEST_PATTERN][:MOST_PATTERNS], 1
+    ):
         chosen = tuple(names[face] for hole in holes for face in hole.faces)
         reason = f"{len(holes)} holes of {2e3 * holes[0].radius:.4g} mm"
         found[f"holes_{number}"] = SuggestedInterface(f"holes_{number}", chosen, reason)
-    single = max((pattern[0] for pattern in patterns if len(pattern) == 1), key=lambda hole: hole.radius, default=None)
+    single = max(
+        (pattern[0] for pattern in patterns if len(pattern) == 1),
+        key=lambda hole: hole.radius,
+        default=None,
+    )
     if single is not None:
         chosen = tuple(names[face] for face in single.faces)
         found["bore"] = SuggestedInterface("bore", chosen, f"hole of {2e3 * single.radius:.4g} mm")
@@ -187,20 +228,29 @@ def suggest_interfaces(faces: Sequence[CadFace]) -> list[SuggestedInterface]:
 
 
 def _opposing_planes(faces: Sequence[CadFace]) -> tuple[CadFace, ...]:
-    """The two planes that look away from each other with most between them: smaller area times distance."""
-    planes = sorted((face for face in faces if face.kind == "plane"), key=lambda face: -face.area)[:CANDIDATES]
+    """The two planes that look away from each other with most between them: smaller area times
+    distance.
+    """
+    planes = sorted((face for face in faces if face.kind == "plane"), key=lambda face: -face.area)[
+        :CANDIDATES
+    ]
     best: tuple[float, tuple[CadFace, ...]] = (0.0, ())
     for index, first in enumerate(planes):
         for second in planes[index + 1 :]:
             normal = np.array(second.normal)
             apart = float((np.array(second.center) - np.array(first.center)) @ normal)
-            if normal @ np.array(first.normal) < -PARALLEL and min(first.area, second.area) * apart > best[0]:
+            if (
+                normal @ np.array(first.normal) < -PARALLEL
+                and min(first.area, second.area) * apart > best[0]
+            ):
                 best = (min(first.area, second.area) * apart, (first, second))
     return best[1]
 
 
 def _hole_patterns(holes: Sequence[Hole], extent: float) -> list[list[Hole]]:
-    """Holes of one radius, with parallel axes and at one height along them; patterns of many holes first."""
+    """Holes of one radius, with parallel axes and at one height along them; patterns of many holes
+    first.
+    """
     patterns: list[list[Hole]] = []
     for hole in holes:
         for pattern in patterns:

@@ -1,4 +1,6 @@
-"""Components of a machine: solid, material, mesh settings, and the interfaces at which they meet others."""
+"""Components of a machine: solid, material, mesh settings, and the interfaces at which they meet
+others.
+"""
 
 import math
 from dataclasses import dataclass, field
@@ -32,14 +34,16 @@ class Material:
 
 
 def weigh_modes(youngs_modulus: float, poisson_ratio: float, density: float) -> float:
-    """Natural frequencies of a body below a frequency, over its volume and the cube of that frequency [1 / (m^3 Hz^3)], for many of them.
+    """Natural frequencies of a body below a frequency, over its volume and the cube of that
+    frequency [1 / (m^3 Hz^3)], for many of them.
 
     Args:
         youngs_modulus: E [Pa].
         poisson_ratio: nu, above -1 and at most 0.5.
         density: rho [kg/m^3].
 
-    Source: Weyl's law for elastic bodies, Dupuis, Mazo and Onsager (1960): ``4 pi / 3 (1 / c_l^3 + 2 / c_t^3)``.
+    Source: Weyl's law for elastic bodies, Dupuis, Mazo and Onsager (1960): ``4 pi / 3 (1 / c_l^3 +
+    2 / c_t^3)``.
     """
     transverse = math.sqrt(youngs_modulus / (2.0 * (1.0 + poisson_ratio) * density))
     # (c_t / c_l)^2, zero for incompressible bodies
@@ -52,13 +56,14 @@ class Patch:
     """A part of a component's surface, chosen by geometry.
 
     Attributes:
-        face: ``x- x+ y- y+ z- z+`` (the planar face(s) at that end of the bounding box), ``face:N`` (the N-th CAD face,
-            counted from 1 as ``show`` numbers them), ``outer`` / ``inner`` (curved faces of a tube) or ``set:NAME``
-            (a named surface set of an imported mesh).
+        face: ``x- x+ y- y+ z- z+`` (the planar face(s) at that end of the bounding box), ``face:N``
+            (the N-th CAD face, counted from 1 as ``show`` numbers them), ``outer`` / ``inner``
+            (curved faces of a tube) or ``set:NAME`` (a named surface set of an imported mesh).
         shape: ``whole`` face, or a ``disk``, ``rect`` or ``strip`` imprinted on it.
-        center: Centre of the imprint in component coordinates [m]; its component along the face normal is ignored.
-        size: ``(diameter,)`` of a disk, ``(a, b)`` of a rect along the two in-plane axes in the order x y z without the
-            normal, ``(width,)`` of a strip that crosses the face.
+        center: Centre of the imprint in component coordinates [m]; its component along the face
+            normal is ignored.
+        size: ``(diameter,)`` of a disk, ``(a, b)`` of a rect along the two in-plane axes in the
+            order x y z without the normal, ``(width,)`` of a strip that crosses the face.
         along: In-plane axis a strip runs along (``x``, ``y`` or ``z``).
     """
 
@@ -71,7 +76,8 @@ class Patch:
 
 @dataclass(frozen=True)
 class RailSettings:
-    """What makes an interface a rail: carriages hold on to it anywhere along an axis of the component.
+    """What makes an interface a rail: carriages hold on to it anywhere along an axis of the
+    component.
 
     Attributes:
         along: Axis of the component the rail runs along.
@@ -103,12 +109,14 @@ class Interface:
 
 @dataclass(frozen=True)
 class MeshSettings:
-    """How a component is meshed: target element size [m] (None: from the solid), order 1 or 2, cell shape.
+    """How a component is meshed: target element size [m] (None: from the solid), order 1 or 2, cell
+    shape.
 
-    ``across_patches`` is the least number of elements across a patch that is imprinted on a face. ``force`` accepts elements of order 1
-    where they lock so much that they are refused otherwise. With a ``growth`` elements grow from the rims of such patches by that share
-    of the distance; without one, evenly up to the next edge of the face. ``rim_size`` is their size at the rims of rigid interfaces [m],
-    whole faces included, where stresses are singular.
+    ``across_patches`` is the least number of elements across a patch that is imprinted on a face.
+    ``force`` accepts elements of order 1 where they lock so much that they are refused otherwise.
+    With a ``growth`` elements grow from the rims of such patches by that share of the distance;
+    without one, evenly up to the next edge of the face. ``rim_size`` is their size at the rims of
+    rigid interfaces [m], whole faces included, where stresses are singular.
     """
 
     size: float | None = None
@@ -123,9 +131,11 @@ class MeshSettings:
 
 @dataclass(frozen=True)
 class ReductionSettings:
-    """Which fixed-interface modes are kept: up to a frequency [Hz], a count, or with both whichever are fewer.
+    """Which fixed-interface modes are kept: up to a frequency [Hz], a count, or with both whichever
+    are fewer.
 
-    With neither the planner decides. With ``verify`` a second factorisation counts the modes (Sturm), so that none can be missing.
+    With neither the planner decides. With ``verify`` a second factorisation counts the modes
+    (Sturm), so that none can be missing.
     """
 
     modes_to_hz: float | None = None
@@ -135,7 +145,9 @@ class ReductionSettings:
 
 @dataclass(frozen=True)
 class SegmentSettings:
-    """Into how many rigid segments a component is cut, and along which of its axes (None: the longest side)."""
+    """Into how many rigid segments a component is cut, and along which of its axes (None: the
+    longest side).
+    """
 
     count: int = 10
     along: Literal["x", "y", "z"] | None = None
@@ -165,8 +177,9 @@ class Load:
     Attributes:
         name: Name in the scene.
         component: Component name.
-        kind: ``traction`` [Pa] (uniform over patches, ``vector``), ``pressure`` [Pa] (along the inward normal,
-            ``magnitude``), ``body`` [m/s^2 acceleration field, ``vector``], ``force`` [N, N m] at an interface (``vector`` of 6).
+        kind: ``traction`` [Pa] (uniform over patches, ``vector``), ``pressure`` [Pa] (along the
+            inward normal, ``magnitude``), ``body`` [m/s^2 acceleration field, ``vector``],
+            ``force`` [N, N m] at an interface (``vector`` of 6).
         patches: Loaded area for traction and pressure.
         interface: Interface name for ``force``.
         vector: Components of the load.

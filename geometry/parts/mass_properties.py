@@ -1,4 +1,6 @@
-"""Volume, centre and inertia of solids, and area and centroid of their interfaces, in closed form."""
+"""Volume, centre and inertia of solids, and area and centroid of their interfaces, in closed
+form.
+"""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -24,7 +26,9 @@ AreaMoment = tuple[float, FloatArray]
 
 
 class VolumeMoments(NamedTuple):
-    """Volume [m^3], its centre ``(3,)`` [m], and the inertia ``(3, 3)`` about that for unit density [m^5]."""
+    """Volume [m^3], its centre ``(3,)`` [m], and the inertia ``(3, 3)`` about that for unit density
+    [m^5].
+    """
 
     volume: float
     center: FloatArray
@@ -51,11 +55,15 @@ class SolidProperties:
 
 
 def closed_form_properties(component: Component) -> SolidProperties | None:
-    """Properties of a component whose solid and interfaces have a closed form; None where a CAD kernel is needed."""
+    """Properties of a component whose solid and interfaces have a closed form; None where a CAD
+    kernel is needed.
+    """
     solid = component.solid
     if isinstance(solid, Tube):
         whole = tube_properties(solid)
-    elif isinstance(solid, Box | Plate) or (isinstance(solid, HollowColumn) and solid.core_hole == 0.0):
+    elif isinstance(solid, Box | Plate) or (
+        isinstance(solid, HollowColumn) and solid.core_hole == 0.0
+    ):
         whole = box_sum_properties(planar_boxes(solid))
     else:
         return None
@@ -86,7 +94,9 @@ def box_sum_properties(boxes: list[SignedBox]) -> VolumeMoments:
     volume = float(volumes.sum())
     center = volumes @ centers / volume
     arms = centers - center
-    moments = np.einsum("n,ni,nj->ij", volumes, arms, arms) + np.diag(volumes @ (high - low) ** 2 / 12)
+    moments = np.einsum("n,ni,nj->ij", volumes, arms, arms) + np.diag(
+        volumes @ (high - low) ** 2 / 12
+    )
     return VolumeMoments(volume, center, np.trace(moments) * np.eye(3) - moments)
 
 
@@ -96,12 +106,18 @@ def tube_properties(tube: Tube) -> VolumeMoments:
     volume = np.pi * (outer**2 - inner**2) * length
     polar = volume * (outer**2 + inner**2) / 2
     across = polar / 2 + volume * length**2 / 12
-    return VolumeMoments(float(volume), np.array([0.0, 0.0, length / 2]), np.diag([across, across, polar]))
+    return VolumeMoments(
+        float(volume), np.array([0.0, 0.0, length / 2]), np.diag([across, across, polar])
+    )
 
 
 def interface_moment(solid: PlanarSolid | Tube, interface: Interface) -> AreaMoment | None:
     """Area [m^2] and centroid ``(3,)`` [m] of an interface; None where there is no closed form."""
-    parts = _tube_parts(solid, interface.patches) if isinstance(solid, Tube) else _planar_parts(solid, interface.patches)
+    parts = (
+        _tube_parts(solid, interface.patches)
+        if isinstance(solid, Tube)
+        else _planar_parts(solid, interface.patches)
+    )
     if not parts:
         return None
     area = sum(part for part, _ in parts)
@@ -162,7 +178,10 @@ def _disk_part(face: PlanarFace, patch: Patch) -> AreaMoment | None:
     first, second = in_plane_axes(face.axis)
     radius = patch.size[0] / 2
     a, b = patch.center[first], patch.center[second]
-    if not any(r[0] <= a - radius and a + radius <= r[1] and r[2] <= b - radius and b + radius <= r[3] for r in face.rects):
+    if not any(
+        r[0] <= a - radius and a + radius <= r[1] and r[2] <= b - radius and b + radius <= r[3]
+        for r in face.rects
+    ):
         return None
     centroid = np.zeros(3)
     centroid[face.axis], centroid[first], centroid[second] = face.position, a, b

@@ -1,4 +1,6 @@
-"""Sample points with area weights on the interfaces of a straight bar: sums over them are area integrals of its surface."""
+"""Sample points with area weights on the interfaces of a straight bar: sums over them are area
+integrals of its surface.
+"""
 
 import math
 from collections.abc import Sequence
@@ -9,10 +11,17 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Patch
-from headstock.geometry.parts.patches import PlanarSolid, in_plane_axes, named_planar_face, patch_rects, rect_union
+from headstock.geometry.parts.patches import (
+    PlanarSolid,
+    in_plane_axes,
+    named_planar_face,
+    patch_rects,
+    rect_union,
+)
 from headstock.geometry.parts.solids import Tube
 
-# the motion of a bar between two of its nodes is a cubic along it and linear across it: products with linear weights are exact
+# the motion of a bar between two of its nodes is a cubic along it and linear across it: products
+# with linear weights are exact
 ALONG_POINTS, ACROSS_POINTS, RING_POINTS = 4, 2, 8
 
 
@@ -24,7 +33,9 @@ class PatchSamples:
     areas: FloatArray
 
 
-def sample_patches(solid: PlanarSolid | Tube, patches: Sequence[Patch], axis: int, breaks: Sequence[float]) -> PatchSamples:
+def sample_patches(
+    solid: PlanarSolid | Tube, patches: Sequence[Patch], axis: int, breaks: Sequence[float]
+) -> PatchSamples:
     """Points on patches of a solid that is a bar along an axis.
 
     Args:
@@ -40,9 +51,13 @@ def sample_patches(solid: PlanarSolid | Tube, patches: Sequence[Patch], axis: in
     for face in dict.fromkeys(patch.face for patch in patches):
         mine = [patch for patch in patches if patch.face == face]
         parts += (
-            _round_samples(solid, face, breaks) if isinstance(solid, Tube) else _planar_samples(solid, face, mine, axis, breaks)
+            _round_samples(solid, face, breaks)
+            if isinstance(solid, Tube)
+            else _planar_samples(solid, face, mine, axis, breaks)
         )
-    return PatchSamples(np.vstack([part.points for part in parts]), np.concatenate([part.areas for part in parts]))
+    return PatchSamples(
+        np.vstack([part.points for part in parts]), np.concatenate([part.areas for part in parts])
+    )
 
 
 def _planar_samples(
@@ -58,8 +73,18 @@ def _planar_samples(
     for a_low, a_high, b_low, b_high in rect_union(rects) if rects else []:
         a, a_weights = _gauss_points(a_low, a_high, splits[0])
         b, b_weights = _gauss_points(b_low, b_high, splits[1])
-        flat.append((np.repeat(a, len(b)), np.tile(b, len(a)), np.asarray(np.outer(a_weights, b_weights).ravel(), dtype=float)))
-    flat += [_disk_points(patch, first, second, axis, breaks) for patch in patches if patch.shape == "disk"]
+        flat.append(
+            (
+                np.repeat(a, len(b)),
+                np.tile(b, len(a)),
+                np.asarray(np.outer(a_weights, b_weights).ravel(), dtype=float),
+            )
+        )
+    flat += [
+        _disk_points(patch, first, second, axis, breaks)
+        for patch in patches
+        if patch.shape == "disk"
+    ]
     found = []
     for a, b, areas in flat:
         points = np.full((len(a), 3), face.position)
@@ -71,11 +96,19 @@ def _planar_samples(
 def _disk_points(
     patch: Patch, first: int, second: int, axis: int, breaks: Sequence[float]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """In-plane places and areas of a disk, in slices across the bar's axis (or across the first direction on its end faces)."""
+    """In-plane places and areas of a disk, in slices across the bar's axis (or across the first
+    direction on its end faces).
+    """
     swap = axis == second
-    along, across = (patch.center[second], patch.center[first]) if swap else (patch.center[first], patch.center[second])
+    along, across = (
+        (patch.center[second], patch.center[first])
+        if swap
+        else (patch.center[first], patch.center[second])
+    )
     radius = 0.5 * patch.size[0]
-    places, weights = _gauss_points(along - radius, along + radius, breaks if axis in (first, second) else [], 2 * ALONG_POINTS)
+    places, weights = _gauss_points(
+        along - radius, along + radius, breaks if axis in (first, second) else [], 2 * ALONG_POINTS
+    )
     chords = np.sqrt(np.maximum(0.0, radius**2 - (places - along) ** 2))
     nodes, node_weights = np.polynomial.legendre.leggauss(ACROSS_POINTS)
     a, b = np.repeat(places, len(nodes)), (across + chords[:, None] * nodes).ravel()
@@ -84,12 +117,18 @@ def _disk_points(
 
 
 def _round_samples(tube: Tube, face: str, breaks: Sequence[float]) -> list[PatchSamples]:
-    """Rings of points on a tube; on its end faces one ring with the second moments of the whole face."""
+    """Rings of points on a tube; on its end faces one ring with the second moments of the whole
+    face.
+    """
     outer, inner = 0.5 * tube.outer_diameter, 0.5 * tube.inner_diameter
     angles = 2.0 * math.pi * np.arange(RING_POINTS) / RING_POINTS
     ends = {"z-": 0.0, "z+": tube.length}
     if face in ends:
-        radius, heights, areas = math.hypot(outer, inner) / math.sqrt(2.0), np.array([ends[face]]), np.array([1.0])
+        radius, heights, areas = (
+            math.hypot(outer, inner) / math.sqrt(2.0),
+            np.array([ends[face]]),
+            np.array([1.0]),
+        )
         areas = areas * math.pi * (outer**2 - inner**2)
     elif face in ("outer", "inner"):
         radius = outer if face == "outer" else inner
@@ -102,10 +141,14 @@ def _round_samples(tube: Tube, face: str, breaks: Sequence[float]) -> list[Patch
     return [PatchSamples(points, np.repeat(areas / RING_POINTS, RING_POINTS))]
 
 
-def _gauss_points(low: float, high: float, breaks: Sequence[float], count: int | None = None) -> tuple[FloatArray, FloatArray]:
+def _gauss_points(
+    low: float, high: float, breaks: Sequence[float], count: int | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Gauss points and weights on an interval; on each of its parts where there are breaks."""
     inside = [place for place in breaks if low < place < high]
-    nodes, weights = np.polynomial.legendre.leggauss(count or (ALONG_POINTS if len(breaks) else ACROSS_POINTS))
+    nodes, weights = np.polynomial.legendre.leggauss(
+        count or (ALONG_POINTS if len(breaks) else ACROSS_POINTS)
+    )
     edges = [low, *inside, high]
     places = np.concatenate([0.5 * (a + b) + 0.5 * (b - a) * nodes for a, b in pairwise(edges)])
     return places, np.concatenate([0.5 * (b - a) * weights for a, b in pairwise(edges)])

@@ -11,7 +11,8 @@ from headstock.geometry.parts.solids import Box, HollowColumn, Plate
 
 PlanarSolid = Box | Plate | HollowColumn
 Span = tuple[float, float]
-OVERHANG_TOLERANCE = 1e-9  # how far a patch may reach over its face, or a carriage over its rail: a share of their length
+# how far a patch may reach over its face, or a carriage over its rail: a share of their length
+OVERHANG_TOLERANCE = 1e-9
 Rect = tuple[float, float, float, float]
 SignedBox = tuple[float, FloatArray, FloatArray]
 FACE_DIRECTIONS: dict[str, tuple[int, float]] = {
@@ -26,7 +27,8 @@ class PlanarFace:
     Attributes:
         axis: Normal axis, 0..2.
         position: Place of the plane along that axis [m].
-        rects: ``(a_low, a_high, b_low, b_high)`` along the two in-plane axes in the order x y z [m]; they may overlap.
+        rects: ``(a_low, a_high, b_low, b_high)`` along the two in-plane axes in the order x y z
+            [m]; they may overlap.
     """
 
     axis: int
@@ -41,7 +43,8 @@ def in_plane_axes(axis: int) -> tuple[int, int]:
 
 
 def rib_spans(count: int, thickness: float, low: float, high: float) -> list[Span]:
-    """Lower and upper side of ``count`` ribs that leave equal clear gaps between ``low`` and ``high`` [m].
+    """Lower and upper side of ``count`` ribs that leave equal clear gaps between ``low`` and
+    ``high`` [m].
 
     Args:
         count: Of ribs.
@@ -79,43 +82,66 @@ def column_cells(column: HollowColumn) -> tuple[list[Span], list[Span], list[Spa
 
 
 def planar_boxes(solid: PlanarSolid) -> list[SignedBox]:
-    """Boxes whose signed sum is the solid (core holes left out): ``(sign, low (3,), high (3,))`` [m]."""
+    """Boxes whose signed sum is the solid (core holes left out): ``(sign, low (3,), high (3,))``
+    [m].
+    """
     x, y, z = (float(s) for s in solid.size)
     body = (1.0, np.array([-x / 2, -y / 2, 0.0]), np.array([x / 2, y / 2, z]))
     if isinstance(solid, HollowColumn):
         cells = column_cells(solid)
         return [body] + [
-            (-1.0, np.array([a[0], b[0], c[0]]), np.array([a[1], b[1], c[1]])) for a in cells[0] for b in cells[1] for c in cells[2]
+            (-1.0, np.array([a[0], b[0], c[0]]), np.array([a[1], b[1], c[1]]))
+            for a in cells[0]
+            for b in cells[1]
+            for c in cells[2]
         ]
     if isinstance(solid, Plate) and solid.rib_height > 0.0:
         top = z + solid.rib_height
         along_x = rib_spans(solid.ribs_x, solid.rib_thickness, -y / 2, y / 2)
         along_y = rib_spans(solid.ribs_y, solid.rib_thickness, -x / 2, x / 2)
-        ribs = [(1.0, np.array([-x / 2, low, z]), np.array([x / 2, high, top])) for low, high in along_x]
-        ribs += [(1.0, np.array([low, -y / 2, z]), np.array([high, y / 2, top])) for low, high in along_y]
-        shared = [(-1.0, np.array([c, a, z]), np.array([d, b, top])) for a, b in along_x for c, d in along_y]
+        ribs = [
+            (1.0, np.array([-x / 2, low, z]), np.array([x / 2, high, top])) for low, high in along_x
+        ]
+        ribs += [
+            (1.0, np.array([low, -y / 2, z]), np.array([high, y / 2, top])) for low, high in along_y
+        ]
+        shared = [
+            (-1.0, np.array([c, a, z]), np.array([d, b, top]))
+            for a, b in along_x
+            for c, d in along_y
+        ]
         return [body, *ribs, *shared]
     return [body]
 
 
 def named_planar_face(solid: PlanarSolid, face: str) -> PlanarFace | None:
-    """The face(s) ``x- .. z+`` at that end of the bounding box, core holes left out; None for any other name."""
+    """The face(s) ``x- .. z+`` at that end of the bounding box, core holes left out; None for any
+    other name.
+    """
     if face not in FACE_DIRECTIONS:
         return None
     axis, sign = FACE_DIRECTIONS[face]
     first, second = in_plane_axes(axis)
     solids = [(low, high) for factor, low, high in planar_boxes(solid) if factor > 0.0]
-    position = max(high[axis] for _, high in solids) if sign > 0.0 else min(low[axis] for low, _ in solids)
+    position = (
+        max(high[axis] for _, high in solids) if sign > 0.0 else min(low[axis] for low, _ in solids)
+    )
     rects = [
         (low[first], high[first], low[second], high[second])
         for low, high in solids
         if (high if sign > 0.0 else low)[axis] == position
     ]
-    return PlanarFace(axis, float(position), tuple((float(a), float(b), float(c), float(d)) for a, b, c, d in rects))
+    return PlanarFace(
+        axis,
+        float(position),
+        tuple((float(a), float(b), float(c), float(d)) for a, b, c, d in rects),
+    )
 
 
 def patch_rects(face: PlanarFace, patch: Patch) -> list[Rect] | None:
-    """Rectangles of a whole, rect or strip patch, cut to its face (they may overlap); None for a disk."""
+    """Rectangles of a whole, rect or strip patch, cut to its face (they may overlap); None for a
+    disk.
+    """
     if patch.shape == "whole":
         return list(face.rects)
     if patch.shape == "disk":
@@ -129,7 +155,9 @@ def patch_rects(face: PlanarFace, patch: Patch) -> list[Rect] | None:
 
 
 def imprint_window(axis: int, patch: Patch) -> Rect:
-    """In-plane extent of a rect or strip on a face with the given normal axis; a strip is endless along its own axis."""
+    """In-plane extent of a rect or strip on a face with the given normal axis; a strip is endless
+    along its own axis.
+    """
     first, second = in_plane_axes(axis)
     a, b = patch.center[first], patch.center[second]
     if patch.shape == "strip":
@@ -137,7 +165,12 @@ def imprint_window(axis: int, patch: Patch) -> Rect:
         if patch.along == "xyz"[first]:
             return (-np.inf, np.inf, b - half, b + half)
         return (a - half, a + half, -np.inf, np.inf)
-    return (a - patch.size[0] / 2, a + patch.size[0] / 2, b - patch.size[1] / 2, b + patch.size[1] / 2)
+    return (
+        a - patch.size[0] / 2,
+        a + patch.size[0] / 2,
+        b - patch.size[1] / 2,
+        b + patch.size[1] / 2,
+    )
 
 
 def rect_union(rects: list[Rect]) -> list[Rect]:

@@ -1,4 +1,6 @@
-"""Straight bars of one section among the solids: axis, section properties and ends, for segmented models and beam theories."""
+"""Straight bars of one section among the solids: axis, section properties and ends, for segmented
+models and beam theories.
+"""
 
 import math
 from dataclasses import dataclass
@@ -23,7 +25,8 @@ class PrismaticBar:
         high: Place of its upper end along the axis [m].
         center: ``(3,)`` middle of the bar in the component frame [m].
         area: Area of the section [m^2].
-        second_moments: Second moments of area [m^4] for bending in the two directions across the axis, in the order x y z.
+        second_moments: Second moments of area [m^4] for bending in the two directions across the
+            axis, in the order x y z.
         torsion_constant: Saint-Venant's constant [m^4].
         hollow_ratio: Inner over outer diameter of a round section; None for a rectangular one.
     """
@@ -51,7 +54,8 @@ def prismatic_bar(solid: Solid, along: str | None = None) -> PrismaticBar:
         along: ``x``, ``y`` or ``z``; None takes the longest side.
 
     Raises:
-        ValueError: The solid has not the same section all along the axis, or its section is not known.
+        ValueError: The solid has not the same section all along the axis, or its section is not
+            known.
     """
     if isinstance(solid, Tube):
         return _round_bar(solid, along)
@@ -75,7 +79,12 @@ def shear_coefficient(bar: PrismaticBar, poisson_ratio: float) -> float:
     if bar.hollow_ratio is None:
         return 10.0 * (1.0 + nu) / (12.0 + 11.0 * nu)
     square = (1.0 + bar.hollow_ratio**2) ** 2
-    return 6.0 * (1.0 + nu) * square / ((7.0 + 6.0 * nu) * square + (20.0 + 12.0 * nu) * bar.hollow_ratio**2)
+    return (
+        6.0
+        * (1.0 + nu)
+        * square
+        / ((7.0 + 6.0 * nu) * square + (20.0 + 12.0 * nu) * bar.hollow_ratio**2)
+    )
 
 
 def patch_span(bar: PrismaticBar, patch: Patch) -> tuple[float, float]:
@@ -87,7 +96,9 @@ def patch_span(bar: PrismaticBar, patch: Patch) -> tuple[float, float]:
     if patch.face in ("outer", "inner"):
         return bar.low, bar.high
     if patch.face not in FACE_DIRECTIONS:
-        raise ValueError(f"where its face {patch.face!r} lies along the bar is not known; write x- x+ y- y+ z- or z+")
+        raise ValueError(
+            f"where its face {patch.face!r} lies along the bar is not known; write x- x+ y- y+ z- or z+"
+        )
     normal, sign = FACE_DIRECTIONS[patch.face]
     if normal == bar.axis:
         end = bar.low if sign < 0.0 else bar.high

@@ -20,7 +20,8 @@ class Skin:
         points: ``(n, 3)`` [m].
         triangles: ``(m, 3)`` outward, indices into ``points``.
         edges: ``(k, 2)`` sharp edges, indices into ``points``.
-        source: What it was made of: the mesh, the solid, or, where neither is at hand, a box of equal inertia.
+        source: What it was made of: the mesh, the solid, or, where neither is at hand, a box of
+            equal inertia.
         nodes: ``(n,)`` mesh point behind each point; None where there is no mesh.
         thinned_from: How many triangles it had before some were taken out; None where none were.
     """
@@ -34,7 +35,9 @@ class Skin:
 
 
 def sharp_edges(points: FloatArray, triangles: IntArray) -> IntArray:
-    """Edges ``(k, 2)`` where two triangles meet at more than 40 degrees, or that belong to one or more than two triangles."""
+    """Edges ``(k, 2)`` where two triangles meet at more than 40 degrees, or that belong to one or
+    more than two triangles.
+    """
     if not len(triangles):
         return np.zeros((0, 2), dtype=np.int64)
     corners = points[triangles]
@@ -53,9 +56,19 @@ def sharp_edges(points: FloatArray, triangles: IntArray) -> IntArray:
 
 
 def split_skin(skin: Skin) -> Skin:
-    """The same surface with every triangle cut into four and every edge into two at their middles."""
+    """The same surface with every triangle cut into four and every edge into two at their
+    middles.
+    """
     every = np.sort(
-        np.vstack([skin.triangles[:, [0, 1]], skin.triangles[:, [1, 2]], skin.triangles[:, [2, 0]], skin.edges]), axis=1
+        np.vstack(
+            [
+                skin.triangles[:, [0, 1]],
+                skin.triangles[:, [1, 2]],
+                skin.triangles[:, [2, 0]],
+                skin.edges,
+            ]
+        ),
+        axis=1,
     )
     pairs, inverse = np.unique(every, axis=0, return_inverse=True)
     middles = len(skin.points) + inverse.ravel()
@@ -65,8 +78,18 @@ def split_skin(skin: Skin) -> Skin:
     halves = middles[3 * count :]
     return Skin(
         np.vstack([skin.points, skin.points[pairs].mean(axis=1)]),
-        np.vstack([np.column_stack(corners) for corners in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]),
-        np.vstack([np.column_stack([skin.edges[:, 0], halves]), np.column_stack([halves, skin.edges[:, 1]])]),
+        np.vstack(
+            [
+                np.column_stack(corners)
+                for corners in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+            ]
+        ),
+        np.vstack(
+            [
+                np.column_stack([skin.edges[:, 0], halves]),
+                np.column_stack([halves, skin.edges[:, 1]]),
+            ]
+        ),
         skin.source,
     )
 

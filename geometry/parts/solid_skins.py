@@ -24,12 +24,15 @@ def solid_skin(solid: Solid) -> Skin | None:
         x, y, z = solid.size
         return box_skin(np.array([-x / 2, -y / 2, 0.0]), np.array([x / 2, y / 2, z]))
     if isinstance(solid, Plate):
-        return join_skins([box_skin(low, high) for sign, low, high in planar_boxes(solid) if sign > 0.0])
+        return join_skins(
+            [box_skin(low, high) for sign, low, high in planar_boxes(solid) if sign > 0.0]
+        )
     return None
 
 
 def prism_skin(solid: Solid, axis: int, places: FloatArray) -> Skin:
-    """The surface of a box, plate or tube that has one section along an axis, cut across at places so that it can bend.
+    """The surface of a box, plate or tube that has one section along an axis, cut across at places
+    so that it can bend.
 
     Args:
         solid: The solid.
@@ -49,7 +52,10 @@ def prism_skin(solid: Solid, axis: int, places: FloatArray) -> Skin:
         points.append(rings.reshape(-1, 3))
         triangles.append(_wall_triangles(len(places), len(loop), starts[-1], outward=number == 0))
     last = (len(places) - 1) * len(loops[0])
-    triangles += [_cap_triangles(starts, 0, len(loops[0]), upward=False), _cap_triangles(starts, last, len(loops[0]), upward=True)]
+    triangles += [
+        _cap_triangles(starts, 0, len(loops[0]), upward=False),
+        _cap_triangles(starts, last, len(loops[0]), upward=True),
+    ]
     every, corners = np.vstack(points), np.vstack(triangles)
     return Skin(every, corners, sharp_edges(every, corners), "solid")
 
@@ -62,7 +68,9 @@ def box_skin(low: FloatArray, high: FloatArray, source: Source = "solid") -> Ski
         high: Highest corner, ``(3,)`` [m].
         source: What the skin is made from.
     """
-    points = np.array([np.where(bits, high, low) for bits in itertools.product((False, True), repeat=3)])[:, :]
+    points = np.array(
+        [np.where(bits, high, low) for bits in itertools.product((False, True), repeat=3)]
+    )[:, :]
     # product runs z fastest; BOX_QUADS counts x fastest
     points = points[[4 * (i & 1) + 2 * (i >> 1 & 1) + (i >> 2) for i in range(8)]]
     triangles = np.array([t for a, b, c, d in BOX_QUADS for t in ((a, b, c), (a, c, d))])
@@ -70,7 +78,8 @@ def box_skin(low: FloatArray, high: FloatArray, source: Source = "solid") -> Ski
 
 
 def inertia_skin(mass: float, center: FloatArray, inertia: FloatArray) -> Skin:
-    """The block of equal mass, centre and inertia: ``m (a^2 + b^2) / 12`` about each principal axis; a speck without mass.
+    """The block of equal mass, centre and inertia: ``m (a^2 + b^2) / 12`` about each principal
+    axis; a speck without mass.
 
     Args:
         mass: Of the body [kg].
@@ -92,20 +101,31 @@ def _tube_skin(tube: Tube) -> Skin:
     outer, inner = 0.5 * tube.outer_diameter, 0.5 * tube.inner_diameter
     # rings: outer bottom, outer top, inner top, inner bottom; the surface runs round through them
     rings = [(outer, 0.0), (outer, tube.length), (inner, tube.length), (inner, 0.0)]
-    points = np.vstack([np.column_stack([radius * circle, np.full(SIDES, height)]) for radius, height in rings])
+    points = np.vstack(
+        [np.column_stack([radius * circle, np.full(SIDES, height)]) for radius, height in rings]
+    )
     k = np.arange(SIDES)
     after = (k + 1) % SIDES
     triangles = []
     for ring in range(4 if inner > 0.0 else 3):
         low, high = SIDES * ring, SIDES * ((ring + 1) % 4)
-        triangles += [np.column_stack([low + k, low + after, high + after]), np.column_stack([low + k, high + after, high + k])]
+        triangles += [
+            np.column_stack([low + k, low + after, high + after]),
+            np.column_stack([low + k, high + after, high + k]),
+        ]
     if inner == 0.0:  # the inner bottom ring closes the bottom
         triangles.append(np.column_stack([3 * SIDES + k, after, k]))
     found = np.vstack(triangles)
     corners = points[found]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    areas = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
     found = found[areas > 1e-12 * max(outer, tube.length) ** 2]
-    edges = [np.column_stack([SIDES * ring + k, SIDES * ring + after]) for ring in range(4) if rings[ring][0] > 0.0]
+    edges = [
+        np.column_stack([SIDES * ring + k, SIDES * ring + after])
+        for ring in range(4)
+        if rings[ring][0] > 0.0
+    ]
     return Skin(points, found, np.vstack(edges), "solid")
 
 
@@ -122,11 +142,18 @@ def _round_loops(tube: Tube) -> list[FloatArray]:
     """Outer circle and, where there is a bore, inner circle ``(SIDES, 2)``, counterclockwise."""
     angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
     circle = np.column_stack([np.cos(angles), np.sin(angles)])
-    return [0.5 * diameter * circle for diameter in (tube.outer_diameter, tube.inner_diameter) if diameter > 0.0]
+    return [
+        0.5 * diameter * circle
+        for diameter in (tube.outer_diameter, tube.inner_diameter)
+        if diameter > 0.0
+    ]
 
 
 def _wall_triangles(rings: int, corners: int, start: int, *, outward: bool) -> IntArray:
-    k, level = np.tile(np.arange(corners), rings - 1), np.repeat(np.arange(rings - 1), corners) * corners + start
+    k, level = (
+        np.tile(np.arange(corners), rings - 1),
+        np.repeat(np.arange(rings - 1), corners) * corners + start,
+    )
     after = (k + 1) % corners
     a, b, c, d = level + k, level + after, level + corners + after, level + corners + k
     quads = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
@@ -142,6 +169,9 @@ def _cap_triangles(starts: list[int], ring: int, corners: int, *, upward: bool) 
         k, outer, inner = np.arange(corners), starts[0] + ring, starts[1] + ring
         after = (k + 1) % corners
         fan = np.vstack(
-            [np.column_stack([outer + k, outer + after, inner + after]), np.column_stack([outer + k, inner + after, inner + k])]
+            [
+                np.column_stack([outer + k, outer + after, inner + after]),
+                np.column_stack([outer + k, inner + after, inner + k]),
+            ]
         )
     return np.asarray(fan if upward else fan[:, ::-1])

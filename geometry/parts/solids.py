@@ -1,7 +1,7 @@
 """The shapes a component can have, each in the component's own frame.
 
-Parametric solids stand on the plane ``z = 0`` with the z axis through the centre of their footprint, so a box spans
-``[-sx/2, sx/2] x [-sy/2, sy/2] x [0, sz]``.
+Parametric solids stand on the plane ``z = 0`` with the z axis through the centre of their
+footprint, so a box spans ``[-sx/2, sx/2] x [-sy/2, sy/2] x [0, sz]``.
 """
 
 from dataclasses import dataclass

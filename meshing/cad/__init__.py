@@ -1,1 +1,3 @@
-"""Gmsh and OpenCASCADE: shapes, imprints, sizes, slivers, faces, in a child process. Never imported outside the worker."""
+"""Gmsh and OpenCASCADE: shapes, imprints, sizes, slivers, faces, in a child process. Never imported
+outside the worker.
+"""

@@ -1,6 +1,8 @@
-"""Curved solids made with OpenCASCADE and written as STEP: parts on which error estimates are tried.
+"""Curved solids made with OpenCASCADE and written as STEP: parts on which error estimates are
+tried.
 
-``python3 -m headstock.meshing.cad.curved_samples KIND SIZES_AS_JSON FILE`` (a child process: gmsh holds one model at a time).
+``python3 -m headstock.meshing.cad.curved_samples KIND SIZES_AS_JSON FILE`` (a child process: gmsh
+holds one model at a time).
 """
 
 import json
@@ -18,7 +20,10 @@ def _ball(sizes: Sizes) -> None:
     """A ball between two parallel flats."""
     occ, radius, height = gmsh.model.occ, sizes["radius"], sizes["height"]
     ball = occ.addSphere(0, 0, 0, radius)
-    occ.intersect([(3, ball)], [(3, occ.addBox(-radius, -radius, -height / 2, 2 * radius, 2 * radius, height))])
+    occ.intersect(
+        [(3, ball)],
+        [(3, occ.addBox(-radius, -radius, -height / 2, 2 * radius, 2 * radius, height))],
+    )
 
 
 def _cone(sizes: Sizes) -> None:
@@ -31,7 +36,9 @@ def _cone(sizes: Sizes) -> None:
 def _elbow(sizes: Sizes) -> None:
     """A quarter of a ring of pipe."""
     occ, bend = gmsh.model.occ, sizes["bend"]
-    outer, inner = (occ.addDisk(bend, 0, 0, radius, radius) for radius in (sizes["radius"], sizes["bore"]))
+    outer, inner = (
+        occ.addDisk(bend, 0, 0, radius, radius) for radius in (sizes["radius"], sizes["bore"])
+    )
     ring, _ = occ.cut([(2, outer)], [(2, inner)])
     occ.revolve(ring, 0, 0, 0, 0, 1, 0, 1.5707963267948966)
     occ.remove(ring, recursive=True)
@@ -46,13 +53,21 @@ def _block(sizes: Sizes) -> None:
     upright = []
     for _, edge in gmsh.model.getEntities(1):
         low_x, low_y, low_z, high_x, high_y, high_z = gmsh.model.getBoundingBox(1, edge)
-        corner = min(abs(low_x - x / 2), abs(low_x + x / 2)) < 1e-3 and min(abs(low_y - y / 2), abs(low_y + y / 2)) < 1e-3
+        corner = (
+            min(abs(low_x - x / 2), abs(low_x + x / 2)) < 1e-3
+            and min(abs(low_y - y / 2), abs(low_y + y / 2)) < 1e-3
+        )
         if corner and high_x - low_x < 1e-3 and high_y - low_y < 1e-3 and high_z - low_z > 0.9 * z:
             upright.append(edge)
     occ.fillet([gmsh.model.getEntities(3)[0][1]], upright, [sizes["fillet"]])
 
 
-SAMPLES: dict[str, Callable[[Sizes], None]] = {"ball": _ball, "cone": _cone, "elbow": _elbow, "block": _block}
+SAMPLES: dict[str, Callable[[Sizes], None]] = {
+    "ball": _ball,
+    "cone": _cone,
+    "elbow": _elbow,
+    "block": _block,
+}
 
 
 def write_sample(kind: str, sizes: Sizes, path: str) -> None:

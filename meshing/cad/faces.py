@@ -7,12 +7,24 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.cad_faces import CadFace, FaceKind, Vector, fit_cylinder
-from headstock.meshing.cad.meshing import TRIANGLE, boundary_faces, open_kernel, read_solid, shape_bounds
+from headstock.meshing.cad.meshing import (
+    TRIANGLE,
+    boundary_faces,
+    open_kernel,
+    read_solid,
+    shape_bounds,
+)
 from headstock.meshing.cad.shapes import build_shape
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.process.job import MeshData, MeshJob
 
-KINDS: dict[str, FaceKind] = {"Plane": "plane", "Cylinder": "cylinder", "Cone": "cone", "Sphere": "sphere", "Torus": "torus"}
+KINDS: dict[str, FaceKind] = {
+    "Plane": "plane",
+    "Cylinder": "cylinder",
+    "Cone": "cone",
+    "Sphere": "sphere",
+    "Torus": "torus",
+}
 COARSEST, FINEST, TURNS = 12.0, 120.0, 12.0
 
 
@@ -20,17 +32,24 @@ def survey_shape(job: MeshJob) -> MeshData:
     """List the faces of a shape and triangulate them as for a picture.
 
     Returns:
-        Points, one facet group ``face:N`` per face (outward; empty where a face could not be meshed) and ``faces``.
+        Points, one facet group ``face:N`` per face (outward; empty where a face could not be
+        meshed) and ``faces``.
     """
     with open_kernel():
         volume = build_shape(read_solid(job))
         low, high = shape_bounds(volume)
         extent = float((high - low).max())
-        for name, value in (("Max", extent / COARSEST), ("Min", extent / FINEST), ("FromCurvature", TURNS)):
+        for name, value in (
+            ("Max", extent / COARSEST),
+            ("Min", extent / FINEST),
+            ("FromCurvature", TURNS),
+        ):
             gmsh.option.setNumber(f"Mesh.MeshSize{name}", value)
         try:
             gmsh.model.mesh.generate(2)
-        except Exception as error:  # gmsh raises the bare class; faces that did mesh can still be shown
+        except (
+            Exception
+        ) as error:  # gmsh raises the bare class; faces that did mesh can still be shown
             gmsh.logger.write(str(error), "warning")
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
         row = np.zeros(int(tags.max(initial=0)) + 1, dtype=np.int64)
@@ -82,7 +101,9 @@ def _describe_face(number: int, tag: int, points: FloatArray, facets: IntArray) 
 
 def _exact_normals(tag: int) -> FloatArray:
     """Unit normals ``(n, 3)`` of a surface at its mesh nodes, in either direction."""
-    _, _, parameters = gmsh.model.mesh.getNodes(2, tag, includeBoundary=True, returnParametricCoord=True)
+    _, _, parameters = gmsh.model.mesh.getNodes(
+        2, tag, includeBoundary=True, returnParametricCoord=True
+    )
     return np.array(gmsh.model.getNormal(tag, parameters)).reshape(-1, 3)
 
 

@@ -1,4 +1,6 @@
-"""Patches on the faces of a CAD shape: choosing faces, imprinting disks, rects and strips, and where they end up."""
+"""Patches on the faces of a CAD shape: choosing faces, imprinting disks, rects and strips, and
+where they end up.
+"""
 
 from dataclasses import dataclass
 
@@ -32,7 +34,8 @@ class OpenShape:
         unit: Length of the model's unit [m], for messages.
         across: Elements across an imprint.
         refinement: How many times finer than that imprints are meshed.
-        polygons: Imprint disks as regular polygons of equal area, so that straight-sided elements keep the area.
+        polygons: Imprint disks as regular polygons of equal area, so that straight-sided elements
+            keep the area.
     """
 
     volume: int
@@ -68,8 +71,8 @@ class Imprints:
 def imprint_patches(shape: OpenShape, groups: dict[str, list[Patch]]) -> Imprints:
     """Imprint every patch on the shape.
 
-    Overlapping patches share the faces of their overlap. Imprints get points with a mesh size that puts at least two elements
-    across them.
+    Overlapping patches share the faces of their overlap. Imprints get points with a mesh size that
+    puts at least two elements across them.
 
     Raises:
         MeshError: A patch names no face or lies outside its face.
@@ -91,18 +94,28 @@ def imprint_patches(shape: OpenShape, groups: dict[str, list[Patch]]) -> Imprint
                 raise MeshError(f"{name}: {error}") from error
             inputs[name] += faces
     wanted = {tag for tags in inputs.values() for tag in tags}
-    children = _fragment_faces(shape, sorted(wanted & (struck | set(widths))), sorted(wanted - struck - set(widths)))
+    children = _fragment_faces(
+        shape, sorted(wanted & (struck | set(widths))), sorted(wanted - struck - set(widths))
+    )
     sizes: dict[int, float] = {}
     for tag, width in widths.items():
         size = min(width / (shape.across * shape.refinement), shape.size)
         _refine(children[tag], size)
         sizes |= {child: min(size, sizes.get(child, size)) for child in children[tag]}
-    return Imprints({name: sorted({child for tag in tags for child in children[tag]}) for name, tags in inputs.items()}, sizes)
+    return Imprints(
+        {
+            name: sorted({child for tag in tags for child in children[tag]})
+            for name, tags in inputs.items()
+        },
+        sizes,
+    )
 
 
 def _refine(faces: list[int], size: float) -> None:
     """Give the corner points of faces a mesh size unless they have a smaller one."""
-    for corner in gmsh.model.getBoundary([(2, face) for face in faces], combined=False, oriented=False, recursive=True):
+    for corner in gmsh.model.getBoundary(
+        [(2, face) for face in faces], combined=False, oriented=False, recursive=True
+    ):
         sizes = gmsh.model.mesh.getSizes([corner])
         if not len(sizes) or sizes[0] == 0.0 or size < sizes[0]:
             gmsh.model.mesh.setSize([corner], size)
@@ -119,7 +132,9 @@ def choose_faces(shape: OpenShape, face: str) -> list[int]:
     elif face.startswith("face:"):
         number = face.removeprefix("face:")
         if not number.isdigit() or not 1 <= int(number) <= len(shape.faces):
-            raise MeshError(f"there is no {face!r}; CAD faces are face:1 .. face:{len(shape.faces)}")
+            raise MeshError(
+                f"there is no {face!r}; CAD faces are face:1 .. face:{len(shape.faces)}"
+            )
         found = [shape.faces[int(number) - 1]]
     elif face in ("outer", "inner") and isinstance(shape.solid, Tube):
         round_faces = [tag for tag in shape.faces if gmsh.model.getType(2, tag) == "Cylinder"]
@@ -128,7 +143,9 @@ def choose_faces(shape: OpenShape, face: str) -> list[int]:
     else:
         found = []
     if not found:
-        raise MeshError(f"face {face!r} selects nothing; available: {', '.join(available_faces(shape))}")
+        raise MeshError(
+            f"face {face!r} selects nothing; available: {', '.join(available_faces(shape))}"
+        )
     return found
 
 
@@ -152,7 +169,9 @@ def _end_faces(shape: OpenShape, name: str) -> list[int]:
     axis, sign = FACE_DIRECTIONS[name]
     end = shape.high[axis] if sign > 0.0 else shape.low[axis]
     places: dict[int, float] = {}
-    for tag in set(shape.faces) & {face for _, face in gmsh.model.getEntities(2)}:  # narrow ones may be left out
+    for tag in set(shape.faces) & {
+        face for _, face in gmsh.model.getEntities(2)
+    }:  # narrow ones may be left out
         normal = plane_normal(tag)
         if normal is not None and abs(normal[axis]) > 1.0 - NORMAL_TOLERANCE:
             places[tag] = float(gmsh.model.occ.getCenterOfMass(2, tag)[axis])
@@ -161,7 +180,11 @@ def _end_faces(shape: OpenShape, name: str) -> list[int]:
     outermost = max(places.values(), key=lambda place: sign * place)
     if abs(outermost - end) > BOX_TOLERANCE * shape.extent:
         return []
-    return [tag for tag, place in places.items() if abs(place - outermost) <= END_TOLERANCE * shape.extent]
+    return [
+        tag
+        for tag, place in places.items()
+        if abs(place - outermost) <= END_TOLERANCE * shape.extent
+    ]
 
 
 def _cut_pieces(shape: OpenShape, faces: list[int], patch: Patch) -> dict[int, int]:
@@ -176,7 +199,8 @@ def _cut_pieces(shape: OpenShape, faces: list[int], patch: Patch) -> dict[int, i
     occ.remove([(3, tool)], recursive=True)
     if not found:
         center, low, high = (
-            ", ".join(f"{value * shape.unit:.5g}" for value in values) for values in (patch.center, shape.low, shape.high)
+            ", ".join(f"{value * shape.unit:.5g}" for value in values)
+            for values in (patch.center, shape.low, shape.high)
         )
         raise MeshError(
             f"the {patch.shape} around ({center}) m does not touch face {patch.face!r}; the solid spans ({low}) .. ({high}) m"
@@ -190,13 +214,17 @@ def _closest_point(face: int, patch: Patch) -> tuple[FloatArray, float]:
 
 
 def _imprint_tool(shape: OpenShape, face: int, patch: Patch) -> int:
-    """A prism or cylinder across a face, cut from the tangent plane at the point nearest to the patch's centre."""
+    """A prism or cylinder across a face, cut from the tangent plane at the point nearest to the
+    patch's centre.
+    """
     normal = plane_normal(face)
     center = np.array(patch.center)
     if normal is None:
         center, _ = _closest_point(face, patch)
         # gmsh 4.13 returns no parameters from getClosestPoint
-        normal = np.array(gmsh.model.getNormal(face, list(gmsh.model.getParametrization(2, face, list(center)))))
+        normal = np.array(
+            gmsh.model.getNormal(face, list(gmsh.model.getParametrization(2, face, list(center))))
+        )
     else:
         origin = np.array(gmsh.model.occ.getCenterOfMass(2, face))
         center = center - ((center - origin) @ normal) * normal
@@ -212,7 +240,9 @@ def _imprint_tool(shape: OpenShape, face: int, patch: Patch) -> int:
 
 
 def _plane_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The two global axes that lie most in the plane, in the order x y z, made orthonormal within it."""
+    """The two global axes that lie most in the plane, in the order x y z, made orthonormal within
+    it.
+    """
     first, second = (axis for axis in range(3) if axis != int(np.argmax(np.abs(normal))))
     a = np.eye(3)[first] - normal[first] * normal
     a /= np.linalg.norm(a)
@@ -234,7 +264,9 @@ def _outline(shape: OpenShape, patch: Patch, first: FloatArray, second: FloatArr
         reach = 2.0 * shape.extent + float(np.linalg.norm(patch.center))
         along = np.eye(3)["xyz".index(patch.along)] if patch.along in ("x", "y", "z") else None
         if along is None or max(abs(along @ first), abs(along @ second)) < 0.5:
-            raise MeshError(f"a strip on face {patch.face!r} needs 'along' set to an axis in that face, not {patch.along!r}")
+            raise MeshError(
+                f"a strip on face {patch.face!r} needs 'along' set to an axis in that face, not {patch.along!r}"
+            )
         runs_first = abs(along @ first) >= abs(along @ second)
         half = np.array([reach, half[0]]) if runs_first else np.array([half[0], reach])
     return np.asarray(np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half, dtype=float)
@@ -250,7 +282,9 @@ def _prism(corners: FloatArray, sweep: FloatArray) -> int:
     return int(next(tag for dim, tag in swept if dim == 3))
 
 
-def _fragment_faces(shape: OpenShape, pieces: list[int], untouched: list[int]) -> dict[int, list[int]]:
+def _fragment_faces(
+    shape: OpenShape, pieces: list[int], untouched: list[int]
+) -> dict[int, list[int]]:
     """Split the volume's faces by the pieces; what each piece and each untouched face became."""
     if not pieces:
         return {tag: [tag] for tag in untouched}
@@ -260,9 +294,16 @@ def _fragment_faces(shape: OpenShape, pieces: list[int], untouched: list[int]) -
     _, mapping = occ.fragment([(3, shape.volume)], [(2, tag) for tag in pieces])
     occ.synchronize()
     if [entity for entity in mapping[0] if entity[0] == 3] != [(3, shape.volume)]:
-        raise MeshError("imprinting the patches changed the solid; move patches that touch edges or each other slightly")
-    boundary = sorted(abs(tag) for _, tag in gmsh.model.getBoundary([(3, shape.volume)], oriented=False))
-    children = {tag: [child for dim, child in found if dim == 2] for tag, found in zip(pieces, mapping[1:], strict=True)}
+        raise MeshError(
+            "imprinting the patches changed the solid; move patches that touch edges or each other slightly"
+        )
+    boundary = sorted(
+        abs(tag) for _, tag in gmsh.model.getBoundary([(3, shape.volume)], oriented=False)
+    )
+    children = {
+        tag: [child for dim, child in found if dim == 2]
+        for tag, found in zip(pieces, mapping[1:], strict=True)
+    }
     # the kernel renumbers untouched faces and does not say how: find them by their place
     centers = np.array([occ.getCenterOfMass(2, tag) for tag in boundary])
     for tag, middle in middles.items():

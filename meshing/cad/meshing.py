@@ -95,22 +95,32 @@ def mesh_shape(job: MeshJob) -> MeshData:
             raise MeshError(_name_dense_patch(job, graded))
         count += graded
         nothing = np.zeros((0, 4), dtype=np.int64)
-        described = MeshData(np.zeros((0, 3)), nothing, None, properties=properties, size=size, estimate=count)
+        described = MeshData(
+            np.zeros((0, 3)), nothing, None, properties=properties, size=size, estimate=count
+        )
         if job.task == "describe":
             return described
         # imprints cut faces up, and what is left has other numbers
         present = set(boundary_faces(volume))
-        numbers = {tag: number for number, tag in enumerate(as_shown, 1) if tag in present} if present <= set(as_shown) else {}
+        numbers = (
+            {tag: number for number, tag in enumerate(as_shown, 1) if tag in present}
+            if present <= set(as_shown)
+            else {}
+        )
         _check_budget(count, job, size, numbers)
         fields = _set_sizes(growth, size, plan, rims)
-        remarks = removed + _mesh_faces(job, volume, size, fields, numbers, graded=growth is not None)
+        remarks = removed + _mesh_faces(
+            job, volume, size, fields, numbers, graded=growth is not None
+        )
         count, nodes = _count_cells(job, volume, size)
         if job.task == "estimate":
             return dataclasses.replace(described, estimate=count, nodes=nodes, remarks=remarks)
         _check_budget(count, job, size, numbers)
         _generate(job)
         data = _collect(job, volume, faces, properties, size)
-        return dataclasses.replace(data, estimate=count, remarks=remarks, owners=_point_owners(data, numbers))
+        return dataclasses.replace(
+            data, estimate=count, remarks=remarks, owners=_point_owners(data, numbers)
+        )
 
 
 @contextmanager
@@ -134,17 +144,30 @@ def read_solid(job: MeshJob) -> Shape:
 
 
 def _element_size(job: MeshJob, solid: Shape, volume: int) -> float:
-    """As asked for, or by the sizing rule; for files coarser until curved faces included there are not too many cells."""
+    """As asked for, or by the sizing rule; for files coarser until curved faces included there are
+    not too many cells.
+    """
     if job.size is not None:
         return job.size
     low, high = shape_bounds(volume)
-    content, thickness, extent = float(gmsh.model.occ.getMass(3, volume)), _mean_thickness(volume), float((high - low).max())
+    content, thickness, extent = (
+        float(gmsh.model.occ.getMass(3, volume)),
+        _mean_thickness(volume),
+        float((high - low).max()),
+    )
     size = default_size(content, thickness, extent)
     if not isinstance(solid, StepFile):
         return size
     curved = measure_curved_faces(boundary_faces(volume), {}, job.order)
     while size < extent / LARGEST_SHARE:
-        plan = size_curved_faces(curved, volume=content, thickness=thickness, size=size, order=job.order, refinement=job.refinement)
+        plan = size_curved_faces(
+            curved,
+            volume=content,
+            thickness=thickness,
+            size=size,
+            order=job.order,
+            refinement=job.refinement,
+        )
         if estimate_tets(content, thickness, size) + count_curved_cells(plan) <= DEFAULT_FILE_CELLS:
             break
         size *= SIZE_STEP
@@ -161,7 +184,9 @@ def boundary_faces(volume: int) -> list[int]:
     return sorted(abs(tag) for _, tag in gmsh.model.getBoundary([(3, volume)], oriented=False))
 
 
-def _plan_sizes(job: MeshJob, volume: int, faces: dict[str, list[int]], size: float) -> tuple[SizePlan | None, int]:
+def _plan_sizes(
+    job: MeshJob, volume: int, faces: dict[str, list[int]], size: float
+) -> tuple[SizePlan | None, int]:
     """Element sizes on curved faces and rims, and the number of cells to expect."""
     content = float(gmsh.model.occ.getMass(3, volume))
     thickness = _mean_thickness(volume)
@@ -169,7 +194,14 @@ def _plan_sizes(job: MeshJob, volume: int, faces: dict[str, list[int]], size: fl
     if job.straight:
         return None, count
     curved = measure_curved_faces(boundary_faces(volume), faces, job.order)
-    plan = size_curved_faces(curved, volume=content, thickness=thickness, size=size, order=job.order, refinement=job.refinement)
+    plan = size_curved_faces(
+        curved,
+        volume=content,
+        thickness=thickness,
+        size=size,
+        order=job.order,
+        refinement=job.refinement,
+    )
     return plan, count + count_curved_cells(plan)
 
 
@@ -179,7 +211,9 @@ def shape_bounds(volume: int) -> tuple[FloatArray, FloatArray]:
     return box[:3], box[3:]
 
 
-def _remove_narrow_features(job: MeshJob, solid: StepFile, volume: int, size: float) -> tuple[int, list[str]]:
+def _remove_narrow_features(
+    job: MeshJob, solid: StepFile, volume: int, size: float
+) -> tuple[int, list[str]]:
     faces = boundary_faces(volume)
     patches = [patch.face for patches in job.groups.values() for patch in patches]
     named = [int(face.removeprefix("face:")) for face in patches if face.startswith("face:")]
@@ -191,7 +225,9 @@ def _remove_narrow_features(job: MeshJob, solid: StepFile, volume: int, size: fl
     return left, remarks
 
 
-def _open_shape(job: MeshJob, solid: Shape, volume: int, size: float, faces: list[int]) -> OpenShape:
+def _open_shape(
+    job: MeshJob, solid: Shape, volume: int, size: float, faces: list[int]
+) -> OpenShape:
     low, high = shape_bounds(volume)
     return OpenShape(
         volume,
@@ -217,7 +253,13 @@ def _measure(volume: int, faces: dict[str, list[int]]) -> SolidProperties:
         areas[name] = float(parts.sum())
         centroids[name] = parts @ places / parts.sum()
     inertia = np.array(occ.getMatrixOfInertia(3, volume)).reshape(3, 3)
-    return SolidProperties(float(occ.getMass(3, volume)), np.array(occ.getCenterOfMass(3, volume)), inertia, areas, centroids)
+    return SolidProperties(
+        float(occ.getMass(3, volume)),
+        np.array(occ.getCenterOfMass(3, volume)),
+        inertia,
+        areas,
+        centroids,
+    )
 
 
 def _choose_growth(job: MeshJob, imprints: Imprints, size: float) -> float | None:
@@ -236,7 +278,9 @@ def _name_dense_patch(job: MeshJob, count: int) -> str:
     return f"{name}: {dense_patch_message(count, widths[name] * job.unit, job.across_patches)}"
 
 
-def _set_sizes(growth: float | None, size: float, plan: SizePlan | None, rims: dict[int, float]) -> list[int]:
+def _set_sizes(
+    growth: float | None, size: float, plan: SizePlan | None, rims: dict[int, float]
+) -> list[int]:
     """Tell gmsh the element sizes; return the tags of the fields that hold them."""
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     fields = [] if plan is None else add_size_fields(plan)
@@ -259,8 +303,18 @@ def _smallest(job: MeshJob, size: float) -> float:
     return (SMALLEST_SIZE * size if job.smallest is None else job.smallest) / job.refinement
 
 
-def _mesh_faces(job: MeshJob, volume: int, size: float, fields: list[int], numbers: dict[int, int], *, graded: bool) -> list[str]:
-    """Mesh edges and faces, and say what was done about short edges; without graded sizes they grow from crowded ones only."""
+def _mesh_faces(
+    job: MeshJob,
+    volume: int,
+    size: float,
+    fields: list[int],
+    numbers: dict[int, int],
+    *,
+    graded: bool,
+) -> list[str]:
+    """Mesh edges and faces, and say what was done about short edges; without graded sizes they grow
+    from crowded ones only.
+    """
     faces = boundary_faces(volume)
     gmsh.model.mesh.generate(1)
     remarks = []
@@ -276,15 +330,21 @@ def _mesh_faces(job: MeshJob, volume: int, size: float, fields: list[int], numbe
 
 def _count_cells(job: MeshJob, volume: int, size: float) -> tuple[int, int]:
     """Number of cells and nodes to expect behind the triangles of the meshed faces."""
-    triangles = sum(len(gmsh.model.mesh.getElementsByType(TRIANGLE[1], face)[0]) for face in boundary_faces(volume))
-    return estimate_behind_faces(triangles, float(gmsh.model.occ.getMass(3, volume)) / size**3, job.order)
+    triangles = sum(
+        len(gmsh.model.mesh.getElementsByType(TRIANGLE[1], face)[0])
+        for face in boundary_faces(volume)
+    )
+    return estimate_behind_faces(
+        triangles, float(gmsh.model.occ.getMass(3, volume)) / size**3, job.order
+    )
 
 
 def _check_budget(count: int, job: MeshJob, size: float, numbers: dict[int, int]) -> None:
     """Refuse what would be too large.
 
     Raises:
-        MeshError: With a size that would do; of CAD parts also the faces that hold most elements, and the key that coarsens them.
+        MeshError: With a size that would do; of CAD parts also the faces that hold most elements,
+            and the key that coarsens them.
     """
     if count <= CELL_BUDGET:
         return
@@ -302,7 +362,11 @@ def _find_rims(job: MeshJob, imprints: Imprints) -> dict[int, float]:
     """Curves from which elements grow, and the size there."""
     found: dict[int, float] = {}
     groups = [([face], size) for face, size in imprints.sizes.items()]
-    groups += [] if job.rim_size is None else [(imprints.faces[name], job.rim_size / job.refinement) for name in job.rims]
+    groups += (
+        []
+        if job.rim_size is None
+        else [(imprints.faces[name], job.rim_size / job.refinement) for name in job.rims]
+    )
     for faces, size in groups:
         for _, curve in gmsh.model.getBoundary([(2, face) for face in faces], oriented=False):
             found[curve] = min(size, found.get(curve, size))
@@ -312,13 +376,17 @@ def _find_rims(job: MeshJob, imprints: Imprints) -> dict[int, float]:
 def _generate(job: MeshJob) -> None:
     if not _mesh_acceptably():
         limit = f"{resource.getrlimit(resource.RLIMIT_AS)[0] / 2**30:.3g} GiB of memory"
-        raise MeshError(f"gmsh could not mesh the solid within {limit}; write another mesh size, or repair the CAD model")
+        raise MeshError(
+            f"gmsh could not mesh the solid within {limit}; write another mesh size, or repair the CAD model"
+        )
     if job.order == 2 and not job.straight:
         gmsh.model.mesh.setOrder(2)
 
 
 def _mesh_acceptably() -> bool:
-    """Mesh with the algorithm that leaves no slivers, or else with the one whose worst tet is best."""
+    """Mesh with the algorithm that leaves no slivers, or else with the one whose worst tet is
+    best.
+    """
     found: dict[int, float] = {}
     for algorithm in (HXT, DELAUNAY):
         found[algorithm] = _try_algorithm(algorithm)
@@ -329,7 +397,9 @@ def _mesh_acceptably() -> bool:
 
 
 def _try_algorithm(algorithm: int) -> float:
-    """Fill the faces' mesh, which is made once, with straight tets; return the quality of the worst, 0 where meshing failed."""
+    """Fill the faces' mesh, which is made once, with straight tets; return the quality of the
+    worst, 0 where meshing failed.
+    """
     gmsh.model.mesh.clear(gmsh.model.getEntities(3))
     gmsh.option.setNumber("Mesh.Algorithm3D", algorithm)
     try:
@@ -338,7 +408,9 @@ def _try_algorithm(algorithm: int) -> float:
             gmsh.model.mesh.optimize("")
     except Exception:  # gmsh raises the bare class; the next algorithm may do
         return 0.0
-    bare = any(not len(gmsh.model.mesh.getElements(2, tag)[0]) for _, tag in gmsh.model.getEntities(2))
+    bare = any(
+        not len(gmsh.model.mesh.getElements(2, tag)[0]) for _, tag in gmsh.model.getEntities(2)
+    )
     return 0.0 if bare else _worst_quality()
 
 
@@ -349,22 +421,33 @@ def _worst_quality() -> float:
         return 0.0
     row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
     row[tags] = np.arange(len(tags))
-    return float(scaled_jacobians(coordinates.reshape(-1, 3), row[nodes].reshape(-1, 4), "tet4").min())
+    return float(
+        scaled_jacobians(coordinates.reshape(-1, 3), row[nodes].reshape(-1, 4), "tet4").min()
+    )
 
 
 def _point_owners(data: MeshData, numbers: dict[int, int]) -> IntArray:
-    """Number ``(n,)`` of a face that each point of a mesh lies on, 0 inside or where faces have no numbers."""
+    """Number ``(n,)`` of a face that each point of a mesh lies on, 0 inside or where faces have no
+    numbers.
+    """
     tags, _, _ = gmsh.model.mesh.getNodes()
     owner = np.zeros(int(tags.max()) + 1, dtype=np.int64)
     for face, number in numbers.items():
         owner[gmsh.model.mesh.getNodes(2, face, includeBoundary=True)[0]] = number
     # points are the nodes of the cells, in the order of their tags
-    kept = owner[np.unique(gmsh.model.mesh.getElementsByType(TETRAHEDRON[1 if data.kind == "tet4" else 2])[1])]
+    kept = owner[
+        np.unique(
+            gmsh.model.mesh.getElementsByType(TETRAHEDRON[1 if data.kind == "tet4" else 2])[1]
+        )
+    ]
     return np.asarray(kept, dtype=np.int64)
 
 
-def _collect(job: MeshJob, volume: int, faces: dict[str, list[int]], properties: SolidProperties, size: float) -> MeshData:
-    # straight cells are raised to the second order, and checked, by `finish_mesh` in the parent process
+def _collect(
+    job: MeshJob, volume: int, faces: dict[str, list[int]], properties: SolidProperties, size: float
+) -> MeshData:
+    # straight cells are raised to the second order, and checked, by `finish_mesh` in the parent
+    # process
     order = 1 if job.straight else job.order
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     _, cell_nodes = gmsh.model.mesh.getElementsByType(TETRAHEDRON[order], volume)
@@ -378,20 +461,38 @@ def _collect(job: MeshJob, volume: int, faces: dict[str, list[int]], properties:
     facets = {name: _face_corners(place, tags_of, order) for name, tags_of in faces.items()}
     kind: CellKind = "tet4" if order == 1 else "tet10"
     curved = _curved_facets(boundary_faces(volume), place, points, order)
-    return MeshData(points, place[cell_nodes.reshape(-1, per_cell)], kind, facets, properties=properties, size=size, curved=curved)
+    return MeshData(
+        points,
+        place[cell_nodes.reshape(-1, per_cell)],
+        kind,
+        facets,
+        properties=properties,
+        size=size,
+        curved=curved,
+    )
 
 
-def _curved_facets(faces: list[int], place: IntArray, points: FloatArray, order: int) -> CurvedFacets:
-    """Facets on faces that are not plane, and where these lie; of free-form faces, which take long, no more than a sample."""
+def _curved_facets(
+    faces: list[int], place: IntArray, points: FloatArray, order: int
+) -> CurvedFacets:
+    """Facets on faces that are not plane, and where these lie; of free-form faces, which take long,
+    no more than a sample.
+    """
     per_facet = 3 if order == 1 else 6
     kinds = {face: gmsh.model.getType(2, face) for face in faces}
     found = {
-        face: place[gmsh.model.mesh.getElementsByType(TRIANGLE[order], face)[1]].reshape(-1, per_facet)
+        face: place[gmsh.model.mesh.getElementsByType(TRIANGLE[order], face)[1]].reshape(
+            -1, per_facet
+        )
         for face, kind in kinds.items()
         if kind != "Plane"
     }
     free = sum(len(facets) for face, facets in found.items() if kinds[face] not in ROUND_KINDS)
-    nodes, nearest, shares = [np.zeros((0, per_facet), dtype=np.int64)], [np.zeros((0, PLACES**2, 3))], [np.zeros(0)]
+    nodes, nearest, shares = (
+        [np.zeros((0, per_facet), dtype=np.int64)],
+        [np.zeros((0, PLACES**2, 3))],
+        [np.zeros(0)],
+    )
     for face, facets in found.items():
         step = 1 if kinds[face] in ROUND_KINDS else max(1, -(-free // FREE_FACETS))
         chosen = facets[::step]

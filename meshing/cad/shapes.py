@@ -12,9 +12,11 @@ from headstock.meshing.step_units import STEP_UNIT, doubt_size
 
 Shape = Box | Tube | Plate | HollowColumn | StepFile
 DimTags = list[tuple[int, int]]
-# OpenCASCADE's tolerances are absolute, 1e-7 of its unit: far outside, gmsh makes no triangles and says nothing
+# OpenCASCADE's tolerances are absolute, 1e-7 of its unit: far outside, gmsh makes no triangles and
+# says nothing
 SHORTEST, LONGEST = 1e-6, 1e3  # [m]
-# what makes OpenCASCADE open other files, wherever they lie; second names are those of short exchange files
+# what makes OpenCASCADE open other files, wherever they lie; second names are those of short
+# exchange files
 OTHER_FILES = rb"PRODUCT_DEFINITION_WITH_ASSOCIATED_DOCUMENTS|PDWAD|APDCRF"
 OTHER_FILES_BESIDE_DOCUMENT_FILE = rb"APPLIED_DOCUMENT_REFERENCE"
 DOCUMENT_FILE = rb"\b(?:DOCUMENT_FILE|DCMFL)\b"
@@ -48,7 +50,9 @@ def _build_tube(tube: Tube) -> int:
 def _build_planar(solid: Box | Plate | HollowColumn) -> int:
     occ = gmsh.model.occ
     boxes = planar_boxes(solid)
-    if isinstance(solid, Plate):  # ribs overlap where they cross: fuse them instead of subtracting the crossings
+    if isinstance(
+        solid, Plate
+    ):  # ribs overlap where they cross: fuse them instead of subtracting the crossings
         boxes = [box for box in boxes if box[0] > 0.0]
     tags = [(3, int(occ.addBox(*low, *(high - low)))) for _, low, high in boxes]
     if len(tags) == 1:
@@ -60,20 +64,34 @@ def _build_planar(solid: Box | Plate | HollowColumn) -> int:
 
 
 def _core_holes(column: HollowColumn) -> DimTags:
-    """Cylinders that pierce caps and horizontal ribs along z, and vertical ribs along their normals, in every cell."""
+    """Cylinders that pierce caps and horizontal ribs along z, and vertical ribs along their
+    normals, in every cell.
+    """
     occ = gmsh.model.occ
     x_cells, y_cells, z_cells = column_cells(column)
     middles = [[(low + high) / 2 for low, high in cells] for cells in (x_cells, y_cells, z_cells)]
     radius = column.core_hole / 2
     length = column.size[2]
-    tags = [occ.addCylinder(x, y, -0.1 * length, 0, 0, 1.2 * length, radius) for x in middles[0] for y in middles[1]]
+    tags = [
+        occ.addCylinder(x, y, -0.1 * length, 0, 0, 1.2 * length, radius)
+        for x in middles[0]
+        for y in middles[1]
+    ]
     spans = [(cells[0][0], cells[-1][1]) for cells in (x_cells, y_cells)]
     if column.ribs_x:
         reach = spans[0][1] - spans[0][0]
-        tags += [occ.addCylinder(spans[0][0], y, z, reach, 0, 0, radius) for y in middles[1] for z in middles[2]]
+        tags += [
+            occ.addCylinder(spans[0][0], y, z, reach, 0, 0, radius)
+            for y in middles[1]
+            for z in middles[2]
+        ]
     if column.ribs_y:
         reach = spans[1][1] - spans[1][0]
-        tags += [occ.addCylinder(x, spans[1][0], z, 0, reach, 0, radius) for x in middles[0] for z in middles[2]]
+        tags += [
+            occ.addCylinder(x, spans[1][0], z, 0, reach, 0, radius)
+            for x in middles[0]
+            for z in middles[2]
+        ]
     return [(3, int(tag)) for tag in tags]
 
 
@@ -84,7 +102,9 @@ def _import_step(solid: StepFile) -> int:
     with path.open("rb") as file:
         if b"ISO-10303-21" not in file.read(4096):
             raise PartFileError(f"{path.name} is not a STEP file (no ISO-10303-21 header)")
-    text = re.sub(rb"'[^']*'", lambda found: b"'" + b"\n" * found[0].count(b"\n") + b"'", path.read_bytes())
+    text = re.sub(
+        rb"'[^']*'", lambda found: b"'" + b"\n" * found[0].count(b"\n") + b"'", path.read_bytes()
+    )
     _refuse_odd_numbers(text, path.name)
     _refuse_other_files(text, path.name)
     try:
@@ -94,13 +114,19 @@ def _import_step(solid: StepFile) -> int:
     gmsh.model.occ.synchronize()
     volumes = [tag for dim, tag in found if dim == 3]
     if not volumes:
-        raise PartFileError(f"{path.name} holds no solid, only {len(found)} surfaces or curves; export it as a solid body")
+        raise PartFileError(
+            f"{path.name} holds no solid, only {len(found)} surfaces or curves; export it as a solid body"
+        )
     chosen = _choose_solid(solid.solid, volumes, path.name)
-    gmsh.model.occ.remove([(dim, tag) for dim, tag in found if (dim, tag) != (3, chosen)], recursive=True)
+    gmsh.model.occ.remove(
+        [(dim, tag) for dim, tag in found if (dim, tag) != (3, chosen)], recursive=True
+    )
     box = gmsh.model.occ.getBoundingBox(3, chosen)
     extent = STEP_UNIT * max(box[axis + 3] - box[axis] for axis in range(3))
     if not SHORTEST <= extent <= LONGEST:
-        raise MeshError(f"{doubt_size(path, extent)}; parts of {SHORTEST:g} to {LONGEST:g} m can be meshed and drawn")
+        raise MeshError(
+            f"{doubt_size(path, extent)}; parts of {SHORTEST:g} to {LONGEST:g} m can be meshed and drawn"
+        )
     return chosen
 
 
@@ -109,11 +135,15 @@ def _refuse_odd_numbers(text: bytes, file: str) -> None:
     odd = re.search(rb"[(,]\s*([+-]?(?:nan|inf(?:inity)?|1\.#\w+))\b", text, re.IGNORECASE)
     if odd is not None:
         line = text[: odd.start()].count(b"\n") + 1
-        raise PartFileError(f"{file}:{line} holds {odd[1].decode()} in place of a number; export the part again")
+        raise PartFileError(
+            f"{file}:{line} holds {odd[1].decode()} in place of a number; export the part again"
+        )
 
 
 def _refuse_other_files(text: bytes, file: str) -> None:
-    """Refuse a part that names documents: the kernel would open whatever file they name, even where the part has all its geometry."""
+    """Refuse a part that names documents: the kernel would open whatever file they name, even where
+    the part has all its geometry.
+    """
     names = OTHER_FILES
     if re.search(DOCUMENT_FILE, text, re.IGNORECASE):
         names += b"|" + OTHER_FILES_BESIDE_DOCUMENT_FILE
@@ -129,8 +159,13 @@ def _refuse_other_files(text: bytes, file: str) -> None:
 def _choose_solid(wanted: int | str | None, volumes: list[int], file: str) -> int:
     names = [str(gmsh.model.getEntityName(3, tag)).split("/")[-1] for tag in volumes]
     # the translator numbers what nobody named
-    known = {i: name for i, name in enumerate(names, 1) if name and not name.startswith("Open CASCADE")}
-    listing = ", ".join(f"{i}: {name}" for i, name in known.items()) or f"1 to {len(volumes)}, without names"
+    known = {
+        i: name for i, name in enumerate(names, 1) if name and not name.startswith("Open CASCADE")
+    }
+    listing = (
+        ", ".join(f"{i}: {name}" for i, name in known.items())
+        or f"1 to {len(volumes)}, without names"
+    )
     if wanted is None and len(volumes) == 1:
         return volumes[0]
     if wanted is None:
@@ -140,16 +175,22 @@ def _choose_solid(wanted: int | str | None, volumes: list[int], file: str) -> in
         )
     if isinstance(wanted, int):
         if not 1 <= wanted <= len(volumes):
-            raise PartFileError(f"{file} has no solid number {wanted}, counted from 1; it holds {listing}")
+            raise PartFileError(
+                f"{file} has no solid number {wanted}, counted from 1; it holds {listing}"
+            )
         return volumes[wanted - 1]
     matches = [tag for tag, name in zip(volumes, names, strict=True) if name == wanted]
     if len(matches) != 1:
-        raise PartFileError(f"{file} has {len(matches)} solids named {wanted!r}; it holds {listing}")
+        raise PartFileError(
+            f"{file} has {len(matches)} solids named {wanted!r}; it holds {listing}"
+        )
     return matches[0]
 
 
 def _one_volume(found: DimTags) -> int:
     volumes = [tag for dim, tag in found if dim == 3]
     if len(volumes) != 1:
-        raise MeshError(f"the solid falls into {len(volumes)} parts; check wall, rib and hole sizes")
+        raise MeshError(
+            f"the solid falls into {len(volumes)} parts; check wall, rib and hole sizes"
+        )
     return int(volumes[0])

@@ -1,4 +1,6 @@
-"""Element sizes on curved faces, around imprinted patches, and on faces full of small holes and short edges."""
+"""Element sizes on curved faces, around imprinted patches, and on faces full of small holes and
+short edges.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,13 +17,17 @@ from headstock.meshing.sizing import count_rim_cells
 LARGEST_TURN = np.pi / 2
 COARSEST_SHARE = 1.0 / 3.0
 FLOOR_STEP, FLOOR_STEPS = 0.8, 20
-CELLS_PER_FACET = 12.0  # measured on filleted blocks: the grading around fine faces fills many layers
-# an arc of angle theta replaced by a parabola (order 2) or chord (order 1) loses this share of its sector
+CELLS_PER_FACET = (
+    12.0  # measured on filleted blocks: the grading around fine faces fills many layers
+)
+# an arc of angle theta replaced by a parabola (order 2) or chord (order 1) loses this share of its
+# sector
 LOSS = {1: (1.0 / 6.0, 2), 2: (7.8e-4 / (np.pi / 4) ** 4, 4)}
 TURNS = {1: 24, 2: 8}
 PATCH_ANGLE = {1: 0.3, 2: 0.7}
-# A chord of length s lies s^2 / (8 R) off its arc. In a wall of thickness t << R chords of both its faces would cross elements,
-# which straightening then takes off the volume: meshes of tubes (R / t = 5 to 15) fail from s^2 = 1.7 R t on.
+# A chord of length s lies s^2 / (8 R) off its arc. In a wall of thickness t << R chords of both its
+# faces would cross elements, which straightening then takes off the volume: meshes of tubes (R / t
+# = 5 to 15) fail from s^2 = 1.7 R t on.
 THIN_WALL = 2.0  # times the thickness is the smallest radius of a face that counts as one of a wall
 WALL_CHORD = 1.2
 LOST_SHARE = {1: 1e-2, 2: 5e-4}  # of the volume, and of the area of a plane patch with a round rim
@@ -37,7 +43,11 @@ GROWTH = 0.5
 SAMPLES = 20  # points of a short edge from which distances are taken
 CROWDED_PER_OCTAVE = 2
 SHORT_SHARE = 0.1
-ROUND = 0.7 * np.pi  # the angle from which on a face goes round a hole, where an element that spans R turns by 60 degrees
+ROUND = (
+    0.7 * np.pi
+    # the angle from which on a face goes round a hole, where an element that spans R turns by 60
+    # degrees
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +69,8 @@ class CurvedFaces:
         areas: ``(n,)`` their areas.
         radii: ``(n,)`` their smallest radii.
         patches: ``(n,)`` whether they belong to a patch.
-        rims: ``(m, 2)`` round rims of plane patches: gmsh tag of the curve, and the size that keeps the patch's area.
+        rims: ``(m, 2)`` round rims of plane patches: gmsh tag of the curve, and the size that keeps
+            the patch's area.
     """
 
     tags: IntArray
@@ -69,7 +80,9 @@ class CurvedFaces:
     rims: FloatArray
 
 
-def measure_curved_faces(faces: Sequence[int], patch_faces: Mapping[str, Sequence[int]], order: int) -> CurvedFaces:
+def measure_curved_faces(
+    faces: Sequence[int], patch_faces: Mapping[str, Sequence[int]], order: int
+) -> CurvedFaces:
     """Curved faces of the open gmsh model, and the round rims of its plane patches.
 
     Args:
@@ -88,11 +101,24 @@ def measure_curved_faces(faces: Sequence[int], patch_faces: Mapping[str, Sequenc
             rims += _rim_sizes(tag, order)
     table = np.array(rows, dtype=float).reshape(-1, 4)
     _, areas, radii, patches = table.T
-    return CurvedFaces(table[:, 0].astype(np.int64), areas, radii, patches, np.array(rims, dtype=float).reshape(-1, 2))
+    return CurvedFaces(
+        table[:, 0].astype(np.int64),
+        areas,
+        radii,
+        patches,
+        np.array(rims, dtype=float).reshape(-1, 2),
+    )
 
 
 def size_curved_faces(
-    curved: CurvedFaces, *, volume: float, thickness: float, size: float, order: int, refinement: float, smallest: float = 0.0
+    curved: CurvedFaces,
+    *,
+    volume: float,
+    thickness: float,
+    size: float,
+    order: int,
+    refinement: float,
+    smallest: float = 0.0,
 ) -> SizePlan:
     """Element sizes on curved faces: as coarse as volume and patch areas allow.
 
@@ -110,15 +136,23 @@ def size_curved_faces(
     for _ in range(FLOOR_STEPS):
         angles = np.minimum(np.maximum(floor / curved.radii, finest), LARGEST_TURN)
         # what even the finest angle loses on wide faces, no smaller size on narrow ones brings back
-        lost = float(np.sum(curved.areas * curved.radii / 2 * factor * (angles**power - finest**power)))
+        lost = float(
+            np.sum(curved.areas * curved.radii / 2 * factor * (angles**power - finest**power))
+        )
         if lost <= LOST_SHARE[order] * volume or floor * FLOOR_STEP < smallest:
             break
         floor *= FLOOR_STEP
     sizes = np.clip(2 * np.pi * curved.radii / TURNS[order], floor, size)
-    walls = np.where(curved.radii > THIN_WALL * thickness, np.sqrt(WALL_CHORD * curved.radii * thickness), np.inf)
+    walls = np.where(
+        curved.radii > THIN_WALL * thickness, np.sqrt(WALL_CHORD * curved.radii * thickness), np.inf
+    )
     sizes = np.minimum(sizes, walls)
-    sizes = np.where(curved.patches > 0.0, np.minimum(sizes, PATCH_ANGLE[order] * curved.radii), sizes)
-    return SizePlan(curved, np.asarray(sizes / refinement), np.asarray(curved.rims[:, 1] / refinement), size)
+    sizes = np.where(
+        curved.patches > 0.0, np.minimum(sizes, PATCH_ANGLE[order] * curved.radii), sizes
+    )
+    return SizePlan(
+        curved, np.asarray(sizes / refinement), np.asarray(curved.rims[:, 1] / refinement), size
+    )
 
 
 def count_curved_cells(plan: SizePlan) -> int:
@@ -128,7 +162,9 @@ def count_curved_cells(plan: SizePlan) -> int:
 
 
 def add_size_fields(plan: SizePlan) -> list[int]:
-    """Tell gmsh the sizes and return the tags of its fields; what is not finer than elsewhere needs no telling."""
+    """Tell gmsh the sizes and return the tags of its fields; what is not finer than elsewhere needs
+    no telling.
+    """
     rims = plan.curved.rims[:, 0].astype(np.int64)
     faces = _size_classes(plan.curved.tags, plan.faces, plan.elsewhere)
     curves = _size_classes(rims, plan.rims, plan.elsewhere)
@@ -139,7 +175,11 @@ def add_size_fields(plan: SizePlan) -> list[int]:
 def _size_classes(tags: IntArray, sizes: FloatArray, size: float) -> list[tuple[float, list[int]]]:
     """Tags grouped by size, rounded down to a quarter of an octave below the size elsewhere."""
     steps = np.ceil(CLASSES_PER_OCTAVE * np.log2(size / sizes) - 1e-9).astype(np.int64)
-    return [(size * 2.0 ** (-step / CLASSES_PER_OCTAVE), tags[steps == step].tolist()) for step in np.unique(steps) if step > 0]
+    return [
+        (size * 2.0 ** (-step / CLASSES_PER_OCTAVE), tags[steps == step].tolist())
+        for step in np.unique(steps)
+        if step > 0
+    ]
 
 
 def _add_field(entities: str, value: float, tags: list[int]) -> int:
@@ -153,24 +193,38 @@ def _face_radius(face: int) -> float:
     if gmsh.model.getType(2, face) == "Plane":
         return float("inf")
     low, high = gmsh.model.getParametrizationBounds(2, face)
-    spots = np.array([[low[0] + a * (high[0] - low[0]), low[1] + b * (high[1] - low[1])] for a in SPOTS for b in SPOTS])
+    spots = np.array(
+        [
+            [low[0] + a * (high[0] - low[0]), low[1] + b * (high[1] - low[1])]
+            for a in SPOTS
+            for b in SPOTS
+        ]
+    )
     largest, smallest, _, _ = gmsh.model.getPrincipalCurvatures(face, spots.ravel())
     return _radius(float(np.nanmax(np.abs([largest, smallest]))))
 
 
 def _rim_sizes(face: int, order: int) -> list[tuple[float, float]]:
-    """Round rims of a plane patch with the element size at which together they lose no more than the share of its area."""
+    """Round rims of a plane patch with the element size at which together they lose no more than
+    the share of its area.
+    """
     rims = []
     for _, curve in gmsh.model.getBoundary([(2, face)], oriented=False):
         if gmsh.model.getType(1, curve) != "Line":
             low, high = gmsh.model.getParametrizationBounds(1, curve)
             radius = _radius(float(gmsh.model.getCurvature(1, curve, [(low[0] + high[0]) / 2])[0]))
             if np.isfinite(radius):
-                rims.append((int(curve), radius, float(gmsh.model.occ.getMass(1, curve)) * radius / 2))
+                rims.append(
+                    (int(curve), radius, float(gmsh.model.occ.getMass(1, curve)) * radius / 2)
+                )
     factor, power = LOSS[order]
     sectors = sum(sector for _, _, sector in rims)
     allowed = LOST_SHARE[order] * float(gmsh.model.occ.getMass(2, face))
-    angle = min((allowed / (factor * sectors)) ** (1.0 / power), LARGEST_TURN) if sectors > 0.0 else LARGEST_TURN
+    angle = (
+        min((allowed / (factor * sectors)) ** (1.0 / power), LARGEST_TURN)
+        if sectors > 0.0
+        else LARGEST_TURN
+    )
     return [(curve, angle * radius) for curve, radius, _ in rims]
 
 
@@ -181,18 +235,25 @@ def _radius(curvature: float) -> float:
 def add_grading_fields(rims: Mapping[int, float], *, growth: float, size: float) -> list[int]:
     """Tell gmsh to let elements grow from curves, and return the tags of its fields.
 
-    Where stresses are singular, as at the rim of a rigid patch, the error of an element of size ``h = growth * distance`` is the same
-    at any distance, so that the number of elements grows with the inverse of the smallest size only.
+    Where stresses are singular, as at the rim of a rigid patch, the error of an element of size ``h
+    = growth * distance`` is the same at any distance, so that the number of elements grows with the
+    inverse of the smallest size only.
 
     Args:
         rims: Element size at each curve.
         growth: Share of the distance from the curve that is added to it.
         size: Element size far away.
 
-    Source: Babuska, Kellogg and Pitkaranta (1979), Numer. Math. 33, 447-471, graded meshes at singular corners.
+    Source: Babuska, Kellogg and Pitkaranta (1979), Numer. Math. 33, 447-471, graded meshes at
+    singular corners.
     """
     sizes = sorted({smallest for smallest in rims.values() if smallest < size})
-    return [_add_grading(sorted(curve for curve in rims if rims[curve] == smallest), smallest, growth, size) for smallest in sizes]
+    return [
+        _add_grading(
+            sorted(curve for curve in rims if rims[curve] == smallest), smallest, growth, size
+        )
+        for smallest in sizes
+    ]
 
 
 def count_graded_cells(rims: Mapping[int, float], *, growth: float, size: float) -> int:
@@ -204,7 +265,12 @@ def count_graded_cells(rims: Mapping[int, float], *, growth: float, size: float)
         size: Largest element size [m].
     """
     length = gmsh.model.occ.getMass
-    return int(sum(count_rim_cells(float(length(1, curve)), s, growth=growth, size=size) for curve, s in rims.items()))
+    return int(
+        sum(
+            count_rim_cells(float(length(1, curve)), s, growth=growth, size=size)
+            for curve, s in rims.items()
+        )
+    )
 
 
 def _add_grading(curves: list[int], smallest: float, growth: float, size: float) -> int:
@@ -246,7 +312,9 @@ class EdgeSizes:
 
 
 def measure_edges(faces: Sequence[int], size: float) -> EdgeSizes:
-    """How the meshed edges of the open gmsh model would fill its faces if sizes inside were those of the edges around them."""
+    """How the meshed edges of the open gmsh model would fill its faces if sizes inside were those
+    of the edges around them.
+    """
     lengths: dict[int, float] = {}
     counts: dict[int, int] = {}
     for _, curve in gmsh.model.getEntities(1):
@@ -265,7 +333,13 @@ def measure_edges(faces: Sequence[int], size: float) -> EdgeSizes:
         plain += own
     tags = sorted(lengths)
     sizes = np.array([lengths[curve] / counts[curve] for curve in tags], dtype=float)
-    return EdgeSizes(np.array(tags, dtype=np.int64), sizes, np.array(faces, dtype=np.int64), np.array(extra), plain)
+    return EdgeSizes(
+        np.array(tags, dtype=np.int64),
+        sizes,
+        np.array(faces, dtype=np.int64),
+        np.array(extra),
+        plain,
+    )
 
 
 def add_growth_fields(edges: EdgeSizes, *, size: float, smallest: float) -> list[int]:
@@ -279,13 +353,20 @@ def add_growth_fields(edges: EdgeSizes, *, size: float, smallest: float) -> list
     starts = np.maximum(edges.sizes, smallest)
     steps = np.ceil(CROWDED_PER_OCTAVE * np.log2(size / starts) - 1e-9).astype(np.int64)
     classes = [
-        (edges.curves[steps == step].tolist(), size * 2.0 ** (-step / CROWDED_PER_OCTAVE)) for step in np.unique(steps) if step > 0
+        (edges.curves[steps == step].tolist(), size * 2.0 ** (-step / CROWDED_PER_OCTAVE))
+        for step in np.unique(steps)
+        if step > 0
     ]
-    return [_grow(curves, start, size) for curves, start in classes] + _round_fields(edges.faces, size)
+    return [_grow(curves, start, size) for curves, start in classes] + _round_fields(
+        edges.faces, size
+    )
 
 
-def describe_short_edges(edges: EdgeSizes, numbers: Mapping[int, int], *, smallest: float, unit: float) -> list[str]:
-    """What a user should know of edges that are far shorter than the elements, with the faces they belong to.
+def describe_short_edges(
+    edges: EdgeSizes, numbers: Mapping[int, int], *, smallest: float, unit: float
+) -> list[str]:
+    """What a user should know of edges that are far shorter than the elements, with the faces they
+    belong to.
 
     Args:
         edges: Of the open model.
@@ -305,13 +386,17 @@ def describe_short_edges(edges: EdgeSizes, numbers: Mapping[int, int], *, smalle
 
 
 def name_finest_faces(numbers: Mapping[int, int]) -> str:
-    """The faces that hold most triangles of a meshed surface, for a message; nothing before it is meshed."""
+    """The faces that hold most triangles of a meshed surface, for a message; nothing before it is
+    meshed.
+    """
     counts = {face: len(gmsh.model.mesh.getElementsByType(TRIANGLE, face)[0]) for face in numbers}
     total = sum(counts.values())
     if not total:
         return ""
     largest = sorted(counts, key=lambda face: -counts[face])[:NAMED_FACES]
-    return "; most lie at " + ", ".join(f"face:{numbers[face]} ({counts[face] / total:.0%})" for face in largest)
+    return "; most lie at " + ", ".join(
+        f"face:{numbers[face]} ({counts[face] / total:.0%})" for face in largest
+    )
 
 
 def _grow(curves: list[int], smallest: float, size: float) -> int:
@@ -320,7 +405,12 @@ def _grow(curves: list[int], smallest: float, size: float) -> int:
     fields.setNumbers(distance, "CurvesList", curves)
     fields.setNumber(distance, "Sampling", SAMPLES)
     grown = int(fields.add("Threshold"))
-    for name, value in (("InField", distance), ("SizeMin", smallest), ("SizeMax", size), ("DistMin", 0.0)):
+    for name, value in (
+        ("InField", distance),
+        ("SizeMin", smallest),
+        ("SizeMax", size),
+        ("DistMin", 0.0),
+    ):
         fields.setNumber(grown, name, value)
     fields.setNumber(grown, "DistMax", (size - smallest) / GROWTH)
     return grown
@@ -335,9 +425,13 @@ def _round_fields(faces: IntArray, size: float) -> list[int]:
         low, high = gmsh.model.getParametrizationBounds(2, face)
         if high[0] - low[0] < ROUND:
             continue
-        curvature = gmsh.model.getCurvature(2, face, [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2])[0]
+        curvature = gmsh.model.getCurvature(
+            2, face, [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2]
+        )[0]
         if curvature * size > 1.0:
-            classes.setdefault(int(np.ceil(CROWDED_PER_OCTAVE * np.log2(curvature * size))), []).append(face)
+            classes.setdefault(
+                int(np.ceil(CROWDED_PER_OCTAVE * np.log2(curvature * size))), []
+            ).append(face)
     found = []
     for step, tags in sorted(classes.items()):
         field = int(gmsh.model.mesh.field.add("Constant"))

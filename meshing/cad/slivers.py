@@ -1,4 +1,6 @@
-"""Faces of a CAD shape so narrow that no element fits them, found before a mesher hangs on them or leaves unusable elements."""
+"""Faces of a CAD shape so narrow that no element fits them, found before a mesher hangs on them or
+leaves unusable elements.
+"""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -24,29 +26,41 @@ class Sliver:
 
 
 def find_slivers(faces: Sequence[int], size: float) -> list[Sliver]:
-    """Faces of the open gmsh model that are narrower than a thousandth of the elements that must lie along them."""
-    return [sliver for sliver in _measure_faces(faces) if sliver.width < NARROWEST * min(size, sliver.length)]
+    """Faces of the open gmsh model that are narrower than a thousandth of the elements that must
+    lie along them.
+    """
+    return [
+        sliver
+        for sliver in _measure_faces(faces)
+        if sliver.width < NARROWEST * min(size, sliver.length)
+    ]
 
 
 def remove_narrow_features(
     volume: int, faces: Sequence[int], *, width: float, named: Collection[int], unit: float
 ) -> tuple[int | None, list[str]]:
-    """Take features that consist of faces narrower than a width off a volume, such as steps that a tool has left.
+    """Take features that consist of faces narrower than a width off a volume, such as steps that a
+    tool has left.
 
     Args:
         volume: Tag.
-        faces: Of the volume, in the order in which ``face:N`` counts them; those that stay keep their tags.
+        faces: Of the volume, in the order in which ``face:N`` counts them; those that stay keep
+            their tags.
         width: Narrower faces go, and those that they alone surround.
         named: Numbers of faces that something refers to and that must stay.
         unit: Length of the model's unit [m].
 
     Returns:
-        The tag of what is left, None where the CAD kernel spoiled the volume and it must be built again, and what to tell the user.
+        The tag of what is left, None where the CAD kernel spoiled the volume and it must be built
+        again, and what to tell the user.
     """
     narrow = {faces[face.number - 1] for face in _measure_faces(faces) if face.width < width}
     if not narrow:
         return volume, []
-    around = {face: {abs(curve) for _, curve in gmsh.model.getBoundary([(2, face)], oriented=False)} for face in faces}
+    around = {
+        face: {abs(curve) for _, curve in gmsh.model.getBoundary([(2, face)], oriented=False)}
+        for face in faces
+    }
     edges = set().union(*(around[face] for face in narrow))
     feature = narrow | {face for face in faces if around[face] <= edges}
     numbers = [number for number, face in enumerate(faces, 1) if face in feature]
@@ -62,10 +76,10 @@ def remove_narrow_features(
     change = float(gmsh.model.occ.getMass(3, left[0])) / before - 1.0 if len(left) == 1 else np.inf
     if not abs(change) <= LARGEST_CHANGE:
         return None, []
-    gone = (
-        f"{len(feature)} of {len(faces)} faces{list_faces(numbers)}, narrower than {width * unit:.2g} m or surrounded by such faces"
-    )
-    return left[0], [f"{gone}, are left out of the mesh; the volume changes by {change:.1e} (mesh.smallest)"]
+    gone = f"{len(feature)} of {len(faces)} faces{list_faces(numbers)}, narrower than {width * unit:.2g} m or surrounded by such faces"
+    return left[0], [
+        f"{gone}, are left out of the mesh; the volume changes by {change:.1e} (mesh.smallest)"
+    ]
 
 
 def list_faces(numbers: Sequence[int]) -> str:
@@ -76,7 +90,9 @@ def list_faces(numbers: Sequence[int]) -> str:
     return f" ({named}{', …' if len(numbers) > NAMED_FACES else ''})"
 
 
-def refuse_slivers(faces: Sequence[int], *, left: Collection[int], size: float, unit: float) -> None:
+def refuse_slivers(
+    faces: Sequence[int], *, left: Collection[int], size: float, unit: float
+) -> None:
     """Refuse a shape with slivers.
 
     Args:
@@ -90,7 +106,10 @@ def refuse_slivers(faces: Sequence[int], *, left: Collection[int], size: float, 
     """
     numbers = [number for number, face in enumerate(faces, 1) if face in left]
     found = find_slivers([faces[number - 1] for number in numbers], size)
-    slivers = sorted((Sliver(numbers[each.number - 1], each.width, each.length) for each in found), key=lambda each: each.width)
+    slivers = sorted(
+        (Sliver(numbers[each.number - 1], each.width, each.length) for each in found),
+        key=lambda each: each.width,
+    )
     if not slivers:
         return
     named = ", ".join(
@@ -107,10 +126,14 @@ def _measure_faces(faces: Sequence[int]) -> list[Sliver]:
     """Width and length of each face."""
     found = []
     for number, face in enumerate(faces, 1):
-        curves = gmsh.model.getBoundary([(2, face)], combined=False, oriented=False)  # seams count on both sides
+        curves = gmsh.model.getBoundary(
+            [(2, face)], combined=False, oriented=False
+        )  # seams count on both sides
         perimeter = sum(float(gmsh.model.occ.getMass(1, abs(curve))) for _, curve in curves)
         box = np.array(gmsh.model.occ.getBoundingBox(2, face))
         length = float(np.linalg.norm(box[3:] - box[:3]))
-        width = 2.0 * float(gmsh.model.occ.getMass(2, face)) / perimeter if perimeter > 0.0 else length
+        width = (
+            2.0 * float(gmsh.model.occ.getMass(2, face)) / perimeter if perimeter > 0.0 else length
+        )
         found.append(Sliver(number, width, length))
     return found

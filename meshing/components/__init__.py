@@ -1,1 +1,3 @@
-"""One component in, one checked `ComponentMesh` out; skins and the survey of STEP files. Never gmsh itself."""
+"""One component in, one checked `ComponentMesh` out; skins and the survey of STEP files. Never gmsh
+itself.
+"""

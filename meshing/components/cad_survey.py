@@ -1,4 +1,6 @@
-"""What a STEP file holds: its faces with their triangles, its size and the unit it was written in."""
+"""What a STEP file holds: its faces with their triangles, its size and the unit it was written
+in.
+"""
 
 import dataclasses
 from dataclasses import dataclass
@@ -38,7 +40,10 @@ class CadSurvey:
     @property
     def size(self) -> Vector:
         """Sides of the bounding box [m]."""
-        x, y, z = (max(face.high[i] for face in self.faces) - min(face.low[i] for face in self.faces) for i in range(3))
+        x, y, z = (
+            max(face.high[i] for face in self.faces) - min(face.low[i] for face in self.faces)
+            for i in range(3)
+        )
         return x, y, z
 
 
@@ -46,16 +51,23 @@ def survey_step(solid: StepFile) -> CadSurvey:
     """List and triangulate the faces of a STEP file's solid in a child process.
 
     Raises:
-        MeshError: The file is missing, is no STEP file, holds no solid or several of which none was chosen.
+        MeshError: The file is missing, is no STEP file, holds no solid or several of which none was
+            chosen.
     """
     if not solid.path.is_file():
-        raise MeshError(f"{solid.path} is no regular file" if solid.path.exists() else f"there is no file {solid.path}")
+        raise MeshError(
+            f"{solid.path} is no regular file"
+            if solid.path.exists()
+            else f"there is no file {solid.path}"
+        )
     job = MeshJob("faces", solid, unit=STEP_UNIT)
     data = run_job(job, what=solid.path.name, time_limit=TIME_LIMIT)
     faces = tuple(_in_metres(face) for face in data.faces)
     groups = [data.facets[f"face:{face.number}"] for face in faces]
     owners = np.repeat([face.number for face in faces], [len(group) for group in groups])
-    return CadSurvey(faces, data.points * STEP_UNIT, np.concatenate(groups), owners, read_length_unit(solid.path))
+    return CadSurvey(
+        faces, data.points * STEP_UNIT, np.concatenate(groups), owners, read_length_unit(solid.path)
+    )
 
 
 def _in_metres(face: CadFace) -> CadFace:

@@ -1,4 +1,6 @@
-"""Turns raw cells and facets into a checked component mesh: second order, quality, connectivity, patches, volume and areas."""
+"""Turns raw cells and facets into a checked component mesh: second order, quality, connectivity,
+patches, volume and areas.
+"""
 
 import dataclasses
 from collections.abc import Mapping
@@ -10,8 +12,20 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.mass_properties import SolidProperties, closed_form_properties
 from headstock.geometry.parts.solids import HollowColumn, MeshFile, StepFile, Tube
-from headstock.meshing.component_mesh import POOR_QUALITY, CellKind, ComponentMesh, IntArray, MeshQuality, SurfaceGaps
-from headstock.meshing.elements.quadratic import complete_hexes, elevate_tets, is_straight, repair_tets
+from headstock.meshing.component_mesh import (
+    POOR_QUALITY,
+    CellKind,
+    ComponentMesh,
+    IntArray,
+    MeshQuality,
+    SurfaceGaps,
+)
+from headstock.meshing.elements.quadratic import (
+    complete_hexes,
+    elevate_tets,
+    is_straight,
+    repair_tets,
+)
 from headstock.meshing.elements.quality import facet_moments, mesh_volume, scaled_jacobians
 from headstock.meshing.elements.surface import (
     PLACES,
@@ -42,12 +56,14 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
     """Elevate or repair, check and tag a mesh.
 
     Args:
-        data: Points [m], cells, and the facet corners of each group or, from a mesh file, of each named set.
+        data: Points [m], cells, and the facet corners of each group or, from a mesh file, of each
+            named set.
         component: The component it was made for.
         groups: Patches of each group, for messages.
 
     Raises:
-        MeshError: The mesh is disconnected, has bad elements, or misses the CAD volume or a patch area.
+        MeshError: The mesh is disconnected, has bad elements, or misses the CAD volume or a patch
+            area.
     """
     what = f"component {component.name!r}"
     points, cells, kind, repaired = _shape_elements(data, component)
@@ -64,7 +80,9 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
     patches = {name: _tag_facets(surface, data, name, what) for name in groups}
     properties = _reference_properties(data, component)
     affine = straight and cell_family(kind) == "tet"
-    volume = mesh_volume(points, cells[:, :4], "tet4") if affine else mesh_volume(points, cells, kind)
+    volume = (
+        mesh_volume(points, cells[:, :4], "tet4") if affine else mesh_volume(points, cells, kind)
+    )
     areas = {name: float("nan") for name in groups}
     cad_volume = float("nan")
     if properties is not None:
@@ -72,7 +90,8 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
         areas |= properties.patch_areas
         _check_sizes(points, patches, volume, properties, component)
     flat = _find_flat_tets(points, cells, kind)
-    # a cell that is flat because its wall is thin is as good as it can be; what else is wrong with it counts
+    # a cell that is flat because its wall is thin is as good as it can be; what else is wrong with
+    # it counts
     shapes = jacobians.copy()
     shapes[flat.cells] = np.maximum(jacobians[flat.cells], flat.qualities)
     worst = int(np.argmin(shapes))
@@ -86,7 +105,9 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
         poor_share=_poor_share(points, cells, kind, shapes),
         worst_place=np.asarray(points[cells[worst, : corner_count(kind)]].mean(axis=0)),
         worst_face=_face_at(data, cells[worst]),
-        flatness=float(sizes @ (flat.lengths**6 / flat.thickness**4)) / volume if kind == "tet10" else 0.0,
+        flatness=float(sizes @ (flat.lengths**6 / flat.thickness**4)) / volume
+        if kind == "tet10"
+        else 0.0,
         flat_size=float(np.median(flat.lengths)) if len(flat.cells) else 0.0,
         flat_thickness=float(np.median(flat.thickness)) if len(flat.cells) else 0.0,
         remarks=tuple(data.remarks),
@@ -108,7 +129,9 @@ def _straight_volumes(points: FloatArray, cells: IntArray) -> FloatArray:
     return np.asarray(np.abs(np.einsum("ci,ci->c", a, np.cross(b, c))) / 6.0)
 
 
-def _poor_share(points: FloatArray, cells: IntArray, kind: CellKind, jacobians: FloatArray) -> float:
+def _poor_share(
+    points: FloatArray, cells: IntArray, kind: CellKind, jacobians: FloatArray
+) -> float:
     """Share of a mesh's volume in poor elements."""
     poor = cells[jacobians < POOR_QUALITY]
     return mesh_volume(points, poor, kind) / mesh_volume(points, cells, kind) if len(poor) else 0.0
@@ -122,14 +145,20 @@ def _face_at(data: MeshData, cell: IntArray) -> str:
     return f"face:{np.bincount(owners).argmax()}" if len(owners) else ""
 
 
-def patch_moments(points: FloatArray, patches: Mapping[str, IntArray]) -> tuple[dict[str, float], dict[str, FloatArray]]:
+def patch_moments(
+    points: FloatArray, patches: Mapping[str, IntArray]
+) -> tuple[dict[str, float], dict[str, FloatArray]]:
     """Area [m^2] and centroid ``(3,)`` [m] of each patch group."""
     areas: dict[str, float] = {}
     centroids: dict[str, FloatArray] = {}
     for name, facets in patches.items():
         parts, places = facet_moments(points, facets)
         areas[name] = float(parts.sum())
-        centroids[name] = parts @ places / parts.sum() if areas[name] > 0.0 else points[np.unique(facets)].mean(axis=0)
+        centroids[name] = (
+            parts @ places / parts.sum()
+            if areas[name] > 0.0
+            else points[np.unique(facets)].mean(axis=0)
+        )
     return areas, centroids
 
 
@@ -158,7 +187,9 @@ def _shape_elements(data: MeshData, component: Component) -> _Shaped:
     return _Shaped(data.points, data.cells, kind)
 
 
-def _check_quality(points: FloatArray, cells: IntArray, kind: CellKind, *, what: str, straight: bool) -> FloatArray:
+def _check_quality(
+    points: FloatArray, cells: IntArray, kind: CellKind, *, what: str, straight: bool
+) -> FloatArray:
     """Scaled Jacobian ``(n_cells,)`` of every element."""
     affine = straight and cell_family(kind) == "tet"
     shape: CellKind = "tet4" if affine else kind
@@ -199,11 +230,17 @@ def _reference_properties(data: MeshData, component: Component) -> SolidProperti
 
 
 def _check_sizes(
-    points: FloatArray, patches: Mapping[str, IntArray], volume: float, properties: SolidProperties, component: Component
+    points: FloatArray,
+    patches: Mapping[str, IntArray],
+    volume: float,
+    properties: SolidProperties,
+    component: Component,
 ) -> None:
     """Compare volume and patch areas with CAD."""
     solid = component.solid
-    curved = isinstance(solid, Tube | StepFile) or (isinstance(solid, HollowColumn) and solid.core_hole > 0.0)
+    curved = isinstance(solid, Tube | StepFile) or (
+        isinstance(solid, HollowColumn) and solid.core_hole > 0.0
+    )
     tolerance = LINEAR_CURVED_TOLERANCE if curved and component.mesh.order == 1 else CAD_TOLERANCE
     remedy = "write a smaller mesh size" if curved else "check the patches for slivers"
     error = abs(volume / properties.volume - 1.0)
@@ -223,9 +260,15 @@ def _check_sizes(
 
 
 def _find_gaps(
-    points: FloatArray, surface: MeshSurface, data: MeshData, component: Component, quality: MeshQuality
+    points: FloatArray,
+    surface: MeshSurface,
+    data: MeshData,
+    component: Component,
+    quality: MeshQuality,
 ) -> SurfaceGaps | None:
-    """What the mesh cuts short of curved faces; None where nobody knows, or where it does not add up to the volume it misses."""
+    """What the mesh cuts short of curved faces; None where nobody knows, or where it does not add
+    up to the volume it misses.
+    """
     if isinstance(component.solid, MeshFile):
         return None
     if data.curved is None or not len(data.curved.nodes):
@@ -234,20 +277,26 @@ def _find_gaps(
     return gaps if gaps_agree(gaps, quality.volume, quality.cad_volume) else None
 
 
-def _resolve_file_patches(data: MeshData, surface: MeshSurface, component: Component, groups: Groups) -> MeshData:
-    """The mesh of a file with the facet corners of each patch group in place of the file's own sets.
+def _resolve_file_patches(
+    data: MeshData, surface: MeshSurface, component: Component, groups: Groups
+) -> MeshData:
+    """The mesh of a file with the facet corners of each patch group in place of the file's own
+    sets.
 
     Forced point and line groups leave their nodes in ``node_sets``.
 
     Raises:
-        MeshError: A patch selects nothing, or a single point, line or facet of a larger face without ``force``.
+        MeshError: A patch selects nothing, or a single point, line or facet of a larger face
+            without ``force``.
     """
     facets: dict[str, IntArray] = {}
     nodes: dict[str, IntArray] = {}
     for name, patches in groups.items():
         what = f"component {component.name!r}: {name}"
         try:
-            chosen = np.unique(np.concatenate([select_facets(data, surface, patch) for patch in patches]))
+            chosen = np.unique(
+                np.concatenate([select_facets(data, surface, patch) for patch in patches])
+            )
         except MeshError as error:
             raise MeshError(f"{what}: {error}") from error
         facets[name] = surface.facets[chosen][:, : surface.corners]
@@ -261,8 +310,15 @@ def _resolve_file_patches(data: MeshData, surface: MeshSurface, component: Compo
                 )
             nodes[name] = members
         elif not len(chosen):
-            raise MeshError(f"{what}: no facet of the surface lies in the patch; available: {available_names(data, surface)}")
-        elif name in component.interfaces and not forced and len(chosen) == 1 and _is_part_of_face(data.points, surface, chosen[0]):
+            raise MeshError(
+                f"{what}: no facet of the surface lies in the patch; available: {available_names(data, surface)}"
+            )
+        elif (
+            name in component.interfaces
+            and not forced
+            and len(chosen) == 1
+            and _is_part_of_face(data.points, surface, chosen[0])
+        ):
             raise MeshError(
                 f"{what}: a single facet of a larger face has a compliance that depends on the mesh; name a larger area, or write "
                 "force = true"
@@ -276,6 +332,11 @@ def _is_part_of_face(points: FloatArray, surface: MeshSurface, facet: np.int64) 
     own = corners[facet]
     normal = np.cross(own[1] - own[0], own[2] - own[0])
     normal /= np.linalg.norm(normal)
-    shared = np.isin(surface.facets[:, : surface.corners], surface.facets[facet, : surface.corners]).sum(axis=1) == 2
+    shared = (
+        np.isin(surface.facets[:, : surface.corners], surface.facets[facet, : surface.corners]).sum(
+            axis=1
+        )
+        == 2
+    )
     heights = np.abs((corners[shared] - own[0]) @ normal).max(axis=1)
     return bool((heights < 1e-6 * np.ptp(own, axis=0).max()).any())

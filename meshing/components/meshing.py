@@ -8,10 +8,21 @@ from typing import Literal
 import numpy as np
 
 from headstock.geometry.parts.components import Component, Load, Patch, Support
-from headstock.geometry.parts.mass_properties import SolidProperties, closed_form_properties, solid_volume
+from headstock.geometry.parts.mass_properties import (
+    SolidProperties,
+    closed_form_properties,
+    solid_volume,
+)
 from headstock.geometry.parts.patches import FACE_DIRECTIONS
 from headstock.geometry.parts.solid_checks import find_solid_faults
-from headstock.geometry.parts.solids import Box, HollowColumn, MeshFile, StepFile, SuperelementFile, Tube
+from headstock.geometry.parts.solids import (
+    Box,
+    HollowColumn,
+    MeshFile,
+    StepFile,
+    SuperelementFile,
+    Tube,
+)
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.finishing import finish_mesh, patch_moments
 from headstock.meshing.elements.hex_grid import count_grid_cells, grid_lines, mesh_box_grid
@@ -33,12 +44,14 @@ from headstock.meshing.sizing import (
 )
 from headstock.meshing.step_units import STEP_UNIT
 
-# Parametric solids are meshed 1000 units long, whatever their size: OpenCASCADE's tolerances are absolute
+# Parametric solids are meshed 1000 units long, whatever their size: OpenCASCADE's tolerances are
+# absolute
 JOB_EXTENT = 1000.0
 DESCRIBE_TIME_LIMIT = 120.0
 SURVEY_TIME_LIMIT = 300.0  # that of a mesh
 LINE_LIKE = 1e-4
-# imprints and curved faces are meshed finer when a mesh fails its checks: in small steps, a failed mesh costs less than a fine one
+# imprints and curved faces are meshed finer when a mesh fails its checks: in small steps, a failed
+# mesh costs less than a fine one
 REFINEMENTS = (1.0, 1.25, 1.6, 2.0, 4.0)
 
 Groups = dict[str, tuple[Patch, ...]]
@@ -46,7 +59,11 @@ MeshJobText = str
 
 
 def mesh_component(
-    component: Component, supports: Sequence[Support] = (), loads: Sequence[Load] = (), *, time_limit: float = 300.0
+    component: Component,
+    supports: Sequence[Support] = (),
+    loads: Sequence[Load] = (),
+    *,
+    time_limit: float = 300.0,
 ) -> ComponentMesh:
     """Mesh a component and tag its patches.
 
@@ -79,18 +96,28 @@ def mesh_component(
     may_refine = imprinted or not _has_plane_faces_only(component)
     for refinement in REFINEMENTS[:-1]:
         try:
-            return finish_mesh(run_shape_job(component, groups, time_limit=time_limit, refinement=refinement), component, groups)
+            return finish_mesh(
+                run_shape_job(component, groups, time_limit=time_limit, refinement=refinement),
+                component,
+                groups,
+            )
         except MeshQualityError:
             if not may_refine:
                 raise
-    return finish_mesh(run_shape_job(component, groups, time_limit=time_limit, refinement=REFINEMENTS[-1]), component, groups)
+    return finish_mesh(
+        run_shape_job(component, groups, time_limit=time_limit, refinement=REFINEMENTS[-1]),
+        component,
+        groups,
+    )
 
 
 def describe_component(component: Component) -> SolidProperties:
-    """Volume, centre, inertia for unit density, and interface areas and centroids of a component, without meshing it.
+    """Volume, centre, inertia for unit density, and interface areas and centroids of a component,
+    without meshing it.
 
-    Closed forms for boxes, tubes, plates and columns without core holes; the CAD kernel for other solids and patches; the
-    integral over the mesh for mesh files. A mass that the component overrides plays no part.
+    Closed forms for boxes, tubes, plates and columns without core holes; the CAD kernel for other
+    solids and patches; the integral over the mesh for mesh files. A mass that the component
+    overrides plays no part.
 
     Raises:
         MeshError: The solid cannot be built or a patch does not exist.
@@ -106,7 +133,9 @@ def describe_component(component: Component) -> SolidProperties:
         return SolidProperties(whole.volume, whole.center, whole.inertia, areas, centroids)
     properties = closed_form_properties(component)
     if properties is None:
-        properties = run_shape_job(component, groups, task="describe", time_limit=DESCRIBE_TIME_LIMIT).properties
+        properties = run_shape_job(
+            component, groups, task="describe", time_limit=DESCRIBE_TIME_LIMIT
+        ).properties
     if properties is None:
         raise MeshError(f"{what}: the CAD kernel returned no properties")
     return properties
@@ -142,7 +171,8 @@ def estimate_mesh(
         component: What to mesh.
         supports: Of any component.
         loads: Of any component.
-        survey: Mesh the surface of what has patches or curved faces, with the sizes of the mesh itself: within a factor of 1.5.
+        survey: Mesh the surface of what has patches or curved faces, with the sizes of the mesh
+            itself: within a factor of 1.5.
         known: Surveys that were made before, which equal components share; this one is added.
         before_survey: Called before a surface is meshed, which can take seconds.
 
@@ -152,43 +182,66 @@ def estimate_mesh(
     solid = component.solid
     if isinstance(solid, MeshFile | SuperelementFile) or component.mesh.cells == "hex":
         return MeshEstimate(
-            _count_hex_cells(component, supports, loads) if component.mesh.cells == "hex" else estimate_cells(component)
+            _count_hex_cells(component, supports, loads)
+            if component.mesh.cells == "hex"
+            else estimate_cells(component)
         )
     groups = patch_groups(component, supports, loads)
     imprinted = any(patch.shape != "whole" for patches in groups.values() for patch in patches)
-    if survey and (imprinted or not _has_plane_faces_only(component) or component.mesh.growth is not None):
+    if survey and (
+        imprinted or not _has_plane_faces_only(component) or component.mesh.growth is not None
+    ):
         known = {} if known is None else known
         job = format_job(_shape_job(component, groups, task="estimate"))
         if job not in known:
             if before_survey is not None:
                 before_survey()
             data = run_shape_job(component, groups, task="estimate", time_limit=SURVEY_TIME_LIMIT)
-            known[job] = MeshEstimate(data.estimate, data.nodes, None if data.properties is None else data.properties.volume)
+            known[job] = MeshEstimate(
+                data.estimate,
+                data.nodes,
+                None if data.properties is None else data.properties.volume,
+            )
         return known[job]
     if isinstance(solid, StepFile):
         return MeshEstimate(estimate_cells(component))
     cells, across = estimate_cells(component), component.mesh.across_patches
     if component.mesh.growth is None:
         size = element_size(component)
-        found = [count_patch_cells(patch, solid, across=across, size=size) for patches in groups.values() for patch in patches]
+        found = [
+            count_patch_cells(patch, solid, across=across, size=size)
+            for patches in groups.values()
+            for patch in patches
+        ]
         cells += int(sum(found))
     return MeshEstimate(cells, volume=solid_volume(solid))
 
 
-def _count_hex_cells(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> int:
-    """Number of hexes with grid lines along all patches; without them where the grid cannot follow, which meshing will say."""
+def _count_hex_cells(
+    component: Component, supports: Sequence[Support], loads: Sequence[Load]
+) -> int:
+    """Number of hexes with grid lines along all patches; without them where the grid cannot follow,
+    which meshing will say.
+    """
     roughly = estimate_cells(component)
     if not isinstance(component.solid, Box) or roughly > CELL_BUDGET:
         return roughly  # lines of a grid that is refused anyway could fill the memory
-    patches = [patch for found in patch_groups(component, supports, loads).values() for patch in found]
+    patches = [
+        patch for found in patch_groups(component, supports, loads).values() for patch in found
+    ]
     try:
-        return count_grid_cells(grid_lines(component.solid, patches, element_size(component), component.mesh.across_patches))
+        return count_grid_cells(
+            grid_lines(
+                component.solid, patches, element_size(component), component.mesh.across_patches
+            )
+        )
     except MeshError:
         return roughly
 
 
 def estimate_cells(component: Component) -> int:
-    """Number of cells a component's mesh will have, roughly (hexes: exactly up to patch lines), before meshing.
+    """Number of cells a component's mesh will have, roughly (hexes: exactly up to patch lines),
+    before meshing.
 
     STEP files are measured by the CAD kernel and mesh files are read.
     """
@@ -197,9 +250,13 @@ def estimate_cells(component: Component) -> int:
         return 0
     if isinstance(solid, MeshFile):
         return len(read_mesh_file(solid, f"component {component.name!r}").cells)
-    if isinstance(solid, StepFile) or (component.mesh.growth is not None and component.mesh.cells == "tet"):
+    if isinstance(solid, StepFile) or (
+        component.mesh.growth is not None and component.mesh.cells == "tet"
+    ):
         groups = patch_groups(component, (), ()) if component.mesh.growth is not None else {}
-        return run_shape_job(component, groups, task="describe", time_limit=DESCRIBE_TIME_LIMIT).estimate
+        return run_shape_job(
+            component, groups, task="describe", time_limit=DESCRIBE_TIME_LIMIT
+        ).estimate
     return _planned_cells(component)
 
 
@@ -210,7 +267,9 @@ def element_size(component: Component) -> float:
         raise ValueError("only parametric solids have a size rule of their own")
     if component.mesh.size is not None:
         return round_length(component.mesh.size)
-    return round_length(default_size(solid_volume(solid), thinnest_feature(solid), largest_extent(solid)))
+    return round_length(
+        default_size(solid_volume(solid), thinnest_feature(solid), largest_extent(solid))
+    )
 
 
 def automatic_size(component: Component) -> float:
@@ -237,7 +296,9 @@ def count_hexes(component: Component, size: float) -> int:
     return count_grid_cells(grid_lines(component.solid, patches, size))
 
 
-def patch_groups(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> Groups:
+def patch_groups(
+    component: Component, supports: Sequence[Support], loads: Sequence[Load]
+) -> Groups:
     """Patches of every group of a component, by group name.
 
     Args:
@@ -247,7 +308,11 @@ def patch_groups(component: Component, supports: Sequence[Support], loads: Seque
     """
     groups: Groups = {name: interface.patches for name, interface in component.interfaces.items()}
     groups |= {f"support:{s.name}": s.patches for s in supports if s.component == component.name}
-    groups |= {f"load:{load.name}": load.patches for load in loads if load.component == component.name and load.patches}
+    groups |= {
+        f"load:{load.name}": load.patches
+        for load in loads
+        if load.component == component.name and load.patches
+    }
     return groups
 
 
@@ -269,33 +334,71 @@ def run_shape_job(
         refinement: How many times finer the curved faces are to be meshed.
     """
     job = _shape_job(component, groups, task=task, refinement=refinement)
-    data, scale = run_job(job, what=f"component {component.name!r}", time_limit=time_limit), job.unit
+    data, scale = (
+        run_job(job, what=f"component {component.name!r}", time_limit=time_limit),
+        job.unit,
+    )
     properties = None if data.properties is None else scale_properties(data.properties, scale)
-    curved = None if data.curved is None else dataclasses.replace(data.curved, nearest=data.curved.nearest * scale)
-    return dataclasses.replace(data, points=data.points * scale, properties=properties, size=data.size * scale, curved=curved)
+    curved = (
+        None
+        if data.curved is None
+        else dataclasses.replace(data.curved, nearest=data.curved.nearest * scale)
+    )
+    return dataclasses.replace(
+        data,
+        points=data.points * scale,
+        properties=properties,
+        size=data.size * scale,
+        curved=curved,
+    )
 
 
 def _shape_job(
-    component: Component, groups: Groups, *, task: Literal["mesh", "describe", "estimate"], refinement: float = 1.0
+    component: Component,
+    groups: Groups,
+    *,
+    task: Literal["mesh", "describe", "estimate"],
+    refinement: float = 1.0,
 ) -> MeshJob:
-    """What the child process is to do; the same for components of the same shape, patches and mesh settings."""
+    """What the child process is to do; the same for components of the same shape, patches and mesh
+    settings.
+    """
     solid = component.solid
     if isinstance(solid, MeshFile | SuperelementFile):
         raise MeshError(f"component {component.name!r}: a {type(solid).__name__} has no CAD shape")
-    scale = STEP_UNIT if isinstance(solid, StepFile) else round_length(largest_extent(solid)) / JOB_EXTENT
-    size = None if isinstance(solid, StepFile) and component.mesh.size is None else _wanted_size(component)
+    scale = (
+        STEP_UNIT
+        if isinstance(solid, StepFile)
+        else round_length(largest_extent(solid)) / JOB_EXTENT
+    )
+    size = (
+        None
+        if isinstance(solid, StepFile) and component.mesh.size is None
+        else _wanted_size(component)
+    )
     return MeshJob(
         task,
         solid if isinstance(solid, StepFile) else _scaled_solid(solid, scale),
-        {name: [_scaled_patch(patch, scale) for patch in patches] for name, patches in groups.items()},
+        {
+            name: [_scaled_patch(patch, scale) for patch in patches]
+            for name, patches in groups.items()
+        },
         unit=scale,
         size=None if size is None else round_length(size / scale),
         refinement=refinement,
         across_patches=component.mesh.across_patches,
         growth=component.mesh.growth,
-        rims=tuple(name for name in groups if name in component.interfaces and component.interfaces[name].coupling == "rigid"),
-        rim_size=None if component.mesh.rim_size is None else round_length(component.mesh.rim_size / scale),
-        smallest=None if component.mesh.smallest is None else round_length(component.mesh.smallest / scale),
+        rims=tuple(
+            name
+            for name in groups
+            if name in component.interfaces and component.interfaces[name].coupling == "rigid"
+        ),
+        rim_size=None
+        if component.mesh.rim_size is None
+        else round_length(component.mesh.rim_size / scale),
+        smallest=None
+        if component.mesh.smallest is None
+        else round_length(component.mesh.smallest / scale),
         order=component.mesh.order,
         straight=_has_plane_faces_only(component),
     )
@@ -308,7 +411,9 @@ def _wanted_size(component: Component) -> float:
 
 
 def _scaled_solid(solid: ParametricSolid, scale: float) -> ParametricSolid:
-    """A solid with its lengths, alone or several in a field, in another unit; its counts of ribs stay."""
+    """A solid with its lengths, alone or several in a field, in another unit; its counts of ribs
+    stay.
+    """
     fields = dataclasses.asdict(solid)
     for name, value in fields.items():
         if isinstance(value, tuple):
@@ -320,12 +425,16 @@ def _scaled_solid(solid: ParametricSolid, scale: float) -> ParametricSolid:
 
 def _scaled_patch(patch: Patch, scale: float) -> Patch:
     x, y, z = (round_length(value / scale) for value in patch.center)
-    return dataclasses.replace(patch, center=(x, y, z), size=tuple(round_length(value / scale) for value in patch.size))
+    return dataclasses.replace(
+        patch, center=(x, y, z), size=tuple(round_length(value / scale) for value in patch.size)
+    )
 
 
 def _has_plane_faces_only(component: Component) -> bool:
     solid = component.solid
-    return not isinstance(solid, StepFile | Tube) and not (isinstance(solid, HollowColumn) and solid.core_hole > 0.0)
+    return not isinstance(solid, StepFile | Tube) and not (
+        isinstance(solid, HollowColumn) and solid.core_hole > 0.0
+    )
 
 
 def _planned_cells(component: Component) -> int:
@@ -340,16 +449,25 @@ def _planned_cells(component: Component) -> int:
 
 def _mesh_grid(component: Component, groups: Groups, what: str) -> MeshData:
     if not isinstance(component.solid, Box):
-        raise MeshError(f"{what}: only boxes can be meshed with hexes, not {type(component.solid).__name__}; write cells = 'tet'")
+        raise MeshError(
+            f"{what}: only boxes can be meshed with hexes, not {type(component.solid).__name__}; write cells = 'tet'"
+        )
     box = Box(tuple(round_length(side) for side in component.solid.size))  # type: ignore[arg-type]
     size = element_size(component)
     try:
         count = count_grid_cells(
-            grid_lines(box, [patch for patches in groups.values() for patch in patches], size, component.mesh.across_patches)
+            grid_lines(
+                box,
+                [patch for patches in groups.values() for patch in patches],
+                size,
+                component.mesh.across_patches,
+            )
         )
         if count > CELL_BUDGET:
             raise MeshError(budget_message(count, size))
-        return mesh_box_grid(box, groups, size=size, order=component.mesh.order, across=component.mesh.across_patches)
+        return mesh_box_grid(
+            box, groups, size=size, order=component.mesh.order, across=component.mesh.across_patches
+        )
     except MeshError as error:
         raise MeshError(f"{what}: {error}") from error
 
@@ -379,7 +497,9 @@ def _check_request(component: Component, groups: Groups) -> None:
         raise MeshError(f"{what}: the mesh size must be above zero, not {settings.size}")
     for name, patches in groups.items():
         if not patches:
-            raise MeshError(f"{what}: {name} has no patches; write a face such as {', '.join(FACE_DIRECTIONS)}")
+            raise MeshError(
+                f"{what}: {name} has no patches; write a face such as {', '.join(FACE_DIRECTIONS)}"
+            )
         forced = name in component.interfaces and component.interfaces[name].force
         for patch in patches:
             if patch.shape != "whole" and not forced:

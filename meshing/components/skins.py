@@ -1,4 +1,6 @@
-"""The visible surface of a component: of its mesh, or of the CAD or mesh file of one that is not meshed."""
+"""The visible surface of a component: of its mesh, or of the CAD or mesh file of one that is not
+meshed.
+"""
 
 import dataclasses
 from typing import cast
@@ -18,7 +20,8 @@ from headstock.meshing.elements.topology import cell_order
 
 SPLIT_BELOW = 800  # facets; curved facets of coarser surfaces are split through their mid-nodes
 LARGEST_SKIN = 12_000  # triangles; finer surfaces are thinned out
-# a facet's nodes in gmsh order: corners, mid-nodes of the edges (0 1) (1 2) (2 0) or (0 1) (1 2) (2 3) (3 0)
+# a facet's nodes in gmsh order: corners, mid-nodes of the edges (0 1) (1 2) (2 0) or (0 1) (1 2) (2
+# 3) (3 0)
 WHOLE = {3: ((0, 1, 2),), 4: ((0, 1, 2), (0, 2, 3))}
 SPLIT = {
     3: ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
@@ -32,7 +35,8 @@ def mesh_skin(mesh: ComponentMesh) -> Skin:
 
 
 def unmeshed_skin(solid: Solid) -> Skin | None:
-    """What is seen of a solid that is not meshed: closed forms, the faces of a STEP file, the boundary of a mesh file.
+    """What is seen of a solid that is not meshed: closed forms, the faces of a STEP file, the
+    boundary of a mesh file.
 
     Returns:
         None for an imported superelement, which has no shape.
@@ -42,7 +46,9 @@ def unmeshed_skin(solid: Solid) -> Skin | None:
     """
     if isinstance(solid, StepFile):
         survey = survey_step(solid)
-        drawn = Skin(survey.points, survey.triangles, sharp_edges(survey.points, survey.triangles), "solid")
+        drawn = Skin(
+            survey.points, survey.triangles, sharp_edges(survey.points, survey.triangles), "solid"
+        )
         return decimate_skin(drawn, largest=LARGEST_SKIN)[0]
     if isinstance(solid, MeshFile):
         data = read_mesh_file(solid, solid.path.name)
@@ -53,7 +59,9 @@ def unmeshed_skin(solid: Solid) -> Skin | None:
 
 def _boundary_skin(all_points: FloatArray, cells: IntArray, kind: CellKind) -> Skin:
     surface = extract_surface(cells, kind)
-    triangles = _triangles(surface, split=cell_order(kind) == 2 and len(surface.facets) <= SPLIT_BELOW)
+    triangles = _triangles(
+        surface, split=cell_order(kind) == 2 and len(surface.facets) <= SPLIT_BELOW
+    )
     nodes, flat = np.unique(triangles, return_inverse=True)
     points, triangles = all_points[nodes], flat.reshape(-1, 3)
     skin = Skin(points, triangles, sharp_edges(points, triangles), "mesh", nodes)

@@ -18,7 +18,9 @@ from headstock.meshing.process.job import MeshData
 MERGE_TOLERANCE = 1e-9
 
 
-def mesh_box_grid(box: Box, groups: Mapping[str, Sequence[Patch]], *, size: float, order: int, across: int = 4) -> MeshData:
+def mesh_box_grid(
+    box: Box, groups: Mapping[str, Sequence[Patch]], *, size: float, order: int, across: int = 4
+) -> MeshData:
     """Mesh a box with 8- or 27-node hexes.
 
     Args:
@@ -31,17 +33,23 @@ def mesh_box_grid(box: Box, groups: Mapping[str, Sequence[Patch]], *, size: floa
     Raises:
         MeshError: A patch is a disk or lies on no face of the box.
     """
-    lines = grid_lines(box, (patch for patches in groups.values() for patch in patches), size, across)
+    lines = grid_lines(
+        box, (patch for patches in groups.values() for patch in patches), size, across
+    )
     points, cells = _grid_cells(lines, order)
     facets = {
-        name: np.concatenate([_patch_facets(box, lines, patch, order) for patch in patches]) for name, patches in groups.items()
+        name: np.concatenate([_patch_facets(box, lines, patch, order) for patch in patches])
+        for name, patches in groups.items()
     }
     kind: CellKind = "hex8" if order == 1 else "hex27"
     return MeshData(points, cells, kind, facets, size=size)
 
 
-def grid_lines(box: Box, patches: Iterable[Patch], size: float, across: int = 4) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions of the grid planes along x, y and z [m]: patch edges, and evenly spaced planes between them.
+def grid_lines(
+    box: Box, patches: Iterable[Patch], size: float, across: int = 4
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Positions of the grid planes along x, y and z [m]: patch edges, and evenly spaced planes
+    between them.
 
     Args:
         box: The block.
@@ -74,7 +82,9 @@ def _corners(box: Box) -> tuple[FloatArray, FloatArray]:
     return np.array([-x / 2, -y / 2, 0.0]), np.array([x / 2, y / 2, z])
 
 
-def _spread(cuts: list[float], patches: list[tuple[float, float]], size: float, across: int) -> FloatArray:
+def _spread(
+    cuts: list[float], patches: list[tuple[float, float]], size: float, across: int
+) -> FloatArray:
     tolerance = MERGE_TOLERANCE * (max(cuts) - min(cuts))
     edges: list[float] = []
     for cut in sorted(cuts):
@@ -94,34 +104,55 @@ def _spread(cuts: list[float], patches: list[tuple[float, float]], size: float, 
 def _patch_window(box: Box, patch: Patch) -> dict[int, tuple[float, float]]:
     """Extent of a patch along the two axes of its face, cut to the box."""
     if patch.face not in FACE_DIRECTIONS:
-        raise MeshError(f"face {patch.face!r} selects nothing on a hex-meshed box; available: {', '.join(FACE_DIRECTIONS)}")
+        raise MeshError(
+            f"face {patch.face!r} selects nothing on a hex-meshed box; available: {', '.join(FACE_DIRECTIONS)}"
+        )
     if patch.shape == "disk":
-        raise MeshError(f'a disk on face {patch.face!r} cannot follow the grid of a hex mesh; write cells = "tet" or use a rect')
+        raise MeshError(
+            f'a disk on face {patch.face!r} cannot follow the grid of a hex mesh; write cells = "tet" or use a rect'
+        )
     low, high = _corners(box)
     axis, _ = FACE_DIRECTIONS[patch.face]
     first, second = in_plane_axes(axis)
-    window = (-np.inf, np.inf, -np.inf, np.inf) if patch.shape == "whole" else imprint_window(axis, patch)
+    window = (
+        (-np.inf, np.inf, -np.inf, np.inf)
+        if patch.shape == "whole"
+        else imprint_window(axis, patch)
+    )
     result: dict[int, tuple[float, float]] = {}
     for direction, start, end in ((first, window[0], window[1]), (second, window[2], window[3])):
         cut = (float(max(start, low[direction])), float(min(end, high[direction])))
         if not cut[1] > cut[0]:
             span = f"{1e3 * low[direction]:.6g} .. {1e3 * high[direction]:.6g} mm along {'xyz'[direction]}"
-            raise MeshError(f"the {patch.shape} on face {patch.face!r} does not touch it; the face spans {span}")
+            raise MeshError(
+                f"the {patch.shape} on face {patch.face!r} does not touch it; the face spans {span}"
+            )
         result[direction] = cut
     return result
 
 
-def _grid_cells(lines: tuple[FloatArray, FloatArray, FloatArray], order: int) -> tuple[FloatArray, IntArray]:
-    axes = [line if order == 1 else np.sort(np.concatenate([line, (line[1:] + line[:-1]) / 2])) for line in lines]
+def _grid_cells(
+    lines: tuple[FloatArray, FloatArray, FloatArray], order: int
+) -> tuple[FloatArray, IntArray]:
+    axes = [
+        line if order == 1 else np.sort(np.concatenate([line, (line[1:] + line[:-1]) / 2]))
+        for line in lines
+    ]
     shape = [len(axis) for axis in axes]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    starts = np.stack(np.meshgrid(*(order * np.arange(len(line) - 1) for line in lines), indexing="ij"), axis=-1).reshape(-1, 3)
-    steps = np.rint((reference_nodes("hex8" if order == 1 else "hex27") + 1.0) / 2.0 * order).astype(np.int64)
+    starts = np.stack(
+        np.meshgrid(*(order * np.arange(len(line) - 1) for line in lines), indexing="ij"), axis=-1
+    ).reshape(-1, 3)
+    steps = np.rint(
+        (reference_nodes("hex8" if order == 1 else "hex27") + 1.0) / 2.0 * order
+    ).astype(np.int64)
     index = starts[:, None, :] + steps[None, :, :]
     return points, (index[..., 0] * shape[1] + index[..., 1]) * shape[2] + index[..., 2]
 
 
-def _patch_facets(box: Box, lines: tuple[FloatArray, FloatArray, FloatArray], patch: Patch, order: int) -> IntArray:
+def _patch_facets(
+    box: Box, lines: tuple[FloatArray, FloatArray, FloatArray], patch: Patch, order: int
+) -> IntArray:
     """Corner nodes ``(n, 4)`` of the grid's facets inside a patch."""
     axis, sign = FACE_DIRECTIONS[patch.face]
     shape = [order * (len(line) - 1) + 1 for line in lines]

@@ -1,4 +1,6 @@
-"""Second-order tets raised from straight ones and repaired where inverted; serendipity hexes completed to full ones."""
+"""Second-order tets raised from straight ones and repaired where inverted; serendipity hexes
+completed to full ones.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +17,9 @@ FACES, PAIRS = FACETS["hex"], EDGES["hex"]
 
 
 def elevate_tets(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArray]:
-    """10-node tets with exactly centred mid-nodes from 4-node tets; new points follow the old ones."""
+    """10-node tets with exactly centred mid-nodes from 4-node tets; new points follow the old
+    ones.
+    """
     edges = cells[:, np.array(EDGES["tet"])]
     low, high = edges.min(axis=2), edges.max(axis=2)
     keys, inverse = np.unique(low.astype(np.int64) * len(points) + high, return_inverse=True)
@@ -24,10 +28,12 @@ def elevate_tets(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntAr
 
 
 def repair_tets(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArray]:
-    """Points ``(n, 3)`` in which curved 10-node tets below the repair floor have been straightened, and which cells were.
+    """Points ``(n, 3)`` in which curved 10-node tets below the repair floor have been straightened,
+    and which cells were.
 
-    The mid-nodes of a bad tet move half-way to the middle of their edges, up to three times, then all the way; neighbours
-    that turn bad by it are treated in the next round. Straight tets that are bad stay as they are.
+    The mid-nodes of a bad tet move half-way to the middle of their edges, up to three times, then
+    all the way; neighbours that turn bad by it are treated in the next round. Straight tets that
+    are bad stay as they are.
     """
     points = points.copy()
     edges = np.array(EDGES["tet"])
@@ -48,11 +54,15 @@ def repair_tets(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArr
         share = np.where(hits[nodes] < HALVINGS, 0.5, 1.0)[:, None]
         points[nodes] += share * (middles - points[nodes])
         hits[nodes] += 1
-        active = np.unique(np.concatenate([neighbours[1][neighbours[0][n] : neighbours[0][n + 1]] for n in nodes]))
+        active = np.unique(
+            np.concatenate([neighbours[1][neighbours[0][n] : neighbours[0][n + 1]] for n in nodes])
+        )
     return points, np.flatnonzero(repaired)
 
 
-def is_straight(points: FloatArray, cells: IntArray, kind: CellKind, tolerance: float = 1e-12) -> bool:
+def is_straight(
+    points: FloatArray, cells: IntArray, kind: CellKind, tolerance: float = 1e-12
+) -> bool:
     """Whether every cell of a mesh is straight, see ``straight_cells``.
 
     Args:
@@ -64,8 +74,11 @@ def is_straight(points: FloatArray, cells: IntArray, kind: CellKind, tolerance: 
     return bool(straight_cells(points, cells, kind, tolerance).all())
 
 
-def straight_cells(points: FloatArray, cells: IntArray, kind: CellKind, tolerance: float = 1e-12) -> NDArray[np.bool_]:
-    """Cells ``(n_cells,)`` whose every mid-node sits at the mean of its corners, to ``tolerance`` times the size of the mesh.
+def straight_cells(
+    points: FloatArray, cells: IntArray, kind: CellKind, tolerance: float = 1e-12
+) -> NDArray[np.bool_]:
+    """Cells ``(n_cells,)`` whose every mid-node sits at the mean of its corners, to ``tolerance``
+    times the size of the mesh.
 
     Args:
         points: Nodes, ``(n, 3)`` [m].
@@ -95,7 +108,8 @@ def _cells_of_nodes(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]
 def complete_hexes(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArray]:
     """Twenty-node hexahedra as 27-node ones of the same shape.
 
-    The new nodes lie where the 20-node map puts face and body centres, so geometry and boundary stay what they were.
+    The new nodes lie where the 20-node map puts face and body centres, so geometry and boundary
+    stay what they were.
 
     Args:
         points: ``(n_points, 3)`` [m].
@@ -112,9 +126,13 @@ def complete_hexes(points: FloatArray, cells: IntArray) -> tuple[FloatArray, Int
     bodies = -0.25 * points[cells[:, :8]].sum(axis=1) + 0.25 * points[cells[:, 8:20]].sum(axis=1)
     on_faces = len(points) + number.reshape(len(FACES), len(cells)).T
     inside = len(points) + len(centers) + np.arange(len(cells))[:, None]
-    return np.vstack([points, centers, bodies]), np.hstack([cells, on_faces, inside]).astype(np.int64)
+    return np.vstack([points, centers, bodies]), np.hstack([cells, on_faces, inside]).astype(
+        np.int64
+    )
 
 
 def _face_centers(points: FloatArray, cells: IntArray, face: tuple[int, ...]) -> FloatArray:
     edges = [8 + number for number, edge in enumerate(PAIRS) if set(edge) <= set(face)]
-    return np.asarray(-0.25 * points[cells[:, list(face)]].sum(axis=1) + 0.5 * points[cells[:, edges]].sum(axis=1))
+    return np.asarray(
+        -0.25 * points[cells[:, list(face)]].sum(axis=1) + 0.5 * points[cells[:, edges]].sum(axis=1)
+    )

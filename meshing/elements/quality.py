@@ -1,4 +1,6 @@
-"""Jacobians of straight and curved elements: which are inverted, how good the worst is, and integrals over a mesh."""
+"""Jacobians of straight and curved elements: which are inverted, how good the worst is, and
+integrals over a mesh.
+"""
 
 from collections.abc import Callable
 from functools import cache
@@ -26,9 +28,10 @@ HEX_LATTICE = 5
 def scaled_jacobians(points: FloatArray, cells: IntArray, kind: CellKind) -> FloatArray:
     """Quality of every cell: 1 for the ideal shape, <= 0 where det J vanishes anywhere in the cell.
 
-    Straight tets: det J times sqrt(2) over the largest product of three edges meeting at a corner (Knupp 2000); times the
-    smallest det J over that of the straight tet where curved. Hexes: smallest det J over the product of the lengths of the
-    Jacobian's columns, or over the largest det J of the cell if that is less, on a 5 x 5 x 5 lattice that holds the corners.
+    Straight tets: det J times sqrt(2) over the largest product of three edges meeting at a corner
+    (Knupp 2000); times the smallest det J over that of the straight tet where curved. Hexes:
+    smallest det J over the product of the lengths of the Jacobian's columns, or over the largest
+    det J of the cell if that is less, on a 5 x 5 x 5 lattice that holds the corners.
 
     Args:
         points: ``(n_points, 3)`` [m].
@@ -86,7 +89,9 @@ def mesh_volume(points: FloatArray, cells: IntArray, kind: CellKind) -> float:
     nodes, weights = _quadrature(kind, 1 if kind == "tet4" else 3)
     return float(
         sum(
-            (jacobian_determinants(points, cells[start : start + CHUNK], kind, nodes) @ weights).sum()
+            (
+                jacobian_determinants(points, cells[start : start + CHUNK], kind, nodes) @ weights
+            ).sum()
             for start in range(0, len(cells), CHUNK)
         )
     )
@@ -107,14 +112,19 @@ def facet_moments(points: FloatArray, facets: IntArray) -> tuple[FloatArray, Flo
     tangents = np.einsum("aqn,fni->afqi", gradients, nodes)
     measure = np.linalg.norm(np.cross(tangents[0], tangents[1]), axis=2) * weights
     areas = measure.sum(axis=1)
-    places = np.einsum("fq,qn,fni->fi", measure, values, nodes - nodes.mean(axis=1, keepdims=True), optimize=True)
+    places = np.einsum(
+        "fq,qn,fni->fi", measure, values, nodes - nodes.mean(axis=1, keepdims=True), optimize=True
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         offsets = np.where(areas[:, None] > 0.0, places / areas[:, None], 0.0)
     return areas, nodes.mean(axis=1) + offsets
 
 
-def jacobian_determinants(points: FloatArray, cells: IntArray, kind: CellKind, samples: FloatArray) -> FloatArray:
-    """Jacobian determinant of every cell ``(n_cells, n_samples)`` at reference points ``(n_samples, 3)``.
+def jacobian_determinants(
+    points: FloatArray, cells: IntArray, kind: CellKind, samples: FloatArray
+) -> FloatArray:
+    """Jacobian determinant of every cell ``(n_cells, n_samples)`` at reference points ``(n_samples,
+    3)``.
 
     Args:
         points: Nodes, ``(n, 3)`` [m].
@@ -125,7 +135,9 @@ def jacobian_determinants(points: FloatArray, cells: IntArray, kind: CellKind, s
     return _determinants(_jacobians(points, cells, kind, samples))
 
 
-def _jacobians(points: FloatArray, cells: IntArray, kind: CellKind, samples: FloatArray) -> FloatArray:
+def _jacobians(
+    points: FloatArray, cells: IntArray, kind: CellKind, samples: FloatArray
+) -> FloatArray:
     nodes = points[cells]
     nodes = nodes - nodes[:, :1]
     gradients = shape_gradients(kind, samples)
@@ -140,9 +152,15 @@ def _determinants(jacobians: FloatArray) -> FloatArray:
 
 
 def _by_chunks(
-    function: Callable[[FloatArray, IntArray, CellKind], FloatArray], points: FloatArray, cells: IntArray, kind: CellKind
+    function: Callable[[FloatArray, IntArray, CellKind], FloatArray],
+    points: FloatArray,
+    cells: IntArray,
+    kind: CellKind,
 ) -> FloatArray:
-    parts = [function(points, cells[start : start + CHUNK], kind) for start in range(0, len(cells), CHUNK)]
+    parts = [
+        function(points, cells[start : start + CHUNK], kind)
+        for start in range(0, len(cells), CHUNK)
+    ]
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
@@ -156,16 +174,22 @@ def _tet_quality(corners: FloatArray) -> FloatArray:
     for corner in range(4):
         for other in range(4):
             if other != corner:
-                products[:, corner] *= np.linalg.norm(corners[:, other] - corners[:, corner], axis=1)
+                products[:, corner] *= np.linalg.norm(
+                    corners[:, other] - corners[:, corner], axis=1
+                )
     largest = products.max(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(largest > 0.0, np.sqrt(2.0) * _straight_determinants(corners) / largest, 0.0))
+        return np.asarray(
+            np.where(largest > 0.0, np.sqrt(2.0) * _straight_determinants(corners) / largest, 0.0)
+        )
 
 
 def _smallest_tet_determinant(points: FloatArray, cells: IntArray, kind: CellKind) -> FloatArray:
-    """Smallest det J of 10-node tets: a cubic, bounded below by its Bernstein coefficients (Johnen, Remacle, Geuzaine 2013).
+    """Smallest det J of 10-node tets: a cubic, bounded below by its Bernstein coefficients (Johnen,
+    Remacle, Geuzaine 2013).
 
-    Where the bound is positive the smallest sampled value is returned; the doubtful rest is sampled on a fine lattice.
+    Where the bound is positive the smallest sampled value is returned; the doubtful rest is sampled
+    on a fine lattice.
     """
     samples = jacobian_determinants(points, cells, kind, _tet_lattice(3))
     smallest = samples.min(axis=1)
@@ -178,7 +202,9 @@ def _smallest_tet_determinant(points: FloatArray, cells: IntArray, kind: CellKin
 
 def _hex_quality(points: FloatArray, cells: IntArray, kind: CellKind) -> FloatArray:
     axis = np.linspace(-1.0, 1.0, HEX_LATTICE)
-    samples = np.vstack([np.array(list(product(axis, repeat=3))), reference_nodes(kind)[corner_count(kind) :]])
+    samples = np.vstack(
+        [np.array(list(product(axis, repeat=3))), reference_nodes(kind)[corner_count(kind) :]]
+    )
     jacobians = _jacobians(points, cells, kind, samples)
     lengths = np.linalg.norm(jacobians, axis=3).prod(axis=1)
     determinants = _determinants(jacobians)
@@ -190,7 +216,10 @@ def _hex_quality(points: FloatArray, cells: IntArray, kind: CellKind) -> FloatAr
 
 @cache
 def _tet_lattice(order: int) -> FloatArray:
-    return np.array([p for p in product(range(order + 1), repeat=3) if sum(p) <= order], dtype=float) / order
+    return (
+        np.array([p for p in product(range(order + 1), repeat=3) if sum(p) <= order], dtype=float)
+        / order
+    )
 
 
 @cache
@@ -201,13 +230,17 @@ def _bernstein_transform() -> FloatArray:
     barycentric = np.column_stack([1.0 - lattice.sum(axis=1), lattice])
     powers = np.rint(3 * barycentric).astype(int)
     factors = 6.0 / factorial[powers].prod(axis=1)
-    return np.asarray(np.linalg.inv(factors * np.prod(barycentric[:, None, :] ** powers[None, :, :], axis=2)))
+    return np.asarray(
+        np.linalg.inv(factors * np.prod(barycentric[:, None, :] ** powers[None, :, :], axis=2))
+    )
 
 
 @cache
 def _quadrature(kind: CellKind, count: int) -> tuple[FloatArray, FloatArray]:
     """Gauss rule with ``count`` points per direction, collapsed onto the tet (Stroud 1971)."""
-    nodes, weights = np.polynomial.legendre.leggauss(count + (2 if cell_family(kind) == "hex" and cell_order(kind) == 2 else 1))
+    nodes, weights = np.polynomial.legendre.leggauss(
+        count + (2 if cell_family(kind) == "hex" and cell_order(kind) == 2 else 1)
+    )
     grid = np.array(list(product(nodes, repeat=3)))
     weight = np.array(list(product(weights, repeat=3))).prod(axis=1)
     if cell_family(kind) == "hex":
@@ -219,7 +252,8 @@ def _quadrature(kind: CellKind, count: int) -> tuple[FloatArray, FloatArray]:
 
 @cache
 def facet_tables(node_count: int, places: int = 6) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Shape functions ``(q, n)``, gradients ``(2, q, n)`` and weights ``(q,)`` of tri3, tri6, quad4, quad8 and quad9 facets.
+    """Shape functions ``(q, n)``, gradients ``(2, q, n)`` and weights ``(q,)`` of tri3, tri6,
+    quad4, quad8 and quad9 facets.
 
     Args:
         node_count: Nodes per facet.
@@ -242,7 +276,9 @@ def facet_tables(node_count: int, places: int = 6) -> tuple[FloatArray, FloatArr
         result = np.ones((len(points), len(exponents)))
         for axis in range(2):
             power, column = exponents[:, axis], points[:, axis : axis + 1]
-            result *= power * column ** np.maximum(power - 1, 0) if axis == derivative else column**power
+            result *= (
+                power * column ** np.maximum(power - 1, 0) if axis == derivative else column**power
+            )
         return result
 
     inverse = np.linalg.inv(monomials(reference))

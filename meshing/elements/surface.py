@@ -1,4 +1,6 @@
-"""The surface of a mesh: outward boundary facets, connected parts, distance to curved faces, and tets that alone fill a wall."""
+"""The surface of a mesh: outward boundary facets, connected parts, distance to curved faces, and
+tets that alone fill a wall.
+"""
 
 from dataclasses import dataclass
 
@@ -11,10 +13,13 @@ from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray, S
 from headstock.meshing.elements.quality import facet_tables, scaled_jacobians
 from headstock.meshing.elements.topology import FACETS, cell_family, corner_count, local_facets
 
-PLACES = 3  # places along each side of a facet: gaps of second-order facets are of the fourth degree
+PLACES = (
+    3  # places along each side of a facet: gaps of second-order facets are of the fourth degree
+)
 FARTHEST = 0.5  # of a facet's size: what lies farther off is another part of the face
 TRUSTED = 0.25  # of the volume that the mesh misses, which the gaps must tell to
-FACING = 0.5  # cosine between the wall's normal and that of a point on its face; of points at its rim it is 0.7
+# cosine between the wall's normal and that of a point on its face; of points at its rim it is 0.7
+FACING = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,14 +46,16 @@ def extract_surface(cells: IntArray, kind: CellKind) -> MeshSurface:
 
 
 def match_facets(surface: MeshSurface, facets: IntArray) -> tuple[IntArray, int]:
-    """Surface facets with the same corners as ``facets``, and how many of ``facets`` are not on the surface.
+    """Surface facets with the same corners as ``facets``, and how many of ``facets`` are not on the
+    surface.
 
     Args:
         surface: Boundary facets.
         facets: ``(n, >= corners)``, corners first, in any orientation.
 
     Returns:
-        Sorted indices into ``surface.facets`` without repetition, and the number of facets without a partner.
+        Sorted indices into ``surface.facets`` without repetition, and the number of facets without
+        a partner.
     """
     table = _pack(np.sort(surface.facets[:, : surface.corners], axis=1))
     wanted = np.unique(_pack(np.sort(facets[:, : surface.corners], axis=1)))
@@ -57,7 +64,9 @@ def match_facets(surface: MeshSurface, facets: IntArray) -> tuple[IntArray, int]
 
 
 def find_facets(surface: MeshSurface, facets: IntArray) -> IntArray:
-    """Index of the surface facet with the same corners for each of ``facets``, which all lie on the surface."""
+    """Index of the surface facet with the same corners for each of ``facets``, which all lie on the
+    surface.
+    """
     table = _pack(np.sort(surface.facets[:, : surface.corners], axis=1))
     order = np.argsort(table)
     wanted = _pack(np.sort(facets[:, : surface.corners], axis=1))
@@ -90,7 +99,10 @@ def count_parts(cells: IntArray, kind: CellKind, n_points: int) -> tuple[int, In
     """
     corners = cells[:, : corner_count(kind)]
     rows = np.repeat(corners[:, 0], corners.shape[1] - 1)
-    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, corners[:, 1:].ravel())), shape=(n_points, n_points))
+    graph = coo_array(
+        (np.ones(len(rows), dtype=np.int8), (rows, corners[:, 1:].ravel())),
+        shape=(n_points, n_points),
+    )
     _, labels = connected_components(graph, directed=False)
     parts, cell_parts = np.unique(labels[corners[:, 0]], return_inverse=True)
     return len(parts), cell_parts
@@ -122,15 +134,21 @@ def measure_gaps(points: FloatArray, surface: MeshSurface, curved: CurvedFacets)
     normals = np.cross(first, second)
     areas = np.linalg.norm(normals, axis=2)
     outward = corner_normals(points, surface)[find_facets(surface, curved.nodes)]
-    normals *= np.sign(np.einsum("fqi,fi->fq", normals, outward))[:, :, None] / np.where(areas > 0.0, areas, 1.0)[:, :, None]
-    heights = np.einsum("fqi,fqi->fq", curved.nearest - np.einsum("qn,fni->fqi", values, nodes), normals)
+    normals *= (
+        np.sign(np.einsum("fqi,fi->fq", normals, outward))[:, :, None]
+        / np.where(areas > 0.0, areas, 1.0)[:, :, None]
+    )
+    heights = np.einsum(
+        "fqi,fqi->fq", curved.nearest - np.einsum("qn,fni->fqi", values, nodes), normals
+    )
     far = np.abs(heights) > FARTHEST * np.sqrt((areas * weights).sum(axis=1))[:, None]
     volumes = np.where(far, 0.0, heights) * areas * weights * curved.shares[:, None]
     return SurfaceGaps(curved.nodes, volumes)
 
 
 def gaps_agree(gaps: SurfaceGaps, volume: float, cad_volume: float) -> bool:
-    """Whether the gaps add up to the volume that a mesh misses of its part; roundoff is no disagreement.
+    """Whether the gaps add up to the volume that a mesh misses of its part; roundoff is no
+    disagreement.
 
     Args:
         gaps: Between the mesh and the faces of its part.
@@ -138,7 +156,10 @@ def gaps_agree(gaps: SurfaceGaps, volume: float, cad_volume: float) -> bool:
         cad_volume: Of the part [m^3].
     """
     missing = cad_volume - volume
-    return bool(abs(float(gaps.volumes.sum()) - missing) <= TRUSTED * np.abs(gaps.volumes).sum() + 1e-7 * cad_volume)
+    return bool(
+        abs(float(gaps.volumes.sum()) - missing)
+        <= TRUSTED * np.abs(gaps.volumes).sum() + 1e-7 * cad_volume
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,8 +170,8 @@ class FlatTets:
         cells: ``(n,)`` which cells of the mesh.
         thickness: ``(n,)`` of the wall at each [m].
         lengths: ``(n,)`` longest side of each along the wall [m].
-        qualities: ``(n,)`` scaled Jacobian of each once its wall is drawn out as thick as the cell is long: what the flatness of the
-            wall takes off is none of the mesh's doing.
+        qualities: ``(n,)`` scaled Jacobian of each once its wall is drawn out as thick as the cell
+            is long: what the flatness of the wall takes off is none of the mesh's doing.
     """
 
     cells: IntArray
@@ -160,7 +181,8 @@ class FlatTets:
 
 
 def find_flat_tets(points: FloatArray, corners: IntArray) -> FlatTets:
-    """Find the tets whose corners all lie on two opposite faces of a wall thinner than they are long.
+    """Find the tets whose corners all lie on two opposite faces of a wall thinner than they are
+    long.
 
     Args:
         points: ``(n_points, 3)`` [m].
@@ -169,7 +191,9 @@ def find_flat_tets(points: FloatArray, corners: IntArray) -> FlatTets:
     surface = extract_surface(corners, "tet4")
     normals = corner_normals(points, surface)
     sides = points[surface.facets]
-    areas = 0.5 * np.linalg.norm(np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0]), axis=1)
+    areas = 0.5 * np.linalg.norm(
+        np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0]), axis=1
+    )
     facing = np.zeros((len(points), 3))
     for corner in range(3):
         np.add.at(facing, surface.facets[:, corner], areas[:, None] * normals)
@@ -189,8 +213,20 @@ def find_flat_tets(points: FloatArray, corners: IntArray) -> FlatTets:
     flat = places - heights[:, :, None] * across[:, None, :]
     lengths = np.linalg.norm(flat[:, :, None] - flat[:, None, :], axis=3).max(axis=(1, 2))
     with np.errstate(invalid="ignore"):
-        wall = (upper | lower).all(axis=1) & (top > 0) & (bottom > 0) & (thickness > 0.0) & (thickness < lengths)
-    drawn = places + ((lengths / np.where(wall, thickness, 1.0) - 1.0)[:, None] * heights)[:, :, None] * across[:, None, :]
+        wall = (
+            (upper | lower).all(axis=1)
+            & (top > 0)
+            & (bottom > 0)
+            & (thickness > 0.0)
+            & (thickness < lengths)
+        )
+    drawn = (
+        places
+        + ((lengths / np.where(wall, thickness, 1.0) - 1.0)[:, None] * heights)[:, :, None]
+        * across[:, None, :]
+    )
     drawn = drawn[wall]
-    qualities = scaled_jacobians(drawn.reshape(-1, 3), np.arange(4 * len(drawn)).reshape(-1, 4), "tet4")
+    qualities = scaled_jacobians(
+        drawn.reshape(-1, 3), np.arange(4 * len(drawn)).reshape(-1, 4), "tet4"
+    )
     return FlatTets(cells[wall], thickness[wall], lengths[wall], qualities)

@@ -1,4 +1,5 @@
-"""Local numbering of the five cell kinds, in gmsh's order: edges, outward facets, reference nodes and shape functions.
+"""Local numbering of the five cell kinds, in gmsh's order: edges, outward facets, reference nodes
+and shape functions.
 
 Source: gmsh reference manual, section "Node ordering".
 """
@@ -15,7 +16,20 @@ from headstock.meshing.component_mesh import CellKind, IntArray
 Family = Literal["tet", "hex"]
 EDGES: dict[Family, tuple[tuple[int, int], ...]] = {
     "tet": ((0, 1), (1, 2), (2, 0), (3, 0), (2, 3), (1, 3)),
-    "hex": ((0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7)),
+    "hex": (
+        (0, 1),
+        (0, 3),
+        (0, 4),
+        (1, 2),
+        (1, 5),
+        (2, 3),
+        (2, 6),
+        (3, 7),
+        (4, 5),
+        (4, 7),
+        (5, 6),
+        (6, 7),
+    ),
 }
 FACETS: dict[Family, tuple[tuple[int, ...], ...]] = {
     "tet": ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)),
@@ -25,7 +39,17 @@ NODE_COUNTS: dict[CellKind, int] = {"tet4": 4, "tet10": 10, "hex8": 8, "hex20": 
 CORNERS: dict[Family, FloatArray] = {
     "tet": np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float),
     "hex": np.array(
-        [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=float
+        [
+            [-1, -1, -1],
+            [1, -1, -1],
+            [1, 1, -1],
+            [-1, 1, -1],
+            [-1, -1, 1],
+            [1, -1, 1],
+            [1, 1, 1],
+            [-1, 1, 1],
+        ],
+        dtype=float,
     ),
 }
 
@@ -55,7 +79,9 @@ def local_facets(kind: CellKind) -> IntArray:
     middle = {frozenset(edge): first + i for i, edge in enumerate(EDGES[family])}
     rows = []
     for i, facet in enumerate(FACETS[family]):
-        mids = [middle[frozenset((facet[k], facet[(k + 1) % len(facet)]))] for k in range(len(facet))]
+        mids = [
+            middle[frozenset((facet[k], facet[(k + 1) % len(facet)]))] for k in range(len(facet))
+        ]
         rows.append([*facet, *mids, *([20 + i] if kind == "hex27" else [])])
     return np.array(rows)
 
@@ -101,10 +127,15 @@ def _monomials(kind: CellKind, points: FloatArray, derivative: int | None = None
 
 def shape_functions(kind: CellKind, points: FloatArray) -> FloatArray:
     """Shape functions at reference points ``(n, 3)``: ``(n, nodes per cell)``."""
-    return np.asarray(np.linalg.solve(_monomials(kind, reference_nodes(kind)).T, _monomials(kind, points).T).T, dtype=float)
+    return np.asarray(
+        np.linalg.solve(_monomials(kind, reference_nodes(kind)).T, _monomials(kind, points).T).T,
+        dtype=float,
+    )
 
 
 def shape_gradients(kind: CellKind, points: FloatArray) -> FloatArray:
     """Reference gradients at reference points ``(n, 3)``: ``(3, n, nodes per cell)``."""
     system = _monomials(kind, reference_nodes(kind)).T
-    return np.array([np.linalg.solve(system, _monomials(kind, points, axis).T).T for axis in range(3)])
+    return np.array(
+        [np.linalg.solve(system, _monomials(kind, points, axis).T).T for axis in range(3)]
+    )

@@ -1,4 +1,6 @@
-"""What every mesh file is turned into: cells of one kind in gmsh's node order, without unused points."""
+"""What every mesh file is turned into: cells of one kind in gmsh's node order, without unused
+points.
+"""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,7 +16,20 @@ from headstock.meshing.process.job import MeshData
 # edges in the order of VTK, Abaqus C3D10/C3D20 and (as meshio returns them) Nastran CTETRA/CHEXA
 VTK_EDGES = {
     "tet": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
-    "hex": ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+    "hex": (
+        (0, 1),
+        (1, 2),
+        (2, 3),
+        (3, 0),
+        (4, 5),
+        (5, 6),
+        (6, 7),
+        (7, 4),
+        (0, 4),
+        (1, 5),
+        (2, 6),
+        (3, 7),
+    ),
 }
 
 
@@ -22,7 +37,8 @@ def guard_reader(path: Path, reader: Callable[[Path], MeshData]) -> MeshData:
     """Read a mesh file with a reader that may raise anything.
 
     Returns:
-        Points in the file's unit, cells of one kind in gmsh's node order, and named surface and node sets.
+        Points in the file's unit, cells of one kind in gmsh's node order, and named surface and
+        node sets.
 
     Raises:
         MeshError: The file is missing, cannot be read, or holds no usable mesh.
@@ -36,12 +52,16 @@ def guard_reader(path: Path, reader: Callable[[Path], MeshData]) -> MeshData:
     except (Exception, SystemExit) as error:  # foreign readers raise anything, gmsh the bare class
         raise MeshError(f"{path.name} cannot be read: {type(error).__name__}: {error}") from error
     if not len(data.cells) or not np.isfinite(data.points).all():
-        raise MeshError(f"{path.name}: {'coordinates that are not finite numbers' if len(data.cells) else 'no solid cells'}")
+        raise MeshError(
+            f"{path.name}: {'coordinates that are not finite numbers' if len(data.cells) else 'no solid cells'}"
+        )
     return _drop_unused_points(data)
 
 
 def vtk_to_gmsh(cells: IntArray, kind: CellKind) -> IntArray:
-    """Cells whose mid-edge nodes come in VTK's order, reordered to gmsh's; nodes after the edges stay."""
+    """Cells whose mid-edge nodes come in VTK's order, reordered to gmsh's; nodes after the edges
+    stay.
+    """
     if kind in ("tet4", "hex8"):
         return cells
     family, first = cell_family(kind), corner_count(kind)
@@ -51,15 +71,21 @@ def vtk_to_gmsh(cells: IntArray, kind: CellKind) -> IntArray:
 
 
 def order_hex27_faces(points: FloatArray, cells: IntArray) -> IntArray:
-    """Put the last seven nodes of 27-node hexes into gmsh's order (six faces, centre) by where they lie.
+    """Put the last seven nodes of 27-node hexes into gmsh's order (six faces, centre) by where they
+    lie.
 
     Raises:
         MeshError: Most cells do not have one node near the middle of each face.
     """
     corners = points[cells[:, :8]]
-    targets = np.stack([*(corners[:, list(facet)].mean(axis=1) for facet in FACETS["hex"]), corners.mean(axis=1)], axis=1)
+    targets = np.stack(
+        [*(corners[:, list(facet)].mean(axis=1) for facet in FACETS["hex"]), corners.mean(axis=1)],
+        axis=1,
+    )
     nodes = points[cells[:, 20:]]
-    nearest = np.argmin(np.linalg.norm(targets[:, :, None, :] - nodes[:, None, :, :], axis=3), axis=2)
+    nearest = np.argmin(
+        np.linalg.norm(targets[:, :, None, :] - nodes[:, None, :, :], axis=3), axis=2
+    )
     orders, votes = np.unique(nearest, axis=0, return_counts=True)
     order = orders[np.argmax(votes)]  # distorted cells may vote otherwise
     if len(set(order.tolist())) != 7:
@@ -69,7 +95,11 @@ def order_hex27_faces(points: FloatArray, cells: IntArray) -> IntArray:
 
 def kinds_message(path: Path, kinds: Sequence[str]) -> str:
     """What to tell the user of a file that does not hold exactly one kind of solid cell."""
-    held = f"holds {len(kinds)} kinds of solid cells ({', '.join(kinds)})" if kinds else "holds no solid cells"
+    held = (
+        f"holds {len(kinds)} kinds of solid cells ({', '.join(kinds)})"
+        if kinds
+        else "holds no solid cells"
+    )
     return f"{path.name} {held}; write a mesh of one kind: tets with 4 or 10 nodes, or hexes with 8, 20 or 27"
 
 

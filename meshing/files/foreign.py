@@ -1,4 +1,6 @@
-"""Reads finished meshes of Abaqus and Nastran into gmsh's node order, in a child: ``python -m headstock.meshing.files.foreign``."""
+"""Reads finished meshes of Abaqus and Nastran into gmsh's node order, in a child: ``python -m
+headstock.meshing.files.foreign``.
+"""
 
 import sys
 from pathlib import Path
@@ -11,7 +13,12 @@ from headstock.meshing.component_mesh import CellKind, IntArray
 from headstock.meshing.elements.topology import NODE_COUNTS
 from headstock.meshing.errors import MeshError
 from headstock.meshing.files.abaqus import AbaqusDeck, deck_positions, read_abaqus_deck
-from headstock.meshing.files.cells import guard_reader, kinds_message, order_hex27_faces, vtk_to_gmsh
+from headstock.meshing.files.cells import (
+    guard_reader,
+    kinds_message,
+    order_hex27_faces,
+    vtk_to_gmsh,
+)
 from headstock.meshing.process.job import MeshData, MeshJob
 from headstock.meshing.process.serving import serve_job
 
@@ -26,7 +33,8 @@ def read_abaqus_mesh(path: Path) -> MeshData:
     """Read an ``.inp`` deck; surfaces, node sets and sets of surface elements become named sets.
 
     Raises:
-        MeshError: The deck holds no or several kinds of solid cells, or something this reader does not know.
+        MeshError: The deck holds no or several kinds of solid cells, or something this reader does
+            not know.
     """
     deck = read_abaqus_deck(path)
     if len(deck.solids) != 1:
@@ -44,14 +52,26 @@ def read_abaqus_mesh(path: Path) -> MeshData:
     return MeshData(points, vtk_to_gmsh(cells, kind), kind, facets, node_sets)
 
 
-def _abaqus_sets(deck: AbaqusDeck, row: dict[int, int]) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
-    surfaces = {name: [[row[node] for node in facet] for facet in facets] for name, facets in deck.surfaces.items()}
+def _abaqus_sets(
+    deck: AbaqusDeck, row: dict[int, int]
+) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
+    surfaces = {
+        name: [[row[node] for node in facet] for facet in facets]
+        for name, facets in deck.surfaces.items()
+    }
     for name, members in deck.element_sets.items():
-        shells = [[row[node] for node in deck.shells[element]] for element in members if element in deck.shells]
+        shells = [
+            [row[node] for node in deck.shells[element]]
+            for element in members
+            if element in deck.shells
+        ]
         if shells and name not in surfaces:
             surfaces[name] = shells
     facets = {name: np.array(rows, dtype=np.int64) for name, rows in surfaces.items()}
-    nodes = {name: np.array([row[node] for node in members], dtype=np.int64) for name, members in deck.node_sets.items()}
+    nodes = {
+        name: np.array([row[node] for node in members], dtype=np.int64)
+        for name, members in deck.node_sets.items()
+    }
     return facets, {name: members for name, members in nodes.items() if name not in facets}
 
 
@@ -65,7 +85,9 @@ def read_nastran_mesh(path: Path) -> MeshData:
         for number, line in enumerate(file, 1):
             # meshio passes over it, and the cells in the other file would be missing without a word
             if line.lstrip()[:7].upper() == "INCLUDE":
-                raise MeshError(f"{path.name}:{number}: INCLUDE is not supported; write the whole mesh into one file")
+                raise MeshError(
+                    f"{path.name}:{number}: INCLUDE is not supported; write the whole mesh into one file"
+                )
     mesh = meshio.read(path, file_format="nastran")
     solids = [block for block in mesh.cells if block.type.startswith(MESHIO_SOLIDS)]
     kinds = {block.type for block in solids}
@@ -81,7 +103,9 @@ def perform_job(job: MeshJob) -> MeshData:
     if not isinstance(job.solid, MeshFile):
         raise MeshError(f"a {type(job.solid).__name__} is no mesh file")
     path = job.solid.path
-    return guard_reader(path, read_abaqus_mesh if path.suffix.lower() == ".inp" else read_nastran_mesh)
+    return guard_reader(
+        path, read_abaqus_mesh if path.suffix.lower() == ".inp" else read_nastran_mesh
+    )
 
 
 if __name__ == "__main__":

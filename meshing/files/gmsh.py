@@ -31,7 +31,10 @@ def read_gmsh_mesh(path: Path) -> MeshData:
         gmsh.open(str(path))
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
         types, _, nodes = gmsh.model.mesh.getElements(3)
-        found = {int(kind): np.asarray(block, dtype=np.int64) for kind, block in zip(types, nodes, strict=True)}
+        found = {
+            int(kind): np.asarray(block, dtype=np.int64)
+            for kind, block in zip(types, nodes, strict=True)
+        }
         names = [str(gmsh.model.mesh.getElementProperties(kind)[0]) for kind in found]
         if len(found) != 1 or next(iter(found)) not in GMSH_KINDS:
             raise MeshError(kinds_message(path, names))
@@ -45,7 +48,8 @@ def read_gmsh_mesh(path: Path) -> MeshData:
 
 
 def _check_counts(path: Path) -> None:
-    """Compare the counts of a text file with its lines: gmsh drops what goes beyond them without a word.
+    """Compare the counts of a text file with its lines: gmsh drops what goes beyond them without a
+    word.
 
     Raises:
         MeshError: Nodes or elements are missing or left over, or a section has no end.
@@ -55,7 +59,8 @@ def _check_counts(path: Path) -> None:
             pass
         version, kind, *_ = [*file.readline().split(), b"", b""]
         if kind != b"0":
-            return  # binary sections are of a length that follows from their counts, which gmsh checks
+            # binary sections are of a length that follows from their counts, which gmsh checks
+            return
         for line in file:
             section = line.strip()
             if section in (b"$Nodes", b"$Elements"):
@@ -68,13 +73,17 @@ def _check_counts(path: Path) -> None:
 
 
 def _count_section(file: BinaryIO, section: bytes, version: bytes) -> tuple[int, int]:
-    """Lines a section should have behind its first, and has: version 4 has a line per block, 4.1 two lines per node."""
+    """Lines a section should have behind its first, and has: version 4 has a line per block, 4.1
+    two lines per node.
+    """
     try:
         head = [int(word) for word in file.readline().split()]
         lines = 2 if section == b"$Nodes" and version.startswith(b"4.1") else 1
         stated = head[0] + lines * head[1] if version.startswith(b"4") else head[0]
     except (ValueError, IndexError) as error:
-        raise MeshError(f"{section.decode()} does not begin with its counts; the file is damaged") from error
+        raise MeshError(
+            f"{section.decode()} does not begin with its counts; the file is damaged"
+        ) from error
     end, found = section.replace(b"$", b"$End"), 0
     for line in file:
         if line.strip() == end:
@@ -94,5 +103,7 @@ def _gmsh_surfaces(row: IntArray) -> dict[str, IntArray]:
                 _, _, _, count, _, corners = gmsh.model.mesh.getElementProperties(kind)
                 parts.append(row[np.asarray(block, dtype=np.int64)].reshape(-1, count)[:, :corners])
         if parts and len({part.shape[1] for part in parts}) == 1:
-            result[str(gmsh.model.getPhysicalName(dim, group)) or str(group)] = np.concatenate(parts)
+            result[str(gmsh.model.getPhysicalName(dim, group)) or str(group)] = np.concatenate(
+                parts
+            )
     return result

@@ -1,4 +1,6 @@
-"""Patches on the surface of a finished mesh: named sets, and facets at the ends of the bounding box."""
+"""Patches on the surface of a finished mesh: named sets, and facets at the ends of the bounding
+box.
+"""
 
 import numpy as np
 
@@ -6,7 +8,12 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Patch
 from headstock.geometry.parts.patches import FACE_DIRECTIONS, imprint_window, in_plane_axes
 from headstock.meshing.component_mesh import IntArray
-from headstock.meshing.elements.surface import MeshSurface, corner_normals, facets_within, match_facets
+from headstock.meshing.elements.surface import (
+    MeshSurface,
+    corner_normals,
+    facets_within,
+    match_facets,
+)
 from headstock.meshing.errors import MeshError
 from headstock.meshing.process.job import MeshData
 
@@ -15,7 +22,8 @@ NORMAL_TOLERANCE = 1e-3
 
 
 def select_facets(data: MeshData, surface: MeshSurface, patch: Patch) -> IntArray:
-    """Indices of the surface facets of a patch; an imprint takes the facets whose middle lies inside it.
+    """Indices of the surface facets of a patch; an imprint takes the facets whose middle lies
+    inside it.
 
     Args:
         data: The mesh; its unit is that of the patch.
@@ -26,15 +34,21 @@ def select_facets(data: MeshData, surface: MeshSurface, patch: Patch) -> IntArra
         MeshError: The patch names nothing that exists.
     """
     if patch.face.startswith("set:"):
-        return _imprinted(data, surface, _named_facets(data, surface, patch.face.removeprefix("set:")), patch)
+        return _imprinted(
+            data, surface, _named_facets(data, surface, patch.face.removeprefix("set:")), patch
+        )
     if patch.face in FACE_DIRECTIONS:
         return _imprinted(data, surface, end_facets(data.points, surface, patch.face), patch)
-    raise MeshError(f"face {patch.face!r} selects nothing on a mesh file; available: {available_names(data, surface)}")
+    raise MeshError(
+        f"face {patch.face!r} selects nothing on a mesh file; available: {available_names(data, surface)}"
+    )
 
 
 def set_nodes(data: MeshData, patch: Patch) -> IntArray:
     """Nodes of a named node set, empty for any other patch."""
-    return data.node_sets.get(_find(data.node_sets, patch.face.removeprefix("set:")) or "", np.zeros(0, dtype=np.int64))
+    return data.node_sets.get(
+        _find(data.node_sets, patch.face.removeprefix("set:")) or "", np.zeros(0, dtype=np.int64)
+    )
 
 
 def end_facets(points: FloatArray, surface: MeshSurface, face: str) -> IntArray:
@@ -56,7 +70,9 @@ def end_facets(points: FloatArray, surface: MeshSurface, face: str) -> IntArray:
 def available_names(data: MeshData, surface: MeshSurface) -> str:
     """The names a patch of this mesh may use."""
     names = [face for face in FACE_DIRECTIONS if len(end_facets(data.points, surface, face))]
-    return ", ".join([*names, *(f"set:{name}" for name in [*data.facets, *data.node_sets])]) or "none"
+    return (
+        ", ".join([*names, *(f"set:{name}" for name in [*data.facets, *data.node_sets])]) or "none"
+    )
 
 
 def _named_facets(data: MeshData, surface: MeshSurface, name: str) -> IntArray:
@@ -64,10 +80,14 @@ def _named_facets(data: MeshData, surface: MeshSurface, name: str) -> IntArray:
     if found is not None:
         facets = data.facets[found]
         if facets.shape[1] != surface.corners or (facets < 0).any():
-            raise MeshError(f"set {name!r} holds surface elements that are not faces of the solid cells")
+            raise MeshError(
+                f"set {name!r} holds surface elements that are not faces of the solid cells"
+            )
         matched, missing = match_facets(surface, facets)
         if missing:
-            raise MeshError(f"{missing} of {len(facets)} facets of set {name!r} are not on the surface of the mesh")
+            raise MeshError(
+                f"{missing} of {len(facets)} facets of set {name!r} are not on the surface of the mesh"
+            )
         return matched
     found = _find(data.node_sets, name)
     if found is not None:
@@ -90,8 +110,12 @@ def _imprinted(data: MeshData, surface: MeshSurface, facets: IntArray, patch: Pa
     axis = int(np.argmax(normal))
     first, second = in_plane_axes(axis)
     if patch.shape == "disk":
-        radius = np.hypot(middles[:, first] - patch.center[first], middles[:, second] - patch.center[second])
+        radius = np.hypot(
+            middles[:, first] - patch.center[first], middles[:, second] - patch.center[second]
+        )
         return np.asarray(facets[radius <= patch.size[0] / 2])
     window = imprint_window(axis, patch)
     inside = (window[0] <= middles[:, first]) & (middles[:, first] <= window[1])
-    return np.asarray(facets[inside & (window[2] <= middles[:, second]) & (middles[:, second] <= window[3])])
+    return np.asarray(
+        facets[inside & (window[2] <= middles[:, second]) & (middles[:, second] <= window[3])]
+    )

@@ -15,10 +15,16 @@ from headstock.meshing.process.serving import BAD_FILE, REFUSED
 # what answers in the child: `perform_job` there, which calls `mesh_shape` of meshing/cad/meshing.py
 GMSH_WORKER = "headstock.meshing.cad.worker"
 FOREIGN_WORKER = "headstock.meshing.files.foreign"
-MESH_FILES = {".msh": GMSH_WORKER, ".inp": FOREIGN_WORKER, ".bdf": FOREIGN_WORKER, ".nas": FOREIGN_WORKER}
+MESH_FILES = {
+    ".msh": GMSH_WORKER,
+    ".inp": FOREIGN_WORKER,
+    ".bdf": FOREIGN_WORKER,
+    ".nas": FOREIGN_WORKER,
+}
 MEMORY_BYTES = 8 << 30
-# What honest mesh files need, so that a small file that lies about its counts is stopped early. Measured on tets and hexes:
-# readers take up to 40 times the file's size, and 0.25 GiB of address space to start; 1 to 2 s of CPU per 10 MB.
+# What honest mesh files need, so that a small file that lies about its counts is stopped early.
+# Measured on tets and hexes: readers take up to 40 times the file's size, and 0.25 GiB of address
+# space to start; 1 to 2 s of CPU per 10 MB.
 READING_BYTES = 640 << 20
 READING_FACTOR = 100
 READING_SECONDS = 8
@@ -27,35 +33,48 @@ WALL_FACTOR = 4.0
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
-def run_job(job: MeshJob, *, what: str, time_limit: float, memory_bytes: int = MEMORY_BYTES) -> MeshData:
+def run_job(
+    job: MeshJob, *, what: str, time_limit: float, memory_bytes: int = MEMORY_BYTES
+) -> MeshData:
     """Run a job in a child process.
 
     Args:
         job: What to do.
         what: Names the component in messages.
-        time_limit: Processor time after which the child is killed [s]; it waits for processors and disks at most four times as long.
+        time_limit: Processor time after which the child is killed [s]; it waits for processors and
+            disks at most four times as long.
         memory_bytes: Limit on the child's address space.
 
     Raises:
-        MeshError: The file is none, the child refused the job, ran out of time, memory or room on the disk, or crashed.
+        MeshError: The file is none, the child refused the job, ran out of time, memory or room on
+            the disk, or crashed.
     """
     worker = GMSH_WORKER
-    # processor time, so that the same part meshes on a busy machine; it also ends a child that nobody waits for
+    # processor time, so that the same part meshes on a busy machine; it also ends a child that
+    # nobody waits for
     limits = ChildLimits(memory_bytes, math.ceil(time_limit), WALL_FACTOR * time_limit)
     readable = []
     if isinstance(job.solid, StepFile | MeshFile):
         path = job.solid.path
         readable.append(path)
         if not path.is_file():
-            raise MeshError(f"{what}: {path} is no regular file" if path.exists() else f"{what}: there is no file {path}")
+            raise MeshError(
+                f"{what}: {path} is no regular file"
+                if path.exists()
+                else f"{what}: there is no file {path}"
+            )
         if job.task == "file":
             if path.suffix.lower() not in MESH_FILES:
-                raise MeshError(f"{what}: {path.name}: mesh files end in .msh (gmsh), .inp (Abaqus) or .bdf (Nastran)")
+                raise MeshError(
+                    f"{what}: {path.name}: mesh files end in .msh (gmsh), .inp (Abaqus) or .bdf (Nastran)"
+                )
             worker = MESH_FILES[path.suffix.lower()]
             limits = _limit_reading(limits, path)
     # without a name in the file system, so that nothing stays behind however this process ends
     with tempfile.TemporaryFile() as result:
-        end = run_guarded_child(worker, [], limits=limits, readable=readable, stdin=format_job(job), result=result)
+        end = run_guarded_child(
+            worker, [], limits=limits, readable=readable, stdin=format_job(job), result=result
+        )
         if end.code == 0:
             result.seek(0)
             return read_data(result)
@@ -72,9 +91,13 @@ def _limit_reading(limits: ChildLimits, path: Path) -> ChildLimits:
 
 
 def _failure(end: ChildEnd, job: MeshJob, what: str) -> MeshError:
-    """Why a child failed; a disk without room is the cause of the error, so that nobody takes it for a fault of the mesh."""
+    """Why a child failed; a disk without room is the cause of the error, so that nobody takes it
+    for a fault of the mesh.
+    """
     for lost in (code for code in NO_ROOM if os.strerror(code) in end.errors):
-        error = MeshError(f"{what}: the mesh could not be written: {os.strerror(lost)}; make room in {tempfile.gettempdir()}")
+        error = MeshError(
+            f"{what}: the mesh could not be written: {os.strerror(lost)}; make room in {tempfile.gettempdir()}"
+        )
         error.__cause__ = OSError(lost, os.strerror(lost))
         return error
     reason = _explain(end, job)

@@ -1,8 +1,10 @@
-"""Child processes that read files of strangers: how they are started, which limits they take, what they see.
+"""Child processes that read files of strangers: how they are started, which limits they take, what
+they see.
 
-A child imports what it needs, calls `accept_guard` and only then opens the file. From there on it has limits on its address
-space, processor time, wall-clock time and written files, and where the kernel grants user namespaces it has no capabilities, no
-network, no other processes, and a file system of read-only binds and one scratch folder in memory.
+A child imports what it needs, calls `accept_guard` and only then opens the file. From there on it
+has limits on its address space, processor time, wall-clock time and written files, and where the
+kernel grants user namespaces it has no capabilities, no network, no other processes, and a file
+system of read-only binds and one scratch folder in memory.
 """
 
 import contextlib
@@ -21,14 +23,24 @@ from typing import BinaryIO
 
 from headstock.geometry.errors import OUT_OF_MEMORY
 
-# gmsh may be linked with MPI: a child that sees its parent's launcher variables would join the parent's job
+# gmsh may be linked with MPI: a child that sees its parent's launcher variables would join the
+# parent's job
 LAUNCHER_PREFIXES = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "MPI_")
 # a process with threads is not let into a user namespace
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 GRACE_SECONDS = 2
 SCRATCH_BYTES = 64 << 20
 # what shared libraries and Python are made of; of /etc only what the loader reads
-SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/etc/alternatives", "/etc/ld.so.cache")
+SYSTEM = (
+    "/usr",
+    "/bin",
+    "/sbin",
+    "/lib",
+    "/lib32",
+    "/lib64",
+    "/etc/alternatives",
+    "/etc/ld.so.cache",
+)
 DEVICES = ("/dev/null", "/dev/zero", "/dev/urandom")
 # where the new view grows, in a mount namespace of its own: no file of a user lies below
 STAGE = "/proc"
@@ -56,9 +68,13 @@ class ChildLimits:
     wall_seconds: float
 
     def within_shell(self) -> "ChildLimits":
-        """These limits, or those of the calling shell (``ulimit -v``, ``ulimit -t``) where they are lower."""
+        """These limits, or those of the calling shell (``ulimit -v``, ``ulimit -t``) where they are
+        lower.
+        """
         return ChildLimits(
-            _at_most(resource.RLIMIT_AS, self.memory_bytes), _at_most(resource.RLIMIT_CPU, self.cpu_seconds), self.wall_seconds
+            _at_most(resource.RLIMIT_AS, self.memory_bytes),
+            _at_most(resource.RLIMIT_CPU, self.cpu_seconds),
+            self.wall_seconds,
         )
 
 
@@ -81,14 +97,20 @@ class ChildEnd:
     @property
     def last_line(self) -> str:
         """The last line it wrote on standard error."""
-        return next((line for line in reversed(self.errors.splitlines()) if line.strip()), "no message")
+        return next(
+            (line for line in reversed(self.errors.splitlines()) if line.strip()), "no message"
+        )
 
     @property
     def out_of_time(self) -> str | None:
         """Which time limit it met, in words, or None."""
         if self.code == -signal.SIGALRM:
             return f"{self.limits.wall_seconds:g} s"
-        return f"{self.limits.cpu_seconds} s of processor time" if self.code == -signal.SIGXCPU else None
+        return (
+            f"{self.limits.cpu_seconds} s of processor time"
+            if self.code == -signal.SIGXCPU
+            else None
+        )
 
     @property
     def time_remedy(self) -> str | None:
@@ -100,7 +122,9 @@ class ChildEnd:
     def out_of_memory(self) -> bool:
         """Whether it met its limit of memory."""
         # threads that could not start are no exception of Python's
-        return any(text in self.errors for text in (*OUT_OF_MEMORY, "Resource temporarily unavailable"))
+        return any(
+            text in self.errors for text in (*OUT_OF_MEMORY, "Resource temporarily unavailable")
+        )
 
     @property
     def memory_limit(self) -> str:
@@ -111,7 +135,11 @@ class ChildEnd:
     def memory_remedy(self) -> str | None:
         """What to do where the calling shell set the limit of memory."""
         bound = self.limits.memory_bytes < self.wanted.memory_bytes
-        return f"this shell allows no more (ulimit -v); {self.wanted.memory_bytes / 2**30:.3g} GiB are wanted" if bound else None
+        return (
+            f"this shell allows no more (ulimit -v); {self.wanted.memory_bytes / 2**30:.3g} GiB are wanted"
+            if bound
+            else None
+        )
 
 
 def run_guarded_child(
@@ -129,7 +157,8 @@ def run_guarded_child(
         module: Name of the module.
         words: Its arguments.
         limits: What it may use at most.
-        readable: Files it may read; of its own code and the system's libraries it sees what it needs.
+        readable: Files it may read; of its own code and the system's libraries it sees what it
+            needs.
         stdin: Text, bytes, or an open file.
         result: Open file it may write; its number is the last argument.
     """
@@ -138,9 +167,13 @@ def run_guarded_child(
     passed = [] if result is None else [result.fileno()]
     # -P: a module in the user's working folder must not stand in for ours
     command = [sys.executable, "-P", "-m", module, json.dumps(guard), *words, *map(str, passed)]
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(LAUNCHER_PREFIXES)}
+    environment = {
+        name: value for name, value in os.environ.items() if not name.startswith(LAUNCHER_PREFIXES)
+    }
     environment |= {**ONE_THREAD, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-    given = stdin.encode() if isinstance(stdin, str) else stdin if isinstance(stdin, bytes) else None
+    given = (
+        stdin.encode() if isinstance(stdin, str) else stdin if isinstance(stdin, bytes) else None
+    )
     with subprocess.Popen(
         command,
         env=environment,
@@ -163,7 +196,8 @@ def run_guarded_child(
 
 
 def accept_guard(arguments: Sequence[str]) -> list[str]:
-    """Take the guard that `run_guarded_child` wrote as the first argument; call it once everything is imported and nothing is read.
+    """Take the guard that `run_guarded_child` wrote as the first argument; call it once everything
+    is imported and nothing is read.
 
     Returns:
         The other arguments.
@@ -178,7 +212,8 @@ def accept_guard(arguments: Sequence[str]) -> list[str]:
 
 
 def isolate(readable: Sequence[str]) -> str | None:
-    """Continue in a process without capabilities, network and other processes that sees the given files and the code only.
+    """Continue in a process without capabilities, network and other processes that sees the given
+    files and the code only.
 
     Where the kernel refuses, the process goes on as it is.
 
@@ -194,7 +229,9 @@ def isolate(readable: Sequence[str]) -> str | None:
     opened = {}
     for path in readable:
         try:
-            opened[str(Path.cwd() / path)] = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+            opened[str(Path.cwd() / path)] = os.open(
+                path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
+            )
         except OSError:
             continue  # whoever reads it says why
     try:
@@ -222,20 +259,30 @@ def _unshare(uid: int, gid: int) -> None:
         # root needs no user namespace, which the kernel refuses in a chroot
         os.unshare(apart)
         return
-    for name, text in (("setgroups", "deny"), ("uid_map", f"{uid} {uid} 1"), ("gid_map", f"{gid} {gid} 1")):
+    for name, text in (
+        ("setgroups", "deny"),
+        ("uid_map", f"{uid} {uid} 1"),
+        ("gid_map", f"{gid} {gid} 1"),
+    ):
         Path("/proc/self", name).write_text(text)
-    # no further namespaces from inside: they are a way to parts of the kernel that an ordinary process cannot reach
+    # no further namespaces from inside: they are a way to parts of the kernel that an ordinary
+    # process cannot reach
     with contextlib.suppress(OSError):
         Path("/proc/sys/user/max_user_namespaces").write_text("0")
 
 
 def _at_most(kind: int, wanted: int) -> int:
-    allowed = min((limit for limit in resource.getrlimit(kind) if limit != resource.RLIM_INFINITY), default=wanted)
+    allowed = min(
+        (limit for limit in resource.getrlimit(kind) if limit != resource.RLIM_INFINITY),
+        default=wanted,
+    )
     return min(wanted, allowed)
 
 
 def _set_limits(memory_bytes: int, cpu_seconds: int) -> None:
-    """Bound this process as far as it is not bound more tightly; no core dump when it meets a limit."""
+    """Bound this process as far as it is not bound more tightly; no core dump when it meets a
+    limit.
+    """
     for kind, wanted, hard in (
         (resource.RLIMIT_CORE, 0, 0),
         (resource.RLIMIT_AS, memory_bytes, memory_bytes),
@@ -252,7 +299,9 @@ def _below_hard(kind: int, wanted: int) -> int:
 
 
 def _end_with_parent(parent: int) -> None:
-    """Die when the parent does, so that a killed run leaves no child behind (Linux; elsewhere the alarm ends it)."""
+    """Die when the parent does, so that a killed run leaves no child behind (Linux; elsewhere the
+    alarm ends it).
+    """
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:  # it died before we asked
@@ -262,7 +311,8 @@ def _end_with_parent(parent: int) -> None:
 def _continue_in_child(death_signal: int | None) -> None:
     """Fork; the parent waits, ends as the child does and never returns.
 
-    The first process of a process namespace ignores the signals by which limits end a process, so the work is done by the second.
+    The first process of a process namespace ignores the signals by which limits end a process, so
+    the work is done by the second.
     """
     child = os.fork()
     if child == 0:
@@ -284,7 +334,14 @@ def _build_view(opened: dict[str, int]) -> None:
     folder = Path.cwd()
     _call("mount", None, b"/", None, MS_REC | MS_PRIVATE, None)
     size = SCRATCH_BYTES + sum(os.fstat(handle).st_size for handle in opened.values())
-    _call("mount", b"tmpfs", STAGE.encode(), b"tmpfs", MS_NOSUID | MS_NODEV, f"size={size},mode=755".encode())
+    _call(
+        "mount",
+        b"tmpfs",
+        STAGE.encode(),
+        b"tmpfs",
+        MS_NOSUID | MS_NODEV,
+        f"size={size},mode=755".encode(),
+    )
     for source in (*SYSTEM, *_code_folders()):
         _show(source)
     for device in DEVICES:
@@ -294,7 +351,10 @@ def _build_view(opened: dict[str, int]) -> None:
         # root without capabilities may not read what belongs to others
         if not os.access(STAGE + path, os.R_OK):
             _call("umount2", (STAGE + path).encode(), MNT_DETACH)
-            with os.fdopen(os.dup(handle), "rb") as source_file, Path(STAGE + path).open("wb") as copy:
+            with (
+                os.fdopen(os.dup(handle), "rb") as source_file,
+                Path(STAGE + path).open("wb") as copy,
+            ):
                 shutil.copyfileobj(source_file, copy)
     for place in ("/tmp", str(folder)):
         Path(STAGE + place).mkdir(parents=True, exist_ok=True)
@@ -312,7 +372,11 @@ def _code_folders() -> list[str]:
         for name, module in sys.modules.items()
         if name.startswith("headstock.") and module.__file__
     }
-    paths = {Path(path).resolve() for path in (*sys.path, sys.prefix, sys.base_prefix) if path.startswith("/")}
+    paths = {
+        Path(path).resolve()
+        for path in (*sys.path, sys.prefix, sys.base_prefix)
+        if path.startswith("/")
+    }
     return sorted(str(path) for path in ours | paths if path.exists() and path != Path("/"))
 
 
@@ -333,7 +397,14 @@ def _show(path: str, attributes: int = MOUNT_ATTR_RDONLY) -> None:
     if attributes:
         # struct mount_attr: set, clear, propagation, user namespace
         wanted = (ctypes.c_uint64 * 4)(attributes, 0, 0, 0)
-        _syscall(SYS_MOUNT_SETATTR, AT_FDCWD, str(target).encode(), AT_RECURSIVE, wanted, ctypes.c_size_t(ctypes.sizeof(wanted)))
+        _syscall(
+            SYS_MOUNT_SETATTR,
+            AT_FDCWD,
+            str(target).encode(),
+            AT_RECURSIVE,
+            wanted,
+            ctypes.c_size_t(ctypes.sizeof(wanted)),
+        )
 
 
 def _drop_capabilities() -> None:

@@ -18,9 +18,13 @@ from headstock.geometry.parts.solids import Box, HollowColumn, MeshFile, Plate, 
 from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray
 
 JobSolid = Box | Tube | Plate | HollowColumn | StepFile | MeshFile
-SOLIDS: dict[str, type[JobSolid]] = {kind.__name__: kind for kind in (Box, Tube, Plate, HollowColumn, StepFile, MeshFile)}
+SOLIDS: dict[str, type[JobSolid]] = {
+    kind.__name__: kind for kind in (Box, Tube, Plate, HollowColumn, StepFile, MeshFile)
+}
 _DECODER = json.JSONDecoder(
-    object_hook=lambda fields: {name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()}
+    object_hook=lambda fields: {
+        name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()
+    }
 )
 
 
@@ -29,18 +33,20 @@ class MeshJob:
     """What the child process is to do; lengths in the job's own unit.
 
     Attributes:
-        task: ``mesh`` (mesh a CAD shape), ``describe`` (only its properties), ``estimate`` (also mesh its surface to
-            count cells), ``faces`` (list and triangulate its faces) or
-            ``file`` (read a finished mesh).
+        task: ``mesh`` (mesh a CAD shape), ``describe`` (only its properties), ``estimate`` (also
+            mesh its surface to count cells), ``faces`` (list and triangulate its faces) or ``file``
+            (read a finished mesh).
         solid: What is meshed or read.
         groups: Patches of each patch group.
         unit: Length of the job's unit [m], for messages.
         size: Element size, None for the default rule (STEP files only).
         across_patches: Elements across an imprint.
-        growth: Element size per distance from the rim of an imprint, on top of the size there; None for gmsh's own grading.
+        growth: Element size per distance from the rim of an imprint, on top of the size there; None
+            for gmsh's own grading.
         rims: Groups around which stresses are singular.
         rim_size: Element size at their rims.
-        smallest: What curvature and short edges do not go below; None for the default share of the element size.
+        smallest: What curvature and short edges do not go below; None for the default share of the
+            element size.
         refinement: How many times finer than usual imprints and curved faces are meshed.
         order: 1 or 2.
         straight: Leave second-order edges straight: the parent elevates the mesh.
@@ -75,7 +81,8 @@ class MeshData:
         size: Element size that was used.
         estimate: Number of cells that were expected.
         nodes: Number of nodes that were expected, 0 where only cells were.
-        owners: ``(n,)`` number of a face that each point lies on, as ``face:N`` counts them; 0 inside, empty where not known.
+        owners: ``(n,)`` number of a face that each point lies on, as ``face:N`` counts them; 0
+            inside, empty where not known.
         remarks: What the user should know of how the shape was meshed.
         faces: Of the CAD shape, where they were asked for.
         curved: Facets on curved faces; None where none was looked for.
@@ -108,20 +115,35 @@ def parse_job(text: str) -> MeshJob:
     fields = job.pop("solid")
     if "path" in fields:
         fields["path"] = Path(fields["path"])
-    groups = {name: [Patch(**patch) for patch in patches] for name, patches in job.pop("groups").items()}
+    groups = {
+        name: [Patch(**patch) for patch in patches] for name, patches in job.pop("groups").items()
+    }
     return MeshJob(solid=SOLIDS[fields.pop("kind")](**fields), groups=groups, **job)
 
 
 def write_data(file: BinaryIO, data: MeshData) -> None:
     """Write a result as npz without pickle."""
-    arrays: dict[str, NDArray[Any]] = {"points": data.points, "cells": data.cells, "owners": data.owners}
+    arrays: dict[str, NDArray[Any]] = {
+        "points": data.points,
+        "cells": data.cells,
+        "owners": data.owners,
+    }
     arrays |= {f"facets_{i}": array for i, array in enumerate(data.facets.values())}
     arrays |= {f"nodes_{i}": array for i, array in enumerate(data.node_sets.values())}
-    meta: dict[str, Any] = {"kind": data.kind, "facets": list(data.facets), "node_sets": list(data.node_sets), "size": data.size}
+    meta: dict[str, Any] = {
+        "kind": data.kind,
+        "facets": list(data.facets),
+        "node_sets": list(data.node_sets),
+        "size": data.size,
+    }
     meta |= {"estimate": data.estimate, "nodes": data.nodes, "remarks": data.remarks}
     meta["faces"] = [dataclasses.asdict(face) for face in data.faces]
     if data.curved is not None:
-        arrays |= {"curved_nodes": data.curved.nodes, "curved_nearest": data.curved.nearest, "curved_shares": data.curved.shares}
+        arrays |= {
+            "curved_nodes": data.curved.nodes,
+            "curved_nearest": data.curved.nearest,
+            "curved_shares": data.curved.shares,
+        }
     if data.properties is not None:
         found = dataclasses.asdict(data.properties)
         meta["properties"] = json.loads(json.dumps(found, default=lambda array: array.tolist()))
@@ -145,7 +167,9 @@ def read_data(file: BinaryIO) -> MeshData:
             remarks=list(meta["remarks"]),
             owners=store["owners"],
             faces=[CadFace(**fields) for fields in meta["faces"]],
-            curved=CurvedFacets(store["curved_nodes"], store["curved_nearest"], store["curved_shares"])
+            curved=CurvedFacets(
+                store["curved_nodes"], store["curved_nearest"], store["curved_shares"]
+            )
             if "curved_nodes" in store
             else None,
         )
@@ -171,6 +195,8 @@ class _Properties(TypedDict):
 
 
 def _read_properties(data: _Properties) -> SolidProperties:
-    centroids = {name: np.array(value, dtype=float) for name, value in data["patch_centroids"].items()}
+    centroids = {
+        name: np.array(value, dtype=float) for name, value in data["patch_centroids"].items()
+    }
     center, inertia = np.array(data["center"], dtype=float), np.array(data["inertia"], dtype=float)
     return SolidProperties(data["volume"], center, inertia, data["patch_areas"], centroids)

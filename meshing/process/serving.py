@@ -1,4 +1,6 @@
-"""What both child processes do: read a job, perform it within its limits, write the result or one line of refusal."""
+"""What both child processes do: read a job, perform it within its limits, write the result or one
+line of refusal.
+"""
 
 import os
 import sys

@@ -1,1 +1,3 @@
-"""Meshes and modes chosen for a stated accuracy, round by round. Never the error estimates themselves."""
+"""Meshes and modes chosen for a stated accuracy, round by round. Never the error estimates
+themselves.
+"""

@@ -1,6 +1,8 @@
-"""The numbers that a scene asks for, with their relative errors, and which component and source own the largest.
+"""The numbers that a scene asks for, with their relative errors, and which component and source own
+the largest.
 
-Two rounds with different meshes say how good the estimates are for one machine: how far its numbers still move.
+Two rounds with different meshes say how good the estimates are for one machine: how far its numbers
+still move.
 """
 
 import dataclasses
@@ -12,16 +14,20 @@ import numpy as np
 from headstock.pipeline.results.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.stages.run_state import RunState
 
-# What ± takes to cover 95 % of true errors (`validate coverage`) counts until a component was refined: then its rounds tell how good
-# its estimates are (accuracy_levels.py).
+# What ± takes to cover 95 % of true errors (`validate coverage`) counts until a component was
+# refined: then its rounds tell how good its estimates are (accuracy_levels.py).
 MESH_SAFETY = 1.8
 RIGID_MODEL = "rigid model"
 Owner = tuple[str, str]  # component, source of error
-Factors = Mapping[tuple[str, Owner], float]  # key of a number and owner to what the estimate is multiplied by
-# errors are taken to fall with this power of the mesh size, though most fall faster, and what that leaves counts half as much again
+Factors = Mapping[
+    tuple[str, Owner], float
+]  # key of a number and owner to what the estimate is multiplied by
+# errors are taken to fall with this power of the mesh size, though most fall faster, and what that
+# leaves counts half as much again
 LEVEL_RATE = 1.5
 LEVEL_SAFETY = 1.5
-# estimates came out up to one and a half times the true error, so no less than this share of them counts
+# estimates came out up to one and a half times the true error, so no less than this share of them
+# counts
 LEAST_FACTOR = 0.7
 
 
@@ -33,7 +39,8 @@ class Quantity:
         key: Which one, the same in every round.
         name: In plain words.
         value: [Hz] or [m/N].
-        parts: Component and source to their relative part of the error; inf where there is no bound.
+        parts: Component and source to their relative part of the error; inf where there is no
+            bound.
     """
 
     key: str
@@ -53,11 +60,13 @@ class Quantity:
 
 
 def list_quantities(state: RunState, rigid: Mapping[str, float]) -> list[Quantity]:
-    """Every frequency and compliance that a run has found, with its error in parts as estimated; on rank 0.
+    """Every frequency and compliance that a run has found, with its error in parts as estimated; on
+    rank 0.
 
     Args:
         state: After its analyses.
-        rigid: Components that were taken as rigid to save time, and the share of any number that this may cost.
+        rigid: Components that were taken as rigid to save time, and the share of any number that
+            this may cost.
     """
     extra = {(name, RIGID_MODEL): share for name, share in rigid.items()}
     found = (*_list_frequencies(state), *_list_compliances(state))
@@ -76,7 +85,12 @@ def count_safely(quantities: list[Quantity], factors: Factors) -> list[Quantity]
         return factors.get((key, owner), MESH_SAFETY if owner[1] == DISCRETISATION else 1.0)
 
     return [
-        dataclasses.replace(quantity, parts={owner: factor(quantity.key, owner) * part for owner, part in quantity.parts.items()})
+        dataclasses.replace(
+            quantity,
+            parts={
+                owner: factor(quantity.key, owner) * part for owner, part in quantity.parts.items()
+            },
+        )
         for quantity in quantities
     ]
 
@@ -91,7 +105,12 @@ def elastic_shares(state: RunState) -> dict[str, float]:
     """Largest share of the strain energy of each component in any requested number."""
     found: dict[str, float] = {}
     shares = [share for modes in state.modal for share in modes.energy_share[modes.rigid_count :]]
-    shares += [share for answer in state.static for point in answer.points.values() for share in point.budget.values()]
+    shares += [
+        share
+        for answer in state.static
+        for point in answer.points.values()
+        for share in point.budget.values()
+    ]
     for table in shares:
         for name, share in table.items():
             found[name] = max(found.get(name, 0.0), share)
@@ -107,7 +126,12 @@ def _list_frequencies(state: RunState) -> Iterator[Quantity]:
             parts = _relative_parts(state, modes.errors[index], hz)
             if modes.errors[index].shares.get(REDUCTION, 0.0) is None:
                 parts |= {(name, REDUCTION): np.inf for name in _short_of(state, hz)}
-            yield Quantity(f"frequency {index + 1}{place}", f"frequency {index + 1} ({hz:.4g} Hz){place}", hz, parts)
+            yield Quantity(
+                f"frequency {index + 1}{place}",
+                f"frequency {index + 1} ({hz:.4g} Hz){place}",
+                hz,
+                parts,
+            )
 
 
 def _list_compliances(state: RunState) -> Iterator[Quantity]:
@@ -122,12 +146,18 @@ def _list_compliances(state: RunState) -> Iterator[Quantity]:
 
 
 def _relative_parts(state: RunState, error: Estimate, value: float) -> dict[Owner, float]:
-    """Parts of an error as estimated, without what ± adds to cover 95 %; finer meshes follow curved faces, too."""
+    """Parts of an error as estimated, without what ± adds to cover 95 %; finer meshes follow curved
+    faces, too.
+    """
     found: dict[Owner, float] = {}
     for source, sizes in error.parts.items():
         for name, size in sizes.items():
             owner = name, DISCRETISATION if source == CURVED_FACES else source
-            covering = state.reduced[name].superelement.errors.mesh_safety if source == DISCRETISATION else 1.0
+            covering = (
+                state.reduced[name].superelement.errors.mesh_safety
+                if source == DISCRETISATION
+                else 1.0
+            )
             if size > 0.0:
                 found[owner] = found.get(owner, 0.0) + size / covering / value
     return found
@@ -136,17 +166,24 @@ def _relative_parts(state: RunState, error: Estimate, value: float) -> dict[Owne
 def _short_of(state: RunState, hz: float) -> list[str]:
     """Components whose modes are complete only to below a frequency."""
     return [
-        name for name, part in state.reduced.items() if part.superelement.errors.truncation and part.superelement.cutoff_hz <= hz
+        name
+        for name, part in state.reduced.items()
+        if part.superelement.errors.truncation and part.superelement.cutoff_hz <= hz
     ]
 
 
 def weigh_estimates(
-    before: Sequence[Quantity], after: Sequence[Quantity], steps: Mapping[str, float], known: Factors
+    before: Sequence[Quantity],
+    after: Sequence[Quantity],
+    steps: Mapping[str, float],
+    known: Factors,
 ) -> dict[tuple[str, Owner], float]:
-    """Factors by which the estimates of meshes are to be counted, from how far numbers moved between two rounds.
+    """Factors by which the estimates of meshes are to be counted, from how far numbers moved
+    between two rounds.
 
-    A number that moved by ``d`` while the size fell to the share ``s`` has ``d s^p / (1 - s^p)`` still to go, where errors fall with the
-    power ``p``. Components that were not refined keep their factor.
+    A number that moved by ``d`` while the size fell to the share ``s`` has ``d s^p / (1 - s^p)``
+    still to go, where errors fall with the power ``p``. Components that were not refined keep their
+    factor.
 
     Args:
         before: Numbers of a round, with estimates as they are.
@@ -162,14 +199,23 @@ def weigh_estimates(
         moved = {
             owner: part
             for owner, part in quantity.parts.items()
-            if owner[1] == DISCRETISATION and owner[0] in steps and part > 0.0 and quantity.key in earlier
+            if owner[1] == DISCRETISATION
+            and owner[0] in steps
+            and part > 0.0
+            and quantity.key in earlier
         }
         total = sum(moved.values())
         if total > 0.0:
             change = abs(quantity.value / earlier[quantity.key].value - 1.0)
-            left = sum(change * part / total * _share_left(steps[owner[0]]) for owner, part in moved.items())
+            left = sum(
+                change * part / total * _share_left(steps[owner[0]])
+                for owner, part in moved.items()
+            )
             factor = LEVEL_SAFETY * left / total
-            factors |= {(quantity.key, owner): float(np.clip(factor, LEAST_FACTOR, MESH_SAFETY)) for owner in moved}
+            factors |= {
+                (quantity.key, owner): float(np.clip(factor, LEAST_FACTOR, MESH_SAFETY))
+                for owner in moved
+            }
     return factors
 
 

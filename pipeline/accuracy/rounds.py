@@ -56,7 +56,9 @@ class History:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """What rank 0 makes of a round: whether the search ends, else the next scene; and what is told of it."""
+    """What rank 0 makes of a round: whether the search ends, else the next scene; and what is told
+    of it.
+    """
 
     ends: bool
     scene: Scene
@@ -64,7 +66,9 @@ class Verdict:
     failure: str = ""
 
 
-def judge_round(scene: Scene, state: RunState, goal: AccuracyGoal, history: History) -> tuple[Verdict, History]:
+def judge_round(
+    scene: Scene, state: RunState, goal: AccuracyGoal, history: History
+) -> tuple[Verdict, History]:
     """Whether a round is good enough, and else what is refined; and what it adds to the history.
 
     Args:
@@ -75,22 +79,39 @@ def judge_round(scene: Scene, state: RunState, goal: AccuracyGoal, history: Hist
     """
     parts = scene.machine.components
     estimated = list_quantities(state, history.rigid)
-    sizes = {name: part.mesh.size for name, part in parts.items() if part.mesh.size is not None and is_chosen(part)}
-    steps = {name: size / history.sizes[name] for name, size in sizes.items() if size < history.sizes.get(name, 0.0)}
+    sizes = {
+        name: part.mesh.size
+        for name, part in parts.items()
+        if part.mesh.size is not None and is_chosen(part)
+    }
+    steps = {
+        name: size / history.sizes[name]
+        for name, size in sizes.items()
+        if size < history.sizes.get(name, 0.0)
+    }
     factors = weigh_estimates(history.quantities, estimated, steps, history.factors)
     quantities = count_safely(estimated, factors)
     worst = worst_quantity(quantities)
     if worst is None:
-        return Verdict(True, scene, AccuracyRound("every number", 0.0, "no component is meshed")), history
+        return Verdict(
+            True, scene, AccuracyRound("every number", 0.0, "no component is meshed")
+        ), history
     component, source = worst.owner
     because = f"{worst.name} may be off by {show_share(worst.error)}; {show_share(worst.parts[worst.owner])} is the {source} of {component}"
-    found = AccuracyRound(worst.name, worst.error if np.isfinite(worst.error) else None, because, worst.owner)
+    found = AccuracyRound(
+        worst.name, worst.error if np.isfinite(worst.error) else None, because, worst.owner
+    )
     if worst.error <= goal.to or state.failures:
         return Verdict(True, scene, found), history
     may_be_rigid = goal.fidelity and not history.trials
     rigid = {**history.rigid, **(_rigid_candidates(state, parts, goal.to) if may_be_rigid else {})}
-    parts = {**parts, **{name: dataclasses.replace(parts[name], fidelity="rigid") for name in rigid}}
-    learnt = History(_remember(history.trials, parts, estimated, quantities), rigid, estimated, sizes, factors)
+    parts = {
+        **parts,
+        **{name: dataclasses.replace(parts[name], fidelity="rigid") for name in rigid},
+    }
+    learnt = History(
+        _remember(history.trials, parts, estimated, quantities), rigid, estimated, sizes, factors
+    )
     wanted = _share_with_twins(_wanted_ratios(quantities, goal.to, rigid), parts)
     return _refine(scene, state, parts, wanted, learnt.trials, found), learnt
 
@@ -106,23 +127,35 @@ def _refine(
     """The next scene, in which the errors of some owners should be so many times what they are."""
     finer = dict(parts)
     for (name, kind), ratio in wanted.items():
-        if kind == RIGID_MODEL or (isinstance(parts[name].solid, MeshFile) and kind == DISCRETISATION):
-            return Verdict(True, scene, found, failure=f"the {kind} of {name} is not ours to refine")
+        if kind == RIGID_MODEL or (
+            isinstance(parts[name].solid, MeshFile) and kind == DISCRETISATION
+        ):
+            return Verdict(
+                True, scene, found, failure=f"the {kind} of {name} is not ours to refine"
+            )
         if kind == DISCRETISATION:
             finer[name] = refine_mesh(finer[name], ratio=ratio, trials=trials.get(name, ()))
         else:
             cutoff, highest = state.reduced[name].superelement.cutoff_hz, _highest_found(state)
-            finer[name] = refine_modes(finer[name], ratio=ratio, cutoff_hz=cutoff, highest_hz=highest)
+            finer[name] = refine_modes(
+                finer[name], ratio=ratio, cutoff_hz=cutoff, highest_hz=highest
+            )
     changes = {
         name: f"{describe_settings(scene.machine.components[name])} → {describe_settings(part)}: {found.because}"
         for name, part in finer.items()
         if describe_settings(part) != describe_settings(scene.machine.components[name])
     }
-    return Verdict(False, replace_components(scene, finer), dataclasses.replace(found, changes=changes))
+    return Verdict(
+        False, replace_components(scene, finer), dataclasses.replace(found, changes=changes)
+    )
 
 
-def _wanted_ratios(quantities: list[Quantity], accuracy: float, rigid: Mapping[str, float]) -> dict[Owner, float]:
-    """For each number that is too far off, by what factor the parts that own most of it must fall."""
+def _wanted_ratios(
+    quantities: list[Quantity], accuracy: float, rigid: Mapping[str, float]
+) -> dict[Owner, float]:
+    """For each number that is too far off, by what factor the parts that own most of it must
+    fall.
+    """
     wanted: dict[Owner, float] = {}
     for quantity in quantities:
         if quantity.error <= accuracy:
@@ -132,15 +165,25 @@ def _wanted_ratios(quantities: list[Quantity], accuracy: float, rigid: Mapping[s
             if part < 0.5 * largest or owner[0] in rigid:
                 continue
             rest = quantity.error - part
-            ratio = AIM * accuracy / quantity.error if not rest < 0.5 * AIM * accuracy else (AIM * accuracy - rest) / part
+            ratio = (
+                AIM * accuracy / quantity.error
+                if not rest < 0.5 * AIM * accuracy
+                else (AIM * accuracy - rest) / part
+            )
             wanted[owner] = min(wanted.get(owner, 1.0), ratio if np.isfinite(part) else 0.0)
     return wanted
 
 
-def _share_with_twins(wanted: Mapping[Owner, float], parts: Mapping[str, Component]) -> dict[Owner, float]:
+def _share_with_twins(
+    wanted: Mapping[Owner, float], parts: Mapping[str, Component]
+) -> dict[Owner, float]:
     """The same with equal components refined alike, so that one superelement serves them all."""
     return {
-        (other, kind): min(ratio for (name, same), ratio in wanted.items() if same == kind and are_twins(parts[name], parts[other]))
+        (other, kind): min(
+            ratio
+            for (name, same), ratio in wanted.items()
+            if same == kind and are_twins(parts[name], parts[other])
+        )
         for owner, kind in wanted
         for other in parts
         if is_chosen(parts[other]) and are_twins(parts[owner], parts[other])
@@ -158,19 +201,36 @@ def _remember(
     for name, part in parts.items():
         twins = [other for other in parts if are_twins(part, parts[other])]
         largest, largest_counted = (
-            max((quantity.parts.get((other, DISCRETISATION), 0.0) for quantity in quantities for other in twins), default=0.0)
+            max(
+                (
+                    quantity.parts.get((other, DISCRETISATION), 0.0)
+                    for quantity in quantities
+                    for other in twins
+                ),
+                default=0.0,
+            )
             for quantities in (estimated, counted)
         )
         known = trials.get(name, ())
-        if part.mesh.size is not None and largest > 0.0 and (not known or known[-1].size != part.mesh.size):
+        if (
+            part.mesh.size is not None
+            and largest > 0.0
+            and (not known or known[-1].size != part.mesh.size)
+        ):
             longer[name] = (*known, Trial(part.mesh.size, largest, largest_counted))
     return longer
 
 
-def _rigid_candidates(state: RunState, parts: Mapping[str, Component], accuracy: float) -> dict[str, float]:
-    """Components so stiff beside the rest that taking them as rigid costs a small part of the accuracy."""
+def _rigid_candidates(
+    state: RunState, parts: Mapping[str, Component], accuracy: float
+) -> dict[str, float]:
+    """Components so stiff beside the rest that taking them as rigid costs a small part of the
+    accuracy.
+    """
     shares = elastic_shares(state)
-    chosen = sorted((shares.get(name, 0.0), name) for name, part in parts.items() if is_chosen(part))
+    chosen = sorted(
+        (shares.get(name, 0.0), name) for name, part in parts.items() if is_chosen(part)
+    )
     found: dict[str, float] = {}
     for share, name in chosen:
         cost = share / (1.0 - share) if share < 1.0 else np.inf
@@ -180,12 +240,17 @@ def _rigid_candidates(state: RunState, parts: Mapping[str, Component], accuracy:
 
 
 def _highest_found(state: RunState) -> float:
-    return max((float(modes.frequencies_hz[-1]) for modes in state.modal if len(modes.frequencies_hz)), default=0.0)
+    return max(
+        (float(modes.frequencies_hz[-1]) for modes in state.modal if len(modes.frequencies_hz)),
+        default=0.0,
+    )
 
 
 def replace_components(scene: Scene, components: Mapping[str, Component]) -> Scene:
     """The scene with other components."""
-    return dataclasses.replace(scene, machine=dataclasses.replace(scene.machine, components=dict(components)))
+    return dataclasses.replace(
+        scene, machine=dataclasses.replace(scene.machine, components=dict(components))
+    )
 
 
 def describe_settings(component: Component) -> str:
@@ -196,8 +261,14 @@ def describe_settings(component: Component) -> str:
     if isinstance(component.solid, MeshFile):
         size = "mesh of the file"
     else:
-        patches = "" if mesh.across_patches == MeshSettings().across_patches else f", {mesh.across_patches} across patches"
+        patches = (
+            ""
+            if mesh.across_patches == MeshSettings().across_patches
+            else f", {mesh.across_patches} across patches"
+        )
         rims = "" if mesh.rim_size is None else f", {1e3 * mesh.rim_size:.3g} mm at rims"
         growth = "" if mesh.growth is None else f", growth {mesh.growth:g}"
         size = f"{mesh.cells} {1e3 * (mesh.size or 0.0):.3g} mm{patches}{rims}{growth}"
-    return size if settings.modes_to_hz is None else f"{size}, modes to {settings.modes_to_hz:.3g} Hz"
+    return (
+        size if settings.modes_to_hz is None else f"{size}, modes to {settings.modes_to_hz:.3g} Hz"
+    )

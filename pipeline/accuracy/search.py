@@ -1,13 +1,20 @@
-"""The search for the cheapest settings of a stated accuracy: start cheap, refine what owns the largest error, reuse the rest.
+"""The search for the cheapest settings of a stated accuracy: start cheap, refine what owns the
+largest error, reuse the rest.
 
-The plan of its first round says beforehand what a scene with an accuracy calls for, as far as that is known.
+The plan of its first round says beforehand what a scene with an accuracy calls for, as far as that
+is known.
 """
 
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from headstock.pipeline.accuracy.rounds import History, describe_settings, judge_round, replace_components
+from headstock.pipeline.accuracy.rounds import (
+    History,
+    describe_settings,
+    judge_round,
+    replace_components,
+)
 from headstock.pipeline.accuracy.settings import (
     COARSE_ACCURACY,
     are_twins,
@@ -48,17 +55,23 @@ class AccuracySearch:
 
 
 def start_scene(scene: Scene) -> Scene:
-    """A scene with the settings that a search for its accuracy begins with, and the analyses that errors are estimated of."""
+    """A scene with the settings that a search for its accuracy begins with, and the analyses that
+    errors are estimated of.
+    """
     return _start_scene(scene, _goal(scene).to)
 
 
 def _start_scene(scene: Scene, accuracy: float) -> Scene:
-    """Where one body makes all of the error, its mesh begins as fine as the accuracy asks; among several most need it coarse."""
+    """Where one body makes all of the error, its mesh begins as fine as the accuracy asks; among
+    several most need it coarse.
+    """
     analyses, modes_to = _round_analyses(scene.analyses), _modes_to(scene.analyses, _goal(scene).to)
     chosen = [part for part in scene.machine.components.values() if is_chosen(part)]
     one = all(are_twins(chosen[0], part) for part in chosen)
     components = {
-        name: start_component(part, accuracy if one else max(accuracy, COARSE_ACCURACY), modes_to) if is_chosen(part) else part
+        name: start_component(part, accuracy if one else max(accuracy, COARSE_ACCURACY), modes_to)
+        if is_chosen(part)
+        else part
         for name, part in scene.machine.components.items()
     }
     return replace_components(dataclasses.replace(scene, analyses=analyses), components)
@@ -108,7 +121,9 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
     answer, last = AccuracyAnswer(goal.to, tuple(rounds), settings, failure), rounds[-1]
     if failure:
         failure = f"the accuracy of {100.0 * goal.to:g} % is not reached; best: {last.quantity} within {show_share(last.error)}: {failure}"
-    return AccuracySearch(dataclasses.replace(current, analyses=scene.analyses), state, answer, failure)
+    return AccuracySearch(
+        dataclasses.replace(current, analyses=scene.analyses), state, answer, failure
+    )
 
 
 def plan_start(scene: Scene) -> tuple[Scene, Plan]:
@@ -126,7 +141,9 @@ def plan_start(scene: Scene) -> tuple[Scene, Plan]:
 
 
 def _round_analyses(analyses: Analyses) -> Analyses:
-    """The analyses that say how far off a machine is: statics, and modes as far up as any analysis looks."""
+    """The analyses that say how far off a machine is: statics, and modes as far up as any analysis
+    looks.
+    """
     modal, frf = analyses.modal, analyses.frf
     if modal is None and frf is not None:
         modal = ModalRequest(up_to_hz=frf.to_hz, poses=frf.poses)
@@ -134,9 +151,13 @@ def _round_analyses(analyses: Analyses) -> Analyses:
 
 
 def _modes_to(analyses: Analyses, accuracy: float) -> float | None:
-    """Up to where modes are kept at first; None where frequencies are counted, so that nothing is known of their height yet."""
+    """Up to where modes are kept at first; None where frequencies are counted, so that nothing is
+    known of their height yet.
+    """
     modal, frf = analyses.modal, analyses.frf
-    reaches = [] if modal is None or modal.up_to_hz is None else [mode_margin(accuracy) * modal.up_to_hz]
+    reaches = (
+        [] if modal is None or modal.up_to_hz is None else [mode_margin(accuracy) * modal.up_to_hz]
+    )
     reaches += [] if frf is None else [FRF_MARGIN * frf.to_hz]
     return max(reaches, default=None)
 

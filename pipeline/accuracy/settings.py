@@ -1,4 +1,6 @@
-"""Mesh and modes of a component for a stated accuracy: the settings to start with, and finer ones."""
+"""Mesh and modes of a component for a stated accuracy: the settings to start with, and finer
+ones.
+"""
 
 import dataclasses
 import math
@@ -6,35 +8,57 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.parts.components import CellShape, Component, MeshSettings, ReductionSettings
+from headstock.geometry.parts.components import (
+    CellShape,
+    Component,
+    MeshSettings,
+    ReductionSettings,
+)
 from headstock.geometry.parts.mass_properties import solid_volume
 from headstock.geometry.parts.solids import Box, MeshFile, StepFile, SuperelementFile
 from headstock.meshing.components.meshing import automatic_size, count_hexes
-from headstock.meshing.sizing import DEFAULT_CELLS, SIZE_STEP, estimate_tets, largest_extent, thinnest_feature
+from headstock.meshing.sizing import (
+    DEFAULT_CELLS,
+    SIZE_STEP,
+    estimate_tets,
+    largest_extent,
+    thinnest_feature,
+)
 
-# Just below the thickness: two hexes across, of which recovery sees the error of torsion (one hex across: a quarter of it).
+# Just below the thickness: two hexes across, of which recovery sees the error of torsion (one hex
+# across: a quarter of it).
 START_SHARE = 0.95
-START_ACCURACY = 0.01  # that this and COARSER_THAN_RULE may reach; more is asked of finer meshes at once
+START_ACCURACY = (
+    0.01  # that this and COARSER_THAN_RULE may reach; more is asked of finer meshes at once
+)
 COARSE_ACCURACY = 0.03
 FEWEST_ALONG = 3
 MOST_ACROSS = 40
 PATCHES_ADD = 2.0  # hexes that patches may add by their grid lines before tetrahedra pay
 COARSER_THAN_RULE = 3.0
-# a column with two rigid faces: 0.6 % off with modes up to 3 times the wanted range, 1.5 % with 2 times (`validate reduction`)
+# a column with two rigid faces: 0.6 % off with modes up to 3 times the wanted range, 1.5 % with 2
+# times (`validate reduction`)
 MODE_MARGIN, MODE_ERROR, MODE_RATE = 3.0, 0.006, 2.3
 REDUCTION_SHARE = 0.25  # of the accuracy, left to the modes
-# errors fall like size^2 between smooth fields (4) and the rims of rigid interfaces in blocks of hexes (about 1)
+# errors fall like size^2 between smooth fields (4) and the rims of rigid interfaces in blocks of
+# hexes (about 1)
 DEFAULT_RATE, SLOWEST_RATE, FASTEST_RATE = 2.2, 0.8, 4.0
 FILE_RATE = 1.5  # CAD parts have sharp inner edges all over
-LEAST_STEP, LARGEST_STEP = 0.85, 0.6  # five times the dofs: where errors fall slowly, more would overshoot
-# Tets grow from the rims of patches and of rigid interfaces. Next to a rim stresses grow without limit, and errors fall like the first
-# or second power of the size there, which falls faster than the size elsewhere; grading makes that cheap.
+LEAST_STEP, LARGEST_STEP = (
+    0.85,
+    0.6,
+)  # five times the dofs: where errors fall slowly, more would overshoot
+# Tets grow from the rims of patches and of rigid interfaces. Next to a rim stresses grow without
+# limit, and errors fall like the first or second power of the size there, which falls faster than
+# the size elsewhere; grading makes that cheap.
 LEAST_GROWTH, RIM_POWER = 0.25, 1.5
 
 
 @dataclass(frozen=True)
 class Grading:
-    """Elements across imprints, growth from rims, and size at the rims of rigid interfaces as a share of the size elsewhere."""
+    """Elements across imprints, growth from rims, and size at the rims of rigid interfaces as a
+    share of the size elsewhere.
+    """
 
     across: int
     growth: float
@@ -46,7 +70,9 @@ COARSE_GRADING, START_GRADING = Grading(6, 0.5, 0.3), Grading(12, 0.35, 0.2)
 
 @dataclass(frozen=True)
 class Trial:
-    """A mesh size that was tried [m] and the largest relative error that it owned, as estimated and as counted."""
+    """A mesh size that was tried [m] and the largest relative error that it owned, as estimated and
+    as counted.
+    """
 
     size: float
     error: float
@@ -69,12 +95,18 @@ def start_component(component: Component, accuracy: float, modes_to_hz: float | 
     reduction = ReductionSettings(modes_to_hz=modes_to_hz, verify=component.reduction.verify)
     if isinstance(component.solid, MeshFile):
         return dataclasses.replace(component, reduction=reduction)
-    return dataclasses.replace(component, reduction=reduction, mesh=_start_mesh(component, accuracy))
+    return dataclasses.replace(
+        component, reduction=reduction, mesh=_start_mesh(component, accuracy)
+    )
 
 
 def mode_margin(accuracy: float) -> float:
-    """How many times the highest frequency wanted the modes must reach so that they take their share of the error."""
-    return MODE_MARGIN * max(1.0, math.pow(MODE_ERROR / (REDUCTION_SHARE * accuracy), 1.0 / MODE_RATE))
+    """How many times the highest frequency wanted the modes must reach so that they take their
+    share of the error.
+    """
+    return MODE_MARGIN * max(
+        1.0, math.pow(MODE_ERROR / (REDUCTION_SHARE * accuracy), 1.0 / MODE_RATE)
+    )
 
 
 def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]) -> Component:
@@ -83,36 +115,53 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
     Args:
         component: Elastic, with a mesh size.
         ratio: Error wanted over the present one [-]; below one refines.
-        trials: Its meshes so far, from which the rate is observed; the expected rate where they are few.
+        trials: Its meshes so far, from which the rate is observed; the expected rate where they are
+            few.
     """
     mesh = component.mesh
     if mesh.size is None:
         raise ValueError("a mesh without a size cannot be refined")
-    step = float(np.clip(ratio ** (1.0 / observed_rate(trials, _expected_rate(component))), LARGEST_STEP, LEAST_STEP))
+    step = float(
+        np.clip(
+            ratio ** (1.0 / observed_rate(trials, _expected_rate(component))),
+            LARGEST_STEP,
+            LEAST_STEP,
+        )
+    )
     return dataclasses.replace(component, mesh=_shrink(component, mesh, step))
 
 
 def _shrink(component: Component, mesh: MeshSettings, step: float) -> MeshSettings:
-    """A mesh with sizes that are so many times what they are, and that much finer where stresses are singular."""
+    """A mesh with sizes that are so many times what they are, and that much finer where stresses
+    are singular.
+    """
     finer = dataclasses.replace(
-        mesh, size=_round(step * (mesh.size or 0.0)), across_patches=_shrink_imprints(component, mesh, step)
+        mesh,
+        size=_round(step * (mesh.size or 0.0)),
+        across_patches=_shrink_imprints(component, mesh, step),
     )
     if mesh.growth is not None:
-        finer = dataclasses.replace(finer, growth=_round(max(LEAST_GROWTH, np.sqrt(step) * mesh.growth)))
+        finer = dataclasses.replace(
+            finer, growth=_round(max(LEAST_GROWTH, np.sqrt(step) * mesh.growth))
+        )
     if mesh.rim_size is not None:
         finer = dataclasses.replace(finer, rim_size=_round(step**RIM_POWER * mesh.rim_size))
     return finer
 
 
 def _shrink_imprints(component: Component, mesh: MeshSettings, step: float) -> int:
-    """Elements at imprints do not follow the size; those of a block of hexes do where they are as large."""
+    """Elements at imprints do not follow the size; those of a block of hexes do where they are as
+    large.
+    """
     narrowest = _narrowest_patch(component)
     if not np.isfinite(narrowest) or (mesh.growth is None and narrowest >= (mesh.size or 0.0)):
         return mesh.across_patches
     return min(MOST_ACROSS, math.ceil(mesh.across_patches / step))
 
 
-def refine_modes(component: Component, *, ratio: float, cutoff_hz: float, highest_hz: float) -> Component:
+def refine_modes(
+    component: Component, *, ratio: float, cutoff_hz: float, highest_hz: float
+) -> Component:
     """The component with modes up to where their error should be so many times what it is.
 
     Args:
@@ -123,12 +172,15 @@ def refine_modes(component: Component, *, ratio: float, cutoff_hz: float, highes
     """
     factor = min(4.0, max(1.3, (1.0 / ratio) ** (1.0 / MODE_RATE))) if ratio > 0.0 else 2.0
     reach = max(factor * cutoff_hz, MODE_MARGIN * highest_hz)
-    settings = ReductionSettings(modes_to_hz=float(f"{reach:.3g}"), verify=component.reduction.verify)
+    settings = ReductionSettings(
+        modes_to_hz=float(f"{reach:.3g}"), verify=component.reduction.verify
+    )
     return dataclasses.replace(component, reduction=settings)
 
 
 def observed_rate(trials: tuple[Trial, ...], expected: float = DEFAULT_RATE) -> float:
-    """Power of the mesh size with which the error of the last two trials fell; what is expected of the first one alone.
+    """Power of the mesh size with which the error of the last two trials fell; what is expected of
+    the first one alone.
 
     Where numbers settle faster than their estimates fall, they are believed up to what is expected.
     """
@@ -154,7 +206,11 @@ def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
     solid = component.solid
     step = min(1.0, (accuracy / START_ACCURACY) ** (1.0 / _expected_rate(component)))
     if isinstance(solid, StepFile):
-        return _shrink(component, _grade(component, _round(COARSER_THAN_RULE * automatic_size(component)), accuracy), step)
+        return _shrink(
+            component,
+            _grade(component, _round(COARSER_THAN_RULE * automatic_size(component)), accuracy),
+            step,
+        )
     if isinstance(solid, MeshFile | SuperelementFile):
         raise ValueError("the mesh of a file is not ours to choose")
     thinnest = thinnest_feature(solid)
@@ -162,7 +218,11 @@ def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
     while step < 1.0 and estimate_tets(solid_volume(solid), thinnest, step * size) > DEFAULT_CELLS:
         step = min(1.0, SIZE_STEP * step)
     cells = _choose_cells(component, size)
-    return _shrink(component, MeshSettings(size, cells=cells) if cells == "hex" else _grade(component, size, accuracy), step)
+    return _shrink(
+        component,
+        MeshSettings(size, cells=cells) if cells == "hex" else _grade(component, size, accuracy),
+        step,
+    )
 
 
 def _grade(component: Component, size: float, accuracy: float) -> MeshSettings:
@@ -177,7 +237,9 @@ def _grade(component: Component, size: float, accuracy: float) -> MeshSettings:
 
 
 def _choose_cells(component: Component, size: float) -> CellShape:
-    """Hexes are cheaper at the same error where patches are not small and do not fill the block with grid lines."""
+    """Hexes are cheaper at the same error where patches are not small and do not fill the block
+    with grid lines.
+    """
     solid = component.solid
     patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
     round_ones = any(patch.shape == "disk" for patch in patches)
@@ -203,5 +265,10 @@ def _round(value: float) -> float:
 
 
 def are_twins(first: Component, second: Component) -> bool:
-    """Whether two components are equal but for their name and place, so that the store serves one with the superelement of the other."""
-    return all(getattr(first, name) == getattr(second, name) for name in ("solid", "material", "interfaces", "mass", "fidelity"))
+    """Whether two components are equal but for their name and place, so that the store serves one
+    with the superelement of the other.
+    """
+    return all(
+        getattr(first, name) == getattr(second, name)
+        for name in ("solid", "material", "interfaces", "mass", "fidelity")
+    )

@@ -1,1 +1,3 @@
-"""The plan of a run, its cost in dofs, memory and time, and what the machine has of them. Never the work itself."""
+"""The plan of a run, its cost in dofs, memory and time, and what the machine has of them. Never the
+work itself.
+"""

@@ -1,4 +1,6 @@
-"""Estimates of dofs, memory and time before anything is computed, checked against the limits of the scene and the machine."""
+"""Estimates of dofs, memory and time before anything is computed, checked against the limits of the
+scene and the machine.
+"""
 
 import os
 from collections.abc import Sequence
@@ -8,16 +10,24 @@ from headstock.geometry.parts.components import Component, MeshSettings, weigh_m
 from headstock.meshing.sizing import CELL_BUDGET
 from headstock.pipeline.planning.plan import Stage
 
-# Nodes per cell of an endless mesh, and how much its surface adds: 1 + share / cells^(1/3); measured on blocks, within a quarter.
-NODES_PER_CELL = {("tet", 1): (0.18, 7.0), ("tet", 2): (1.38, 4.7), ("hex", 1): (1.0, 2.4), ("hex", 2): (8.0, 2.4)}
-# Measured on steel blocks of 20k to 1M dofs with one MUMPS factorisation and 32 reduced dofs: 0.26, 1.2, 4.0, 17.7 GB.
+# Nodes per cell of an endless mesh, and how much its surface adds: 1 + share / cells^(1/3);
+# measured on blocks, within a quarter.
+NODES_PER_CELL = {
+    ("tet", 1): (0.18, 7.0),
+    ("tet", 2): (1.38, 4.7),
+    ("hex", 1): (1.0, 2.4),
+    ("hex", 2): (8.0, 2.4),
+}
+# Measured on steel blocks of 20k to 1M dofs with one MUMPS factorisation and 32 reduced dofs: 0.26,
+# 1.2, 4.0, 17.7 GB.
 REFERENCE_DOFS = 100_000
 REFERENCE_MB = 1100.0
 MEMORY_EXPONENT = 1.2
 BASE_MB = 130.0
 COPIES_OF_BASIS = 2
-# CPU seconds of assembly, factorisation and errors at 100k dofs, and per dof and reduced dof, on one core of a virtual AMD EPYC: the
-# shipped scenes (11k to 223k dofs, 14 to 236 reduced ones, tets and hexes) took 0.7 to 1.4 times as long (benchmarks/plan.py)
+# CPU seconds of assembly, factorisation and errors at 100k dofs, and per dof and reduced dof, on
+# one core of a virtual AMD EPYC: the shipped scenes (11k to 223k dofs, 14 to 236 reduced ones, tets
+# and hexes) took 0.7 to 1.4 times as long (benchmarks/plan.py)
 REFERENCE_SECONDS = 4.2
 SECONDS_EXPONENT = 1.4
 SECONDS_PER_ENTRY = 6e-7
@@ -39,7 +49,8 @@ STEPS_PER_SECOND = 3e4  # of a contour
 POSES_PER_SECOND = 7e3  # of a map
 MOST_GUESSED_MODES = 300
 STATION_DOFS = 4
-# estimates are refused only where they exceed the limit by more than their own error; the run itself stops at the limit
+# estimates are refused only where they exceed the limit by more than their own error; the run
+# itself stops at the limit
 TIME_MARGIN = 2.0
 
 
@@ -59,7 +70,9 @@ def mesh_memory_mb(dofs: int) -> float:
 
 
 def reduction_memory_mb(dofs: int, component: Component) -> float:
-    """Peak memory of assembly, factorisation and reduction [MB]; grows like ``n^1.2`` with a sparse direct solver in 3D."""
+    """Peak memory of assembly, factorisation and reduction [MB]; grows like ``n^1.2`` with a sparse
+    direct solver in 3D.
+    """
     vectors = _vector_count(component)
     factor = REFERENCE_MB * float((dofs / REFERENCE_DOFS) ** MEMORY_EXPONENT)
     return BASE_MB + factor + COPIES_OF_BASIS * 8e-6 * dofs * vectors
@@ -79,12 +92,19 @@ def reduction_seconds(dofs: int, component: Component, volume: float | None = No
         volume: Of the component [m^3], to guess how many modes lie below a frequency.
     """
     reduced = _boundary_dofs(component) + _guess_modes(component, volume)
-    return REFERENCE_SECONDS * float((dofs / REFERENCE_DOFS) ** SECONDS_EXPONENT) + SECONDS_PER_ENTRY * dofs * reduced
+    return (
+        REFERENCE_SECONDS * float((dofs / REFERENCE_DOFS) ** SECONDS_EXPONENT)
+        + SECONDS_PER_ENTRY * dofs * reduced
+    )
 
 
 def _boundary_dofs(component: Component) -> int:
-    rails = [interface.rail for interface in component.interfaces.values() if interface.rail is not None]
-    return 6 * (len(component.interfaces) - len(rails)) + STATION_DOFS * sum(rail.stations for rail in rails)
+    rails = [
+        interface.rail for interface in component.interfaces.values() if interface.rail is not None
+    ]
+    return 6 * (len(component.interfaces) - len(rails)) + STATION_DOFS * sum(
+        rail.stations for rail in rails
+    )
 
 
 def _guess_modes(component: Component, volume: float | None) -> int:
@@ -95,8 +115,14 @@ def _guess_modes(component: Component, volume: float | None) -> int:
     if volume is None or not material.density > 0.0:
         return 0
     # bodies longer than thick have more low modes than their volume says: as many again, and a few
-    bulk = volume * settings.modes_to_hz**3 * weigh_modes(material.youngs_modulus, material.poisson_ratio, material.density)
-    return int(min(2.0 * bulk + 4.0, MOST_GUESSED_MODES if settings.modes is None else settings.modes))
+    bulk = (
+        volume
+        * settings.modes_to_hz**3
+        * weigh_modes(material.youngs_modulus, material.poisson_ratio, material.density)
+    )
+    return int(
+        min(2.0 * bulk + 4.0, MOST_GUESSED_MODES if settings.modes is None else settings.modes)
+    )
 
 
 def check_cells(component: Component, cells: int, limit: int | None) -> None:
@@ -177,6 +203,10 @@ def physical_memory_bytes() -> float:
 
 
 def _vector_count(component: Component) -> int:
-    """Boundary dofs and modes that are certain; how many modes lie below a frequency nobody knows beforehand."""
+    """Boundary dofs and modes that are certain; how many modes lie below a frequency nobody knows
+    beforehand.
+    """
     settings = component.reduction
-    return 6 * len(component.interfaces) + (settings.modes or 0 if settings.modes_to_hz is None else 0)
+    return 6 * len(component.interfaces) + (
+        settings.modes or 0 if settings.modes_to_hz is None else 0
+    )

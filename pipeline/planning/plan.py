@@ -34,11 +34,13 @@ class Stage:
     """One step of a run.
 
     Attributes:
-        kind: ``mesh`` and ``reduce`` an elastic component, ``refine`` its settings for an accuracy, make a ``rigid`` one from its
-            mass properties, ``segment`` one into a row of rigid bodies, ``load`` an imported superelement, ``couple`` the machine
-            in a pose, ``place`` a lumped mechanism in one, ``map`` it over many, ``contour`` a block with it, ``static``
-            analysis, ``recover`` the response at probes, ``modal`` analysis, ``spread`` of its frequencies with the kind of
-            interfaces, ``frf`` frequency response, ``path`` deviation from a line, ``control`` closed loops of drives, ``write`` the results.
+        kind: ``mesh`` and ``reduce`` an elastic component, ``refine`` its settings for an accuracy,
+            make a ``rigid`` one from its mass properties, ``segment`` one into a row of rigid
+            bodies, ``load`` an imported superelement, ``couple`` the machine in a pose, ``place`` a
+            lumped mechanism in one, ``map`` it over many, ``contour`` a block with it, ``static``
+            analysis, ``recover`` the response at probes, ``modal`` analysis, ``spread`` of its
+            frequencies with the kind of interfaces, ``frf`` frequency response, ``path`` deviation
+            from a line, ``control`` closed loops of drives, ``write`` the results.
         component: The component it works on; None for the machine.
         reason: Why the scene calls for it, in plain words.
         pose: The pose it works in; None for components.
@@ -85,7 +87,8 @@ class StageRecord:
         stage: As planned.
         seconds: Wall-clock time [s].
         cached: Its result came from the store.
-        peak_rss_mb: Peak resident memory while it ran, of rank 0 or of the child process it started [MB].
+        peak_rss_mb: Peak resident memory while it ran, of rank 0 or of the child process it started
+            [MB].
         detail: What came out, in a few words, for the console.
         cpu_seconds: Processor time of all threads and of children that have ended [s].
     """

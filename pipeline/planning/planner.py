@@ -1,8 +1,9 @@
 """From a scene to the stages it calls for, each with its reason; no other stage is ever run.
 
-Rules: a rigid component is never meshed; a static analysis needs constraint modes and no eigenpairs; mass is assembled only when a
-dynamic analysis or gravity asks for it; fixed-interface modes are kept as far as the scene says, else up to ``MODE_MARGIN`` times
-the highest wanted frequency (``FRF_MARGIN`` times that of a frequency response), else ``default_mode_count`` of them.
+Rules: a rigid component is never meshed; a static analysis needs constraint modes and no
+eigenpairs; mass is assembled only when a dynamic analysis or gravity asks for it; fixed-interface
+modes are kept as far as the scene says, else up to ``MODE_MARGIN`` times the highest wanted
+frequency (``FRF_MARGIN`` times that of a frequency response), else ``default_mode_count`` of them.
 """
 
 import dataclasses
@@ -39,11 +40,13 @@ from headstock.scene.requests import (
 )
 from headstock.scene.scene import Scene
 
-# Craig-Bampton frequencies of a column with two rigid faces are right within 0.6 % when modes reach 3 times the wanted range
-# (1.5 % at 2 times): Craig and Bampton (1968), checked by `validate reduction`.
+# Craig-Bampton frequencies of a column with two rigid faces are right within 0.6 % when modes reach
+# 3 times the wanted range (1.5 % at 2 times): Craig and Bampton (1968), checked by `validate
+# reduction`.
 MODE_MARGIN = 3.0
-# Beside a resonance a response is far more sensitive: 12 times keep it within 1 % of the whole model up to 1.5 times the highest
-# frequency, 3 times miss up to 6 % (`validate frequency_response`, a column with two rigid faces, loss factor 4 %).
+# Beside a resonance a response is far more sensitive: 12 times keep it within 1 % of the whole
+# model up to 1.5 times the highest frequency, 3 times miss up to 6 % (`validate
+# frequency_response`, a column with two rigid faces, loss factor 4 %).
 FRF_MARGIN = 12.0
 EXACT_MARGIN = 1.5
 FEWEST_DEFAULT_MODES = 20
@@ -53,7 +56,9 @@ GRAVITY = "gravity"
 
 
 def has_choice(component: Component) -> bool:
-    """Whether the coupling of an interface of this component is a choice: it is meshed, and not all its interfaces are rails."""
+    """Whether the coupling of an interface of this component is a choice: it is meshed, and not all
+    its interfaces are rails.
+    """
     meshed = component.fidelity == "elastic" and not isinstance(component.solid, SuperelementFile)
     return meshed and any(interface.rail is None for interface in component.interfaces.values())
 
@@ -61,25 +66,32 @@ def has_choice(component: Component) -> bool:
 def recouple(component: Component, kind: CouplingKind) -> Component:
     """The component with one kind of coupling at all its fixed interfaces."""
     interfaces = {
-        name: interface if interface.rail is not None else dataclasses.replace(interface, coupling=kind)
+        name: interface
+        if interface.rail is not None
+        else dataclasses.replace(interface, coupling=kind)
         for name, interface in component.interfaces.items()
     }
     return dataclasses.replace(component, interfaces=interfaces)
 
 
 def default_mode_count(wanted: int) -> int:
-    """Fixed-interface modes kept per component when so many machine frequencies are wanted and no frequency is named."""
+    """Fixed-interface modes kept per component when so many machine frequencies are wanted and no
+    frequency is named.
+    """
     return max(FEWEST_DEFAULT_MODES, 2 * wanted + 8)
 
 
-def plan_scene(scene: Scene, *, survey: bool = False, before_survey: Callable[[str], None] | None = None) -> Plan:
+def plan_scene(
+    scene: Scene, *, survey: bool = False, before_survey: Callable[[str], None] | None = None
+) -> Plan:
     """The stages a scene calls for, in the order in which they run.
 
     Args:
         scene: What to plan.
-        survey: Mesh the surfaces of imprinted and curved parts to count their dofs, which takes a second or a few each; otherwise
-            they are counted by rules of thumb.
-        before_survey: Called with the name of each component whose surface is meshed; equal components are surveyed once.
+        survey: Mesh the surfaces of imprinted and curved parts to count their dofs, which takes a
+            second or a few each; otherwise they are counted by rules of thumb.
+        before_survey: Called with the name of each component whose surface is meshed; equal
+            components are surveyed once.
 
     Raises:
         BudgetError: A mesh or a stage would be larger than allowed.
@@ -91,29 +103,47 @@ def plan_scene(scene: Scene, *, survey: bool = False, before_survey: Callable[[s
     supports, loads = tuple(scene.machine.supports.values()), tuple(scene.machine.loads.values())
     for name, component in scene.machine.components.items():
         settings, reason = choose_reduction(component, scene.analyses)
-        components[name] = dataclasses.replace(component, reduction=settings, fidelity=_fidelity(component, scene))
+        components[name] = dataclasses.replace(
+            component, reduction=settings, fidelity=_fidelity(component, scene)
+        )
         elastic = components[name]
         estimate = None
-        if elastic.fidelity == "elastic" and not isinstance(elastic.solid, MeshFile | SuperelementFile):
+        if elastic.fidelity == "elastic" and not isinstance(
+            elastic.solid, MeshFile | SuperelementFile
+        ):
             before = None if before_survey is None else functools.partial(before_survey, name)
-            estimate = estimate_mesh(elastic, supports, loads, survey=survey, known=surveys, before_survey=before)
+            estimate = estimate_mesh(
+                elastic, supports, loads, survey=survey, known=surveys, before_survey=before
+            )
         stages += _component_stages(elastic, reason, scene, estimate)
     poses = choose_poses(scene)
     for pose in poses.values():
         stages += [
-            dataclasses.replace(stage, estimated_seconds=STAGE_SECONDS.get(stage.kind)) for stage in _pose_stages(pose, scene)
+            dataclasses.replace(stage, estimated_seconds=STAGE_SECONDS.get(stage.kind))
+            for stage in _pose_stages(pose, scene)
         ]
     stages += _spread_stages(components, scene.analyses.modal)
     if scene.analyses.map is not None:
         count = math.prod(len(values) for _, values in scene.analyses.map.axes)
-        stages.append(Stage("map", None, scene.analyses.map.describe(), estimated_seconds=count / POSES_PER_SECOND))
+        stages.append(
+            Stage(
+                "map",
+                None,
+                scene.analyses.map.describe(),
+                estimated_seconds=count / POSES_PER_SECOND,
+            )
+        )
     if scene.analyses.contouring is not None:
         steps = contour_steps(scene.analyses.contouring)
         what = scene.analyses.contouring.describe()
         stages.append(Stage("contour", None, what, estimated_seconds=steps / STEPS_PER_SECOND))
     if scene.analyses.path is not None:
         stages.append(Stage("path", None, scene.analyses.path.describe()))
-    stages.append(Stage("write", None, "results.h5 and summary.json", estimated_seconds=STAGE_SECONDS["write"]))
+    stages.append(
+        Stage(
+            "write", None, "results.h5 and summary.json", estimated_seconds=STAGE_SECONDS["write"]
+        )
+    )
     check_memory(stages, scene.limits.memory_bytes)
     check_time(stages, scene.limits.time_s)
     return Plan(
@@ -130,13 +160,25 @@ def _spread_stages(components: Mapping[str, Component], modal: ModalRequest | No
     chosen = [name for name, component in components.items() if has_choice(component)]
     if modal is None or not modal.spread or not chosen:
         return []
-    return [Stage("spread", None, f"frequencies with rigid and with averaging interfaces on {', '.join(chosen)}")]
+    return [
+        Stage(
+            "spread",
+            None,
+            f"frequencies with rigid and with averaging interfaces on {', '.join(chosen)}",
+        )
+    ]
 
 
 def _spread_warnings(components: Mapping[str, Component], modal: ModalRequest | None) -> list[str]:
-    if modal is None or not modal.spread or any(has_choice(component) for component in components.values()):
+    if (
+        modal is None
+        or not modal.spread
+        or any(has_choice(component) for component in components.values())
+    ):
         return []
-    return ["modal.spread has nothing to vary: no component is elastic and has an interface that is no rail"]
+    return [
+        "modal.spread has nothing to vary: no component is elastic and has an interface that is no rail"
+    ]
 
 
 def choose_reduction(component: Component, analyses: Analyses) -> tuple[ReductionSettings, str]:
@@ -152,9 +194,12 @@ def choose_reduction(component: Component, analyses: Analyses) -> tuple[Reductio
     if reaches:
         what = max(reaches, key=lambda name: math.prod(reaches[name]))
         reach, margin = reaches[what]
-        # without interfaces modes are those of the component itself, and a margin only serves the estimate of their errors
+        # without interfaces modes are those of the component itself, and a margin only serves the
+        # estimate of their errors
         limit = reach * (margin if component.interfaces else EXACT_MARGIN)
-        settings = ReductionSettings(modes_to_hz=limit, modes=MOST_DEFAULT_MODES, verify=asked.verify)
+        settings = ReductionSettings(
+            modes_to_hz=limit, modes=MOST_DEFAULT_MODES, verify=asked.verify
+        )
         text = f"fixed-interface modes up to {limit:g} Hz, {MOST_DEFAULT_MODES} at most"
         return settings, f"{what} up to {reach:g} Hz: {text}"
     wanted = (modal.count if modal is not None else None) or 0
@@ -165,17 +210,24 @@ def choose_reduction(component: Component, analyses: Analyses) -> tuple[Reductio
 
 
 def path_band(request: PathRequest) -> float:
-    """How high a path analysis looks [Hz]: to its low-pass, or as far as its samples tell frequencies apart."""
+    """How high a path analysis looks [Hz]: to its low-pass, or as far as its samples tell
+    frequencies apart.
+    """
     return 0.5 * request.sampling_hz if request.low_pass is None else request.low_pass.frequency_hz
 
 
 def is_dynamic(analyses: Analyses) -> bool:
     """Whether an analysis needs mass and fixed-interface modes."""
-    return any(request is not None for request in (analyses.modal, analyses.frf, analyses.path, analyses.control))
+    return any(
+        request is not None
+        for request in (analyses.modal, analyses.frf, analyses.path, analyses.control)
+    )
 
 
 def _reaches(analyses: Analyses) -> dict[str, tuple[float, float]]:
-    """How high each analysis looks [Hz], and how many times that the modes must reach; a count of frequencies says nothing."""
+    """How high each analysis looks [Hz], and how many times that the modes must reach; a count of
+    frequencies says nothing.
+    """
     found = {}
     if analyses.modal is not None and analyses.modal.up_to_hz is not None:
         found["modal analysis"] = (analyses.modal.up_to_hz, MODE_MARGIN)
@@ -189,10 +241,20 @@ def _reaches(analyses: Analyses) -> dict[str, tuple[float, float]]:
 
 
 def choose_poses(scene: Scene) -> dict[str, Pose]:
-    """Poses that an analysis asks for, in the scene's order; without an analysis the first, to show that the machine couples."""
+    """Poses that an analysis asks for, in the scene's order; without an analysis the first, to show
+    that the machine couples.
+    """
     analyses = scene.analyses
-    requests = [request for request in (analyses.static, analyses.modal, analyses.frf, analyses.control) if request is not None]
-    asked = {name: pose for name, pose in scene.poses.items() if any(_is_asked(name, request.poses) for request in requests)}
+    requests = [
+        request
+        for request in (analyses.static, analyses.modal, analyses.frf, analyses.control)
+        if request is not None
+    ]
+    asked = {
+        name: pose
+        for name, pose in scene.poses.items()
+        if any(_is_asked(name, request.poses) for request in requests)
+    }
     if asked:
         return asked
     first = next(iter(scene.poses))
@@ -208,7 +270,9 @@ def _is_asked(pose: str, poses: tuple[str, ...]) -> bool:
     return not poses or pose in poses
 
 
-def _component_stages(component: Component, reason: str, scene: Scene, estimate: MeshEstimate | None) -> Sequence[Stage]:
+def _component_stages(
+    component: Component, reason: str, scene: Scene, estimate: MeshEstimate | None
+) -> Sequence[Stage]:
     limits = scene.limits
     name, solid = component.name, component.solid
     if isinstance(solid, SuperelementFile):
@@ -217,31 +281,68 @@ def _component_stages(component: Component, reason: str, scene: Scene, estimate:
         return (Stage("rigid", name, "rigid: mass properties, no mesh", estimated_dofs=6),)
     if component.fidelity == "elastic":
         if isinstance(solid, MeshFile):
-            return (Stage("mesh", name, f"elastic: its mesh is read from {solid.path.name}"), Stage("reduce", name, reason))
+            return (
+                Stage("mesh", name, f"elastic: its mesh is read from {solid.path.name}"),
+                Stage("reduce", name, reason),
+            )
         if estimate is None:
             raise ValueError(f"component {name!r} is meshed, but nobody estimated its mesh")
         check_cells(component, estimate.cells, limits.elements)
-        dofs = 3 * estimate.nodes if estimate.nodes else displacement_dofs(estimate.cells, component.mesh)
-        meshing = Stage("mesh", name, "elastic", None, dofs, mesh_memory_mb(dofs), mesh_seconds(dofs, component.mesh))
-        memory, seconds = reduction_memory_mb(dofs, component), reduction_seconds(dofs, component, estimate.volume)
+        dofs = (
+            3 * estimate.nodes
+            if estimate.nodes
+            else displacement_dofs(estimate.cells, component.mesh)
+        )
+        meshing = Stage(
+            "mesh",
+            name,
+            "elastic",
+            None,
+            dofs,
+            mesh_memory_mb(dofs),
+            mesh_seconds(dofs, component.mesh),
+        )
+        memory, seconds = (
+            reduction_memory_mb(dofs, component),
+            reduction_seconds(dofs, component, estimate.volume),
+        )
         return (meshing, Stage("reduce", name, reason, None, dofs, memory, seconds))
     if component.fidelity == "segmented":
         count = component.segments.count
         what = f"segmented: {count} rigid bodies on beam springs, no mesh"
-        return (Stage("segment", name, what, estimated_dofs=6 * count, estimated_seconds=STAGE_SECONDS["segment"]),)
+        return (
+            Stage(
+                "segment",
+                name,
+                what,
+                estimated_dofs=6 * count,
+                estimated_seconds=STAGE_SECONDS["segment"],
+            ),
+        )
     assert_never(component.fidelity)
 
 
 def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
     static, modal = scene.analyses.static, scene.analyses.modal
     counts = {"component": len(scene.machine.components), "joint": len(scene.machine.joints)}
-    parts = " at ".join(f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items())
+    parts = " at ".join(
+        f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items()
+    )
     if scene.is_lumped:
-        stages = [Stage("place", None, "loops closed in the pose, bodies and springs in its legs", pose=pose.name)]
+        stages = [
+            Stage(
+                "place",
+                None,
+                "loops closed in the pose, bodies and springs in its legs",
+                pose=pose.name,
+            )
+        ]
     else:
         stages = [Stage("couple", None, parts, pose=pose.name)]
     if static is not None and _is_asked(pose.name, static.poses):
-        stages.append(Stage("static", None, f"compliance at {', '.join(static.at)}", pose=pose.name))
+        stages.append(
+            Stage("static", None, f"compliance at {', '.join(static.at)}", pose=pose.name)
+        )
     if static is not None and scene.machine.probes and _is_asked(pose.name, static.poses):
         wanted = f"displacement and stress at {', '.join(scene.machine.probes)}"
         stages.append(Stage("recover", None, wanted, pose=pose.name))

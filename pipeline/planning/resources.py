@@ -36,14 +36,17 @@ print(most)
 
 @dataclass
 class PeakMemory:
-    """Most resident memory of this process while a piece of work went on; None where nobody could look [MB]."""
+    """Most resident memory of this process while a piece of work went on; None where nobody could
+    look [MB].
+    """
 
     megabytes: float | None = None
 
 
 @contextlib.contextmanager
 def watch_memory() -> Iterator[PeakMemory]:
-    """Watch the body of a ``with`` statement; what earlier work left behind is given back to the system before.
+    """Watch the body of a ``with`` statement; what earlier work left behind is given back to the
+    system before.
 
     Child processes are not counted.
     """
@@ -66,7 +69,13 @@ def _give_back() -> None:
 def _start_watcher() -> subprocess.Popen[str] | None:
     command = [sys.executable, "-I", "-S", "-c", WATCHER, str(os.getpid()), str(INTERVAL)]
     try:
-        watcher = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        watcher = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
     except OSError:
         return None
     if watcher.stdout is None or watcher.stdout.readline() != "ready\n":
@@ -112,7 +121,8 @@ def measure() -> Iterator[Cost]:
     finally:
         cost.seconds = time.perf_counter() - start
         cost.cpu_seconds = _cpu_seconds() - cpu_start
-        # children's peak is a maximum over all that ever ran: it says something about this work only when it rose
+        # children's peak is a maximum over all that ever ran: it says something about this work
+        # only when it rose
         child = _children_kb() if _children_kb() > children else 0
         cost.peak_rss_mb = max(peak_memory_mb(), child / 1024.0)
 
@@ -135,7 +145,8 @@ def _cpu_seconds() -> float:
 
 
 def _restart_peak() -> None:
-    # without the permission (some containers) the peak is that of the process so far: too high, never too low
+    # without the permission (some containers) the peak is that of the process so far: too high,
+    # never too low
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
 

@@ -8,7 +8,9 @@ from headstock.pipeline.results.answers import Answer
 
 
 class RoundSummary(TypedDict):
-    """The entry of a round; without an owner where no component is meshed, without changes where the search ended with it."""
+    """The entry of a round; without an owner where no component is meshed, without changes where
+    the search ended with it.
+    """
 
     quantity: str
     error: float | None
@@ -49,7 +51,11 @@ class AccuracyRound:
 
     def summarise(self) -> RoundSummary:
         """As it stands in ``summary.json``."""
-        summary: RoundSummary = {"quantity": self.quantity, "error": self.error, "because": self.because}
+        summary: RoundSummary = {
+            "quantity": self.quantity,
+            "error": self.error,
+            "because": self.because,
+        }
         if self.owner is not None:
             summary["owner"], summary["source"] = self.owner
         if self.changes is not None:

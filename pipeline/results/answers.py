@@ -1,4 +1,6 @@
-"""The interface of every answer of an analysis; how it reads in ``summary.json`` its own ``summarise`` says."""
+"""The interface of every answer of an analysis; how it reads in ``summary.json`` its own
+``summarise`` says.
+"""
 
 from collections.abc import Iterable
 from typing import ClassVar

@@ -1,4 +1,6 @@
-"""A contour on a lumped mechanism as a result: gap, leg forces and motor torques on each face, stability of the cut, a thinned series."""
+"""A contour on a lumped mechanism as a result: gap, leg forces and motor torques on each face,
+stability of the cut, a thinned series.
+"""
 
 import math
 from dataclasses import dataclass
@@ -106,8 +108,12 @@ class ContourFace:
             "leg_force_peak_to_peak_n": check_finite(what, self.leg_span),
         }
         if screw_lead is not None:
-            summary["motor_torque_mean_nm"] = check_finite(what, motor_torques(self.leg_mean, screw_lead))
-            summary["motor_torque_peak_to_peak_nm"] = check_finite(what, motor_torques(self.leg_span, screw_lead))
+            summary["motor_torque_mean_nm"] = check_finite(
+                what, motor_torques(self.leg_mean, screw_lead)
+            )
+            summary["motor_torque_peak_to_peak_nm"] = check_finite(
+                what, motor_torques(self.leg_span, screw_lead)
+            )
         return summary
 
 
@@ -200,7 +206,9 @@ class ContourAnswer(Answer):
             "leg_force_n": [check_finite(what, row) for row in self.legs],
         }
         if self.screw_lead is not None:
-            series["motor_torque_nm"] = [check_finite(what, row) for row in motor_torques(self.legs, self.screw_lead)]
+            series["motor_torque_nm"] = [
+                check_finite(what, row) for row in motor_torques(self.legs, self.screw_lead)
+            ]
         summary: ContourSummary = {
             "model": self.model,
             "material": self.material,
@@ -209,7 +217,10 @@ class ContourAnswer(Answer):
             "coriolis": self.coriolis,
             "faces": [face.summarise(self.screw_lead) for face in self.faces],
             "face_3_over_face_1": self._face_ratio(),
-            "sag_um": {"least": check_finite(what, UM * self.least_give), "most": check_finite(what, UM * self.most_give)},
+            "sag_um": {
+                "least": check_finite(what, UM * self.least_give),
+                "most": check_finite(what, UM * self.most_give),
+            },
             "force_mean_n": check_finite(what, self.force_mean),
             "force_peak_n": check_finite(what, self.force_peak),
             "share_above_twice_the_highest_mode": self.high_share,
@@ -231,5 +242,7 @@ class ContourAnswer(Answer):
 
 
 def motor_torques(forces: FloatArray, screw_lead: float) -> FloatArray:
-    """Torques of the motors [N m] at the forces of their legs [N], with the lead of the screws [m]."""
+    """Torques of the motors [N m] at the forces of their legs [N], with the lead of the screws
+    [m].
+    """
     return forces * (screw_lead / (2.0 * math.pi))

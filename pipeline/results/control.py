@@ -36,7 +36,9 @@ class MarginsSummary(TypedDict):
 
 
 class DriveSummary(TypedDict):
-    """The entry of a drive; without lag and margins in an unstable loop, where they mean nothing."""
+    """The entry of a drive; without lag and margins in an unstable loop, where they mean
+    nothing.
+    """
 
     axis: str
     encoder: str
@@ -157,7 +159,9 @@ class ControlAnswer(Answer):
             "speed_m_per_s": self.speed,
             "stable": not self.verdict,
             "poles": [pole.summarise() for pole in self.poles],
-            "drives": {drive.train.name: drive.summarise(stable=not self.verdict) for drive in self.drives},
+            "drives": {
+                drive.train.name: drive.summarise(stable=not self.verdict) for drive in self.drives
+            },
         }
         if self.verdict:
             summary["verdict"] = self.verdict

@@ -15,7 +15,8 @@ class Estimate:
     """How far a number may be off, in the unit of the number.
 
     Attributes:
-        shares: Source of error to its size; None where a source was looked at and no bound can be given.
+        shares: Source of error to its size; None where a source was looked at and no bound can be
+            given.
         left_out: What is not in it, in plain words, such as ``the mesh of column``.
         parts: Source of error to the part of each component in it.
     """
@@ -26,13 +27,17 @@ class Estimate:
 
     @property
     def total(self) -> float | None:
-        """Sum of the shares: errors of one sign may add up. None where one of them has no bound, or nothing was estimated."""
+        """Sum of the shares: errors of one sign may add up. None where one of them has no bound, or
+        nothing was estimated.
+        """
         sizes = [size for size in self.shares.values() if size is not None]
         return sum(sizes) if sizes and len(sizes) == len(self.shares) else None
 
 
 class FrequencyErrors(TypedDict):
-    """What summaries say of the errors of natural frequencies, rigid-body modes first: by mode and source [Hz]."""
+    """What summaries say of the errors of natural frequencies, rigid-body modes first: by mode and
+    source [Hz].
+    """
 
     rigid_count: int
     error_share: list[dict[str, float | None]]
@@ -41,7 +46,9 @@ class FrequencyErrors(TypedDict):
 
 
 def combine_estimates(parts: Sequence[Estimate]) -> Estimate:
-    """One estimate of all that several say of the same number; a source that two of them name is their sum."""
+    """One estimate of all that several say of the same number; a source that two of them name is
+    their sum.
+    """
     shares: dict[str, float | None] = {}
     for part in parts:
         for source, size in part.shares.items():
@@ -53,7 +60,9 @@ def combine_estimates(parts: Sequence[Estimate]) -> Estimate:
             known_sizes = owners.setdefault(source, {})
             for name, own in sizes.items():
                 known_sizes[name] = known_sizes.get(name, 0.0) + own
-    return Estimate(shares, tuple(dict.fromkeys(words for part in parts for words in part.left_out)), owners)
+    return Estimate(
+        shares, tuple(dict.fromkeys(words for part in parts for words in part.left_out)), owners
+    )
 
 
 def show_share(share: float | None) -> str:
@@ -63,14 +72,25 @@ def show_share(share: float | None) -> str:
     percent = 100.0 * share
     if percent == 0.0:
         return "0 %"
-    return f"{percent:.0f} %" if percent >= 10.0 else f"{percent:.2g} %" if percent >= 1e-3 else f"{percent:.0e} %"
+    return (
+        f"{percent:.0f} %"
+        if percent >= 10.0
+        else f"{percent:.2g} %"
+        if percent >= 1e-3
+        else f"{percent:.0e} %"
+    )
 
 
 def scale_shares(error: Estimate, factor: float) -> dict[str, float | None]:
     """Source of error to its size in another unit."""
-    return {source: None if size is None else factor * size for source, size in error.shares.items()}
+    return {
+        source: None if size is None else factor * size for source, size in error.shares.items()
+    }
 
 
 def scale_parts(error: Estimate, factor: float = 1.0) -> dict[str, dict[str, float]]:
     """Source of error to the part of each component in another unit."""
-    return {source: {name: factor * size for name, size in parts.items()} for source, parts in error.parts.items()}
+    return {
+        source: {name: factor * size for name, size in parts.items()}
+        for source, parts in error.parts.items()
+    }

@@ -1,4 +1,6 @@
-"""The two files of a run that hold its numbers, ``results.h5`` and ``summary.json``: written together, and read again."""
+"""The two files of a run that hold its numbers, ``results.h5`` and ``summary.json``: written
+together, and read again.
+"""
 
 import hashlib
 import io
@@ -18,7 +20,13 @@ from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.results.views import MachineView
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import OutputError, PendingOutputs, naming_output
-from headstock.pipeline.storage.records import RecordError, read_record, require_plain, write_record, write_words
+from headstock.pipeline.storage.records import (
+    RecordError,
+    read_record,
+    require_plain,
+    write_record,
+    write_words,
+)
 
 FORMAT = "headstock results"
 VERSION = 1
@@ -103,16 +111,20 @@ def _fill(file: h5py.File, results: Results) -> None:
 
 
 def mark_units(file: h5py.File, units: Mapping[str, str]) -> None:
-    """Give every data set the attribute ``unit``: ``1`` for numbers without one, empty for words and indices.
+    """Give every data set the attribute ``unit``: ``1`` for numbers without one, empty for words
+    and indices.
 
     Args:
         file: Complete.
-        units: Pattern of whole paths to unit; the first that fits counts, and what none fits stays as it is.
+        units: Pattern of whole paths to unit; the first that fits counts, and what none fits stays
+            as it is.
     """
 
     def mark(name: str, item: h5py.Group | h5py.Dataset) -> None:
         if isinstance(item, h5py.Dataset):
-            found = next((unit for pattern, unit in units.items() if re.fullmatch(pattern, name)), None)
+            found = next(
+                (unit for pattern, unit in units.items() if re.fullmatch(pattern, name)), None
+            )
             if found is not None:
                 item.attrs["unit"] = found
 
@@ -138,14 +150,17 @@ def read_summary(folder: Path) -> RunSummary:
         raise OutputError(
             f"{path} is not a summary: it holds a {type(summary).__name__}; `headstock run SCENE -o {folder}` writes one"
         )
-    return cast(RunSummary, summary)  # a damaged one shows where it is read: no program but this one writes it
+    return cast(
+        RunSummary, summary
+    )  # a damaged one shows where it is read: no program but this one writes it
 
 
 def read_view(folder: Path) -> MachineView:
     """What there is to draw, from ``results.h5``.
 
     Raises:
-        OutputError: The file is missing, damaged, of an earlier version or of another run than the summary.
+        OutputError: The file is missing, damaged, of an earlier version or of another run than the
+            summary.
     """
     return _read_results(folder, lambda file: read_record(file["view"], MachineView))
 
@@ -154,18 +169,27 @@ def read_curves(folder: Path) -> tuple[ResponseCurves, ...]:
     """The curves of every frequency response, from ``results.h5``; empty without any.
 
     Raises:
-        OutputError: The file is missing, damaged, of an earlier version or of another run than the summary.
+        OutputError: The file is missing, damaged, of an earlier version or of another run than the
+            summary.
     """
-    return _read_results(folder, lambda file: tuple(parse_curves(pose, group) for pose, group in file.get("frf", {}).items()))
+    return _read_results(
+        folder,
+        lambda file: tuple(
+            parse_curves(pose, group) for pose, group in file.get("frf", {}).items()
+        ),
+    )
 
 
 def read_paths(folder: Path) -> tuple[PathCurves, ...]:
     """The curves of a path analysis, one per feed, from ``results.h5``; empty without any.
 
     Raises:
-        OutputError: The file is missing, damaged, of an earlier version or of another run than the summary.
+        OutputError: The file is missing, damaged, of an earlier version or of another run than the
+            summary.
     """
-    return _read_results(folder, lambda file: tuple(parse_path(group) for group in file.get("path", {}).values()))
+    return _read_results(
+        folder, lambda file: tuple(parse_path(group) for group in file.get("path", {}).values())
+    )
 
 
 def _read_results[T](folder: Path, read: Callable[[h5py.File], T]) -> T:

@@ -1,4 +1,6 @@
-"""Frequency responses as results: the type, and how it reads in ``summary.json`` and ``results.h5``."""
+"""Frequency responses as results: the type, and how it reads in ``summary.json`` and
+``results.h5``.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -47,7 +49,9 @@ class LineErrors(TypedDict):
 
 
 class ResponseSummary(TypedDict):
-    """The entry of a pose in ``frf``; its ``error`` is by source, and ``bounded_to_hz`` says how far up there is a bound."""
+    """The entry of a pose in ``frf``; its ``error`` is by source, and ``bounded_to_hz`` says how
+    far up there is a bound.
+    """
 
     inputs: list[list[str]]
     outputs: list[list[str]]
@@ -73,14 +77,15 @@ class PortFigures:
         static: Compliance at 0 Hz [m/N or rad/(N m)]; None for a free body.
         worst_real: Most negative real part; None where there is none, or the response is unbounded.
         worst_real_hz: Its frequency [Hz].
-        chatter_stiffness: ``-1 / (2 Re)`` [N/m]: width of cut without chatter times the cutting stiffness per width.
+        chatter_stiffness: ``-1 / (2 Re)`` [N/m]: width of cut without chatter times the cutting
+            stiffness per width.
         softest: Smallest dynamic stiffness; None where the response is unbounded.
         softest_hz: Its frequency [Hz].
         softest_mode: Name of the natural mode nearest to it.
         worst_real_error: How far the most negative real part may be off; None without a bound.
         worst_real_error_share: Source of error to its part.
-        plain_sum_error: Share of the static compliance that the modes up to the highest frequency miss: what a sum over
-            them without static correction would lack.
+        plain_sum_error: Share of the static compliance that the modes up to the highest frequency
+            miss: what a sum over them without static correction would lack.
     """
 
     port: Port
@@ -108,8 +113,8 @@ class ResponseCurves:
         receptance: ``(n, n_outputs, n_inputs)`` [m/N, ...]; NaN where there is no value.
         motion: What is tabled and drawn.
         spacing: Of the frequency axis.
-        error_share: Source of error to how far the receptance may be off by it ``(n, n_outputs, n_inputs)`` [m/N, ...]; NaN where
-            there is no bound, empty where none was sought.
+        error_share: Source of error to how far the receptance may be off by it ``(n, n_outputs,
+            n_inputs)`` [m/N, ...]; NaN where there is no bound, empty where none was sought.
     """
 
     pose: str
@@ -124,7 +129,11 @@ class ResponseCurves:
     @property
     def error(self) -> FloatArray | None:
         """How far the receptance may be off by all sources together; None where none was sought."""
-        return np.asarray(np.sum(list(self.error_share.values()), axis=0)) if self.error_share else None
+        return (
+            np.asarray(np.sum(list(self.error_share.values()), axis=0))
+            if self.error_share
+            else None
+        )
 
     @property
     def value_errors(self) -> FloatArray | None:
@@ -142,7 +151,9 @@ class ResponseCurves:
         return convert_receptance(self.receptance, self.frequencies_hz, self.motion)
 
     def _convert(self, error: FloatArray) -> FloatArray:
-        return np.asarray(np.abs(convert_receptance(error + 0j, self.frequencies_hz, self.motion)), dtype=float)
+        return np.asarray(
+            np.abs(convert_receptance(error + 0j, self.frequencies_hz, self.motion)), dtype=float
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +226,10 @@ def parse_curves(pose: str, group: h5py.Group) -> ResponseCurves:
     Raises:
         KeyError: A part is missing.
     """
-    inputs, outputs = (tuple(split_port(text.decode()) for text in group[name][:]) for name in ("inputs", "outputs"))
+    inputs, outputs = (
+        tuple(split_port(text.decode()) for text in group[name][:])
+        for name in ("inputs", "outputs")
+    )
     given = group.attrs
     return ResponseCurves(
         pose,
@@ -245,18 +259,29 @@ def split_port(text: str) -> Port:
 def _summarise_port(figures: PortFigures) -> PortSummary:
     linear = figures.port[1] in "xyz"
     soft, stiff = (UM_PER_KN, N_PER_UM) if linear else (1.0, 1.0)
-    static, worst, error = (_scaled(value, soft) for value in (figures.static, figures.worst_real, figures.worst_real_error))
-    chatter, softest = (_scaled(value, stiff) for value in (figures.chatter_stiffness, figures.softest))
+    static, worst, error = (
+        _scaled(value, soft)
+        for value in (figures.static, figures.worst_real, figures.worst_real_error)
+    )
+    chatter, softest = (
+        _scaled(value, stiff) for value in (figures.chatter_stiffness, figures.softest)
+    )
     summary: PortSummary = {
         "port": list(figures.port),
         "worst_real_hz": figures.worst_real_hz,
-        "worst_real_error_share": {source: soft * size for source, size in figures.worst_real_error_share.items()},
+        "worst_real_error_share": {
+            source: soft * size for source, size in figures.worst_real_error_share.items()
+        },
         "softest_hz": figures.softest_hz,
         "softest_mode": figures.softest_mode,
         "plain_sum_error": figures.plain_sum_error,
     }
     if linear:
-        summary |= {"static_um_per_kN": static, "worst_real_um_per_kN": worst, "worst_real_error_um_per_kN": error}
+        summary |= {
+            "static_um_per_kN": static,
+            "worst_real_um_per_kN": worst,
+            "worst_real_error_um_per_kN": error,
+        }
         summary |= {"chatter_stiffness_N_per_um": chatter, "softest_N_per_um": softest}
     else:
         summary |= {"static_SI": static, "worst_real_SI": worst, "worst_real_error_SI": error}
@@ -265,13 +290,20 @@ def _summarise_port(figures: PortFigures) -> PortSummary:
 
 
 def _summarise_error(curves: ResponseCurves) -> dict[str, LineErrors | float | None] | None:
-    """Largest and median error by source over the largest entry of the same line, and how far up there is a bound."""
+    """Largest and median error by source over the largest entry of the same line, and how far up
+    there is a bound.
+    """
     if curves.error is None:
         return None
-    bounded = np.isfinite(curves.error).all(axis=(1, 2)) & np.isfinite(curves.receptance).all(axis=(1, 2))
+    bounded = np.isfinite(curves.error).all(axis=(1, 2)) & np.isfinite(curves.receptance).all(
+        axis=(1, 2)
+    )
     if not bounded.any():
         return {**dict.fromkeys(curves.error_share), "bounded_to_hz": 0.0}
-    lines, sizes = curves.frequencies_hz[bounded], np.abs(curves.receptance[bounded]).max(axis=(1, 2))
+    lines, sizes = (
+        curves.frequencies_hz[bounded],
+        np.abs(curves.receptance[bounded]).max(axis=(1, 2)),
+    )
     found: dict[str, LineErrors | float | None] = {"bounded_to_hz": float(lines[-1])}
     for source, error in curves.error_share.items():
         shares = error[bounded].max(axis=(1, 2)) / sizes

@@ -35,9 +35,10 @@ class WorkspaceMap(Answer):
         axes: Names of the two or three axes of the grid.
         positions: Their positions [m, rad].
         fixed: Positions of the other axes.
-        quantities: Name to ``(n0, n1, ...)`` values, NaN where the pose cannot be taken. ``f1_hz`` is one mode, followed by its shape,
-            the one with the lowest median.
-        likeness: Least squared cosine between modes of the same number in neighbouring poses; 1 is the same shape.
+        quantities: Name to ``(n0, n1, ...)`` values, NaN where the pose cannot be taken. ``f1_hz``
+            is one mode, followed by its shape, the one with the lowest median.
+        likeness: Least squared cosine between modes of the same number in neighbouring poses; 1 is
+            the same shape.
         crossings: Numbers of modes whose order changes somewhere.
         torn: How many pairs of neighbours hold a mode in shapes that do not look alike.
         trend: Correlation of the first frequency with the mean leg length.
@@ -56,8 +57,12 @@ class WorkspaceMap(Answer):
         """As it stands in ``summary.json``."""
         return {
             "axes": list(self.axes),
-            "units": {axis: "m" if axis in TOOL_POINT else "rad" for axis in (*self.axes, *self.fixed)},
-            "positions": [check_finite("positions of the map", values) for values in self.positions],
+            "units": {
+                axis: "m" if axis in TOOL_POINT else "rad" for axis in (*self.axes, *self.fixed)
+            },
+            "positions": [
+                check_finite("positions of the map", values) for values in self.positions
+            ],
             "fixed": self.fixed,
             "least_likeness": self.likeness,
             "crossings": list(self.crossings),
@@ -68,4 +73,6 @@ class WorkspaceMap(Answer):
 
 
 def _nest(values: FloatArray) -> Grid:
-    return [_nest(row) if row.ndim else (float(row) if np.isfinite(row) else None) for row in values]
+    return [
+        _nest(row) if row.ndim else (float(row) if np.isfinite(row) else None) for row in values
+    ]

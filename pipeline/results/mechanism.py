@@ -44,5 +44,7 @@ def describe_state(mechanism: ToolMechanism, pose: str, state: FloatArray) -> Me
         state: ``(n,)`` closed state in it.
     """
     known = mechanism.mounted.mechanism
-    coordinates = {name: float(state[known.index(name)]) for name in (*known.driven, *known.passive)}
+    coordinates = {
+        name: float(state[known.index(name)]) for name in (*known.driven, *known.passive)
+    }
     return MechanismPose(pose, coordinates, float(condition_numbers(known, state)))

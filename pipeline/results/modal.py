@@ -41,17 +41,20 @@ class PoseModes(Answer):
         rigid_count: How many of them are rigid-body modes.
         errors: How far each may be off [Hz].
         damping_ratio: Of each; None without damping.
-        damped_hz: Frequency of the damped oscillation [Hz]; zero where it is overdamped, None without damping.
-        damped_error_hz: How far each damped frequency may be off [Hz]; None where nobody knows, zero where it is overdamped.
+        damped_hz: Frequency of the damped oscillation [Hz]; zero where it is overdamped, None
+            without damping.
+        damped_error_hz: How far each damped frequency may be off [Hz]; None where nobody knows,
+            zero where it is overdamped.
         damping_error: How far each damping ratio may be off; None where nobody knows.
         mode_names: In plain words.
         energy_share: Per mode, share of the strain energy per component or joint.
         kinetic_share: Per mode, share of the kinetic energy per component.
-        shapes: ``(n, m)`` mass-normalised, over the dofs of all superelements in the order of ``labels``.
+        shapes: ``(n, m)`` mass-normalised, over the dofs of all superelements in the order of
+            ``labels``.
         pose_units: Axis to the unit of its position, ``m`` or ``rad``.
         placements: Frame of each component in the machine in this pose.
-        spread_hz: Lowest and highest frequency of each mode with every interface averaging and rigid [Hz]; None where it has no partner,
-            empty where none was asked for.
+        spread_hz: Lowest and highest frequency of each mode with every interface averaging and
+            rigid [Hz]; None where it has no partner, empty where none was asked for.
     """
 
     pose: Pose
@@ -79,7 +82,9 @@ class PoseModes(Answer):
 
     @property
     def error_hz(self) -> tuple[float | None, ...]:
-        """Estimated error of each frequency, all sources together; None where there is no estimate."""
+        """Estimated error of each frequency, all sources together; None where there is no
+        estimate.
+        """
         return tuple(error.total for error in self.errors)
 
     def summarise(self) -> ModesSummary:
@@ -91,8 +96,14 @@ class PoseModes(Answer):
         summary: ModesSummary = {
             "pose_name": self.pose.name,
             "pose": dict(self.pose.positions),
-            "pose_units": {axis: self.pose_units[axis] for axis in self.pose.positions if axis in self.pose_units},
-            "frequencies_hz": check_finite(f"modal analysis in pose {self.pose.name}", self.frequencies_hz),
+            "pose_units": {
+                axis: self.pose_units[axis]
+                for axis in self.pose.positions
+                if axis in self.pose_units
+            },
+            "frequencies_hz": check_finite(
+                f"modal analysis in pose {self.pose.name}", self.frequencies_hz
+            ),
             "rigid_count": self.rigid_count,
             "error_hz": list(self.error_hz),
             "error_share": [dict(error.shares) for error in self.errors],

@@ -1,4 +1,6 @@
-"""Shapes for other programs: modes and static ones in a ``.vtu`` per pose for ParaView, an animated ``.glb`` per mode (glTF 2.0)."""
+"""Shapes for other programs: modes and static ones in a ``.vtu`` per pose for ParaView, an animated
+``.glb`` per mode (glTF 2.0).
+"""
 
 import base64
 import json
@@ -35,7 +37,8 @@ AnyArray = NDArray[Any]
 
 
 def write_mode_files(folder: Path, modal: Sequence[ModesSummary], view: MachineView) -> list[str]:
-    """Write ``modes/POSE.vtu`` and ``modes/POSE_NN.glb`` into a folder of results, and remove those of an earlier run.
+    """Write ``modes/POSE.vtu`` and ``modes/POSE_NN.glb`` into a folder of results, and remove those
+    of an earlier run.
 
     Args:
         folder: Folder of results.
@@ -56,7 +59,10 @@ def write_mode_files(folder: Path, modal: Sequence[ModesSummary], view: MachineV
             contents[f"{stem}.vtu"] = encode_vtu(view, pose, modes)
         if modes is not None:
             count = len(modes["frequencies_hz"])
-            contents |= {f"{stem}_{index + 1:02d}.glb": encode_glb(view, pose, modes, index) for index in range(count)}
+            contents |= {
+                f"{stem}_{index + 1:02d}.glb": encode_glb(view, pose, modes, index)
+                for index in range(count)
+            }
     return replace_outputs(folder, MODES_FOLDER, contents)
 
 
@@ -67,21 +73,29 @@ def file_stem(name: str) -> str:
 
 def machine_size(view: MachineView, pose: PoseView) -> float:
     """Diagonal of the box around the machine in a pose [m]."""
-    places = [skin.points @ pose.placements[name].rotation.T + pose.placements[name].origin for name, skin in view.skins.items()]
+    places = [
+        skin.points @ pose.placements[name].rotation.T + pose.placements[name].origin
+        for name, skin in view.skins.items()
+    ]
     return float(np.linalg.norm(np.ptp(np.vstack(places), axis=0))) if places else 1.0
 
 
 def largest_shift(shifts: Sequence[AnyArray]) -> float:
     """Largest displacement of any point; one where nothing moves."""
-    return max((float(np.linalg.norm(part, axis=-1).max(initial=0.0)) for part in shifts), default=0.0) or 1.0
+    return (
+        max((float(np.linalg.norm(part, axis=-1).max(initial=0.0)) for part in shifts), default=0.0)
+        or 1.0
+    )
 
 
 def encode_vtu(view: MachineView, pose: PoseView, modes: ModesSummary | None) -> bytes:
     """Surface of the machine in a pose [m] with its displacements.
 
-    Point data: ``component`` numbers the bodies, ``mode_01`` and so on are mode shapes [m/sqrt(kg)], ``static_POINT_x`` displacements
-    under a unit force at a point [m/N]. Field data: ``frequencies_hz`` and, for a damped machine, ``damping_ratio`` of every mode,
-    NaN where there is none. The names are the same whatever the results, so that a ParaView state fits the next run.
+    Point data: ``component`` numbers the bodies, ``mode_01`` and so on are mode shapes
+    [m/sqrt(kg)], ``static_POINT_x`` displacements under a unit force at a point [m/N]. Field data:
+    ``frequencies_hz`` and, for a damped machine, ``damping_ratio`` of every mode, NaN where there
+    is none. The names are the same whatever the results, so that a ParaView state fits the next
+    run.
 
     Args:
         view: Surface of each component in its own frame [m].
@@ -98,11 +112,17 @@ def encode_vtu(view: MachineView, pose: PoseView, modes: ModesSummary | None) ->
         start += len(skin.points)
     fields: dict[str, AnyArray] = {"component": np.concatenate(numbers)}
     for index in range(0 if modes is None else len(modes["frequencies_hz"])):
-        fields[mode_array(index)] = np.vstack([pose.shifts[name][index] for name in view.skins]).astype(np.float32)
+        fields[mode_array(index)] = np.vstack(
+            [pose.shifts[name][index] for name in view.skins]
+        ).astype(np.float32)
     for push, shifts in pose.pushes.items():
-        fields[push_array(push)] = np.vstack([shifts[name] for name in view.skins]).astype(np.float32)
+        fields[push_array(push)] = np.vstack([shifts[name] for name in view.skins]).astype(
+            np.float32
+        )
     block = CellBlock(VTK_TRIANGLE, np.vstack(triangles))
-    numbers_of_modes = {} if modes is None else mode_numbers(modes["frequencies_hz"], modes["damping_ratio"])
+    numbers_of_modes = (
+        {} if modes is None else mode_numbers(modes["frequencies_hz"], modes["damping_ratio"])
+    )
     return encode_grid(Grid(np.vstack(points), (block,), fields, {}, numbers_of_modes))
 
 
@@ -116,7 +136,9 @@ class CellBlock:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """An unstructured grid: points ``(n, 3)``, cells, and arrays by name over points, over cells and of the whole."""
+    """An unstructured grid: points ``(n, 3)``, cells, and arrays by name over points, over cells
+    and of the whole.
+    """
 
     points: AnyArray
     blocks: tuple[CellBlock, ...]
@@ -135,31 +157,49 @@ def push_array(push: str) -> str:
     return f"static_{push.replace(' ', '_')}"
 
 
-def mode_numbers(frequencies_hz: Sequence[float], damping_ratio: Sequence[float | None]) -> dict[str, AnyArray]:
-    """Frequencies [Hz] and damping ratios of the modes of a pose as arrays; no ratios where nothing is damped."""
+def mode_numbers(
+    frequencies_hz: Sequence[float], damping_ratio: Sequence[float | None]
+) -> dict[str, AnyArray]:
+    """Frequencies [Hz] and damping ratios of the modes of a pose as arrays; no ratios where nothing
+    is damped.
+    """
     found = {"frequencies_hz": np.array(frequencies_hz, dtype=np.float64)}
     if any(ratio is not None for ratio in damping_ratio):
-        found["damping_ratio"] = np.array([math.nan if ratio is None else ratio for ratio in damping_ratio])
+        found["damping_ratio"] = np.array(
+            [math.nan if ratio is None else ratio for ratio in damping_ratio]
+        )
     return found if len(frequencies_hz) else {}
 
 
 def encode_grid(grid: Grid) -> bytes:
     """A grid as ``.vtu``.
 
-    It is written here since libraries that could take a second and more to import, longer than a small run takes.
+    It is written here since libraries that could take a second and more to import, longer than a
+    small run takes.
 
     Source: VTK file formats, XML unstructured grids with base64 data behind a 64-bit length.
     """
-    sizes = np.concatenate([np.full(len(block.cells), block.cells.shape[1], dtype=np.int64) for block in grid.blocks])
-    kinds = np.concatenate([np.full(len(block.cells), block.kind, dtype=np.uint8) for block in grid.blocks])
+    sizes = np.concatenate(
+        [np.full(len(block.cells), block.cells.shape[1], dtype=np.int64) for block in grid.blocks]
+    )
+    kinds = np.concatenate(
+        [np.full(len(block.cells), block.kind, dtype=np.uint8) for block in grid.blocks]
+    )
     cells = [
-        _data_array("connectivity", np.concatenate([block.cells.ravel() for block in grid.blocks]).astype(np.int64)),
+        _data_array(
+            "connectivity",
+            np.concatenate([block.cells.ravel() for block in grid.blocks]).astype(np.int64),
+        ),
         _data_array("offsets", np.cumsum(sizes)),
         _data_array("types", kinds),
     ]
     about, over_points, over_cells = (
         "".join(starmap(encode, data.items()))
-        for encode, data in ((_field_array, grid.field_data), (_data_array, grid.point_data), (_data_array, grid.cell_data))
+        for encode, data in (
+            (_field_array, grid.field_data),
+            (_data_array, grid.point_data),
+            (_data_array, grid.cell_data),
+        )
     )
     return "\n".join(
         [
@@ -177,7 +217,8 @@ def encode_grid(grid: Grid) -> bytes:
 
 
 def encode_glb(view: MachineView, pose: PoseView, modes: ModesSummary, index: int) -> bytes:
-    """One mode as an animated model: each body a mesh with its displacement as morph target, its weight swinging as a sine.
+    """One mode as an animated model: each body a mesh with its displacement as morph target, its
+    weight swinging as a sine.
 
     Args:
         view: Surface of each component in its own frame [m].
@@ -187,17 +228,28 @@ def encode_glb(view: MachineView, pose: PoseView, modes: ModesSummary, index: in
 
     Source: glTF 2.0 specification (Khronos, 2021), binary container.
     """
-    swing = SHOWN_SHARE * machine_size(view, pose) / largest_shift([pose.shifts[name][index] for name in view.skins])
+    swing = (
+        SHOWN_SHARE
+        * machine_size(view, pose)
+        / largest_shift([pose.shifts[name][index] for name in view.skins])
+    )
     buffer = _Buffer()
     times = buffer.add(np.linspace(0.0, PERIOD_SECONDS, KEYFRAMES, dtype=np.float32), bounds=True)
     weights = buffer.add(np.sin(np.linspace(0.0, 2.0 * np.pi, KEYFRAMES)).astype(np.float32))
     meshes, materials, nodes = [], [], []
-    for number, ((name, skin), color) in enumerate(zip(view.skins.items(), component_colors(view).values(), strict=True)):
-        mesh = _glb_mesh(buffer, skin, pose.placements[name], pose.shifts[name][index] * swing, material=number)
+    for number, ((name, skin), color) in enumerate(
+        zip(view.skins.items(), component_colors(view).values(), strict=True)
+    ):
+        mesh = _glb_mesh(
+            buffer, skin, pose.placements[name], pose.shifts[name][index] * swing, material=number
+        )
         meshes.append(mesh | {"name": name})
         materials.append(_glb_material(name, color))
         nodes.append({"name": name, "mesh": number})
-    channels = [{"sampler": 0, "target": {"node": number, "path": "weights"}} for number in range(len(nodes))]
+    channels = [
+        {"sampler": 0, "target": {"node": number, "path": "weights"}}
+        for number in range(len(nodes))
+    ]
     label = f"{modes['frequencies_hz'][index]:.3f} Hz: {modes['mode_names'][index]}"
     root = {"name": "machine", "rotation": Z_UP_TO_Y_UP, "children": list(range(len(nodes)))}
     content = {
@@ -207,12 +259,16 @@ def encode_glb(view: MachineView, pose: PoseView, modes: ModesSummary, index: in
         "nodes": [*nodes, root],
         "meshes": meshes,
         "materials": materials,
-        "animations": [{"name": label, "samplers": [{"input": times, "output": weights}], "channels": channels}],
+        "animations": [
+            {"name": label, "samplers": [{"input": times, "output": weights}], "channels": channels}
+        ],
         "accessors": buffer.accessors,
         "bufferViews": buffer.views,
         "buffers": [{"byteLength": len(buffer.content)}],
     }
-    return _glb_container(json.dumps(content, ensure_ascii=False, allow_nan=False).encode(), bytes(buffer.content))
+    return _glb_container(
+        json.dumps(content, ensure_ascii=False, allow_nan=False).encode(), bytes(buffer.content)
+    )
 
 
 class _Buffer:
@@ -228,7 +284,8 @@ class _Buffer:
 
         Args:
             array: ``(n,)`` or ``(n, 3)``, single precision or unsigned integers.
-            target: Use of the view: ``ARRAY_BUFFER`` or ``ELEMENT_ARRAY_BUFFER`` of glTF; None for animation data.
+            target: Use of the view: ``ARRAY_BUFFER`` or ``ELEMENT_ARRAY_BUFFER`` of glTF; None for
+                animation data.
             bounds: State the least and largest value, as glTF wants of positions and times.
         """
         data = array.tobytes()
@@ -248,7 +305,9 @@ class _Buffer:
         return len(self.accessors) - 1
 
 
-def _glb_mesh(buffer: _Buffer, skin: Skin, frame: Frame, shift: AnyArray, *, material: int) -> dict[str, JsonValue]:
+def _glb_mesh(
+    buffer: _Buffer, skin: Skin, frame: Frame, shift: AnyArray, *, material: int
+) -> dict[str, JsonValue]:
     points = (skin.points @ frame.rotation.T + frame.origin).astype(np.float32)
     place = buffer.add(points, target=GLTF_VERTICES, bounds=True)
     move = buffer.add(shift.astype(np.float32), target=GLTF_VERTICES, bounds=True)
@@ -265,7 +324,11 @@ def _glb_mesh(buffer: _Buffer, skin: Skin, frame: Frame, shift: AnyArray, *, mat
 def _glb_material(name: str, color: str) -> dict[str, JsonValue]:
     # glTF colours are linear, ours are sRGB
     linear = [(int(color[i : i + 2], 16) / 255.0) ** 2.2 for i in (1, 3, 5)]
-    surface: JsonValue = {"baseColorFactor": [*linear, 1.0], "metallicFactor": 0.1, "roughnessFactor": 0.6}
+    surface: JsonValue = {
+        "baseColorFactor": [*linear, 1.0],
+        "metallicFactor": 0.1,
+        "roughnessFactor": 0.6,
+    }
     return {"name": name, "doubleSided": True, "pbrMetallicRoughness": surface}
 
 
@@ -281,7 +344,9 @@ def _glb_chunks(chunks: Sequence[tuple[bytes, bytes]]) -> Iterator[bytes]:
 
 def _field_array(name: str, values: AnyArray) -> str:
     # a field has no length of its own: without it readers expect one value
-    return _data_array(name, values).replace(" format=", f' NumberOfTuples="{len(values)}" format=', 1)
+    return _data_array(name, values).replace(
+        " format=", f' NumberOfTuples="{len(values)}" format=', 1
+    )
 
 
 def _data_array(name: str, array: AnyArray) -> str:

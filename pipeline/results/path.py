@@ -1,4 +1,6 @@
-"""Deviations from a path as results: the types, and how they read in ``summary.json`` and ``results.h5``."""
+"""Deviations from a path as results: the types, and how they read in ``summary.json`` and
+``results.h5``.
+"""
 
 from dataclasses import dataclass, field
 from typing import ClassVar, TypedDict
@@ -117,12 +119,15 @@ class FollowedPoses:
 
     Attributes:
         stations: Poses in which the machine was coupled.
-        error: Largest error of what was interpolated between all but the last of them; 1/16 of it between all.
-        turn_error: What carrying modes along without the last of them would have turned them by [rad].
+        error: Largest error of what was interpolated between all but the last of them; 1/16 of it
+            between all.
+        turn_error: What carrying modes along without the last of them would have turned them by
+            [rad].
         modes: How many were followed.
         next_hz: Lowest frequency of a mode that was not [Hz]; None where all were.
         steps: Places between which the steps in time are interpolated.
-        truncation: Largest difference that leaving out higher modes makes in the middle pose, over the largest deviation.
+        truncation: Largest difference that leaving out higher modes makes in the middle pose, over
+            the largest deviation.
         effect: Largest difference from the deviation in the frozen pose, one per feed [m, rad].
     """
 
@@ -168,7 +173,8 @@ class PathResult(Answer):
         poses: How the poses were followed; None where that of the middle held.
         runs: One per feed.
         drives: Drives under control; empty where motors follow their set points.
-        energy_error: By feed, what the balance of energy misses, of its largest part; where friction acts.
+        energy_error: By feed, what the balance of energy misses, of its largest part; where
+            friction acts.
     """
 
     start: dict[str, float]
@@ -217,7 +223,9 @@ class PathResult(Answer):
     def fill(self, file: h5py.File) -> None:
         """Write the curves of every feed."""
         for run in self.runs:
-            fill_path(file.create_group(f"path/{run.curves.name.replace('/', ' per ')}"), run.curves)
+            fill_path(
+                file.create_group(f"path/{run.curves.name.replace('/', ' per ')}"), run.curves
+            )
 
 
 def _summarise_run(run: PathRun) -> FeedSummary:
@@ -231,7 +239,9 @@ def _summarise_run(run: PathRun) -> FeedSummary:
                 "accelerating": _summarise_zone(port, zones[0], frozen[0]),
                 "decelerating": _summarise_zone(port, zones[1], frozen[1]),
             }
-            for port, zones, frozen in zip(run.curves.outputs, run.figures, run.frozen_figures, strict=True)
+            for port, zones, frozen in zip(
+                run.curves.outputs, run.figures, run.frozen_figures, strict=True
+            )
         ],
     }
 
@@ -243,17 +253,32 @@ def deviation_unit(port: Port) -> tuple[str, float]:
 
 def _summarise_zone(port: Port, zone: ZoneFigures, frozen: ZoneFigures) -> ZoneSummary:
     unit, factor = deviation_unit(port)
-    times = {"begin_s": zone.begin, "ramp_end_s": zone.ramp_end, "end_s": zone.end, "peak_s": zone.peak_time}
+    times = {
+        "begin_s": zone.begin,
+        "ramp_end_s": zone.ramp_end,
+        "end_s": zone.end,
+        "peak_s": zone.peak_time,
+    }
     sizes = ("peak", "span", "ramp_peak", "ramp_span", "quasi_static", "dynamic", "rms")
-    found = times | {f"{name}_{unit}": factor * getattr(zone, name) for name in sizes} | {"settling_s": zone.settling}
+    found = (
+        times
+        | {f"{name}_{unit}": factor * getattr(zone, name) for name in sizes}
+        | {"settling_s": zone.settling}
+    )
     return found | {f"frozen_peak_{unit}": factor * frozen.peak}
 
 
 def fill_path(group: h5py.Group, curves: PathCurves) -> None:
     """Write the curves of one feed, in SI."""
     group.attrs["feed"], group.attrs["zones"] = curves.feed, np.array(curves.zones)
-    group["outputs"] = np.char.encode(np.array([name_port(port) for port in curves.outputs]), "utf-8")
-    group["times"], group["positions"], group["accelerations"] = curves.deviation.times, curves.positions, curves.accelerations
+    group["outputs"] = np.char.encode(
+        np.array([name_port(port) for port in curves.outputs]), "utf-8"
+    )
+    group["times"], group["positions"], group["accelerations"] = (
+        curves.deviation.times,
+        curves.positions,
+        curves.accelerations,
+    )
     for name in _PARTS:
         group[name] = getattr(curves.deviation, name)
     group["frozen"] = curves.frozen
@@ -265,7 +290,9 @@ def parse_path(group: h5py.Group) -> PathCurves:
     Raises:
         KeyError: A part is missing.
     """
-    first, second = ((float(begin), float(end)) for begin, end in np.asarray(group.attrs["zones"], dtype=float))
+    first, second = (
+        (float(begin), float(end)) for begin, end in np.asarray(group.attrs["zones"], dtype=float)
+    )
     deviation = PathDeviation(times=group["times"][:], **{name: group[name][:] for name in _PARTS})
     return PathCurves(
         feed=float(group.attrs["feed"]),

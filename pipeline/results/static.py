@@ -1,4 +1,6 @@
-"""Static answers as results, compliances at points and responses at probes: the types, and how they read in both files."""
+"""Static answers as results, compliances at points and responses at probes: the types, and how they
+read in both files.
+"""
 
 from dataclasses import dataclass, field
 from typing import ClassVar, NotRequired, TypedDict
@@ -45,10 +47,13 @@ class PointCompliance:
     """Static compliance at a named point, tool relative to work, machine axes.
 
     Attributes:
-        compliance: ``(6, 6)`` [m/N, 1/N, 1/(N m)], rows and columns x y z rx ry rz; NaN where a free motion leaves it open.
-        budget: Direction x, y, z to share of the compliance per component or joint; shares sum to 1.
+        compliance: ``(6, 6)`` [m/N, 1/N, 1/(N m)], rows and columns x y z rx ry rz; NaN where a
+            free motion leaves it open.
+        budget: Direction x, y, z to share of the compliance per component or joint; shares sum to
+            1.
         sentence: What it says about the weak link.
-        displacement: ``(6,)`` motion under the scene's static loads [m, rad], NaN where a free motion leaves it open; None without loads.
+        displacement: ``(6,)`` motion under the scene's static loads [m, rad], NaN where a free
+            motion leaves it open; None without loads.
         errors: Direction x, y, z to how far the compliance in it may be off [m/N].
         free_motions: Motions of the machine that nothing holds.
     """
@@ -89,9 +94,15 @@ class StaticAnswer(Answer):
         """Write compliances and displacements, NaN for what free motions leave open."""
         for name, point in self.points.items():
             group = file.create_group(f"static/{self.pose}/{name}")
-            for what, values in (("compliance", point.compliance), ("displacement", point.displacement)):
+            for what, values in (
+                ("compliance", point.compliance),
+                ("displacement", point.displacement),
+            ):
                 if values is not None:
-                    check_finite(f"static {what} at {name}", values[~np.isnan(values)] if point.free_motions else values.ravel())
+                    check_finite(
+                        f"static {what} at {name}",
+                        values[~np.isnan(values)] if point.free_motions else values.ravel(),
+                    )
                     group[what] = values
 
 
@@ -103,7 +114,8 @@ class ProbeResponse:
         component: Its name.
         displacement: ``(3,)`` [m].
         stress: ``(3, 3)`` [Pa].
-        jump: Largest difference between the stresses of the cells that meet there over their largest entry.
+        jump: Largest difference between the stresses of the cells that meet there over their
+            largest entry.
     """
 
     component: str
@@ -140,16 +152,25 @@ def _summarise_point(name: str, point: PointCompliance) -> PointSummary:
         "compliance_6x6": null_open(what, point.compliance, free=free),
         "free_motions": list(point.free_motions),
         "budget": {
-            direction: dict(zip(shares, check_finite(f"budget at {name}", list(shares.values())), strict=True))
+            direction: dict(
+                zip(shares, check_finite(f"budget at {name}", list(shares.values())), strict=True)
+            )
             for direction, shares in point.budget.items()
         },
         "sentence": point.sentence,
         "error_um_per_kN": {
-            direction: None if error.total is None else UM_PER_KN * error.total for direction, error in point.errors.items()
+            direction: None if error.total is None else UM_PER_KN * error.total
+            for direction, error in point.errors.items()
         },
-        "error_share": {direction: scale_shares(error, UM_PER_KN) for direction, error in point.errors.items()},
-        "error_parts": {direction: scale_parts(error, UM_PER_KN) for direction, error in point.errors.items()},
-        "error_left_out": sorted({words for error in point.errors.values() for words in error.left_out}),
+        "error_share": {
+            direction: scale_shares(error, UM_PER_KN) for direction, error in point.errors.items()
+        },
+        "error_parts": {
+            direction: scale_parts(error, UM_PER_KN) for direction, error in point.errors.items()
+        },
+        "error_left_out": sorted(
+            {words for error in point.errors.values() for words in error.left_out}
+        ),
     }
     if point.displacement is not None:
         what = f"displacement of {name} under the static loads"
@@ -166,7 +187,11 @@ def _summarise_probe(name: str, probe: ProbeResponse) -> ProbeSummary:
         "displacement_um": check_finite(what, probe.displacement * 1e6),
         "stress_mpa": {
             "xyz"[i] + "xyz"[j]: size
-            for (i, j), size in zip(pairs, check_finite(what, [probe.stress[pair] * 1e-6 for pair in pairs]), strict=True)
+            for (i, j), size in zip(
+                pairs,
+                check_finite(what, [probe.stress[pair] * 1e-6 for pair in pairs]),
+                strict=True,
+            )
         },
         "von_mises_mpa": float(np.sqrt(1.5 * (deviator**2).sum()) * 1e-6),
         "stress_jump": probe.jump,

@@ -63,7 +63,9 @@ class ComponentSummary(TypedDict):
 
 
 class RunSummary(TypedDict):
-    """The content of ``summary.json``; analyses that were not asked for are not in it, but for empty ``static`` and ``modal``."""
+    """The content of ``summary.json``; analyses that were not asked for are not in it, but for
+    empty ``static`` and ``modal``.
+    """
 
     name: str
     status: Literal["done", "failed"]
@@ -75,7 +77,9 @@ class RunSummary(TypedDict):
     modal: list[ModesSummary]
     warnings: list[str]
     failures: list[str]
-    files: NotRequired[dict[str, dict[str, str]]]  # not where the summary is kept without them, as in studies
+    files: NotRequired[
+        dict[str, dict[str, str]]
+    ]  # not where the summary is kept without them, as in studies
     provenance: NotRequired[ProvenanceSummary]
     static_poses: NotRequired[dict[str, dict[str, PointSummary]]]  # of several poses
     probes: NotRequired[dict[str, dict[str, ProbeSummary]]]
@@ -102,7 +106,9 @@ def summarise(results: Results) -> RunSummary:
         "versions": results.versions,
         "stages": [_summarise_stage(record) for record in results.stages],
         "totals": _sum_up(results),
-        "components": {name: _summarise_component(facts) for name, facts in results.components.items()},
+        "components": {
+            name: _summarise_component(facts) for name, facts in results.components.items()
+        },
         "static": next(iter(static.values()), {}),
         "modal": [answer.summarise() for answer in find_answers(answers, PoseModes)],
         "warnings": list(results.warnings),
@@ -139,7 +145,9 @@ def _sum_up(results: Results) -> TotalsSummary:
         "full_dofs": sum(fact.full_dofs for fact in facts),
         "reduced_dofs": sum(fact.reduced_dofs for fact in facts),
         "seconds": round(sum(record.seconds for record in results.stages), 4),
-        "peak_rss_mb": round(max((record.peak_rss_mb for record in results.stages), default=0.0), 1),
+        "peak_rss_mb": round(
+            max((record.peak_rss_mb for record in results.stages), default=0.0), 1
+        ),
     }
 
 

@@ -1,4 +1,6 @@
-"""What a picture of the machine needs: surfaces, and in each pose placements, joints, points and how the surfaces move in modes."""
+"""What a picture of the machine needs: surfaces, and in each pose placements, joints, points and
+how the surfaces move in modes.
+"""
 
 from dataclasses import dataclass, field
 
@@ -19,7 +21,18 @@ from headstock.reduction.superelement import Superelement
 ShiftArray = NDArray[np.floating]
 BENDING_SPLITS = 3
 # told apart in light and dark, and by most colour-blind readers
-COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b", "#9172b4", "#c2a83e", "#4aa3a2", "#b5566e", "#8892a0", "#a07d5c", "#6a78c7")
+COLORS = (
+    "#4f7cac",
+    "#d08a4a",
+    "#6a9a5b",
+    "#9172b4",
+    "#c2a83e",
+    "#4aa3a2",
+    "#b5566e",
+    "#8892a0",
+    "#a07d5c",
+    "#6a78c7",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +70,10 @@ class PoseView:
         placements: Frame of each component in the machine frame.
         joints: By name.
         points: By name.
-        shifts: Component to ``(modes, points of its skin, 3)`` mode shapes in machine axes [m / sqrt(kg)]; empty without modes.
-        pushes: ``"POINT DIRECTION"`` to component to ``(points of its skin, 3)`` displacement under a unit force there, with the
-            opposite force on the work, machine axes [m/N].
+        shifts: Component to ``(modes, points of its skin, 3)`` mode shapes in machine axes [m /
+            sqrt(kg)]; empty without modes.
+        pushes: ``"POINT DIRECTION"`` to component to ``(points of its skin, 3)`` displacement under
+            a unit force there, with the opposite force on the work, machine axes [m/N].
     """
 
     placements: dict[str, Frame]
@@ -103,7 +117,9 @@ def component_skin(component: Component, superelement: Superelement, skin: Skin 
         return skin
     drawn = solid_skin(component.solid)
     if drawn is None:
-        drawn = inertia_skin(superelement.mass_kg, superelement.center_of_mass, superelement.inertia)
+        drawn = inertia_skin(
+            superelement.mass_kg, superelement.center_of_mass, superelement.inertia
+        )
     if len(superelement.frames) > 1:
         # a body that bends needs points between its corners
         for _ in range(BENDING_SPLITS):
@@ -121,14 +137,19 @@ def view_pose(coupled: CoupledMachine, machine: Machine) -> PoseView:
     }
     points = {}
     for name, point in machine.points.items():
-        tool, work = (None if end.component is None else locate_interface(coupled.layout, end) for end in (point.tool, point.work))
+        tool, work = (
+            None if end.component is None else locate_interface(coupled.layout, end)
+            for end in (point.tool, point.work)
+        )
         place = work if tool is None else tool
         if place is not None:
             points[name] = PointView(str(point.tool), str(point.work), place, work)
     return PoseView(dict(coupled.placements), joints, points)
 
 
-def shift_skins(coupled: CoupledMachine, skins: dict[str, Skin], stacked: FloatArray) -> dict[str, ShiftArray]:
+def shift_skins(
+    coupled: CoupledMachine, skins: dict[str, Skin], stacked: FloatArray
+) -> dict[str, ShiftArray]:
     """Displacement ``(modes, n, 3)`` of every skin point in machine axes, single precision.
 
     Args:
@@ -146,12 +167,15 @@ def shift_skins(coupled: CoupledMachine, skins: dict[str, Skin], stacked: FloatA
     return found
 
 
-def surface_energy_density(points: FloatArray, triangles: IntArray, shift: ShiftArray, material: Material) -> FloatArray:
-    """Strain energy per volume just below a free surface [J/m^3], from how the surface itself is strained.
+def surface_energy_density(
+    points: FloatArray, triangles: IntArray, shift: ShiftArray, material: Material
+) -> FloatArray:
+    """Strain energy per volume just below a free surface [J/m^3], from how the surface itself is
+    strained.
 
-    No traction acts on a free surface, so the stress there is plane and its energy follows from the strains in the surface, each
-    triangle being a strain gauge. Where an interface, a load or a support acts on the surface, the part of the energy that the
-    traction does is missing.
+    No traction acts on a free surface, so the stress there is plane and its energy follows from the
+    strains in the surface, each triangle being a strain gauge. Where an interface, a load or a
+    support acts on the surface, the part of the energy that the traction does is missing.
 
     Args:
         points: ``(n, 3)`` [m].
@@ -169,7 +193,12 @@ def surface_energy_density(points: FloatArray, triangles: IntArray, shift: Shift
     normals = np.cross(sides[:, 0], sides[:, 1])
     doubled = np.linalg.norm(normals, axis=1)
     whole = doubled > 0.0
-    sides, strained, normals, doubled = sides[whole], strained[whole], normals[whole], doubled[whole]
+    sides, strained, normals, doubled = (
+        sides[whole],
+        strained[whole],
+        normals[whole],
+        doubled[whole],
+    )
     first = sides[:, 0] / np.linalg.norm(sides[:, 0], axis=1, keepdims=True)
     axes = np.stack([first, np.cross(normals / doubled[:, None], first)], axis=2)
     # rows of both: the two sides; columns: the two axes in the plane. gradient^T = places^-1 shifts
@@ -181,15 +210,21 @@ def surface_energy_density(points: FloatArray, triangles: IntArray, shift: Shift
     density = 0.5 * material.youngs_modulus / (1.0 - nu**2) * (nu * trace**2 + (1.0 - nu) * squares)
     corner = triangles[whole].ravel()
     area = np.bincount(corner, np.repeat(doubled, 3), minlength=len(points))
-    return np.asarray(np.bincount(corner, np.repeat(doubled * density, 3), minlength=len(points)) / np.where(area > 0.0, area, 1.0))
+    return np.asarray(
+        np.bincount(corner, np.repeat(doubled * density, 3), minlength=len(points))
+        / np.where(area > 0.0, area, 1.0)
+    )
 
 
 def skin_recovery(superelement: Superelement, skin: Skin) -> FloatArray:
-    """Displacement ``(3 n, dofs)`` of the skin's points per unit dof: recovered on the mesh, else carried by the near nodes.
+    """Displacement ``(3 n, dofs)`` of the skin's points per unit dof: recovered on the mesh, else
+    carried by the near nodes.
 
     A rigid body moves rigidly.
     """
     size = len(superelement.labels)
     if superelement.recovery is not None and skin.nodes is not None:
-        return np.asarray(superelement.recovery.basis.reshape(-1, 3, size)[skin.nodes].reshape(-1, size))
+        return np.asarray(
+            superelement.recovery.basis.reshape(-1, 3, size)[skin.nodes].reshape(-1, size)
+        )
     return carried_motion(superelement, skin.points)

@@ -34,15 +34,22 @@ from headstock.pipeline.storage.store import Store, StoreRead, list_keys, read_e
 from headstock.pipeline.storage.superelements import read_superelement
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented, segment_skin
-from headstock.reduction.requests import ReductionExtent, ReductionRequest, mode_target, needs_mass, trim_superelement
+from headstock.reduction.requests import (
+    ReductionExtent,
+    ReductionRequest,
+    mode_target,
+    needs_mass,
+    trim_superelement,
+)
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import FILE_ROUNDING, check_superelement
 from headstock.solvers.ranks import share_from_root
 
 STATIC = "static"
 SEPARATOR = "_"  # a number may hold a minus
-# dolfinx, PETSc and SLEPc take a second to import: the one module that needs them is loaded when something is really reduced, so
-# that a run whose superelements all come from the store does without
+# dolfinx, PETSc and SLEPc take a second to import: the one module that needs them is loaded when
+# something is really reduced, so that a run whose superelements all come from the store does
+# without
 ELASTIC_MODULE = "headstock.reduction.components.elastic"
 
 
@@ -64,32 +71,47 @@ class StoredRequest:
 
 
 def find_superelement(store: Store, request: StoredRequest) -> StoreRead[ReducedComponent]:
-    """The smallest stored superelement that serves, as if it had been reduced for the request; warnings of entries not believed."""
+    """The smallest stored superelement that serves, as if it had been reduced for the request;
+    warnings of entries not believed.
+    """
     warning = None
     serving = [
         (-1 if extent.modes is None else extent.modes, key)
         for key in list_keys(store, ReducedComponent, f"{request.key}{SEPARATOR}")
-        if (extent := _read_extent(key)) is not None and extent.serves(request.reduction, mass=request.mass, verify=request.verify)
+        if (extent := _read_extent(key)) is not None
+        and extent.serves(request.reduction, mass=request.mass, verify=request.verify)
     ]
     for _, key in sorted(serving):
         read = read_entry(store, key, ReducedComponent)
         warning = warning or read.warning
         if read.value is not None:
-            element = trim_superelement(read.value.superelement, request.reduction, mass=request.mass)
+            element = trim_superelement(
+                read.value.superelement, request.reduction, mass=request.mass
+            )
             return StoreRead(dataclasses.replace(read.value, superelement=element), warning)
     return StoreRead(None, warning)
 
 
-def _keep_superelement(store: Store, request: StoredRequest, reduced: ReducedComponent) -> str | None:
+def _keep_superelement(
+    store: Store, request: StoredRequest, reduced: ReducedComponent
+) -> str | None:
     """Keep what was reduced for a request; a warning where the store cannot be written."""
-    return write_entry(store, f"{request.key}{SEPARATOR}{_describe_extent(request, reduced)}", reduced)
+    return write_entry(
+        store, f"{request.key}{SEPARATOR}{_describe_extent(request, reduced)}", reduced
+    )
 
 
 def _describe_extent(request: StoredRequest, reduced: ReducedComponent) -> str:
     """How much a superelement holds, as the end of its key."""
     element, modes = reduced.superelement, request.reduction.modes
-    parts = [STATIC] if modes is None else [str(element.modal_count), repr(float(element.cutoff_hz))]
-    flags = {"mass": request.mass, "gravity": request.reduction.gravity, "verified": request.verify and modes is not None}
+    parts = (
+        [STATIC] if modes is None else [str(element.modal_count), repr(float(element.cutoff_hz))]
+    )
+    flags = {
+        "mass": request.mass,
+        "gravity": request.reduction.gravity,
+        "verified": request.verify and modes is not None,
+    }
     return SEPARATOR.join([*parts, *(name for name, there in flags.items() if there)])
 
 
@@ -98,7 +120,11 @@ def _read_extent(key: str) -> ReductionExtent | None:
     _, first, *rest = key.split(SEPARATOR)
     flags = {name: name in rest for name in ("mass", "gravity", "verified")}
     try:
-        return ReductionExtent(None, 0.0, **flags) if first == STATIC else ReductionExtent(int(first), float(rest[0]), **flags)
+        return (
+            ReductionExtent(None, 0.0, **flags)
+            if first == STATIC
+            else ReductionExtent(int(first), float(rest[0]), **flags)
+        )
     except (ValueError, IndexError):
         return None
 
@@ -119,19 +145,28 @@ def make_superelements(
         observer: Called with the record of each stage as it ends, on rank 0.
 
     Returns:
-        Superelements of all components that are reduced by now, in the order of the plan; complete on rank 0 only.
+        Superelements of all components that are reduced by now, in the order of the plan; complete
+        on rank 0 only.
 
     Raises:
         HeadstockError: A component cannot be meshed or reduced.
     """
     for stage in state.plan.stages:
         if stage.component is not None and (only is None or stage.component in only):
-            run_stage(state, stage, COMPONENT_STAGES[stage.kind], announce=announce, observer=observer)
-    return {name: state.reduced[name].superelement for name in state.plan.components if name in state.reduced}
+            run_stage(
+                state, stage, COMPONENT_STAGES[stage.kind], announce=announce, observer=observer
+            )
+    return {
+        name: state.reduced[name].superelement
+        for name in state.plan.components
+        if name in state.reduced
+    }
 
 
 def _run_mesh_stage(state: RunState, stage: Stage) -> Outcome:
-    """Fetch a component's superelement from the store, else its mesh, else mesh it; every rank gets the mesh it will need."""
+    """Fetch a component's superelement from the store, else its mesh, else mesh it; every rank gets
+    the mesh it will need.
+    """
     component = _component(state, stage)
     outcome = Outcome()
     mesh: ComponentMesh | None = None
@@ -139,7 +174,9 @@ def _run_mesh_stage(state: RunState, stage: Stage) -> Outcome:
         outcome = Outcome(cached=True, detail="not needed")
     elif state.is_root:
         mesh, outcome = _load_or_make_mesh(state, component)
-    if state.is_root and any(probe.component == component.name for probe in state.scene.machine.probes.values()):
+    if state.is_root and any(
+        probe.component == component.name for probe in state.scene.machine.probes.values()
+    ):
         state.probe_meshes[component.name] = mesh or _load_or_make_mesh(state, component)[0]
     mesh = share_from_root(state.comm, mesh)
     if mesh is not None:
@@ -152,12 +189,17 @@ def _run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
     component = _component(state, stage)
     if component.name not in state.meshes:
         # the mesh stage made none, as it found the superelement in the store
-        return Outcome(cached=True, detail=_describe(state.reduced[component.name].superelement) if state.is_root else "")
+        return Outcome(
+            cached=True,
+            detail=_describe(state.reduced[component.name].superelement) if state.is_root else "",
+        )
     mesh = state.meshes.pop(component.name)
     supports, loads = component_supports(state, component), component_loads(state, component)
     elastic = importlib.import_module(ELASTIC_MODULE)
     request = _reduction_request(state, component)
-    superelement: Superelement = elastic.reduce_elastic(component, mesh, supports, loads, comm=state.comm, request=request)
+    superelement: Superelement = elastic.reduce_elastic(
+        component, mesh, supports, loads, comm=state.comm, request=request
+    )
     if not state.is_root:
         return Outcome()
     check_superelement(superelement)
@@ -171,8 +213,12 @@ def _run_rigid_stage(state: RunState, stage: Stage) -> Outcome:
     """Make a rigid superelement from a component's mass properties."""
     if state.is_root:
         component = _component(state, stage)
-        superelement = reduce_rigid(component, describe_component(component), component_loads(state, component))
-        state.reduced[component.name] = ReducedComponent(superelement, skin=_file_skin(state, component))
+        superelement = reduce_rigid(
+            component, describe_component(component), component_loads(state, component)
+        )
+        state.reduced[component.name] = ReducedComponent(
+            superelement, skin=_file_skin(state, component)
+        )
         return Outcome(detail=f"{superelement.mass_kg:.4g} kg")
     return Outcome()
 
@@ -181,7 +227,9 @@ def _run_segment_stage(state: RunState, stage: Stage) -> Outcome:
     """Cut a component into a row of rigid segments on beam springs."""
     if state.is_root:
         component = _component(state, stage)
-        superelement = reduce_segmented(component, describe_component(component), component_loads(state, component))
+        superelement = reduce_segmented(
+            component, describe_component(component), component_loads(state, component)
+        )
         skin = segment_skin(component)
         bending = dataclasses.replace(skin, nodes=np.arange(len(skin.points)))
         state.reduced[component.name] = ReducedComponent(superelement, skin=bending)
@@ -193,7 +241,9 @@ def _run_load_stage(state: RunState, stage: Stage) -> Outcome:
     """Read an imported superelement and check it like one of our own."""
     if state.is_root:
         component = _component(state, stage)
-        superelement = dataclasses.replace(read_superelement(cast(SuperelementFile, component.solid).path), name=component.name)
+        superelement = dataclasses.replace(
+            read_superelement(cast(SuperelementFile, component.solid).path), name=component.name
+        )
         check_superelement(superelement, rounding=FILE_ROUNDING)
         state.reduced[component.name] = ReducedComponent(superelement)
         return Outcome(detail=_describe(superelement))
@@ -231,7 +281,10 @@ def _load_reduced(state: RunState, component: Component) -> bool:
 
 
 def _reduction_request(state: RunState, component: Component) -> ReductionRequest:
-    return ReductionRequest(modes=mode_target(component) if state.plan.with_modes else None, gravity=state.plan.gravity is not None)
+    return ReductionRequest(
+        modes=mode_target(component) if state.plan.with_modes else None,
+        gravity=state.plan.gravity is not None,
+    )
 
 
 def _stored_request(state: RunState, component: Component) -> StoredRequest:
@@ -267,7 +320,9 @@ def _file_skin(state: RunState, component: Component) -> Skin | None:
 
 def stored_mesh(state: RunState, component: Component) -> ComponentMesh | None:
     """The mesh of a component from the store; None where it is not there."""
-    key = mesh_key(component, component_supports(state, component), component_loads(state, component))
+    key = mesh_key(
+        component, component_supports(state, component), component_loads(state, component)
+    )
     return read_entry(state.store, key, ComponentMesh).value
 
 
@@ -285,12 +340,16 @@ def _load_or_make_mesh(state: RunState, component: Component) -> tuple[Component
             else mesh_component(component, supports, loads, time_limit=limit)
         )
         state.warn(write_entry(state.store, key, mesh))
-    return mesh, Outcome(cached=read.value is not None, detail=f"{_spaced(3 * len(mesh.points))} dofs")
+    return mesh, Outcome(
+        cached=read.value is not None, detail=f"{_spaced(3 * len(mesh.points))} dofs"
+    )
 
 
 def _describe(superelement: Superelement) -> str:
     modes = superelement.modal_count
-    return f"{_spaced(superelement.full_dofs)} → {len(superelement.labels)} dofs" + (f", {modes} modes" if modes else "")
+    return f"{_spaced(superelement.full_dofs)} → {len(superelement.labels)} dofs" + (
+        f", {modes} modes" if modes else ""
+    )
 
 
 def _spaced(count: int) -> str:

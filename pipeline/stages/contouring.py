@@ -1,6 +1,8 @@
-"""The contouring stage: a square contour milled on a lumped mechanism, with path, drive forces, motion and the tool's deviation.
+"""The contouring stage: a square contour milled on a lumped mechanism, with path, drive forces,
+motion and the tool's deviation.
 
-For each face also the stability of the cut: the largest Floquet multiplier, and the depth of cut at which chatter starts.
+For each face also the stability of the cut: the largest Floquet multiplier, and the depth of cut at
+which chatter starts.
 """
 
 import dataclasses
@@ -16,11 +18,21 @@ from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.results.contouring import FACES, ContourAnswer, ContourFace, FaceStability
 from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
-from headstock.scene.reading.forces import ForceRecord, read_forces, resample_forces, resampling_loss
+from headstock.scene.reading.forces import (
+    ForceRecord,
+    read_forces,
+    resample_forces,
+    resampling_loss,
+)
 from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
-from headstock.solvers.mechanisms.modes import linearise_poses, mark_motion, modal_damping, solve_pose_modes
+from headstock.solvers.mechanisms.modes import (
+    linearise_poses,
+    mark_motion,
+    modal_damping,
+    solve_pose_modes,
+)
 from headstock.solvers.milling.contouring import (
     GiveHistory,
     LinearMotion,
@@ -33,7 +45,11 @@ from headstock.solvers.milling.contouring import (
 )
 from headstock.solvers.milling.forces import repeated_forces
 from headstock.solvers.milling.path_drives import PathDrive, follow_path
-from headstock.solvers.milling.regeneration import RegenerativeCut, cutting_phases, march_regenerative
+from headstock.solvers.milling.regeneration import (
+    RegenerativeCut,
+    cutting_phases,
+    march_regenerative,
+)
 from headstock.solvers.milling.stability import (
     TipDynamics,
     count_steps,
@@ -68,7 +84,8 @@ class ContourRun:
 
     Attributes:
         times: ``(n,)`` steps [s].
-        gap: ``(n, 3)`` tool point of the mechanism that gives less the rigid one's, less the sag, machine frame [m].
+        gap: ``(n, 3)`` tool point of the mechanism that gives less the rigid one's, less the sag,
+            machine frame [m].
         sag: ``(n, 3)`` static sag under gravity [m].
         force: ``(n, 3)`` on the tool, ground frame of the chains [N].
         marks: ``(5,)`` when the straight cuts start, and when the last one ends [s].
@@ -114,14 +131,18 @@ def run_contour(
     end = min(path.span[1], until)
     step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
     times: FloatArray = np.asarray(np.arange(0.0, end, step), dtype=float)
-    nodes: FloatArray = np.asarray(np.linspace(0.0, end, max(8, round(end / NODE_SPACING))), dtype=float)
+    nodes: FloatArray = np.asarray(
+        np.linspace(0.0, end, max(8, round(end / NODE_SPACING))), dtype=float
+    )
     drive = follow_path(mechanism.mounted, nodes, path.at(nodes), mechanism.tool)
     turn = mechanism.mounted.mounting.rotation
     ratios = np.array(request.damping_ratios or (0.0,))
     motion = linear_motion(model, drive, times, ratios)
     if request.cutting and request.regeneration and record is None:
         history, force = march_regenerative(
-            motion, motion.load, _regenerative_cut(request, path.velocity(times), times, marks, turn)
+            motion,
+            motion.load,
+            _regenerative_cut(request, path.velocity(times), times, marks, turn),
         )
     else:
         force = _given_force(request, path.velocity(times), times, marks, record) @ turn
@@ -133,18 +154,29 @@ def run_contour(
     sag = motion.tool_motion(interpolate_nodes(times, motion.nodes, motion.sag)) @ turn.T
     modes = solve_pose_modes(linearise_poses(model, drive.states[:: max(1, len(nodes) // 20)]))
     highest = float(modes.frequencies_hz.max())
-    return ContourRun(times, moved @ turn.T - sag, sag, force, marks, motion, drive, history, highest)
+    return ContourRun(
+        times, moved @ turn.T - sag, sag, force, marks, motion, drive, history, highest
+    )
 
 
-def _tool_force(request: ContouringRequest, velocity: FloatArray, times: FloatArray, marks: FloatArray) -> FloatArray:
-    """``(n, 3)`` cutting force on the tool in the machine frame; the tool enters and leaves over its radius."""
+def _tool_force(
+    request: ContouringRequest, velocity: FloatArray, times: FloatArray, marks: FloatArray
+) -> FloatArray:
+    """``(n, 3)`` cutting force on the tool in the machine frame; the tool enters and leaves over
+    its radius.
+    """
     feed = np.hypot(velocity[:, 0], velocity[:, 1])
-    own = repeated_forces(request.cut, request.steps_per_turn, feed) * _engagement(request, times, marks)[:, None]
+    own = (
+        repeated_forces(request.cut, request.steps_per_turn, feed)
+        * _engagement(request, times, marks)[:, None]
+    )
     return np.asarray((own[:, None, :] @ travel_frames(velocity))[:, 0])
 
 
 def travel_frames(velocity: FloatArray) -> FloatArray:
-    """``(n, 3, 3)`` with rows along the travel, away from the part on its right, and up, from velocities ``(n, 3)``."""
+    """``(n, 3, 3)`` with rows along the travel, away from the part on its right, and up, from
+    velocities ``(n, 3)``.
+    """
     along = velocity / np.maximum(np.hypot(velocity[:, 0], velocity[:, 1]), 1e-9)[:, None]
     zero = np.zeros(len(velocity))
     away = np.stack([-along[:, 1], along[:, 0], zero], axis=-1)
@@ -152,7 +184,11 @@ def travel_frames(velocity: FloatArray) -> FloatArray:
 
 
 def _regenerative_cut(
-    request: ContouringRequest, velocity: FloatArray, times: FloatArray, marks: FloatArray, mounting: FloatArray
+    request: ContouringRequest,
+    velocity: FloatArray,
+    times: FloatArray,
+    marks: FloatArray,
+    mounting: FloatArray,
 ) -> RegenerativeCut:
     """What the teeth cut along the path, for a mechanism mounted with a rotation ``(3, 3)``."""
     feed = np.hypot(velocity[:, 0], velocity[:, 1]) * request.cut.tooth_period
@@ -166,34 +202,51 @@ def _regenerative_cut(
 
 
 def _given_force(
-    request: ContouringRequest, velocity: FloatArray, times: FloatArray, marks: FloatArray, record: ForceRecord | None
+    request: ContouringRequest,
+    velocity: FloatArray,
+    times: FloatArray,
+    marks: FloatArray,
+    record: ForceRecord | None,
 ) -> FloatArray:
     """``(n, 3)`` force that does not depend on the motion, machine frame."""
     if not request.cutting:
         return np.zeros((len(times), 3))
-    return _tool_force(request, velocity, times, marks) if record is None else resample_forces(record, times)
+    return (
+        _tool_force(request, velocity, times, marks)
+        if record is None
+        else resample_forces(record, times)
+    )
 
 
 def _engagement(request: ContouringRequest, times: FloatArray, marks: FloatArray) -> FloatArray:
     rate = request.contour.feed / request.contour.offset
-    return np.asarray(np.clip((times - marks[0]) * rate, 0.0, 1.0) * np.clip((marks[4] - times) * rate, 0.0, 1.0))
+    return np.asarray(
+        np.clip((times - marks[0]) * rate, 0.0, 1.0) * np.clip((marks[4] - times) * rate, 0.0, 1.0)
+    )
 
 
 def face_instants(run: ContourRun, face: int) -> FloatArray:
     """Which steps lie on a face (0 to 3), its ends left out."""
-    return np.asarray((run.times > run.marks[face] + SETTLING) & (run.times < run.marks[face + 1] - SETTLING))
+    return np.asarray(
+        (run.times > run.marks[face] + SETTLING) & (run.times < run.marks[face + 1] - SETTLING)
+    )
 
 
 def high_share(run: ContourRun) -> float:
-    """Share of the gap's root mean square above twice the highest natural frequency, in the direction where it is largest."""
+    """Share of the gap's root mean square above twice the highest natural frequency, in the
+    direction where it is largest.
+    """
     flat = run.gap - run.gap.mean(axis=0)
     power = np.abs(np.fft.rfft(flat, axis=0)) ** 2
     high = np.fft.rfftfreq(len(flat), run.times[1] - run.times[0]) > 2.0 * run.highest_hz
     return float(np.sqrt(power[high].sum(axis=0) / power.sum(axis=0)).max())
 
 
-def face_stability(mechanism: SceneMechanism, model: CompliantMechanism, request: ContouringRequest, face: int) -> FaceStability:
-    """Stability of the cut in the middle of a face: largest Floquet multiplier at the depth of cut, and the limit depth.
+def face_stability(
+    mechanism: SceneMechanism, model: CompliantMechanism, request: ContouringRequest, face: int
+) -> FaceStability:
+    """Stability of the cut in the middle of a face: largest Floquet multiplier at the depth of cut,
+    and the limit depth.
 
     Args:
         mechanism: Of the scene.
@@ -203,7 +256,11 @@ def face_stability(mechanism: SceneMechanism, model: CompliantMechanism, request
     """
     tip = face_dynamics(mechanism, model, request, face)
     multiplier = cut_multiplier(tip, request, request.cut.axial_depth)
-    return FaceStability(face + 1, multiplier, limit_depth(lambda depth: cut_multiplier(tip, request, depth), DEEPEST))
+    return FaceStability(
+        face + 1,
+        multiplier,
+        limit_depth(lambda depth: cut_multiplier(tip, request, depth), DEEPEST),
+    )
 
 
 def cut_multiplier(tip: TipDynamics, request: ContouringRequest, depth: float) -> float:
@@ -215,11 +272,16 @@ def cut_multiplier(tip: TipDynamics, request: ContouringRequest, depth: float) -
         depth: Axial depth of cut [m].
     """
     cut = dataclasses.replace(request.cut, axial_depth=depth)
-    return largest_multiplier(tip, milling_gains(cut, count_steps(tip, cut.tooth_period)), cut.tooth_period)
+    return largest_multiplier(
+        tip, milling_gains(cut, count_steps(tip, cut.tooth_period)), cut.tooth_period
+    )
 
 
-def face_dynamics(mechanism: SceneMechanism, model: CompliantMechanism, request: ContouringRequest, face: int) -> TipDynamics:
-    """The mechanism with its tool in the middle of a face: forces along, away and up, chips by motions along and away.
+def face_dynamics(
+    mechanism: SceneMechanism, model: CompliantMechanism, request: ContouringRequest, face: int
+) -> TipDynamics:
+    """The mechanism with its tool in the middle of a face: forces along, away and up, chips by
+    motions along and away.
 
     Args:
         mechanism: Of the scene.
@@ -232,11 +294,18 @@ def face_dynamics(mechanism: SceneMechanism, model: CompliantMechanism, request:
     """
     contour = request.contour
     reach = 0.5 * contour.side + contour.offset
-    x, y = (center + reach * normal for center, normal in zip(contour.center, NORMALS[face], strict=True))
+    x, y = (
+        center + reach * normal
+        for center, normal in zip(contour.center, NORMALS[face], strict=True)
+    )
     state = solve_tool_pose(mechanism.mounted, np.array([x, y, contour.height]), mechanism.tool)
     motions = linearise_poses(model, state)
-    damping = modal_damping(motions, solve_pose_modes(motions), np.array(request.damping_ratios or (0.0,)))
-    frame: FloatArray = travel_frames(np.array([[*TRAVELS[face], 0.0]]))[0] @ mechanism.mounted.mounting.rotation
+    damping = modal_damping(
+        motions, solve_pose_modes(motions), np.array(request.damping_ratios or (0.0,))
+    )
+    frame: FloatArray = (
+        travel_frames(np.array([[*TRAVELS[face], 0.0]]))[0] @ mechanism.mounted.mounting.rotation
+    )
     tip = frame @ mark_motion(model, motions, model.tool)[:3]
     return tip_dynamics(motions.mass, damping, np.diag(motions.stiffness), forced=tip, seen=tip[:2])
 
@@ -258,14 +327,18 @@ def evaluate_contour(
         force_loss: Share of measured forces that is faster than the steps.
     """
     on_tool = run.force @ mechanism.mounted.mounting.rotation.T
-    some = np.unique(np.linspace(0, len(run.times) - 1, min(SERIES_POINTS, len(run.times))).astype(np.intp))
+    some = np.unique(
+        np.linspace(0, len(run.times) - 1, min(SERIES_POINTS, len(run.times))).astype(np.intp)
+    )
     return ContourAnswer(
         model=request.model,
         material=request.material,
         cutting=request.cutting,
         regeneration=request.regeneration,
         coriolis=model.velocity_terms,
-        faces=tuple(_face(model, run, face) for face in range(len(FACES)) if face_instants(run, face).any()),
+        faces=tuple(
+            _face(model, run, face) for face in range(len(FACES)) if face_instants(run, face).any()
+        ),
         least_give=np.abs(run.sag).min(axis=0),
         most_give=np.abs(run.sag).max(axis=0),
         force_mean=on_tool.mean(axis=0),
@@ -278,14 +351,16 @@ def evaluate_contour(
         legs=leg_forces(model, run, some),
         screw_lead=mechanism.screw_lead,
         stability=tuple(
-            face_stability(mechanism, model, request, face) for face in range(len(FACES) if request.regeneration else 0)
+            face_stability(mechanism, model, request, face)
+            for face in range(len(FACES) if request.regeneration else 0)
         ),
         force_loss=force_loss,
     )
 
 
 def leg_forces(model: CompliantMechanism, run: ContourRun, some: NDArray[np.intp]) -> FloatArray:
-    """Forces of the legs' drives (eq. 14 of Bonnemains et al. 2010, with the work of springs that soften as a leg grows).
+    """Forces of the legs' drives (eq. 14 of Bonnemains et al. 2010, with the work of springs that
+    soften as a leg grows).
 
     Args:
         model: Bodies and springs of the mechanism.
@@ -305,14 +380,20 @@ def _face(model: CompliantMechanism, run: ContourRun, face: int) -> ContourFace:
     gap, places = run.gap[on], np.flatnonzero(on)
     start = max(0, (len(places) - FACE_POINTS) // 2)
     legs = leg_forces(model, run, places[start : start + FACE_POINTS])
-    return ContourFace(face + 1, gap.mean(axis=0), np.ptp(gap, axis=0), legs.mean(axis=0), np.ptp(legs, axis=0))
+    return ContourFace(
+        face + 1, gap.mean(axis=0), np.ptp(gap, axis=0), legs.mean(axis=0), np.ptp(legs, axis=0)
+    )
 
 
 def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
     """Run the contour the scene asks for."""
     if not state.is_root:
         return Outcome()
-    mechanism, request, placed = state.scene.mechanism, state.scene.analyses.contouring, placed_mechanism(state)
+    mechanism, request, placed = (
+        state.scene.mechanism,
+        state.scene.analyses.contouring,
+        placed_mechanism(state),
+    )
     if mechanism is None or request is None or placed is None:
         raise ValueError("a contour stage needs a placed mechanism and a contour in the scene")
     if not request.damping_ratios:
@@ -321,7 +402,9 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
         state.warn("the contour is run in air: write [effects] cutting_force = true to cut")
     record = None if request.forces is None or not request.cutting else read_forces(request.forces)
     # the linear model is one about the rigid path, the nonlinear one feels gravity turn by itself
-    model = dataclasses.replace(placed.model, velocity_terms=CORIOLIS in state.scene.effects, gravity_stiffening=False)
+    model = dataclasses.replace(
+        placed.model, velocity_terms=CORIOLIS in state.scene.effects, gravity_stiffening=False
+    )
     run = run_contour(mechanism, model, request, record=record)
     loss = None if record is None else resampling_loss(record, run.times)
     if loss is not None and loss > MOST_LOST:
@@ -330,5 +413,9 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
             " raise steps_per_turn in [analyses.contouring] to see it"
         )
     found = evaluate_contour(mechanism, model, request, run, loss)
-    told = ", ".join(f"face {face.number} {1e6 * face.gap_mean[0]:+.1f} µm" for face in found.faces if face.number in (1, 3))
+    told = ", ".join(
+        f"face {face.number} {1e6 * face.gap_mean[0]:+.1f} µm"
+        for face in found.faces
+        if face.number in (1, 3)
+    )
     return Outcome(detail=f"{len(run.times)} steps, gap along x on {told}", answers=(found,))

@@ -1,4 +1,6 @@
-"""The control stage: loops closed around the machine in a pose, their poles, margins and tracking error."""
+"""The control stage: loops closed around the machine in a pose, their poles, margins and tracking
+error.
+"""
 
 import dataclasses
 import math
@@ -52,12 +54,16 @@ def drive_machine(state: RunState, coupled: CoupledMachine) -> DrivenMachine:
 
 
 def run_control_stage(state: RunState, stage: Stage) -> Outcome:
-    """Poles, margins and tracking error of the closed loops; an unstable one is a failure, and the run goes on."""
+    """Poles, margins and tracking error of the closed loops; an unstable one is a failure, and the
+    run goes on.
+    """
     if not state.is_root:
         return Outcome()
     request, coupled, pose = state.scene.analyses.control, state.coupled, stage.pose
     if request is None or coupled is None or pose is None:
-        raise ValueError("a control stage needs a coupled machine in a pose and an analysis in the scene")
+        raise ValueError(
+            "a control stage needs a coupled machine in a pose and an analysis in the scene"
+        )
     driven = drive_machine(state, coupled)
     trains = driven.trains
     loop = close_loops(driven.system, trains)
@@ -73,17 +79,28 @@ def run_control_stage(state: RunState, stage: Stage) -> Outcome:
     except UnstableControlError as error:
         verdict = str(error)
         state.failures.append(f"control in pose {pose}: {error}")
-    margins = find_margins(driven.system, trains, to_hz=MARGIN_REACH * request.up_to_hz, around_hz=poles.frequencies_hz)
-    lags = {axis: find_velocity_lag(loop, axis)[0] for axis in dict.fromkeys(train.axis for train in trains)}
+    margins = find_margins(
+        driven.system, trains, to_hz=MARGIN_REACH * request.up_to_hz, around_hz=poles.frequencies_hz
+    )
+    lags = {
+        axis: find_velocity_lag(loop, axis)[0]
+        for axis in dict.fromkeys(train.axis for train in trains)
+    }
     drives = tuple(
-        ClosedLoopDrive(train, item, lags[train.axis] * request.speed) for train, item in zip(trains, margins, strict=True)
+        ClosedLoopDrive(train, item, lags[train.axis] * request.speed)
+        for train, item in zip(trains, margins, strict=True)
     )
     listed = _list_poles(driven, poles, request.up_to_hz)
     answer = ControlAnswer(pose, request.up_to_hz, request.speed, listed, drives, verdict)
-    return Outcome(detail=f"{len(listed)} poles, {'unstable: see below' if verdict else 'stable'}", answers=(answer,))
+    return Outcome(
+        detail=f"{len(listed)} poles, {'unstable: see below' if verdict else 'stable'}",
+        answers=(answer,),
+    )
 
 
-def _list_poles(driven: DrivenMachine, poles: LoopPoles, up_to_hz: float) -> tuple[ClosedLoopPole, ...]:
+def _list_poles(
+    driven: DrivenMachine, poles: LoopPoles, up_to_hz: float
+) -> tuple[ClosedLoopPole, ...]:
     """Poles up to a frequency, oscillating or not, with what moves in them."""
     shown = [int(i) for i in np.flatnonzero(np.abs(poles.poles) <= 2.0 * math.pi * up_to_hz)]
     shown += [index for index in poles.growing() if index not in shown]

@@ -1,4 +1,6 @@
-"""Error estimates of the natural frequencies and compliances of a coupled machine, from every source there is."""
+"""Error estimates of the natural frequencies and compliances of a coupled machine, from every
+source there is.
+"""
 
 from collections.abc import Mapping
 
@@ -7,7 +9,13 @@ import numpy as np
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.pipeline.planning.planner import has_choice
-from headstock.pipeline.results.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate, combine_estimates
+from headstock.pipeline.results.estimates import (
+    CURVED_FACES,
+    DISCRETISATION,
+    REDUCTION,
+    Estimate,
+    combine_estimates,
+)
 from headstock.pipeline.results.static import UM_PER_KN
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.coupling.coupling import CoupledMachine
@@ -21,15 +29,20 @@ from headstock.reduction.estimates.mesh_errors import (
 )
 from headstock.solvers.linear.modal_analysis import ModalResult
 
-NAMED_DOUBT = 5e-3  # share of a number that the kinds of interfaces must change together to be named
+NAMED_DOUBT = (
+    5e-3  # share of a number that the kinds of interfaces must change together to be named
+)
 NAMED_PART = 0.1  # of what the one that matters most changes: less is not worth a name
 NAMED_INTERFACES = 8
 
 
-def estimate_mode_errors(parts: MachineParts, coupled: CoupledMachine, modes: ModalResult) -> tuple[Estimate, ...]:
+def estimate_mode_errors(
+    parts: MachineParts, coupled: CoupledMachine, modes: ModalResult
+) -> tuple[Estimate, ...]:
     """An estimate [Hz] per natural frequency, all sources together; it covers 95 % of true errors.
 
-    None is given where no body has an estimate of its mesh: rigid and segmented models leave out more than anything that is known.
+    None is given where no body has an estimate of its mesh: rigid and segmented models leave out
+    more than anything that is known.
 
     Args:
         parts: Superelements with their own error estimates.
@@ -40,10 +53,16 @@ def estimate_mode_errors(parts: MachineParts, coupled: CoupledMachine, modes: Mo
         ``m`` estimates [Hz], half widths.
     """
     count = len(modes.frequencies_hz)
-    squares = np.where(np.arange(count) < modes.rigid_count, np.inf, (2.0 * np.pi * modes.frequencies_hz) ** 2)
+    squares = np.where(
+        np.arange(count) < modes.rigid_count, np.inf, (2.0 * np.pi * modes.frequencies_hz) ** 2
+    )
     areas, materials = _coupled_areas(parts)
-    doubts = doubted_energies(coupled, modes.shapes, np.where(np.isinf(squares), 0.0, squares), areas, materials)
-    effects = {name: 0.5 * modes.frequencies_hz * energy / squares for name, energy in doubts.items()}
+    doubts = doubted_energies(
+        coupled, modes.shapes, np.where(np.isinf(squares), 0.0, squares), areas, materials
+    )
+    effects = {
+        name: 0.5 * modes.frequencies_hz * energy / squares for name, energy in doubts.items()
+    }
     kinds = Estimate({}, _name_kinds(parts, effects, modes.frequencies_hz, unit="Hz", factor=1.0))
     unknown = [combine_estimates([name_what_is_left_out(parts, coupled), kinds])] * count
     meshes, faces = frequency_mesh_errors(coupled, modes), frequency_shape_errors(coupled, modes)
@@ -58,8 +77,11 @@ def estimate_mode_errors(parts: MachineParts, coupled: CoupledMachine, modes: Mo
     return tuple(combine_estimates(each) for each in zip(*sources, strict=True))
 
 
-def estimate_compliance_errors(parts: MachineParts, coupled: CoupledMachine, displacements: FloatArray) -> dict[str, Estimate]:
-    """An estimate [m/N] of the compliance in x, y and z at a point; the reduction adds nothing to it.
+def estimate_compliance_errors(
+    parts: MachineParts, coupled: CoupledMachine, displacements: FloatArray
+) -> dict[str, Estimate]:
+    """An estimate [m/N] of the compliance in x, y and z at a point; the reduction adds nothing to
+    it.
 
     Args:
         parts: Of the machine.
@@ -67,18 +89,27 @@ def estimate_compliance_errors(parts: MachineParts, coupled: CoupledMachine, dis
         displacements: ``(n, 6)`` responses to unit loads at the point.
     """
     energies = compliance_mesh_errors(coupled, displacements)
-    meshes = _estimate_parts(DISCRETISATION, {name: np.diag(energy) for name, energy in energies.items()}, 6)
+    meshes = _estimate_parts(
+        DISCRETISATION, {name: np.diag(energy) for name, energy in energies.items()}, 6
+    )
     faces = _estimate_parts(CURVED_FACES, compliance_shape_errors(coupled, displacements), 6)
     areas, materials = _coupled_areas(parts)
     doubts = doubted_energies(coupled, displacements[:, :3], np.zeros(3), areas, materials)
-    soft = np.einsum("im,ij,jm->m", displacements[:, :3], coupled.system.stiffness, displacements[:, :3])
+    soft = np.einsum(
+        "im,ij,jm->m", displacements[:, :3], coupled.system.stiffness, displacements[:, :3]
+    )
     kinds = Estimate({}, _name_kinds(parts, doubts, soft, unit="µm/kN", factor=UM_PER_KN))
     unknown = combine_estimates([name_what_is_left_out(parts, coupled), kinds])
-    return {direction: combine_estimates([meshes[i], faces[i], unknown]) for i, direction in enumerate(DIRECTIONS)}
+    return {
+        direction: combine_estimates([meshes[i], faces[i], unknown])
+        for i, direction in enumerate(DIRECTIONS)
+    }
 
 
 def _estimate_parts(source: str, found: Mapping[str, FloatArray], count: int) -> list[Estimate]:
-    """One estimate per number, from ``(count,)`` parts of each component; None where one of them is not known."""
+    """One estimate per number, from ``(count,)`` parts of each component; None where one of them is
+    not known.
+    """
     estimates = []
     for number in range(count):
         parts = {name: float(errors[number]) for name, errors in found.items()}
@@ -95,7 +126,9 @@ def _estimate_parts(source: str, found: Mapping[str, FloatArray], count: int) ->
 def _estimate_reduction(coupled: CoupledMachine, modes: ModalResult) -> list[Estimate]:
     """The modes that components leave out make frequencies too high, never too low."""
     found = bound_frequency_errors(coupled.system, truncated_parts(coupled), modes)
-    unknown = tuple(f"the reduction of {name}, which was imported" for name in _silent_imports(coupled))
+    unknown = tuple(
+        f"the reduction of {name}, which was imported" for name in _silent_imports(coupled)
+    )
     return [
         Estimate(
             {REDUCTION: None if np.isnan(bound) else float(bound)},
@@ -108,11 +141,17 @@ def _estimate_reduction(coupled: CoupledMachine, modes: ModalResult) -> list[Est
 
 def _silent_imports(coupled: CoupledMachine) -> list[str]:
     """Components with modal dofs that do not say what their reduction left out."""
-    return [name for name, part in coupled.layout.superelements.items() if part.modal_count and part.errors.truncation is None]
+    return [
+        name
+        for name, part in coupled.layout.superelements.items()
+        if part.modal_count and part.errors.truncation is None
+    ]
 
 
 def _coupled_areas(parts: MachineParts) -> tuple[dict[tuple[str, str], float], dict[str, Material]]:
-    """Areas [m^2] of the fixed interfaces of meshed components whose kind is a choice, and materials."""
+    """Areas [m^2] of the fixed interfaces of meshed components whose kind is a choice, and
+    materials.
+    """
     areas, materials = {}, {}
     for name, component in parts.plan.components.items():
         quality = parts.reduced[name].quality
@@ -126,9 +165,16 @@ def _coupled_areas(parts: MachineParts) -> tuple[dict[tuple[str, str], float], d
 
 
 def _name_kinds(
-    parts: MachineParts, effects: Mapping[str, FloatArray], values: FloatArray, *, unit: str, factor: float
+    parts: MachineParts,
+    effects: Mapping[str, FloatArray],
+    values: FloatArray,
+    *,
+    unit: str,
+    factor: float,
 ) -> tuple[str, ...]:
-    """The interfaces whose kind may matter, with the size of that; none where it is small beside every number."""
+    """The interfaces whose kind may matter, with the size of that; none where it is small beside
+    every number.
+    """
     together = np.sum([np.zeros(len(values)), *effects.values()], axis=0)
     # many small ones add up: a long machine of many parts is held stiff a little at each
     doubtful = together > NAMED_DOUBT * values
@@ -141,21 +187,31 @@ def _name_kinds(
     )
     size = float(f"{factor * float(together.max()):.1g}")
     modal = parts.scene.analyses.modal
-    remedy = "" if modal is not None and modal.spread else "; spread = true in [analyses.modal] computes it"
+    remedy = (
+        ""
+        if modal is not None and modal.spread
+        else "; spread = true in [analyses.modal] computes it"
+    )
     return (f"rigid or averaging interfaces {named}, about {size:g} {unit} at most{remedy}",)
 
 
 def name_what_is_left_out(parts: MachineParts, coupled: CoupledMachine) -> Estimate:
-    """What no estimate is made of: meshes of imported parts, and bodies that are no finite element model."""
+    """What no estimate is made of: meshes of imported parts, and bodies that are no finite element
+    model.
+    """
     kinds: dict[str, list[str]] = {}
     surfaces = []
     for name, part in coupled.layout.superelements.items():
         fidelity = parts.plan.components[name].fidelity
         if part.errors.missing_energy is None:
-            kinds.setdefault("the mesh of" if fidelity == "elastic" else f"{fidelity} model of", []).append(name)
+            kinds.setdefault(
+                "the mesh of" if fidelity == "elastic" else f"{fidelity} model of", []
+            ).append(name)
         elif part.errors.shape_stiffness is None and part.errors.missing_energy.any():
             surfaces.append(f"the curved faces of {name}{_missed_volume(parts, name)}")
-    return Estimate({}, (*(f"{kind} {', '.join(names)}" for kind, names in kinds.items()), *surfaces))
+    return Estimate(
+        {}, (*(f"{kind} {', '.join(names)}" for kind, names in kinds.items()), *surfaces)
+    )
 
 
 def _missed_volume(parts: MachineParts, name: str) -> str:

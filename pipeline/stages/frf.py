@@ -1,4 +1,5 @@
-"""The frequency response stage, with the errors of its lines and of its figures of stability from meshes and modes left out.
+"""The frequency response stage, with the errors of its lines and of its figures of stability from
+meshes and modes left out.
 
 Only rank 0 has anything to do.
 """
@@ -14,7 +15,14 @@ from headstock.pipeline.results.estimates import CURVED_FACES, DISCRETISATION, R
 from headstock.pipeline.results.frf import PortFigures, PoseResponse, ResponseCurves
 from headstock.pipeline.stages.estimates import name_what_is_left_out
 from headstock.pipeline.stages.machine import DAMPING, damp_system, warn_of_no_damping
-from headstock.pipeline.stages.run_state import MachineParts, Outcome, PoseModel, RunState, Solved, pose_model
+from headstock.pipeline.stages.run_state import (
+    MachineParts,
+    Outcome,
+    PoseModel,
+    RunState,
+    Solved,
+    pose_model,
+)
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.estimates.frequency_errors import truncated_parts
 from headstock.reduction.estimates.mesh_errors import meshed_parts
@@ -40,7 +48,12 @@ from headstock.solvers.linear.frequency_response import (
 )
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates, count_modes, keep_modes
-from headstock.solvers.second_order import ComplexArray, SecondOrderSystem, input_columns, output_rows
+from headstock.solvers.second_order import (
+    ComplexArray,
+    SecondOrderSystem,
+    input_columns,
+    output_rows,
+)
 
 NEIGHBOURHOOD = 0.2  # of a peak's frequency: lines that follow it when it moves
 NAMED_MARGIN = 1.2
@@ -62,15 +75,23 @@ class ResponseEstimate:
 
     @property
     def shares(self) -> dict[str, FloatArray]:
-        """Source to the size of its part ``(n_freq, n_outputs, n_inputs)``; NaN where there is no bound, none without a meshed part."""
+        """Source to the size of its part ``(n_freq, n_outputs, n_inputs)``; NaN where there is no
+        bound, none without a meshed part.
+        """
         if self.errors.mesh_sizes is None:
             return {}
         sizes = {DISCRETISATION: self.errors.mesh_sizes, CURVED_FACES: self.errors.face_sizes}
-        return {source: size for source, size in sizes.items() if size is not None} | {REDUCTION: self.errors.bounds}
+        return {source: size for source, size in sizes.items() if size is not None} | {
+            REDUCTION: self.errors.bounds
+        }
 
 
 def estimate_response_errors(
-    parts: MachineParts, system: SecondOrderSystem, coupled: CoupledMachine, modes: ModalResult, response: FrequencyResponse
+    parts: MachineParts,
+    system: SecondOrderSystem,
+    coupled: CoupledMachine,
+    modes: ModalResult,
+    response: FrequencyResponse,
 ) -> ResponseEstimate:
     """Change of every line of a response by finer meshes and by the modes left out.
 
@@ -83,10 +104,20 @@ def estimate_response_errors(
     """
     lossy = DAMPING in parts.scene.effects and not parts.scene.modal_damping
     truncated, meshed = truncated_parts(coupled), meshed_parts(coupled)
-    names = [name for name in coupled.layout.superelements if lossy and name in truncated.keys() | meshed.keys()]
+    names = [
+        name
+        for name in coupled.layout.superelements
+        if lossy and name in truncated.keys() | meshed.keys()
+    ]
     losses = {name: parts.plan.components[name].material.loss_factor for name in names}
     ports = (input_columns(system, response.inputs), output_rows(system, response.outputs))
-    space = project_response(system, ErrorSources(truncated, meshed, losses), modes, ports, float(response.frequencies_hz.max()))
+    space = project_response(
+        system,
+        ErrorSources(truncated, meshed, losses),
+        modes,
+        ports,
+        float(response.frequencies_hz.max()),
+    )
     errors = bound_response_errors(space, response.frequencies_hz)
     return ResponseEstimate(errors, space, name_what_is_left_out(parts, coupled).left_out)
 
@@ -94,7 +125,8 @@ def estimate_response_errors(
 def add_figure_errors(
     figures: tuple[PortFigures, ...], response: FrequencyResponse, estimate: ResponseEstimate | None
 ) -> tuple[PortFigures, ...]:
-    """The figures with the change of their most negative real part: a peak that moves keeps its depth.
+    """The figures with the change of their most negative real part: a peak that moves keeps its
+    depth.
 
     Args:
         figures: Figures of each drive point.
@@ -107,13 +139,25 @@ def add_figure_errors(
     for own in figures:
         row, column = response.outputs.index(own.port), response.inputs.index(own.port)
         plain = response.receptance[:, row, column]
-        low, high = (change[:, row, column] for change in (estimate.errors.least, estimate.errors.most))
+        low, high = (
+            change[:, row, column] for change in (estimate.errors.least, estimate.errors.most)
+        )
         bounded = np.isfinite(plain) & np.isfinite(high)
-        if own.worst_real is None or own.worst_real_hz is None or not _reaches(response.frequencies_hz, bounded, own.worst_real_hz):
+        if (
+            own.worst_real is None
+            or own.worst_real_hz is None
+            or not _reaches(response.frequencies_hz, bounded, own.worst_real_hz)
+        ):
             found.append(own)
             continue
-        depths = [_deepest(plain[bounded] + change[bounded]) for change in (np.zeros_like(plain), low, high)]
-        shares = {REDUCTION: max(abs(depths[1] - depths[0]), abs(depths[2] - depths[0])) + abs(depths[2] - depths[1])}
+        depths = [
+            _deepest(plain[bounded] + change[bounded])
+            for change in (np.zeros_like(plain), low, high)
+        ]
+        shares = {
+            REDUCTION: max(abs(depths[1] - depths[0]), abs(depths[2] - depths[0]))
+            + abs(depths[2] - depths[1])
+        }
         if estimate.errors.mesh is not None:
             softer = _softer_depth(response, estimate, own.worst_real_hz, row=row, column=column)
             # nothing is known of the mesh near the deepest line: then nothing is known of the depth
@@ -121,12 +165,19 @@ def add_figure_errors(
                 found.append(own)
                 continue
             shares = {DISCRETISATION: abs(softer - depths[0])} | shares
-        found.append(dataclasses.replace(own, worst_real_error=sum(shares.values()), worst_real_error_share=shares))
+        found.append(
+            dataclasses.replace(
+                own, worst_real_error=sum(shares.values()), worst_real_error_share=shares
+            )
+        )
     return tuple(found)
 
 
-def _softer_depth(response: FrequencyResponse, estimate: ResponseEstimate, hz: float, *, row: int, column: int) -> float | None:
-    """Most negative real part with finer meshes; lines are dense where peaks are, so those around the deepest move along with it.
+def _softer_depth(
+    response: FrequencyResponse, estimate: ResponseEstimate, hz: float, *, row: int, column: int
+) -> float | None:
+    """Most negative real part with finer meshes; lines are dense where peaks are, so those around
+    the deepest move along with it.
 
     None where nothing is known of any line.
     """
@@ -173,7 +224,11 @@ def respond(machine: PoseModel, *, judged: bool = True) -> Solved[PoseResponse]:
     poles = find_peaks(model, request.to_hz)
     response = evaluate_frf(model, frequency_grid(request, poles))
     damped = system.damping is not None or system.hysteretic is not None
-    bounded = bool((np.abs(poles.real) > UNDAMPED * np.abs(poles))[np.abs(poles) <= 2.0 * np.pi * request.to_hz].all())
+    bounded = bool(
+        (np.abs(poles.real) > UNDAMPED * np.abs(poles))[
+            np.abs(poles) <= 2.0 * np.pi * request.to_hz
+        ].all()
+    )
     if not bounded:
         warnings.append(
             "frequency response: a mode in the range has no damping, so its peak has no top; "
@@ -198,10 +253,16 @@ def respond(machine: PoseModel, *, judged: bool = True) -> Solved[PoseResponse]:
         method=response.method,
         damped=damped,
         free_body=_name_entries(response),
-        singular_hz=tuple(float(hz) for hz in response.frequencies_hz[response.singular.any(axis=(1, 2))]),
+        singular_hz=tuple(
+            float(hz) for hz in response.frequencies_hz[response.singular.any(axis=(1, 2))]
+        ),
         figures=add_figure_errors(
             _port_figures(
-                request, model, figures, modes_hz=near.frequencies_hz, names=machine.name_modes(near).names if judged else ()
+                request,
+                model,
+                figures,
+                modes_hz=near.frequencies_hz,
+                names=machine.name_modes(near).names if judged else (),
             ),
             response,
             estimate,
@@ -227,7 +288,12 @@ def _name_entries(response: FrequencyResponse) -> tuple[str, ...]:
 
 
 def _port_figures(
-    request: FrfRequest, model: FrfModel, stability: tuple[StabilityFigures, ...], *, modes_hz: FloatArray, names: tuple[str, ...]
+    request: FrfRequest,
+    model: FrfModel,
+    stability: tuple[StabilityFigures, ...],
+    *,
+    modes_hz: FloatArray,
+    names: tuple[str, ...],
 ) -> tuple[PortFigures, ...]:
     by_port = {figures.port: figures for figures in stability}
     found = []
@@ -244,15 +310,21 @@ def _port_figures(
                     chatter_stiffness=own.chatter_stiffness if own else None,
                     softest=own.softest if own else None,
                     softest_hz=own.softest_hz if own else None,
-                    softest_mode=names[int(np.argmin(np.abs(modes_hz - own.softest_hz)))] if own and names else "",
+                    softest_mode=names[int(np.argmin(np.abs(modes_hz - own.softest_hz)))]
+                    if own and names
+                    else "",
                     plain_sum_error=_plain_sum_error(model.coordinates, row, column, request.to_hz),
                 )
             )
     return tuple(found)
 
 
-def _plain_sum_error(coordinates: ModalCoordinates | None, row: int, column: int, limit_hz: float) -> float | None:
-    """Share of the static compliance that elastic modes up to a frequency miss; None where there is none."""
+def _plain_sum_error(
+    coordinates: ModalCoordinates | None, row: int, column: int, limit_hz: float
+) -> float | None:
+    """Share of the static compliance that elastic modes up to a frequency miss; None where there is
+    none.
+    """
     if coordinates is None or not coordinates.elastic[row, column]:
         return None
     kept = keep_modes(coordinates, count_modes(coordinates, limit_hz))

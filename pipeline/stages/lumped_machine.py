@@ -1,4 +1,6 @@
-"""A scene's lumped mechanism: rigid components on the marks that carry them, springs in the legs, placed in a pose."""
+"""A scene's lumped mechanism: rigid components on the marks that carry them, springs in the legs,
+placed in a pose.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,7 +29,8 @@ class PlacedMechanism:
         motions: Small motions about the pose.
         superelements: Rigid bodies by component.
         placements: Frame of each component in the machine frame.
-        body_motions: Component to ``(6, c)`` motion of its centre of mass and its turning per compliant coordinate, machine axes.
+        body_motions: Component to ``(6, c)`` motion of its centre of mass and its turning per
+            compliant coordinate, machine axes.
     """
 
     model: CompliantMechanism
@@ -39,12 +42,16 @@ class PlacedMechanism:
     body_motions: dict[str, FloatArray]
 
     def motion_at(self, end: JointEnd) -> FloatArray:
-        """``(6, c)`` motion of an interface per compliant coordinate, machine axes; zero for ground and what is not carried."""
+        """``(6, c)`` motion of an interface per compliant coordinate, machine axes; zero for ground
+        and what is not carried.
+        """
         if end.component is None or end.interface is None:
             return np.zeros((6, len(self.motions.stiffness)))
         body, placement = self.superelements[end.component], self.placements[end.component]
         return (
-            rigid_transfer(placement.rotation @ body.center_of_mass, placement.rotation @ self._local(end))
+            rigid_transfer(
+                placement.rotation @ body.center_of_mass, placement.rotation @ self._local(end)
+            )
             @ self.body_motions[end.component]
         )
 
@@ -81,15 +88,24 @@ def build_compliant_mechanism(
     for name, mark in mechanism.carries.items():
         body, own = superelements[name], placements[name]
         center = own.origin + own.rotation @ body.center_of_mass
-        bodies.append(MechanismBody(name, mark, body.mass_kg, center, own.rotation @ body.inertia @ own.rotation.T))
+        bodies.append(
+            MechanismBody(
+                name, mark, body.mass_kg, center, own.rotation @ body.inertia @ own.rotation.T
+            )
+        )
     turned = np.zeros(3) if gravity is None else mechanism.mounted.mounting.rotation.T @ gravity
     return CompliantMechanism(
-        mechanism.mounted.mechanism, tuple(bodies), build_springs(mechanism), gravity=turned, gravity_stiffening=stiffening
+        mechanism.mounted.mechanism,
+        tuple(bodies),
+        build_springs(mechanism),
+        gravity=turned,
+        gravity_stiffening=stiffening,
     )
 
 
 def build_springs(mechanism: SceneMechanism) -> LumpedSprings:
-    """Springs across and along each leg: a joint each way, and along the leg the drive and the screw in series with it.
+    """Springs across and along each leg: a joint each way, and along the leg the drive and the
+    screw in series with it.
 
     Raises:
         ValueError: The scene gives no springs.
@@ -97,7 +113,10 @@ def build_springs(mechanism: SceneMechanism) -> LumpedSprings:
     given = mechanism.springs
     if given is None:
         raise ValueError("a lumped mechanism needs springs")
-    across, along = 1.0 / given.joint, 1.0 / given.joint + 1.0 / given.drive + given.screw_offset / given.screw
+    across, along = (
+        1.0 / given.joint,
+        1.0 / given.joint + 1.0 / given.drive + given.screw_offset / given.screw,
+    )
     lengths = [mechanism.mounted.mechanism.index(name) for name in LENGTHS for _ in range(2)]
     return LumpedSprings(
         constant=np.array([across, along] * len(LEGS)),
@@ -136,27 +155,42 @@ def place_mechanism(
             placements[name], moving[name] = own[name], np.zeros((6, len(motions.stiffness)))
             continue
         place = model.mechanism.marks.index(mark)
-        on_mark = compose_frames(mounting, Frame(placement.positions[place], placement.rotations[place]))
+        on_mark = compose_frames(
+            mounting, Frame(placement.positions[place], placement.rotations[place])
+        )
         placements[name] = compose_frames(on_mark, own[name])
         center = placements[name].origin + placements[name].rotation @ body.center_of_mass
         motion = rotate_dofs(mounting.rotation) @ mark_motion(model, motions, mark)
         moving[name] = rigid_transfer(on_mark.origin, center) @ motion
-    return PlacedMechanism(model, mechanism.springs, state, motions, superelements, placements, moving)
+    return PlacedMechanism(
+        model, mechanism.springs, state, motions, superelements, placements, moving
+    )
 
 
 def spring_shares(placed: PlacedMechanism, stretch: FloatArray) -> dict[str, float]:
-    """Share of the strain energy in each leg's joint, drive and screw at compliant coordinates ``(c,)``."""
+    """Share of the strain energy in each leg's joint, drive and screw at compliant coordinates
+    ``(c,)``.
+    """
     energy = placed.motions.stiffness * stretch**2
     total = float(energy.sum())
     found: dict[str, float] = {}
     for number, leg in enumerate(LEGS):
-        parts = series_parts(placed.springs, float(placed.state[placed.model.springs.length[2 * number]]))
-        shares = dict(zip(SPRING_PARTS, energy[2 * number + 1] * np.array(parts) / sum(parts), strict=True))
+        parts = series_parts(
+            placed.springs, float(placed.state[placed.model.springs.length[2 * number]])
+        )
+        shares = dict(
+            zip(SPRING_PARTS, energy[2 * number + 1] * np.array(parts) / sum(parts), strict=True)
+        )
         shares["joint"] += energy[2 * number]
-        found |= {f"{leg}.{part}": float(value) / total if total else 0.0 for part, value in shares.items()}
+        found |= {
+            f"{leg}.{part}": float(value) / total if total else 0.0
+            for part, value in shares.items()
+        }
     return found
 
 
 def series_parts(springs: LegSprings, length: float) -> tuple[float, float, float]:
-    """Compliance of joint, drive and screw along a leg of a given length [m/N] (Bonnemains et al. 2010, eqs. 1 and 2)."""
+    """Compliance of joint, drive and screw along a leg of a given length [m/N] (Bonnemains et al.
+    2010, eqs. 1 and 2).
+    """
     return 1.0 / springs.joint, 1.0 / springs.drive, (length + springs.screw_offset) / springs.screw

@@ -1,4 +1,6 @@
-"""A machine coupled of superelements in a pose: what analyses ask of it, and the stage that couples it."""
+"""A machine coupled of superelements in a pose: what analyses ask of it, and the stage that couples
+it.
+"""
 
 import dataclasses
 import functools
@@ -15,11 +17,22 @@ from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.results.estimates import Estimate
 from headstock.pipeline.results.mechanism import describe_state
 from headstock.pipeline.results.static import PointCompliance
-from headstock.pipeline.results.views import PoseView, ShiftArray, component_skin, shift_skins, view_pose
+from headstock.pipeline.results.views import (
+    PoseView,
+    ShiftArray,
+    component_skin,
+    shift_skins,
+    view_pose,
+)
 from headstock.pipeline.stages.estimates import estimate_compliance_errors, estimate_mode_errors
 from headstock.pipeline.stages.run_state import MachineParts, Outcome, RunState, Solved, pose_name
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.motions.body_motions import FreeMotion, find_free_motions, solve_machine_static, warn_of_free_motions
+from headstock.reduction.motions.body_motions import (
+    FreeMotion,
+    find_free_motions,
+    solve_machine_static,
+    warn_of_free_motions,
+)
 from headstock.reduction.motions.compliance_budget import find_weakest_link, point_budget
 from headstock.reduction.motions.mode_naming import NamedModes, name_modes
 from headstock.scene.scene import Scene
@@ -64,7 +77,9 @@ class CoupledPose:
         return np.asarray(self.coupled.basis @ motions)
 
     def push(self, port: Port) -> FloatArray:
-        """Motion of the system ``(n,)`` under a unit force at a port, as far as free motions leave it determined."""
+        """Motion of the system ``(n,)`` under a unit force at a port, as far as free motions leave
+        it determined.
+        """
         return solve_machine_static(self.coupled, self.system.inputs[port]).displacements
 
     def name_modes(self, modes: ModalResult) -> NamedModes:
@@ -87,19 +102,30 @@ class CoupledPose:
         softest = DIRECTIONS[int(np.nanargmax(along))]
         link = find_weakest_link(coupled, name, softest, found)
         errors = estimate_compliance_errors(self.parts, coupled, found.displacements)
-        errors |= {direction: Estimate() for direction, value in zip(DIRECTIONS, along, strict=True) if np.isnan(value)}
+        errors |= {
+            direction: Estimate()
+            for direction, value in zip(DIRECTIONS, along, strict=True)
+            if np.isnan(value)
+        }
         free = find_free_motions(coupled) if found.free else ()
         displacement, failures = self._displacement(name)
         return Solved(
             PointCompliance(
-                found.compliance, found.shares, "" if link is None else str(link), displacement, errors, tuple(map(str, free))
+                found.compliance,
+                found.shares,
+                "" if link is None else str(link),
+                displacement,
+                errors,
+                tuple(map(str, free)),
             ),
             (warn_of_free_motions(self.undeclared(free) or free),) if free else (),
             failures,
         )
 
     def _displacement(self, name: str) -> tuple[FloatArray | None, tuple[str, ...]]:
-        """Motion ``(6,)`` of a point under all static loads together, NaN where a free motion leaves it open; why there is none."""
+        """Motion ``(6,)`` of a point under all static loads together, NaN where a free motion
+        leaves it open; why there is none.
+        """
         coupled = self.coupled
         if not coupled.loads:
             return None, ()
@@ -113,7 +139,11 @@ class CoupledPose:
     def undeclared(self, motions: Sequence[FreeMotion]) -> tuple[FreeMotion, ...]:
         """Those of the free motions in which not every body is declared free."""
         components = self.parts.plan.components
-        return tuple(motion for motion in motions if not motion.bodies or not all(components[name].free for name in motion.bodies))
+        return tuple(
+            motion
+            for motion in motions
+            if not motion.bodies or not all(components[name].free for name in motion.bodies)
+        )
 
     def view(self) -> PoseView:
         """What is drawn of the pose without motions."""
@@ -126,7 +156,11 @@ class CoupledPose:
 
 def couple_pose(parts: MachineParts, pose: Pose) -> CoupledPose:
     """Couple the superelements of a machine in a pose."""
-    return CoupledPose(parts, pose, couple(parts.superelements, parts.scene.machine, pose, gravity=parts.plan.gravity))
+    return CoupledPose(
+        parts,
+        pose,
+        couple(parts.superelements, parts.scene.machine, pose, gravity=parts.plan.gravity),
+    )
 
 
 def run_couple_stage(state: RunState, stage: Stage) -> Outcome:
@@ -137,21 +171,33 @@ def run_couple_stage(state: RunState, stage: Stage) -> Outcome:
     state.model, mechanism = model, state.scene.mechanism
     add_view(state)
     pose = model.pose
-    stand = () if mechanism is None else (describe_state(mechanism, pose.name, solve_pose(mechanism, pose.positions)),)
-    return Outcome(detail=f"{len(model.system.labels)} dofs", answers=stand, warnings=tuple(model.coupled.warnings))
+    stand = (
+        ()
+        if mechanism is None
+        else (describe_state(mechanism, pose.name, solve_pose(mechanism, pose.positions)),)
+    )
+    return Outcome(
+        detail=f"{len(model.system.labels)} dofs",
+        answers=stand,
+        warnings=tuple(model.coupled.warnings),
+    )
 
 
 def add_view(state: RunState) -> None:
     """Keep what is drawn of the machine in the pose at hand."""
     if state.model is not None:
         state.skins = {
-            name: component_skin(state.plan.components[name], part.superelement, part.skin) for name, part in state.reduced.items()
+            name: component_skin(state.plan.components[name], part.superelement, part.skin)
+            for name, part in state.reduced.items()
         }
         state.views[state.model.pose.name] = state.model.view()
 
 
-def damp_system(scene: Scene, system: SecondOrderSystem, modes: ModalResult | None = None) -> SecondOrderSystem:
-    """The system with the damping of the scene: none unless the effect is named; modal ratios on top of joints and materials.
+def damp_system(
+    scene: Scene, system: SecondOrderSystem, modes: ModalResult | None = None
+) -> SecondOrderSystem:
+    """The system with the damping of the scene: none unless the effect is named; modal ratios on
+    top of joints and materials.
 
     Args:
         scene: With its effects.
@@ -165,6 +211,13 @@ def damp_system(scene: Scene, system: SecondOrderSystem, modes: ModalResult | No
 
 def warn_of_no_damping(scene: Scene, system: SecondOrderSystem) -> tuple[str, ...]:
     """A warning where damping is asked for and there is none in the system as coupled."""
-    if DAMPING not in scene.effects or scene.modal_damping or system.damping is not None or system.hysteretic is not None:
+    if (
+        DAMPING not in scene.effects
+        or scene.modal_damping
+        or system.damping is not None
+        or system.hysteretic is not None
+    ):
         return ()
-    return ("the effect damping is on, but no joint and no material has any: every damping ratio is zero",)
+    return (
+        "the effect damping is on, but no joint and no material has any: every damping ratio is zero",
+    )

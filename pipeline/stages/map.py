@@ -1,4 +1,6 @@
-"""The map stage: natural modes tracked by shape, static stiffness and condition number of a lumped mechanism over its workspace."""
+"""The map stage: natural modes tracked by shape, static stiffness and condition number of a lumped
+mechanism over its workspace.
+"""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -23,7 +25,8 @@ from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes
 
 IndexArray = NDArray[np.intp]
 CHUNK = 512  # poses evaluated together: more would leave the cache
-PLAINLY_ALIKE = 0.8  # squared cosine with the neighbour's mode of the same number from which no other can be nearer
+# squared cosine with the neighbour's mode of the same number from which no other can be nearer
+PLAINLY_ALIKE = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +36,8 @@ class PoseRows:
     Attributes:
         condition: ``(n,)``.
         frequencies_hz: ``(n, c)`` of all modes.
-        shapes: ``(n, c, c)`` stretches of the springs, one column per mode, weighed so that their squares are shares of strain energy.
+        shapes: ``(n, c, c)`` stretches of the springs, one column per mode, weighed so that their
+            squares are shares of strain energy.
         stiffness: ``(n, 3)`` static stiffness at the tool along x, y, z [N/m].
         lengths: ``(n, 3)`` of the legs [m].
     """
@@ -46,9 +50,14 @@ class PoseRows:
 
 
 def map_workspace(
-    mechanism: SceneMechanism, model: CompliantMechanism, request: MapRequest, *, comm: MPI.Comm = MPI.COMM_SELF
+    mechanism: SceneMechanism,
+    model: CompliantMechanism,
+    request: MapRequest,
+    *,
+    comm: MPI.Comm = MPI.COMM_SELF,
 ) -> WorkspaceMap | None:
-    """Everything over the grid, poses shared out over the ranks; only rank 0 has the map, others None.
+    """Everything over the grid, poses shared out over the ranks; only rank 0 has the map, others
+    None.
 
     Args:
         mechanism: Of the scene, with its mounting.
@@ -57,19 +66,28 @@ def map_workspace(
         comm: Ranks that share the poses.
     """
     shape = tuple(len(values) for _, values in request.axes)
-    grid = np.stack(np.meshgrid(*(values for _, values in request.axes), indexing="ij"), axis=-1).reshape(-1, len(shape))
+    grid = np.stack(
+        np.meshgrid(*(values for _, values in request.axes), indexing="ij"), axis=-1
+    ).reshape(-1, len(shape))
     part = np.array_split(grid, comm.size)[comm.rank]
-    rows = [_survey_rows(mechanism, model, request, part[start : start + CHUNK]) for start in range(0, max(len(part), 1), CHUNK)]
+    rows = [
+        _survey_rows(mechanism, model, request, part[start : start + CHUNK])
+        for start in range(0, max(len(part), 1), CHUNK)
+    ]
     gathered = comm.gather(rows, root=0)
     if gathered is None:
         return None
     return _assemble(request, shape, _join([row for rows in gathered for row in rows]))
 
 
-def _survey_rows(mechanism: SceneMechanism, model: CompliantMechanism, request: MapRequest, positions: FloatArray) -> PoseRows:
+def _survey_rows(
+    mechanism: SceneMechanism, model: CompliantMechanism, request: MapRequest, positions: FloatArray
+) -> PoseRows:
     """Poses with the map's axes at positions ``(n, d)``."""
     names = [name for name, _ in request.axes]
-    poses = [{**request.fixed, **dict(zip(names, map(float, row), strict=True))} for row in positions]
+    poses = [
+        {**request.fixed, **dict(zip(names, map(float, row), strict=True))} for row in positions
+    ]
     size, count = len(model.mechanism.compliant), len(poses)
     found = PoseRows(
         condition=np.full(count, np.nan),
@@ -80,7 +98,9 @@ def _survey_rows(mechanism: SceneMechanism, model: CompliantMechanism, request: 
     )
     if not poses:
         return found
-    points, directions = (np.array(part) for part in zip(*(tool_pose(mechanism, pose) for pose in poses), strict=True))
+    points, directions = (
+        np.array(part) for part in zip(*(tool_pose(mechanism, pose) for pose in poses), strict=True)
+    )
     survey = survey_tool_poses(mechanism.mounted, points, directions)
     good = survey.within & np.isfinite(survey.condition)
     if good.any():
@@ -98,17 +118,24 @@ def _survey_rows(mechanism: SceneMechanism, model: CompliantMechanism, request: 
 
 def _join(rows: list[PoseRows]) -> PoseRows:
     names = ("condition", "frequencies_hz", "shapes", "stiffness", "lengths")
-    return PoseRows(**{name: np.concatenate([getattr(row, name) for row in rows]) for name in names})
+    return PoseRows(
+        **{name: np.concatenate([getattr(row, name) for row in rows]) for name in names}
+    )
 
 
 def _assemble(request: MapRequest, shape: tuple[int, ...], rows: PoseRows) -> WorkspaceMap:
     edges = _edges(shape, np.isfinite(rows.condition))
     likeness = _likeness(rows.shapes[:, :, : request.count], edges)
     plain = _Followed(rows.frequencies_hz[:, : request.count], crossings=(), torn=0)
-    followed, crossings, torn = plain if likeness >= PLAINLY_ALIKE else _follow(rows, edges, request.count)
+    followed, crossings, torn = (
+        plain if likeness >= PLAINLY_ALIKE else _follow(rows, edges, request.count)
+    )
     quantities = {"condition_number": rows.condition}
     quantities |= {f"f{number + 1}_hz": followed[:, number] for number in range(request.count)}
-    quantities |= {f"stiffness_{axis}_n_per_um": N_PER_UM * rows.stiffness[:, place] for place, axis in enumerate("xyz")}
+    quantities |= {
+        f"stiffness_{axis}_n_per_um": N_PER_UM * rows.stiffness[:, place]
+        for place, axis in enumerate("xyz")
+    }
     quantities["mean_leg_m"] = rows.lengths.mean(axis=1)
     good = np.isfinite(rows.condition) & np.isfinite(followed[:, 0])
     return WorkspaceMap(
@@ -128,7 +155,9 @@ def _edges(shape: tuple[int, ...], taken: NDArray[np.bool_]) -> IndexArray:
     numbers = np.arange(int(np.prod(shape))).reshape(shape)
     pairs = []
     for axis in range(len(shape)):
-        behind, ahead = (np.take(numbers, range(start, shape[axis] - 1 + start), axis=axis) for start in (0, 1))
+        behind, ahead = (
+            np.take(numbers, range(start, shape[axis] - 1 + start), axis=axis) for start in (0, 1)
+        )
         pairs.append(np.stack([behind.ravel(), ahead.ravel()], axis=1))
     found = np.concatenate(pairs)
     return np.asarray(found[taken[found].all(axis=1)])
@@ -142,7 +171,9 @@ def _likeness(shapes: FloatArray, edges: IndexArray) -> float:
 
 
 class _Followed(NamedTuple):
-    """Frequencies ``(n, count)`` [Hz] of modes, numbers of those that cross, and how many pairs of neighbours tear one apart."""
+    """Frequencies ``(n, count)`` [Hz] of modes, numbers of those that cross, and how many pairs of
+    neighbours tear one apart.
+    """
 
     frequencies_hz: FloatArray
     crossings: tuple[tuple[int, int], ...]
@@ -153,13 +184,20 @@ def _follow(rows: PoseRows, edges: IndexArray, count: int) -> _Followed:
     """Modes by their shape."""
     number = len(rows.condition)
     modes = SweptModes(
-        rows.frequencies_hz, np.nan_to_num(rows.shapes).astype(np.float32), np.full(number, count), np.zeros(number, dtype=np.int64)
+        rows.frequencies_hz,
+        np.nan_to_num(rows.shapes).astype(np.float32),
+        np.full(number, count),
+        np.zeros(number, dtype=np.int64),
     )
     tracked = track_modes(modes, [(int(i), int(j)) for i, j in edges])
     followed = tracked_frequencies(rows.frequencies_hz, tracked.index)[:, :count]
     if followed.shape[1] < count:
-        followed = np.pad(followed, ((0, 0), (0, count - followed.shape[1])), constant_values=np.nan)
-    crossings = tuple((int(i) + 1, int(j) + 1) for i, j in sorted(tracked.crossings) if min(i, j) < count)
+        followed = np.pad(
+            followed, ((0, 0), (0, count - followed.shape[1])), constant_values=np.nan
+        )
+    crossings = tuple(
+        (int(i) + 1, int(j) + 1) for i, j in sorted(tracked.crossings) if min(i, j) < count
+    )
     return _Followed(followed, crossings, tracked.torn)
 
 
@@ -171,7 +209,11 @@ def _correlation(first: FloatArray, second: FloatArray) -> float:
 
 def run_map_stage(state: RunState, stage: Stage) -> Outcome:
     """Survey the grid, shared out over the ranks."""
-    mechanism, request, placed = state.scene.mechanism, state.scene.analyses.map, placed_mechanism(state)
+    mechanism, request, placed = (
+        state.scene.mechanism,
+        state.scene.analyses.map,
+        placed_mechanism(state),
+    )
     if mechanism is None or request is None:
         raise ValueError("a map stage needs a mechanism and a map in the scene")
     model = state.comm.bcast(None if placed is None else placed.model, root=0)

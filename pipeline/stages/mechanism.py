@@ -42,7 +42,9 @@ PLATFORM_MOTIONS = ("swings about the common axis", "tilts between legs 1 and 2"
 
 @dataclass(frozen=True, eq=False)
 class LumpedPose:
-    """A lumped mechanism in a pose; see :class:`PoseModel`. Each component has six superelement dofs, of its centre of mass."""
+    """A lumped mechanism in a pose; see :class:`PoseModel`. Each component has six superelement
+    dofs, of its centre of mass.
+    """
 
     parts: MachineParts
     pose: Pose
@@ -56,7 +58,11 @@ class LumpedPose:
     def system(self) -> SecondOrderSystem:
         """Its equations of motion in the compliant coordinates."""
         points, placed = self.parts.scene.machine.points, self.placed
-        return pose_system(placed.model, placed.motions, {name: placed.motion_at(point.tool) for name, point in points.items()})
+        return pose_system(
+            placed.model,
+            placed.motions,
+            {name: placed.motion_at(point.tool) for name, point in points.items()},
+        )
 
     @functools.cached_property
     def all_modes(self) -> ModalResult:
@@ -71,7 +77,10 @@ class LumpedPose:
     @property
     def offsets(self) -> dict[str, slice]:
         """Component to its rows among the superelement dofs."""
-        return {name: slice(6 * number, 6 * number + 6) for number, name in enumerate(self.placed.body_motions)}
+        return {
+            name: slice(6 * number, 6 * number + 6)
+            for number, name in enumerate(self.placed.body_motions)
+        }
 
     def expand(self, motions: FloatArray) -> FloatArray:
         """Motions of superelement dofs ``(n_all, k)`` of motions of the system ``(n, k)``."""
@@ -85,7 +94,10 @@ class LumpedPose:
         """Names, strain energy by leg and kinetic energy by component."""
         strain = tuple(self._leg_shares(shape) for shape in modes.shapes.T)
         kinetic = tuple(self._kinetic_shares(shape) for shape in modes.shapes.T)
-        names = tuple(self._name_mode(modes.shapes[:, mode], strain[mode], kinetic[mode]) for mode in range(len(strain)))
+        names = tuple(
+            self._name_mode(modes.shapes[:, mode], strain[mode], kinetic[mode])
+            for mode in range(len(strain))
+        )
         return NamedModes(names, strain, kinetic)
 
     def estimate_mode_errors(self, modes: ModalResult) -> tuple[Estimate, ...]:
@@ -98,16 +110,24 @@ class LumpedPose:
         loads = np.stack([system.inputs[name, dof] for dof in DOF_NAMES], axis=1)
         moved = solve_static(system, loads).displacements
         compliance = loads.T @ moved
-        budget = {direction: spring_shares(placed, moved[:, column]) for column, direction in enumerate(DIRECTIONS)}
+        budget = {
+            direction: spring_shares(placed, moved[:, column])
+            for column, direction in enumerate(DIRECTIONS)
+        }
         softest = DIRECTIONS[int(np.argmax(np.diag(compliance)[:3]))]
         weakest, share = max(budget[softest].items(), key=lambda item: item[1])
-        # the legs are in series with the tool: halving a part's compliance takes half its share away
+        # the legs are in series with the tool: halving a part's compliance takes half its share
+        # away
         sentence = (
             f"{weakest} gives {100 * share:.0f} % of the {softest} compliance; doubling its stiffness changes it by"
             f" {-50 * share:+.0f} %"
         )
         gravity = self.parts.plan.gravity
-        sag = None if gravity is None else loads.T @ solve_static(system, placed.motions.gravity).displacements
+        sag = (
+            None
+            if gravity is None
+            else loads.T @ solve_static(system, placed.motions.gravity).displacements
+        )
         return Solved(PointCompliance(compliance, budget, sentence, sag))
 
     def view(self) -> PoseView:
@@ -122,28 +142,47 @@ class LumpedPose:
         """Displacement ``(k, n, 3)`` of every skin point in machine axes."""
         found: dict[str, ShiftArray] = {}
         for name, skin in skins.items():
-            rotation, center = self.placements[name].rotation, self.placed.superelements[name].center_of_mass
-            moved = rigid_map(skin.points @ rotation.T, rotation @ center) @ motions[self.offsets[name]]
+            rotation, center = (
+                self.placements[name].rotation,
+                self.placed.superelements[name].center_of_mass,
+            )
+            moved = (
+                rigid_map(skin.points @ rotation.T, rotation @ center) @ motions[self.offsets[name]]
+            )
             found[name] = moved.T.reshape(motions.shape[1], -1, 3).astype(np.float32)
         return found
 
     def _leg_shares(self, shape: FloatArray) -> dict[str, float]:
         parts = spring_shares(self.placed, shape)
-        return {leg: sum(share for part, share in parts.items() if part.startswith(f"{leg}.")) for leg in LEGS}
+        return {
+            leg: sum(share for part, share in parts.items() if part.startswith(f"{leg}."))
+            for leg in LEGS
+        }
 
     def _kinetic_shares(self, shape: FloatArray) -> dict[str, float]:
         found = {}
         for name, body in self.placed.superelements.items():
-            motion, rotation = self.placed.body_motions[name] @ shape, self.placements[name].rotation
+            motion, rotation = (
+                self.placed.body_motions[name] @ shape,
+                self.placements[name].rotation,
+            )
             spin = rotation.T @ motion[3:]
-            found[name] = body.mass_kg * float(motion[:3] @ motion[:3]) + float(spin @ body.inertia @ spin)
+            found[name] = body.mass_kg * float(motion[:3] @ motion[:3]) + float(
+                spin @ body.inertia @ spin
+            )
         total = sum(found.values())
         return {name: value / total for name, value in found.items()}
 
-    def _name_mode(self, shape: FloatArray, strain: dict[str, float], kinetic: dict[str, float]) -> str:
+    def _name_mode(
+        self, shape: FloatArray, strain: dict[str, float], kinetic: dict[str, float]
+    ) -> str:
         carries = scene_mechanism(self.parts).carries
         by_leg = {
-            leg: sum(share for name, share in kinetic.items() if carries.get(name) in (leg, f"tip_{number}"))
+            leg: sum(
+                share
+                for name, share in kinetic.items()
+                if carries.get(name) in (leg, f"tip_{number}")
+            )
             for number, leg in enumerate(LEGS, 1)
         }
         on = " + ".join(leg for leg in LEGS if strain[leg] >= NAMED_SHARE)
@@ -157,7 +196,9 @@ class LumpedPose:
         return f"platform {PLATFORM_MOTIONS[int(np.argmax(np.abs(own)))]} on {on}"
 
 
-def build_mechanism(parts: MachineParts, superelements: Mapping[str, Superelement]) -> CompliantMechanism:
+def build_mechanism(
+    parts: MachineParts, superelements: Mapping[str, Superelement]
+) -> CompliantMechanism:
     """Bodies and springs of the lumped mechanism of a scene, in every pose."""
     return build_compliant_mechanism(
         scene_mechanism(parts),
@@ -168,7 +209,12 @@ def build_mechanism(parts: MachineParts, superelements: Mapping[str, Superelemen
     )
 
 
-def place_pose(parts: MachineParts, pose: Pose, model: CompliantMechanism, superelements: Mapping[str, Superelement]) -> LumpedPose:
+def place_pose(
+    parts: MachineParts,
+    pose: Pose,
+    model: CompliantMechanism,
+    superelements: Mapping[str, Superelement],
+) -> LumpedPose:
     """Close the loops of a lumped mechanism in a pose and make small motions about it.
 
     Args:
@@ -183,7 +229,9 @@ def place_pose(parts: MachineParts, pose: Pose, model: CompliantMechanism, super
     mechanism = scene_mechanism(parts)
     own = {name: component.placement for name, component in parts.plan.components.items()}
     closed = solve_pose(mechanism, pose.positions)
-    return LumpedPose(parts, pose, place_mechanism(mechanism, model, closed, superelements=superelements, own=own))
+    return LumpedPose(
+        parts, pose, place_mechanism(mechanism, model, closed, superelements=superelements, own=own)
+    )
 
 
 def run_place_stage(state: RunState, stage: Stage) -> Outcome:
@@ -191,12 +239,19 @@ def run_place_stage(state: RunState, stage: Stage) -> Outcome:
     if not state.is_root:
         return Outcome()
     parts = state.parts
-    model = place_pose(parts, state.plan.poses[pose_name(stage)], build_mechanism(parts, parts.superelements), parts.superelements)
+    model = place_pose(
+        parts,
+        state.plan.poses[pose_name(stage)],
+        build_mechanism(parts, parts.superelements),
+        parts.superelements,
+    )
     stand = describe_state(scene_mechanism(parts), model.pose.name, model.placed.state)
     state.model = model
     add_view(state)
     legs = ", ".join(f"{1e3 * stand.coordinates[name]:.1f}" for name in LENGTHS)
-    return Outcome(detail=f"legs {legs} mm, condition number {stand.condition_number:.2f}", answers=(stand,))
+    return Outcome(
+        detail=f"legs {legs} mm, condition number {stand.condition_number:.2f}", answers=(stand,)
+    )
 
 
 def placed_mechanism(state: RunState) -> PlacedMechanism | None:

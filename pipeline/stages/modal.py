@@ -1,4 +1,6 @@
-"""The modal stage: undamped modes with names, energy shares, damping and errors; and their spread by the kind of coupling."""
+"""The modal stage: undamped modes with names, energy shares, damping and errors; and their spread
+by the kind of coupling.
+"""
 
 import dataclasses
 from dataclasses import dataclass
@@ -13,11 +15,22 @@ from headstock.pipeline.results.estimates import Estimate
 from headstock.pipeline.results.modal import PoseModes
 from headstock.pipeline.stages.components import make_superelements
 from headstock.pipeline.stages.machine import DAMPING, CoupledPose, damp_system, warn_of_no_damping
-from headstock.pipeline.stages.run_state import Outcome, PoseModel, PoseMotions, RunState, Solved, pose_model
+from headstock.pipeline.stages.run_state import (
+    Outcome,
+    PoseModel,
+    PoseMotions,
+    RunState,
+    Solved,
+    pose_model,
+)
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.estimates.damping_errors import estimate_damping_errors
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
-from headstock.reduction.motions.body_motions import FreeMotion, find_free_motions, warn_of_free_motions
+from headstock.reduction.motions.body_motions import (
+    FreeMotion,
+    find_free_motions,
+    warn_of_free_motions,
+)
 from headstock.reduction.superelement import Superelement
 from headstock.scene.requests import ModalRequest
 from headstock.scene.scene import Scene
@@ -45,7 +58,9 @@ def run_modal_stage(state: RunState, stage: Stage) -> Outcome:
     solved = solve_pose_modes(model, request)
     modes, pose = solved.answer, model.pose.name
     state.motions.setdefault(pose, PoseMotions(model.offsets))
-    state.views[pose] = dataclasses.replace(state.views[pose], shifts=model.shift_skins(state.skins, modes.shapes))
+    state.views[pose] = dataclasses.replace(
+        state.views[pose], shifts=model.shift_skins(state.skins, modes.shapes)
+    )
     count, found = len(modes.frequencies_hz), modes.frequencies_hz
     span = f"{found[0]:.4g} .. {found[-1]:.4g} Hz" if count else "none in the range"
     return Outcome(detail=f"{count} modes, {span}", answers=(modes,), warnings=solved.warnings)
@@ -65,7 +80,9 @@ def solve_pose_modes(model: PoseModel, request: ModalRequest) -> Solved[PoseMode
     named, errors = model.name_modes(result), model.estimate_mode_errors(result)
     damping = _Damping()
     if damped and model.coupled is not None:
-        damping = _damp_modes(model.parts.scene, model.coupled, model.all_modes, named.names, errors)
+        damping = _damp_modes(
+            model.parts.scene, model.coupled, model.all_modes, named.names, errors
+        )
     unexpected: tuple[FreeMotion, ...] = ()
     if result.rigid_count and isinstance(model, CoupledPose):
         unexpected = model.undeclared(find_free_motions(model.coupled))
@@ -86,12 +103,15 @@ def solve_pose_modes(model: PoseModel, request: ModalRequest) -> Solved[PoseMode
         shapes=model.expand(result.shapes),
         placements=dict(model.placements),
     )
-    return Solved(modes, (*damping.warnings, *((warn_of_free_motions(unexpected),) if unexpected else ())))
+    return Solved(
+        modes, (*damping.warnings, *((warn_of_free_motions(unexpected),) if unexpected else ()))
+    )
 
 
 @dataclass(frozen=True)
 class _Damping:
-    """Damping ratios and damped frequencies [Hz] of the first undamped modes, how far each may be off, and what is to be said of them.
+    """Damping ratios and damped frequencies [Hz] of the first undamped modes, how far each may be
+    off, and what is to be said of them.
 
     Empty without damping.
     """
@@ -104,7 +124,11 @@ class _Damping:
 
 
 def _damp_modes(
-    scene: Scene, coupled: CoupledMachine, complete: ModalResult, names: tuple[str, ...], undamped: tuple[Estimate, ...]
+    scene: Scene,
+    coupled: CoupledMachine,
+    complete: ModalResult,
+    names: tuple[str, ...],
+    undamped: tuple[Estimate, ...],
 ) -> _Damping:
     """Damping of the first undamped modes.
 
@@ -119,7 +143,8 @@ def _damp_modes(
     warnings = [*warn_of_no_damping(scene, coupled.system)]
     viscous = equivalent_viscous(damp_system(scene, coupled.system, complete), complete)
     damped = solve_damped(viscous, complete, lowest=count)
-    # a rigid motion that a damper resists comes to rest anywhere: a pole that is zero but for roundoff
+    # a rigid motion that a damper resists comes to rest anywhere: a pole that is zero but for
+    # roundoff
     elastic = complete.frequencies_hz[complete.rigid_count :]
     slowest = AT_REST * 2.0 * np.pi * float(elastic[0]) if len(elastic) else 0.0
     for pole, growing_hz in zip(damped.poles, damped.frequencies_hz, strict=True):
@@ -128,10 +153,16 @@ def _damp_modes(
                 f"a motion near {growing_hz:.4g} Hz grows by itself: its damping is negative; check the signs of the joints' damping"
             )
     ratios, frequencies = damping_of_undamped(damped, count)
-    ratios = tuple(0.0 if ratio is not None and abs(ratio) < NO_DAMPING else ratio for ratio in ratios)
+    ratios = tuple(
+        0.0 if ratio is not None and abs(ratio) < NO_DAMPING else ratio for ratio in ratios
+    )
     found = estimate_damping_errors(coupled, viscous, damped, count)
     ratio_errors, frequency_errors = list(found.ratios), list(found.frequencies_hz)
-    given = bool(scene.modal_damping) and coupled.system.damping is None and coupled.system.hysteretic is None
+    given = (
+        bool(scene.modal_damping)
+        and coupled.system.damping is None
+        and coupled.system.hysteretic is None
+    )
     guesses: dict[str, list[str]] = {}
     creeping: dict[str, list[str]] = {}
     for mode in range(complete.rigid_count, count):
@@ -147,7 +178,9 @@ def _damp_modes(
         ratio_error, words = ratio_errors[mode], f"{mode + 1} ({names[mode]})"
         if found.creeping[mode]:
             creeping.setdefault(found.dampers[mode], []).append(words)
-        elif error is not None and (ratio is None or ratio_error is None or ratio_error > LARGE_ERROR * abs(ratio)):
+        elif error is not None and (
+            ratio is None or ratio_error is None or ratio_error > LARGE_ERROR * abs(ratio)
+        ):
             guesses.setdefault(found.dampers[mode], []).append(words)
     for damper, modes in guesses.items():
         warnings.append(
@@ -159,7 +192,9 @@ def _damp_modes(
         warnings.append(
             f"mode {', '.join(modes)} is overdamped{_by(damper)}: it creeps back without oscillating; check the damping if that is not meant"
         )
-    return _Damping(ratios, frequencies, tuple(ratio_errors), tuple(frequency_errors), tuple(warnings))
+    return _Damping(
+        ratios, frequencies, tuple(ratio_errors), tuple(frequency_errors), tuple(warnings)
+    )
 
 
 def _by(damper: str) -> str:
@@ -167,7 +202,8 @@ def _by(damper: str) -> str:
 
 
 def run_spread_stage(state: RunState, stage: Stage) -> Outcome:
-    """Frequencies with every interface rigid and with every one averaging: the range that the choice of coupling leaves open.
+    """Frequencies with every interface rigid and with every one averaging: the range that the
+    choice of coupling leaves open.
 
     Collective; the modes of both machines are paired by shape.
     """
@@ -182,22 +218,45 @@ def run_spread_stage(state: RunState, stage: Stage) -> Outcome:
             continue
         count = len(modes.frequencies_hz)
         reference = _solve(state, modes.pose, own, count, places)
-        sets = [_solve(state, modes.pose, elements, int(BEYOND * count) + 1, places) for elements in extremes]
+        sets = [
+            _solve(state, modes.pose, elements, int(BEYOND * count) + 1, places)
+            for elements in extremes
+        ]
         spans = _find_spans(reference, sets)
         state.answers[number] = dataclasses.replace(modes, spread_hz=spans)
-        found = max([found, *(_relative(span, modes, i) for i, span in enumerate(spans) if span is not None)])
-    return Outcome(detail=f"rigid to averaging interfaces move frequencies by up to {100 * found:.2g} %")
+        found = max(
+            [
+                found,
+                *(_relative(span, modes, i) for i, span in enumerate(spans) if span is not None),
+            ]
+        )
+    return Outcome(
+        detail=f"rigid to averaging interfaces move frequencies by up to {100 * found:.2g} %"
+    )
 
 
 def _reduce_all(state: RunState, kind: CouplingKind) -> dict[str, Superelement]:
-    """Superelements of all components, collective; complete on rank 0 only. Meshes, and what was reduced before, are in the store."""
-    parts = {name: recouple(part, kind) if has_choice(part) else part for name, part in state.plan.components.items()}
+    """Superelements of all components, collective; complete on rank 0 only. Meshes, and what was
+    reduced before, are in the store.
+    """
+    parts = {
+        name: recouple(part, kind) if has_choice(part) else part
+        for name, part in state.plan.components.items()
+    }
     plan = dataclasses.replace(state.plan, components=parts)
     other = dataclasses.replace(state, plan=plan, meshes={}, reduced=dict(state.reduced))
-    return make_superelements(other, only=[name for name, part in state.plan.components.items() if has_choice(part)])
+    return make_superelements(
+        other, only=[name for name, part in state.plan.components.items() if has_choice(part)]
+    )
 
 
-def _solve(state: RunState, pose: Pose, elements: dict[str, Superelement], count: int, places: dict[str, BodyPlaces]) -> ModeSet:
+def _solve(
+    state: RunState,
+    pose: Pose,
+    elements: dict[str, Superelement],
+    count: int,
+    places: dict[str, BodyPlaces],
+) -> ModeSet:
     ordered = {name: elements[name] for name in state.plan.components}
     coupled = couple(ordered, state.scene.machine, pose)
     modes = solve_modal(coupled.system, count=count)
@@ -206,14 +265,18 @@ def _solve(state: RunState, pose: Pose, elements: dict[str, Superelement], count
 
 
 def _find_spans(reference: ModeSet, extremes: list[ModeSet]) -> tuple[Span | None, ...]:
-    """Lowest and highest frequency of each mode's partners and its own; None where it has no partner on one side."""
+    """Lowest and highest frequency of each mode's partners and its own; None where it has no
+    partner on one side.
+    """
     known = [np.full(len(reference.frequencies_hz), np.nan) for _ in extremes]
     for values, other in zip(known, extremes, strict=True):
         for pair in pair_modes(reference, other):
             values[pair.first] = other.frequencies_hz[pair.second]
     table = np.vstack([*known, reference.frequencies_hz])
     return tuple(
-        None if index < reference.rigid_count or np.isnan(column).any() else (float(column.min()), float(column.max()))
+        None
+        if index < reference.rigid_count or np.isnan(column).any()
+        else (float(column.min()), float(column.max()))
         for index, column in enumerate(table.T)
     )
 

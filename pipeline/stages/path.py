@@ -1,7 +1,8 @@
-"""The path stage: how far a machine leaves a straight line while its axes accelerate, with ideal motors or drives under control.
+"""The path stage: how far a machine leaves a straight line while its axes accelerate, with ideal
+motors or drives under control.
 
-The machine is taken in one pose of the path, or as it changes along it. Control loops are judged before any run in time. Only rank 0
-has anything to do.
+The machine is taken in one pose of the path, or as it changes along it. Control loops are judged
+before any run in time. Only rank 0 has anything to do.
 """
 
 import dataclasses
@@ -28,7 +29,11 @@ from headstock.solvers.control.stability import require_stable
 from headstock.solvers.errors import ModelError, UnstableControlError
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.milling.forces import cutting_forces
-from headstock.solvers.paths.controlled import ControlledPath, solve_controlled_path, solve_rubbing_path
+from headstock.solvers.paths.controlled import (
+    ControlledPath,
+    solve_controlled_path,
+    solve_rubbing_path,
+)
 from headstock.solvers.paths.response import (
     PathDeviation,
     PathModel,
@@ -43,12 +48,15 @@ from headstock.solvers.paths.varying_response import StepTable, make_step_table,
 from headstock.solvers.paths.varying_system import PosedModes, VaryingSystem, sample_system
 
 ENERGY_LIMIT = 1e-6
-# modes up to so many times the band looked at are states of the loop, the others act at once; fewer where a stiff integrator has them
+# modes up to so many times the band looked at are states of the loop, the others act at once; fewer
+# where a stiff integrator has them
 LINEAR_REACH, FRICTION_REACH = 12.0, 3.0
 STEPS_PER_TURN = 96  # of the spindle: forces are straight between them
 
 
-def _close_path(state: RunState, request: PathRequest, coupled: CoupledMachine, slow_hz: float) -> ControlledPath:
+def _close_path(
+    state: RunState, request: PathRequest, coupled: CoupledMachine, slow_hz: float
+) -> ControlledPath:
     """The closed loop of a scene's drives in a pose of the path.
 
     Raises:
@@ -64,16 +72,31 @@ def _close_path(state: RunState, request: PathRequest, coupled: CoupledMachine, 
     machine = state.scene.machine
     directions = travel_directions(machine, request.path)
     return ControlledPath(
-        loop=close_loops(driven.system, driven.trains, inputs=(*pushed, *ports), outputs=request.outputs, up_to_hz=reach),
+        loop=close_loops(
+            driven.system,
+            driven.trains,
+            inputs=(*pushed, *ports),
+            outputs=request.outputs,
+            up_to_hz=reach,
+        ),
         shares=axis_shares(request),
-        travel=np.array([_travel_of_port(machine, directions, name=name, dof=dof) for name, dof in request.outputs]),
+        travel=np.array(
+            [
+                _travel_of_port(machine, directions, name=name, dof=dof)
+                for name, dof in request.outputs
+            ]
+        ),
         slow_hz=slow_hz,
-        loads=None if cut is None else cutting_loads(cut, _tool_travel(machine, directions, cut.at)),
+        loads=None
+        if cut is None
+        else cutting_loads(cut, _tool_travel(machine, directions, cut.at)),
         load_step=math.inf if cut is None else 2.0 * math.pi / cut.cut.spindle / STEPS_PER_TURN,
     )
 
 
-def _drive_path(state: RunState, path: ControlledPath, move: SetPoint, samples: FloatArray) -> PathDeviation:
+def _drive_path(
+    state: RunState, path: ControlledPath, move: SetPoint, samples: FloatArray
+) -> PathDeviation:
     """Deviation over a move, with friction where the scene names it."""
     if not friction_ports(path.loop.trains):
         return solve_controlled_path(path, move, samples)
@@ -87,7 +110,9 @@ def _drive_path(state: RunState, path: ControlledPath, move: SetPoint, samples: 
     return deviation
 
 
-def cutting_loads(request: PathCut, travel: FloatArray) -> Callable[[FloatArray, FloatArray], FloatArray]:
+def cutting_loads(
+    request: PathCut, travel: FloatArray
+) -> Callable[[FloatArray, FloatArray], FloatArray]:
     """Forces on the tool ``(n, 3)`` in machine axes, at instants and speeds along the path.
 
     Args:
@@ -101,7 +126,9 @@ def cutting_loads(request: PathCut, travel: FloatArray) -> Callable[[FloatArray,
     along = travel - (travel @ up) * up
     size = float(np.linalg.norm(along))
     if size < 1e-9:
-        raise ModelError(f"the path does not move {request.at} across the tool, so nothing is milled; write another path or `up`")
+        raise ModelError(
+            f"the path does not move {request.at} across the tool, so nothing is milled; write another path or `up`"
+        )
     along = along / size
     # the part lies on the right of the travel, seen from above
     turn = np.array([along, np.cross(up, along), up])
@@ -109,16 +136,23 @@ def cutting_loads(request: PathCut, travel: FloatArray) -> Callable[[FloatArray,
 
 
 def _tool_travel(machine: Machine, directions: Mapping[str, FloatArray], point: str) -> FloatArray:
-    return np.array([_travel_of_port(machine, directions, name=point, dof=dof) for dof in DIRECTIONS])
+    return np.array(
+        [_travel_of_port(machine, directions, name=point, dof=dof) for dof in DIRECTIONS]
+    )
 
 
 def axis_shares(request: PathRequest) -> dict[str, float]:
     """Travel of each axis per travel along the path."""
     start, end = request.path.start.positions, request.path.end.positions
-    return {axis: (end.get(axis, 0.0) - start.get(axis, 0.0)) / request.path.length for axis in request.path.axes}
+    return {
+        axis: (end.get(axis, 0.0) - start.get(axis, 0.0)) / request.path.length
+        for axis in request.path.axes
+    }
 
 
-def _travel_of_port(machine: Machine, directions: Mapping[str, FloatArray], *, name: str, dof: str) -> float:
+def _travel_of_port(
+    machine: Machine, directions: Mapping[str, FloatArray], *, name: str, dof: str
+) -> float:
     """How the rigid machine moves a port per travel along a path; axes that move do not turn."""
     if dof not in DIRECTIONS:
         return 0.0
@@ -147,11 +181,18 @@ class SolvedMoves:
 
 def choose_model(request: PathRequest) -> PathModel:
     """What follows and what rings: a mode whose period is longer than a ramp does not follow it."""
-    return PathModel(PATH_INPUT, request.outputs, 1.0 / request.moves[0].ramp.time_constant, MODE_MARGIN * path_band(request))
+    return PathModel(
+        PATH_INPUT,
+        request.outputs,
+        1.0 / request.moves[0].ramp.time_constant,
+        MODE_MARGIN * path_band(request),
+    )
 
 
 def _build_plant(state: RunState, request: PathRequest, position: float) -> PosedModes:
-    """The machine at a position of the path [m]: the damping the scene names, and the acceleration along the path as an input."""
+    """The machine at a position of the path [m]: the damping the scene names, and the acceleration
+    along the path as an input.
+    """
     superelements = state.parts.superelements
     machine = state.scene.machine
     coupled = couple(superelements, machine, request.path.pose_at(position))
@@ -159,11 +200,14 @@ def _build_plant(state: RunState, request: PathRequest, position: float) -> Pose
     for message in warn_of_no_damping(state.scene, coupled.system):
         state.warn(message)
     damped = damp_system(state.scene, coupled.system, modes)
-    return stack_modes(add_path_input(damped, coupled, travel_directions(machine, request.path)), modes, coupled)
+    return stack_modes(
+        add_path_input(damped, coupled, travel_directions(machine, request.path)), modes, coupled
+    )
 
 
 def _solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> SolvedMoves:
-    """Deviation of every move: with the drives of the scene under control, or with motors that follow their set point.
+    """Deviation of every move: with the drives of the scene under control, or with motors that
+    follow their set point.
 
     Raises:
         UnstableControlError: A control loop is.
@@ -171,21 +215,33 @@ def _solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> S
     model = choose_model(request)
     if state.scene.drives:
         superelements = state.parts.superelements
-        coupled = couple(superelements, state.scene.machine, request.path.pose_at(0.5 * request.path.length))
+        coupled = couple(
+            superelements, state.scene.machine, request.path.pose_at(0.5 * request.path.length)
+        )
         loop = _close_path(state, request, coupled, model.slow_hz)
-        driven = tuple(_drive_path(state, loop, move, sample_path(request, move)) for move in request.moves)
+        driven = tuple(
+            _drive_path(state, loop, move, sample_path(request, move)) for move in request.moves
+        )
         return SolvedMoves(driven, driven)
     whole = dataclasses.replace(model, up_to_hz=None)
-    kept = tuple(solve_path(middle.system, whole, move, sample_path(request, move)) for move in request.moves)
+    kept = tuple(
+        solve_path(middle.system, whole, move, sample_path(request, move)) for move in request.moves
+    )
     if not request.follows_pose:
         return SolvedMoves(kept, kept)
-    along = sample_system(lambda position: _build_plant(state, request, position), request.path.length, model)
+    along = sample_system(
+        lambda position: _build_plant(state, request, position), request.path.length, model
+    )
     table = make_step_table(along, 1.0 / request.sampling_hz)
-    found = tuple(solve_varying_path(along, move, sample_path(request, move), table) for move in request.moves)
+    found = tuple(
+        solve_varying_path(along, move, sample_path(request, move), table) for move in request.moves
+    )
     # that modes are kept only up to a frequency is judged in the middle, where all are known
     move = request.moves[-1]
     short = solve_path(middle.system, model, move, sample_path(request, move))
-    return SolvedMoves(found, kept, _judge_poses(request, along, table, found=found, kept=kept, short=short))
+    return SolvedMoves(
+        found, kept, _judge_poses(request, along, table, found=found, kept=kept, short=short)
+    )
 
 
 def sample_path(request: PathRequest, move: SetPoint) -> FloatArray:
@@ -215,13 +271,20 @@ def _judge_poses(
         modes=len(system.scales),
         next_hz=None if np.isinf(system.next_hz) else system.next_hz,
         steps=len(table.spline.x),
-        truncation=float(np.abs(show(short) - whole).max() / max(np.abs(whole).max(), np.finfo(float).tiny)),
-        effect=tuple(float(np.abs(show(ours) - show(theirs)).max()) for ours, theirs in zip(found, kept, strict=True)),
+        truncation=float(
+            np.abs(show(short) - whole).max() / max(np.abs(whole).max(), np.finfo(float).tiny)
+        ),
+        effect=tuple(
+            float(np.abs(show(ours) - show(theirs)).max())
+            for ours, theirs in zip(found, kept, strict=True)
+        ),
     )
 
 
 def run_path_stage(state: RunState, stage: Stage) -> Outcome:
-    """Deviation at every output along the path, once per feed: as the pose changes, and as if it stayed that of the middle."""
+    """Deviation at every output along the path, once per feed: as the pose changes, and as if it
+    stayed that of the middle.
+    """
     request = state.scene.analyses.path
     if not state.is_root:
         return Outcome()
@@ -252,7 +315,8 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
         slow_count=slow_modes(middle.modes.frequencies_hz, model.slow_hz),
         poses=solved.poses,
         runs=tuple(
-            _run_move(request, move, raw, kept) for move, raw, kept in zip(request.moves, solved.found, solved.kept, strict=True)
+            _run_move(request, move, raw, kept)
+            for move, raw, kept in zip(request.moves, solved.found, solved.kept, strict=True)
         ),
         drives=tuple(state.scene.drives),
         energy_error=dict(state.energy_errors),
@@ -260,18 +324,31 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
     samples = sum(len(found.times) for found in solved.found)
     poses = "" if solved.poses is None else f", {solved.poses.stations} poses"
     return Outcome(
-        detail=f"{len(solved.found)} feed{'s' if len(solved.found) > 1 else ''}, {samples} samples{poses}", answers=(answer,)
+        detail=f"{len(solved.found)} feed{'s' if len(solved.found) > 1 else ''}, {samples} samples{poses}",
+        answers=(answer,),
     )
 
 
-def _run_move(request: PathRequest, move: SetPoint, raw: PathDeviation, kept: PathDeviation) -> PathRun:
+def _run_move(
+    request: PathRequest, move: SetPoint, raw: PathDeviation, kept: PathDeviation
+) -> PathRun:
     """The deviation of one move as filtered, with its figures; and as if the pose were kept."""
     found, frozen = (filter_deviation(part, request.low_pass) for part in (raw, kept))
     motion = sample_move(move, found.times)
-    curves = PathCurves(move.feed, move.zones, request.outputs, found, frozen.total, motion.positions, motion.accelerations)
+    curves = PathCurves(
+        move.feed,
+        move.zones,
+        request.outputs,
+        found,
+        frozen.total,
+        motion.positions,
+        motion.accelerations,
+    )
     ports = range(len(request.outputs))
     return PathRun(
         curves,
         figures=tuple(measure_zones(found, raw, move, port, request.ring_down) for port in ports),
-        frozen_figures=tuple(measure_zones(frozen, kept, move, port, request.ring_down) for port in ports),
+        frozen_figures=tuple(
+            measure_zones(frozen, kept, move, port, request.ring_down) for port in ports
+        ),
     )

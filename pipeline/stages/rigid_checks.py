@@ -1,4 +1,6 @@
-"""What moves freely in a machine, from rigid bodies and joints alone: known before anything is planned or meshed."""
+"""What moves freely in a machine, from rigid bodies and joints alone: known before anything is
+planned or meshed.
+"""
 
 import dataclasses
 
@@ -18,8 +20,8 @@ from headstock.solvers.errors import ModelError
 def find_unheld_motions(scene: Scene) -> tuple[str, ...]:
     """Warnings of a machine in which bodies may move that are not declared free; empty without.
 
-    Elastic bodies have the free motions of rigid ones on the same joints. Nothing is said where that would take a mesh: imported parts,
-    supports on faces or points, mechanisms.
+    Elastic bodies have the free motions of rigid ones on the same joints. Nothing is said where
+    that would take a mesh: imported parts, supports on faces or points, mechanisms.
     """
     try:
         coupled = _couple_rigid(scene)
@@ -29,25 +31,42 @@ def find_unheld_motions(scene: Scene) -> tuple[str, ...]:
     if coupled is None:
         return ()
     motions = [
-        motion for motion in find_free_motions(coupled) if not all(scene.machine.components[name].free for name in motion.bodies)
+        motion
+        for motion in find_free_motions(coupled)
+        if not all(scene.machine.components[name].free for name in motion.bodies)
     ]
     if not motions:
         return ()
     points = () if scene.analyses.static is None else scene.analyses.static.at
     refused = [name for name in points if _has_no_answer(coupled, name)]
-    hopeless = f"there will be no static answer: every force at {', '.join(refused)} does work on that"
+    hopeless = (
+        f"there will be no static answer: every force at {', '.join(refused)} does work on that"
+    )
     return (warn_of_free_motions(motions), *([hopeless] if refused else []))
 
 
 def _couple_rigid(scene: Scene) -> CoupledMachine | None:
-    """The machine in its first pose with every body rigid; None where that is not known without a mesh or nothing can be free."""
+    """The machine in its first pose with every body rigid; None where that is not known without a
+    mesh or nothing can be free.
+    """
     machine = scene.machine
-    if scene.mechanism is not None or machine.supports or not any(_frees(joint) for joint in machine.joints.values()):
+    if (
+        scene.mechanism is not None
+        or machine.supports
+        or not any(_frees(joint) for joint in machine.joints.values())
+    ):
         return None
-    if any(isinstance(part.solid, MeshFile | SuperelementFile) for part in machine.components.values()):
+    if any(
+        isinstance(part.solid, MeshFile | SuperelementFile) for part in machine.components.values()
+    ):
         return None
-    bodies = {name: reduce_rigid(part, describe_component(part)) for name, part in machine.components.items()}
-    return couple(bodies, dataclasses.replace(machine, loads={}), next(iter(choose_poses(scene).values())))
+    bodies = {
+        name: reduce_rigid(part, describe_component(part))
+        for name, part in machine.components.items()
+    }
+    return couple(
+        bodies, dataclasses.replace(machine, loads={}), next(iter(choose_poses(scene).values()))
+    )
 
 
 def _frees(joint: Joint) -> bool:

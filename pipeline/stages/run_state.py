@@ -31,7 +31,9 @@ from headstock.solvers.second_order import Port, SecondOrderSystem
 
 @dataclass(frozen=True, eq=False)
 class ReducedComponent:
-    """What the store keeps of a reduced component: its superelement, the quality of the mesh it came from and that mesh's skin."""
+    """What the store keeps of a reduced component: its superelement, the quality of the mesh it
+    came from and that mesh's skin.
+    """
 
     superelement: Superelement
     quality: MeshQuality | None = None
@@ -40,7 +42,8 @@ class ReducedComponent:
 
 @dataclass(frozen=True, eq=False)
 class PoseMotions:
-    """Motions of a coupled machine in a pose: of all superelement dofs, and which of them are each component's.
+    """Motions of a coupled machine in a pose: of all superelement dofs, and which of them are each
+    component's.
 
     Attributes:
         offsets: Component to its rows.
@@ -73,7 +76,9 @@ class MachineParts:
 
 @dataclass(frozen=True, eq=False)
 class Solved[T]:
-    """What an analysis found, and what is said with it: warnings, and parts of the analysis that were refused."""
+    """What an analysis found, and what is said with it: warnings, and parts of the analysis that
+    were refused.
+    """
 
     answer: T
     warnings: tuple[str, ...] = ()
@@ -133,7 +138,9 @@ class PoseModel(Protocol):
         """What is drawn of the pose without motions."""
 
     def shift_skins(self, skins: dict[str, Skin], motions: FloatArray) -> dict[str, ShiftArray]:
-        """Displacement ``(k, n, 3)`` of every skin point in machine axes under motions of superelement dofs."""
+        """Displacement ``(k, n, 3)`` of every skin point in machine axes under motions of
+        superelement dofs.
+        """
 
 
 @dataclass(eq=False)
@@ -169,7 +176,9 @@ class RunState:
 
     @property
     def coupled(self) -> CoupledMachine | None:
-        """The coupled machine in the pose at hand; None before coupling and of a lumped mechanism."""
+        """The coupled machine in the pose at hand; None before coupling and of a lumped
+        mechanism.
+        """
         return None if self.model is None else self.model.coupled
 
     @property
@@ -238,14 +247,25 @@ def run_stage(
             outcome = work(state, stage)
         except Exception as error:
             if lacks_memory(error) and not isinstance(error, MeshError):
-                raise out_of_memory(" ".join(filter(None, ("stage", stage.kind, stage.component)))) from error
+                raise out_of_memory(
+                    " ".join(filter(None, ("stage", stage.kind, stage.component)))
+                ) from error
             raise
     state.answers += outcome.answers
     for message in outcome.warnings:
         state.warn(message)
     state.failures += [message for message in outcome.failures if message not in state.failures]
     if state.is_root:
-        observer(StageRecord(stage, cost.seconds, outcome.cached, cost.peak_rss_mb, outcome.detail, cpu_seconds=cost.cpu_seconds))
+        observer(
+            StageRecord(
+                stage,
+                cost.seconds,
+                outcome.cached,
+                cost.peak_rss_mb,
+                outcome.detail,
+                cpu_seconds=cost.cpu_seconds,
+            )
+        )
 
 
 def pose_name(stage: Stage) -> str:
@@ -272,9 +292,15 @@ def pose_model(state: RunState) -> PoseModel:
 
 def component_supports(state: RunState, component: Component) -> tuple[Support, ...]:
     """Supports on a component."""
-    return tuple(support for support in state.scene.machine.supports.values() if support.component == component.name)
+    return tuple(
+        support
+        for support in state.scene.machine.supports.values()
+        if support.component == component.name
+    )
 
 
 def component_loads(state: RunState, component: Component) -> tuple[Load, ...]:
     """Loads on a component."""
-    return tuple(load for load in state.scene.machine.loads.values() if load.component == component.name)
+    return tuple(
+        load for load in state.scene.machine.loads.values() if load.component == component.name
+    )

@@ -1,4 +1,6 @@
-"""The volume meshes of the elastic components in a pose as ``.vtu``: modes, static responses, and the stresses in them."""
+"""The volume meshes of the elastic components in a pose as ``.vtu``: modes, static responses, and
+the stresses in them.
+"""
 
 import importlib
 from pathlib import Path
@@ -41,10 +43,12 @@ VTK_ORDER: dict[CellKind, list[int]] = {
 
 
 def write_volumes(state: RunState, folder: Path, *, wanted: bool) -> list[str]:
-    """Write ``volume/POSE.vtu`` for every pose with modes or static responses, and remove those of an earlier run.
+    """Write ``volume/POSE.vtu`` for every pose with modes or static responses, and remove those of
+    an earlier run.
 
-    Point data: ``component``, ``mode_01`` and so on [m/sqrt(kg)], ``static_POINT_x`` [m/N]. Cell data at the middle of each cell:
-    ``strain_energy_density_mode_01`` [J/(kg m^5), of the mode at unit amplitude], ``von_mises_static_POINT_x`` [Pa/N].
+    Point data: ``component``, ``mode_01`` and so on [m/sqrt(kg)], ``static_POINT_x`` [m/N]. Cell
+    data at the middle of each cell: ``strain_energy_density_mode_01`` [J/(kg m^5), of the mode at
+    unit amplitude], ``von_mises_static_POINT_x`` [Pa/N].
 
     Args:
         state: Of a finished run, on rank 0.
@@ -61,24 +65,38 @@ def write_volumes(state: RunState, folder: Path, *, wanted: bool) -> list[str]:
     remarks: list[str] = []
     if wanted:
         meshes = _find_meshes(state)
-        missing = [name for name in state.reduced if name not in meshes and state.plan.components[name].fidelity == "elastic"]
+        missing = [
+            name
+            for name in state.reduced
+            if name not in meshes and state.plan.components[name].fidelity == "elastic"
+        ]
         if missing:
-            remarks.append(f"no volume of {', '.join(missing)}: there is no mesh or no shape of the interior in the store")
-        contents = {f"{file_stem(pose)}.vtu": _encode_pose(state, pose, meshes) for pose in state.motions if meshes}
+            remarks.append(
+                f"no volume of {', '.join(missing)}: there is no mesh or no shape of the interior in the store"
+            )
+        contents = {
+            f"{file_stem(pose)}.vtu": _encode_pose(state, pose, meshes)
+            for pose in state.motions
+            if meshes
+        }
     return [*remarks, *replace_outputs(folder, VOLUME_FOLDER, contents)]
 
 
 def von_mises(material: Material, scaled: AnyArray) -> AnyArray:
-    """Equivalent stress ``(...)`` [Pa] of scaled stresses ``(..., 6)``, half of whose square is the density of strain energy.
+    """Equivalent stress ``(...)`` [Pa] of scaled stresses ``(..., 6)``, half of whose square is the
+    density of strain energy.
 
     Args:
         material: Isotropic.
-        scaled: As ``stress_operators`` makes them: the deviator over sqrt(2 G) and the pressure on the diagonal.
+        scaled: As ``stress_operators`` makes them: the deviator over sqrt(2 G) and the pressure on
+            the diagonal.
     """
     diagonal, shear = scaled[..., :3], scaled[..., 3:]
     deviator = diagonal - diagonal.mean(axis=-1, keepdims=True)
     modulus = material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio))
-    return np.asarray(np.sqrt(3.0 * modulus * ((deviator**2).sum(axis=-1) + (shear**2).sum(axis=-1))))
+    return np.asarray(
+        np.sqrt(3.0 * modulus * ((deviator**2).sum(axis=-1) + (shear**2).sum(axis=-1)))
+    )
 
 
 def cell_stresses(mesh: ComponentMesh, material: Material, displacement: FloatArray) -> AnyArray:
@@ -112,12 +130,16 @@ def _find_meshes(state: RunState) -> dict[str, tuple[ComponentMesh, FloatArray]]
     return found
 
 
-def _encode_pose(state: RunState, pose: str, meshes: dict[str, tuple[ComponentMesh, FloatArray]]) -> bytes:
+def _encode_pose(
+    state: RunState, pose: str, meshes: dict[str, tuple[ComponentMesh, FloatArray]]
+) -> bytes:
     modes = next((modes for modes in state.modal if modes.pose.name == pose), None)
     motions = state.motions[pose]
     names = [] if modes is None else [mode_array(index) for index in range(modes.shapes.shape[1])]
     names += [push_array(push) for push in motions.motions]
-    columns = ([] if modes is None else [modes.shapes]) + [motion[:, None] for motion in motions.motions.values()]
+    columns = ([] if modes is None else [modes.shapes]) + [
+        motion[:, None] for motion in motions.motions.values()
+    ]
     stacked = np.hstack(columns)
     count = 0 if modes is None else modes.shapes.shape[1]
     points, blocks, numbers, moved, over_cells = [], [], [], [], []
@@ -125,29 +147,47 @@ def _encode_pose(state: RunState, pose: str, meshes: dict[str, tuple[ComponentMe
     for number, name in enumerate(state.reduced):
         if name not in meshes:
             continue
-        (mesh, basis), superelement, frame = meshes[name], state.reduced[name].superelement, state.views[pose].placements[name]
+        (mesh, basis), superelement, frame = (
+            meshes[name],
+            state.reduced[name].superelement,
+            state.views[pose].placements[name],
+        )
         own = basis @ (turn_dofs(superelement, frame) @ stacked[motions.offsets[name]])
         points.append(mesh.points @ frame.rotation.T + frame.origin)
         blocks.append(CellBlock(VTK_KINDS[mesh.kind], mesh.cells[:, VTK_ORDER[mesh.kind]] + start))
         numbers.append(np.full(len(mesh.points), number, dtype=np.int32))
-        moved.append(np.einsum("ij,njk->nik", frame.rotation, own.reshape(len(mesh.points), 3, -1)).astype(np.float32))
+        moved.append(
+            np.einsum("ij,njk->nik", frame.rotation, own.reshape(len(mesh.points), 3, -1)).astype(
+                np.float32
+            )
+        )
         over_cells.append(_cell_numbers(mesh, state.plan.components[name].material, own, count))
         start += len(mesh.points)
     together, cells = np.concatenate(moved), np.concatenate(over_cells)
-    labels = [f"{'strain_energy_density' if place < count else 'von_mises'}_{name}" for place, name in enumerate(names)]
+    labels = [
+        f"{'strain_energy_density' if place < count else 'von_mises'}_{name}"
+        for place, name in enumerate(names)
+    ]
     return encode_grid(
         Grid(
             np.vstack(points),
             tuple(blocks),
-            {"component": np.concatenate(numbers)} | {name: together[:, :, place] for place, name in enumerate(names)},
+            {"component": np.concatenate(numbers)}
+            | {name: together[:, :, place] for place, name in enumerate(names)},
             {label: cells[:, place] for place, label in enumerate(labels)},
             {} if modes is None else mode_numbers(list(modes.frequencies_hz), modes.damping_ratio),
         )
     )
 
 
-def _cell_numbers(mesh: ComponentMesh, material: Material, displacement: FloatArray, count: int) -> AnyArray:
-    """Density of strain energy of the first ``count`` motions and equivalent stress of the others, ``(n_cells, k)``."""
+def _cell_numbers(
+    mesh: ComponentMesh, material: Material, displacement: FloatArray, count: int
+) -> AnyArray:
+    """Density of strain energy of the first ``count`` motions and equivalent stress of the others,
+    ``(n_cells, k)``.
+    """
     scaled = cell_stresses(mesh, material, displacement)
     energies = 0.5 * (scaled[:, :, :count] ** 2).sum(axis=1)
-    return np.hstack([energies, von_mises(material, scaled[:, :, count:].swapaxes(1, 2))]).astype(np.float32)
+    return np.hstack([energies, von_mises(material, scaled[:, :, count:].swapaxes(1, 2))]).astype(
+        np.float32
+    )

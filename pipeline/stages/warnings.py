@@ -1,4 +1,6 @@
-"""Warnings to the reader of results: frequencies near or beyond what a reduction or a mesh can show, poor cells, large errors."""
+"""Warnings to the reader of results: frequencies near or beyond what a reduction or a mesh can
+show, poor cells, large errors.
+"""
 
 import math
 
@@ -14,12 +16,13 @@ from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 
 CUTOFF_MARGIN = 1.5
 FEWEST_NODES = 6.0  # per wavelength: three second-order elements
-# Share by which single tet10 across a wall raise a frequency, over (L / wavelength)^4 (L / t)^2: 15 to 60 in square plates
-# of 1:200 and 1:1000 with hinged and clamped edges
+# Share by which single tet10 across a wall raise a frequency, over (L / wavelength)^4 (L / t)^2: 15
+# to 60 in square plates of 1:200 and 1:1000 with hinged and clamped edges
 LOCKING = 30.0
 LOCKED = 0.03
 LARGE_ERROR = 0.5  # of a number
-# a thousandth of the volume in elements that are wrong by all of their energy moves no frequency by more than 0.05 %
+# a thousandth of the volume in elements that are wrong by all of their energy moves no frequency by
+# more than 0.05 %
 POOR_SHARE = 1e-3
 BAD_QUALITY = 2e-3  # below a thousandth elements are refused
 REPAIRED_SHARE = 1e-3  # per dof; there are about six dofs per element
@@ -32,7 +35,11 @@ def _warn_of_cutoff(name: str, reduced: ReducedComponent, highest_hz: float) -> 
     """
     truncation = reduced.superelement.errors.truncation
     # without any mode kept the moments still tell where the first one lies
-    cutoff = reduced.superelement.cutoff_hz if truncation is None else math.sqrt(truncation.limit) / (2.0 * math.pi)
+    cutoff = (
+        reduced.superelement.cutoff_hz
+        if truncation is None
+        else math.sqrt(truncation.limit) / (2.0 * math.pi)
+    )
     if not highest_hz > cutoff / CUTOFF_MARGIN:
         return []
     found = (
@@ -40,13 +47,22 @@ def _warn_of_cutoff(name: str, reduced: ReducedComponent, highest_hz: float) -> 
         f" {highest_hz:.4g} Hz are reported: those above {cutoff / CUTOFF_MARGIN:.4g} Hz are too high"
     )
     if highest_hz > cutoff:
-        found += f", for those above {cutoff:.4g} Hz there is no error estimate, and some may be missing"
+        found += (
+            f", for those above {cutoff:.4g} Hz there is no error estimate, and some may be missing"
+        )
     return [f'{found}; write reduction = {{ modes_to = "{3 * highest_hz:.0f} Hz" }}']
 
 
 def _warn_of_mesh(component: Component, reduced: ReducedComponent, highest_hz: float) -> list[str]:
-    """A warning where waves are too short for the mesh: fewer than six nodes on the shortest of them."""
-    if reduced.quality is None or reduced.skin is None or not highest_hz > 0.0 or component.material.density <= 0.0:
+    """A warning where waves are too short for the mesh: fewer than six nodes on the shortest of
+    them.
+    """
+    if (
+        reduced.quality is None
+        or reduced.skin is None
+        or not highest_hz > 0.0
+        or component.material.density <= 0.0
+    ):
         return []
     thickness = wall_thickness(reduced.skin, reduced.quality)
     length = shortest_wave(component, thickness, highest_hz)
@@ -60,20 +76,30 @@ def _warn_of_mesh(component: Component, reduced: ReducedComponent, highest_hz: f
     ]
 
 
-def _warn_of_locking(component: Component, reduced: ReducedComponent, highest_hz: float, error: float | None) -> list[str]:
-    """A warning where single tetrahedra across thin walls lock in bending waves as short as those of the highest frequency.
+def _warn_of_locking(
+    component: Component, reduced: ReducedComponent, highest_hz: float, error: float | None
+) -> list[str]:
+    """A warning where single tetrahedra across thin walls lock in bending waves as short as those
+    of the highest frequency.
 
-    Second-order tets bend without shear only as far as piecewise quadratics without kinks do, of which irregular meshes have few.
+    Second-order tets bend without shear only as far as piecewise quadratics without kinks do, of
+    which irregular meshes have few.
 
     Args:
         component: What it is about.
         reduced: Its superelement and mesh.
-        highest_hz: Highest frequency of interest [Hz]; of a static answer alone 0: then waves as long as the part count.
-        error: Largest share of a result that its mesh may be off by; None where unknown. Walls that carry loads along their plane do
-            not lock, and this is how they are known.
+        highest_hz: Highest frequency of interest [Hz]; of a static answer alone 0: then waves as
+            long as the part count.
+        error: Largest share of a result that its mesh may be off by; None where unknown. Walls that
+            carry loads along their plane do not lock, and this is how they are known.
     """
     quality = reduced.quality
-    if quality is None or reduced.skin is None or not quality.flatness > 0.0 or (error is not None and error < LOCKED):
+    if (
+        quality is None
+        or reduced.skin is None
+        or not quality.flatness > 0.0
+        or (error is not None and error < LOCKED)
+    ):
         return []
     material, extent = component.material, float(np.ptp(reduced.skin.points, axis=0).max())
     stiffness = material.youngs_modulus / (12.0 * (1.0 - material.poisson_ratio**2))
@@ -96,14 +122,17 @@ def _warn_of_locking(component: Component, reduced: ReducedComponent, highest_hz
 
 
 def wall_thickness(skin: Skin, quality: MeshQuality) -> float:
-    """Twice the volume over the surface [m]: the thickness of a component that is all walls, less than that of a block."""
+    """Twice the volume over the surface [m]: the thickness of a component that is all walls, less
+    than that of a block.
+    """
     corners = skin.points[skin.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return 2.0 * quality.volume / float(0.5 * np.linalg.norm(normals, axis=1).sum())
 
 
 def shortest_wave(component: Component, thickness: float, hz: float) -> float:
-    """Length of the shorter of a shear wave and of a bending wave in a plate of the walls' thickness [m].
+    """Length of the shorter of a shear wave and of a bending wave in a plate of the walls'
+    thickness [m].
 
     Args:
         component: For its material; the density is above zero.
@@ -113,14 +142,24 @@ def shortest_wave(component: Component, thickness: float, hz: float) -> float:
     Source: Cremer, Heckl and Petersson (2005), Structure-Borne Sound, eqs. 3.36 and 3.83.
     """
     material, omega = component.material, 2.0 * math.pi * hz
-    shear = math.sqrt(material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio)) / material.density) / hz
-    plate = material.youngs_modulus * thickness**2 / (12.0 * (1.0 - material.poisson_ratio**2) * material.density)
+    shear = (
+        math.sqrt(
+            material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio)) / material.density
+        )
+        / hz
+    )
+    plate = (
+        material.youngs_modulus
+        * thickness**2
+        / (12.0 * (1.0 - material.poisson_ratio**2) * material.density)
+    )
     bending = 2.0 * math.pi * math.sqrt(math.sqrt(plate) / omega)
     return min(shear, bending)
 
 
 def node_spacing(nodes: int, volume: float, thickness: float) -> float:
-    """Distance of the nodes of a mesh along its walls [m], at least three of them through the thickness.
+    """Distance of the nodes of a mesh along its walls [m], at least three of them through the
+    thickness.
 
     Args:
         nodes: Number of nodes.
@@ -134,17 +173,21 @@ def node_spacing(nodes: int, volume: float, thickness: float) -> float:
 
 def find_warnings(state: RunState) -> list[str]:
     """Warnings about the superelements and about frequencies beyond their reach."""
-    highest = max((float(modes.frequencies_hz.max(initial=0.0)) for modes in state.modal), default=0.0)
+    highest = max(
+        (float(modes.frequencies_hz.max(initial=0.0)) for modes in state.modal), default=0.0
+    )
     frf = state.scene.analyses.frf
     highest = max(highest, frf.to_hz if frf is not None else 0.0)
     found: list[str] = []
     for name, reduced in state.reduced.items():
-        found += _component_warnings(name, reduced) + _size_warnings(state.plan.components[name], reduced)
+        found += _component_warnings(name, reduced) + _size_warnings(
+            state.plan.components[name], reduced
+        )
         found += _warn_of_cutoff(name, reduced, highest)
         component = state.plan.components[name]
-        found += _warn_of_locking(component, reduced, highest, _mesh_share(state, name)) or _warn_of_mesh(
-            component, reduced, highest
-        )
+        found += _warn_of_locking(
+            component, reduced, highest, _mesh_share(state, name)
+        ) or _warn_of_mesh(component, reduced, highest)
     return found + _warn_of_large_errors(state)
 
 
@@ -176,10 +219,16 @@ def _stated_errors(state: RunState) -> list[tuple[str, float, Estimate]]:
 
 
 def _warn_of_large_errors(state: RunState) -> list[str]:
-    """A warning per component that makes what stands behind ± as large as the numbers, with the worst of them and a remedy."""
+    """A warning per component that makes what stands behind ± as large as the numbers, with the
+    worst of them and a remedy.
+    """
     worst: dict[tuple[str, str], tuple[float, str]] = {}
     for what, value, error in _stated_errors(state):
-        parts = {(name, source): size for source, sizes in error.parts.items() for name, size in sizes.items()}
+        parts = {
+            (name, source): size
+            for source, sizes in error.parts.items()
+            for name, size in sizes.items()
+        }
         if error.total is not None and parts and error.total > LARGE_ERROR * abs(value) > 0.0:
             owner = max(parts, key=lambda key: parts[key])
             worst[owner] = max(worst.get(owner, (0.0, "")), (error.total / abs(value), what))
@@ -201,17 +250,26 @@ def _size_warnings(component: Component, reduced: ReducedComponent) -> list[str]
 def _component_warnings(name: str, reduced: ReducedComponent) -> list[str]:
     found = [f"component {name!r}: {message}" for message in reduced.superelement.warnings]
     if reduced.superelement.free_dofs:
-        found.append(f"component {name!r}: nothing holds the interface dofs {', '.join(reduced.superelement.free_dofs)}")
+        found.append(
+            f"component {name!r}: nothing holds the interface dofs {', '.join(reduced.superelement.free_dofs)}"
+        )
     if reduced.quality is not None:
-        found += [f"component {name!r}: {message}" for message in mesh_warnings(reduced.quality, reduced.superelement.full_dofs)]
+        found += [
+            f"component {name!r}: {message}"
+            for message in mesh_warnings(reduced.quality, reduced.superelement.full_dofs)
+        ]
     return found
 
 
 def mesh_warnings(quality: MeshQuality, dofs: int) -> list[str]:
-    """What is said of a mesh; a few poor or straightened elements among thousands move no result."""
+    """What is said of a mesh; a few poor or straightened elements among thousands move no
+    result.
+    """
     found = list(quality.remarks)
     if quality.repaired > REPAIRED_SHARE * dofs:
-        found.append(f"{quality.repaired} curved elements were inverted as meshed and were repaired")
+        found.append(
+            f"{quality.repaired} curved elements were inverted as meshed and were repaired"
+        )
     if quality.poor_share > POOR_SHARE or quality.minimum_scaled_jacobian < BAD_QUALITY:
         place = ", ".join(f"{value:.4g}" for value in quality.worst_place)
         face = f", {quality.worst_face}" if quality.worst_face else ""

@@ -1,1 +1,3 @@
-"""Files that appear whole or not at all: store, keys, records, outputs, JSON. Never what a result means."""
+"""Files that appear whole or not at all: store, keys, records, outputs, JSON. Never what a result
+means.
+"""

@@ -1,4 +1,6 @@
-"""Files that are either the old one or the whole new one, and appended to wholly or not, whatever happens while they are written."""
+"""Files that are either the old one or the whole new one, and appended to wholly or not, whatever
+happens while they are written.
+"""
 
 import contextlib
 import fcntl
@@ -14,7 +16,8 @@ SUFFIX = ".part"
 class PendingFiles:
     """Files that appear together, once all of them are safely on the disk; a context manager.
 
-    A temporary never stays behind, except where the process is killed: the next writer of the same file then removes it.
+    A temporary never stays behind, except where the process is killed: the next writer of the same
+    file then removes it.
     """
 
     def __init__(self) -> None:
@@ -52,7 +55,8 @@ class PendingFiles:
         """Rename every temporary over its file.
 
         Raises:
-            OSError: A rename failed; the files before it in the order they were added are new, the others old.
+            OSError: A rename failed; the files before it in the order they were added are new, the
+                others old.
         """
         for _handle, temporary, path in self._waiting:
             temporary.replace(path)
@@ -69,7 +73,8 @@ def write_atomically(path: Path, content: bytes, *, mode: int = 0o644) -> None:
         mode: Permissions of a Unix file.
 
     Raises:
-        OSError: The folder is not writable, the disk is full or the device reports an error; an earlier file is untouched.
+        OSError: The folder is not writable, the disk is full or the device reports an error; an
+            earlier file is untouched.
     """
     with PendingFiles() as pending:
         pending.add(path, content, mode=mode)
@@ -80,7 +85,8 @@ def write_atomically(path: Path, content: bytes, *, mode: int = 0o644) -> None:
 def lock_folder(folder: Path) -> Iterator[bool]:
     """Hold a folder for this process while the body runs; True when nobody else holds it.
 
-    The kernel gives the lock up when the process ends, however it ends. Where the file system knows no locks, nothing is held.
+    The kernel gives the lock up when the process ends, however it ends. Where the file system knows
+    no locks, nothing is held.
     """
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
@@ -142,7 +148,9 @@ def append_whole(handle: int, content: bytes, *, flush: bool = True) -> None:
 
 
 def lock_file(handle: int) -> bool:
-    """Keep an open file for this process; False where another one has it, True on file systems without locks."""
+    """Keep an open file for this process; False where another one has it, True on file systems
+    without locks.
+    """
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

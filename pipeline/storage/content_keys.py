@@ -1,6 +1,8 @@
-"""Keys of the store: SHA-256 of everything that a mesh or a superelement depends on, and of nothing else.
+"""Keys of the store: SHA-256 of everything that a mesh or a superelement depends on, and of nothing
+else.
 
-Beside the scene's text these are the code of this program, its libraries, the files of solids and measured forces.
+Beside the scene's text these are the code of this program, its libraries, the files of solids and
+measured forces.
 """
 
 import dataclasses
@@ -37,17 +39,22 @@ PACKAGES = (
     headstock.scene,
     headstock.pipeline,
 )
-# what meshing and reducing a component import, and nothing else: a change in milling or control keeps what is stored
+# what meshing and reducing a component import, and nothing else: a change in milling or control
+# keeps what is stored
 MESH_CODE = (headstock.geometry, headstock.meshing)
 REDUCTION_ROOMS = ((headstock.solvers, "elastic"), (headstock.reduction, "components"))
 FILE_KEYS = [
     split_key(key)
-    for key in (*(f"components.*.solid.{kind}" for kind in ("step", "mesh", "superelement")), "analyses.contouring.forces")
+    for key in (
+        *(f"components.*.solid.{kind}" for kind in ("step", "mesh", "superelement")),
+        "analyses.contouring.forces",
+    )
 ]
 
 
 def mesh_key(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> str:
-    """Key of a component's mesh: shape, sizes and patches; not its place, material, coupling or name.
+    """Key of a component's mesh: shape, sizes and patches; not its place, material, coupling or
+    name.
 
     Args:
         component: Its solid, mesh settings and interfaces.
@@ -60,7 +67,10 @@ def mesh_key(component: Component, supports: Sequence[Support], loads: Sequence[
             "libraries": library_versions(MESH_LIBRARIES),
             "solid": _solid_content(component),
             "settings": component.mesh,
-            "interfaces": {name: (interface.patches, interface.force) for name, interface in component.interfaces.items()},
+            "interfaces": {
+                name: (interface.patches, interface.force)
+                for name, interface in component.interfaces.items()
+            },
             "supports": {support.name: support.patches for support in supports},
             "loads": {load.name: load.patches for load in loads if load.patches},
         }
@@ -78,15 +88,20 @@ def skin_key(component: Component) -> str:
     )
 
 
-def superelement_key(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> str:
-    """Key of an elastic component's superelements: its mesh, material, couplings, supports and loads.
+def superelement_key(
+    component: Component, supports: Sequence[Support], loads: Sequence[Load]
+) -> str:
+    """Key of an elastic component's superelements: its mesh, material, couplings, supports and
+    loads.
 
-    How much a superelement holds of them (fixed-interface modes, gravity) is not in it: one that holds more serves for less.
+    How much a superelement holds of them (fixed-interface modes, gravity) is not in it: one that
+    holds more serves for less.
 
     Args:
         component: Elastic component.
         supports: On this component.
-        loads: On this component; of tractions and body loads only the place counts, as a superelement holds their unit loads.
+        loads: On this component; of tractions and body loads only the place counts, as a
+            superelement holds their unit loads.
     """
     material = component.material
     return _digest(
@@ -96,22 +111,31 @@ def superelement_key(component: Component, supports: Sequence[Support], loads: S
             "libraries": library_versions(REDUCTION_LIBRARIES),
             "material": (material.youngs_modulus, material.poisson_ratio, material.density),
             "mass": component.mass,
-            "couplings": {name: (interface.coupling, interface.rail) for name, interface in component.interfaces.items()},
+            "couplings": {
+                name: (interface.coupling, interface.rail)
+                for name, interface in component.interfaces.items()
+            },
             "supports": {support.name: sorted(support.directions) for support in supports},
-            "loads": {load.name: (load.kind, load.magnitude) for load in loads if load.kind != "force"},
+            "loads": {
+                load.name: (load.kind, load.magnitude) for load in loads if load.kind != "force"
+            },
         }
     )
 
 
 @functools.cache
 def library_versions(names: tuple[str, ...]) -> dict[str, str]:
-    """Versions of installed libraries, read from their metadata without importing them; ``"unknown"`` where there is none."""
+    """Versions of installed libraries, read from their metadata without importing them;
+    ``"unknown"`` where there is none.
+    """
     return {name: _library_version(name) for name in names}
 
 
 @functools.cache
 def code_fingerprint(package: ModuleType) -> str:
-    """SHA-256 over the source files of a sub-package and its rooms: a changed algorithm never meets results of the old one."""
+    """SHA-256 over the source files of a sub-package and its rooms: a changed algorithm never meets
+    results of the old one.
+    """
     return _fingerprint(package, ("**/*.py",))
 
 
@@ -125,7 +149,9 @@ def _fingerprint(package: ModuleType, patterns: tuple[str, ...]) -> str:
     digest = hashlib.sha256()
     for folder in package.__path__:
         for path in sorted(path for pattern in patterns for path in Path(folder).glob(pattern)):
-            digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+            digest.update(
+                path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0"
+            )
     return digest.hexdigest()
 
 
@@ -140,14 +166,18 @@ def _digest(content: Mapping[str, object]) -> str:
 
 def _canonical(value: object) -> JsonValue:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields: dict[str, JsonValue] = {field.name: _canonical(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        fields: dict[str, JsonValue] = {
+            field.name: _canonical(getattr(value, field.name))
+            for field in dataclasses.fields(value)
+        }
         return {"type": type(value).__name__, **fields}
     if isinstance(value, dict):
         return {str(key): _canonical(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_canonical(item) for item in value]
     if isinstance(value, float | np.floating):
-        # as a word: json would write infinities, which are legal for open limits, as invalid tokens; + 0.0 drops the sign of zero
+        # as a word: json would write infinities, which are legal for open limits, as invalid
+        # tokens; + 0.0 drops the sign of zero
         return repr(float(f"{float(value):.{SIGNIFICANT_DIGITS}g}") + 0.0)
     if value is None or isinstance(value, bool | int | str):
         return value
@@ -157,10 +187,17 @@ def _canonical(value: object) -> JsonValue:
 def _solid_content(component: Component) -> Solid | dict[str, JsonValue]:
     solid = component.solid
     if isinstance(solid, StepFile | MeshFile | SuperelementFile):
-        details = {name: value for name, value in dataclasses.asdict(solid).items() if name != "path"}
+        details = {
+            name: value for name, value in dataclasses.asdict(solid).items() if name != "path"
+        }
         with solid.path.open("rb") as file:
             content = hashlib.file_digest(file, "sha256").hexdigest()
-        return {"type": type(solid).__name__, "content": content, "suffix": solid.path.suffix.lower(), **details}
+        return {
+            "type": type(solid).__name__,
+            "content": content,
+            "suffix": solid.path.suffix.lower(),
+            **details,
+        }
     return solid
 
 
@@ -173,6 +210,8 @@ def _library_version(name: str) -> str:
 
 def file_digests(folder: Path, raw: TomlTable) -> Iterator[tuple[str, str]]:
     """Files that solids and measured forces are read from and their SHA-256."""
-    for name in [str(value_at(raw, key)) for pattern in FILE_KEYS for key in find_keys(raw, pattern)]:
+    for name in [
+        str(value_at(raw, key)) for pattern in FILE_KEYS for key in find_keys(raw, pattern)
+    ]:
         with (folder / name).open("rb") as file:
             yield name, hashlib.file_digest(file, "sha256").hexdigest()

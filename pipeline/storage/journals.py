@@ -1,6 +1,8 @@
-"""Journals: files to which finished records are appended, each whole, so that interrupted work is resumed where it stopped.
+"""Journals: files to which finished records are appended, each whole, so that interrupted work is
+resumed where it stopped.
 
-A process that dies while it appends leaves a record that ends too early: readers leave it out, the next writer cuts it off.
+A process that dies while it appends leaves a record that ends too early: readers leave it out, the
+next writer cuts it off.
 """
 
 import os
@@ -23,8 +25,10 @@ class JournalForm:
     """How a journal begins, and how its records are told apart.
 
     Attributes:
-        start: What every such file begins with, whatever its version; what begins with something else is the user's.
-        head: What a file of this version and key begins with; one that begins otherwise has no records and is begun anew.
+        start: What every such file begins with, whatever its version; what begins with something
+            else is the user's.
+        head: What a file of this version and key begins with; one that begins otherwise has no
+            records and is begun anew.
         lines: Records are lines of text; else bytes behind their length and checksum.
     """
 
@@ -34,7 +38,9 @@ class JournalForm:
 
     def frame(self, record: bytes) -> bytes:
         """A record as it stands in the file."""
-        return record + b"\n" if self.lines else _MARK.pack(len(record), zlib.crc32(record)) + record
+        return (
+            record + b"\n" if self.lines else _MARK.pack(len(record), zlib.crc32(record)) + record
+        )
 
     def records(self, content: bytes) -> Iterator[bytes]:
         """Records of a file, up to the first that is not whole."""
@@ -62,16 +68,24 @@ class Journal:
         Args:
             path: Of the file; its folder is there.
             form: Of its records.
-            flush_seconds: A killed process loses no record; a power cut loses those of this time [s].
+            flush_seconds: A killed process loses no record; a power cut loses those of this time
+                [s].
 
         Raises:
             TakenOutputError: Headstock did not write what is there.
             OutputError: It cannot be written, or another process writes it.
         """
-        self._path, self._form, self._flush_seconds, self._flushed = path, form, flush_seconds, time.monotonic()
+        self._path, self._form, self._flush_seconds, self._flushed = (
+            path,
+            form,
+            flush_seconds,
+            time.monotonic(),
+        )
         try:
             new = not os.path.lexists(path)
-            self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o644)
+            self._handle = os.open(
+                path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o644
+            )
             try:
                 self._begin()
             except (OSError, OutputError):
@@ -103,19 +117,26 @@ class Journal:
         try:
             append_whole(self._handle, self._form.frame(record), flush=flush)
         except OSError as error:
-            raise OutputError(f"{self._path} cannot be written: {error.strerror or error}; what is finished is kept") from error
+            raise OutputError(
+                f"{self._path} cannot be written: {error.strerror or error}; what is finished is kept"
+            ) from error
         self._flushed = time.monotonic() if flush else self._flushed
 
     def _begin(self) -> None:
         if not lock_file(self._handle):
-            raise OutputError(f"another process writes {self._path}; wait until it ends, or name another folder with -o DIR")
+            raise OutputError(
+                f"another process writes {self._path}; wait until it ends, or name another folder with -o DIR"
+            )
         form, content = self._form, read_growing_file(self._path, self._form.start)
         if not content.startswith(form.head):
             os.ftruncate(self._handle, 0)
             content = b""
         if not content:
             append_whole(self._handle, form.head, flush=False)
-        elif (whole := len(form.head) + sum(len(form.frame(record)) for record in form.records(content))) < len(content):
+        elif (
+            whole := len(form.head)
+            + sum(len(form.frame(record)) for record in form.records(content))
+        ) < len(content):
             os.ftruncate(self._handle, whole)
 
 

@@ -25,7 +25,9 @@ def check_finite(what: str, values: FloatArray | Sequence[float]) -> list[float]
     """
     array = np.asarray(values, dtype=float)
     if not np.isfinite(array).all():
-        raise AccuracyError(f"{what} holds values that are not finite: {array[~np.isfinite(array)][:3].tolist()}")
+        raise AccuracyError(
+            f"{what} holds values that are not finite: {array[~np.isfinite(array)][:3].tolist()}"
+        )
     return [float(value) for value in array]
 
 

@@ -1,9 +1,11 @@
-"""Files that commands write: each is the old one or the whole new one, and none is written over or removed that somebody else wrote.
+"""Files that commands write: each is the old one or the whole new one, and none is written over or
+removed that somebody else wrote.
 
-Every folder that is written into holds a list, ``.headstock-files``: one JSON line per written file with its name and SHA-256. A file is
-Headstock's own while its content has a digest that the list gives its name; whatever else lies there, or was changed since, is the
-user's. A line is on the disk before its file appears, so that a process that is killed in between leaves no file that is later taken for
-the user's.
+Every folder that is written into holds a list, ``.headstock-files``: one JSON line per written file
+with its name and SHA-256. A file is Headstock's own while its content has a digest that the list
+gives its name; whatever else lies there, or was changed since, is the user's. A line is on the disk
+before its file appears, so that a process that is killed in between leaves no file that is later
+taken for the user's.
 """
 
 import contextlib
@@ -18,7 +20,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from headstock.geometry.errors import HeadstockError
-from headstock.pipeline.storage.atomic_files import PendingFiles, append_whole, lock_folder, remove_abandoned, write_atomically
+from headstock.pipeline.storage.atomic_files import (
+    PendingFiles,
+    append_whole,
+    lock_folder,
+    remove_abandoned,
+    write_atomically,
+)
 
 LIST_FILE = ".headstock-files"
 # a list is shortened beyond this size: many runs into one folder, of which only the last counts
@@ -31,11 +39,15 @@ class OutputError(HeadstockError):
 
 
 class TakenOutputError(OutputError):
-    """Where a file should be written lies one that Headstock did not write, or that was changed since."""
+    """Where a file should be written lies one that Headstock did not write, or that was changed
+    since.
+    """
 
 
 class PendingOutputs(PendingFiles):
-    """Output files that appear together, once all of them are safely on the disk and listed; a context manager."""
+    """Output files that appear together, once all of them are safely on the disk and listed; a
+    context manager.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -61,10 +73,18 @@ class PendingOutputs(PendingFiles):
         """List every file and rename its temporary over it.
 
         Raises:
-            OSError: A rename failed; the files before it in the order they were added are new, the others old.
+            OSError: A rename failed; the files before it in the order they were added are new, the
+                others old.
         """
         for folder in dict.fromkeys(path.parent for path in self._digests):
-            _note(folder, {path.name: digest for path, digest in self._digests.items() if path.parent == folder})
+            _note(
+                folder,
+                {
+                    path.name: digest
+                    for path, digest in self._digests.items()
+                    if path.parent == folder
+                },
+            )
         super().publish()
 
 
@@ -77,7 +97,8 @@ def prepare_output(folder: Path, names: Iterable[str] = (), parts: Iterable[str]
         parts: Names of the folders in it that may be written into.
 
     Raises:
-        TakenOutputError: The folder or a part is a link, or one of the files is there and Headstock did not write it.
+        TakenOutputError: The folder or a part is a link, or one of the files is there and Headstock
+            did not write it.
         OutputError: Nothing can be written there.
     """
     try:
@@ -89,7 +110,9 @@ def prepare_output(folder: Path, names: Iterable[str] = (), parts: Iterable[str]
         listed = _read_list(folder)
         taken = [name for name in names if _is_taken(folder, name, listed)]
     except OSError as error:
-        raise OutputError(f"{folder} cannot be written: {error.strerror or error}; name another folder with -o DIR") from error
+        raise OutputError(
+            f"{folder} cannot be written: {error.strerror or error}; name another folder with -o DIR"
+        ) from error
     if taken:
         raise TakenOutputError(
             f"{folder} holds {', '.join(taken)}, which Headstock did not write or which changed since; nothing was computed: "
@@ -98,7 +121,9 @@ def prepare_output(folder: Path, names: Iterable[str] = (), parts: Iterable[str]
 
 
 @contextlib.contextmanager
-def claim_output(folder: Path, names: Iterable[str] = (), parts: Iterable[str] = ()) -> Iterator[None]:
+def claim_output(
+    folder: Path, names: Iterable[str] = (), parts: Iterable[str] = ()
+) -> Iterator[None]:
     """Keep other runs out of an output folder while the body runs.
 
     Args:
@@ -107,13 +132,16 @@ def claim_output(folder: Path, names: Iterable[str] = (), parts: Iterable[str] =
         parts: Names of the folders in it that may be written into.
 
     Raises:
-        TakenOutputError: The folder or a part is a link, or one of the files is there and Headstock did not write it.
+        TakenOutputError: The folder or a part is a link, or one of the files is there and Headstock
+            did not write it.
         OutputError: Another run is writing there, or nothing can be written there.
     """
     prepare_output(folder, names, parts)
     with lock_folder(folder) as mine:
         if not mine:
-            raise OutputError(f"another run is writing into {folder}; wait until it ends, or name another folder with -o DIR")
+            raise OutputError(
+                f"another run is writing into {folder}; wait until it ends, or name another folder with -o DIR"
+            )
         yield
 
 
@@ -121,13 +149,20 @@ def check_output(path: Path) -> None:
     """Refuse a file that must not be written over.
 
     Raises:
-        TakenOutputError: It is there and Headstock did not write it, it was changed since, or it is a link or a device.
+        TakenOutputError: It is there and Headstock did not write it, it was changed since, or it is
+            a link or a device.
         OutputError: Nobody can tell.
     """
     with naming_output(path):
         if _is_taken(path.parent, path.name, _read_list(path.parent)):
-            what = "is a link" if path.is_symlink() else "exists, and Headstock did not write it or it changed since"
-            raise TakenOutputError(f"{path} {what}: it is left as it is; move it away, or name another file")
+            what = (
+                "is a link"
+                if path.is_symlink()
+                else "exists, and Headstock did not write it or it changed since"
+            )
+            raise TakenOutputError(
+                f"{path} {what}: it is left as it is; move it away, or name another file"
+            )
 
 
 def write_output(path: Path, content: bytes) -> None:
@@ -143,7 +178,8 @@ def write_output(path: Path, content: bytes) -> None:
 
 
 def write_beside(folder: Path, files: Mapping[str, bytes]) -> list[str]:
-    """Write files whose names follow from what was computed; where a file of the user has the name, under another name beside it.
+    """Write files whose names follow from what was computed; where a file of the user has the name,
+    under another name beside it.
 
     Args:
         folder: To write into.
@@ -159,7 +195,8 @@ def write_beside(folder: Path, files: Mapping[str, bytes]) -> list[str]:
 
 
 def replace_outputs(folder: Path, part: str, files: Mapping[str, bytes]) -> list[str]:
-    """Write files into a part of an output folder, and remove those that Headstock wrote there before and nobody has changed.
+    """Write files into a part of an output folder, and remove those that Headstock wrote there
+    before and nobody has changed.
 
     Args:
         folder: Of the output; it holds the list.
@@ -167,7 +204,8 @@ def replace_outputs(folder: Path, part: str, files: Mapping[str, bytes]) -> list
         files: Content by name.
 
     Returns:
-        A remark for each that got another name, as in ``write_beside``, and for each of an earlier run that is kept.
+        A remark for each that got another name, as in ``write_beside``, and for each of an earlier
+        run that is kept.
 
     Raises:
         TakenOutputError: The part is a link.
@@ -178,10 +216,14 @@ def replace_outputs(folder: Path, part: str, files: Mapping[str, bytes]) -> list
             _make_folder(folder / part)
         elif not os.path.lexists(folder / LIST_FILE):
             return []
-        names, remarks = _write_all(folder, {f"{part}/{name}": content for name, content in files.items()})
+        names, remarks = _write_all(
+            folder, {f"{part}/{name}": content for name, content in files.items()}
+        )
         with _open_list(folder) as handle:
             written = _parse_list(_read_handle(handle))
-            for name in [name for name in written if name.startswith(f"{part}/") and name not in names]:
+            for name in [
+                name for name in written if name.startswith(f"{part}/") and name not in names
+            ]:
                 path, digests = folder / name, written.pop(name)
                 remove_abandoned(path)
                 if not os.path.lexists(path):
@@ -206,11 +248,13 @@ def make_part(folder: Path) -> None:
 
 
 def read_growing_file(path: Path, start: bytes) -> bytes:
-    """The content of a file that records are appended to, before anything is added to it or cut off.
+    """The content of a file that records are appended to, before anything is added to it or cut
+    off.
 
     Args:
         path: Of the file.
-        start: What every such file begins with; a writer that was killed may have left only a part of it.
+        start: What every such file begins with; a writer that was killed may have left only a part
+            of it.
 
     Raises:
         TakenOutputError: It begins with something else, or it is a link.
@@ -231,21 +275,33 @@ def naming_output(path: Path) -> Iterator[Path]:
     try:
         yield path
     except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror or error}; what was there before is as it was") from error
+        raise OutputError(
+            f"{path} cannot be written: {error.strerror or error}; what was there before is as it was"
+        ) from error
 
 
 def _write_all(folder: Path, files: Mapping[str, bytes]) -> tuple[set[str], list[str]]:
-    """Write files, each under the first of its names that is free or Headstock's own; the names and remarks."""
+    """Write files, each under the first of its names that is free or Headstock's own; the names and
+    remarks.
+    """
     remarks: list[str] = []
     with naming_output(folder):
         listed = _read_list(folder)
         chosen: dict[str, bytes] = {}
         for wanted, content in files.items():
-            name = next(name for name in _numbered(wanted) if name not in chosen and not _is_taken(folder, name, listed))
+            name = next(
+                name
+                for name in _numbered(wanted)
+                if name not in chosen and not _is_taken(folder, name, listed)
+            )
             chosen[name] = content
             if name != wanted:
-                remarks.append(f"{folder / wanted} is not Headstock's, or was changed since, and is kept: this run's is {name}")
-        _note(folder, {name: hashlib.sha256(content).hexdigest() for name, content in chosen.items()})
+                remarks.append(
+                    f"{folder / wanted} is not Headstock's, or was changed since, and is kept: this run's is {name}"
+                )
+        _note(
+            folder, {name: hashlib.sha256(content).hexdigest() for name, content in chosen.items()}
+        )
         for name, content in chosen.items():
             with naming_output(folder / name):
                 write_atomically(folder / name, content)
@@ -277,7 +333,9 @@ def _is_taken(folder: Path, name: str, listed: Mapping[str, Sequence[str]]) -> b
 
 
 def _is_own(path: Path, digests: Sequence[str]) -> bool:
-    """Whether what lies there is a plain file with one of the digests; links, pipes and devices are not."""
+    """Whether what lies there is a plain file with one of the digests; links, pipes and devices are
+    not.
+    """
     if not digests or not stat.S_ISREG(path.lstat().st_mode):
         return False
     with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
@@ -285,7 +343,9 @@ def _is_own(path: Path, digests: Sequence[str]) -> bool:
 
 
 def _read_list(folder: Path) -> Written:
-    """What Headstock wrote into a folder: name to digests, the last one last; empty without a list."""
+    """What Headstock wrote into a folder: name to digests, the last one last; empty without a
+    list.
+    """
     if not os.path.lexists(folder / LIST_FILE):
         return {}
     handle = _open_plain(folder / LIST_FILE, os.O_RDONLY)
@@ -308,7 +368,9 @@ def _read_handle(handle: int) -> bytes:
 
 
 def _parse_list(content: bytes) -> Written:
-    """Entries of a list; a line that a killed process did not finish, or that leads out of the folder, is none."""
+    """Entries of a list; a line that a killed process did not finish, or that leads out of the
+    folder, is none.
+    """
     written: Written = {}
     for line in content.splitlines():
         with contextlib.suppress(ValueError, KeyError, TypeError):
@@ -316,13 +378,18 @@ def _parse_list(content: bytes) -> Written:
             name, digest = str(entry["file"]), str(entry["sha256"])
             if not name.startswith("/") and ".." not in name.split("/"):
                 # the same digest again goes to the end
-                written[name] = [*(known for known in written.get(name, []) if known != digest), digest]
+                written[name] = [
+                    *(known for known in written.get(name, []) if known != digest),
+                    digest,
+                ]
     return written
 
 
 @contextlib.contextmanager
 def _open_list(folder: Path) -> Iterator[int]:
-    """The list of a folder, made where it is missing, for this process alone while the body runs."""
+    """The list of a folder, made where it is missing, for this process alone while the body
+    runs.
+    """
     path = folder / LIST_FILE
     while True:
         handle = _open_plain(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
@@ -346,12 +413,16 @@ def _note(folder: Path, digests: Mapping[str, str]) -> None:
         if len(before) > LIST_BYTES:
             _replace_list(folder, _shorten(folder, _parse_list(before), digests))
             return
-        text = b"\n" * (bool(before) and not before.endswith(b"\n")) + _format_list({name: [one] for name, one in digests.items()})
+        text = b"\n" * (bool(before) and not before.endswith(b"\n")) + _format_list(
+            {name: [one] for name, one in digests.items()}
+        )
         append_whole(handle, text)
 
 
 def _shorten(folder: Path, written: Written, digests: Mapping[str, str]) -> Written:
-    """Of each file the digest it has and the last one listed, which may be about to appear; and the new ones."""
+    """Of each file the digest it has and the last one listed, which may be about to appear; and the
+    new ones.
+    """
     short: Written = {}
     for name, known in written.items():
         path = folder / name
@@ -368,5 +439,7 @@ def _replace_list(folder: Path, written: Written) -> None:
 
 def _format_list(written: Written) -> bytes:
     return "".join(
-        json.dumps({"file": name, "sha256": digest}) + "\n" for name, digests in written.items() for digest in digests
+        json.dumps({"file": name, "sha256": digest}) + "\n"
+        for name, digests in written.items()
+        for digest in digests
     ).encode()

@@ -1,4 +1,6 @@
-"""Where a result comes from: the scene as it was read, what was changed on the command line, and the program, time and place."""
+"""Where a result comes from: the scene as it was read, what was changed on the command line, and
+the program, time and place.
+"""
 
 import functools
 import hashlib
@@ -18,12 +20,16 @@ DISTRIBUTION = "headstock"
 UNKNOWN = "unknown"
 MAX_BYTES = 1 << 20  # of a scene
 COMMIT = re.compile(r"[0-9a-f]{40}([0-9a-f]{24})?")
-PROJECT = Path(__file__).resolve().parents[2]  # with machines/, tests/ and the launcher, in a checkout
+PROJECT = (
+    Path(__file__).resolve().parents[2]
+)  # with machines/, tests/ and the launcher, in a checkout
 
 
 @dataclass(frozen=True)
 class ProgramVersion:
-    """Version of Headstock, and the commit of its checkout or of what was installed; ``unknown`` where nothing says it."""
+    """Version of Headstock, and the commit of its checkout or of what was installed; ``unknown``
+    where nothing says it.
+    """
 
     version: str
     commit: str
@@ -31,7 +37,9 @@ class ProgramVersion:
 
 @dataclass(frozen=True)
 class SceneChoice:
-    """A scene file, its variant, the ``KEY=VALUE`` of each ``--set``, and the analyses that were named."""
+    """A scene file, its variant, the ``KEY=VALUE`` of each ``--set``, and the analyses that were
+    named.
+    """
 
     path: Path
     variant: str | None = None
@@ -40,7 +48,9 @@ class SceneChoice:
 
 
 class ProvenanceSummary(TypedDict):
-    """Where a result comes from, as files tell it: ``command`` and ``host`` where they are known, no scene in files of one model."""
+    """Where a result comes from, as files tell it: ``command`` and ``host`` where they are known,
+    no scene in files of one model.
+    """
 
     scene_file: str
     scene_sha256: str
@@ -73,7 +83,8 @@ class Provenance:
         date: When the command began, UTC, ISO 8601.
         ranks: MPI ranks.
         threads: BLAS threads of each rank.
-        command: Words of the command line, without the program; None where they are left out or there was none.
+        command: Words of the command line, without the program; None where they are left out or
+            there was none.
         host: Name of the computer; None where it is left out.
     """
 
@@ -96,7 +107,9 @@ class Provenance:
         return {**self.summarise_for_export(), "scene_text": self.scene_text}
 
     def summarise_for_export(self) -> ProvenanceSummary:
-        """The same for a file of one model that is passed on: the digest of the scene, not its text, which may tell more than the model."""
+        """The same for a file of one model that is passed on: the digest of the scene, not its
+        text, which may tell more than the model.
+        """
         summary: ProvenanceSummary = {
             "scene_file": self.scene_file,
             "scene_sha256": self.scene_sha256,
@@ -116,7 +129,9 @@ class Provenance:
         return summary
 
 
-def trace_origin(choice: SceneChoice, *, ranks: int, command: Sequence[str] | None, with_host: bool) -> Provenance:
+def trace_origin(
+    choice: SceneChoice, *, ranks: int, command: Sequence[str] | None, with_host: bool
+) -> Provenance:
     """Where what is computed now comes from.
 
     Args:
@@ -151,7 +166,9 @@ def trace_origin(choice: SceneChoice, *, ranks: int, command: Sequence[str] | No
 
 @functools.cache
 def find_version(root: Path = PROJECT) -> ProgramVersion:
-    """Version and commit of this program: of the checkout at a folder, else of the installed distribution."""
+    """Version and commit of this program: of the checkout at a folder, else of the installed
+    distribution.
+    """
     try:
         project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
         if project["name"] == DISTRIBUTION:
@@ -161,7 +178,9 @@ def find_version(root: Path = PROJECT) -> ProgramVersion:
     try:
         found = importlib.metadata.distribution(DISTRIBUTION)
         origin = json.loads(found.read_text("direct_url.json") or "{}")
-        return ProgramVersion(found.version, str(origin.get("vcs_info", {}).get("commit_id", UNKNOWN)))
+        return ProgramVersion(
+            found.version, str(origin.get("vcs_info", {}).get("commit_id", UNKNOWN))
+        )
     except (importlib.metadata.PackageNotFoundError, ValueError, AttributeError):
         return ProgramVersion(UNKNOWN, UNKNOWN)
 
@@ -183,6 +202,8 @@ def _read_head(root: Path) -> str | None:
                 found = place.read_text().strip()
                 return found if COMMIT.fullmatch(found) else None
         packed = (line.partition(" ") for line in (shared / "packed-refs").read_text().splitlines())
-        return next((commit for commit, _, ref in packed if ref == name and COMMIT.fullmatch(commit)), None)
+        return next(
+            (commit for commit, _, ref in packed if ref == name and COMMIT.fullmatch(commit)), None
+        )
     except OSError:
         return None

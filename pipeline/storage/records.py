@@ -1,7 +1,9 @@
-"""Frozen dataclasses of numbers and arrays to HDF5 groups and back, led by their type hints; no pickle, no object arrays.
+"""Frozen dataclasses of numbers and arrays to HDF5 groups and back, led by their type hints; no
+pickle, no object arrays.
 
-A field becomes a data set (array, list of words), an attribute (number, word) or a group (dataclass, tuple, dict) of the same
-name; ``None`` is left out. A reader therefore needs nothing but the dataclass to know the layout.
+A field becomes a data set (array, list of words), an attribute (number, word) or a group
+(dataclass, tuple, dict) of the same name; ``None`` is left out. A reader therefore needs nothing
+but the dataclass to know the layout.
 """
 
 import dataclasses
@@ -21,7 +23,8 @@ from headstock.geometry.errors import HeadstockError, printable
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-# a small file can declare a data set of any size: what is not small must be there, or compressed by no more than this
+# a small file can declare a data set of any size: what is not small must be there, or compressed by
+# no more than this
 SMALL_ARRAY = 64 << 20
 LARGEST_EXPANSION = 100
 NO_WORDS = "S1"
@@ -36,10 +39,12 @@ class RecordError(HeadstockError):
 
 
 def require_plain(file: h5py.File, *, attribute_axes: int = 0) -> None:
-    """Refuse a file of which anything is not in the file itself or of a kind that records do not hold, before a value is read.
+    """Refuse a file of which anything is not in the file itself or of a kind that records do not
+    hold, before a value is read.
 
-    External storage, virtual data sets and links to other files would show what is in other files; soft links and filters
-    from plug-ins have no place in a record either. Nothing but heads of objects is looked at.
+    External storage, virtual data sets and links to other files would show what is in other files;
+    soft links and filters from plug-ins have no place in a record either. Nothing but heads of
+    objects is looked at.
 
     Args:
         file: As it was opened.
@@ -60,7 +65,9 @@ def require_plain(file: h5py.File, *, attribute_axes: int = 0) -> None:
             item = group[name]
             address = h5py.h5o.get_info(item.id).addr
             if address in seen or len(seen) >= MOST_OBJECTS:
-                raise RecordError(f"{where} is there twice, or the file holds more than {MOST_OBJECTS} objects")
+                raise RecordError(
+                    f"{where} is there twice, or the file holds more than {MOST_OBJECTS} objects"
+                )
             seen.add(address)
             if isinstance(item, h5py.Group):
                 waiting.append(item)
@@ -74,20 +81,36 @@ def require_plain(file: h5py.File, *, attribute_axes: int = 0) -> None:
 def _require_plain_dataset(item: h5py.Dataset, where: str) -> None:
     settings = item.id.get_create_plist()
     if settings.get_external_count() or item.is_virtual:
-        raise RecordError(f"{where} takes its values from other files; a record file holds all of itself")
+        raise RecordError(
+            f"{where} takes its values from other files; a record file holds all of itself"
+        )
     filters = {settings.get_filter(number)[0] for number in range(settings.get_nfilters())}
     if not filters <= PLAIN_FILTERS:
-        raise RecordError(f"{where} is packed by filters {sorted(filters)}; gzip, shuffle and checksums are known")
-    if item.dtype.kind not in "iufcS" or item.dtype.itemsize > LARGEST_ITEM or len(item.shape or ()) > MOST_AXES:
-        raise RecordError(f"{where} holds values of type {printable(str(item.dtype))[:60]}; numbers and plain words are known")
+        raise RecordError(
+            f"{where} is packed by filters {sorted(filters)}; gzip, shuffle and checksums are known"
+        )
+    if (
+        item.dtype.kind not in "iufcS"
+        or item.dtype.itemsize > LARGEST_ITEM
+        or len(item.shape or ()) > MOST_AXES
+    ):
+        raise RecordError(
+            f"{where} holds values of type {printable(str(item.dtype))[:60]}; numbers and plain words are known"
+        )
 
 
 def _require_plain_attributes(item: h5py.Group | h5py.Dataset, most_axes: int) -> None:
     for name in item.attrs:
         attribute = item.attrs.get_id(name)
         text = attribute.get_type().get_class() == h5py.h5t.STRING
-        if attribute.shape is None or len(attribute.shape) > most_axes or not (text or attribute.dtype.kind in "iufb"):
-            raise RecordError(f"attribute {printable(f'{item.name}.{name}')} must be one number or word")
+        if (
+            attribute.shape is None
+            or len(attribute.shape) > most_axes
+            or not (text or attribute.dtype.kind in "iufb")
+        ):
+            raise RecordError(
+                f"attribute {printable(f'{item.name}.{name}')} must be one number or word"
+            )
 
 
 def write_record(group: h5py.Group, record: "DataclassInstance") -> None:
@@ -97,22 +120,30 @@ def write_record(group: h5py.Group, record: "DataclassInstance") -> None:
 
 
 def write_words(group: h5py.Group, content: Mapping[str, object]) -> None:
-    """Write numbers, words and lists of words as attributes of a group, a list as JSON; None is left out."""
+    """Write numbers, words and lists of words as attributes of a group, a list as JSON; None is
+    left out.
+    """
     for name, value in content.items():
         if value is not None:
-            group.attrs[name] = json.dumps(value, ensure_ascii=False) if isinstance(value, list) else value
+            group.attrs[name] = (
+                json.dumps(value, ensure_ascii=False) if isinstance(value, list) else value
+            )
 
 
 def read_record[T](group: h5py.Group, kind: type[T]) -> T:
     """Read a dataclass that ``write_record`` wrote.
 
     Raises:
-        RecordError: A field without default is missing, or holds something else than its type hint says.
+        RecordError: A field without default is missing, or holds something else than its type hint
+            says.
     """
     hints = typing.get_type_hints(kind)
     values: dict[str, Any] = {}
     for field in dataclasses.fields(typing.cast(Any, kind)):
-        has_default = field.default is not dataclasses.MISSING or field.default_factory is not dataclasses.MISSING
+        has_default = (
+            field.default is not dataclasses.MISSING
+            or field.default_factory is not dataclasses.MISSING
+        )
         if field.name in group or field.name in group.attrs:
             values[field.name] = _read_value(group, field.name, hints[field.name])
         elif _accepts_none(hints[field.name]):
@@ -176,7 +207,11 @@ def _read_value(group: h5py.Group, name: str, hint: object) -> object:
 
 
 def _union_options(hint: object) -> tuple[object, ...]:
-    return typing.get_args(hint) if typing.get_origin(hint) in (types.UnionType, typing.Union) else (hint,)
+    return (
+        typing.get_args(hint)
+        if typing.get_origin(hint) in (types.UnionType, typing.Union)
+        else (hint,)
+    )
 
 
 def _accepts_none(hint: object) -> bool:
@@ -198,11 +233,15 @@ def _dataset(group: h5py.Group, name: str, where: str) -> h5py.Dataset:
         raise RecordError(f"{where} has no shape")
     wanted, stored = inner.size * max(inner.dtype.itemsize, 8), inner.id.get_storage_size()
     if wanted > max(SMALL_ARRAY, LARGEST_EXPANSION * stored):
-        raise RecordError(f"{where} claims {inner.size} values of {inner.dtype}, but the file holds {stored} bytes of them")
+        raise RecordError(
+            f"{where} claims {inner.size} values of {inner.dtype}, but the file holds {stored} bytes of them"
+        )
     return inner
 
 
-def _read_array(group: h5py.Group, name: str, where: str) -> NDArray[np.float64] | NDArray[np.int64]:
+def _read_array(
+    group: h5py.Group, name: str, where: str
+) -> NDArray[np.float64] | NDArray[np.int64]:
     data = _dataset(group, name, where)
     if data.dtype.kind == "f":
         return np.ascontiguousarray(data[()], dtype=np.float64)

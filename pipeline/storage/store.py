@@ -1,8 +1,8 @@
 """A content-addressed store of meshes and superelements that many runs may read and write at once.
 
-An entry is one HDF5 file whose user block holds its own kind and key and the SHA-256 digest of the rest. It is believed only when it
-belongs to this user, nobody else may write it, it lies where its key says, and the digest agrees; anything else is computed anew and
-replaced.
+An entry is one HDF5 file whose user block holds its own kind and key and the SHA-256 digest of the
+rest. It is believed only when it belongs to this user, nobody else may write it, it lies where its
+key says, and the digest agrees; anything else is computed anew and replaced.
 """
 
 import hashlib
@@ -27,7 +27,9 @@ SIGNATURE = b"headstock store entry 2 "
 
 @dataclass(frozen=True)
 class StoreRead[T]:
-    """What the store had: a value, or None with a warning when an entry was there but could not be believed."""
+    """What the store had: a value, or None with a warning when an entry was there but could not be
+    believed.
+    """
 
     value: T | None
     warning: str | None = None
@@ -62,7 +64,8 @@ def entry_path(store: Store, kind: str, key: str) -> Path:
 
 
 def list_keys(store: Store, kind: type, prefix: str) -> list[str]:
-    """Keys of the entries of a kind that begin so, in their order; whether they can be believed shows when they are read.
+    """Keys of the entries of a kind that begin so, in their order; whether they can be believed
+    shows when they are read.
 
     Args:
         store: The store.
@@ -71,7 +74,11 @@ def list_keys(store: Store, kind: type, prefix: str) -> list[str]:
     """
     folder = entry_path(store, _folder(kind), prefix).parent
     try:
-        return sorted(path.stem for path in folder.iterdir() if path.name.startswith(prefix) and path.suffix == ".h5")
+        return sorted(
+            path.stem
+            for path in folder.iterdir()
+            if path.name.startswith(prefix) and path.suffix == ".h5"
+        )
     except OSError:
         return []
 
@@ -90,26 +97,39 @@ def read_entry[T](store: Store, key: str, kind: type[T]) -> StoreRead[T]:
     except FileNotFoundError:
         return StoreRead(None)
     except OSError as error:
-        return StoreRead(None, f"store entry {path.name[:12]} is not used: {error.strerror or error}")
+        return StoreRead(
+            None, f"store entry {path.name[:12]} is not used: {error.strerror or error}"
+        )
     stated, payload = content[:USER_BLOCK].rstrip(b"\0"), memoryview(content)[USER_BLOCK:]
     own, _, digest = stated.rpartition(b" sha256 ")
     if not own.startswith(SIGNATURE) or digest != _digest(own, payload):
-        return StoreRead(None, f"store entry {path.name[:12]} is damaged (its digest differs) and is computed anew")
+        return StoreRead(
+            None,
+            f"store entry {path.name[:12]} is damaged (its digest differs) and is computed anew",
+        )
     if own != _head(_folder(kind), key):
         found = own.removeprefix(SIGNATURE).decode("ascii", "replace")
-        return StoreRead(None, f"store entry {path.name[:12]} holds another entry ({found[:80]}) and is computed anew")
+        return StoreRead(
+            None,
+            f"store entry {path.name[:12]} holds another entry ({found[:80]}) and is computed anew",
+        )
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
             require_plain(file)
             return StoreRead(read_record(file["record"], kind))
     except MemoryError:
         raise
-    except Exception as error:  # the digest is right but the content is foreign: h5py raises almost anything
-        return StoreRead(None, f"store entry {path.name[:12]} is of another layout and is computed anew: {error}")
+    except (
+        Exception
+    ) as error:  # the digest is right but the content is foreign: h5py raises almost anything
+        return StoreRead(
+            None, f"store entry {path.name[:12]} is of another layout and is computed anew: {error}"
+        )
 
 
 def write_entry(store: Store, key: str, record: "DataclassInstance") -> str | None:
-    """Keep a record under a key; a store that cannot be written costs time later but no result, so it gives a warning.
+    """Keep a record under a key; a store that cannot be written costs time later but no result, so
+    it gives a warning.
 
     Args:
         store: The store.

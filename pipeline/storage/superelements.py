@@ -1,7 +1,9 @@
-"""Superelements in Headstock's own HDF5 layout: one data set, attribute or group per field of ``Superelement``.
+"""Superelements in Headstock's own HDF5 layout: one data set, attribute or group per field of
+``Superelement``.
 
-A file is first read by a child process, ``python -m headstock.pipeline.storage.superelements < FILE``: the HDF5 library has ended whole
-processes on damaged files, and what the child survives its parent can read.
+A file is first read by a child process, ``python -m headstock.pipeline.storage.superelements <
+FILE``: the HDF5 library has ended whole processes on damaged files, and what the child survives its
+parent can read.
 """
 
 import io
@@ -19,7 +21,13 @@ from headstock.geometry.machine.carriages import DEGREE
 from headstock.meshing.process.guarded import ChildLimits, accept_guard, run_guarded_child
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance
-from headstock.pipeline.storage.records import RecordError, read_record, require_plain, write_record, write_words
+from headstock.pipeline.storage.records import (
+    RecordError,
+    read_record,
+    require_plain,
+    write_record,
+    write_words,
+)
 from headstock.reduction.rails import STATION_DOFS
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import dof_scale
@@ -40,8 +48,11 @@ CONSISTENCY = 1e-6  # relative, between numbers that say the same
 WALL_SECONDS = 60
 
 
-def write_superelement(path: Path, superelement: Superelement, origin: Provenance | None = None) -> None:
-    """Write a superelement, with where it comes from, so that a reader sees the old file or the whole new one, never a part.
+def write_superelement(
+    path: Path, superelement: Superelement, origin: Provenance | None = None
+) -> None:
+    """Write a superelement, with where it comes from, so that a reader sees the old file or the
+    whole new one, never a part.
 
     Args:
         path: The file.
@@ -62,16 +73,20 @@ def write_superelement(path: Path, superelement: Superelement, origin: Provenanc
 
 
 def read_superelement(path: Path) -> Superelement:
-    """Read a superelement file and check that its parts fit together; a child process with limits reads it first.
+    """Read a superelement file and check that its parts fit together; a child process with limits
+    reads it first.
 
     Raises:
-        RecordError: The file is no superelement file, is damaged, or its arrays contradict each other.
+        RecordError: The file is no superelement file, is damaged, or its arrays contradict each
+            other.
     """
     if path.exists() and not path.is_file():
         raise RecordError(f"{path} cannot be read: it is no regular file")
     try:
         if path.stat().st_size > LARGEST_FILE:
-            raise RecordError(f"{path} is no superelement file: it has more than {LARGEST_FILE >> 30} GiB")
+            raise RecordError(
+                f"{path} is no superelement file: it has more than {LARGEST_FILE >> 30} GiB"
+            )
         # once: what the child finds sound is what is read, whoever writes to the file meanwhile
         content = path.read_bytes()
         _probe(content, path.name)
@@ -96,14 +111,18 @@ def parse_superelement(content: BinaryIO, name: str) -> Superelement:
             if file.attrs.get("format") != FORMAT:
                 raise RecordError(f"it is no {FORMAT} file")
             if file.attrs.get("version") != VERSION:
-                raise RecordError(f"its version is {file.attrs.get('version')}, {VERSION} is read; export it again")
+                raise RecordError(
+                    f"its version is {file.attrs.get('version')}, {VERSION} is read; export it again"
+                )
             superelement = read_record(file, Superelement)
     except RecordError as error:
         raise RecordError(f"{name}: {error}") from error
     except MemoryError:
         raise
     except Exception as error:  # h5py raises almost anything on damaged files
-        raise RecordError(f"{name} cannot be read as a superelement: {type(error).__name__}: {error}") from error
+        raise RecordError(
+            f"{name} cannot be read as a superelement: {type(error).__name__}: {error}"
+        ) from error
     _check_texts(name, superelement)
     _check_shapes(name, superelement)
     _check_meaning(name, superelement)
@@ -113,7 +132,9 @@ def parse_superelement(content: BinaryIO, name: str) -> Superelement:
 def _probe(content: bytes, name: str) -> None:
     size = len(content)
     more = size // 10_000_000
-    limits = ChildLimits(MEMORY_BYTES + MEMORY_FACTOR * size, SECONDS + more, WALL_SECONDS + 4 * more)
+    limits = ChildLimits(
+        MEMORY_BYTES + MEMORY_FACTOR * size, SECONDS + more, WALL_SECONDS + 4 * more
+    )
     end = run_guarded_child(PROBE, [name], limits=limits, stdin=content)
     if end.code == 0:
         return
@@ -128,23 +149,41 @@ def _probe(content: bytes, name: str) -> None:
 
 
 def _check_texts(path: str, superelement: Superelement) -> None:
-    """Refuse names and warnings that a terminal, a page or a file name could take for more than words."""
-    nested = (superelement.attachments, superelement.loads, superelement.rails, superelement.free_dofs)
-    names = [name for part in nested for name in part] + [name for label in superelement.labels for name in label]
+    """Refuse names and warnings that a terminal, a page or a file name could take for more than
+    words.
+    """
+    nested = (
+        superelement.attachments,
+        superelement.loads,
+        superelement.rails,
+        superelement.free_dofs,
+    )
+    names = [name for part in nested for name in part] + [
+        name for label in superelement.labels for name in label
+    ]
     if any(len(label) != 2 for label in superelement.labels):
         raise RecordError(f"{path}: labels must be pairs of words")
     for name in (superelement.name, *names):
-        if not isinstance(name, str) or len(name) > LONGEST_NAME or printable(name) != name or set(name) & MARKUP:
+        if (
+            not isinstance(name, str)
+            or len(name) > LONGEST_NAME
+            or printable(name) != name
+            or set(name) & MARKUP
+        ):
             raise RecordError(
                 f"{path}: {printable(str(name))[:LONGEST_NAME]!r} is no name of an interface, a load, a dof or a part"
             )
     for warning in superelement.warnings:
         if not isinstance(warning, str) or printable(warning) != warning:
-            raise RecordError(f"{path}: a warning holds control characters: {printable(str(warning))[:LONGEST_NAME]!r}")
+            raise RecordError(
+                f"{path}: a warning holds control characters: {printable(str(warning))[:LONGEST_NAME]!r}"
+            )
 
 
 def _check_meaning(path: str, superelement: Superelement) -> None:
-    """Refuse numbers that contradict each other: what coupling and errors are computed from must belong together."""
+    """Refuse numbers that contradict each other: what coupling and errors are computed from must
+    belong together.
+    """
     single = {
         "cutoff_hz": superelement.cutoff_hz,
         "mass_kg": superelement.mass_kg,
@@ -156,7 +195,9 @@ def _check_meaning(path: str, superelement: Superelement) -> None:
             raise RecordError(f"{path}: {name} is {value}; it must be a number of at least zero")
     errors = superelement.errors
     if not 1.0 <= errors.mesh_safety < np.inf:
-        raise RecordError(f"{path}: mesh_safety is {errors.mesh_safety}; it must be a number of at least 1")
+        raise RecordError(
+            f"{path}: mesh_safety is {errors.mesh_safety}; it must be a number of at least 1"
+        )
     scale = dof_scale(superelement)
     if errors.missing_energy is not None:
         _check_semidefinite(path, "missing_energy", errors.missing_energy, scale)
@@ -168,7 +209,9 @@ def _check_meaning(path: str, superelement: Superelement) -> None:
         # p p^T / omega^4 is at most p p^T / omega^2 over the lowest omega^2
         rest = truncation.first / truncation.limit - truncation.second
         if _lowest_share(rest, truncation.second, scale) < -CONSISTENCY:
-            raise RecordError(f"{path}: truncation/second is larger than truncation/first allows above its limit")
+            raise RecordError(
+                f"{path}: truncation/second is larger than truncation/first allows above its limit"
+            )
     _check_frequencies(path, superelement)
     _check_places(path, superelement)
 
@@ -180,7 +223,9 @@ def _check_frequencies(path: str, superelement: Superelement) -> None:
     if not stated.size:
         return
     try:
-        squares = scipy.linalg.eigh(superelement.stiffness[modal, modal], superelement.mass[modal, modal], eigvals_only=True)
+        squares = scipy.linalg.eigh(
+            superelement.stiffness[modal, modal], superelement.mass[modal, modal], eigvals_only=True
+        )
     except (ValueError, np.linalg.LinAlgError) as error:
         raise RecordError(f"{path}: the mass of its modal dofs is not positive: {error}") from error
     found = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
@@ -194,14 +239,26 @@ def _check_frequencies(path: str, superelement: Superelement) -> None:
 def _check_places(path: str, superelement: Superelement) -> None:
     """Nodes and interfaces must lie within the body, and rails must be rails."""
     places = {f"node {number}": frame.origin for number, frame in enumerate(superelement.frames)}
-    places |= {f"interface {name!r}": attachment.frame.origin for name, attachment in superelement.attachments.items()}
+    places |= {
+        f"interface {name!r}": attachment.frame.origin
+        for name, attachment in superelement.attachments.items()
+    }
     for number, station in enumerate(superelement.stations):
-        if station.axis not in (0, 1, 2) or station.point.shape != (3,) or not np.isfinite(station.point).all():
+        if (
+            station.axis not in (0, 1, 2)
+            or station.point.shape != (3,)
+            or not np.isfinite(station.point).all()
+        ):
             raise RecordError(f"{path}: station {number} has no place along an axis")
         places[f"station {number}"] = station.point
     for name, rail in superelement.rails.items():
         ends = np.array([rail.low, rail.high, rail.blur, *rail.knots])
-        if rail.axis not in (0, 1, 2) or not np.isfinite(ends).all() or rail.blur < 0.0 or not rail.low < rail.high:
+        if (
+            rail.axis not in (0, 1, 2)
+            or not np.isfinite(ends).all()
+            or rail.blur < 0.0
+            or not rail.low < rail.high
+        ):
             raise RecordError(f"{path}: rail {name!r} has no ends along an axis")
         if (np.diff(rail.knots) < 0.0).any():
             raise RecordError(f"{path}: the knots of rail {name!r} do not rise")
@@ -213,7 +270,9 @@ def _check_places(path: str, superelement: Superelement) -> None:
     outside = float(np.linalg.norm(high - low)) * (CONSISTENCY if superelement.modal_count else 1.0)
     for name, place in places.items():
         if (place < low - outside).any() or (place > high + outside).any():
-            raise RecordError(f"{path}: {name} lies outside the body, at {np.round(place, 6).tolist()} m")
+            raise RecordError(
+                f"{path}: {name} lies outside the body, at {np.round(place, 6).tolist()} m"
+            )
 
 
 def _check_semidefinite(path: str, name: str, matrix: FloatArray, scale: FloatArray) -> None:
@@ -221,11 +280,15 @@ def _check_semidefinite(path: str, name: str, matrix: FloatArray, scale: FloatAr
         raise RecordError(f"{path}: {name} is not symmetric")
     lowest = _lowest_share(matrix, matrix, scale)
     if lowest < -CONSISTENCY:
-        raise RecordError(f"{path}: {name} has a negative direction, {lowest:.2g} of its largest entry; errors cannot be negative")
+        raise RecordError(
+            f"{path}: {name} has a negative direction, {lowest:.2g} of its largest entry; errors cannot be negative"
+        )
 
 
 def _lowest_share(matrix: FloatArray, size: FloatArray, scale: FloatArray) -> float:
-    """Lowest eigenvalue of a matrix over the largest entry of another one, both scaled so that every dof is a length."""
+    """Lowest eigenvalue of a matrix over the largest entry of another one, both scaled so that
+    every dof is a length.
+    """
     largest = float(np.abs(size * scale * scale[:, None]).max(initial=0.0))
     scaled = 0.5 * (matrix + matrix.T) * scale * scale[:, None]
     return float(np.linalg.eigvalsh(scaled)[0]) / largest if largest > 0.0 else 0.0
@@ -242,7 +305,10 @@ def _check_shapes(path: str, superelement: Superelement) -> None:
         "shape_stiffness": (errors.shape_stiffness, (size, size)),
         "shape_mass": (errors.shape_mass, (size, size)),
         "constraints": (superelement.constraints, (len(superelement.constraints), size)),
-        "modal_frequencies_hz": (superelement.modal_frequencies_hz, (size - superelement.boundary_size,)),
+        "modal_frequencies_hz": (
+            superelement.modal_frequencies_hz,
+            (size - superelement.boundary_size,),
+        ),
         "center_of_mass": (superelement.center_of_mass, (3,)),
         "inertia": (superelement.inertia, (3, 3)),
     }
@@ -252,28 +318,42 @@ def _check_shapes(path: str, superelement: Superelement) -> None:
     for name, load in superelement.loads.items():
         expected[f"loads/{name}"] = (load.vector, (size,))
         if load.particular is not None:
-            expected[f"loads/{name}/particular"] = (load.particular, (0 if recovery is None else 3 * len(recovery.points),))
+            expected[f"loads/{name}/particular"] = (
+                load.particular,
+                (0 if recovery is None else 3 * len(recovery.points),),
+            )
     if errors.truncation is not None:
         boundary = (superelement.boundary_size, superelement.boundary_size)
         expected["truncation/first"] = (errors.truncation.first, boundary)
         expected["truncation/second"] = (errors.truncation.second, boundary)
         if not errors.truncation.limit > 0.0:
-            raise RecordError(f"{path}: truncation/limit is {errors.truncation.limit}; it must be above zero")
+            raise RecordError(
+                f"{path}: truncation/limit is {errors.truncation.limit}; it must be above zero"
+            )
     for name, rail in superelement.rails.items():
-        expected[f"rails/{name}/control"] = (rail.control, (STATION_DOFS * (len(rail.knots) - DEGREE - 1), size))
+        expected[f"rails/{name}/control"] = (
+            rail.control,
+            (STATION_DOFS * (len(rail.knots) - DEGREE - 1), size),
+        )
         expected[f"rails/{name}/center"] = (rail.center, (3,))
     for name, (array, shape) in expected.items():
         if array is not None and array.shape != shape:
-            raise RecordError(f"{path}: {name} has shape {array.shape}, {shape} fits its {size} labels")
+            raise RecordError(
+                f"{path}: {name} has shape {array.shape}, {shape} fits its {size} labels"
+            )
         if array is not None and not np.isfinite(array).all():
             raise RecordError(f"{path}: {name} holds values that are not finite")
     for name, attachment in superelement.attachments.items():
         if not 0 <= attachment.node < len(superelement.frames):
-            raise RecordError(f"{path}: interface {name!r} sits on node {attachment.node}; there are {len(superelement.frames)}")
+            raise RecordError(
+                f"{path}: interface {name!r} sits on node {attachment.node}; there are {len(superelement.frames)}"
+            )
 
 
 def main(arguments: list[str]) -> int:
-    """Read the file on standard input within limits; 0 it is sound, 3 it is not and standard error says why."""
+    """Read the file on standard input within limits; 0 it is sound, 3 it is not and standard error
+    says why.
+    """
     (name,) = accept_guard(arguments)
     try:
         parse_superelement(io.BytesIO(sys.stdin.buffer.read()), name)

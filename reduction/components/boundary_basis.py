@@ -1,4 +1,6 @@
-"""From interfaces to boundary dofs: which nodes are fixed, which means are prescribed, and which dofs interfaces share."""
+"""From interfaces to boundary dofs: which nodes are fixed, which means are prescribed, and which
+dofs interfaces share.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,10 +38,12 @@ class BoundaryBasis:
         nodes: Boundary nodes in dof order.
         attachments: Every fixed interface by name.
         rails: Interfaces that carriages slide along; their stations follow the nodes in dof order.
-        shapes: ``(3 n_points, 6 n_nodes)`` sparse-in-spirit pairs ``(dofs, columns block)`` of rigid patches.
+        shapes: ``(3 n_points, 6 n_nodes)`` sparse-in-spirit pairs ``(dofs, columns block)`` of
+            rigid patches.
         held: ``(3 n_points,)`` dofs in rigid patches or supports.
         supported: ``(3 n_points,)`` dofs fixed by supports.
-        constraints: ``(m, 6 n_nodes)`` orthonormal rows that must vanish: shared nodes and undetermined rotations.
+        constraints: ``(m, 6 n_nodes)`` orthonormal rows that must vanish: shared nodes and
+            undetermined rotations.
         warnings: What was merged, dropped or disabled.
     """
 
@@ -58,7 +62,9 @@ class BoundaryBasis:
         return tuple(RailStation(point, rail.axis) for rail in self.rails for point in rail.points)
 
 
-def build_boundary_basis(component: Component, mesh: ComponentMesh, supports: Sequence[Support]) -> BoundaryBasis:
+def build_boundary_basis(
+    component: Component, mesh: ComponentMesh, supports: Sequence[Support]
+) -> BoundaryBasis:
     """Boundary nodes, held dofs and dependence rows of a component's interfaces and supports.
 
     Args:
@@ -86,7 +92,13 @@ def build_boundary_basis(component: Component, mesh: ComponentMesh, supports: Se
         own = np.ones(len(node.patch.nodes), dtype=bool)
         for local, point in enumerate(node.patch.nodes):
             block = rigid[3 * local : 3 * local + 3]
-            rows += _shared_rows(first_owner.get(int(point)), block, supported[3 * point : 3 * point + 3], number, len(nodes))
+            rows += _shared_rows(
+                first_owner.get(int(point)),
+                block,
+                supported[3 * point : 3 * point + 3],
+                number,
+                len(nodes),
+            )
             own[local] = int(point) not in first_owner
             first_owner.setdefault(int(point), _PointOwner(number, block))
         dofs = (3 * node.patch.nodes[:, None] + np.arange(3)).ravel()
@@ -104,7 +116,16 @@ def build_boundary_basis(component: Component, mesh: ComponentMesh, supports: Se
         for name, interface in component.interfaces.items()
         if interface.rail is not None
     )
-    return BoundaryBasis(tuple(nodes), attachments, rails, tuple(shapes), held, supported, constraints, tuple(warnings))
+    return BoundaryBasis(
+        tuple(nodes),
+        attachments,
+        rails,
+        tuple(shapes),
+        held,
+        supported,
+        constraints,
+        tuple(warnings),
+    )
 
 
 def _merge_interfaces(
@@ -112,7 +133,8 @@ def _merge_interfaces(
 ) -> tuple[list[BoundaryNode], dict[str, Attachment]]:
     nodes: list[BoundaryNode] = []
     attachments: dict[str, Attachment] = {}
-    # rigid patches first: a mean over points that a rigid patch already carries is that patch's own motion
+    # rigid patches first: a mean over points that a rigid patch already carries is that patch's own
+    # motion
     fixed = [interface for interface in component.interfaces.values() if interface.rail is None]
     ordered = sorted(fixed, key=lambda interface: interface.coupling != "rigid")
     for interface in ordered:
@@ -132,12 +154,19 @@ def _merge_interfaces(
 
 def _carries(node: BoundaryNode, interface: Interface, patch: MeshPatch) -> bool:
     if node.coupling == "rigid":
-        return bool(np.isin(patch.nodes, node.patch.nodes).all()) and len(node.patch.undetermined_rotations()) == 0
+        return (
+            bool(np.isin(patch.nodes, node.patch.nodes).all())
+            and len(node.patch.undetermined_rotations()) == 0
+        )
     return interface.coupling == "average" and np.array_equal(node.patch.nodes, patch.nodes)
 
 
-def _refuse_point_like(component: str, interface: Interface, patch: MeshPatch, warnings: list[str]) -> None:
-    whole = all(part.shape == "whole" and not part.face.startswith("set:") for part in interface.patches)
+def _refuse_point_like(
+    component: str, interface: Interface, patch: MeshPatch, warnings: list[str]
+) -> None:
+    whole = all(
+        part.shape == "whole" and not part.face.startswith("set:") for part in interface.patches
+    )
     thin = len(patch.undetermined_rotations()) > 0
     if not thin and (whole or patch.facet_count >= MINIMUM_FACETS):
         return
@@ -147,11 +176,15 @@ def _refuse_point_like(component: str, interface: Interface, patch: MeshPatch, w
         "as the mesh is refined"
     )
     if not interface.force:
-        raise ModelError(f"{text}; choose a larger patch or a finer mesh, or set force = true to keep it")
+        raise ModelError(
+            f"{text}; choose a larger patch or a finer mesh, or set force = true to keep it"
+        )
     warnings.append(f"{text}; kept because force = true")
 
 
-def _undetermined_rows(component: str, node: BoundaryNode, number: int, count: int, warnings: list[str]) -> list[FloatArray]:
+def _undetermined_rows(
+    component: str, node: BoundaryNode, number: int, count: int, warnings: list[str]
+) -> list[FloatArray]:
     rows: list[FloatArray] = []
     for axis in node.patch.undetermined_rotations():
         row = np.zeros(6 * count)
@@ -165,13 +198,17 @@ def _undetermined_rows(component: str, node: BoundaryNode, number: int, count: i
 
 
 class _PointOwner(NamedTuple):
-    """The first rigid node that carries a mesh point: its number, and ``(3, 6)`` motion of the point per unit motion of it."""
+    """The first rigid node that carries a mesh point: its number, and ``(3, 6)`` motion of the
+    point per unit motion of it.
+    """
 
     number: int
     block: FloatArray
 
 
-def _shared_rows(owner: _PointOwner | None, block: FloatArray, supported: BoolArray, number: int, count: int) -> list[FloatArray]:
+def _shared_rows(
+    owner: _PointOwner | None, block: FloatArray, supported: BoolArray, number: int, count: int
+) -> list[FloatArray]:
     rows: list[FloatArray] = []
     for direction in range(3):
         row = np.zeros(6 * count)
@@ -187,7 +224,8 @@ def _shared_rows(owner: _PointOwner | None, block: FloatArray, supported: BoolAr
 def _independent_rows(rows: FloatArray) -> FloatArray:
     if not len(rows):
         return rows
-    # rotations weigh by the arms in the rows themselves; scale columns so that rank is judged without units
+    # rotations weigh by the arms in the rows themselves; scale columns so that rank is judged
+    # without units
     scale = np.linalg.norm(rows, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
     _, singular, vectors = np.linalg.svd(rows / scale, full_matrices=False)
@@ -198,5 +236,9 @@ def _independent_rows(rows: FloatArray) -> FloatArray:
 def boundary_labels(basis: BoundaryBasis) -> list[tuple[str, str]]:
     """Labels of the boundary dofs in order."""
     nodes = [(node.name, dof) for node in basis.nodes for dof in DOF_NAMES]
-    stations = [(f"{rail.name}[{i}]", i, rail) for rail in basis.rails for i in range(len(rail.points))]
-    return nodes + [(name, dof) for name, _, rail in stations for dof in (*DIRECTIONS, DOF_NAMES[3 + rail.axis])]
+    stations = [
+        (f"{rail.name}[{i}]", i, rail) for rail in basis.rails for i in range(len(rail.points))
+    ]
+    return nodes + [
+        (name, dof) for name, _, rail in stations for dof in (*DIRECTIONS, DOF_NAMES[3 + rail.axis])
+    ]

@@ -1,4 +1,6 @@
-"""Constraint modes: static shapes of a component for unit boundary dofs; averaging interfaces as weighted means, free bodies' mean motion."""
+"""Constraint modes: static shapes of a component for unit boundary dofs; averaging interfaces as
+weighted means, free bodies' mean motion.
+"""
 
 from dataclasses import dataclass
 
@@ -10,12 +12,18 @@ from headstock.geometry.frames import BoolArray, FloatArray, Frame, rigid_map, r
 from headstock.meshing.component_mesh import IntArray
 from headstock.reduction.components.boundary_basis import BoundaryBasis
 from headstock.reduction.rails import STATION_DOFS, station_motion
-from headstock.solvers.elastic.constrained_solver import ConstrainedSolver, free_combinations, scale_motions
+from headstock.solvers.elastic.constrained_solver import (
+    ConstrainedSolver,
+    free_combinations,
+    scale_motions,
+)
 from headstock.solvers.elastic.elasticity import ElasticOperators
 from headstock.solvers.ranks import max_over_ranks, sum_over_ranks
 
 DEPENDENCE_TOLERANCE = 1e-10
-RIGID_MATCH = 1e-10  # by what share of their size rigid motions may miss what their boundary dofs prescribe
+RIGID_MATCH = (
+    1e-10  # by what share of their size rigid motions may miss what their boundary dofs prescribe
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +48,10 @@ class BodyMean:
 class MeanConstraints:
     """Columns C of the prescribed means, their dependent combinations taken out.
 
-    ``targets`` maps boundary dofs to the values of ``C^T u``; ``dependent`` holds rows of boundary dofs that must vanish. A component
-    without interfaces that supports leave free has one body node in ``loose_frame``: ``body_motions`` ``(3 n_owned, 6)`` is what its
-    dofs do, and ``fixed`` ``(m, 6)`` combinations of them that supports fix.
+    ``targets`` maps boundary dofs to the values of ``C^T u``; ``dependent`` holds rows of boundary
+    dofs that must vanish. A component without interfaces that supports leave free has one body node
+    in ``loose_frame``: ``body_motions`` ``(3 n_owned, 6)`` is what its dofs do, and ``fixed`` ``(m,
+    6)`` combinations of them that supports fix.
     """
 
     def __init__(self, basis: BoundaryBasis, operators: ElasticOperators) -> None:
@@ -51,11 +60,20 @@ class MeanConstraints:
         columns, selectors = [], []
         for number, node in enumerate(basis.nodes):
             if node.coupling == "average":
-                columns.append(_scatter(node.patch.average_operator(), node.patch.nodes, local_of, operators.owned_dofs))
+                columns.append(
+                    _scatter(
+                        node.patch.average_operator(),
+                        node.patch.nodes,
+                        local_of,
+                        operators.owned_dofs,
+                    )
+                )
                 selectors.append(np.eye(count)[:, 6 * number : 6 * number + 6])
         first = 6 * len(basis.nodes)
         for rail in basis.rails:
-            columns.append(_scatter(rail.operator, rail.patch.nodes, local_of, operators.owned_dofs))
+            columns.append(
+                _scatter(rail.operator, rail.patch.nodes, local_of, operators.owned_dofs)
+            )
             selectors.append(np.eye(count)[:, first : first + rail.operator.shape[1]])
             first += rail.operator.shape[1]
         self.node_frames = tuple(Frame(node.patch.centroid) for node in basis.nodes)
@@ -65,11 +83,15 @@ class MeanConstraints:
         supported = basis.supported[local_dofs(operators)]
         middle, free = free_combinations(operators, supported)
         if not basis.nodes and not basis.rails and free.shape[1]:
-            # a body that nothing holds in some motion: the mass-weighted mean of those motions is the boundary node, so psi is
-            # rigid and phi free of them
+            # a body that nothing holds in some motion: the mass-weighted mean of those motions is
+            # the boundary node, so psi is rigid and phi free of them
             mean = _mass_mean(operators, supported, middle, free)
             columns, selectors, count = [mean.operator], [mean.values.T], 6
-            self.loose_frame, self.body_motions, self.fixed = Frame(mean.center), mean.motions @ mean.values, mean.fixed
+            self.loose_frame, self.body_motions, self.fixed = (
+                Frame(mean.center),
+                mean.motions @ mean.values,
+                mean.fixed,
+            )
             self.node_frames = (self.loose_frame,)
         full = np.hstack(columns) if columns else np.zeros((operators.owned_dofs, 0))
         self.boundary_size = count
@@ -82,7 +104,9 @@ class MeanConstraints:
 
 
 def _split_range(columns: FloatArray, comm: MPI.Comm) -> tuple[FloatArray, FloatArray]:
-    """Orthonormal combinations of columns that are independent ``(n_c, r)``, and those that vanish ``(n_c, n_c - r)``."""
+    """Orthonormal combinations of columns that are independent ``(n_c, r)``, and those that vanish
+    ``(n_c, n_c - r)``.
+    """
     if columns.shape[1] == 0:
         return np.zeros((0, 0)), np.zeros((0, 0))
     gram = sum_over_ranks(comm, columns.T @ columns)
@@ -95,15 +119,20 @@ def _split_range(columns: FloatArray, comm: MPI.Comm) -> tuple[FloatArray, Float
     return np.linalg.qr(vectors[:, keep])[0], vectors[:, ~keep]
 
 
-def _mass_mean(operators: ElasticOperators, supported: BoolArray, middle: FloatArray, free: FloatArray) -> BodyMean:
-    """Mean of the motions about a point that supports leave free, from their combinations ``(6, k)``."""
+def _mass_mean(
+    operators: ElasticOperators, supported: BoolArray, middle: FloatArray, free: FloatArray
+) -> BodyMean:
+    """Mean of the motions about a point that supports leave free, from their combinations ``(6,
+    k)``.
+    """
     ones = np.zeros((operators.owned_dofs, 1))
     ones[0::3] = 1.0
     weights = operators.apply_mass(ones)[0::3, 0]
     mass = sum_over_ranks(operators.comm, weights.sum(keepdims=True))
     center = sum_over_ranks(operators.comm, weights @ operators.points) / mass
-    # in one unit, the first k columns of Q span the motions that supports leave free, the others those that they prevent. A mean
-    # weighted by mass does not see elastic modes, which are orthogonal to rigid motions in that product
+    # in one unit, the first k columns of Q span the motions that supports leave free, the others
+    # those that they prevent. A mean weighted by mass does not see elastic modes, which are
+    # orthogonal to rigid motions in that product
     units, count = scale_motions(operators)[1][:, None], free.shape[1]
     orthogonal = np.linalg.qr(rigid_transfer(middle, center) @ free / units, mode="complete")[0]
     motions = rigid_map(operators.points, center) @ (units * orthogonal[:, :count])
@@ -119,7 +148,9 @@ def local_dofs(operators: ElasticOperators) -> IntArray:
     return np.asarray((3 * operators.nodes[:, None] + np.arange(3)).ravel())
 
 
-def _scatter(operator: FloatArray, nodes: IntArray, local_of: dict[int, int], owned: int) -> FloatArray:
+def _scatter(
+    operator: FloatArray, nodes: IntArray, local_of: dict[int, int], owned: int
+) -> FloatArray:
     result = np.zeros((owned, operator.shape[1]))
     for position, point in enumerate(nodes):
         row = local_of.get(int(point))
@@ -128,11 +159,14 @@ def _scatter(operator: FloatArray, nodes: IntArray, local_of: dict[int, int], ow
     return result
 
 
-def find_constraint_modes(basis: BoundaryBasis, means: MeanConstraints, solver: ConstrainedSolver) -> FloatArray:
+def find_constraint_modes(
+    basis: BoundaryBasis, means: MeanConstraints, solver: ConstrainedSolver
+) -> FloatArray:
     """Constraint modes ``psi``: displacement for unit boundary dofs, the interior free of loads.
 
-    Boundary dofs that move as a rigid body move the whole component so, which no solve has to find; only the others are solved for.
-    Mass, centre of mass and inertia then come out right however badly the stiffness is conditioned.
+    Boundary dofs that move as a rigid body move the whole component so, which no solve has to find;
+    only the others are solved for. Mass, centre of mass and inertia then come out right however
+    badly the stiffness is conditioned.
 
     Args:
         basis: Boundary nodes, fixed dofs and shapes of rigid interfaces.
@@ -142,7 +176,8 @@ def find_constraint_modes(basis: BoundaryBasis, means: MeanConstraints, solver: 
     Returns:
         ``(3 n_owned, n_b)`` rows of this rank's nodes [m/m, m/rad].
 
-    Source: Craig and Bampton (1968); mean interfaces by Lagrange multipliers as in Kaufmann et al. (2019).
+    Source: Craig and Bampton (1968); mean interfaces by Lagrange multipliers as in Kaufmann et al.
+    (2019).
     """
     if means.body_motions is not None:
         return means.body_motions
@@ -151,8 +186,9 @@ def find_constraint_modes(basis: BoundaryBasis, means: MeanConstraints, solver: 
     motions, boundary, units = _rigid_part(basis, means, solver)
     if not _follow(boundary, motions, prescribed, targets, solver):
         motions, boundary = motions[:, :0], boundary[:, :0]
-    # boundary dofs in one unit as Q1 r + Q2 e: Q1 spans those of rigid motions, which move the whole component through R^-1 and need
-    # no solve; static shapes are solved for the columns of Q2 alone
+    # boundary dofs in one unit as Q1 r + Q2 e: Q1 spans those of rigid motions, which move the
+    # whole component through R^-1 and need no solve; static shapes are solved for the columns of Q2
+    # alone
     orthogonal, triangle = scipy.linalg.qr(boundary / units[:, None])
     count = boundary.shape[1]
     rigid, elastic = orthogonal[:, :count].T / units, orthogonal[:, count:].T / units
@@ -166,23 +202,39 @@ def find_constraint_modes(basis: BoundaryBasis, means: MeanConstraints, solver: 
 def _rigid_part(
     basis: BoundaryBasis, means: MeanConstraints, solver: ConstrainedSolver
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Rigid motions that supports leave free ``(3 n_owned, k)``, their boundary dofs ``(n_b, k)``, and the unit of each dof ``(n_b,)``."""
+    """Rigid motions that supports leave free ``(3 n_owned, k)``, their boundary dofs ``(n_b, k)``,
+    and the unit of each dof ``(n_b,)``.
+    """
     operators = solver.operators
     supported = basis.supported[local_dofs(operators)]
     center, free = free_combinations(operators, supported)
     rows = [rigid_transfer(center, frame.origin) for frame in means.node_frames]
     rows += [station_motion(station.point, station.axis, center) for station in basis.stations]
     boundary = np.vstack([np.zeros((0, 6)), *rows]) @ free
-    arms = max_over_ranks(operators.comm, np.abs(operators.points - center).max(axis=0, initial=0.0))
+    arms = max_over_ranks(
+        operators.comm, np.abs(operators.points - center).max(axis=0, initial=0.0)
+    )
     turn = 1.0 / (float(np.linalg.norm(arms)) or 1.0)
-    units = np.concatenate([np.repeat([1.0, turn], [3, len(row) - 3]) for row in rows] or [np.zeros(0)])
-    return np.where(supported[:, None], 0.0, rigid_map(operators.points, center) @ free), boundary, units
+    units = np.concatenate(
+        [np.repeat([1.0, turn], [3, len(row) - 3]) for row in rows] or [np.zeros(0)]
+    )
+    return (
+        np.where(supported[:, None], 0.0, rigid_map(operators.points, center) @ free),
+        boundary,
+        units,
+    )
 
 
 def _follow(
-    boundary: FloatArray, motions: FloatArray, prescribed: FloatArray, targets: FloatArray, solver: ConstrainedSolver
+    boundary: FloatArray,
+    motions: FloatArray,
+    prescribed: FloatArray,
+    targets: FloatArray,
+    solver: ConstrainedSolver,
 ) -> bool:
-    """Whether rigid motions are told by their boundary dofs and have them; not so where a patch leaves a rotation undetermined."""
+    """Whether rigid motions are told by their boundary dofs and have them; not so where a patch
+    leaves a rotation undetermined.
+    """
     if not boundary.size or np.linalg.matrix_rank(boundary) < boundary.shape[1]:
         return False
     rest = motions - prescribed @ boundary
@@ -190,11 +242,17 @@ def _follow(
     means = np.abs(solver.product(solver.constraints, rest) - targets @ boundary)
     sizes = sum_over_ranks(solver.comm, np.abs(solver.constraints).T @ np.abs(motions))
     reach = max_over_ranks(solver.comm, np.abs(motions).max(axis=0, initial=0.0))
-    return bool((held <= RIGID_MATCH * reach).all() and (means <= RIGID_MATCH * sizes.max(axis=1, initial=0.0)[:, None]).all())
+    return bool(
+        (held <= RIGID_MATCH * reach).all()
+        and (means <= RIGID_MATCH * sizes.max(axis=1, initial=0.0)[:, None]).all()
+    )
 
 
-def dependent_rows(basis: BoundaryBasis, means: MeanConstraints, solver: ConstrainedSolver) -> FloatArray:
-    """Rows of boundary dofs that vanish because some means depend on each other or on rigid patches alone.
+def dependent_rows(
+    basis: BoundaryBasis, means: MeanConstraints, solver: ConstrainedSolver
+) -> FloatArray:
+    """Rows of boundary dofs that vanish because some means depend on each other or on rigid patches
+    alone.
 
     Args:
         basis: Boundary nodes, fixed dofs and shapes of rigid interfaces.
@@ -209,11 +267,17 @@ def dependent_rows(basis: BoundaryBasis, means: MeanConstraints, solver: Constra
     prescribed = _prescribe_patches(basis, means, solver)
     rows = means.dependent.T @ (means.select - solver.product(means.full, prescribed))
     sizes = np.linalg.norm(rows, axis=1, keepdims=True)
-    return np.asarray((rows / np.where(sizes > 0.0, sizes, 1.0))[sizes[:, 0] > DEPENDENCE_TOLERANCE])
+    return np.asarray(
+        (rows / np.where(sizes > 0.0, sizes, 1.0))[sizes[:, 0] > DEPENDENCE_TOLERANCE]
+    )
 
 
-def _prescribe_patches(basis: BoundaryBasis, means: MeanConstraints, solver: ConstrainedSolver) -> FloatArray:
-    """``(3 n_owned, n_b)`` displacement of the points in rigid patches for unit boundary dofs; all others rest."""
+def _prescribe_patches(
+    basis: BoundaryBasis, means: MeanConstraints, solver: ConstrainedSolver
+) -> FloatArray:
+    """``(3 n_owned, n_b)`` displacement of the points in rigid patches for unit boundary dofs; all
+    others rest.
+    """
     local = local_dofs(solver.operators)
     prescribed = np.zeros((len(local), means.boundary_size))
     where = np.full(len(basis.held), -1, dtype=np.int64)

@@ -12,8 +12,15 @@ from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.meshing.elements.surface import extract_surface
 from headstock.meshing.elements.topology import cell_family
 from headstock.reduction.components.boundary_basis import build_boundary_basis
-from headstock.reduction.components.constraint_modes import MeanConstraints, find_constraint_modes, local_dofs
-from headstock.reduction.components.elastic_checks import judge_element_order, without_rigid_stiffness
+from headstock.reduction.components.constraint_modes import (
+    MeanConstraints,
+    find_constraint_modes,
+    local_dofs,
+)
+from headstock.reduction.components.elastic_checks import (
+    judge_element_order,
+    without_rigid_stiffness,
+)
 from headstock.reduction.components.fixed_interface_modes import (
     FixedInterfaceModes,
     find_fixed_interface_modes,
@@ -26,13 +33,18 @@ from headstock.reduction.requests import ReductionRequest, mode_target, needs_ma
 from headstock.reduction.superelement import ErrorEstimates, Recovery, StaticLoad, Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
-from headstock.solvers.elastic.discretisation_error import estimate_mesh_errors, mesh_safety, sees_errors
+from headstock.solvers.elastic.discretisation_error import (
+    estimate_mesh_errors,
+    mesh_safety,
+    sees_errors,
+)
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.errors import AccuracyError, ConvergenceError, ModelError
 
-# Recovered stresses follow a singularity no better than those of the elements: over blocks, sheets, plates and tubes cells at the rims
-# of rigid faces showed 0.35 to 0.4 of the energy that they missed. At the rims of averaging patches tractions end abruptly, which
-# smoothed stresses hide: cells there showed half as much as others do
+# Recovered stresses follow a singularity no better than those of the elements: over blocks, sheets,
+# plates and tubes cells at the rims of rigid faces showed 0.35 to 0.4 of the energy that they
+# missed. At the rims of averaging patches tractions end abruptly, which smoothed stresses hide:
+# cells there showed half as much as others do
 RIM_WEIGHT, AVERAGING_RIM_WEIGHT = 2.5, 2.0
 
 
@@ -59,16 +71,20 @@ def reduce_elastic(
         The superelement, equal on every rank but for the recovery basis, which rank 0 alone holds.
 
     Raises:
-        ModelError: An interface is degenerate, a rigid motion is left free, or first-order elements would lock grossly.
+        ModelError: An interface is degenerate, a rigid motion is left free, or first-order elements
+            would lock grossly.
         ConvergenceError: A factorisation, solve or mode search failed.
         AccuracyError: The operators fail their checks.
 
-    Source: Craig and Bampton (1968); mean interfaces by Lagrange multipliers as in Kaufmann et al. (2019).
+    Source: Craig and Bampton (1968); mean interfaces by Lagrange multipliers as in Kaufmann et al.
+    (2019).
     """
     request = request or ReductionRequest(modes=mode_target(component))
     with_mass = needs_mass(component, loads, request)
     try:
-        operators = assemble_elasticity(mesh, scaled_material(component, mesh), comm=comm, with_mass=with_mass)
+        operators = assemble_elasticity(
+            mesh, scaled_material(component, mesh), comm=comm, with_mass=with_mass
+        )
         return reduce_operators(component, mesh, operators, supports, loads, request=request)
     except (ModelError, ConvergenceError, AccuracyError) as error:
         if component.name in str(error):
@@ -85,7 +101,8 @@ def reduce_operators(
     *,
     request: ReductionRequest,
 ) -> Superelement:
-    """Superelement of a meshed elastic component, see ``reduce_elastic``, from operators that are already assembled.
+    """Superelement of a meshed elastic component, see ``reduce_elastic``, from operators that are
+    already assembled.
 
     Args:
         component: Geometry, material, interfaces and reduction settings.
@@ -108,40 +125,63 @@ def reduce_operators(
             verify_mode_count(solver, modes)
         result = project_component(component, solver, ReductionSpace(basis, means, psi, modes))
         vectors = assemble_loads(component, mesh, operators, loads, gravity=request.gravity)
-        reduced = {name: _reduce_load(vector, solver, psi, modes, result) for name, vector in vectors.items()}
+        reduced = {
+            name: _reduce_load(vector, solver, psi, modes, result)
+            for name, vector in vectors.items()
+        }
         truncation = measure_truncation(solver, psi, modes) if request.modes is not None else None
         residual = max(solver.largest_residual, modes.residual)
-    gathered = _gather_recovery(operators, mesh, np.hstack([psi, modes.shapes])) if request.recovery else None
+    gathered = (
+        _gather_recovery(operators, mesh, np.hstack([psi, modes.shapes]))
+        if request.recovery
+        else None
+    )
     warnings, errors = remarks + result.warnings, ErrorEstimates()
     if request.errors and gathered is not None:
         errors = _estimate_errors(component, mesh, result, gathered)
         if not sees_errors(mesh):
-            warnings += ("its mesh is a row of single elements, whose errors cannot be estimated; write a smaller mesh size",)
+            warnings += (
+                "its mesh is a row of single elements, whose errors cannot be estimated; write a smaller mesh size",
+            )
     return dataclasses.replace(
         result,
-        stiffness=without_rigid_stiffness(result, mesh.points, basis.supported, scale=operators.stiffness_scale),
+        stiffness=without_rigid_stiffness(
+            result, mesh.points, basis.supported, scale=operators.stiffness_scale
+        ),
         recovery=None if gathered is None else Recovery(basis=gathered, points=mesh.points),
         residual=residual,
         errors=dataclasses.replace(errors, truncation=truncation),
         warnings=warnings,
-        loads={name: StaticLoad(vector, _gather_recovery(operators, mesh, u[:, None])) for name, (vector, u) in reduced.items()},
+        loads={
+            name: StaticLoad(vector, _gather_recovery(operators, mesh, u[:, None]))
+            for name, (vector, u) in reduced.items()
+        },
     )
 
 
-def _estimate_errors(component: Component, mesh: ComponentMesh, element: Superelement, fields: FloatArray) -> ErrorEstimates:
-    """What its mesh makes of the displacement fields of a superelement's dofs; zeros stand for what nobody knows."""
+def _estimate_errors(
+    component: Component, mesh: ComponentMesh, element: Superelement, fields: FloatArray
+) -> ErrorEstimates:
+    """What its mesh makes of the displacement fields of a superelement's dofs; zeros stand for what
+    nobody knows.
+    """
     if not sees_errors(mesh):
         return ErrorEstimates(missing_energy=np.zeros(element.stiffness.shape))
-    found = estimate_mesh_errors(mesh, scaled_material(component, mesh), fields, _rim_weights(component, mesh))
+    found = estimate_mesh_errors(
+        mesh, scaled_material(component, mesh), fields, _rim_weights(component, mesh)
+    )
     strained = np.eye(len(element.stiffness))
     if not element.supported:
-        # rigid motions miss no energy: what rounding leaves of it would look large beside that of a soft mount
+        # rigid motions miss no energy: what rounding leaves of it would look large beside that of a
+        # soft mount
         rigid = np.linalg.qr(rigid_motions(element, element.center_of_mass))[0]
         strained -= rigid @ rigid.T
     return ErrorEstimates(
         missing_energy=strained @ found.missing_energy @ strained,
         mesh_safety=mesh_safety(mesh),
-        shape_stiffness=None if found.shape is None else strained @ found.shape.stiffness @ strained,
+        shape_stiffness=None
+        if found.shape is None
+        else strained @ found.shape.stiffness @ strained,
         shape_mass=None if found.shape is None else found.shape.mass,
     )
 
@@ -149,18 +189,24 @@ def _estimate_errors(component: Component, mesh: ComponentMesh, element: Superel
 def _rim_weights(component: Component, mesh: ComponentMesh) -> FloatArray:
     """What the energies that cells miss count ``(n_cells,)``.
 
-    More where stresses are singular, at what is held like a rigid plate, and where tractions end abruptly, at averaging patches' rims.
+    More where stresses are singular, at what is held like a rigid plate, and where tractions end
+    abruptly, at averaging patches' rims.
     """
     stiff, even = [], []
     for name, facets in mesh.patches.items():
         interface = component.interfaces.get(name)
-        if name.startswith("support:") or (interface is not None and interface.rail is None and interface.coupling == "rigid"):
+        if name.startswith("support:") or (
+            interface is not None and interface.rail is None and interface.coupling == "rigid"
+        ):
             stiff.append(facets)
         elif interface is not None and interface.rail is None:
             even.append(facets)
     weights = np.ones(len(mesh.cells))
     rims = [_rim_nodes(mesh, facets) for facets in even]
-    for nodes, weight in ((rims, AVERAGING_RIM_WEIGHT), ([facets.ravel() for facets in stiff], RIM_WEIGHT)):
+    for nodes, weight in (
+        (rims, AVERAGING_RIM_WEIGHT),
+        ([facets.ravel() for facets in stiff], RIM_WEIGHT),
+    ):
         if nodes:
             weights[np.isin(mesh.cells, np.unique(np.concatenate(nodes))).any(axis=1)] = weight
     return weights
@@ -185,17 +231,24 @@ def scaled_material(component: Component, mesh: ComponentMesh) -> Material:
 
 
 def _reduce_load(
-    vector: FloatArray, solver: ConstrainedSolver, psi: FloatArray, modes: FixedInterfaceModes, element: Superelement
+    vector: FloatArray,
+    solver: ConstrainedSolver,
+    psi: FloatArray,
+    modes: FixedInterfaceModes,
+    element: Superelement,
 ) -> tuple[FloatArray, FloatArray]:
     column = vector[:, None]
     modal = solver.product(modes.shapes, column)
     reduced = np.vstack([solver.product(psi, column), modal])[:, 0]
-    # the modes take their share of the load in the reduced model, so the particular response must not hold it again
+    # the modes take their share of the load in the reduced model, so the particular response must
+    # not hold it again
     particular = solver.solve(column) - modes.shapes @ (modal / modes.eigenvalues[:, None])
     return reduced, particular[:, 0]
 
 
-def _gather_recovery(operators: ElasticOperators, mesh: ComponentMesh, vectors: FloatArray) -> FloatArray | None:
+def _gather_recovery(
+    operators: ElasticOperators, mesh: ComponentMesh, vectors: FloatArray
+) -> FloatArray | None:
     """Vectors of all ranks in mesh point order, on rank 0."""
     parts = operators.comm.gather((operators.nodes, vectors), root=0)
     if parts is None:

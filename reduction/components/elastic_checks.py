@@ -1,4 +1,6 @@
-"""Checks of a meshed component: rounding that makes free rigid motions stiff is taken out, first-order elements that lock are refused."""
+"""Checks of a meshed component: rounding that makes free rigid motions stiff is taken out,
+first-order elements that lock are refused.
+"""
 
 import numpy as np
 
@@ -16,15 +18,31 @@ THINNEST = 1e-2
 # pairs of corners in gmsh's order
 EDGES = {
     "tet4": ((0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)),
-    "hex8": ((0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7)),
+    "hex8": (
+        (0, 1),
+        (0, 3),
+        (0, 4),
+        (1, 2),
+        (1, 5),
+        (2, 3),
+        (2, 6),
+        (3, 7),
+        (4, 5),
+        (4, 7),
+        (5, 6),
+        (6, 7),
+    ),
 }
 
 
-def without_rigid_stiffness(element: Superelement, points: FloatArray, supported: BoolArray, *, scale: float) -> FloatArray:
-    """The stiffness ``(n, n)`` of a superelement with its free rigid motions exactly in its null space.
+def without_rigid_stiffness(
+    element: Superelement, points: FloatArray, supported: BoolArray, *, scale: float
+) -> FloatArray:
+    """The stiffness ``(n, n)`` of a superelement with its free rigid motions exactly in its null
+    space.
 
-    A rounding error of 1e-16 of the largest nodal stiffness would otherwise look like a very soft spring, which hides
-    mechanisms; with a single boundary node nothing but rounding is left.
+    A rounding error of 1e-16 of the largest nodal stiffness would otherwise look like a very soft
+    spring, which hides mechanisms; with a single boundary node nothing but rounding is left.
 
     Args:
         element: Superelement as projected.
@@ -56,8 +74,11 @@ def without_rigid_stiffness(element: Superelement, points: FloatArray, supported
     elastic = np.eye(boundary) - motions @ motions.T
     # projecting leaves rounding of rounding where nothing is to be left at all
     projected = elastic @ scaled @ elastic if motions.shape[1] < boundary else np.zeros_like(scaled)
-    # nor does a dof that only free motions move, beside a support: of its diagonal entry the square of rounding is left
-    dead = projected.diagonal() <= (boundary * np.finfo(float).eps) ** 2 * np.abs(projected).max(initial=0.0)
+    # nor does a dof that only free motions move, beside a support: of its diagonal entry the square
+    # of rounding is left
+    dead = projected.diagonal() <= (boundary * np.finfo(float).eps) ** 2 * np.abs(projected).max(
+        initial=0.0
+    )
     projected[dead, :], projected[:, dead] = 0.0, 0.0
     projected = projected / units / units[:, None]
     result = element.stiffness.copy()
@@ -66,22 +87,27 @@ def without_rigid_stiffness(element: Superelement, points: FloatArray, supported
 
 
 def _free_combinations(points: FloatArray, supported: BoolArray, length: float) -> FloatArray:
-    """Combinations ``(6, k)`` of the rigid motions about the mean point that move no supported dof."""
+    """Combinations ``(6, k)`` of the rigid motions about the mean point that move no supported
+    dof.
+    """
     rows = rigid_map(points, points.mean(axis=0))[supported] * np.repeat([1.0, 1.0 / length], 3)
     if not len(rows):
         return np.eye(6)
     values, vectors = np.linalg.eigh(rows.T @ rows)
-    return np.asarray(np.repeat([1.0, 1.0 / length], 3)[:, None] * vectors[:, values <= HELD_LIMIT * len(rows)])
+    return np.asarray(
+        np.repeat([1.0, 1.0 / length], 3)[:, None] * vectors[:, values <= HELD_LIMIT * len(rows)]
+    )
 
 
 def judge_element_order(component: Component, mesh: ComponentMesh) -> tuple[str, ...]:
     """What is to be said of the order of a mesh's elements; nothing of second-order ones.
 
     Raises:
-        ModelError: First-order elements are drawn out, or the part is thin, and the scene does not insist on them.
+        ModelError: First-order elements are drawn out, or the part is thin, and the scene does not
+            insist on them.
 
-    Source: MacNeal (1994), Finite Elements: Their Design and Performance, ch. 6: parasitic shear grows with the square of length
-    over thickness.
+    Source: MacNeal (1994), Finite Elements: Their Design and Performance, ch. 6: parasitic shear
+    grows with the square of length over thickness.
     """
     if mesh.kind not in EDGES:
         return ()
@@ -107,5 +133,7 @@ def judge_element_order(component: Component, mesh: ComponentMesh) -> tuple[str,
 def _aspect_ratios(mesh: ComponentMesh) -> FloatArray:
     """Longest over shortest edge of each cell ``(n_cells,)``."""
     pairs = np.array(EDGES[mesh.kind])
-    lengths = np.linalg.norm(mesh.points[mesh.cells[:, pairs[:, 1]]] - mesh.points[mesh.cells[:, pairs[:, 0]]], axis=2)
+    lengths = np.linalg.norm(
+        mesh.points[mesh.cells[:, pairs[:, 1]]] - mesh.points[mesh.cells[:, pairs[:, 0]]], axis=2
+    )
     return np.asarray(lengths.max(axis=1) / lengths.min(axis=1))

@@ -1,4 +1,6 @@
-"""Fixed-interface modes of a component, iterative or dense, and the moments of those that a reduction leaves out."""
+"""Fixed-interface modes of a component, iterative or dense, and the moments of those that a
+reduction leaves out.
+"""
 
 import dataclasses
 from dataclasses import dataclass
@@ -9,7 +11,12 @@ import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
 from headstock.reduction.superelement import Truncation, lowest_participating
-from headstock.solvers.elastic.block_lanczos import EigenPairs, ModeTarget, cluster_end, lowest_eigenpairs
+from headstock.solvers.elastic.block_lanczos import (
+    EigenPairs,
+    ModeTarget,
+    cluster_end,
+    lowest_eigenpairs,
+)
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
 from headstock.solvers.elastic.sturm_count import count_frequencies_below
 from headstock.solvers.errors import AccuracyError, ConvergenceError
@@ -19,9 +26,9 @@ DENSE_LIMIT = 4000
 DENSE_SHARE = 0.1
 SMALL = 400
 RAYLEIGH_TOLERANCE = 1e-7  # what the search itself leaves
-ROUNDOFF_LIMIT = (
-    0.3  # share of an eigenvalue that rounding of the stiffness may reach in the search; the Rayleigh quotient keeps 1e-3 of it
-)
+# share of an eigenvalue that rounding of the stiffness may reach in the search; the Rayleigh
+# quotient keeps 1e-3 of it
+ROUNDOFF_LIMIT = 0.3
 COLUMNS = 48  # at a time: what products take beside the solution
 
 
@@ -33,7 +40,8 @@ class FixedInterfaceModes:
         eigenvalues: ``(m,)`` [rad^2/s^2].
         shapes: ``(3 n_owned, m)`` mass-normalised.
         cutoff_hz: No mode below this frequency is missing; inf when all are kept.
-        residual: Largest relative change of an eigenvalue between the search and the Rayleigh quotient.
+        residual: Largest relative change of an eigenvalue between the search and the Rayleigh
+            quotient.
         remarks: What there is to say about modes that could not be found.
     """
 
@@ -44,7 +52,9 @@ class FixedInterfaceModes:
     remarks: tuple[str, ...] = ()
 
 
-def find_fixed_interface_modes(solver: ConstrainedSolver, target: ModeTarget | None) -> FixedInterfaceModes:
+def find_fixed_interface_modes(
+    solver: ConstrainedSolver, target: ModeTarget | None
+) -> FixedInterfaceModes:
     """Fixed-interface modes, complete up to a target and never cut through a cluster.
 
     Args:
@@ -61,7 +71,11 @@ def find_fixed_interface_modes(solver: ConstrainedSolver, target: ModeTarget | N
     none = FixedInterfaceModes(np.zeros(0), np.zeros((owned, 0)), 0.0, 0.0)
     dimension = solver.free_total - solver.constraints.shape[1]
     if target is None or target.count == 0 or dimension <= 0:
-        return none if dimension > 0 else FixedInterfaceModes(np.zeros(0), np.zeros((owned, 0)), np.inf, 0.0)
+        return (
+            none
+            if dimension > 0
+            else FixedInterfaceModes(np.zeros(0), np.zeros((owned, 0)), np.inf, 0.0)
+        )
     remarks: tuple[str, ...] = ()
     many = target.up_to_hz is None and (target.count or 0) > DENSE_SHARE * dimension
     if (dimension <= DENSE_LIMIT and many) or dimension <= SMALL:
@@ -69,7 +83,12 @@ def find_fixed_interface_modes(solver: ConstrainedSolver, target: ModeTarget | N
     else:
         start = _start_block(solver, _block_width(target))
         pairs = lowest_eigenpairs(
-            solver.apply_inverse, solver.operators.apply_mass, start, target, comm=solver.comm, dimension=dimension
+            solver.apply_inverse,
+            solver.operators.apply_mass,
+            start,
+            target,
+            comm=solver.comm,
+            dimension=dimension,
         )
     cutoff = float(np.sqrt(pairs.next_value) / (2.0 * np.pi))
     if not pairs.complete:
@@ -78,11 +97,14 @@ def find_fixed_interface_modes(solver: ConstrainedSolver, target: ModeTarget | N
             "they lie too densely to be told apart; the ± covers what they add",
         )
     better = _improve(solver, pairs.values, pairs.vectors)
-    return FixedInterfaceModes(better.values, _fix_signs(solver, better.shapes), cutoff, better.change, remarks)
+    return FixedInterfaceModes(
+        better.values, _fix_signs(solver, better.shapes), cutoff, better.change, remarks
+    )
 
 
 def verify_mode_count(solver: ConstrainedSolver, modes: FixedInterfaceModes) -> None:
-    """Count the modes below the first one left out by a factorisation of its own, so that no twin can have been lost.
+    """Count the modes below the first one left out by a factorisation of its own, so that no twin
+    can have been lost.
 
     Raises:
         AccuracyError: The count differs from the number of modes found.
@@ -93,7 +115,9 @@ def verify_mode_count(solver: ConstrainedSolver, modes: FixedInterfaceModes) -> 
     if not np.isfinite(modes.cutoff_hz) or modes.cutoff_hz <= 0.0:
         return
     shift = 0.5 * (kept + modes.cutoff_hz)
-    count = count_frequencies_below(solver.operators, solver.held, shift, constraints=solver.constraints)
+    count = count_frequencies_below(
+        solver.operators, solver.held, shift, constraints=solver.constraints
+    )
     if count != len(modes.eigenvalues):
         raise AccuracyError(
             f"{count} fixed-interface modes lie below {shift:.6g} Hz by a Sturm count, but {len(modes.eigenvalues)} were found; "
@@ -130,19 +154,28 @@ def _dense_modes(solver: ConstrainedSolver, target: ModeTarget) -> EigenPairs:
         unit = np.zeros((operators.owned_dofs, count))
         if comm.rank == owner:
             unit[free, np.arange(count)] = 1.0
-        stiffness[first : first + len(free), start : start + count] = operators.apply_stiffness(unit)[free]
+        stiffness[first : first + len(free), start : start + count] = operators.apply_stiffness(
+            unit
+        )[free]
         mass[first : first + len(free), start : start + count] = operators.apply_mass(unit)[free]
     constraints[first : first + len(free)] = solver.constraints[free]
     held = sum_over_ranks(comm, constraints)
     basis = scipy.linalg.qr(held)[0][:, held.shape[1] :] if held.shape[1] else np.eye(total)
     values, vectors = scipy.linalg.eigh(
-        _congruence(basis, sum_over_ranks(comm, stiffness)), _congruence(basis, sum_over_ranks(comm, mass))
+        _congruence(basis, sum_over_ranks(comm, stiffness)),
+        _congruence(basis, sum_over_ranks(comm, mass)),
     )
     frequencies = np.sqrt(np.abs(values)) / (2.0 * np.pi)
     end = cluster_end(frequencies, min(target.count_wanted(frequencies), len(values)))
     shapes = np.zeros((operators.owned_dofs, end))
     shapes[free] = (basis @ vectors[:, :end])[first : first + len(free)]
-    return EigenPairs(values[:end], shapes, np.zeros(end), float(values[end]) if end < len(values) else np.inf, solves=0)
+    return EigenPairs(
+        values[:end],
+        shapes,
+        np.zeros(end),
+        float(values[end]) if end < len(values) else np.inf,
+        solves=0,
+    )
 
 
 def _congruence(basis: FloatArray, matrix: FloatArray) -> FloatArray:
@@ -151,7 +184,9 @@ def _congruence(basis: FloatArray, matrix: FloatArray) -> FloatArray:
 
 
 class _Improved(NamedTuple):
-    """Eigenvalues ``(m,)`` [rad^2/s^2], shapes ``(n, m)``, and the largest relative change of an eigenvalue."""
+    """Eigenvalues ``(m,)`` [rad^2/s^2], shapes ``(n, m)``, and the largest relative change of an
+    eigenvalue.
+    """
 
     values: FloatArray
     shapes: FloatArray
@@ -159,10 +194,12 @@ class _Improved(NamedTuple):
 
 
 def _improve(solver: ConstrainedSolver, values: FloatArray, shapes: FloatArray) -> _Improved:
-    """Rayleigh-Ritz on the shapes with K and M themselves: frequencies become upper bounds, and the search is checked by it.
+    """Rayleigh-Ritz on the shapes with K and M themselves: frequencies become upper bounds, and the
+    search is checked by it.
 
-    The search works with the inverse, which rounding of K changes by as much as ``energy_roundoff`` says, or as the pins of a free body
-    make of it; its shapes are off by the same share and the Rayleigh quotient by the square.
+    The search works with the inverse, which rounding of K changes by as much as ``energy_roundoff``
+    says, or as the pins of a free body make of it; its shapes are off by the same share and the
+    Rayleigh quotient by the square.
     """
     if not len(values):
         return _Improved(values, shapes, 0.0)
@@ -177,7 +214,8 @@ def _improve(solver: ConstrainedSolver, values: FloatArray, shapes: FloatArray) 
 
 
 def require_resolved(values: FloatArray, improved: FloatArray, roundoff: FloatArray) -> None:
-    """Refuse eigenvalues that rounding may have drowned, or that two methods do not agree on as far as rounding lets them.
+    """Refuse eigenvalues that rounding may have drowned, or that two methods do not agree on as far
+    as rounding lets them.
 
     Args:
         values: ``(m,)`` found with the inverse of the stiffness.
@@ -209,11 +247,14 @@ def _fix_signs(solver: ConstrainedSolver, shapes: FloatArray) -> FloatArray:
     return np.asarray(shapes * np.where(signs == 0.0, 1.0, signs))
 
 
-def measure_truncation(solver: ConstrainedSolver, psi: FloatArray, modes: FixedInterfaceModes) -> Truncation:
+def measure_truncation(
+    solver: ConstrainedSolver, psi: FloatArray, modes: FixedInterfaceModes
+) -> Truncation:
     """Moments of the modes left out, by one solve per boundary dof.
 
-    ``X = K^-1 M psi`` in the space of the fixed-interface modes, less its part along those kept, has the energies
-    ``X^T K X = X^T M psi = sum p_k p_k^T / omega_k^2`` and ``X^T M X = sum p_k p_k^T / omega_k^4`` over those left out.
+    ``X = K^-1 M psi`` in the space of the fixed-interface modes, less its part along those kept,
+    has the energies ``X^T K X = X^T M psi = sum p_k p_k^T / omega_k^2`` and ``X^T M X = sum p_k
+    p_k^T / omega_k^4`` over those left out.
 
     Args:
         solver: With the interfaces fixed; collective.
@@ -229,12 +270,15 @@ def measure_truncation(solver: ConstrainedSolver, psi: FloatArray, modes: FixedI
     rest = solver.apply_inverse(weighted)
     if modes.shapes.shape[1]:
         rest -= modes.shapes @ (solver.product(modes.shapes, weighted) / modes.eigenvalues[:, None])
-    # K rest is M psi less what lies along the modes kept and what holds the interfaces, and rest is free of both
+    # K rest is M psi less what lies along the modes kept and what holds the interfaces, and rest is
+    # free of both
     first, second = solver.product(rest, weighted), np.zeros((boundary, boundary))
     for start in range(0, boundary, COLUMNS):
         part = slice(start, start + COLUMNS)
         second[:, part] = solver.product(rest, operators.apply_mass(rest[:, part]))
-    found = Truncation(0.5 * (first + first.T), 0.5 * (second + second.T), (2.0 * np.pi * modes.cutoff_hz) ** 2)
+    found = Truncation(
+        0.5 * (first + first.T), 0.5 * (second + second.T), (2.0 * np.pi * modes.cutoff_hz) ** 2
+    )
     if modes.cutoff_hz > 0.0:
         return found
     return dataclasses.replace(found, limit=lowest_participating(found.first, found.second))

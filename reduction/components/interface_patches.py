@@ -1,4 +1,6 @@
-"""Area integrals over a patch of a mesh (nodes, weights, centroid, rigid motions), and static loads as nodal forces."""
+"""Area integrals over a patch of a mesh (nodes, weights, centroid, rigid motions), and static loads
+as nodal forces.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -45,9 +47,11 @@ class MeshPatch:
         return rigid_map(self.points, self.centroid)
 
     def average_operator(self) -> FloatArray:
-        """``(3 n, 6)`` matrix C whose ``C^T u`` is the weighted least-squares rigid motion of the patch about its centroid.
+        """``(3 n, 6)`` matrix C whose ``C^T u`` is the weighted least-squares rigid motion of the
+        patch about its centroid.
 
-        Source: Kaufmann, Buxbaum and Lichtblau (2019) on RBE3; weights are areas, so ``C q`` is a linear traction.
+        Source: Kaufmann, Buxbaum and Lichtblau (2019) on RBE3; weights are areas, so ``C q`` is a
+        linear traction.
         """
         rigid = self.rigid_displacements()
         weighted = np.zeros_like(rigid)
@@ -61,7 +65,9 @@ class MeshPatch:
         return np.asarray(weighted @ (scale[:, None] * inverse * scale))
 
     def undetermined_rotations(self) -> FloatArray:
-        """``(k, 3)`` rotation axes about which the patch's own nodes do not move: none for an area, one for a line, three for a point."""
+        """``(k, 3)`` rotation axes about which the patch's own nodes do not move: none for an area,
+        one for a line, three for a point.
+        """
         arms = self.points - self.centroid
         moments = arms.T @ arms
         inertia = np.trace(moments) * np.eye(3) - moments
@@ -93,21 +99,32 @@ def measure_patch(mesh: ComponentMesh, name: str) -> MeshPatch:
     element = np.einsum("qi,qj,fq->fij", values, values, measure)
     size = facets.shape[1]
     rows, columns = np.repeat(local, size, axis=1).ravel(), np.tile(local, (1, size)).ravel()
-    weights = scipy.sparse.csr_matrix((element.ravel(), (rows, columns)), shape=(len(nodes), len(nodes)))
+    weights = scipy.sparse.csr_matrix(
+        (element.ravel(), (rows, columns)), shape=(len(nodes), len(nodes))
+    )
     normals = np.zeros((len(nodes), 3))
     np.add.at(normals, local, np.einsum("qi,fqx,q->fix", values, normal, quadrature))
     area = float(measure.sum())
     if area <= (DEPENDENCE_TOLERANCE * float(np.ptp(mesh.points, axis=0).max())) ** 2:
         # a forced point or line: every node weighs the same
         return MeshPatch(
-            name, nodes, points, scipy.sparse.identity(len(nodes), format="csr"), 0.0 * points, 0.0, points.mean(axis=0), 0
+            name,
+            nodes,
+            points,
+            scipy.sparse.identity(len(nodes), format="csr"),
+            0.0 * points,
+            0.0,
+            points.mean(axis=0),
+            0,
         )
     centroid = np.einsum("qk,fkx,fq->x", values, points[local], measure) / area
     return MeshPatch(name, nodes, points, weights, normals, area, centroid, len(facets))
 
 
 def _facet_rule(size: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Shape functions ``(q, n)``, their gradients ``(q, n, 2)`` and weights ``(q,)`` for a facet in gmsh node order."""
+    """Shape functions ``(q, n)``, their gradients ``(q, n, 2)`` and weights ``(q,)`` for a facet in
+    gmsh node order.
+    """
     weights: FloatArray
     if size in (3, 6):
         points, weights = _triangle_rule()
@@ -118,7 +135,9 @@ def _facet_rule(size: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         weights = np.asarray(np.outer(line_weights, line_weights).ravel(), dtype=float)
         values, gradients = (_quad4, _quad9)[size == 9](points)
     else:
-        raise ValueError(f"facets with {size} nodes are not supported; use tri3, tri6, quad4 or quad9")
+        raise ValueError(
+            f"facets with {size} nodes are not supported; use tri3, tri6, quad4 or quad9"
+        )
     return values, gradients, weights
 
 
@@ -139,9 +158,13 @@ def _tri3(points: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _tri6(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     corner, slope = _tri3(points)
     pairs = ((0, 1), (1, 2), (2, 0))
-    values = [c * (2 * c - 1) for c in corner.T] + [4 * corner[:, i] * corner[:, j] for i, j in pairs]
+    values = [c * (2 * c - 1) for c in corner.T] + [
+        4 * corner[:, i] * corner[:, j] for i, j in pairs
+    ]
     gradients = [(4 * corner[:, i] - 1)[:, None] * slope[:, i] for i in range(3)]
-    gradients += [4 * (corner[:, i, None] * slope[:, j] + corner[:, j, None] * slope[:, i]) for i, j in pairs]
+    gradients += [
+        4 * (corner[:, i, None] * slope[:, j] + corner[:, j, None] * slope[:, i]) for i, j in pairs
+    ]
     return np.stack(values, axis=1), np.stack(gradients, axis=1)
 
 
@@ -169,13 +192,19 @@ def _quad9(points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def assemble_loads(
-    component: Component, mesh: ComponentMesh, operators: ElasticOperators, loads: Sequence[Load], *, gravity: bool
+    component: Component,
+    mesh: ComponentMesh,
+    operators: ElasticOperators,
+    loads: Sequence[Load],
+    *,
+    gravity: bool,
 ) -> dict[str, FloatArray]:
     """Nodal forces ``(3 n_owned,)`` of each load.
 
-    Pressures come as ``NAME`` at their full magnitude. Tractions, body loads and gravity come as ``NAME:x``, ``NAME:y``, ``NAME:z``:
-    one unit (1 Pa, 1 m/s^2) along each axis of the component, so that the superelement does not depend on how it is placed.
-    Forces at an interface need no vector of their own.
+    Pressures come as ``NAME`` at their full magnitude. Tractions, body loads and gravity come as
+    ``NAME:x``, ``NAME:y``, ``NAME:z``: one unit (1 Pa, 1 m/s^2) along each axis of the component,
+    so that the superelement does not depend on how it is placed. Forces at an interface need no
+    vector of their own.
 
     Args:
         component: Its name picks its loads.
@@ -197,11 +226,15 @@ def assemble_loads(
             continue
         patch = measure_patch(mesh, f"load:{load.name}")
         if load.kind == "pressure":
-            result[load.name] = _scatter(-load.magnitude * patch.normals, patch.nodes, local_of, operators)
+            result[load.name] = _scatter(
+                -load.magnitude * patch.normals, patch.nodes, local_of, operators
+            )
         else:
             uniform = np.asarray(patch.weights.sum(axis=1)).ravel()
             for axis in range(3):
-                result[f"{load.name}:{AXES[axis]}"] = _scatter(uniform[:, None] * np.eye(3)[axis], patch.nodes, local_of, operators)
+                result[f"{load.name}:{AXES[axis]}"] = _scatter(
+                    uniform[:, None] * np.eye(3)[axis], patch.nodes, local_of, operators
+                )
     if gravity:
         result |= _unit_accelerations(GRAVITY, operators)
     return result
@@ -213,7 +246,9 @@ def _unit_accelerations(name: str, operators: ElasticOperators) -> dict[str, Flo
     return {f"{name}:{AXES[axis]}": forces[:, axis] for axis in range(3)}
 
 
-def _scatter(values: FloatArray, nodes: IntArray, local_of: dict[int, int], operators: ElasticOperators) -> FloatArray:
+def _scatter(
+    values: FloatArray, nodes: IntArray, local_of: dict[int, int], operators: ElasticOperators
+) -> FloatArray:
     result = np.zeros((len(operators.nodes), 3))
     for value, point in zip(values, nodes, strict=True):
         row = local_of.get(int(point))

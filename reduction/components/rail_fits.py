@@ -1,4 +1,6 @@
-"""The motion of a meshed strip fitted by a spline of frames: the control values of a rail as weighted sums of the mesh's motion."""
+"""The motion of a meshed strip fitted by a spline of frames: the control values of a rail as
+weighted sums of the mesh's motion.
+"""
 
 from dataclasses import dataclass
 
@@ -13,7 +15,8 @@ from headstock.reduction.components.interface_patches import MeshPatch
 from headstock.reduction.rails import STATION_DOFS, place_knots, station_points
 from headstock.solvers.errors import ModelError
 
-# of the fit, dofs scaled alike: 20 to 60 on any mesh that tells the stations apart, 1e6 where it just fails to
+# of the fit, dofs scaled alike: 20 to 60 on any mesh that tells the stations apart, 1e6 where it
+# just fails to
 CONDITION_LIMIT = 1e3
 THIN = 1e-12
 
@@ -42,11 +45,12 @@ class RailFit:
 
 
 def fit_rail(component: str, interface: Interface, patch: MeshPatch) -> RailFit:
-    """Least-squares fit of the motion of a strip by a spline of frames, ``integral |u - A d|^2 dA -> min``.
+    """Least-squares fit of the motion of a strip by a spline of frames, ``integral |u - A d|^2 dA
+    -> min``.
 
-    A section of the strip moves and turns about the rail as the spline says. It may also turn about the two axes across the rail;
-    that part is fitted too, so that no rigid motion is left over, but carriages do not see it: their pitch and yaw follow
-    from the motion along the rail.
+    A section of the strip moves and turns about the rail as the spline says. It may also turn about
+    the two axes across the rail; that part is fitted too, so that no rigid motion is left over, but
+    carriages do not see it: their pitch and yaw follow from the motion along the rail.
 
     Args:
         component: Its name, for messages.
@@ -56,7 +60,8 @@ def fit_rail(component: str, interface: Interface, patch: MeshPatch) -> RailFit:
     Raises:
         ModelError: The mesh is too coarse along the rail for its stations, or the rail has gaps.
 
-    Source: as for averaging interfaces (Kaufmann, Buxbaum and Lichtblau 2019), with B-splines (de Boor 2001) for constants.
+    Source: as for averaging interfaces (Kaufmann, Buxbaum and Lichtblau 2019), with B-splines (de
+    Boor 2001) for constants.
     """
     if interface.rail is None:
         raise ValueError(f"interface {interface.name!r} is no rail")
@@ -76,18 +81,26 @@ def fit_rail(component: str, interface: Interface, patch: MeshPatch) -> RailFit:
     fitted = scipy.linalg.solve(gram, weighted.T, assume_a="pos").T
     kept = fitted.reshape(len(weighted), interface.rail.stations, -1)[:, :, :STATION_DOFS]
     points = station_points(knots, center, axis)
-    return RailFit(interface.name, axis, center, knots, points, patch, kept.reshape(len(weighted), -1))
+    return RailFit(
+        interface.name, axis, center, knots, points, patch, kept.reshape(len(weighted), -1)
+    )
 
 
 def _section_fields(patch: MeshPatch, axis: int, center: FloatArray) -> FloatArray:
-    """Displacement of the nodes ``(n, 3, f)`` under the motions of a section: x y z, about the rail, and about the axes across it."""
+    """Displacement of the nodes ``(n, 3, f)`` under the motions of a section: x y z, about the
+    rail, and about the axes across it.
+    """
     along = np.eye(3)[axis]
     arms = patch.points - center
     arms[:, axis] = 0.0
     roll = arms @ skew(along).T
     fields = [np.tile(direction, (len(arms), 1)) for direction in np.eye(3)] + [roll]
     width = float(np.abs(arms).max())
-    wide = [across for across in range(3) if across != axis and np.abs(arms[:, across]).max() > THIN * width]
+    wide = [
+        across
+        for across in range(3)
+        if across != axis and np.abs(arms[:, across]).max() > THIN * width
+    ]
     fields += [arms[:, across, None] * along for across in wide]
     return np.stack(fields, axis=2)
 

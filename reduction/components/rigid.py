@@ -14,17 +14,21 @@ from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.errors import ModelError
 
 
-def reduce_rigid(component: Component, properties: SolidProperties, loads: Sequence[Load] = ()) -> Superelement:
+def reduce_rigid(
+    component: Component, properties: SolidProperties, loads: Sequence[Load] = ()
+) -> Superelement:
     """A rigid body with one boundary node at its centre of mass.
 
     Args:
         component: Its ``mass`` scales mass and inertia when given.
         properties: Volume, centre, inertia and interface centroids of its solid.
-        loads: Loads on this component: body loads and tractions become one unit load per component axis, ``NAME:x`` and so on;
-            forces at interfaces need none; ``pressure`` needs a mesh and is refused.
+        loads: Loads on this component: body loads and tractions become one unit load per component
+            axis, ``NAME:x`` and so on; forces at interfaces need none; ``pressure`` needs a mesh
+            and is refused.
 
     Raises:
-        ModelError: A mass property is not finite, the volume is not positive, or a load cannot act on a rigid body.
+        ModelError: A mass property is not finite, the volume is not positive, or a load cannot act
+            on a rigid body.
         AccuracyError: The superelement fails its own check.
     """
     density = _density(component, properties)
@@ -39,7 +43,9 @@ def reduce_rigid(component: Component, properties: SolidProperties, loads: Seque
         name=component.name,
         labels=tuple(("center", dof) for dof in DOF_NAMES),
         frames=(Frame(center),),
-        attachments={name: Attachment(0, Frame(properties.patch_centroids[name])) for name in fixed},
+        attachments={
+            name: Attachment(0, Frame(properties.patch_centroids[name])) for name in fixed
+        },
         stiffness=np.zeros((6, 6)),
         mass=mass,
         constraints=np.zeros((0, 6)),
@@ -61,7 +67,9 @@ def reduce_rigid(component: Component, properties: SolidProperties, loads: Seque
     return superelement
 
 
-def _rigid_rails(component: Component, properties: SolidProperties, origin: FloatArray) -> dict[str, Rail]:
+def _rigid_rails(
+    component: Component, properties: SolidProperties, origin: FloatArray
+) -> dict[str, Rail]:
     """Rails that move rigidly with the body: exact for any carriage."""
     rails = {}
     for name, interface in component.interfaces.items():
@@ -75,25 +83,40 @@ def _rigid_rails(component: Component, properties: SolidProperties, origin: Floa
 
 def _density(component: Component, properties: SolidProperties) -> float:
     """Density that gives the wanted mass [kg/m^3]."""
-    if not (np.isfinite(properties.volume) and properties.volume > 0.0 and np.isfinite(properties.inertia).all()):
+    if not (
+        np.isfinite(properties.volume)
+        and properties.volume > 0.0
+        and np.isfinite(properties.inertia).all()
+    ):
         raise ModelError(
             f"component {component.name!r}: its volume is {properties.volume:g} m^3; a rigid body needs a solid of finite volume"
         )
-    density = component.material.density if component.mass is None else component.mass / properties.volume
+    density = (
+        component.material.density if component.mass is None else component.mass / properties.volume
+    )
     if not (np.isfinite(density) and density >= 0.0):
-        raise ModelError(f"component {component.name!r}: its density is {density:g} kg/m^3; write a mass of zero or more")
+        raise ModelError(
+            f"component {component.name!r}: its density is {density:g} kg/m^3; write a mass of zero or more"
+        )
     return density
 
 
-def _unit_loads(load: Load, component: Component, properties: SolidProperties, mass_kg: float) -> dict[str, StaticLoad]:
-    """Resultants at the centre of mass of one unit of a load along each axis of the component, as elastic components have them."""
+def _unit_loads(
+    load: Load, component: Component, properties: SolidProperties, mass_kg: float
+) -> dict[str, StaticLoad]:
+    """Resultants at the centre of mass of one unit of a load along each axis of the component, as
+    elastic components have them.
+    """
     group = f"load:{load.name}"
     if load.kind == "force":
         return {}
     if load.kind == "body":
         resultants = mass_kg * np.eye(6, 3)
     elif load.kind == "traction" and group in properties.patch_centroids:
-        resultants = properties.patch_areas[group] * rigid_transfer(properties.center, properties.patch_centroids[group])[:3].T
+        resultants = (
+            properties.patch_areas[group]
+            * rigid_transfer(properties.center, properties.patch_centroids[group])[:3].T
+        )
     else:
         raise ModelError(
             f"load {load.name!r}: {load.kind} cannot act on the rigid component {component.name!r}; "

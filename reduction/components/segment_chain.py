@@ -1,4 +1,6 @@
-"""A segmented bar: its nodes, the six-dof springs between segments, the mass of each, and how the bar moves at any place along it."""
+"""A segmented bar: its nodes, the six-dof springs between segments, the mass of each, and how the
+bar moves at any place along it.
+"""
 
 import itertools
 from collections.abc import Sequence
@@ -11,17 +13,22 @@ from headstock.geometry.parts.components import Material
 from headstock.geometry.parts.patches import in_plane_axes
 from headstock.geometry.parts.prismatic_bars import PrismaticBar, shear_coefficient
 
-# parts closer to each other than this share of a segment move as one: a spring between them would be absurdly stiff
+# parts closer to each other than this share of a segment move as one: a spring between them would
+# be absurdly stiff
 CLOSEST = 1e-4
 Span = tuple[float, float]
 
 
-def _spring_stiffness(bar: PrismaticBar, material: Material, first: FloatArray, second: FloatArray) -> FloatArray:
+def _spring_stiffness(
+    bar: PrismaticBar, material: Material, first: FloatArray, second: FloatArray
+) -> FloatArray:
     """Stiffness ``(12, 12)`` of a piece of a bar between two places on its axis [N/m, N, N m].
 
-    Exact for loads at its ends: extension, Saint-Venant torsion and bending with shear in both directions.
+    Exact for loads at its ends: extension, Saint-Venant torsion and bending with shear in both
+    directions.
 
-    Source: Timoshenko (1921); Przemieniecki (1968), section 5.6 (by inversion of the end's flexibility).
+    Source: Timoshenko (1921); Przemieniecki (1968), section 5.6 (by inversion of the end's
+    flexibility).
     """
     length = float(np.linalg.norm(second - first))
     end = np.linalg.inv(_end_flexibility(bar, material, length))
@@ -33,7 +40,9 @@ def _spring_stiffness(bar: PrismaticBar, material: Material, first: FloatArray, 
 
 
 def _end_flexibility(bar: PrismaticBar, material: Material, length: float) -> FloatArray:
-    """Motion ``(6, 6)`` of the upper end of a piece per unit load there, its lower end held [m/N, rad/N, rad/(N m)]."""
+    """Motion ``(6, 6)`` of the upper end of a piece per unit load there, its lower end held [m/N,
+    rad/N, rad/(N m)].
+    """
     modulus = material.youngs_modulus
     shear = modulus / (2.0 * (1.0 + material.poisson_ratio))
     across = in_plane_axes(bar.axis)
@@ -41,13 +50,17 @@ def _end_flexibility(bar: PrismaticBar, material: Material, length: float) -> Fl
     flexibility[bar.axis, bar.axis] = length / (modulus * bar.area)
     flexibility[3 + bar.axis, 3 + bar.axis] = length / (shear * bar.torsion_constant)
     slide = length / (shear_coefficient(bar, material.poisson_ratio) * shear * bar.area)
-    for direction, about, second_moment in zip(across, across[::-1], bar.second_moments, strict=True):
+    for direction, about, second_moment in zip(
+        across, across[::-1], bar.second_moments, strict=True
+    ):
         bending = modulus * second_moment
         # a small rotation about `about` moves points further along the axis by +-1 in `direction`
         sign = float(np.cross(np.eye(3)[about], np.eye(3)[bar.axis])[direction])
         flexibility[direction, direction] = length**3 / (3.0 * bending) + slide
         flexibility[3 + about, 3 + about] = length / bending
-        flexibility[direction, 3 + about] = flexibility[3 + about, direction] = sign * length**2 / (2.0 * bending)
+        flexibility[direction, 3 + about] = flexibility[3 + about, direction] = (
+            sign * length**2 / (2.0 * bending)
+        )
     return flexibility
 
 
@@ -70,7 +83,8 @@ def segment_mass(bar: PrismaticBar, density: float, length: float) -> FloatArray
 
 @dataclass(frozen=True)
 class Station:
-    """A stretch of a bar that moves rigidly with one node: a segment's centre (no length), an end face, or rigid interfaces.
+    """A stretch of a bar that moves rigidly with one node: a segment's centre (no length), an end
+    face, or rigid interfaces.
 
     Attributes:
         low: Where it begins along the bar [m].
@@ -85,7 +99,8 @@ class Station:
 
 @dataclass(frozen=True, eq=False)
 class SegmentChain:
-    """A bar as nodes: the segments' centres first, then one massless node for each rigid stretch that holds no centre.
+    """A bar as nodes: the segments' centres first, then one massless node for each rigid stretch
+    that holds no centre.
 
     Attributes:
         bar: The bar.
@@ -93,7 +108,8 @@ class SegmentChain:
         count: Number of segments.
         places: ``(n, 3)`` node places in the component frame [m].
         stations: In ascending order along the bar; springs run between neighbours.
-        tied: Segments whose centre lies in a rigid stretch that another node stands for: ``(segment, node)``.
+        tied: Segments whose centre lies in a rigid stretch that another node stands for:
+            ``(segment, node)``.
     """
 
     bar: PrismaticBar
@@ -104,15 +120,19 @@ class SegmentChain:
     tied: tuple[tuple[int, int], ...]
 
 
-def lay_out_chain(bar: PrismaticBar, material: Material, count: int, rigid_spans: Sequence[Span]) -> SegmentChain:
-    """Cut a bar into equal segments, and make what rigid interfaces and end faces cover rigid from edge to edge.
+def lay_out_chain(
+    bar: PrismaticBar, material: Material, count: int, rigid_spans: Sequence[Span]
+) -> SegmentChain:
+    """Cut a bar into equal segments, and make what rigid interfaces and end faces cover rigid from
+    edge to edge.
 
     Args:
         bar: The bar.
         material: Its material.
         count: Number of segments.
-        rigid_spans: Where rigid interfaces begin and end; those that touch become one rigid stretch. An end face is a span
-            without length, which gets a node of its own beyond half a segment's spring.
+        rigid_spans: Where rigid interfaces begin and end; those that touch become one rigid
+            stretch. An end face is a span without length, which gets a node of its own beyond half
+            a segment's spring.
     """
     length = bar.length / count
     places = [bar.low + (number + 0.5) * length for number in range(count)]
@@ -120,7 +140,11 @@ def lay_out_chain(bar: PrismaticBar, material: Material, count: int, rigid_spans
     stations: list[Station] = []
     inside: set[int] = set()
     for low, high in join_spans(rigid_spans, CLOSEST * length):
-        held = [i for i in range(count) if low - CLOSEST * length <= places[i] <= high + CLOSEST * length]
+        held = [
+            i
+            for i in range(count)
+            if low - CLOSEST * length <= places[i] <= high + CLOSEST * length
+        ]
         inside.update(held)
         if held:
             low, high = min(low, places[held[0]]), max(high, places[held[-1]])
@@ -132,7 +156,14 @@ def lay_out_chain(bar: PrismaticBar, material: Material, count: int, rigid_spans
     stations += [Station(places[i], places[i], i) for i in range(count) if i not in inside]
     on_axis = np.tile(bar.center, (len(places), 1))
     on_axis[:, bar.axis] = places
-    return SegmentChain(bar, material, count, on_axis, tuple(sorted(stations, key=lambda station: station.low)), tuple(tied))
+    return SegmentChain(
+        bar,
+        material,
+        count,
+        on_axis,
+        tuple(sorted(stations, key=lambda station: station.low)),
+        tuple(tied),
+    )
 
 
 def join_spans(spans: Sequence[Span], slack: float) -> list[Span]:
@@ -160,21 +191,32 @@ def chain_stiffness(chain: SegmentChain) -> FloatArray:
         carry = np.zeros((12, size))
         carry[:6, _dofs(first.node)] = rigid_transfer(chain.places[first.node], start)
         carry[6:, _dofs(second.node)] = rigid_transfer(chain.places[second.node], stop)
-        touched = [*range(*_dofs(first.node).indices(size)), *range(*_dofs(second.node).indices(size))]
+        touched = [
+            *range(*_dofs(first.node).indices(size)),
+            *range(*_dofs(second.node).indices(size)),
+        ]
         part = carry[:, touched]
-        stiffness[np.ix_(touched, touched)] += part.T @ _spring_stiffness(chain.bar, chain.material, start, stop) @ part
+        stiffness[np.ix_(touched, touched)] += (
+            part.T @ _spring_stiffness(chain.bar, chain.material, start, stop) @ part
+        )
     return stiffness
 
 
 def section_motion(chain: SegmentChain, place: float) -> FloatArray:
-    """Motion ``(6, 6 n)`` of the section at a place along the bar, at its centre, per unit node dof.
+    """Motion ``(6, 6 n)`` of the section at a place along the bar, at its centre, per unit node
+    dof.
 
-    Between stations it is that of the beam loaded at its ends, before the first and after the last one it is rigid.
+    Between stations it is that of the beam loaded at its ends, before the first and after the last
+    one it is rigid.
     """
     here = _axis_point(chain, place)
     motion = np.zeros((6, 6 * len(chain.places)))
     nearest = station_at(chain, place)
-    if nearest.low <= place <= nearest.high or place < chain.stations[0].low or place > chain.stations[-1].high:
+    if (
+        nearest.low <= place <= nearest.high
+        or place < chain.stations[0].low
+        or place > chain.stations[-1].high
+    ):
         motion[:, _dofs(nearest.node)] = rigid_transfer(chain.places[nearest.node], here)
         return motion
     second = next(i for i, station in enumerate(chain.stations) if station.low > place)
@@ -182,7 +224,11 @@ def section_motion(chain: SegmentChain, place: float) -> FloatArray:
     start, stop = _axis_point(chain, before.high), _axis_point(chain, after.low)
     # the end force at `stop`, carried to here, bends what lies between `start` and here
     end_force = _spring_stiffness(chain.bar, chain.material, start, stop)[6:]
-    bent = _end_flexibility(chain.bar, chain.material, place - before.high) @ rigid_transfer(here, stop).T @ end_force
+    bent = (
+        _end_flexibility(chain.bar, chain.material, place - before.high)
+        @ rigid_transfer(here, stop).T
+        @ end_force
+    )
     bent[:, :6] += rigid_transfer(start, here)
     motion[:, _dofs(before.node)] += bent[:, :6] @ rigid_transfer(chain.places[before.node], start)
     motion[:, _dofs(after.node)] += bent[:, 6:] @ rigid_transfer(chain.places[after.node], stop)

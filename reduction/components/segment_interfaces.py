@@ -1,4 +1,6 @@
-"""How the interfaces of a segmented bar are tied to its nodes, and how loads on its surface act on them."""
+"""How the interfaces of a segmented bar are tied to its nodes, and how loads on its surface act on
+them.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +14,13 @@ from headstock.geometry.parts.patch_samples import PatchSamples, sample_patches
 from headstock.geometry.parts.patches import PlanarSolid
 from headstock.geometry.parts.prismatic_bars import PrismaticBar, patch_span
 from headstock.geometry.parts.solids import Tube
-from headstock.reduction.components.segment_chain import SegmentChain, Span, lay_out_chain, section_motion, station_at
+from headstock.reduction.components.segment_chain import (
+    SegmentChain,
+    Span,
+    lay_out_chain,
+    section_motion,
+    station_at,
+)
 from headstock.reduction.superelement import Attachment
 
 DEPENDENCE_TOLERANCE = 1e-10
@@ -28,7 +36,8 @@ class SegmentedBar:
         frames: Of every node: those of the chain first, then one per averaging interface.
         names: A name per node.
         attachments: Interface to node and frame.
-        constraints: ``(m, 6 n)`` rows that tie nodes under one rigid interface, or make a node the mean of a surface.
+        constraints: ``(m, 6 n)`` rows that tie nodes under one rigid interface, or make a node the
+            mean of a surface.
     """
 
     chain: SegmentChain
@@ -44,8 +53,8 @@ def attach_interfaces(
 ) -> SegmentedBar:
     """Lay a bar out in segments and hang a component's interfaces on it.
 
-    What a rigid interface covers moves rigidly, from edge to edge of its patches. An averaging one follows the rigid motion that
-    fits its surface best, as on an elastic component.
+    What a rigid interface covers moves rigidly, from edge to edge of its patches. An averaging one
+    follows the rigid motion that fits its surface best, as on an elastic component.
 
     Args:
         component: With interfaces, material and number of segments.
@@ -57,12 +66,20 @@ def attach_interfaces(
         ValueError: Where a face lies is not known.
     """
     fixed = {name: item for name, item in component.interfaces.items() if item.rail is None}
-    spans = {name: [patch_span(bar, patch) for patch in item.patches] for name, item in fixed.items()}
-    firm = {name for name, item in fixed.items() if item.coupling == "rigid" or _is_one_section(spans[name])}
+    spans = {
+        name: [patch_span(bar, patch) for patch in item.patches] for name, item in fixed.items()
+    }
+    firm = {
+        name
+        for name, item in fixed.items()
+        if item.coupling == "rigid" or _is_one_section(spans[name])
+    }
     rigid_spans = [span for name in spans if name in firm for span in spans[name]]
     chain = lay_out_chain(bar, component.material, component.segments.count, rigid_spans)
     frames = [Frame(place) for place in chain.places]
-    names = [f"segment_{number}" for number in range(1, chain.count + 1)] + [""] * (len(frames) - chain.count)
+    names = [f"segment_{number}" for number in range(1, chain.count + 1)] + [""] * (
+        len(frames) - chain.count
+    )
     attachments: dict[str, Attachment] = {}
     ties = list(chain.tied)
     means: list[Interface] = []
@@ -70,7 +87,9 @@ def attach_interfaces(
         frame = Frame(properties.patch_centroids[name])
         node = len(chain.places) + len(means)
         if name in firm:
-            nodes = list(dict.fromkeys(station_at(chain, 0.5 * sum(span)).node for span in spans[name]))
+            nodes = list(
+                dict.fromkeys(station_at(chain, 0.5 * sum(span)).node for span in spans[name])
+            )
             node = nodes[0]
             ties += [(other, node) for other in nodes[1:]]
             names[node] = names[node] or _section_name(bar, spans[name]) or name
@@ -82,28 +101,43 @@ def attach_interfaces(
     rows = [_tie_rows(chain, tied=tied, node=node) for tied, node in ties] + [
         _mean_rows(chain, solid, item, attachments[item.name].frame) for item in means
     ]
-    return SegmentedBar(chain, solid, tuple(frames), tuple(names), attachments, _join_rows(rows, len(chain.places), len(means)))
+    return SegmentedBar(
+        chain,
+        solid,
+        tuple(frames),
+        tuple(names),
+        attachments,
+        _join_rows(rows, len(chain.places), len(means)),
+    )
 
 
 def surface_motion(chain: SegmentChain, points: FloatArray) -> FloatArray:
-    """Displacement ``(3 k, 6 n)`` of points ``(k, 3)`` of the bar per unit dof of the chain's nodes; sections stay plane."""
+    """Displacement ``(3 k, 6 n)`` of points ``(k, 3)`` of the bar per unit dof of the chain's
+    nodes; sections stay plane.
+    """
     along = points[:, chain.bar.axis]
     motion = np.zeros((len(points), 3, 6 * len(chain.places)))
     for place in np.unique(along):
         here = np.flatnonzero(along == place)
         center = np.array(chain.bar.center)
         center[chain.bar.axis] = place
-        motion[here] = (rigid_map(points[here], center) @ section_motion(chain, float(place))).reshape(len(here), 3, -1)
+        motion[here] = (
+            rigid_map(points[here], center) @ section_motion(chain, float(place))
+        ).reshape(len(here), 3, -1)
     return motion.reshape(3 * len(points), -1)
 
 
-def _sample_surface(chain: SegmentChain, solid: PlanarSolid | Tube, patches: Sequence[Patch]) -> PatchSamples:
+def _sample_surface(
+    chain: SegmentChain, solid: PlanarSolid | Tube, patches: Sequence[Patch]
+) -> PatchSamples:
     """Points on patches for area integrals of the bar's motion."""
     breaks = sorted({place for station in chain.stations for place in (station.low, station.high)})
     return sample_patches(solid, patches, chain.bar.axis, breaks)
 
 
-def traction_load(chain: SegmentChain, solid: PlanarSolid | Tube, patches: Sequence[Patch]) -> FloatArray:
+def traction_load(
+    chain: SegmentChain, solid: PlanarSolid | Tube, patches: Sequence[Patch]
+) -> FloatArray:
     """Nodal loads ``(6 n, 3)`` of a traction of one along x, y and z over patches [m^2, m^3].
 
     Args:
@@ -112,7 +146,8 @@ def traction_load(chain: SegmentChain, solid: PlanarSolid | Tube, patches: Seque
         patches: Where the traction acts.
 
     Returns:
-        ``(6 n, 3)``, a column per direction: forces [N/Pa = m^2] and moments [N m/Pa = m^3] on the nodes.
+        ``(6 n, 3)``, a column per direction: forces [N/Pa = m^2] and moments [N m/Pa = m^3] on the
+        nodes.
     """
     samples = _sample_surface(chain, solid, patches)
     motion = surface_motion(chain, samples.points).reshape(len(samples.points), 3, -1)
@@ -136,25 +171,37 @@ def _tie_rows(chain: SegmentChain, *, tied: int, node: int) -> FloatArray:
     return rows
 
 
-def _mean_rows(chain: SegmentChain, solid: PlanarSolid | Tube, interface: Interface, frame: Frame) -> FloatArray:
-    """Rows ``(6, 6 n)``: less the rigid motion about the frame that fits the surface of an interface best.
+def _mean_rows(
+    chain: SegmentChain, solid: PlanarSolid | Tube, interface: Interface, frame: Frame
+) -> FloatArray:
+    """Rows ``(6, 6 n)``: less the rigid motion about the frame that fits the surface of an
+    interface best.
 
     Source: as for elastic components, Kaufmann, Buxbaum and Lichtblau (2019): weights are areas.
     """
     samples = _sample_surface(chain, solid, interface.patches)
     rigid = rigid_map(samples.points, frame.origin)
     weighted = rigid * np.repeat(samples.areas, 3)[:, None]
-    # least squares over the surface: q = (R^T W R)^-1 R^T W u with u the bar's motion. Rotations are scaled by the radius of gyration so
-    # that the pseudo-inverse judges rank in one unit: a line cannot tell its rotation about itself
-    radius = float(np.sqrt(samples.areas @ ((samples.points - frame.origin) ** 2).sum(axis=1) / samples.areas.sum()))
+    # least squares over the surface: q = (R^T W R)^-1 R^T W u with u the bar's motion. Rotations
+    # are scaled by the radius of gyration so that the pseudo-inverse judges rank in one unit: a
+    # line cannot tell its rotation about itself
+    radius = float(
+        np.sqrt(
+            samples.areas @ ((samples.points - frame.origin) ** 2).sum(axis=1) / samples.areas.sum()
+        )
+    )
     scale = np.repeat([1.0, 1.0 / radius], 3)
     gram = scale[:, None] * (rigid.T @ weighted) * scale / samples.areas.sum()
     inverse = np.linalg.pinv(gram, rcond=DEPENDENCE_TOLERANCE, hermitian=True) / samples.areas.sum()
-    return np.asarray(-(scale[:, None] * inverse * scale) @ weighted.T @ surface_motion(chain, samples.points))
+    return np.asarray(
+        -(scale[:, None] * inverse * scale) @ weighted.T @ surface_motion(chain, samples.points)
+    )
 
 
 def _join_rows(rows: Sequence[FloatArray], chained: int, means: int) -> FloatArray:
-    """All rows over all nodes; the last ones, six per averaging interface, get that interface's own motion."""
+    """All rows over all nodes; the last ones, six per averaging interface, get that interface's own
+    motion.
+    """
     result = np.zeros((6 * len(rows), 6 * (chained + means)))
     if rows:
         result[:, : 6 * chained] = np.vstack(rows)

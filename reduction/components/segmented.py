@@ -1,4 +1,6 @@
-"""A bar as rigid segments in a row, coupled by six-dof beam springs: the elastic body of the Axis Construction Kit."""
+"""A bar as rigid segments in a row, coupled by six-dof beam springs: the elastic body of the Axis
+Construction Kit.
+"""
 
 import dataclasses
 import math
@@ -17,8 +19,17 @@ from headstock.geometry.parts.prismatic_bars import prismatic_bar
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solid_skins import prism_skin
 from headstock.geometry.parts.solids import Tube
-from headstock.reduction.components.segment_chain import chain_stiffness, section_motion, segment_mass
-from headstock.reduction.components.segment_interfaces import SegmentedBar, attach_interfaces, surface_motion, traction_load
+from headstock.reduction.components.segment_chain import (
+    chain_stiffness,
+    section_motion,
+    segment_mass,
+)
+from headstock.reduction.components.segment_interfaces import (
+    SegmentedBar,
+    attach_interfaces,
+    surface_motion,
+    traction_load,
+)
 from headstock.reduction.rails import Rail, lay_out_rail, station_motion
 from headstock.reduction.superelement import Recovery, StaticLoad, Superelement
 from headstock.reduction.superelement_checks import check_superelement
@@ -28,31 +39,44 @@ from headstock.solvers.errors import ModelError
 FEWEST_SLICES = 16
 
 
-def reduce_segmented(component: Component, properties: SolidProperties, loads: Sequence[Load] = ()) -> Superelement:
+def reduce_segmented(
+    component: Component, properties: SolidProperties, loads: Sequence[Load] = ()
+) -> Superelement:
     """A component as a row of rigid segments with six dofs each.
 
-    Neighbours are coupled by the exact stiffness of the beam between their centres, an interface on an end face by that of half
-    a segment. Under a rigid interface the bar is rigid from edge to edge of the patch, wherever the segments' borders lie; an
-    averaging interface takes the best fit of its surface's motion. Loads at interfaces are therefore answered as by the beam
-    itself with any number of segments, and only the mass is lumped.
+    Neighbours are coupled by the exact stiffness of the beam between their centres, an interface on
+    an end face by that of half a segment. Under a rigid interface the bar is rigid from edge to
+    edge of the patch, wherever the segments' borders lie; an averaging interface takes the best fit
+    of its surface's motion. Loads at interfaces are therefore answered as by the beam itself with
+    any number of segments, and only the mass is lumped.
 
     Args:
         component: Its solid must be a bar of one section; ``mass`` scales its density when given.
         properties: Volume, centre and interface centroids of its solid.
-        loads: Body loads and tractions become one unit load per component axis, as in ``reduce_rigid``.
+        loads: Body loads and tractions become one unit load per component axis, as in
+            ``reduce_rigid``.
 
     Raises:
         ModelError: The solid is no bar of one section, or a load cannot act on segments.
         AccuracyError: The superelement fails its own check.
 
-    Source: Kono, Lorenzer, Weikert and Wegener, section 2.2 (segmented bodies coupled with each other).
+    Source: Kono, Lorenzer, Weikert and Wegener, section 2.2 (segmented bodies coupled with each
+    other).
     """
     try:
         bar = prismatic_bar(component.solid, component.segments.along)
-        row = attach_interfaces(component, cast(PlanarSolid | Tube, component.solid), bar, properties)
+        row = attach_interfaces(
+            component, cast(PlanarSolid | Tube, component.solid), bar, properties
+        )
     except ValueError as error:
-        raise ModelError(f'component {component.name!r} cannot be segmented: {error}; or write fidelity = "elastic"') from error
-    density = component.material.density if component.mass is None else component.mass / (bar.area * bar.length)
+        raise ModelError(
+            f'component {component.name!r} cannot be segmented: {error}; or write fidelity = "elastic"'
+        ) from error
+    density = (
+        component.material.density
+        if component.mass is None
+        else component.mass / (bar.area * bar.length)
+    )
     mass = _row_mass(row, density)
     motions = np.vstack([rigid_transfer(bar.center, frame.origin) for frame in row.frames])
     whole = motions.T @ mass @ motions
@@ -64,7 +88,9 @@ def reduce_segmented(component: Component, properties: SolidProperties, loads: S
         attachments=row.attachments,
         stiffness=_over_all_nodes(row, _over_all_nodes(row, chain_stiffness(row.chain)).T),
         mass=mass,
-        recovery=Recovery(basis=_over_all_nodes(row, surface_motion(row.chain, points).T).T, points=points),
+        recovery=Recovery(
+            basis=_over_all_nodes(row, surface_motion(row.chain, points).T).T, points=points
+        ),
         constraints=row.constraints,
         modal_frequencies_hz=np.zeros(0),
         cutoff_hz=np.inf,
@@ -74,7 +100,11 @@ def reduce_segmented(component: Component, properties: SolidProperties, loads: S
         inertia=0.5 * (whole[3:, 3:] + whole[3:, 3:].T),
         loads=_row_loads(row, component, mass, loads),
         rails={
-            name: _fit_rail(row, lay_out_rail(component, interface, properties.patch_centroids[name]), f"{component.name}.{name}")
+            name: _fit_rail(
+                row,
+                lay_out_rail(component, interface, properties.patch_centroids[name]),
+                f"{component.name}.{name}",
+            )
             for name, interface in component.interfaces.items()
             if interface.rail is not None
         },
@@ -84,7 +114,8 @@ def reduce_segmented(component: Component, properties: SolidProperties, loads: S
 
 
 def segment_skin(component: Component) -> Skin:
-    """The surface of a segmented component, cut across so that it can bend; its points are those of the recovery basis.
+    """The surface of a segmented component, cut across so that it can bend; its points are those of
+    the recovery basis.
 
     Raises:
         ValueError: The solid is no bar of one section.
@@ -92,21 +123,31 @@ def segment_skin(component: Component) -> Skin:
     bar = prismatic_bar(component.solid, component.segments.along)
     # a whole number of slices per segment, so that each segment shows the same
     slices = component.segments.count * math.ceil(FEWEST_SLICES / component.segments.count)
-    return prism_skin(component.solid, bar.axis, np.asarray(np.linspace(bar.low, bar.high, slices + 1), dtype=float))
+    return prism_skin(
+        component.solid,
+        bar.axis,
+        np.asarray(np.linspace(bar.low, bar.high, slices + 1), dtype=float),
+    )
 
 
 def _fit_rail(row: SegmentedBar, rail: Rail, name: str) -> Rail:
-    """A rail along the bar: a cubic spline through the motion of the beam at the segments' centres and borders."""
+    """A rail along the bar: a cubic spline through the motion of the beam at the segments' centres
+    and borders.
+    """
     bar = row.chain.bar
     if rail.axis != bar.axis:
         along = "xyz"[rail.axis]
-        raise ModelError(f'rail {name} runs along {along}, across its segments; write segments = {{ along = "{along}" }}')
+        raise ModelError(
+            f'rail {name} runs along {along}, across its segments; write segments = {{ along = "{along}" }}'
+        )
     sites = np.linspace(bar.low, bar.high, max(2 * row.chain.count + 1, DEGREE + 1))
     motions = []
     for site in sites:
         center, point = np.array(bar.center), np.array(rail.center)
         center[bar.axis] = point[bar.axis] = site
-        motions.append(station_motion(point, bar.axis, center) @ section_motion(row.chain, float(site)))
+        motions.append(
+            station_motion(point, bar.axis, center) @ section_motion(row.chain, float(site))
+        )
     values = _over_all_nodes(row, np.vstack(motions).T).T
     spline = make_interp_spline(sites, values.reshape(len(sites), -1), k=DEGREE)
     return dataclasses.replace(rail, knots=spline.t, control=spline.c.reshape(len(values), -1))
@@ -115,7 +156,10 @@ def _fit_rail(row: SegmentedBar, rail: Rail, name: str) -> Rail:
 def _row_mass(row: SegmentedBar, density: float) -> FloatArray:
     chain = row.chain
     carried = np.diag([1.0] * chain.count + [0.0] * (len(row.frames) - chain.count))
-    return np.asarray(np.kron(carried, segment_mass(chain.bar, density, chain.bar.length / chain.count)), dtype=np.float64)
+    return np.asarray(
+        np.kron(carried, segment_mass(chain.bar, density, chain.bar.length / chain.count)),
+        dtype=np.float64,
+    )
 
 
 def _over_all_nodes(row: SegmentedBar, values: FloatArray) -> FloatArray:
@@ -123,8 +167,12 @@ def _over_all_nodes(row: SegmentedBar, values: FloatArray) -> FloatArray:
     return np.vstack([values, np.zeros((6 * len(row.frames) - len(values), values.shape[1]))])
 
 
-def _row_loads(row: SegmentedBar, component: Component, mass: FloatArray, loads: Sequence[Load]) -> dict[str, StaticLoad]:
-    """Unit loads along each component axis: body loads by mass, tractions by the motion of the surface under them."""
+def _row_loads(
+    row: SegmentedBar, component: Component, mass: FloatArray, loads: Sequence[Load]
+) -> dict[str, StaticLoad]:
+    """Unit loads along each component axis: body loads by mass, tractions by the motion of the
+    surface under them.
+    """
     found: dict[str, StaticLoad] = {}
     for load in loads:
         if load.component != component.name or load.kind == "force":

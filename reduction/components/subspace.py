@@ -36,7 +36,9 @@ class ReductionSpace:
     modes: FixedInterfaceModes
 
 
-def project_component(component: Component, solver: ConstrainedSolver, space: ReductionSpace) -> Superelement:
+def project_component(
+    component: Component, solver: ConstrainedSolver, space: ReductionSpace
+) -> Superelement:
     """Superelement with the dofs ``[boundary | modal]``, without recovery, loads and error moments.
 
     Its stiffness is ``[psi^T K psi, 0; 0, omega^2]``; its mass is zero where none was assembled.
@@ -44,24 +46,36 @@ def project_component(component: Component, solver: ConstrainedSolver, space: Re
     Args:
         component: Its name and reduction settings.
         solver: Factorised operators of its mesh.
-        space: Boundary basis, means, constraint modes and fixed-interface modes that span the subspace.
+        space: Boundary basis, means, constraint modes and fixed-interface modes that span the
+            subspace.
 
     Source: Craig and Bampton (1968).
     """
     basis, means, modes = space.basis, space.means, space.modes
     stiffness, mass = _project_matrices(solver, space)
     size, operators = len(stiffness), solver.operators
-    total, center, inertia = (0.0, np.zeros(3), np.zeros((3, 3))) if operators.scalar_mass is None else _mass_properties(operators)
+    total, center, inertia = (
+        (0.0, np.zeros(3), np.zeros((3, 3)))
+        if operators.scalar_mass is None
+        else _mass_properties(operators)
+    )
     boundary = space.psi.shape[1]
-    labels = boundary_labels(basis) or [(BODY_NODE, dof) for dof in ("x", "y", "z", "rx", "ry", "rz")[:boundary]]
+    labels = boundary_labels(basis) or [
+        (BODY_NODE, dof) for dof in ("x", "y", "z", "rx", "ry", "rz")[:boundary]
+    ]
     labels += [("mode", str(number + 1)) for number in range(size - boundary)]
-    rows = (means.fixed if means.loose_frame is not None else basis.constraints, dependent_rows(basis, means, solver))
+    rows = (
+        means.fixed if means.loose_frame is not None else basis.constraints,
+        dependent_rows(basis, means, solver),
+    )
     constraints = np.vstack([_embed(block, size) for block in rows])
     return Superelement(
         name=component.name,
         labels=tuple(labels),
         frames=means.node_frames,
-        attachments=basis.attachments if means.loose_frame is None else {BODY_NODE: Attachment(0, means.loose_frame)},
+        attachments=basis.attachments
+        if means.loose_frame is None
+        else {BODY_NODE: Attachment(0, means.loose_frame)},
         stiffness=stiffness,
         mass=mass,
         constraints=constraints,
@@ -78,7 +92,9 @@ def project_component(component: Component, solver: ConstrainedSolver, space: Re
     )
 
 
-def _project_matrices(solver: ConstrainedSolver, space: ReductionSpace) -> tuple[FloatArray, FloatArray]:
+def _project_matrices(
+    solver: ConstrainedSolver, space: ReductionSpace
+) -> tuple[FloatArray, FloatArray]:
     psi, modes, operators = space.psi, space.modes, solver.operators
     boundary, count = psi.shape[1], modes.shapes.shape[1]
     size = boundary + count
@@ -102,7 +118,9 @@ def _free_rails(basis: BoundaryBasis, size: int) -> dict[str, Rail]:
         count = STATION_DOFS * len(fit.points)
         low, high = float(fit.knots[0]), float(fit.knots[-1])
         blur = float(np.diff(fit.knots).max())
-        rails[fit.name] = Rail(fit.axis, fit.center, low, high, fit.knots, np.eye(count, size, first), blur)
+        rails[fit.name] = Rail(
+            fit.axis, fit.center, low, high, fit.knots, np.eye(count, size, first), blur
+        )
         first += count
     return rails
 
@@ -122,7 +140,9 @@ def _mass_properties(operators: ElasticOperators) -> _MassProperties:
     gram = sum_over_ranks(operators.comm, rigid.T @ operators.apply_mass(rigid))
     mass = float(np.trace(gram[:3, :3]) / 3.0)
     static = gram[:3, 3:]
-    arm = np.array([static[1, 2] - static[2, 1], static[2, 0] - static[0, 2], static[0, 1] - static[1, 0]]) / (2.0 * mass)
+    arm = np.array(
+        [static[1, 2] - static[2, 1], static[2, 0] - static[0, 2], static[0, 1] - static[1, 0]]
+    ) / (2.0 * mass)
     inertia = gram[3:, 3:] - mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return _MassProperties(mass, middle + arm, _symmetric(inertia))
 

@@ -7,7 +7,14 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Machine, Pose, place_components
-from headstock.reduction.coupling.dof_layout import DofLayout, label_dofs, lay_out_dofs, scale_dofs, split_constraints, turn_dofs
+from headstock.reduction.coupling.dof_layout import (
+    DofLayout,
+    label_dofs,
+    lay_out_dofs,
+    scale_dofs,
+    split_constraints,
+    turn_dofs,
+)
 from headstock.reduction.coupling.elimination import Elimination, eliminate_constraints
 from headstock.reduction.coupling.joint_springs import (
     PlacedJoint,
@@ -38,8 +45,8 @@ class CoupledMachine:
     """A machine in one pose as a second-order system.
 
     Attributes:
-        system: What the analyses take; inputs and outputs for every interface (``"column.top"``, motion in machine axes) and
-            every point (``"tcp"``, tool relative to work at the tool).
+        system: What the analyses take; inputs and outputs for every interface (``"column.top"``,
+            motion in machine axes) and every point (``"tcp"``, tool relative to work at the tool).
         basis: ``(n_all, n)`` stacked dofs per free coordinate.
         layout: Where each component's dofs sit in the stacked vector.
         matrices: Matrices of each component in machine axes, for energies.
@@ -81,19 +88,22 @@ def couple(
 ) -> CoupledMachine:
     """Place the superelements in a pose and tie them together at the joints.
 
-    Held joint dofs and superelement constraints are eliminated by an orthonormal null space; joint stiffness acts between
-    the two ends carried to the joint point by rigid levers. Where springs differ by more than 1e4 the stiff relative motions
-    become coordinates of their own, so that no digit of a soft mount is lost beside a stiff bolt; no stiffness is changed.
+    Held joint dofs and superelement constraints are eliminated by an orthonormal null space; joint
+    stiffness acts between the two ends carried to the joint point by rigid levers. Where springs
+    differ by more than 1e4 the stiff relative motions become coordinates of their own, so that no
+    digit of a soft mount is lost beside a stiff bolt; no stiffness is changed.
 
     Args:
         superelements: By component name.
         machine: Its joints, points, axes, loads and placements.
         pose: Axis positions.
-        gravity: ``(3,)`` acceleration in machine axes [m/s^2] to make a load ``gravity`` of, or None.
+        gravity: ``(3,)`` acceleration in machine axes [m/s^2] to make a load ``gravity`` of, or
+            None.
         memo: What the poses of a sweep share; the result is the same without.
 
     Raises:
-        ModelError: A joint, point or load names what does not exist, or a joint matrix is not finite.
+        ModelError: A joint, point or load names what does not exist, or a joint matrix is not
+            finite.
         AccuracyError: A component resists rigid motions without being marked as supported.
         ValueError: The pose names an unknown axis or leaves its limits.
     """
@@ -104,10 +114,14 @@ def couple(
     springs = place_joints(machine, layout)
     constraints, sources = _constraint_rows(layout, springs)
     grading = grade_springs(springs, layout, matrices.stiffnesses)
-    elimination = eliminate_constraints(constraints, grading.group_rows(springs), scale_dofs(layout))
+    elimination = eliminate_constraints(
+        constraints, grading.group_rows(springs), scale_dofs(layout)
+    )
     reduced = tuple(express_in_free_coordinates(spring, elimination) for spring in springs)
     basis = elimination.basis
-    floating = floating_groups(machine, {name: part.supported for name, part in superelements.items()})
+    floating = floating_groups(
+        machine, {name: part.supported for name, part in superelements.items()}
+    )
     ports = machine_ports(layout, machine, basis, memo.ports)
     return CoupledMachine(
         system=SecondOrderSystem(
@@ -116,8 +130,19 @@ def couple(
             stiffness=sum_stiffness(layout, matrices, elimination, reduced, grading, memo=memo),
             inputs=ports,
             outputs=ports,
-            labels=memo.recall("labels", (basis, *superelements.values()), lambda: _label_coordinates(layout, basis)),
-            hysteretic=sum_hysteretic(layout, matrices, elimination, reduced, grading, _loss_factors(machine, superelements)),
+            labels=memo.recall(
+                "labels",
+                (basis, *superelements.values()),
+                lambda: _label_coordinates(layout, basis),
+            ),
+            hysteretic=sum_hysteretic(
+                layout,
+                matrices,
+                elimination,
+                reduced,
+                grading,
+                _loss_factors(machine, superelements),
+            ),
         ),
         basis=basis,
         layout=layout,
@@ -126,7 +151,9 @@ def couple(
         loads=machine_loads(layout, machine, matrices, basis, gravity),
         floating=floating,
         redundant_constraints=len(elimination.redundant),
-        warnings=grading.warnings + _redundancy_warnings(elimination, sources) + _floating_warnings(floating, machine),
+        warnings=grading.warnings
+        + _redundancy_warnings(elimination, sources)
+        + _floating_warnings(floating, machine),
     )
 
 
@@ -136,20 +163,29 @@ def _loss_factors(machine: Machine, superelements: Mapping[str, Superelement]) -
     return parts | {name: joint.loss_factor for name, joint in machine.joints.items()}
 
 
-def _constraint_rows(layout: DofLayout, springs: tuple[PlacedJoint, ...]) -> tuple[FloatArray, tuple[str, ...]]:
-    """Rows ``(m, n_all)`` that must vanish, and where each comes from. Shared interfaces first: joints count as redundant.
+def _constraint_rows(
+    layout: DofLayout, springs: tuple[PlacedJoint, ...]
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """Rows ``(m, n_all)`` that must vanish, and where each comes from. Shared interfaces first:
+    joints count as redundant.
 
-    A dof of an interface that its component does not feel (the rotation of a line about itself) is held only if no joint
-    touches it: otherwise it follows what it is joined to.
+    A dof of an interface that its component does not feel (the rotation of a line about itself) is
+    held only if no joint touches it: otherwise it follows what it is joined to.
     """
     rows: list[FloatArray] = [np.zeros((0, layout.size))]
     sources: list[str] = []
-    acting = [row for spring in springs for row in (*spring.rows[list(spring.held)], *(spring.stiffness @ spring.rows))]
+    acting = [
+        row
+        for spring in springs
+        for row in (*spring.rows[list(spring.held)], *(spring.stiffness @ spring.rows))
+    ]
     joined = np.array(acting).reshape(len(acting), layout.size)
     for name, superelement in layout.superelements.items():
         felt, loose = split_constraints(superelement)
         turn = turn_dofs(superelement, layout.placements[name])
-        touched = np.any(np.abs(joined[:, layout.offsets[name]] @ (loose @ turn).T) > LOOSE_TOLERANCE, axis=0)
+        touched = np.any(
+            np.abs(joined[:, layout.offsets[name]] @ (loose @ turn).T) > LOOSE_TOLERANCE, axis=0
+        )
         own = np.vstack([felt, loose[~touched]]) @ turn
         block = np.zeros((len(own), layout.size))
         block[:, layout.offsets[name]] = own
@@ -171,7 +207,9 @@ def _label_coordinates(layout: DofLayout, basis: FloatArray) -> tuple[str, ...]:
     totals = weights.sum(axis=0)
     return tuple(
         names[int(row)] + ("" if weights[row, column] >= LOCAL_SHARE * totals[column] else " ~")
-        for column, row in enumerate(np.argmax(np.round(weights / np.maximum(totals, np.finfo(float).tiny), 9), axis=0))
+        for column, row in enumerate(
+            np.argmax(np.round(weights / np.maximum(totals, np.finfo(float).tiny), 9), axis=0)
+        )
     )
 
 

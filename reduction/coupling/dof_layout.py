@@ -1,4 +1,6 @@
-"""Where every component's dofs sit in the stacked vector of a machine, and how points on the components move with them."""
+"""Where every component's dofs sit in the stacked vector of a machine, and how points on the
+components move with them.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,7 +29,8 @@ class DofLayout:
         placements: Frame of each component in the machine frame.
         offsets: Slice of each component in the stacked vector.
         size: Number of stacked dofs.
-        length: Characteristic length of the machine [m]: makes rotations comparable to translations.
+        length: Characteristic length of the machine [m]: makes rotations comparable to
+            translations.
     """
 
     superelements: Mapping[str, Superelement]
@@ -37,7 +40,9 @@ class DofLayout:
     length: float
 
 
-def lay_out_dofs(superelements: Mapping[str, Superelement], placements: Mapping[str, Frame]) -> DofLayout:
+def lay_out_dofs(
+    superelements: Mapping[str, Superelement], placements: Mapping[str, Frame]
+) -> DofLayout:
     """Stack the dofs of all superelements in the order given."""
     offsets: dict[str, slice] = {}
     size = 0
@@ -48,7 +53,9 @@ def lay_out_dofs(superelements: Mapping[str, Superelement], placements: Mapping[
         places = [frame.origin for frame in superelement.frames]
         places += [attachment.frame.origin for attachment in superelement.attachments.values()]
         places += [station.point for station in superelement.stations]
-        positions += [placements[name].origin + placements[name].rotation @ place for place in places]
+        positions += [
+            placements[name].origin + placements[name].rotation @ place for place in places
+        ]
     spread = np.array(positions) - np.mean(positions, axis=0) if positions else np.zeros((1, 3))
     # the largest distance from the middle does not change when the machine is turned or shifted
     length = float(np.linalg.norm(spread, axis=1).max())
@@ -61,14 +68,18 @@ def scale_dofs(layout: DofLayout) -> FloatArray:
     for name, superelement in layout.superelements.items():
         part = scale[layout.offsets[name]]
         part[: superelement.boundary_size][rotation_dofs(superelement)] = 1.0 / layout.length
-        part[superelement.boundary_size :] = np.sqrt(superelement.mass_kg) if superelement.mass_kg > 0.0 else 1.0
+        part[superelement.boundary_size :] = (
+            np.sqrt(superelement.mass_kg) if superelement.mass_kg > 0.0 else 1.0
+        )
     return scale
 
 
 def label_dofs(layout: DofLayout) -> tuple[str, ...]:
     """A name such as ``column.top rx`` per stacked dof."""
     return tuple(
-        f"{name}.{place} {dof}" for name, superelement in layout.superelements.items() for place, dof in superelement.labels
+        f"{name}.{place} {dof}"
+        for name, superelement in layout.superelements.items()
+        for place, dof in superelement.labels
     )
 
 
@@ -84,11 +95,13 @@ def turn_dofs(superelement: Superelement, placement: Frame) -> FloatArray:
 def clean_stiffness(superelement: Superelement) -> FloatArray:
     """Stiffness ``(n, n)`` of a component with rigid motions free of roundoff.
 
-    Static condensation leaves ``K R`` at roundoff of the *local* stiffness, which may be more than a soft mount. Rebuilding K
-    from its block without one boundary node makes ``K R = 0`` to roundoff of K itself; nothing else changes.
+    Static condensation leaves ``K R`` at roundoff of the *local* stiffness, which may be more than
+    a soft mount. Rebuilding K from its block without one boundary node makes ``K R = 0`` to
+    roundoff of K itself; nothing else changes.
 
     Raises:
-        AccuracyError: The change is more than roundoff: the component is not free although it is not marked as supported.
+        AccuracyError: The change is more than roundoff: the component is not free although it is
+            not marked as supported.
     """
     stiffness = 0.5 * (superelement.stiffness + superelement.stiffness.T)
     if superelement.supported or not stiffness.any() or not superelement.frames:
@@ -107,28 +120,35 @@ def clean_stiffness(superelement: Superelement) -> FloatArray:
 
 
 def free_deformations(superelement: Superelement) -> FloatArray:
-    """Rows ``(n - 6, n)``: all dofs but those of the first node, less the rigid motion that the first node makes."""
+    """Rows ``(n - 6, n)``: all dofs but those of the first node, less the rigid motion that the
+    first node makes.
+    """
     motions = rigid_motions(superelement, superelement.frames[0].origin)[DOFS_OF_A_BODY:]
     return np.hstack([-motions, np.eye(len(motions))])
 
 
 def split_constraints(superelement: Superelement) -> tuple[FloatArray, FloatArray]:
-    """Constraint rows of a superelement, and apart from them those that hold a rotation of one node that nothing feels.
+    """Constraint rows of a superelement, and apart from them those that hold a rotation of one node
+    that nothing feels.
 
-    Such a rotation, that of a line-like interface about its own line, is no motion of the component at all. A row that ties
-    one node to another is never taken for one.
+    Such a rotation, that of a line-like interface about its own line, is no motion of the component
+    at all. A row that ties one node to another is never taken for one.
     """
     rows = superelement.constraints
     loose = _loose_rotations(superelement) if len(rows) else np.zeros((0, len(superelement.labels)))
     if len(loose) == 0:
         return rows, loose
     rest = rows - (rows @ loose.T) @ loose
-    sizes = np.linalg.norm(rest, axis=1) / np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)
+    sizes = np.linalg.norm(rest, axis=1) / np.maximum(
+        np.linalg.norm(rows, axis=1), np.finfo(float).tiny
+    )
     return rest[sizes > FELT_TOLERANCE], loose
 
 
 def _loose_rotations(superelement: Superelement) -> FloatArray:
-    """Orthonormal rotations ``(k, n)``, each of one node, that the constraint rows hold and neither K nor M feels."""
+    """Orthonormal rotations ``(k, n)``, each of one node, that the constraint rows hold and neither
+    K nor M feels.
+    """
     rows = superelement.constraints
     span = np.linalg.svd(rows / np.linalg.norm(rows, axis=0).max(), full_matrices=False)
     projection = span.Vh[FELT_TOLERANCE * span.S[0] < span.S]
@@ -150,9 +170,15 @@ def _rotation_products(superelement: Superelement, rows: FloatArray) -> FloatArr
 
 
 def _has_loose_rotations(superelement: Superelement, stiffness: FloatArray) -> bool:
-    """Whether a boundary dof of node 0 is felt by nothing, so that the node cannot stand for the body's rigid motion."""
+    """Whether a boundary dof of node 0 is felt by nothing, so that the node cannot stand for the
+    body's rigid motion.
+    """
     first = np.abs(stiffness[:6]).max(axis=1)
-    return bool(len(superelement.constraints)) or bool(superelement.free_dofs) or bool((first == 0.0).any() and first.any())
+    return (
+        bool(len(superelement.constraints))
+        or bool(superelement.free_dofs)
+        or bool((first == 0.0).any() and first.any())
+    )
 
 
 def locate_interface(layout: DofLayout, end: JointEnd) -> FloatArray:
@@ -172,14 +198,18 @@ def is_rail(layout: DofLayout, end: JointEnd) -> bool:
     return interface in layout.superelements[component].rails
 
 
-def motion_rows(layout: DofLayout, end: JointEnd, point: FloatArray, length: float | None = None) -> FloatArray:
-    """Rows ``(6, n_all)`` that give the motion in machine axes of the body behind an interface at a point; zero for ground.
+def motion_rows(
+    layout: DofLayout, end: JointEnd, point: FloatArray, length: float | None = None
+) -> FloatArray:
+    """Rows ``(6, n_all)`` that give the motion in machine axes of the body behind an interface at a
+    point; zero for ground.
 
     Args:
         layout: The stacked dofs.
         end: An interface, a rail or ground.
         point: ``(3,)`` in the machine frame [m].
-        length: On a rail, of the carriage beside the point [m]; None for the mean motion of the whole rail.
+        length: On a rail, of the carriage beside the point [m]; None for the mean motion of the
+            whole rail.
 
     Raises:
         ModelError: The end names nothing, or a carriage does not lie on its rail.
@@ -190,7 +220,9 @@ def motion_rows(layout: DofLayout, end: JointEnd, point: FloatArray, length: flo
     component, interface = _named_end(layout, end)
     superelement, placement = layout.superelements[component], layout.placements[component]
     if interface in superelement.rails:
-        rows[:, layout.offsets[component]] = _rail_rows(superelement, interface, placement, point, length)
+        rows[:, layout.offsets[component]] = _rail_rows(
+            superelement, interface, placement, point, length
+        )
         return rows
     node = superelement.attachments[interface].node
     origin = placement.origin + placement.rotation @ superelement.frames[node].origin
@@ -199,24 +231,38 @@ def motion_rows(layout: DofLayout, end: JointEnd, point: FloatArray, length: flo
     return rows
 
 
-def _rail_rows(superelement: Superelement, interface: str, placement: Frame, point: FloatArray, length: float | None) -> FloatArray:
+def _rail_rows(
+    superelement: Superelement,
+    interface: str,
+    placement: Frame,
+    point: FloatArray,
+    length: float | None,
+) -> FloatArray:
     rail = superelement.rails[interface]
     beside = np.array(rail.center)
     if length is not None:
         beside[rail.axis] = (placement.rotation.T @ (point - placement.origin))[rail.axis]
     try:
-        own = carriage_rows(rail, float(beside[rail.axis]), rail.high - rail.low if length is None else length)
+        own = carriage_rows(
+            rail, float(beside[rail.axis]), rail.high - rail.low if length is None else length
+        )
     except ModelError as error:
         raise ModelError(f"rail {superelement.name}.{interface}: {error}") from error
-    carried = rigid_transfer(placement.origin + placement.rotation @ beside, point) @ rotate_dofs(placement.rotation)
+    carried = rigid_transfer(placement.origin + placement.rotation @ beside, point) @ rotate_dofs(
+        placement.rotation
+    )
     return np.asarray(carried @ own @ turn_dofs(superelement, placement))
 
 
 def _named_end(layout: DofLayout, end: JointEnd) -> tuple[str, str]:
     if end.component is None or end.component not in layout.superelements:
-        raise ModelError(f"there is no component {end.component!r}; components: {sorted(layout.superelements)}")
+        raise ModelError(
+            f"there is no component {end.component!r}; components: {sorted(layout.superelements)}"
+        )
     superelement = layout.superelements[end.component]
     known = [*superelement.attachments, *superelement.rails]
     if end.interface is None or end.interface not in known:
-        raise ModelError(f"component {end.component!r} has no interface {end.interface!r}; interfaces: {sorted(known)}")
+        raise ModelError(
+            f"component {end.component!r} has no interface {end.interface!r}; interfaces: {sorted(known)}"
+        )
     return end.component, end.interface

@@ -1,4 +1,6 @@
-"""The drives of a coupled machine in its pose: their rows in the machine's coordinates, and the machine with free motors."""
+"""The drives of a coupled machine in its pose: their rows in the machine's coordinates, and the
+machine with free motors.
+"""
 
 import dataclasses
 import math
@@ -17,7 +19,9 @@ from headstock.solvers.control.drive_trains import DriveTrain, count_coordinates
 from headstock.solvers.errors import ModelError
 
 
-def place_drives(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]) -> tuple[DriveTrain, ...]:
+def place_drives(
+    coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]
+) -> tuple[DriveTrain, ...]:
     """Every drive in the pose in which a machine is coupled.
 
     Args:
@@ -26,14 +30,17 @@ def place_drives(coupled: CoupledMachine, machine: Machine, drives: Iterable[Dri
         drives: Each names its joint and its controller.
 
     Raises:
-        ModelError: A drive's joint holds or frees its axial motion, so that no screw is there to drive.
+        ModelError: A drive's joint holds or frees its axial motion, so that no screw is there to
+            drive.
     """
     springs = {spring.name: spring for spring in coupled.joint_springs}
     return tuple(_place_drive(coupled, machine, drive, springs[drive.joint]) for drive in drives)
 
 
 def release_motors(coupled: CoupledMachine, trains: tuple[DriveTrain, ...]) -> CoupledMachine:
-    """The same machine with its motors let go; a drive's joint then stretches by the nut's motion less the motor's."""
+    """The same machine with its motors let go; a drive's joint then stretches by the nut's motion
+    less the motor's.
+    """
     size = len(coupled.system.mass)
     counts = [count_coordinates(train) for train in trains]
     added = sum(counts)
@@ -49,11 +56,15 @@ def release_motors(coupled: CoupledMachine, trains: tuple[DriveTrain, ...]) -> C
         system=free_motors(coupled.system, trains),
         basis=np.hstack([coupled.basis, np.zeros((len(coupled.basis), added))]),
         joint_springs=tuple(springs.values()),
-        loads={name: np.concatenate([load, np.zeros(added)]) for name, load in coupled.loads.items()},
+        loads={
+            name: np.concatenate([load, np.zeros(added)]) for name, load in coupled.loads.items()
+        },
     )
 
 
-def _place_drive(coupled: CoupledMachine, machine: Machine, drive: Drive, spring: PlacedJoint) -> DriveTrain:
+def _place_drive(
+    coupled: CoupledMachine, machine: Machine, drive: Drive, spring: PlacedJoint
+) -> DriveTrain:
     joint, axis = machine.joints[drive.joint], machine.axes[drive.axis]
     stiffness = float(spring.stiffness[0, 0])
     if 0 in spring.held or not stiffness > 0.0:
@@ -73,13 +84,16 @@ def _place_drive(coupled: CoupledMachine, machine: Machine, drive: Drive, spring
         joint=drive.joint,
         control=dataclasses.replace(
             drive.control,
-            acceleration_feed_forward=drive.acceleration_share * _axis_inertia(coupled, drive, axis.moves, pitch),
+            acceleration_feed_forward=drive.acceleration_share
+            * _axis_inertia(coupled, drive, axis.moves, pitch),
         ),
         stretch=sign * _thread_row(spring),
         stiffness=stiffness,
         thread=1.0 / (1.0 / stiffness - (pitch**2 / own if math.isfinite(own) else 0.0)),
         slide=slide,
-        scale=slide if drive.scale is None else _scale_row(coupled, machine, drive.scale, drive.axis),
+        scale=slide
+        if drive.scale is None
+        else _scale_row(coupled, machine, drive.scale, drive.axis),
         stator=sign * pitch * (spring.frame.rotation[:, 0] @ housing @ coupled.basis),
         motor_mass=drive.motor_inertia / pitch**2,
         damping=float(spring.damping[0, 0]),
@@ -97,21 +111,32 @@ def _thread_row(spring: PlacedJoint) -> FloatArray:
 
 
 def _travel_sign(joint: Joint, moves: tuple[str, ...], along: float) -> float:
-    """Sign that turns the relative motion of the joint's ends, second less first, into travel of the axis."""
+    """Sign that turns the relative motion of the joint's ends, second less first, into travel of
+    the axis.
+    """
     second_moves = joint.ends[1].component in moves
     return float(np.sign(along)) * (1.0 if second_moves else -1.0)
 
 
-def _axis_inertia(coupled: CoupledMachine, drive: Drive, moves: tuple[str, ...], pitch: float) -> float:
-    """What the motor accelerates [kg]: everything the axis carries, its own inertia and the screw's."""
+def _axis_inertia(
+    coupled: CoupledMachine, drive: Drive, moves: tuple[str, ...], pitch: float
+) -> float:
+    """What the motor accelerates [kg]: everything the axis carries, its own inertia and the
+    screw's.
+    """
     carried = sum(coupled.layout.superelements[name].mass_kg for name in moves)
     return carried + (drive.motor_inertia + drive.screw_inertia) / pitch**2
 
 
 def _scale_row(coupled: CoupledMachine, machine: Machine, point: str, axis: str) -> FloatArray:
-    """Motion along an axis at a point; where the axis carries the work, its travel is that of work against tool."""
+    """Motion along an axis at a point; where the axis carries the work, its travel is that of work
+    against tool.
+    """
     direction = machine.axes[axis].direction
-    row = sum((float(direction[i]) * coupled.system.outputs[point, name] for i, name in enumerate("xyz")), np.zeros(1))
+    row = sum(
+        (float(direction[i]) * coupled.system.outputs[point, name] for i, name in enumerate("xyz")),
+        np.zeros(1),
+    )
     carries_tool = machine.points[point].tool.component in machine.axes[axis].moves
     return np.asarray(row if carries_tool else -row)
 

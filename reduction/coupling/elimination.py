@@ -1,4 +1,6 @@
-"""Elimination of constrained motions by an orthonormal null space, in coordinates that separate stiff springs from compliant ones."""
+"""Elimination of constrained motions by an orthonormal null space, in coordinates that separate
+stiff springs from compliant ones.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +16,8 @@ from headstock.geometry.frames import FloatArray
 
 IntArray = NDArray[np.int64]
 
-RANK_TOLERANCE = 1e-9  # rows closer than this to a combination of others (all dofs scaled to lengths) say the same
+# rows closer than this to a combination of others (all dofs scaled to lengths) say the same
+RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +26,8 @@ class Elimination:
 
     Attributes:
         basis: ``(n_all, n)`` stacked dofs per coordinate.
-        levels: ``(n,)`` 0 for a coordinate that stretches no listed spring group, g for one that stretches group g (1 is the
-            stiffest) and, apart from that, only softer ones.
+        levels: ``(n,)`` 0 for a coordinate that stretches no listed spring group, g for one that
+            stretches group g (1 is the stiffest) and, apart from that, only softer ones.
         redundant: Indices of the constraint rows that others already imply.
     """
 
@@ -33,27 +36,35 @@ class Elimination:
     redundant: tuple[int, ...]
 
 
-def eliminate_constraints(constraints: FloatArray, groups: Sequence[FloatArray], scale: FloatArray) -> Elimination:
-    """Coordinates ``q = T z`` with ``C T = 0``, graded so that springs of very different stiffness do not mix.
+def eliminate_constraints(
+    constraints: FloatArray, groups: Sequence[FloatArray], scale: FloatArray
+) -> Elimination:
+    """Coordinates ``q = T z`` with ``C T = 0``, graded so that springs of very different stiffness
+    do not mix.
 
-    The stiff relative motions become coordinates of their own. A stiffness matrix put together from a stiff and a soft
-    spring loses the soft one to roundoff; in these coordinates each keeps its own digits, and no stiffness is changed.
-    Dofs that no row ties together are treated apart, so that coordinates stay local and many bodies cost what their joints cost.
+    The stiff relative motions become coordinates of their own. A stiffness matrix put together from
+    a stiff and a soft spring loses the soft one to roundoff; in these coordinates each keeps its
+    own digits, and no stiffness is changed. Dofs that no row ties together are treated apart, so
+    that coordinates stay local and many bodies cost what their joints cost.
 
     Args:
         constraints: ``(m, n_all)`` rows that must vanish.
-        groups: Rows ``(m_g, n_all)`` of springs, the stiffest group first; springs not listed are the softest.
-        scale: ``(n_all,)`` factor per dof after which every dof is a length; rank decisions are made there.
+        groups: Rows ``(m_g, n_all)`` of springs, the stiffest group first; springs not listed are
+            the softest.
+        scale: ``(n_all,)`` factor per dof after which every dof is a length; rank decisions are
+            made there.
 
-    Source: Golub and Van Loan (2013), section 5.4.2 (QR with column pivoting); Barlow and Demmel (1990) on graded matrices.
+    Source: Golub and Van Loan (2013), section 5.4.2 (QR with column pivoting); Barlow and Demmel
+    (1990) on graded matrices.
     """
     rows = [_normalised(block * scale) for block in (constraints, *groups)]
     sets = _find_sets(rows)
     touched = np.concatenate([np.zeros(0, dtype=np.int64), *(one.dofs for one in sets)])
     untouched = np.setdiff1d(np.arange(len(scale)), touched)
     splits = [_split_set(rows, one) for one in sets]
-    # coordinates that stretch nothing first, then from the softest group to the stiffest: a graded matrix, whose small entries no stiff
-    # spring's digits are added to. Every set of dofs fills its own rows only, so the columns of a level stand side by side
+    # coordinates that stretch nothing first, then from the softest group to the stiffest: a graded
+    # matrix, whose small entries no stiff spring's digits are added to. Every set of dofs fills its
+    # own rows only, so the columns of a level stand side by side
     order = [0, *range(len(rows) - 1, 0, -1)]
     widths = [sum(split.blocks[level].shape[1] for split in splits) for level in order]
     basis = np.zeros((len(scale), len(untouched) + sum(widths)))
@@ -97,7 +108,9 @@ class _Split:
 
 
 def _find_sets(rows: Sequence[FloatArray]) -> list[_Set]:
-    """The sets of dofs that rows tie together: a machine of many bodies falls into one for each face at which bodies meet."""
+    """The sets of dofs that rows tie together: a machine of many bodies falls into one for each
+    face at which bodies meet.
+    """
     pattern = csr_matrix(np.vstack([block != 0.0 for block in rows]))
     count, size = pattern.shape
     graph = bmat([[csr_matrix((count, count)), pattern], [pattern.T, csr_matrix((size, size))]])
@@ -106,7 +119,10 @@ def _find_sets(rows: Sequence[FloatArray]) -> list[_Set]:
     row_names, dof_names = np.split(names[:count], ends), names[count:]
     touched = np.flatnonzero(np.diff(pattern.tocsc().indptr))
     return [
-        _Set(touched[dof_names[touched] == name], tuple(np.flatnonzero(own == name) for own in row_names))
+        _Set(
+            touched[dof_names[touched] == name],
+            tuple(np.flatnonzero(own == name) for own in row_names),
+        )
         for name in dict.fromkeys(dof_names[touched].tolist())
     ]
 
@@ -130,7 +146,9 @@ def _normalised(rows: FloatArray) -> FloatArray:
 
 
 class _SplitSpan(NamedTuple):
-    """Parts ``(k, n)`` of a span that rows see and do not see, and numbers of the rows that add nothing."""
+    """Parts ``(k, n)`` of a span that rows see and do not see, and numbers of the rows that add
+    nothing.
+    """
 
     stretched: FloatArray
     null: FloatArray

@@ -1,4 +1,6 @@
-"""Springs of joints: the relative motions they resist, ball screws with the nut anywhere, and groups of like stiffness."""
+"""Springs of joints: the relative motions they resist, ball screws with the nut anywhere, and
+groups of like stiffness.
+"""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -28,7 +30,8 @@ GRADING_RATIO = 1e4  # stiffer than this times the softest spring: a coordinate 
 GRADING_STEP = 1e3  # springs within this factor share a group
 STIFF_RATIO = 1e9
 ABSURD_RATIO = 1e12
-STIFF_COMPONENT_RATIO = 3e6  # of a component to the softest spring: its rounding costs the spring all but nine or ten digits
+# of a component to the softest spring: its rounding costs the spring all but nine or ten digits
+STIFF_COMPONENT_RATIO = 3e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +48,12 @@ class ScrewSpring:
 
 
 def place_screw(joint: Joint, shaft: ScrewShaft, distance: float) -> ScrewSpring:
-    """Nut, shaft, bearings and coupling in series; both sides of a shaft with two fixed bearings in parallel.
+    """Nut, shaft, bearings and coupling in series; both sides of a shaft with two fixed bearings in
+    parallel.
 
-    With the motor held, an axial force F on the nut twists the shaft by F p a / (G J), p = lead / (2 pi), a the distance, which gives
-    way by p times that; and the nut may turn about the shaft as it moves along the thread. The compliance along the thread is
+    With the motor held, an axial force F on the nut twists the shaft by F p a / (G J), p = lead /
+    (2 pi), a the distance, which gives way by p times that; and the nut may turn about the shaft as
+    it moves along the thread. The compliance along the thread is
 
         1 / k_nut + 1 / (k_near + k_far) + p^2 (a / (G J) + 1 / k_coupling)
 
@@ -62,19 +67,30 @@ def place_screw(joint: Joint, shaft: ScrewShaft, distance: float) -> ScrewSpring
     Raises:
         ModelError: The nut stands at or beyond a bearing.
 
-    Source: ISO 3408-4 (2006), static axial rigidity; Altintas, Verl, Brecher, Uriarte and Pritschow (2011), section 2.2, for the twist.
+    Source: ISO 3408-4 (2006), static axial rigidity; Altintas, Verl, Brecher, Uriarte and Pritschow
+    (2011), section 2.2, for the twist.
     """
     if not 0.0 < distance < shaft.length:
-        where = "at its bearing" if distance <= 0.0 else f"{1e3 * distance:.6g} mm from it, beyond the far one"
+        where = (
+            "at its bearing"
+            if distance <= 0.0
+            else f"{1e3 * distance:.6g} mm from it, beyond the far one"
+        )
         raise ModelError(
             f"joint {joint.name!r}: the nut stands {where}; name the nut's interface first and the bearing's second, and keep the axis "
             "between the bearings"
         )
     near = 1.0 / (1.0 / shaft.bearing + distance / shaft.axial)
-    far = 0.0 if shaft.far is None else 1.0 / (1.0 / shaft.far_bearing + (shaft.length - distance) / shaft.axial)
+    far = (
+        0.0
+        if shaft.far is None
+        else 1.0 / (1.0 / shaft.far_bearing + (shaft.length - distance) / shaft.axial)
+    )
     pitch = shaft.lead / (2.0 * np.pi)
     twist = distance / shaft.torsional
-    compliance = 1.0 / joint.stiffness[0, 0] + 1.0 / (near + far) + pitch**2 * (twist + 1.0 / shaft.coupling)
+    compliance = (
+        1.0 / joint.stiffness[0, 0] + 1.0 / (near + far) + pitch**2 * (twist + 1.0 / shaft.coupling)
+    )
     thread = np.array([1.0, 0.0, 0.0, -pitch, 0.0, 0.0])
     stiffness = np.array(joint.stiffness, dtype=float)
     stiffness[0, 0] = 0.0
@@ -89,8 +105,8 @@ class PlacedJoint:
 
     Attributes:
         name: Joint name.
-        rows: ``(6, n)`` motion of its second end relative to its first, in joint axes, at the joint point: of all stacked dofs as
-            placed, of the free coordinates in a ``CoupledMachine``.
+        rows: ``(6, n)`` motion of its second end relative to its first, in joint axes, at the joint
+            point: of all stacked dofs as placed, of the free coordinates in a ``CoupledMachine``.
         stiffness: ``(6, 6)`` in joint axes.
         damping: ``(6, 6)`` in joint axes.
         held: Joint dofs without relative motion; a rigid joint has all six, and no stiffness.
@@ -114,7 +130,8 @@ class SpringDirection:
         dof: The joint dof it acts on most.
         direction: ``(6,)`` combination of the joint's rows.
         stiffness: [N/m or N m/rad] along it.
-        level: The same as a translational stiffness [N/m]: rotational ones over the characteristic length squared.
+        level: The same as a translational stiffness [N/m]: rotational ones over the characteristic
+            length squared.
     """
 
     joint: str
@@ -128,19 +145,23 @@ def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> PlacedJoin
     """Joint point, joint axes and relative-motion rows of a joint in a pose.
 
     Args:
-        joint: Its ends, 6x6 stiffness [N/m, N/rad, N m/rad] and damping (the same times s) in joint axes.
+        joint: Its ends, 6x6 stiffness [N/m, N/rad, N m/rad] and damping (the same times s) in joint
+            axes.
         machine: With the placements and axes that the joint's frame depends on.
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
 
     Returns:
-        The spring with rows ``(6, n_all)``: motion of the second end less that of the first, joint axes.
+        The spring with rows ``(6, n_all)``: motion of the second end less that of the first, joint
+        axes.
 
     Raises:
         ModelError: Both ends are ground, or a matrix is not 6x6 and finite.
     """
     for matrix, what in ((joint.stiffness, "stiffness"), (joint.damping, "damping")):
         if np.shape(matrix) != (6, 6) or not np.isfinite(matrix).all():
-            raise ModelError(f"joint {joint.name!r}: its {what} must be a 6x6 matrix of finite numbers")
+            raise ModelError(
+                f"joint {joint.name!r}: its {what} must be a 6x6 matrix of finite numbers"
+            )
     frame = _joint_frame(joint, machine, layout)
     try:
         first, second = (motion_rows(layout, end, frame.origin, joint.length) for end in joint.ends)
@@ -151,22 +172,30 @@ def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> PlacedJoin
     return spring if joint.screw is None else _place_shaft(joint, joint.screw, spring, layout)
 
 
-def _place_shaft(joint: Joint, shaft: ScrewShaft, spring: PlacedJoint, layout: DofLayout) -> PlacedJoint:
-    """A ball screw at the distance its nut has in the pose; a far bearing takes its share of the axial motion."""
+def _place_shaft(
+    joint: Joint, shaft: ScrewShaft, spring: PlacedJoint, layout: DofLayout
+) -> PlacedJoint:
+    """A ball screw at the distance its nut has in the pose; a far bearing takes its share of the
+    axial motion.
+    """
     axis = spring.frame.rotation[:, 0]
     bearing = joint.ends[1] if shaft.reach is None else shaft.reach
     distance = float(abs((spring.frame.origin - locate_interface(layout, bearing)) @ axis))
     placed = place_screw(joint, shaft, distance)
     rows = spring.rows
     if shaft.far is not None:
-        near, far = (axis @ motion_rows(layout, end, spring.frame.origin)[:3] for end in (joint.ends[1], shaft.far))
+        near, far = (
+            axis @ motion_rows(layout, end, spring.frame.origin)[:3]
+            for end in (joint.ends[1], shaft.far)
+        )
         rows = rows.copy()
         rows[0] += placed.far_share * (far - near)
     return dataclasses.replace(spring, rows=rows, stiffness=placed.stiffness)
 
 
 def principal_springs(spring: PlacedJoint, length: float) -> tuple[SpringDirection, ...]:
-    """Independent springs that together make up a joint's stiffness; directions without stiffness are left out.
+    """Independent springs that together make up a joint's stiffness; directions without stiffness
+    are left out.
 
     Args:
         spring: Its stiffness must be symmetric.
@@ -178,19 +207,27 @@ def principal_springs(spring: PlacedJoint, length: float) -> tuple[SpringDirecti
         levels, vectors = scaled.diagonal(), np.eye(6)
     else:
         levels, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
-        levels = np.where(np.abs(levels) > 16.0 * np.finfo(float).eps * np.abs(levels).max(), levels, 0.0)
+        levels = np.where(
+            np.abs(levels) > 16.0 * np.finfo(float).eps * np.abs(levels).max(), levels, 0.0
+        )
     result = []
     for level, vector in zip(levels, vectors.T, strict=True):
         if level != 0.0:
             main = int(np.argmax(np.abs(vector)))
             # delta^T k delta = sum level (vector . delta / scale)^2
             direction = vector * (scale[main] / scale)
-            result.append(SpringDirection(spring.name, DOF_NAMES[main], direction, level / scale[main] ** 2, level))
+            result.append(
+                SpringDirection(
+                    spring.name, DOF_NAMES[main], direction, level / scale[main] ** 2, level
+                )
+            )
     return tuple(result)
 
 
 def express_in_free_coordinates(spring: PlacedJoint, elimination: Elimination) -> PlacedJoint:
-    """The same joint with its rows in free coordinates; held rows, and what is roundoff, exactly zero."""
+    """The same joint with its rows in free coordinates; held rows, and what is roundoff, exactly
+    zero.
+    """
     # a joint sees the dofs of two bodies only
     seen = np.flatnonzero(spring.rows.any(axis=0))
     own, basis = spring.rows[:, seen], elimination.basis[seen]
@@ -227,50 +264,72 @@ def _connects(joint: Joint) -> bool:
 
 
 def _joint_frame(joint: Joint, machine: Machine, layout: DofLayout) -> Frame:
-    """The joint frame, carried along by the component of its first end that is neither ground nor a rail.
+    """The joint frame, carried along by the component of its first end that is neither ground nor a
+    rail.
 
-    Of a universal joint the first axis stays with the first end and the second with the second end, as those of a cross do.
+    Of a universal joint the first axis stays with the first end and the second with the second end,
+    as those of a cross do.
     """
     end = _leading_end(joint, layout)
     point = joint.point
     if end.component is None:
         if point is None:
-            raise ModelError(f"joint {joint.name!r}: ground has no place of its own; say where the joint is")
+            raise ModelError(
+                f"joint {joint.name!r}: ground has no place of its own; say where the joint is"
+            )
         return Frame(point, joint.rotation)
     if end.component not in layout.placements or end.component not in machine.components:
-        raise ModelError(f"joint {joint.name!r}: there is no component {end.component!r}; components: {sorted(machine.components)}")
+        raise ModelError(
+            f"joint {joint.name!r}: there is no component {end.component!r}; components: {sorted(machine.components)}"
+        )
     home, now = machine.components[end.component].placement, layout.placements[end.component]
     turn = _turn_of(end, machine, layout)
-    place = locate_interface(layout, end) if point is None else now.origin + turn @ (point - home.origin)
+    place = (
+        locate_interface(layout, end)
+        if point is None
+        else now.origin + turn @ (point - home.origin)
+    )
     if joint.second_axis is None:
         return Frame(place, turn @ joint.rotation)
     first, second = (_turn_of(each, machine, layout) for each in joint.ends)
     try:
         return Frame(place, frame_axes(first @ joint.rotation[:, 0], second @ joint.second_axis))
     except ValueError as error:
-        raise ModelError(f"joint {joint.name!r}: its two axes are parallel in this pose, and it can turn about one only") from error
+        raise ModelError(
+            f"joint {joint.name!r}: its two axes are parallel in this pose, and it can turn about one only"
+        ) from error
 
 
 def _turn_of(end: JointEnd, machine: Machine, layout: DofLayout) -> FloatArray:
-    """Rotation ``(3, 3)`` of the body behind an end since its axes and points were given; of a carried body all of it."""
+    """Rotation ``(3, 3)`` of the body behind an end since its axes and points were given; of a
+    carried body all of it.
+    """
     if end.component is None:
         return np.eye(3)
     home, now = machine.components[end.component].placement, layout.placements[end.component]
-    return np.eye(3) if np.array_equal(now.rotation, home.rotation) else now.rotation @ home.rotation.T
+    return (
+        np.eye(3) if np.array_equal(now.rotation, home.rotation) else now.rotation @ home.rotation.T
+    )
 
 
 def _leading_end(joint: Joint, layout: DofLayout) -> JointEnd:
-    """The end whose body carries the joint point: on a rail it is the carriage that does, not the rail."""
+    """The end whose body carries the joint point: on a rail it is the carriage that does, not the
+    rail.
+    """
     ends = [end for end in joint.ends if end.component is not None]
     if not ends:
-        raise ModelError(f"joint {joint.name!r}: both of its ends are ground; name an interface of a component")
+        raise ModelError(
+            f"joint {joint.name!r}: both of its ends are ground; name an interface of a component"
+        )
     carriages = [end for end in joint.ends if not is_rail(layout, end)]
     if joint.length is None:
         if len(carriages) < len(joint.ends):
             raise ModelError(f"joint {joint.name!r}: a carriage on a rail needs its length")
         return ends[0]
     if len(carriages) != 1:
-        raise ModelError(f"joint {joint.name!r}: a carriage needs one rail and one other end, not {len(carriages)} other ends")
+        raise ModelError(
+            f"joint {joint.name!r}: a carriage needs one rail and one other end, not {len(carriages)} other ends"
+        )
     return carriages[0]
 
 
@@ -282,8 +341,8 @@ class SpringGrading:
         groups: Stiff springs, the stiffest group first; empty where all springs are alike.
         soft: The other springs, where there are groups.
         warnings: About ratios no machine has.
-        deformations: Rows ``(m, n_all)`` of the deformations of components that are far stiffer still than the softest spring, in
-            one block; none where there are no such components.
+        deformations: Rows ``(m, n_all)`` of the deformations of components that are far stiffer
+            still than the softest spring, in one block; none where there are no such components.
     """
 
     groups: tuple[tuple[SpringDirection, ...], ...]
@@ -294,11 +353,20 @@ class SpringGrading:
     def group_rows(self, springs: Sequence[PlacedJoint]) -> list[FloatArray]:
         """Rows ``(m_g, n_all)`` of each group, deformations of components first."""
         rows = {spring.name: spring.rows for spring in springs}
-        return [*self.deformations, *(np.array([part.direction @ rows[part.joint] for part in group]) for group in self.groups)]
+        return [
+            *self.deformations,
+            *(
+                np.array([part.direction @ rows[part.joint] for part in group])
+                for group in self.groups
+            ),
+        ]
 
 
-def grade_springs(springs: Sequence[PlacedJoint], layout: DofLayout, stiffnesses: Mapping[str, FloatArray]) -> SpringGrading:
-    """Sort the springs of all joints by stiffness, rotational ones over the square of a length of the machine.
+def grade_springs(
+    springs: Sequence[PlacedJoint], layout: DofLayout, stiffnesses: Mapping[str, FloatArray]
+) -> SpringGrading:
+    """Sort the springs of all joints by stiffness, rotational ones over the square of a length of
+    the machine.
 
     Args:
         springs: Joints as placed.
@@ -308,7 +376,12 @@ def grade_springs(springs: Sequence[PlacedJoint], layout: DofLayout, stiffnesses
     if not all(is_symmetric(spring.stiffness) for spring in springs):
         return SpringGrading((), (), ())
     length = layout.length
-    parts = [part for spring in springs for part in principal_springs(spring, length) if _acts(spring, part)]
+    parts = [
+        part
+        for spring in springs
+        for part in principal_springs(spring, length)
+        if _acts(spring, part)
+    ]
     parts.sort(key=lambda part: -abs(part.level))
     if not parts:
         return SpringGrading((), (), ())
@@ -324,23 +397,40 @@ def grade_springs(springs: Sequence[PlacedJoint], layout: DofLayout, stiffnesses
             groups.append([])
         groups[-1].append(part)
     soft = tuple(parts[sum(len(group) for group in groups) :])
-    return SpringGrading(tuple(tuple(group) for group in groups), soft, tuple(_ratio_warnings(parts, softest)), deformations)
+    return SpringGrading(
+        tuple(tuple(group) for group in groups),
+        soft,
+        tuple(_ratio_warnings(parts, softest)),
+        deformations,
+    )
 
 
-def _stiff_deformations(layout: DofLayout, stiffnesses: Mapping[str, FloatArray], softest: float) -> tuple[FloatArray, ...]:
-    """Rows of the boundary dofs of far stiffer components, less the rigid motion of the first node of each.
+def _stiff_deformations(
+    layout: DofLayout, stiffnesses: Mapping[str, FloatArray], softest: float
+) -> tuple[FloatArray, ...]:
+    """Rows of the boundary dofs of far stiffer components, less the rigid motion of the first node
+    of each.
 
-    The soft springs of a body must not be what is left of the difference of its own large stiffnesses.
+    The soft springs of a body must not be what is left of the difference of its own large
+    stiffnesses.
     """
     squares, blocks = scale_dofs(layout) ** 2, []
     for name, element in layout.superelements.items():
         own = layout.offsets[name]
         boundary = element.boundary_size
-        level = float(np.abs(stiffnesses[name].diagonal() * squares[own])[:boundary].max(initial=0.0))
-        if element.supported or boundary <= DOFS_OF_A_BODY or not level > STIFF_COMPONENT_RATIO * softest:
+        level = float(
+            np.abs(stiffnesses[name].diagonal() * squares[own])[:boundary].max(initial=0.0)
+        )
+        if (
+            element.supported
+            or boundary <= DOFS_OF_A_BODY
+            or not level > STIFF_COMPONENT_RATIO * softest
+        ):
             continue
         rows = np.zeros((boundary - DOFS_OF_A_BODY, layout.size))
-        rows[:, own] = free_deformations(element)[: len(rows)] @ turn_dofs(element, layout.placements[name])
+        rows[:, own] = free_deformations(element)[: len(rows)] @ turn_dofs(
+            element, layout.placements[name]
+        )
         blocks.append(rows)
     return (np.vstack(blocks),) if blocks else ()
 
@@ -360,6 +450,10 @@ def _ratio_warnings(parts: Sequence[SpringDirection], softest: SpringDirection) 
             f"joint {part.joint}, {part.dof}: {part.stiffness:.3g} is {ratio:.2g} times as stiff as "
             f"joint {softest.joint}, {softest.dof} ({softest.stiffness:.3g})"
         )
-        remedy = "check the units of both" if ratio > ABSURD_RATIO else "it acts as rigid; hold the dof instead if that is meant"
+        remedy = (
+            "check the units of both"
+            if ratio > ABSURD_RATIO
+            else "it acts as rigid; hold the dof instead if that is meant"
+        )
         warnings.append(f"{text}; {remedy}")
     return warnings

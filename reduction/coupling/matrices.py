@@ -1,6 +1,8 @@
-"""Mass, stiffness and damping of a coupled machine in its free coordinates, and a memo of what poses of the same superelements share.
+"""Mass, stiffness and damping of a coupled machine in its free coordinates, and a memo of what
+poses of the same superelements share.
 
-A memo changes no result: a coupling with one gives the numbers of a coupling without, whatever was coupled before.
+A memo changes no result: a coupling with one gives the numbers of a coupling without, whatever was
+coupled before.
 """
 
 import functools
@@ -32,7 +34,8 @@ class CouplingMemo:
     _kept: dict[str, tuple[tuple[object, ...], Any]] = field(default_factory=dict)
 
     def recall[T](self, name: str, made_of: tuple[object, ...], make: Callable[[], T]) -> T:
-        """A value made anew, or that of the last call of this name where it was made of the same: arrays equal, the rest identical.
+        """A value made anew, or that of the last call of this name where it was made of the same:
+        arrays equal, the rest identical.
 
         Args:
             name: One per kind of value.
@@ -49,7 +52,9 @@ class CouplingMemo:
 
 
 def _same(one: object, other: object) -> bool:
-    return one is other or (isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and np.array_equal(one, other))
+    return one is other or (
+        isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and np.array_equal(one, other)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +73,9 @@ def component_matrices(layout: DofLayout, memo: CouplingMemo | None = None) -> C
     for name, superelement in layout.superelements.items():
         placement = layout.placements[name]
         make = functools.partial(_turned_matrices, superelement, placement)
-        stiffnesses[name], masses[name], damping = memo.recall(f"matrices {name}", (superelement, placement.rotation), make)
+        stiffnesses[name], masses[name], damping = memo.recall(
+            f"matrices {name}", (superelement, placement.rotation), make
+        )
         if damping is not None:
             dampings[name] = damping
     return ComponentMatrices(stiffnesses, masses, dampings)
@@ -85,7 +92,11 @@ class _TurnedMatrices(NamedTuple):
 def _turned_matrices(superelement: Superelement, placement: Frame) -> _TurnedMatrices:
     turn = turn_dofs(superelement, placement)
     damping = None if superelement.damping is None else _congruence(turn, superelement.damping)
-    return _TurnedMatrices(_congruence(turn, clean_stiffness(superelement)), _congruence(turn, superelement.mass), damping)
+    return _TurnedMatrices(
+        _congruence(turn, clean_stiffness(superelement)),
+        _congruence(turn, superelement.mass),
+        damping,
+    )
 
 
 def sum_stiffness(
@@ -99,8 +110,8 @@ def sum_stiffness(
 ) -> FloatArray:
     """Stiffness ``(n, n)`` of components and joints, each times its weight where weights are given.
 
-    A stiff spring enters only the coordinates that stretch its group or a stiffer one: in the others its row is zero but for
-    roundoff, which times its stiffness would drown a soft spring.
+    A stiff spring enters only the coordinates that stretch its group or a stiffer one: in the
+    others its row is zero but for roundoff, which times its stiffness would drown a soft spring.
 
     Args:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
@@ -109,23 +120,36 @@ def sum_stiffness(
         springs: Every joint, its rows already in the free coordinates, ``(6, n)``.
         grading: Groups of springs of like stiffness.
         weights: Factor by name of component and joint, such as loss factors; None for 1.
-        memo: Keeps the components' sum for the next pose; None for no memory. Not used with weights.
+        memo: Keeps the components' sum for the next pose; None for no memory. Not used with
+            weights.
     """
     weigh = _unit_weight if weights is None else weights.__getitem__
     basis = elimination.basis
     if weights is None:
         total = _recall_sum(layout, matrices.stiffnesses, basis, "stiffness", memo).copy()
     else:
-        total = _sum_components(layout, {name: weigh(name) * part for name, part in matrices.stiffnesses.items()}, basis)
+        total = _sum_components(
+            layout, {name: weigh(name) * part for name, part in matrices.stiffnesses.items()}, basis
+        )
     if not grading.groups:
         for spring in springs:
             _add_spring(total, spring, weigh(spring.name) * spring.stiffness)
-        return _symmetric_if(total, all(np.array_equal(s.stiffness, s.stiffness.T) for s in springs))
+        return _symmetric_if(
+            total, all(np.array_equal(s.stiffness, s.stiffness.T) for s in springs)
+        )
     rows = {spring.name: spring.rows for spring in springs}
-    for index, group in enumerate((*grading.groups, grading.soft), start=1 + len(grading.deformations)):
-        sees = (elimination.levels > 0) & (elimination.levels <= index) if group is not grading.soft else True
+    for index, group in enumerate(
+        (*grading.groups, grading.soft), start=1 + len(grading.deformations)
+    ):
+        sees = (
+            (elimination.levels > 0) & (elimination.levels <= index)
+            if group is not grading.soft
+            else True
+        )
         stretch = np.where(sees, [part.direction @ rows[part.joint] for part in group], 0.0)
-        total += stretch.T @ (np.array([weigh(part.joint) * part.stiffness for part in group])[:, None] * stretch)
+        total += stretch.T @ (
+            np.array([weigh(part.joint) * part.stiffness for part in group])[:, None] * stretch
+        )
     return symmetrise(total)
 
 
@@ -137,7 +161,8 @@ def sum_hysteretic(
     grading: SpringGrading,
     loss_factors: Mapping[str, float],
 ) -> FloatArray | None:
-    """Imaginary part ``(n, n)`` of the complex stiffness: loss factor times stiffness of each part [N/m]; None without any.
+    """Imaginary part ``(n, n)`` of the complex stiffness: loss factor times stiffness of each part
+    [N/m]; None without any.
 
     Args:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
@@ -152,7 +177,12 @@ def sum_hysteretic(
     return sum_stiffness(layout, matrices, elimination, springs, grading, loss_factors)
 
 
-def sum_mass(layout: DofLayout, matrices: ComponentMatrices, basis: FloatArray, memo: CouplingMemo | None = None) -> FloatArray:
+def sum_mass(
+    layout: DofLayout,
+    matrices: ComponentMatrices,
+    basis: FloatArray,
+    memo: CouplingMemo | None = None,
+) -> FloatArray:
     """Mass ``(n, n)`` of the components.
 
     Args:
@@ -165,14 +195,23 @@ def sum_mass(layout: DofLayout, matrices: ComponentMatrices, basis: FloatArray, 
 
 
 def _recall_sum(
-    layout: DofLayout, matrices: Mapping[str, FloatArray], basis: FloatArray, what: str, memo: CouplingMemo | None
+    layout: DofLayout,
+    matrices: Mapping[str, FloatArray],
+    basis: FloatArray,
+    what: str,
+    memo: CouplingMemo | None,
 ) -> FloatArray:
     make = functools.partial(_sum_components, layout, matrices, basis)
-    return make() if memo is None else memo.recall(f"sum of {what}", (basis, *matrices.values()), make)
+    return (
+        make() if memo is None else memo.recall(f"sum of {what}", (basis, *matrices.values()), make)
+    )
 
 
 def sum_damping(
-    layout: DofLayout, matrices: ComponentMatrices, basis: FloatArray, springs: Sequence[PlacedJoint]
+    layout: DofLayout,
+    matrices: ComponentMatrices,
+    basis: FloatArray,
+    springs: Sequence[PlacedJoint],
 ) -> FloatArray | None:
     """Viscous damping ``(n, n)`` of components and joints, or None without any.
 
@@ -198,7 +237,9 @@ def _add_spring(total: FloatArray, spring: PlacedJoint, matrix: FloatArray) -> N
     total[np.ix_(seen, seen)] += acting.T @ matrix @ acting
 
 
-def _sum_components(layout: DofLayout, matrices: Mapping[str, FloatArray], basis: FloatArray) -> FloatArray:
+def _sum_components(
+    layout: DofLayout, matrices: Mapping[str, FloatArray], basis: FloatArray
+) -> FloatArray:
     """``T^T A T``; coordinates whose diagonal is roundoff of its terms are set to zero."""
     total = np.zeros((basis.shape[1], basis.shape[1]))
     terms = np.zeros(basis.shape[1])
@@ -220,8 +261,14 @@ def _sum_components(layout: DofLayout, matrices: Mapping[str, FloatArray], basis
 
 
 def _is_identity(part: FloatArray) -> bool:
-    """Whether a component's dofs are coordinates as they stand: nothing is held and no spring stands apart."""
-    return part.shape[0] == part.shape[1] and np.count_nonzero(part) == len(part) and bool((part.diagonal() == 1.0).all())
+    """Whether a component's dofs are coordinates as they stand: nothing is held and no spring
+    stands apart.
+    """
+    return (
+        part.shape[0] == part.shape[1]
+        and np.count_nonzero(part) == len(part)
+        and bool((part.diagonal() == 1.0).all())
+    )
 
 
 def _unit_weight(name: str) -> float:

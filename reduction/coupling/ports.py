@@ -1,4 +1,6 @@
-"""Where a coupled machine is loaded and observed: interfaces, points and static loads in free coordinates."""
+"""Where a coupled machine is loaded and observed: interfaces, points and static loads in free
+coordinates.
+"""
 
 from collections.abc import Collection
 
@@ -8,7 +10,12 @@ from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Machine, Point
 from headstock.geometry.parts.components import Load
-from headstock.reduction.coupling.dof_layout import DofLayout, locate_interface, motion_rows, turn_dofs
+from headstock.reduction.coupling.dof_layout import (
+    DofLayout,
+    locate_interface,
+    motion_rows,
+    turn_dofs,
+)
 from headstock.reduction.coupling.matrices import ComponentMatrices
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.errors import ModelError
@@ -20,10 +27,11 @@ AXES = "xyz"
 def machine_ports(
     layout: DofLayout, machine: Machine, basis: FloatArray, wanted: Collection[str] | None = None
 ) -> dict[tuple[str, str], FloatArray]:
-    """Row ``(n,)`` of each port, all in machine axes: motion there, and by work also the load of a unit force there.
+    """Row ``(n,)`` of each port, all in machine axes: motion there, and by work also the load of a
+    unit force there.
 
-    Every interface is a port ``("component.interface", dof)``; every point is one as tool less work, at the tool. Where names are
-    wanted, only those.
+    Every interface is a port ``("component.interface", dof)``; every point is one as tool less
+    work, at the tool. Where names are wanted, only those.
 
     Args:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
@@ -37,13 +45,23 @@ def machine_ports(
         for interface in (*superelement.attachments, *superelement.rails)
     ]
     rows = {
-        str(end): motion_rows(layout, end, locate_interface(layout, end)) for end in ends if wanted is None or str(end) in wanted
+        str(end): motion_rows(layout, end, locate_interface(layout, end))
+        for end in ends
+        if wanted is None or str(end) in wanted
     }
-    rows |= {point.name: point_rows(layout, point) for point in machine.points.values() if wanted is None or point.name in wanted}
+    rows |= {
+        point.name: point_rows(layout, point)
+        for point in machine.points.values()
+        if wanted is None or point.name in wanted
+    }
     if not rows:
         return {}
     reduced = {name: _reduce_rows(own, basis) for name, own in rows.items()}
-    return {(name, dof): own[place] for name, own in reduced.items() for place, dof in enumerate(DOF_NAMES)}
+    return {
+        (name, dof): own[place]
+        for name, own in reduced.items()
+        for place, dof in enumerate(DOF_NAMES)
+    }
 
 
 def _reduce_rows(rows: FloatArray, basis: FloatArray) -> FloatArray:
@@ -53,15 +71,23 @@ def _reduce_rows(rows: FloatArray, basis: FloatArray) -> FloatArray:
 
 
 def point_rows(layout: DofLayout, point: Point) -> FloatArray:
-    """Rows ``(6, n_all)`` of the motion of the tool relative to the work, both carried to the tool's place."""
+    """Rows ``(6, n_all)`` of the motion of the tool relative to the work, both carried to the
+    tool's place.
+    """
     if point.tool.component is None and point.work.component is None:
-        raise ModelError(f"point {point.name!r}: tool and work are both ground; name an interface of a component")
+        raise ModelError(
+            f"point {point.name!r}: tool and work are both ground; name an interface of a component"
+        )
     place = locate_interface(layout, point.work if point.tool.component is None else point.tool)
     return motion_rows(layout, point.tool, place) - motion_rows(layout, point.work, place)
 
 
 def machine_loads(
-    layout: DofLayout, machine: Machine, matrices: ComponentMatrices, basis: FloatArray, gravity: FloatArray | None
+    layout: DofLayout,
+    machine: Machine,
+    matrices: ComponentMatrices,
+    basis: FloatArray,
+    gravity: FloatArray | None,
 ) -> dict[str, FloatArray]:
     """Generalised load ``(n,)`` of every load of the machine by name, and of gravity where it acts.
 
@@ -79,12 +105,16 @@ def machine_loads(
     if gravity is not None:
         stacked[GRAVITY] = np.zeros(layout.size)
         for name in layout.superelements:
-            stacked[GRAVITY][layout.offsets[name]] = _weight(layout, matrices, name, np.asarray(gravity, dtype=float))
+            stacked[GRAVITY][layout.offsets[name]] = _weight(
+                layout, matrices, name, np.asarray(gravity, dtype=float)
+            )
     return {name: basis.T @ vector for name, vector in stacked.items()}
 
 
 def load_factors(layout: DofLayout, load: Load) -> dict[str, float]:
-    """How much of each of its superelement's unit loads a load takes in the pose; empty for a force at an interface."""
+    """How much of each of its superelement's unit loads a load takes in the pose; empty for a force
+    at an interface.
+    """
     if load.kind == "force":
         return {}
     if load.kind == "pressure":
@@ -100,11 +130,16 @@ def _stacked_load(layout: DofLayout, load: Load) -> FloatArray:
         )
     if load.kind == "force":
         end = JointEnd(load.component, load.interface)
-        return np.asarray(motion_rows(layout, end, locate_interface(layout, end)).T @ np.asarray(load.vector, dtype=float))
+        return np.asarray(
+            motion_rows(layout, end, locate_interface(layout, end)).T
+            @ np.asarray(load.vector, dtype=float)
+        )
     stacked = np.zeros(layout.size)
     own = _combine(layout, load.component, load_factors(layout, load))
     if own is None:
-        raise ModelError(f"load {load.name!r}: component {load.component!r} was reduced without it; reduce it again with its loads")
+        raise ModelError(
+            f"load {load.name!r}: component {load.component!r} was reduced without it; reduce it again with its loads"
+        )
     stacked[layout.offsets[load.component]] = own
     return stacked
 
@@ -114,18 +149,32 @@ def _combine(layout: DofLayout, name: str, factors: dict[str, float]) -> FloatAr
     superelement = layout.superelements[name]
     if not all(key in superelement.loads for key in factors):
         return None
-    own = sum((factor * superelement.loads[key].vector for key, factor in factors.items()), np.zeros(len(superelement.labels)))
+    own = sum(
+        (factor * superelement.loads[key].vector for key, factor in factors.items()),
+        np.zeros(len(superelement.labels)),
+    )
     return np.asarray(turn_dofs(superelement, layout.placements[name]).T @ own)
 
 
-def _weight(layout: DofLayout, matrices: ComponentMatrices, name: str, gravity: FloatArray) -> FloatArray:
-    """Weight of a component ``(n_c,)`` in machine axes: its own unit loads, or its mass times the acceleration."""
+def _weight(
+    layout: DofLayout, matrices: ComponentMatrices, name: str, gravity: FloatArray
+) -> FloatArray:
+    """Weight of a component ``(n_c,)`` in machine axes: its own unit loads, or its mass times the
+    acceleration.
+    """
     superelement, placement = layout.superelements[name], layout.placements[name]
     own = placement.rotation.T @ gravity
-    weight = _combine(layout, name, {f"{GRAVITY}:{axis}": float(value) for axis, value in zip(AXES, own, strict=True)})
+    weight = _combine(
+        layout,
+        name,
+        {f"{GRAVITY}:{axis}": float(value) for axis, value in zip(AXES, own, strict=True)},
+    )
     if weight is not None:
         return weight
     if superelement.mass_kg > 0.0 and (superelement.supported or not superelement.mass.any()):
         raise ModelError(f"component {name!r} was reduced without gravity; reduce it again with it")
-    motions = turn_dofs(superelement, placement).T @ rigid_motions(superelement, superelement.center_of_mass)[:, :3]
+    motions = (
+        turn_dofs(superelement, placement).T
+        @ rigid_motions(superelement, superelement.center_of_mass)[:, :3]
+    )
     return np.asarray(matrices.masses[name] @ (motions @ own))

@@ -1,9 +1,11 @@
-"""How the frequencies, shapes and compliances of a coupled machine change with a parameter, exactly, from the change of its parts.
+"""How the frequencies, shapes and compliances of a coupled machine change with a parameter,
+exactly, from the change of its parts.
 
-With ``q = T z`` and held motions ``C q = 0`` that a parameter may move, any ``dT`` with ``C dT = -dC T`` keeps the coordinates
-admissible, and ``K = T^T K_s T`` differentiates by the product rule; a turn of the coordinates among themselves drops out.
-Differences are taken of the parts in stacked dofs, before any coordinate is eliminated: they are smooth functions of every dimension,
-stiffness and place in the scene, which coordinates and mode shapes are not.
+With ``q = T z`` and held motions ``C q = 0`` that a parameter may move, any ``dT`` with ``C dT =
+-dC T`` keeps the coordinates admissible, and ``K = T^T K_s T`` differentiates by the product rule;
+a turn of the coordinates among themselves drops out. Differences are taken of the parts in stacked
+dofs, before any coordinate is eliminated: they are smooth functions of every dimension, stiffness
+and place in the scene, which coordinates and mode shapes are not.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -44,9 +46,10 @@ class StackedPieces:
         masses: By component, ``(n_c, n_c)`` in machine axes.
         rows: By joint, ``(6, n_all)`` relative motion in joint axes.
         springs: By joint, ``(6, 6)`` in joint axes.
-        constraints: By what holds (``component a``, ``joint b``), rows ``(m, n_all)`` that must vanish.
-        observers: By point, interface (``component.interface``) or component (its mean rigid motion at the centre of mass),
-            rows ``(6, n_all)`` of the motion there in machine axes.
+        constraints: By what holds (``component a``, ``joint b``), rows ``(m, n_all)`` that must
+            vanish.
+        observers: By point, interface (``component.interface``) or component (its mean rigid motion
+            at the centre of mass), rows ``(6, n_all)`` of the motion there in machine axes.
     """
 
     stiffnesses: dict[str, FloatArray]
@@ -86,7 +89,9 @@ def stack_pieces(layout: DofLayout, machine: Machine, wanted: Selection) -> Stac
     )
     matrices = component_matrices(part)
     joints = [place_joint(machine.joints[name], machine, layout) for name in wanted.joints]
-    constraints = {f"component {name}": _component_constraints(layout, name) for name in wanted.components}
+    constraints = {
+        f"component {name}": _component_constraints(layout, name) for name in wanted.components
+    }
     constraints |= {f"joint {spring.name}": spring.rows[list(spring.held)] for spring in joints}
     return StackedPieces(
         stiffnesses=matrices.stiffnesses,
@@ -99,11 +104,18 @@ def stack_pieces(layout: DofLayout, machine: Machine, wanted: Selection) -> Stac
 
 
 def difference_pieces(pairs: Sequence[tuple[StackedPieces, StackedPieces, float]]) -> StackedPieces:
-    """Sum of ``weight (after - before)`` over pairs of pieces that hold the same parts; what is equal gives exact zeros."""
+    """Sum of ``weight (after - before)`` over pairs of pieces that hold the same parts; what is
+    equal gives exact zeros.
+    """
 
-    def subtract(pick: Callable[[StackedPieces], Mapping[str, FloatArray]]) -> dict[str, FloatArray]:
+    def subtract(
+        pick: Callable[[StackedPieces], Mapping[str, FloatArray]],
+    ) -> dict[str, FloatArray]:
         tables = [(pick(after), pick(before), weight) for after, before, weight in pairs]
-        return {name: np.sum([w * (after[name] - before[name]) for after, before, w in tables], axis=0) for name in tables[0][0]}
+        return {
+            name: np.sum([w * (after[name] - before[name]) for after, before, w in tables], axis=0)
+            for name in tables[0][0]
+        }
 
     return StackedPieces(
         stiffnesses=subtract(lambda part: part.stiffnesses),
@@ -139,7 +151,9 @@ def _component_constraints(layout: DofLayout, name: str) -> FloatArray:
 
 
 def _mean_motion_rows(layout: DofLayout, name: str) -> FloatArray:
-    """Rigid motion nearest to that of a component in the norm of its mass matrix, at its centre of mass."""
+    """Rigid motion nearest to that of a component in the norm of its mass matrix, at its centre of
+    mass.
+    """
     superelement, placement = layout.superelements[name], layout.placements[name]
     motions = rigid_motions(superelement, superelement.center_of_mass)
     weighed = motions.T @ superelement.mass
@@ -190,7 +204,9 @@ class CoupledSlopes:
         """``M_s q`` ``(n_all, m)``."""
         return self._component_forces(self.pieces.masses, motions)
 
-    def changed_forces(self, slope: StackedPieces, motions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def changed_forces(
+        self, slope: StackedPieces, motions: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """``dK_s q`` and ``dM_s q`` ``(n_all, m)``."""
         forces = self._component_forces(slope.stiffnesses, motions)
         for name, spring in slope.springs.items():
@@ -201,11 +217,14 @@ class CoupledSlopes:
             rows, spring = self.pieces.rows[name], self.pieces.springs[name]
             if change.any() and spring.any():
                 # a spring is R^T k R: product rule in R, of which a moved joint changes the rows
-                forces += rows.T @ (spring @ (change @ motions)) + change.T @ (spring @ (rows @ motions))
+                forces += rows.T @ (spring @ (change @ motions)) + change.T @ (
+                    spring @ (rows @ motions)
+                )
         return forces, self._component_forces(slope.masses, motions)
 
     def carried_motions(self, slope: StackedPieces, motions: FloatArray) -> FloatArray | None:
-        """``dT z`` ``(n_all, m)`` for ``q = T z``: how the held motions carry the dofs along; None where they do not change.
+        """``dT z`` ``(n_all, m)`` for ``q = T z``: how the held motions carry the dofs along; None
+        where they do not change.
 
         Raises:
             ModelError: Redundantly held motions would contradict each other after the change.
@@ -220,7 +239,9 @@ class CoupledSlopes:
         carried = -self._spread @ gap
         left = np.vstack([rows @ carried for rows in self.pieces.constraints.values()]) + gap
         if not np.abs(left).max() <= CONSISTENCY_LIMIT * np.abs(gap).max():
-            raise ModelError("moving this parameter makes held motions contradict each other: the machine would lose a freedom")
+            raise ModelError(
+                "moving this parameter makes held motions contradict each other: the machine would lose a freedom"
+            )
         return carried
 
     def carried_forces(self, slope: StackedPieces, forces: FloatArray) -> FloatArray:
@@ -231,7 +252,9 @@ class CoupledSlopes:
             total -= change.T @ multipliers[self._places[name]]
         return np.asarray(self.coupled.basis.T @ total)
 
-    def _component_forces(self, matrices: Mapping[str, FloatArray], motions: FloatArray) -> FloatArray:
+    def _component_forces(
+        self, matrices: Mapping[str, FloatArray], motions: FloatArray
+    ) -> FloatArray:
         forces = np.zeros_like(motions)
         for name, matrix in matrices.items():
             part = self.coupled.layout.offsets[name]
@@ -254,7 +277,9 @@ class ModeSlopes:
     carried: FloatArray
 
 
-def slope_modes(machine: CoupledSlopes, slope: StackedPieces, squares: FloatArray, shapes: FloatArray) -> ModeSlopes:
+def slope_modes(
+    machine: CoupledSlopes, slope: StackedPieces, squares: FloatArray, shapes: FloatArray
+) -> ModeSlopes:
     """Change of the pencil on given modes.
 
     Args:
@@ -275,7 +300,9 @@ def slope_modes(machine: CoupledSlopes, slope: StackedPieces, squares: FloatArra
     reactions = machine.stiffness_times(motions) - inertia * squares
     stacked += machine.stiffness_times(carried) - machine.mass_times(carried) * squares
     mass_terms += 2.0 * np.einsum("ij,ij->j", carried, inertia)
-    return ModeSlopes(basis.T @ stacked + machine.carried_forces(slope, reactions), mass_terms, carried)
+    return ModeSlopes(
+        basis.T @ stacked + machine.carried_forces(slope, reactions), mass_terms, carried
+    )
 
 
 class ObservedDof(NamedTuple):
@@ -286,18 +313,26 @@ class ObservedDof(NamedTuple):
 
 
 def slope_point_compliance(
-    machine: CoupledSlopes, slope: StackedPieces, answers: FloatArray, *, motion: ObservedDof, force: ObservedDof
+    machine: CoupledSlopes,
+    slope: StackedPieces,
+    answers: FloatArray,
+    *,
+    motion: ObservedDof,
+    force: ObservedDof,
 ) -> float:
     """Derivative of the motion at one port per unit force at another.
 
     Args:
         machine: The machine at the parameter's value.
         slope: Derivatives of the parts that the parameter moves.
-        answers: ``(n_all, 2)`` static motions under a unit force where the motion is seen, and where the force acts.
+        answers: ``(n_all, 2)`` static motions under a unit force where the motion is seen, and
+            where the force acts.
         motion: That is seen.
         force: That acts.
     """
-    rows = np.vstack([machine.pieces.observers[port.observer][port.dof] for port in (motion, force)])
+    rows = np.vstack(
+        [machine.pieces.observers[port.observer][port.dof] for port in (motion, force)]
+    )
     stiff, _ = machine.changed_forces(slope, answers)
     total = -float(answers[:, 0] @ stiff[:, 1])
     if motion.observer in slope.observers:

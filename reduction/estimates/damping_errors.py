@@ -1,4 +1,6 @@
-"""How far damped modes are from those of finer meshes with every mode kept, from the first-order change of their poles."""
+"""How far damped modes are from those of finer meshes with every mode kept, from the first-order
+change of their poles.
+"""
 
 import math
 from dataclasses import dataclass
@@ -14,9 +16,13 @@ from headstock.solvers.linear.symmetric_matrices import is_symmetric
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
 EQUAL = 1e-6  # of a pole: closer ones move together
-INTERACTING = 1.5  # condition number of a pole, 1 without damping, from which it and its neighbours push each other
-SEPARATE = 0.1  # of the distance to the next pole: interacting ones that move further may not be there at all
-CURVATURE = 4.0  # times shift over distance: what the second order adds to the first of an interacting pole
+# condition number of a pole, 1 without damping, from which it and its neighbours push each other
+INTERACTING = 1.5
+# of the distance to the next pole: interacting ones that move further may not be there at all
+SEPARATE = 0.1
+CURVATURE = (
+    4.0  # times shift over distance: what the second order adds to the first of an interacting pole
+)
 SAFETY = 1.2  # and to that of any other
 
 
@@ -25,9 +31,11 @@ class DampingErrors:
     """How far damped modes may be off, in the order of the undamped modes they belong to.
 
     Attributes:
-        frequencies_hz: Of each damped frequency [Hz], zero where the mode is overdamped; None where nobody knows.
+        frequencies_hz: Of each damped frequency [Hz], zero where the mode is overdamped; None where
+            nobody knows.
         ratios: Of each damping ratio; None where nobody knows.
-        dampers: The joint or component that takes most of the energy; empty where no single one does.
+        dampers: The joint or component that takes most of the energy; empty where no single one
+            does.
         creeping: Whether the mode does not oscillate.
     """
 
@@ -37,13 +45,16 @@ class DampingErrors:
     creeping: tuple[bool, ...]
 
 
-def estimate_damping_errors(coupled: CoupledMachine, system: SecondOrderSystem, damped: DampedModes, count: int) -> DampingErrors:
+def estimate_damping_errors(
+    coupled: CoupledMachine, system: SecondOrderSystem, damped: DampedModes, count: int
+) -> DampingErrors:
     """How far the damped modes that belong to the first undamped ones may be off.
 
-    What a source of error changes of the dynamic stiffness, ``dD(s)``, moves a pole by ``-x^T dD x / (x^T (2 s M + C) x)``. Modes left
-    out change it by ``-s^4 R(-s^2)`` (see ``Truncation``), finer meshes by less stiffness. Poles that damping brings close to one another
-    are ill-conditioned: where one moves by a tenth of the distance to the next, first-order changes say nothing, and a dashpot that
-    swallows every wave leaves poles that no finer model has.
+    What a source of error changes of the dynamic stiffness, ``dD(s)``, moves a pole by ``-x^T dD x
+    / (x^T (2 s M + C) x)``. Modes left out change it by ``-s^4 R(-s^2)`` (see ``Truncation``),
+    finer meshes by less stiffness. Poles that damping brings close to one another are
+    ill-conditioned: where one moves by a tenth of the distance to the next, first-order changes say
+    nothing, and a dashpot that swallows every wave leaves poles that no finer model has.
 
     Args:
         coupled: The machine.
@@ -51,7 +62,8 @@ def estimate_damping_errors(coupled: CoupledMachine, system: SecondOrderSystem, 
         damped: Its poles, those of the lowest undamped modes at least.
         count: Number of undamped modes.
 
-    Source: Lancaster (1964), Numer. Math. 6, 377-387, for the derivative of a pole; Tisseur (2000), Linear Algebra Appl. 309, 339-361,
+    Source: Lancaster (1964), Numer. Math. 6, 377-387, for the derivative of a pole; Tisseur (2000),
+    Linear Algebra Appl. 309, 339-361,
         for its condition number.
     """
     pairs = pair_with_undamped(damped, count)
@@ -65,8 +77,12 @@ def estimate_damping_errors(coupled: CoupledMachine, system: SecondOrderSystem, 
         errors = _mode_errors(damped, first, second, shifts)
         hz.append(errors[0])
         ratios.append(errors[1])
-        dampers.append("" if first is None else _largest_damper(coupled, system, damped.shapes[:, first]))
-    creeping = tuple(first is not None and damped.frequencies_hz[first] == 0.0 for first, _ in pairs)
+        dampers.append(
+            "" if first is None else _largest_damper(coupled, system, damped.shapes[:, first])
+        )
+    creeping = tuple(
+        first is not None and damped.frequencies_hz[first] == 0.0 for first, _ in pairs
+    )
     return DampingErrors(tuple(hz), tuple(ratios), tuple(dampers), creeping)
 
 
@@ -81,15 +97,25 @@ class _StiffnessChanges:
     def project(self, pole: complex, shapes: ComplexArray) -> list[ComplexArray] | None:
         """``X^T dD X`` ``(k, k)`` for each source; None where a source is not known."""
         square = -(pole**2)
-        if any(not abs(square) < part.truncation.limit for part in self._truncated) or self._is_silent(shapes):
+        if any(
+            not abs(square) < part.truncation.limit for part in self._truncated
+        ) or self._is_silent(shapes):
             return None
         found: list[ComplexArray] = []
         for part in self._truncated:
-            # sum of lambda^2 p p^T / (omega_k^2 - lambda) over the modes left out, at complex lambda: first moment, and all of the
-            # series' rest as if at the lowest of them (see ``most_participation``)
+            # sum of lambda^2 p p^T / (omega_k^2 - lambda) over the modes left out, at complex
+            # lambda: first moment, and all of the series' rest as if at the lowest of them (see
+            # ``most_participation``)
             moments = part.truncation
             seen = part.rows @ shapes
-            found.append(square**2 * (seen.T @ (moments.first + square / (1.0 - square / moments.limit) * moments.second) @ seen))
+            found.append(
+                square**2
+                * (
+                    seen.T
+                    @ (moments.first + square / (1.0 - square / moments.limit) * moments.second)
+                    @ seen
+                )
+            )
         for mesh in self._meshed:
             seen = mesh.rows @ shapes
             found.append(seen.T @ mesh.energy @ seen)
@@ -99,18 +125,25 @@ class _StiffnessChanges:
 
     def _is_silent(self, shapes: ComplexArray) -> bool:
         parts = np.hstack([shapes.real, shapes.imag])
-        energy = np.einsum("im,ij,jm->", parts, self._coupled.system.stiffness, parts, optimize=True)
+        energy = np.einsum(
+            "im,ij,jm->", parts, self._coupled.system.stiffness, parts, optimize=True
+        )
         return bool(silent_energies(self._coupled, parts).sum() > SILENT_SHARE * energy)
 
 
-def _shift_pole(system: SecondOrderSystem, damped: DampedModes, index: int, changes: _StiffnessChanges) -> list[complex] | None:
+def _shift_pole(
+    system: SecondOrderSystem, damped: DampedModes, index: int, changes: _StiffnessChanges
+) -> list[complex] | None:
     """By how much each source of error moves a pole; None where that is not known."""
     pole = complex(damped.poles[index])
     every = np.concatenate([damped.poles, damped.poles[damped.poles.imag > 0.0].conj()])
     distances = np.abs(every - pole)
     # shapes of equal poles are any combination of one another: they are moved together
     shapes = damped.shapes[:, distances[: len(damped.poles)] <= EQUAL * abs(pole)]
-    slope = shapes.T @ (2.0 * pole * (system.mass @ shapes) + (0.0 if system.damping is None else system.damping @ shapes))
+    slope = shapes.T @ (
+        2.0 * pole * (system.mass @ shapes)
+        + (0.0 if system.damping is None else system.damping @ shapes)
+    )
     projected = changes.project(pole, shapes)
     if projected is None or not np.linalg.cond(slope) < 1.0 / EQUAL:
         return None
@@ -118,12 +151,17 @@ def _shift_pole(system: SecondOrderSystem, damped: DampedModes, index: int, chan
     shifts = [complex(values[np.argmax(np.abs(values))]) for values in moved]
     if 2.0 * abs(pole) * np.linalg.norm(np.linalg.inv(slope), 2) <= INTERACTING:
         return shifts
-    share = sum(abs(shift) for shift in shifts) / distances[distances > EQUAL * abs(pole)].min(initial=np.inf)
+    share = sum(abs(shift) for shift in shifts) / distances[distances > EQUAL * abs(pole)].min(
+        initial=np.inf
+    )
     return None if share > SEPARATE else [shift / (1.0 - CURVATURE * share) for shift in shifts]
 
 
 def _mode_errors(
-    damped: DampedModes, first: int | None, second: int | None, shifts: dict[int, list[complex] | None]
+    damped: DampedModes,
+    first: int | None,
+    second: int | None,
+    shifts: dict[int, list[complex] | None],
 ) -> tuple[float | None, float | None]:
     """Of a mode's damped frequency [Hz] and damping ratio."""
     moved = None if first is None else shifts[first]
@@ -131,26 +169,41 @@ def _mode_errors(
         return None, None
     pole = complex(damped.poles[first])
     if damped.frequencies_hz[first] > 0.0:
-        # zeta = -Re s / |s|, the cosine of an angle that a shift across the pole turns; one along the pole does so in the second order
-        across = sum(abs((shift * pole.conjugate()).imag) for shift in moved) * abs(pole.imag) / abs(pole) ** 3
+        # zeta = -Re s / |s|, the cosine of an angle that a shift across the pole turns; one along
+        # the pole does so in the second order
+        across = (
+            sum(abs((shift * pole.conjugate()).imag) for shift in moved)
+            * abs(pole.imag)
+            / abs(pole) ** 3
+        )
         along = 2.0 * abs(pole.real) * sum(abs(shift) for shift in moved) / abs(pole) ** 2
-        return SAFETY * sum(abs(shift.imag) for shift in moved) / (2.0 * np.pi), SAFETY * max(across, along)
+        return SAFETY * sum(abs(shift.imag) for shift in moved) / (2.0 * np.pi), SAFETY * max(
+            across, along
+        )
     other = None if second is None else shifts[second]
     if second is None or other is None or not damped.poles[second].real * pole.real > 0.0:
         return None, None
     own, next_to = float(pole.real), float(damped.poles[second].real)
-    moves = (sum(abs(shift) for shift in moved) / abs(own), sum(abs(shift) for shift in other) / abs(next_to))
+    moves = (
+        sum(abs(shift) for shift in moved) / abs(own),
+        sum(abs(shift) for shift in other) / abs(next_to),
+    )
     # the ratio depends on the quotient of both poles alone
     quotient = math.sqrt(own / next_to)
     return 0.0, SAFETY * 0.25 * abs(quotient - 1.0 / quotient) * sum(moves)
 
 
 def _largest_damper(coupled: CoupledMachine, system: SecondOrderSystem, shape: ComplexArray) -> str:
-    """The joint or component that takes more than half of the energy a damped motion loses; empty without one."""
+    """The joint or component that takes more than half of the energy a damped motion loses; empty
+    without one.
+    """
     if system.damping is None:
         return ""
 
-    losses = {f"joint {spring.name}": _lost(spring.damping, spring.rows @ shape) for spring in coupled.joint_springs}
+    losses = {
+        f"joint {spring.name}": _lost(spring.damping, spring.rows @ shape)
+        for spring in coupled.joint_springs
+    }
     for name, matrix in coupled.matrices.dampings.items():
         losses[f"component {name}"] = _lost(matrix, coupled.basis[coupled.offsets[name]] @ shape)
     largest = max(losses, key=lambda name: losses[name], default="")

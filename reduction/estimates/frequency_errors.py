@@ -1,4 +1,6 @@
-"""How much too high the natural frequencies of a reduced machine are, from the modes its components leave out."""
+"""How much too high the natural frequencies of a reduced machine are, from the modes its components
+leave out.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,7 +26,8 @@ class FrequencyErrors:
     Attributes:
         bounds_hz: ``(m,)`` [Hz]; NaN where there is no bound.
         by_component: Component to ``(m,)`` its part [Hz], to first order.
-        beyond: Per mode, the components whose modes are complete only to below it, so that there is no bound.
+        beyond: Per mode, the components whose modes are complete only to below it, so that there is
+            no bound.
     """
 
     bounds_hz: FloatArray
@@ -34,7 +37,9 @@ class FrequencyErrors:
 
 @dataclass(frozen=True, eq=False)
 class TruncatedPart:
-    """A component that leaves modes out, and its boundary dofs in terms of the machine's coordinates ``(n_b, n)``."""
+    """A component that leaves modes out, and its boundary dofs in terms of the machine's
+    coordinates ``(n_b, n)``.
+    """
 
     truncation: Truncation
     rows: FloatArray
@@ -46,53 +51,78 @@ def truncated_parts(coupled: CoupledMachine) -> dict[str, TruncatedPart]:
     for name, superelement in coupled.layout.superelements.items():
         truncation = superelement.errors.truncation
         if truncation is not None and np.isfinite(truncation.limit):
-            own = turn_dofs(superelement, coupled.placements[name]) @ coupled.basis[coupled.offsets[name]]
+            own = (
+                turn_dofs(superelement, coupled.placements[name])
+                @ coupled.basis[coupled.offsets[name]]
+            )
             parts[name] = TruncatedPart(truncation, own[: superelement.boundary_size])
     return parts
 
 
-def bound_frequency_errors(system: SecondOrderSystem, parts: Mapping[str, TruncatedPart], modes: ModalResult) -> FrequencyErrors:
+def bound_frequency_errors(
+    system: SecondOrderSystem, parts: Mapping[str, TruncatedPart], modes: ModalResult
+) -> FrequencyErrors:
     """Bounds of the reduction error of natural frequencies.
 
-    With every mode kept a frequency solves ``(K - lambda M - lambda^2 R(lambda)) q = 0``, with R the participation of the modes left
-    out. R grows with lambda and is at most ``most_participation``: with ``lambda_j`` of the reduced machine, ``(K, M + lambda_j R)``
-    has a j-th eigenvalue that is not above that of the whole machine, and lambda_j is not below it. The small eigenproblem is solved
-    in the space of the modes and of their first corrections ``K^-1 R q``.
+    With every mode kept a frequency solves ``(K - lambda M - lambda^2 R(lambda)) q = 0``, with R
+    the participation of the modes left out. R grows with lambda and is at most
+    ``most_participation``: with ``lambda_j`` of the reduced machine, ``(K, M + lambda_j R)`` has a
+    j-th eigenvalue that is not above that of the whole machine, and lambda_j is not below it. The
+    small eigenproblem is solved in the space of the modes and of their first corrections ``K^-1 R
+    q``.
 
     Args:
         system: The coupled machine.
         parts: Its components that leave modes out.
         modes: Its lowest modes.
 
-    Source: Leung (1978) for the condensed dynamic stiffness; Boo, Kim and Lee (2016) for residual modes as an error estimator that splits
-        into components; Elssel and Voss (2006) for a bound, from the cut-off alone: ``lambda / (omega_c^2 - lambda)``.
+    Source: Leung (1978) for the condensed dynamic stiffness; Boo, Kim and Lee (2016) for residual
+    modes as an error estimator that splits
+        into components; Elssel and Voss (2006) for a bound, from the cut-off alone: ``lambda /
+        (omega_c^2 - lambda)``.
     """
-    squares = np.where(np.arange(len(modes.frequencies_hz)) < modes.rigid_count, 0.0, (2.0 * np.pi * modes.frequencies_hz) ** 2)
+    squares = np.where(
+        np.arange(len(modes.frequencies_hz)) < modes.rigid_count,
+        0.0,
+        (2.0 * np.pi * modes.frequencies_hz) ** 2,
+    )
     space = _trial_space(system, parts, modes)
     stiffness, mass = space.T @ system.stiffness @ space, space.T @ system.mass @ space
-    inner = {name: TruncatedPart(part.truncation, part.rows @ space) for name, part in parts.items()}
+    inner = {
+        name: TruncatedPart(part.truncation, part.rows @ space) for name, part in parts.items()
+    }
     seen = {name: part.rows @ modes.shapes for name, part in parts.items()}
     bounds, beyond = np.zeros(len(squares)), []
     by_component: dict[str, FloatArray] = {name: np.zeros(len(squares)) for name in parts}
     for mode, square in enumerate(squares):
-        beyond.append(tuple(name for name, part in parts.items() if not square < part.truncation.limit))
+        beyond.append(
+            tuple(name for name, part in parts.items() if not square < part.truncation.limit)
+        )
         if beyond[-1]:
             bounds[mode] = np.nan
             continue
         if square == 0.0:
             continue
         added = {name: most_participation(part.truncation, square) for name, part in parts.items()}
-        heavier = mass + square * sum(part.rows.T @ added[name] @ part.rows for name, part in inner.items())
+        heavier = mass + square * sum(
+            part.rows.T @ added[name] @ part.rows for name, part in inner.items()
+        )
         lowered = eigh(stiffness, heavier, eigvals_only=True, subset_by_index=[mode, mode])[0]
         bounds[mode] = modes.frequencies_hz[mode] - np.sqrt(max(lowered, 0.0)) / (2.0 * np.pi)
         for name in parts:
             column = seen[name][:, mode]
-            by_component[name][mode] = 0.5 * modes.frequencies_hz[mode] * square * float(column @ added[name] @ column)
+            by_component[name][mode] = (
+                0.5 * modes.frequencies_hz[mode] * square * float(column @ added[name] @ column)
+            )
     return FrequencyErrors(np.maximum(bounds, 0.0), by_component, tuple(beyond))
 
 
-def _trial_space(system: SecondOrderSystem, parts: Mapping[str, TruncatedPart], modes: ModalResult) -> FloatArray:
-    """The modes ``(n, m)`` and the new directions, M-orthonormal, into which the modes left out push them."""
+def _trial_space(
+    system: SecondOrderSystem, parts: Mapping[str, TruncatedPart], modes: ModalResult
+) -> FloatArray:
+    """The modes ``(n, m)`` and the new directions, M-orthonormal, into which the modes left out
+    push them.
+    """
     shapes = modes.shapes
     if not parts or not shapes.shape[1]:
         return shapes
@@ -101,8 +131,12 @@ def _trial_space(system: SecondOrderSystem, parts: Mapping[str, TruncatedPart], 
     try:
         factor = cho_factor(system.stiffness + shift * system.mass)
     except np.linalg.LinAlgError:
-        return shapes  # dofs without mass or stiffness: the modes alone hold the first order of the error
-    pushed = np.sum([part.rows.T @ (part.truncation.first @ (part.rows @ shapes)) for part in parts.values()], axis=0)
+        # dofs without mass or stiffness: the modes alone hold the first order of the error
+        return shapes
+    pushed = np.sum(
+        [part.rows.T @ (part.truncation.first @ (part.rows @ shapes)) for part in parts.values()],
+        axis=0,
+    )
     space = shapes
     for _ in range(KRYLOV_BLOCKS):
         moved = new_directions(cho_solve(factor, pushed), space, system.mass)
@@ -111,7 +145,8 @@ def _trial_space(system: SecondOrderSystem, parts: Mapping[str, TruncatedPart], 
 
 
 def new_directions(block: FloatArray, space: FloatArray, mass: FloatArray) -> FloatArray:
-    """M-orthonormal directions that a block adds to an M-orthonormal space; those it shares with the space fall away.
+    """M-orthonormal directions that a block adds to an M-orthonormal space; those it shares with
+    the space fall away.
 
     Args:
         block: ``(n, k)`` directions of any length.

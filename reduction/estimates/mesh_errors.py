@@ -1,4 +1,6 @@
-"""Errors of a coupled machine's frequencies and compliances by the meshes of its components and by the kind of their interfaces."""
+"""Errors of a coupled machine's frequencies and compliances by the meshes of its components and by
+the kind of their interfaces.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,13 +13,16 @@ from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import turn_dofs
 from headstock.solvers.linear.modal_analysis import ModalResult
 
-# share of the strain energy in dofs whose mesh error nobody knows: beyond it a number has no estimate
+# share of the strain energy in dofs whose mesh error nobody knows: beyond it a number has no
+# estimate
 SILENT_SHARE = 0.01
-# of what the true surface changes to first order in its distance from the mesh (`validate coverage`)
+# of what the true surface changes to first order in its distance from the mesh (`validate
+# coverage`)
 SHAPE_SAFETY = 1.5
-# A round punch of radius a on a half-space gives 0.5 (1 - nu^2) / (E a) under a force along its normal, even pressure 0.54 in the mean
-# (Johnson 1985, Contact Mechanics, sections 3.2 and 3.4). Moments and the other directions give about as much: two halves of a bar came
-# out within a factor of two of what both kinds give.
+# A round punch of radius a on a half-space gives 0.5 (1 - nu^2) / (E a) under a force along its
+# normal, even pressure 0.54 in the mean (Johnson 1985, Contact Mechanics, sections 3.2 and 3.4).
+# Moments and the other directions give about as much: two halves of a bar came out within a factor
+# of two of what both kinds give.
 FORCE_DOUBT, MOMENT_DOUBT = 0.04, 0.12
 
 
@@ -26,14 +31,16 @@ class MeshedPart:
     """A component with an estimate of its mesh, and its dofs in terms of the machine's coordinates.
 
     Attributes:
-        energy: ``(n_c, n_c)`` products of the energies that its mesh misses, times the factor that covers 95 % of true errors.
+        energy: ``(n_c, n_c)`` products of the energies that its mesh misses, times the factor that
+            covers 95 % of true errors.
         stiffness: ``(n_c, n_c)`` of the component.
         rows: ``(n_c, n)``.
-        silent: ``(n_c,)`` dofs that the estimate leaves out: some files estimate the lower modal dofs only, and of some meshes
-            nothing can be told.
-        reach_hz: Lowest fixed-interface frequency among them [Hz], inf with none, 0 where all are silent.
-        shape_stiffness: ``(n_c, n_c)`` what the part's curved faces change of its stiffness, likewise times a factor; None where
-            nobody knows where they lie.
+        silent: ``(n_c,)`` dofs that the estimate leaves out: some files estimate the lower modal
+            dofs only, and of some meshes nothing can be told.
+        reach_hz: Lowest fixed-interface frequency among them [Hz], inf with none, 0 where all are
+            silent.
+        shape_stiffness: ``(n_c, n_c)`` what the part's curved faces change of its stiffness,
+            likewise times a factor; None where nobody knows where they lie.
         shape_mass: The same of its mass.
     """
 
@@ -57,21 +64,28 @@ def meshed_parts(coupled: CoupledMachine) -> dict[str, MeshedPart]:
             silent = np.diag(errors.missing_energy) <= 0.0
             blind = bool(silent.all())
             silent[: part.boundary_size] &= blind
-            reach = 0.0 if blind else part.modal_frequencies_hz[silent[part.boundary_size :]].min(initial=np.inf)
+            reach = (
+                0.0
+                if blind
+                else part.modal_frequencies_hz[silent[part.boundary_size :]].min(initial=np.inf)
+            )
             found[name] = MeshedPart(
                 energy=errors.mesh_safety * errors.missing_energy,
                 stiffness=part.stiffness,
                 rows=rows,
                 silent=silent,
                 reach_hz=float(reach),
-                shape_stiffness=None if errors.shape_stiffness is None else SHAPE_SAFETY * errors.shape_stiffness,
+                shape_stiffness=None
+                if errors.shape_stiffness is None
+                else SHAPE_SAFETY * errors.shape_stiffness,
                 shape_mass=None if errors.shape_mass is None else SHAPE_SAFETY * errors.shape_mass,
             )
     return found
 
 
 def missing_energies(coupled: CoupledMachine, motions: FloatArray) -> dict[str, FloatArray]:
-    """Energy products of the discretisation errors of each meshed component under motions of the machine.
+    """Energy products of the discretisation errors of each meshed component under motions of the
+    machine.
 
     Args:
         coupled: The machine.
@@ -80,39 +94,54 @@ def missing_energies(coupled: CoupledMachine, motions: FloatArray) -> dict[str, 
     Returns:
         Component to ``(m, m)``; components without an estimate are left out.
     """
-    seen = {name: (part.energy, part.rows @ motions) for name, part in meshed_parts(coupled).items()}
+    seen = {
+        name: (part.energy, part.rows @ motions) for name, part in meshed_parts(coupled).items()
+    }
     return {name: own.T @ energy @ own for name, (energy, own) in seen.items()}
 
 
 def frequency_mesh_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[str, FloatArray]:
-    """By how much each mesh makes the natural frequencies too high, ``(m,)`` per component [Hz]; NaN where that is not known.
+    """By how much each mesh makes the natural frequencies too high, ``(m,)`` per component [Hz];
+    NaN where that is not known.
 
-    The square of a frequency is too large by the energy norm of the shape's error; what the kinetic energy adds is of higher order.
+    The square of a frequency is too large by the energy norm of the shape's error; what the kinetic
+    energy adds is of higher order.
 
     Source: Strang and Fix (1973), An Analysis of the Finite Element Method, lemma 6.3.
     """
     elastic = np.arange(len(modes.frequencies_hz)) >= modes.rigid_count
     squares = np.where(elastic, (2.0 * np.pi * modes.frequencies_hz) ** 2, np.inf)
-    shares = {name: np.diag(energy) / squares for name, energy in missing_energies(coupled, modes.shapes).items()}
+    shares = {
+        name: np.diag(energy) / squares
+        for name, energy in missing_energies(coupled, modes.shapes).items()
+    }
     total = np.sum([np.zeros(len(squares)), *shares.values()], axis=0)
-    # exact for the sum, however large: an error of the square beyond the square itself takes the whole frequency
+    # exact for the sum, however large: an error of the square beyond the square itself takes the
+    # whole frequency
     drop = modes.frequencies_hz * (1.0 - np.sqrt(np.maximum(1.0 - total, 0.0)))
     unknown = elastic & (silent_energies(coupled, modes.shapes) > SILENT_SHARE * squares)
     drop = np.where(unknown, np.nan, drop)
-    return {name: drop * share / np.where(total > 0.0, total, 1.0) for name, share in shares.items()}
+    return {
+        name: drop * share / np.where(total > 0.0, total, 1.0) for name, share in shares.items()
+    }
 
 
 def silent_energies(coupled: CoupledMachine, motions: FloatArray) -> FloatArray:
-    """Twice the strain energies ``(m,)`` of motions ``(n, m)`` in dofs whose mesh error is not known."""
+    """Twice the strain energies ``(m,)`` of motions ``(n, m)`` in dofs whose mesh error is not
+    known.
+    """
     total = np.zeros(motions.shape[1])
     for part in meshed_parts(coupled).values():
         own = (part.rows @ motions)[part.silent]
-        total += np.einsum("im,ij,jm->m", own, part.stiffness[np.ix_(part.silent, part.silent)], own)
+        total += np.einsum(
+            "im,ij,jm->m", own, part.stiffness[np.ix_(part.silent, part.silent)], own
+        )
     return total
 
 
 def frequency_shape_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[str, FloatArray]:
-    """By how much natural frequencies differ because meshes cut curved faces short, ``(m,)`` per component [Hz].
+    """By how much natural frequencies differ because meshes cut curved faces short, ``(m,)`` per
+    component [Hz].
 
     Source: Rayleigh; to first order ``omega^2`` changes by ``phi^T (dK - omega^2 dM) phi``.
     """
@@ -120,16 +149,26 @@ def frequency_shape_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[
     squares = np.where(elastic, (2.0 * np.pi * modes.frequencies_hz) ** 2, np.inf)
     found = {}
     for name, part in meshed_parts(coupled).items():
-        if part.shape_stiffness is not None and part.shape_mass is not None and part.shape_stiffness.any():
+        if (
+            part.shape_stiffness is not None
+            and part.shape_mass is not None
+            and part.shape_stiffness.any()
+        ):
             own = part.rows @ modes.shapes
-            stiffer, heavier = (np.einsum("im,ij,jm->m", own, each, own) for each in (part.shape_stiffness, part.shape_mass))
+            stiffer, heavier = (
+                np.einsum("im,ij,jm->m", own, each, own)
+                for each in (part.shape_stiffness, part.shape_mass)
+            )
             change = stiffer / squares - np.where(elastic, heavier, 0.0)
             found[name] = 0.5 * modes.frequencies_hz * np.abs(change)
     return found
 
 
-def compliance_shape_errors(coupled: CoupledMachine, displacements: FloatArray) -> dict[str, FloatArray]:
-    """By how much static compliances differ because meshes cut curved faces short, ``(m,)`` per component.
+def compliance_shape_errors(
+    coupled: CoupledMachine, displacements: FloatArray
+) -> dict[str, FloatArray]:
+    """By how much static compliances differ because meshes cut curved faces short, ``(m,)`` per
+    component.
 
     Args:
         coupled: The machine.
@@ -143,7 +182,9 @@ def compliance_shape_errors(coupled: CoupledMachine, displacements: FloatArray) 
     return found
 
 
-def compliance_mesh_errors(coupled: CoupledMachine, displacements: FloatArray) -> dict[str, FloatArray]:
+def compliance_mesh_errors(
+    coupled: CoupledMachine, displacements: FloatArray
+) -> dict[str, FloatArray]:
     """By how much each mesh makes a static compliance too small.
 
     Args:
@@ -151,14 +192,18 @@ def compliance_mesh_errors(coupled: CoupledMachine, displacements: FloatArray) -
         displacements: ``(n, 6)`` responses to unit loads at a point.
 
     Returns:
-        Component to ``(6, 6)``, to be added to the compliance: its diagonal is never negative; NaN where that is not known.
+        Component to ``(6, 6)``, to be added to the compliance: its diagonal is never negative; NaN
+        where that is not known.
 
-    Source: Clapeyron; the energy of a finite element solution under given loads is too small by the energy of its error.
+    Source: Clapeyron; the energy of a finite element solution under given loads is too small by the
+    energy of its error.
     """
     soft = np.einsum("im,ij,jm->m", displacements, coupled.system.stiffness, displacements)
     unknown = silent_energies(coupled, displacements) > SILENT_SHARE * soft
     blank = np.where(unknown[:, None] | unknown, np.nan, 0.0)
-    return {name: energy + blank for name, energy in missing_energies(coupled, displacements).items()}
+    return {
+        name: energy + blank for name, energy in missing_energies(coupled, displacements).items()
+    }
 
 
 def doubted_energies(
@@ -168,7 +213,8 @@ def doubted_energies(
     areas: Mapping[tuple[str, str], float],
     parts: Mapping[str, Material],
 ) -> dict[str, FloatArray]:
-    """Twice the energies ``(m,)`` by which the kind of each interface may change motions, by ``component.interface``.
+    """Twice the energies ``(m,)`` by which the kind of each interface may change motions, by
+    ``component.interface``.
 
     Args:
         coupled: The machine.
@@ -182,11 +228,20 @@ def doubted_energies(
         element = coupled.layout.superelements[name]
         if interface not in element.attachments:
             continue
-        own = turn_dofs(element, coupled.placements[name]) @ coupled.basis[coupled.offsets[name]] @ motions
+        own = (
+            turn_dofs(element, coupled.placements[name])
+            @ coupled.basis[coupled.offsets[name]]
+            @ motions
+        )
         node = element.attachments[interface].node
         rows = slice(6 * node, 6 * node + 6)
         forces = element.stiffness[rows] @ own - (element.mass[rows] @ own) * squares
-        radius, modulus = np.sqrt(area / np.pi), parts[name].youngs_modulus / (1.0 - parts[name].poisson_ratio ** 2)
+        radius, modulus = (
+            np.sqrt(area / np.pi),
+            parts[name].youngs_modulus / (1.0 - parts[name].poisson_ratio ** 2),
+        )
         pushes, turns = (forces[:3] ** 2).sum(axis=0), (forces[3:] ** 2).sum(axis=0)
-        found[f"{name}.{interface}"] = (FORCE_DOUBT * pushes / radius + MOMENT_DOUBT * turns / radius**3) / modulus
+        found[f"{name}.{interface}"] = (
+            FORCE_DOUBT * pushes / radius + MOMENT_DOUBT * turns / radius**3
+        ) / modulus
     return found

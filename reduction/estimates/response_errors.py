@@ -1,4 +1,6 @@
-"""How far the frequency response of a reduced machine is from that of finer meshes with every mode kept, in a small trial space."""
+"""How far the frequency response of a reduced machine is from that of finer meshes with every mode
+kept, in a small trial space.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,13 +14,17 @@ from headstock.reduction.estimates.mesh_errors import MeshedPart
 from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
-REACH = 2.0  # times the highest frequency: modes of the trial space; static responses stand for those above
-RESTING = 1e-6  # of the square of the lowest elastic frequency: at rest, where rigid motions are free
+# times the highest frequency: modes of the trial space; static responses stand for those above
+REACH = 2.0
+RESTING = (
+    1e-6  # of the square of the lowest elastic frequency: at rest, where rigid motions are free
+)
 CHUNK = 256  # frequencies at a time
 PASSING = 3  # peaks that may pass over a line
 PASSING_MARGIN = 1.25  # the way of a peak is tried in one place only
-# A change of a few percent grows evenly on the way to finer meshes, so that it is largest at the end. A larger one may be largest
-# before, where a peak comes near a line or an antiresonance lies on it: shares of the way that are tried then
+# A change of a few percent grows evenly on the way to finer meshes, so that it is largest at the
+# end. A larger one may be largest before, where a peak comes near a line or an antiresonance lies
+# on it: shares of the way that are tried then
 EVEN = 0.05
 ON_THE_WAY = (0.25, 0.5, 0.75)
 
@@ -40,7 +46,9 @@ class ErrorSources:
 
 @dataclass(frozen=True, eq=False)
 class SystemChange:
-    """What is added to the stiffness ``(m, m)``, damping with it, and to the mass ``(m, m)`` of a system."""
+    """What is added to the stiffness ``(m, m)``, damping with it, and to the mass ``(m, m)`` of a
+    system.
+    """
 
     stiffness: ComplexArray
     mass: FloatArray
@@ -55,20 +63,31 @@ class ResponseSpace:
         rows: ``(n_outputs, m)``.
         rest: Square of the angular frequency that counts as rest.
         finer: What finer meshes change.
-        faces: What the parts' curved faces change, alone and together with finer meshes; empty where nothing is curved.
+        faces: What the parts' curved faces change, alone and together with finer meshes; empty
+            where nothing is curved.
     """
 
     def __init__(
-        self, system: SecondOrderSystem, sources: ErrorSources, space: FloatArray, ports: tuple[FloatArray, FloatArray], rest: float
+        self,
+        system: SecondOrderSystem,
+        sources: ErrorSources,
+        space: FloatArray,
+        ports: tuple[FloatArray, FloatArray],
+        rest: float,
     ) -> None:
         self.sources, self.rest = sources, rest
         self.loads: FloatArray = space.T @ ports[0]
         self.rows: FloatArray = ports[1] @ space
         self._stiffness = space.T @ system.stiffness @ space
-        self._hysteretic = None if system.hysteretic is None else space.T @ system.hysteretic @ space
+        self._hysteretic = (
+            None if system.hysteretic is None else space.T @ system.hysteretic @ space
+        )
         self._mass = space.T @ system.mass @ space
         self._damping = None if system.damping is None else space.T @ system.damping @ space
-        lossy = {name: 1.0 + 1j * sources.loss_factors.get(name, 0.0) for name in (*sources.truncated, *sources.meshed)}
+        lossy = {
+            name: 1.0 + 1j * sources.loss_factors.get(name, 0.0)
+            for name in (*sources.truncated, *sources.meshed)
+        }
         self._moments = []
         for name, part in sources.truncated.items():
             seen, moments = part.rows @ space, part.truncation
@@ -91,12 +110,18 @@ class ResponseSpace:
     @property
     def limit(self) -> float:
         """Square of the angular frequency from which on modes are left out."""
-        return min((part.truncation.limit for part in self.sources.truncated.values()), default=np.inf)
+        return min(
+            (part.truncation.limit for part in self.sources.truncated.values()), default=np.inf
+        )
 
     def dynamic_stiffness(
-        self, squares: FloatArray, change: SystemChange | None = None, shares: FloatArray | float = 1.0
+        self,
+        squares: FloatArray,
+        change: SystemChange | None = None,
+        shares: FloatArray | float = 1.0,
     ) -> ComplexArray:
-        """``K + i H + i omega C - omega^2 M`` ``(n_freq, m, m)``; structural damping does not act at rest.
+        """``K + i H + i omega C - omega^2 M`` ``(n_freq, m, m)``; structural damping does not act
+        at rest.
 
         Args:
             squares: ``(n_freq,)`` of the angular frequencies; 0 for rest.
@@ -104,13 +129,18 @@ class ResponseSpace:
             shares: ``(n_freq,)`` how much of it.
         """
         moving = (squares > 0.0)[:, None, None]
-        dynamic: ComplexArray = self._stiffness - np.where(moving, squares[:, None, None], self.rest) * self._mass + 0j
+        dynamic: ComplexArray = (
+            self._stiffness - np.where(moving, squares[:, None, None], self.rest) * self._mass + 0j
+        )
         if self._hysteretic is not None:
             dynamic += 1j * moving * self._hysteretic
         if self._damping is not None:
             dynamic += 1j * np.sqrt(squares)[:, None, None] * self._damping
         if change is not None:
-            added = np.where(moving, change.stiffness, change.stiffness.real) - squares[:, None, None] * change.mass
+            added = (
+                np.where(moving, change.stiffness, change.stiffness.real)
+                - squares[:, None, None] * change.mass
+            )
             dynamic += np.broadcast_to(shares, squares.shape)[:, None, None] * added
         return dynamic
 
@@ -138,9 +168,14 @@ class ResponseSpace:
 
 
 def project_response(
-    system: SecondOrderSystem, sources: ErrorSources, modes: ModalResult, ports: tuple[FloatArray, FloatArray], highest_hz: float
+    system: SecondOrderSystem,
+    sources: ErrorSources,
+    modes: ModalResult,
+    ports: tuple[FloatArray, FloatArray],
+    highest_hz: float,
 ) -> ResponseSpace:
-    """Bring a machine into the space of its modes, of static responses at its ports and of the first corrections of its modes.
+    """Bring a machine into the space of its modes, of static responses at its ports and of the
+    first corrections of its modes.
 
     Args:
         system: The coupled machine with its damping.
@@ -152,7 +187,12 @@ def project_response(
     elastic = modes.frequencies_hz[modes.rigid_count :]
     shift = (2.0 * np.pi * float(elastic[0])) ** 2 if modes.rigid_count and len(elastic) else 0.0
     space = _trial_space(
-        system, sources.truncated, modes, pushes=np.hstack([ports[0], ports[1].T]), highest_hz=highest_hz, shift=shift
+        system,
+        sources.truncated,
+        modes,
+        pushes=np.hstack([ports[0], ports[1].T]),
+        highest_hz=highest_hz,
+        shift=shift,
     )
     return ResponseSpace(system, sources, space, ports, RESTING * shift)
 
@@ -167,17 +207,41 @@ def _trial_space(
     shift: float,
 ) -> FloatArray:
     """M-orthonormal directions ``(n, m)`` in which the response and its change are sought."""
-    count = max(modes.rigid_count + 1, int(np.searchsorted(modes.frequencies_hz, REACH * highest_hz, side="right")))
+    count = max(
+        modes.rigid_count + 1,
+        int(np.searchsorted(modes.frequencies_hz, REACH * highest_hz, side="right")),
+    )
     shapes = modes.shapes[:, :count]
-    near = shapes[:, : max(modes.rigid_count + 1, int(np.searchsorted(modes.frequencies_hz, 1.2 * highest_hz, side="right")))]
+    near = shapes[
+        :,
+        : max(
+            modes.rigid_count + 1,
+            int(np.searchsorted(modes.frequencies_hz, 1.2 * highest_hz, side="right")),
+        ),
+    ]
     pushed = (
-        [np.sum([part.rows.T @ (part.truncation.first @ (part.rows @ near)) for part in parts.values()], axis=0)] if parts else []
+        [
+            np.sum(
+                [
+                    part.rows.T @ (part.truncation.first @ (part.rows @ near))
+                    for part in parts.values()
+                ],
+                axis=0,
+            )
+        ]
+        if parts
+        else []
     )
     try:
         factor = cho_factor(system.stiffness + shift * system.mass)
     except np.linalg.LinAlgError:
         return shapes
-    return np.hstack([shapes, new_directions(cho_solve(factor, np.hstack([pushes, *pushed])), shapes, system.mass)])
+    return np.hstack(
+        [
+            shapes,
+            new_directions(cho_solve(factor, np.hstack([pushes, *pushed])), shapes, system.mass),
+        ]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,10 +249,13 @@ class ResponseErrors:
     """What the modes left out and finer meshes change of a receptance, each on its own.
 
     Attributes:
-        least: ``(n_freq, n_outputs, n_inputs)`` change by the least that the modes left out can add; NaN where there is no bound.
+        least: ``(n_freq, n_outputs, n_inputs)`` change by the least that the modes left out can
+            add; NaN where there is no bound.
         most: The same by the most they can add; the truth lies between both as a rule.
-        mesh: The same by finer meshes, an estimate; None where no mesh has one, NaN where modes without one take part.
-        mesh_sizes: The largest change ``(n_freq, n_outputs, n_inputs)`` anywhere on the way to finer meshes: a peak may pass over lines.
+        mesh: The same by finer meshes, an estimate; None where no mesh has one, NaN where modes
+            without one take part.
+        mesh_sizes: The largest change ``(n_freq, n_outputs, n_inputs)`` anywhere on the way to
+            finer meshes: a peak may pass over lines.
         face_sizes: What the parts' curved faces may add to that; None where nothing is curved.
     """
 
@@ -200,25 +267,31 @@ class ResponseErrors:
 
     @property
     def bounds(self) -> FloatArray:
-        """Error by the modes left out ``(n_freq, n_outputs, n_inputs)``: the larger change and the distance between both."""
-        return np.asarray(np.maximum(np.abs(self.least), np.abs(self.most)) + np.abs(self.most - self.least))
+        """Error by the modes left out ``(n_freq, n_outputs, n_inputs)``: the larger change and the
+        distance between both.
+        """
+        return np.asarray(
+            np.maximum(np.abs(self.least), np.abs(self.most)) + np.abs(self.most - self.least)
+        )
 
 
 def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> ResponseErrors:
     """Change of a frequency response by the modes that components leave out, and by finer meshes.
 
-    Modes left out take ``lambda^2 R(lambda)`` from the dynamic stiffness (see ``bound_frequency_errors``); a loss factor eta of a
-    component divides its ``omega_k^2`` by ``1 / (1 + i eta)``. Finer meshes take the energy that the present ones miss from the
-    stiffness, times ``1 + i eta``: to first order the response between two ports then changes by the energy product of the errors of
-    the responses to both.
+    Modes left out take ``lambda^2 R(lambda)`` from the dynamic stiffness (see
+    ``bound_frequency_errors``); a loss factor eta of a component divides its ``omega_k^2`` by ``1 /
+    (1 + i eta)``. Finer meshes take the energy that the present ones miss from the stiffness, times
+    ``1 + i eta``: to first order the response between two ports then changes by the energy product
+    of the errors of the responses to both.
 
     Args:
         space: The machine in its trial space.
         frequencies_hz: ``(n_freq,)``.
 
-    Source: Leung (1978) for the condensed dynamic stiffness; Jakobsson, Bengzon and Larson (2012, arXiv:1206.5479) estimate the same
-        error by a dual problem. Prudhomme and Oden (1999), Comput. Methods Appl. Mech. Engrg. 176, 313-331, for a quantity's error as a
-        product of two errors.
+    Source: Leung (1978) for the condensed dynamic stiffness; Jakobsson, Bengzon and Larson (2012,
+    arXiv:1206.5479) estimate the same
+        error by a dual problem. Prudhomme and Oden (1999), Comput. Methods Appl. Mech. Engrg. 176,
+        313-331, for a quantity's error as a product of two errors.
     """
     squares, inputs = (2.0 * np.pi * frequencies_hz) ** 2, space.loads.shape[1]
     shape = (len(squares), len(space.rows), inputs)
@@ -227,9 +300,16 @@ def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> R
     sizes, faces = np.zeros(shape), np.zeros(shape)
     beyond = squares >= space.limit
     least[beyond] = most[beyond] = np.nan
-    silent = frequencies_hz >= min((part.reach_hz for part in space.sources.meshed.values()), default=np.inf)
+    silent = frequencies_hz >= min(
+        (part.reach_hz for part in space.sources.meshed.values()), default=np.inf
+    )
     moves = (
-        [] if mesh is None else [_Move(change, space.squares(), space.squares(change)) for change in (space.finer, *space.faces)]
+        []
+        if mesh is None
+        else [
+            _Move(change, space.squares(), space.squares(change))
+            for change in (space.finer, *space.faces)
+        ]
     )
     for start in range(0, len(squares), CHUNK):
         lines = np.arange(start, min(start + CHUNK, len(squares)))
@@ -241,13 +321,17 @@ def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> R
             mesh[lines] = soften_response(space, frequencies_hz[lines]) - plain
             sizes[lines] = _largest_change(space, moves[0], squares[lines], plain, mesh[lines])
             for move in moves[1:]:
-                whole = _respond(space, space.dynamic_stiffness(squares[lines], move.change)) - plain
+                whole = (
+                    _respond(space, space.dynamic_stiffness(squares[lines], move.change)) - plain
+                )
                 added = _largest_change(space, move, squares[lines], plain, whole) - sizes[lines]
                 faces[lines] = np.maximum(faces[lines], added)
         inside = (squares[lines] > 0.0) & ~beyond[lines]
         if space.sources.truncated and inside.any():
             kept = lines[inside]
-            least[kept], most[kept] = _add_modes(space, squares[kept], dynamic[inside], plain[inside])
+            least[kept], most[kept] = _add_modes(
+                space, squares[kept], dynamic[inside], plain[inside]
+            )
     if mesh is None:
         return ResponseErrors(least, most)
     mesh[silent] = sizes[silent] = np.nan
@@ -255,8 +339,12 @@ def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> R
 
 
 def soften_response(space: ResponseSpace, frequencies_hz: FloatArray) -> ComplexArray:
-    """Receptance ``(n_freq, n_outputs, n_inputs)`` as finer meshes would have it, by their estimates."""
-    return _respond(space, space.dynamic_stiffness((2.0 * np.pi * frequencies_hz) ** 2, space.finer))
+    """Receptance ``(n_freq, n_outputs, n_inputs)`` as finer meshes would have it, by their
+    estimates.
+    """
+    return _respond(
+        space, space.dynamic_stiffness((2.0 * np.pi * frequencies_hz) ** 2, space.finer)
+    )
 
 
 def _respond(space: ResponseSpace, dynamic: ComplexArray) -> ComplexArray:
@@ -272,8 +360,12 @@ class _Move:
     after: FloatArray
 
 
-def _largest_change(space: ResponseSpace, move: _Move, squares: FloatArray, plain: ComplexArray, whole: ComplexArray) -> FloatArray:
-    """The largest change of lines ``(n_freq, n_outputs, n_inputs)`` anywhere on the way from ``plain`` to the ``whole`` change."""
+def _largest_change(
+    space: ResponseSpace, move: _Move, squares: FloatArray, plain: ComplexArray, whole: ComplexArray
+) -> FloatArray:
+    """The largest change of lines ``(n_freq, n_outputs, n_inputs)`` anywhere on the way from
+    ``plain`` to the ``whole`` change.
+    """
     largest = np.maximum(np.abs(whole), _largest_passing(space, move, squares, plain))
     lines = np.flatnonzero((np.abs(whole) > EVEN * np.abs(plain)).any(axis=(1, 2)))
     for share in ON_THE_WAY if len(lines) else ():
@@ -282,11 +374,15 @@ def _largest_change(space: ResponseSpace, move: _Move, squares: FloatArray, plai
     return np.asarray(largest)
 
 
-def _largest_passing(space: ResponseSpace, move: _Move, squares: FloatArray, plain: ComplexArray) -> FloatArray:
-    """The largest change of lines ``(n_freq, n_outputs, n_inputs)`` while peaks pass over them; 0 where none does.
+def _largest_passing(
+    space: ResponseSpace, move: _Move, squares: FloatArray, plain: ComplexArray
+) -> FloatArray:
+    """The largest change of lines ``(n_freq, n_outputs, n_inputs)`` while peaks pass over them; 0
+    where none does.
 
-    The truth may lie anywhere between no change and the whole. While the change grows modes move from here to there, and those
-    that pass over a line are on it at some share of the change, which is taken to grow evenly along the way.
+    The truth may lie anywhere between no change and the whole. While the change grows modes move
+    from here to there, and those that pass over a line are on it at some share of the change, which
+    is taken to grow evenly along the way.
     """
     largest = np.zeros(plain.shape)
     low, high = np.minimum(move.before, move.after), np.maximum(move.before, move.after)
@@ -310,5 +406,6 @@ def _add_modes(
     moved = np.linalg.solve(dynamic - high, np.hstack([space.loads, space.rows.T]).astype(complex))
     given, seen = moved[:, :, :inputs], moved[:, :, inputs:]
     most = space.rows @ given - plain
-    # from the most to the least it is a small step, taken to first order: one more factorisation would cost half as much again
+    # from the most to the least it is a small step, taken to first order: one more factorisation
+    # would cost half as much again
     return most - seen.transpose(0, 2, 1) @ ((high - low) @ given), most

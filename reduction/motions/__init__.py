@@ -1,1 +1,3 @@
-"""What a motion of the machine means: compliance budgets, names of modes, motions of bodies. Never its errors."""
+"""What a motion of the machine means: compliance budgets, names of modes, motions of bodies. Never
+its errors.
+"""

@@ -1,4 +1,6 @@
-"""Motions of bodies at the same points whatever their models, so that natural modes of different models can be compared."""
+"""Motions of bodies at the same points whatever their models, so that natural modes of different
+models can be compared.
+"""
 
 import itertools
 from collections.abc import Mapping
@@ -33,12 +35,16 @@ class BodyPlaces:
 
 
 def choose_places(superelement: Superelement) -> BodyPlaces:
-    """Gauss points of the block of equal mass, centre and inertia: exact for rigid motions, and enough of them to see bending."""
+    """Gauss points of the block of equal mass, centre and inertia: exact for rigid motions, and
+    enough of them to see bending.
+    """
     mass = superelement.mass_kg
     if not mass > 0.0:
         return BodyPlaces(np.zeros((0, 3)), np.zeros(0))
     moments, axes = np.linalg.eigh(superelement.inertia / mass)
-    half = 0.5 * np.sqrt(np.maximum(6.0 * (moments.sum() - 2.0 * moments), SMALLEST_MOMENT * max(1.0, moments.sum())))
+    half = 0.5 * np.sqrt(
+        np.maximum(6.0 * (moments.sum() - 2.0 * moments), SMALLEST_MOMENT * max(1.0, moments.sum()))
+    )
     nodes, weights = np.polynomial.legendre.leggauss(POINTS_PER_EDGE)
     grid = np.array(list(itertools.product(nodes, repeat=3)))
     shares = np.prod(list(itertools.product(0.5 * weights, repeat=3)), axis=1)
@@ -48,8 +54,8 @@ def choose_places(superelement: Superelement) -> BodyPlaces:
 def place_motion(superelement: Superelement, points: FloatArray) -> FloatArray:
     """Displacement ``(3 k, n)`` of places ``(k, 3)`` in a component per unit dof, component axes.
 
-    Recovered displacements nearby are fitted by a linear field, which gives rigid motions and plane sections exactly; without
-    them the boundary nodes carry the places, weighted by their nearness.
+    Recovered displacements nearby are fitted by a linear field, which gives rigid motions and plane
+    sections exactly; without them the boundary nodes carry the places, weighted by their nearness.
 
     Source: Lancaster and Salkauskas (1981), moving least squares; Shepard (1968).
     """
@@ -60,7 +66,9 @@ def place_motion(superelement: Superelement, points: FloatArray) -> FloatArray:
     distances, neighbours = KDTree(known).query(points, k=count)
     result = np.zeros((len(points), 3, len(superelement.labels)))
     field = superelement.recovery.basis.reshape(len(known), 3, -1)
-    for row, (distance, near) in enumerate(zip(distances.reshape(-1, count), neighbours.reshape(-1, count), strict=True)):
+    for row, (distance, near) in enumerate(
+        zip(distances.reshape(-1, count), neighbours.reshape(-1, count), strict=True)
+    ):
         reach = max(float(distance.max()), np.finfo(float).tiny)
         arms = np.column_stack([np.ones(count), (known[near] - points[row]) / reach])
         weights = 1.0 / (SOFTENING + (distance / reach) ** 2)
@@ -71,9 +79,13 @@ def place_motion(superelement: Superelement, points: FloatArray) -> FloatArray:
 
 
 def carried_motion(superelement: Superelement, points: FloatArray) -> FloatArray:
-    """The same from the boundary nodes alone: each place takes their rigid motions, weighted by nearness (Shepard 1968)."""
+    """The same from the boundary nodes alone: each place takes their rigid motions, weighted by
+    nearness (Shepard 1968).
+    """
     result = np.zeros((3 * len(points), len(superelement.labels)))
-    distances = np.array([np.linalg.norm(points - frame.origin, axis=1) for frame in superelement.frames])
+    distances = np.array(
+        [np.linalg.norm(points - frame.origin, axis=1) for frame in superelement.frames]
+    )
     weights = 1.0 / np.maximum(distances, 1e-9) ** NEARNESS_POWER
     for node, frame in enumerate(superelement.frames):
         share = np.repeat(weights[node] / weights.sum(axis=0), 3)
@@ -81,10 +93,13 @@ def carried_motion(superelement: Superelement, points: FloatArray) -> FloatArray
     return result
 
 
-def machine_field(coupled: CoupledMachine, places: Mapping[str, BodyPlaces], shapes: FloatArray) -> FloatArray:
+def machine_field(
+    coupled: CoupledMachine, places: Mapping[str, BodyPlaces], shapes: FloatArray
+) -> FloatArray:
     """Motions of all places in machine axes, each times the root of its mass.
 
-    The scalar product of two columns is the kinetic energy they share, so mass-normalised modes have length one.
+    The scalar product of two columns is the kinetic energy they share, so mass-normalised modes
+    have length one.
 
     Args:
         coupled: The machine with ``n`` free coordinates.

@@ -1,4 +1,6 @@
-"""What each component does in a motion of the machine: rigid motion and deformation, and the motions that nothing resists."""
+"""What each component does in a motion of the machine: rigid motion and deformation, and the
+motions that nothing resists.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +16,14 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.static_response import BalancedResult, solve_balanced
 from headstock.solvers.linear.symmetric_matrices import find_null_space
 
-MOTION_NAMES = ("X translation", "Y translation", "Z translation", "A rotation", "B rotation", "C rotation")
+MOTION_NAMES = (
+    "X translation",
+    "Y translation",
+    "Z translation",
+    "A rotation",
+    "B rotation",
+    "C rotation",
+)
 MOVING_SHARE = 1e-6
 RANK_TOLERANCE = 1e-9
 
@@ -27,7 +36,8 @@ class BodyMotion:
         component: Its name.
         rigid: ``(6,)`` best rigid motion at the centre of mass, machine axes.
         deformation: ``(n_c,)`` what is left of its dofs, machine axes.
-        weights: ``(6,)`` size of each rigid motion: by kinetic energy, or with a length for rotations where nothing has mass.
+        weights: ``(6,)`` size of each rigid motion: by kinetic energy, or with a length for
+            rotations where nothing has mass.
     """
 
     component: str
@@ -38,17 +48,24 @@ class BodyMotion:
     @property
     def main(self) -> int:
         """The dominating one of the six rigid motions; the first of equals."""
-        return int(np.argmax(np.round(self.weights / max(float(self.weights.max()), np.finfo(float).tiny), 6)))
+        return int(
+            np.argmax(
+                np.round(self.weights / max(float(self.weights.max()), np.finfo(float).tiny), 6)
+            )
+        )
 
 
 def center_of_mass(coupled: CoupledMachine, name: str) -> FloatArray:
     """Centre of mass ``(3,)`` of a component in the machine frame [m]."""
     placement = coupled.placements[name]
-    return np.asarray(placement.origin + placement.rotation @ coupled.layout.superelements[name].center_of_mass)
+    return np.asarray(
+        placement.origin + placement.rotation @ coupled.layout.superelements[name].center_of_mass
+    )
 
 
 def rigid_dofs(coupled: CoupledMachine, name: str, point: FloatArray) -> FloatArray:
-    """Dofs ``(n_c, 6)`` of a component when it moves rigidly: three unit displacements and three unit rotations, machine axes.
+    """Dofs ``(n_c, 6)`` of a component when it moves rigidly: three unit displacements and three
+    unit rotations, machine axes.
 
     Args:
         coupled: The machine.
@@ -56,14 +73,17 @@ def rigid_dofs(coupled: CoupledMachine, name: str, point: FloatArray) -> FloatAr
         point: ``(3,)`` point about which it rotates, machine frame [m].
     """
     superelement, placement = coupled.layout.superelements[name], coupled.placements[name]
-    own = rigid_motions(superelement, placement.rotation.T @ (point - placement.origin)) @ rotate_dofs(placement.rotation.T)
+    own = rigid_motions(
+        superelement, placement.rotation.T @ (point - placement.origin)
+    ) @ rotate_dofs(placement.rotation.T)
     return np.asarray(turn_dofs(superelement, placement).T @ own)
 
 
 def _body_motion(coupled: CoupledMachine, name: str, stacked: FloatArray) -> BodyMotion:
     """Split a component's part of a stacked motion ``(n_all,)`` into rigid motion and deformation.
 
-    The rigid part is the one nearest in the norm of the mass matrix (of the boundary dofs where the component has no mass).
+    The rigid part is the one nearest in the norm of the mass matrix (of the boundary dofs where the
+    component has no mass).
     """
     superelement = coupled.layout.superelements[name]
     own = stacked[coupled.offsets[name]]
@@ -76,7 +96,9 @@ def _body_motion(coupled: CoupledMachine, name: str, stacked: FloatArray) -> Bod
     gram = motions.T @ metric @ motions
     length = characteristic_length(superelement)
     scale = np.repeat([1.0, 1.0 / length], 3)
-    solved = np.linalg.lstsq(gram * scale * scale[:, None], scale * (motions.T @ metric @ own), rcond=1e-12)[0]
+    solved = np.linalg.lstsq(
+        gram * scale * scale[:, None], scale * (motions.T @ metric @ own), rcond=1e-12
+    )[0]
     rigid = scale * solved
     return BodyMotion(name, rigid, own - motions @ rigid, gram.diagonal() * rigid**2)
 
@@ -87,7 +109,9 @@ def split_motions(coupled: CoupledMachine, stacked: FloatArray) -> tuple[BodyMot
 
 
 def join_names(names: Sequence[str], limit: int = 4) -> str:
-    """``a + pad_1..4``: numbered names of one family together, cut with an ellipsis where there are many."""
+    """``a + pad_1..4``: numbered names of one family together, cut with an ellipsis where there are
+    many.
+    """
     families: dict[str, list[int]] = {}
     for name in names:
         stem, number = split_number(name)
@@ -132,21 +156,29 @@ class FreeMotion:
 
 
 def find_free_motions(coupled: CoupledMachine) -> tuple[FreeMotion, ...]:
-    """Independent motions that meet no stiffness, each as simple as can be: one body leads, the others of the set do not."""
+    """Independent motions that meet no stiffness, each as simple as can be: one body leads, the
+    others of the set do not.
+    """
     null = find_null_space(coupled.system.stiffness)
     if null.dimension == 0:
         return ()
     shapes = coupled.basis @ null.vectors
     rigid = np.column_stack([_stack_rigid(coupled, shape) for shape in shapes.T])
     _, triangular, pivots = qr(rigid.T, mode="economic", pivoting=True)
-    rank = int(np.count_nonzero(np.abs(triangular.diagonal()) > RANK_TOLERANCE * max(abs(triangular[0, 0]), np.finfo(float).tiny)))
+    rank = int(
+        np.count_nonzero(
+            np.abs(triangular.diagonal())
+            > RANK_TOLERANCE * max(abs(triangular[0, 0]), np.finfo(float).tiny)
+        )
+    )
     leaders = np.sort(pivots[:rank])
     combined = shapes @ np.linalg.pinv(rigid[leaders]) if rank else shapes[:, :0]
     motions = [_describe(coupled, combined[:, i], int(leader)) for i, leader in enumerate(leaders)]
     if rank < null.dimension:
         labels = sorted({coupled.system.labels[int(dof)] for dof in null.pinned})
         motions += [
-            FreeMotion((), f"a motion without any body ({', '.join(labels)})", shapes[:, i]) for i in range(rank, null.dimension)
+            FreeMotion((), f"a motion without any body ({', '.join(labels)})", shapes[:, i])
+            for i in range(rank, null.dimension)
         ]
     return tuple(motions)
 
@@ -159,7 +191,8 @@ def solve_machine_static(coupled: CoupledMachine, loads: FloatArray) -> Balanced
         loads: ``(n,)`` or ``(n, m)`` generalised loads.
 
     Raises:
-        ModelError: A load does work on a free motion; every free motion is named with the bodies that move.
+        ModelError: A load does work on a free motion; every free motion is named with the bodies
+            that move.
         AccuracyError: The residual is too large.
     """
     found = solve_balanced(coupled.system, loads[:, None] if loads.ndim == 1 else loads)
@@ -169,7 +202,9 @@ def solve_machine_static(coupled: CoupledMachine, loads: FloatArray) -> Balanced
 
 
 def warn_of_free_motions(motions: Sequence[FreeMotion]) -> str:
-    """What to say of motions that nothing holds where the analyses go on: one text, whoever finds them, so that it is said once."""
+    """What to say of motions that nothing holds where the analyses go on: one text, whoever finds
+    them, so that it is said once.
+    """
     return (
         f"nothing holds {'; '.join(str(motion) for motion in motions)}: that has no frequency, and a static load that does work on it "
         "has no answer (free); hold it by a joint if it is not meant"
@@ -186,12 +221,18 @@ def free_motion_error(coupled: CoupledMachine) -> ModelError:
 
 
 def _stack_rigid(coupled: CoupledMachine, shape: FloatArray) -> FloatArray:
-    """Rigid motions ``(6 n_components,)`` of all components, rotations times the machine's length."""
+    """Rigid motions ``(6 n_components,)`` of all components, rotations times the machine's
+    length.
+    """
     scale = np.repeat([1.0, coupled.layout.length], 3)
     return np.concatenate([scale * motion.rigid for motion in split_motions(coupled, shape)])
 
 
 def _describe(coupled: CoupledMachine, shape: FloatArray, leader: int) -> FreeMotion:
     stacked = np.abs(_stack_rigid(coupled, shape)).reshape(-1, 6).max(axis=1)
-    bodies = tuple(name for name, size in zip(coupled.offsets, stacked, strict=True) if size > MOVING_SHARE * stacked.max())
+    bodies = tuple(
+        name
+        for name, size in zip(coupled.offsets, stacked, strict=True)
+        if size > MOVING_SHARE * stacked.max()
+    )
     return FreeMotion(bodies, MOTION_NAMES[leader % 6], shape)

@@ -7,7 +7,12 @@ import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.reduction.coupling.coupling import CoupledMachine
-from headstock.reduction.motions.body_motions import free_motion_error, join_names, rigid_dofs, split_number
+from headstock.reduction.motions.body_motions import (
+    free_motion_error,
+    join_names,
+    rigid_dofs,
+    split_number,
+)
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.static_response import solve_balanced
 from headstock.solvers.linear.symmetric_matrices import absolute_product
@@ -22,10 +27,11 @@ class PointBudget:
     """Compliance of the tool against the work, and its make-up.
 
     Attributes:
-        compliance: ``(6, 6)`` motion per unit load [m/N, rad/N, m/(N m), rad/(N m)], machine axes; NaN where the load does work on a
-            free motion of the machine, or the motion is part of one.
-        shares: For x, y and z the share of each component and joint in that direction's compliance; each sums to 1. Empty for
-            a direction in which nothing gives way.
+        compliance: ``(6, 6)`` motion per unit load [m/N, rad/N, m/(N m), rad/(N m)], machine axes;
+            NaN where the load does work on a free motion of the machine, or the motion is part of
+            one.
+        shares: For x, y and z the share of each component and joint in that direction's compliance;
+            each sums to 1. Empty for a direction in which nothing gives way.
         displacements: ``(n, 6)`` responses to the unit loads; zero where there is none.
         free: The machine has free motions that loads at the point do work on.
     """
@@ -62,7 +68,8 @@ class WeakLink:
 
 
 def point_loads(coupled: CoupledMachine, point: str) -> FloatArray:
-    """Generalised loads ``(n, 6)`` of unit forces and moments on the tool, opposite ones on the work, machine axes.
+    """Generalised loads ``(n, 6)`` of unit forces and moments on the tool, opposite ones on the
+    work, machine axes.
 
     Raises:
         ModelError: There is no such point.
@@ -74,10 +81,12 @@ def point_loads(coupled: CoupledMachine, point: str) -> FloatArray:
 
 
 def point_compliance(coupled: CoupledMachine, point: str) -> FloatArray:
-    """Static compliance ``(6, 6)`` at a point: motion of the tool relative to the work per unit load between them.
+    """Static compliance ``(6, 6)`` at a point: motion of the tool relative to the work per unit
+    load between them.
 
     Raises:
-        ModelError: There is no such point, or every force there does work on a free motion of the machine.
+        ModelError: There is no such point, or every force there does work on a free motion of the
+            machine.
     """
     return _solve_point(coupled, point)[0]
 
@@ -85,10 +94,12 @@ def point_compliance(coupled: CoupledMachine, point: str) -> FloatArray:
 def point_budget(coupled: CoupledMachine, point: str) -> PointBudget:
     """Compliance at a point with the share of every component and joint by strain energy.
 
-    Under a unit load the compliance is twice the strain energy (Clapeyron 1833), which is a sum over components and joints.
+    Under a unit load the compliance is twice the strain energy (Clapeyron 1833), which is a sum
+    over components and joints.
 
     Raises:
-        ModelError: There is no such point, or every force there does work on a free motion of the machine.
+        ModelError: There is no such point, or every force there does work on a free motion of the
+            machine.
         AccuracyError: The energies do not add up to the work of the load.
     """
     compliance, displacements = _solve_point(coupled, point)
@@ -98,12 +109,16 @@ def point_budget(coupled: CoupledMachine, point: str) -> PointBudget:
         own = {name: float(values[i]) for name, values in energies.items()}
         # a load that does work on a free motion has no answer, so nothing has a share in it
         work = 0.5 * float(np.nan_to_num(compliance[i, i]))
-        shares[direction] = _shares(own, work, _roundoff(coupled, displacements[:, i]), f"{point} {direction}")
+        shares[direction] = _shares(
+            own, work, _roundoff(coupled, displacements[:, i]), f"{point} {direction}"
+        )
     return PointBudget(compliance, shares, displacements, bool(np.isnan(compliance).any()))
 
 
 def _solve_point(coupled: CoupledMachine, point: str) -> tuple[FloatArray, FloatArray]:
-    """Compliance ``(6, 6)``, NaN where a free motion leaves it open, and displacements ``(n, 6)``."""
+    """Compliance ``(6, 6)``, NaN where a free motion leaves it open, and displacements ``(n,
+    6)``.
+    """
     found = solve_balanced(coupled.system, point_loads(coupled, point))
     if not found.balanced[: len(DIRECTIONS)].any():
         raise free_motion_error(coupled)
@@ -113,7 +128,9 @@ def _solve_point(coupled: CoupledMachine, point: str) -> tuple[FloatArray, Float
 
 
 def strain_energies(coupled: CoupledMachine, displacements: FloatArray) -> dict[str, FloatArray]:
-    """Strain energy ``(m,)`` [J] of each component and joint for generalised displacements ``(n, m)``; rigid ones are left out."""
+    """Strain energy ``(m,)`` [J] of each component and joint for generalised displacements ``(n,
+    m)``; rigid ones are left out.
+    """
     stacked = coupled.basis @ displacements
     energies = {}
     for name, stiffness in coupled.matrices.stiffnesses.items():
@@ -128,7 +145,9 @@ def strain_energies(coupled: CoupledMachine, displacements: FloatArray) -> dict[
 
 
 def _deformation(coupled: CoupledMachine, name: str, own: FloatArray) -> FloatArray:
-    """A component's dofs less the rigid motion of its first node: strains nothing, and would only cost digits."""
+    """A component's dofs less the rigid motion of its first node: strains nothing, and would only
+    cost digits.
+    """
     superelement = coupled.layout.superelements[name]
     if superelement.supported or not superelement.frames:
         return own
@@ -138,14 +157,21 @@ def _deformation(coupled: CoupledMachine, name: str, own: FloatArray) -> FloatAr
 
 
 def kinetic_energies(coupled: CoupledMachine, shape: FloatArray) -> dict[str, float]:
-    """``q^T M q / 2`` of each component for a shape ``(n,)``: its kinetic energy at unit angular frequency."""
+    """``q^T M q / 2`` of each component for a shape ``(n,)``: its kinetic energy at unit angular
+    frequency.
+    """
     stacked = coupled.basis @ shape
     parts = {name: stacked[coupled.offsets[name]] for name in coupled.offsets}
-    return {name: 0.5 * float(own @ coupled.matrices.masses[name] @ own) for name, own in parts.items()}
+    return {
+        name: 0.5 * float(own @ coupled.matrices.masses[name] @ own) for name, own in parts.items()
+    }
 
 
-def energy_shares(coupled: CoupledMachine, shapes: FloatArray) -> tuple[tuple[dict[str, float], ...], tuple[dict[str, float], ...]]:
-    """Shares of strain energy (components and joints) and of kinetic energy (components) for each mode shape ``(n, m)``.
+def energy_shares(
+    coupled: CoupledMachine, shapes: FloatArray
+) -> tuple[tuple[dict[str, float], ...], tuple[dict[str, float], ...]]:
+    """Shares of strain energy (components and joints) and of kinetic energy (components) for each
+    mode shape ``(n, m)``.
 
     A rigid-body mode has no strain energy and an empty strain share.
     """
@@ -161,10 +187,14 @@ def energy_shares(coupled: CoupledMachine, shapes: FloatArray) -> tuple[tuple[di
     return tuple(strain), tuple(kinetic)
 
 
-def find_weakest_link(coupled: CoupledMachine, point: str, direction: str, budget: PointBudget | None = None) -> WeakLink | None:
-    """The part that gives most of the compliance in a direction, and what doubling its stiffness would change.
+def find_weakest_link(
+    coupled: CoupledMachine, point: str, direction: str, budget: PointBudget | None = None
+) -> WeakLink | None:
+    """The part that gives most of the compliance in a direction, and what doubling its stiffness
+    would change.
 
-    Joints and components whose names differ by a number only, such as the carriages of one guide, count as one part.
+    Joints and components whose names differ by a number only, such as the carriages of one guide,
+    count as one part.
 
     Args:
         coupled: The machine.
@@ -193,7 +223,13 @@ def find_weakest_link(coupled: CoupledMachine, point: str, direction: str, budge
     stiffened = dataclasses.replace(coupled.system, stiffness=stiffness)
     changed = float(row @ solve_balanced(stiffened, load[:, None]).displacements[:, 0])
     change = changed / float(budget.compliance[axis, axis]) - 1.0
-    return WeakLink(join_names(members), direction, sum(shares[name] for name in members), change, len(members) > 1)
+    return WeakLink(
+        join_names(members),
+        direction,
+        sum(shares[name] for name in members),
+        change,
+        len(members) > 1,
+    )
 
 
 def _add_stiffness(total: FloatArray, coupled: CoupledMachine, name: str) -> None:
@@ -208,12 +244,16 @@ def _add_stiffness(total: FloatArray, coupled: CoupledMachine, name: str) -> Non
 
 
 def _roundoff(coupled: CoupledMachine, displacement: FloatArray) -> float:
-    """What rounding leaves of the strain energy [J] of a displacement ``(n,)``: in a long slender machine parts move far and strain little."""
+    """What rounding leaves of the strain energy [J] of a displacement ``(n,)``: in a long slender
+    machine parts move far and strain little.
+    """
     size = np.abs(displacement)
     return ROUNDOFF * float(size @ absolute_product(coupled.system.stiffness, size))
 
 
-def _shares(energies: dict[str, float], work: float, roundoff: float, what: str) -> dict[str, float]:
+def _shares(
+    energies: dict[str, float], work: float, roundoff: float, what: str
+) -> dict[str, float]:
     """Energies over the work of the load, which they must add up to but for rounding."""
     if not work > 0.0:
         return {}

@@ -1,4 +1,6 @@
-"""A short name for every mode of a machine: what bends, what moves and on what; of bodies of revolution, the harmonic around the axis."""
+"""A short name for every mode of a machine: what bends, what moves and on what; of bodies of
+revolution, the harmonic around the axis.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,8 +22,10 @@ from headstock.reduction.motions.body_motions import (
 from headstock.reduction.motions.compliance_budget import energy_shares
 from headstock.solvers.linear.modal_analysis import ModalResult
 
-ROUND = 0.02  # difference of two moments of inertia over them up to which a body is round about the third axis
-EVEN = 0.92  # least over largest reach of a round body's points, which a mesh and a sample of it thin out
+# difference of two moments of inertia over them up to which a body is round about the third axis
+ROUND = 0.02
+# least over largest reach of a round body's points, which a mesh and a sample of it thin out
+EVEN = 0.92
 DIRECTIONS = 24
 FEWEST_POINTS = 60
 HARMONICS = 4  # waves around the axis that are told apart
@@ -47,41 +51,62 @@ def round_axis(moments: FloatArray, axes: FloatArray, places: FloatArray) -> Flo
     Args:
         moments: ``(3,)`` principal moments of inertia, rising.
         axes: ``(3, 3)`` their axes, one a column.
-        places: ``(n, 3)`` points of the body about its centre of mass: a square bar has the moments of a round one.
+        places: ``(n, 3)`` points of the body about its centre of mass: a square bar has the moments
+            of a round one.
     """
     low, middle, high = moments
     first, last = middle - low <= ROUND * middle, high - middle <= ROUND * high
     if first == last:
         return None
-    axis, side, other = (axes[:, 2], axes[:, 0], axes[:, 1]) if first else (axes[:, 0], axes[:, 1], axes[:, 2])
+    axis, side, other = (
+        (axes[:, 2], axes[:, 0], axes[:, 1]) if first else (axes[:, 0], axes[:, 1], axes[:, 2])
+    )
     angles = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
-    return np.asarray(axis) if _is_even(places, np.outer(np.cos(angles), side) + np.outer(np.sin(angles), other)) else None
+    return (
+        np.asarray(axis)
+        if _is_even(places, np.outer(np.cos(angles), side) + np.outer(np.sin(angles), other))
+        else None
+    )
 
 
 def is_ball(moments: FloatArray, places: FloatArray) -> bool:
     """Whether a body reaches equally far in every direction from its centre of mass."""
-    corners = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], dtype=float)
+    corners = np.array(
+        [[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z],
+        dtype=float,
+    )
     even = _is_even(places, corners / np.linalg.norm(corners, axis=1, keepdims=True))
     return bool(moments[2] - moments[0] <= ROUND * moments[2]) and even
 
 
 def _is_even(places: FloatArray, directions: FloatArray) -> bool:
     """Whether points reach equally far in directions; too few of them tell nothing."""
-    reach = (places @ directions.T).max(axis=0) if len(places) >= FEWEST_POINTS else np.array([0.0, 1.0])
+    reach = (
+        (places @ directions.T).max(axis=0)
+        if len(places) >= FEWEST_POINTS
+        else np.array([0.0, 1.0])
+    )
     return bool(reach.min() >= EVEN * reach.max())
 
 
 def name_on_ball(places: FloatArray, field: FloatArray) -> tuple[str, str]:
-    """Verb and addition for a deformation ``(n, 3)`` at places ``(n, 3)`` about the middle of a ball."""
-    outward = places / np.maximum(np.linalg.norm(places, axis=1, keepdims=True), np.finfo(float).tiny)
+    """Verb and addition for a deformation ``(n, 3)`` at places ``(n, 3)`` about the middle of a
+    ball.
+    """
+    outward = places / np.maximum(
+        np.linalg.norm(places, axis=1, keepdims=True), np.finfo(float).tiny
+    )
     radial, whole = (field * outward).sum(axis=1), float((field**2).sum())
     if radial.sum() ** 2 / len(radial) > CLEAR * whole:
         return "breathe", ""
     return ("twist" if (radial**2).sum() < (1.0 - CLEAR) * 0.25 * whole else "deform"), ""
 
 
-def name_around(axis: FloatArray, places: FloatArray, field: FloatArray, letter: int, *, slender: bool) -> tuple[str, str] | None:
-    """Verb and addition for a deformation of a body of revolution; None for what bends it as any other body or has no clear harmonic.
+def name_around(
+    axis: FloatArray, places: FloatArray, field: FloatArray, letter: int, *, slender: bool
+) -> tuple[str, str] | None:
+    """Verb and addition for a deformation of a body of revolution; None for what bends it as any
+    other body or has no clear harmonic.
 
     Args:
         axis: ``(3,)`` unit.
@@ -96,12 +121,20 @@ def name_around(axis: FloatArray, places: FloatArray, field: FloatArray, letter:
     radii, angles = np.linalg.norm(flat, axis=1), np.arctan2(flat[:, 1], flat[:, 0])
     moved = np.column_stack([field @ side, field @ np.cross(axis, side)])
     cosine, sine = np.cos(angles), np.sin(angles)
-    parts = np.column_stack([moved[:, 0] * cosine + moved[:, 1] * sine, moved[:, 1] * cosine - moved[:, 0] * sine, field @ axis])
+    parts = np.column_stack(
+        [
+            moved[:, 0] * cosine + moved[:, 1] * sine,
+            moved[:, 1] * cosine - moved[:, 0] * sine,
+            field @ axis,
+        ]
+    )
     # rings of like height on a long body, of like radius on a flat one
     order = np.argsort(places @ axis if slender else radii, kind="stable")
     shares = np.zeros((HARMONICS + 1, 3))
     for ring in np.array_split(order, BINS):
-        waves = [np.ones(len(ring))] + [wave(n * angles[ring]) for n in range(1, HARMONICS + 1) for wave in (np.cos, np.sin)]
+        waves = [np.ones(len(ring))] + [
+            wave(n * angles[ring]) for n in range(1, HARMONICS + 1) for wave in (np.cos, np.sin)
+        ]
         fitted = np.linalg.lstsq(np.column_stack(waves), parts[ring], rcond=None)[0]
         for number, wave in enumerate(waves):
             shares[(number + 1) // 2] += fitted[number] ** 2 * float(wave @ wave)
@@ -127,7 +160,8 @@ class NamedModes:
 
     Attributes:
         names: Such as ``column bends X, B rotation of y_base + y_slider on x_guide``.
-        strain_shares: Share of the strain energy per component and joint; empty for rigid-body modes.
+        strain_shares: Share of the strain energy per component and joint; empty for rigid-body
+            modes.
         kinetic_shares: Share of the kinetic energy per component.
     """
 
@@ -139,18 +173,25 @@ class NamedModes:
 def name_modes(coupled: CoupledMachine, modal: ModalResult) -> NamedModes:
     """Name the modes of a coupled machine by their energies.
 
-    X, Y, Z are translations and A, B, C rotations about machine axes, taken at the centre of mass of the body that has most
-    of the kinetic energy; a component bends, twists or stretches when it holds at least 30 % of the strain energy.
+    X, Y, Z are translations and A, B, C rotations about machine axes, taken at the centre of mass
+    of the body that has most of the kinetic energy; a component bends, twists or stretches when it
+    holds at least 30 % of the strain energy.
     """
     strain, kinetic = energy_shares(coupled, modal.shapes)
     names = tuple(
-        _name_mode(coupled, modal.shapes[:, i], strain[i], kinetic[i], free=i < modal.rigid_count) for i in range(len(strain))
+        _name_mode(coupled, modal.shapes[:, i], strain[i], kinetic[i], free=i < modal.rigid_count)
+        for i in range(len(strain))
     )
     return NamedModes(names, strain, kinetic)
 
 
 def _name_mode(
-    coupled: CoupledMachine, shape: FloatArray, strain: dict[str, float], kinetic: dict[str, float], *, free: bool
+    coupled: CoupledMachine,
+    shape: FloatArray,
+    strain: dict[str, float],
+    kinetic: dict[str, float],
+    *,
+    free: bool,
 ) -> str:
     stacked = coupled.basis @ shape
     motions = {motion.component: motion for motion in split_motions(coupled, stacked)}
@@ -176,13 +217,20 @@ def _largest(shares: dict[str, float], limit: float) -> list[str]:
 
 
 def _main_joints(shares: dict[str, float]) -> list[str]:
-    """Joints whose family (names that differ by a number only) has at least a fifth of the strain energy, largest first."""
+    """Joints whose family (names that differ by a number only) has at least a fifth of the strain
+    energy, largest first.
+    """
     families: dict[str, float] = {}
     for name, share in shares.items():
         stem = split_number(name)[0]
         families[stem] = families.get(stem, 0.0) + share
     order = _largest(families, JOINT_SHARE)
-    return [name for stem in order for name in sorted(shares) if split_number(name)[0] == stem and shares[name] >= FAMILY_SHARE]
+    return [
+        name
+        for stem in order
+        for name in sorted(shares)
+        if split_number(name)[0] == stem and shares[name] >= FAMILY_SHARE
+    ]
 
 
 def _on(joints: Sequence[str]) -> str:
@@ -199,12 +247,17 @@ def _moving_together(motions: dict[str, BodyMotion], kinetic: dict[str, float]) 
 
 
 def _whole_motion(coupled: CoupledMachine, stacked: FloatArray) -> tuple[int, float]:
-    """The main rigid motion of the machine as one body, and the share of the kinetic energy that such a motion explains."""
+    """The main rigid motion of the machine as one body, and the share of the kinetic energy that
+    such a motion explains.
+    """
     masses = {name: coupled.layout.superelements[name].mass_kg for name in coupled.offsets}
     total = sum(masses.values())
     if not total > 0.0:
         return 0, 0.0
-    center = np.sum([mass * center_of_mass(coupled, name) for name, mass in masses.items()], axis=0) / total
+    center = (
+        np.sum([mass * center_of_mass(coupled, name) for name, mass in masses.items()], axis=0)
+        / total
+    )
     gram, work, energy = np.zeros((6, 6)), np.zeros(6), 0.0
     for name, place in coupled.offsets.items():
         motions, mass = rigid_dofs(coupled, name, center), coupled.matrices.masses[name]
@@ -223,7 +276,9 @@ def _deformations(coupled: CoupledMachine, motions: Sequence[BodyMotion]) -> lis
     for motion in motions:
         alike.setdefault(_deformation_words(coupled, motion), []).append(motion.component)
     return [
-        " ".join([join_names(names), verb if len(names) > 1 else _third_person(verb), direction]).strip()
+        " ".join(
+            [join_names(names), verb if len(names) > 1 else _third_person(verb), direction]
+        ).strip()
         for (verb, direction), names in alike.items()
     ]
 
@@ -233,12 +288,17 @@ def _third_person(verb: str) -> str:
 
 
 def _deformation_words(coupled: CoupledMachine, motion: BodyMotion) -> tuple[str, str]:
-    """How a component deforms: ``bend X`` or, about and along the long axis of a slender one, ``twist C``, ``stretch Z``."""
+    """How a component deforms: ``bend X`` or, about and along the long axis of a slender one,
+    ``twist C``, ``stretch Z``.
+    """
     places, field = _sample_field(coupled, motion)
     sizes = (field**2).sum(axis=0)
     if not sizes.sum() > 0.0:
         return "deform", ""
-    superelement, rotation = coupled.layout.superelements[motion.component], coupled.placements[motion.component].rotation
+    superelement, rotation = (
+        coupled.layout.superelements[motion.component],
+        coupled.placements[motion.component].rotation,
+    )
     moments, axes = np.linalg.eigh(superelement.inertia)
     long = rotation @ axes[:, 0]
     slender = moments[0] < SLENDER_RATIO * moments[1]
@@ -248,7 +308,13 @@ def _deformation_words(coupled: CoupledMachine, motion: BodyMotion) -> tuple[str
     around = round_axis(moments, rotation @ axes, places)
     if around is not None:
         letter = int(np.argmax(np.round(np.abs(around), 6)))
-        named = name_around(around, places, field, letter, slender=bool(moments[2] - moments[1] < moments[1] - moments[0]))
+        named = name_around(
+            around,
+            places,
+            field,
+            letter,
+            slender=bool(moments[2] - moments[1] < moments[1] - moments[0]),
+        )
         if named is not None:
             return named
     if slender and _turning_share(long, places, field) > TWIST_SHARE:
@@ -256,12 +322,18 @@ def _deformation_words(coupled: CoupledMachine, motion: BodyMotion) -> tuple[str
     if slender and _stretching_share(long, places, field) > STRETCH_SHARE:
         return "stretch", "XYZ"[axis]
     if slender and abs(long[axis]) > PARALLEL:
-        sizes[axis] = 0.0  # what sections that turn move along a bending bar, which is much in a stout one
-    return "bend", "XYZ"[int(np.argmax(np.round(sizes / max(float(sizes.max()), np.finfo(float).tiny), 6)))]
+        sizes[axis] = (
+            0.0  # what sections that turn move along a bending bar, which is much in a stout one
+        )
+    return "bend", "XYZ"[
+        int(np.argmax(np.round(sizes / max(float(sizes.max()), np.finfo(float).tiny), 6)))
+    ]
 
 
 def _turning_share(axis: FloatArray, places: FloatArray, field: FloatArray) -> float:
-    """Share of a displacement field that turns its cross-sections about an axis: one angle per slice along it."""
+    """Share of a displacement field that turns its cross-sections about an axis: one angle per
+    slice along it.
+    """
     turning = 0.0
     order = np.argsort(places @ axis, kind="stable")
     for slice_ in np.array_split(order, SLICES):
@@ -274,19 +346,27 @@ def _turning_share(axis: FloatArray, places: FloatArray, field: FloatArray) -> f
 
 
 def _stretching_share(axis: FloatArray, places: FloatArray, field: FloatArray) -> float:
-    """Share of a displacement field that moves its cross-sections along an axis as a whole: one shift per slice."""
+    """Share of a displacement field that moves its cross-sections along an axis as a whole: one
+    shift per slice.
+    """
     order = np.argsort(places @ axis, kind="stable")
     shifts = (field @ axis)[order]
-    whole = sum(float(slice_.sum()) ** 2 / max(1, len(slice_)) for slice_ in np.array_split(shifts, SLICES))
+    whole = sum(
+        float(slice_.sum()) ** 2 / max(1, len(slice_)) for slice_ in np.array_split(shifts, SLICES)
+    )
     return whole / float((field**2).sum())
 
 
 def _sample_field(coupled: CoupledMachine, motion: BodyMotion) -> tuple[FloatArray, FloatArray]:
-    """Places about the centre of mass and displacements there ``(n, 3)`` of a component's deformation, machine axes.
+    """Places about the centre of mass and displacements there ``(n, 3)`` of a component's
+    deformation, machine axes.
 
     Mesh points where the recovery basis is kept, boundary nodes otherwise.
     """
-    superelement, placement = coupled.layout.superelements[motion.component], coupled.placements[motion.component]
+    superelement, placement = (
+        coupled.layout.superelements[motion.component],
+        coupled.placements[motion.component],
+    )
     rotation = placement.rotation
     if superelement.recovery is None:
         origins = np.array([frame.origin for frame in superelement.frames]).reshape(-1, 3)

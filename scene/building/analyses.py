@@ -1,4 +1,6 @@
-"""What is computed: compliances, modes and frequency responses built from their tables, and what may be wrong with them."""
+"""What is computed: compliances, modes and frequency responses built from their tables, and what
+may be wrong with them.
+"""
 
 from collections.abc import Sequence
 
@@ -16,7 +18,11 @@ DEFAULT_MODES = 6
 def build_static(scene: SceneTable, poses: tuple[str, ...]) -> StaticRequest | None:
     """The compliances a scene asks for; in ``poses`` unless it names some."""
     static = scene.analyses.static
-    return None if static is None else StaticRequest(tuple(static.at or scene.points), tuple(static.poses or poses))
+    return (
+        None
+        if static is None
+        else StaticRequest(tuple(static.at or scene.points), tuple(static.poses or poses))
+    )
 
 
 def build_modal(scene: SceneTable, poses: tuple[str, ...]) -> ModalRequest | None:
@@ -58,7 +64,9 @@ def check_requests(draft: Draft, findings: Findings) -> None:
     analyses = draft.table.analyses
     for index, point in enumerate(analyses.static.at or () if analyses.static else ()):
         check_name(("analyses", "static", "at", index), point, "points", draft, findings)
-    for key, ports in (("inputs", analyses.frf.inputs), ("outputs", analyses.frf.outputs)) if analyses.frf else ():
+    for key, ports in (
+        (("inputs", analyses.frf.inputs), ("outputs", analyses.frf.outputs)) if analyses.frf else ()
+    ):
         for index, (name, _) in enumerate(ports or ()):
             check_port(("analyses", "frf", key, index), name, draft, findings)
     for name, table in (
@@ -67,7 +75,9 @@ def check_requests(draft: Draft, findings: Findings) -> None:
         ("frf", analyses.frf),
         ("control", analyses.control),
     ):
-        check_pose_names(("analyses", name, "poses"), table.poses if table else None, draft, findings)
+        check_pose_names(
+            ("analyses", name, "poses"), table.poses if table else None, draft, findings
+        )
     for name, value in draft.table.effects.items():
         if fault := find_effect_fault(name, value):
             findings.add(("effects", name), fault)
@@ -79,9 +89,18 @@ def check_subjects(draft: Draft, findings: Findings) -> None:
     static = scene.analyses.static
     if static is not None and static.at is None and not scene.points and not scene.loads:
         example = 'tcp = { tool = "component.interface", work = "ground" }'
-        findings.add(("analyses", "static"), f"there is no point to compute a compliance at; write [points] {example}")
+        findings.add(
+            ("analyses", "static"),
+            f"there is no point to compute a compliance at; write [points] {example}",
+        )
     frf = scene.analyses.frf
     if frf is not None and frf.inputs is None and not scene.points:
-        findings.add(("analyses", "frf"), 'there is no point to take a response at; write [points], or inputs = [["tcp", "x"]]')
+        findings.add(
+            ("analyses", "frf"),
+            'there is no point to take a response at; write [points], or inputs = [["tcp", "x"]]',
+        )
     if not scene.components:
-        findings.add(("components",), "there are no components; write [components.NAME] with a solid and a material")
+        findings.add(
+            ("components",),
+            "there are no components; write [components.NAME] with a solid and a material",
+        )

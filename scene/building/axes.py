@@ -1,4 +1,6 @@
-"""Axes and poses: what axes move, what they stand on, where they may stand, and what may be wrong with them."""
+"""Axes and poses: what axes move, what they stand on, where they may stand, and what may be wrong
+with them.
+"""
 
 import math
 from collections.abc import Collection, Iterable, Mapping
@@ -24,11 +26,20 @@ PARALLEL = math.cos(math.radians(1.0))
 
 def build_poses(scene: SceneTable) -> dict[str, Pose]:
     """Poses by name; ``reference`` with every axis at zero when the scene names none."""
-    poses = {name: Pose(name, {axis: value.value for axis, value in table.items()}) for name, table in scene.poses.items()}
+    poses = {
+        name: Pose(name, {axis: value.value for axis, value in table.items()})
+        for name, table in scene.poses.items()
+    }
     return poses or {"reference": Pose("reference")}
 
 
-def build_axis(name: str, table: AxisTable, scene: SceneTable, joints: dict[str, Joint], supports: dict[str, Support]) -> Axis:
+def build_axis(
+    name: str,
+    table: AxisTable,
+    scene: SceneTable,
+    joints: dict[str, Joint],
+    supports: dict[str, Support],
+) -> Axis:
     """The axis a faultless table stands for.
 
     Args:
@@ -38,13 +49,17 @@ def build_axis(name: str, table: AxisTable, scene: SceneTable, joints: dict[str,
         joints: Every joint of the machine by name.
         supports: Every support of the machine by name.
     """
-    edges: dict[str, Edge] = {f"supports.{key}": (support.component, GROUND) for key, support in supports.items()}
+    edges: dict[str, Edge] = {
+        f"supports.{key}": (support.component, GROUND) for key, support in supports.items()
+    }
     for key, joint in joints.items():
         if connects(joint):
             first, second = (end.component or GROUND for end in joint.ends)
             edges[key] = (first, second)
     moves = tuple(table.moves or moved_components(scene.components, edges, table.joint_names()))
-    low, high = (-np.inf, np.inf) if table.limits is None else (limit.value for limit in table.limits)
+    low, high = (
+        (-np.inf, np.inf) if table.limits is None else (limit.value for limit in table.limits)
+    )
     return Axis(
         name=name,
         joints=table.joint_names(),
@@ -57,7 +72,9 @@ def build_axis(name: str, table: AxisTable, scene: SceneTable, joints: dict[str,
 
 
 def axis_direction(table: AxisTable, scene: SceneTable) -> FloatArray:
-    """Direction ``(3,)`` of an axis: as written, or that of the first guiding joint that has one."""
+    """Direction ``(3,)`` of an axis: as written, or that of the first guiding joint that has
+    one.
+    """
     if table.direction is not None:
         return np.array(table.direction)
     guides = _guiding_joints(scene, table)
@@ -71,10 +88,16 @@ def floating_groups(components: Collection[str], edges: Iterable[Edge]) -> list[
     known = set(components)
     groups = connected_groups((GROUND, *components), edges)
     # a support may name what is no component
-    return [[name for name in group if name in known] for group in groups if GROUND not in group and known & set(group)]
+    return [
+        [name for name in group if name in known]
+        for group in groups
+        if GROUND not in group and known & set(group)
+    ]
 
 
-def moved_components(components: Iterable[str], edges: Mapping[str, Edge], joints: Iterable[str]) -> tuple[str, ...]:
+def moved_components(
+    components: Iterable[str], edges: Mapping[str, Edge], joints: Iterable[str]
+) -> tuple[str, ...]:
     """Components that are cut off from ground when an axis' joints are taken away.
 
     Args:
@@ -87,17 +110,27 @@ def moved_components(components: Iterable[str], edges: Mapping[str, Edge], joint
     """
     own = set(joints)
     before, *_ = connected_groups((GROUND,), edges.values())
-    after, *_ = connected_groups((GROUND,), (edge for name, edge in edges.items() if name not in own))
+    after, *_ = connected_groups(
+        (GROUND,), (edge for name, edge in edges.items() if name not in own)
+    )
     return tuple(name for name in components if name in before and name not in after)
 
 
 def check_axes(draft: Draft, findings: Findings) -> None:
-    """Report what is wrong with axes, apart from what they move: names, limits, directions and guides."""
+    """Report what is wrong with axes, apart from what they move: names, limits, directions and
+    guides.
+    """
     scene = draft.table
     for name, axis in scene.axes.items():
         key: KeyPath = ("axes", name)
         for index, joint in enumerate(axis.joint_names()):
-            check_name((*key, "joints", index) if axis.joints else (*key, "joint"), joint, "joints", draft, findings)
+            check_name(
+                (*key, "joints", index) if axis.joints else (*key, "joint"),
+                joint,
+                "joints",
+                draft,
+                findings,
+            )
         for index, component in enumerate(axis.moves or ()):
             check_name((*key, "moves", index), component, "components", draft, findings)
         limits, wrong = axis.limits or (), False
@@ -109,12 +142,17 @@ def check_axes(draft: Draft, findings: Findings) -> None:
             findings.add((*key, "limits"), "the lower limit must be below the upper one")
         known = all(joint in scene.joints for joint in axis.joint_names())
         if axis.direction is None and known and not _guiding_joints(scene, axis):
-            findings.add((*key, "direction"), "'direction' is missing and no joint of the axis gives one; write direction = \"x\"")
+            findings.add(
+                (*key, "direction"),
+                "'direction' is missing and no joint of the axis gives one; write direction = \"x\"",
+            )
         _check_guides(name, axis, scene, findings)
 
 
 def check_axis_moves(draft: Draft, findings: Findings) -> None:
-    """Report axes that move nothing, and joints of theirs that are not between what moves and what stands."""
+    """Report axes that move nothing, and joints of theirs that are not between what moves and what
+    stands.
+    """
     scene, edges = draft.table, _edges(draft.table)
     for name, axis in scene.axes.items():
         if all(joint in edges for joint in axis.joint_names()):
@@ -122,13 +160,17 @@ def check_axis_moves(draft: Draft, findings: Findings) -> None:
 
 
 def check_poses(draft: Draft, findings: Findings) -> None:
-    """Report poses, and positions in sweeps, of unknown axes, with a wrong unit or outside limits."""
+    """Report poses, and positions in sweeps, of unknown axes, with a wrong unit or outside
+    limits.
+    """
     scene = draft.table
     values: list[tuple[KeyPath, str, Quantity]] = []
     for pose, positions in scene.poses.items():
         values += [(("poses", pose, axis), axis, value) for axis, value in positions.items()]
     for sweep, table in scene.sweeps.items():
-        values += [(("sweeps", sweep, *key), axis, value) for key, axis, value in table.quantities()]
+        values += [
+            (("sweeps", sweep, *key), axis, value) for key, axis, value in table.quantities()
+        ]
     for key, axis, value in values:
         # the two ends of a span are written under their axis
         check_name(key[:4] if key[2] == "axes" else key, axis, "axes", draft, findings, "axis")
@@ -137,9 +179,13 @@ def check_poses(draft: Draft, findings: Findings) -> None:
 
 
 def check_floating(draft: Draft, findings: Findings) -> None:
-    """Report components without a chain of joints and supports to ground; a lumped mechanism has no joints."""
+    """Report components without a chain of joints and supports to ground; a lumped mechanism has no
+    joints.
+    """
     scene = draft.table
-    known = all(is_known_end(end, scene) for table in scene.joints.values() for end in table.between)
+    known = all(
+        is_known_end(end, scene) for table in scene.joints.values() for end in table.between
+    )
     if scene.free or scene.is_lumped or not known:
         return
     for group in floating_groups(scene.components, _edges(scene).values()):
@@ -171,7 +217,9 @@ def find_position_fault(axis: str, value: Quantity, scene: SceneTable) -> str:
 
 
 def find_unit_fault(value: Quantity, axis: AxisTable) -> str:
-    """Why a quantity is no position of an axis: an angle where it is linear, or a length; empty where it is one."""
+    """Why a quantity is no position of an axis: an angle where it is linear, or a length; empty
+    where it is one.
+    """
     wanted = LENGTH if axis.kind == "linear" else ANGLE
     if value.dimension == wanted:
         return ""
@@ -193,10 +241,20 @@ def _edges(scene: SceneTable) -> dict[str, Edge]:
 
 
 def _guiding_joints(scene: SceneTable, axis: AxisTable) -> dict[str, FloatArray]:
-    """Unit vectors ``(3,)`` along which the guides and screws of an axis slide, or about which its bearings turn, by joint."""
-    kinds = ("linear_guide", "ball_screw", "prismatic") if axis.kind == "linear" else ("revolute", "bearing")
+    """Unit vectors ``(3,)`` along which the guides and screws of an axis slide, or about which its
+    bearings turn, by joint.
+    """
+    kinds = (
+        ("linear_guide", "ball_screw", "prismatic")
+        if axis.kind == "linear"
+        else ("revolute", "bearing")
+    )
     tables = {name: scene.joints[name] for name in axis.joint_names() if name in scene.joints}
-    return {name: np.array(table.axis) for name, table in tables.items() if table.kind in kinds and table.axis is not None}
+    return {
+        name: np.array(table.axis)
+        for name, table in tables.items()
+        if table.kind in kinds and table.axis is not None
+    }
 
 
 def _check_guides(name: str, axis: AxisTable, scene: SceneTable, findings: Findings) -> None:
@@ -205,7 +263,9 @@ def _check_guides(name: str, axis: AxisTable, scene: SceneTable, findings: Findi
     motion = "slides along" if axis.kind == "linear" else "turns about"
     given = None if axis.direction is None else np.array(axis.direction)
     # without a direction of its own the axis has that of most of its joints
-    votes = sorted(guides.values(), key=lambda own: -sum(abs(float(own @ other)) for other in guides.values()))
+    votes = sorted(
+        guides.values(), key=lambda own: -sum(abs(float(own @ other)) for other in guides.values())
+    )
     along = given if given is not None else votes[0] if votes else None
     for joint, own in guides.items():
         if along is not None and abs(own @ along) < PARALLEL:
@@ -216,7 +276,9 @@ def _check_guides(name: str, axis: AxisTable, scene: SceneTable, findings: Findi
             )
 
 
-def _check_moves(key: KeyPath, axis: AxisTable, scene: SceneTable, edges: dict[str, Edge], findings: Findings) -> None:
+def _check_moves(
+    key: KeyPath, axis: AxisTable, scene: SceneTable, edges: dict[str, Edge], findings: Findings
+) -> None:
     joints = ", ".join(axis.joint_names())
     moves = set(axis.moves or moved_components(scene.components, edges, axis.joint_names()))
     if not moves:
@@ -231,5 +293,6 @@ def _check_moves(key: KeyPath, axis: AxisTable, scene: SceneTable, edges: dict[s
         if sum(sides) != 1:
             both = "both sides" if all(sides) else "no side"
             findings.add(
-                key, f"joint {joint} has {both} among what the axis moves ({', '.join(sorted(moves))}); correct joints or moves"
+                key,
+                f"joint {joint} has {both} among what the axis moves ({', '.join(sorted(moves))}); correct joints or moves",
             )

@@ -1,4 +1,6 @@
-"""Components: solids, patches, materials and interfaces built from their tables, and what may be wrong with them."""
+"""Components: solids, patches, materials and interfaces built from their tables, and what may be
+wrong with them.
+"""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -22,7 +24,16 @@ from headstock.geometry.parts.components import (
 from headstock.geometry.parts.mass_properties import solid_volume
 from headstock.geometry.parts.patches import OVERHANG_TOLERANCE
 from headstock.geometry.parts.prismatic_bars import patch_span, prismatic_bar
-from headstock.geometry.parts.solids import Box, HollowColumn, MeshFile, Plate, Solid, StepFile, SuperelementFile, Tube
+from headstock.geometry.parts.solids import (
+    Box,
+    HollowColumn,
+    MeshFile,
+    Plate,
+    Solid,
+    StepFile,
+    SuperelementFile,
+    Tube,
+)
 from headstock.meshing.sizing import (
     PATCH_CELLS,
     count_patch_cells,
@@ -55,7 +66,8 @@ FILE_SUFFIXES: dict[str, tuple[str, ...]] = {
 # matrices from a file bring their own stiffness and mass
 NO_MATERIAL = Material("from the file", 0.0, 0.0, 0.0)
 PLANAR_FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
-# what only our own mesher can follow; the order of a mesh file's elements is raised and its refusals are overruled
+# what only our own mesher can follow; the order of a mesh file's elements is raised and its
+# refusals are overruled
 OWN_MESH_KEYS = ("size", "cells", "across_patches", "growth", "rim_size", "smallest")
 
 
@@ -77,17 +89,26 @@ def build_solid(table: SolidTable, folder: Path) -> Solid:
         return Plate(_three(plate.size), plate.rib_height, plate.rib, plate.ribs_x, plate.ribs_y)
     if table.column is not None:
         c = table.column
-        return HollowColumn(_three(c.size), c.wall, c.cap, c.rib, c.ribs_z, c.ribs_x, c.ribs_y, c.core_hole)
+        return HollowColumn(
+            _three(c.size), c.wall, c.cap, c.rib, c.ribs_z, c.ribs_x, c.ribs_y, c.core_hole
+        )
     if table.step is not None:
         return StepFile(resolve_file(folder, table.step, FILE_SUFFIXES["step"]), table.solid)
     if table.mesh is not None:
-        return MeshFile(resolve_file(folder, table.mesh, FILE_SUFFIXES["mesh"]), 1.0 if table.unit is None else table.unit)
+        return MeshFile(
+            resolve_file(folder, table.mesh, FILE_SUFFIXES["mesh"]),
+            1.0 if table.unit is None else table.unit,
+        )
     if table.superelement is not None:
-        return SuperelementFile(resolve_file(folder, table.superelement, FILE_SUFFIXES["superelement"]))
+        return SuperelementFile(
+            resolve_file(folder, table.superelement, FILE_SUFFIXES["superelement"])
+        )
     return Box(_three(table.box or []))
 
 
-def bounding_box(solid: Solid) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]] | None:
+def bounding_box(
+    solid: Solid,
+) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]] | None:
     """Lowest and highest x, y, z of a parametric solid [m]; None where only a file knows."""
     if isinstance(solid, Tube):
         radius = 0.5 * solid.outer_diameter
@@ -101,7 +122,9 @@ def bounding_box(solid: Solid) -> tuple[tuple[float, float], tuple[float, float]
 
 
 def patch_center(table: PatchTable, solid: Solid) -> tuple[float, float, float] | None:
-    """Centre of an imprint in component coordinates: as written, or the middle of the face; None where it is not known."""
+    """Centre of an imprint in component coordinates: as written, or the middle of the face; None
+    where it is not known.
+    """
     shape = table.disk or table.rect or table.strip
     normal = "xyz".find(table.face[0]) if table.face[1:] in ("-", "+") else -1
     if shape is not None and shape.center is not None:
@@ -115,7 +138,9 @@ def patch_center(table: PatchTable, solid: Solid) -> tuple[float, float, float] 
     box = bounding_box(solid)
     if box is None or normal < 0:
         return None
-    x, y, z = (0.5 * (low + high) if axis != normal else 0.0 for axis, (low, high) in enumerate(box))
+    x, y, z = (
+        0.5 * (low + high) if axis != normal else 0.0 for axis, (low, high) in enumerate(box)
+    )
     return x, y, z
 
 
@@ -132,15 +157,20 @@ def build_patch(table: PatchTable, solid: Solid) -> Patch:
 
 
 def build_frame(at: list[float], rotate: list[RotationTable]) -> Frame:
-    """Placement from a position and rotations, the first of them applied first, about the parent's axes."""
+    """Placement from a position and rotations, the first of them applied first, about the parent's
+    axes.
+    """
     rotation = np.eye(3)
     for turn in rotate:
         rotation = rotation_about(np.array(turn.axis), turn.angle) @ rotation
     return Frame(np.array(at), rotation)
 
 
-def build_interface(name: str, table: InterfaceTable, solid: Solid, stations: int | None = None) -> Interface:
-    """The interface a table stands for; a rail takes the given number of stations where the table names none.
+def build_interface(
+    name: str, table: InterfaceTable, solid: Solid, stations: int | None = None
+) -> Interface:
+    """The interface a table stands for; a rail takes the given number of stations where the table
+    names none.
 
     Args:
         name: Of the interface.
@@ -152,14 +182,25 @@ def build_interface(name: str, table: InterfaceTable, solid: Solid, stations: in
     if table.rail is None:
         return Interface(name, patches, table.coupling, table.force)
     return Interface(
-        name, patches, "average", table.force, RailSettings(table.rail.along, table.rail.stations or stations or FEWEST_STATIONS)
+        name,
+        patches,
+        "average",
+        table.force,
+        RailSettings(table.rail.along, table.rail.stations or stations or FEWEST_STATIONS),
     )
 
 
 def build_component(
-    name: str, table: ComponentTable, solid: Solid, material: Material, *, free: bool, stations: Mapping[str, int]
+    name: str,
+    table: ComponentTable,
+    solid: Solid,
+    material: Material,
+    *,
+    free: bool,
+    stations: Mapping[str, int],
 ) -> Component:
-    """The component a faultless table stands for; ``stations`` are those of rails whose tables name none.
+    """The component a faultless table stands for; ``stations`` are those of rails whose tables name
+    none.
 
     Args:
         name: Of the component.
@@ -169,7 +210,10 @@ def build_component(
         free: Every component of the scene may float.
         stations: Of rails whose tables name none, by interface.
     """
-    interfaces = {key: build_interface(key, entry, solid, stations.get(key)) for key, entry in table.interfaces.items()}
+    interfaces = {
+        key: build_interface(key, entry, solid, stations.get(key))
+        for key, entry in table.interfaces.items()
+    }
     return Component(
         name=name,
         solid=solid,
@@ -178,7 +222,9 @@ def build_component(
         interfaces=interfaces,
         fidelity=table.fidelity,
         mesh=_build_mesh_settings(table.mesh),
-        reduction=ReductionSettings(table.reduction.modes_to, table.reduction.modes, table.reduction.verify),
+        reduction=ReductionSettings(
+            table.reduction.modes_to, table.reduction.modes, table.reduction.verify
+        ),
         segments=SegmentSettings(table.segments.count, table.segments.along),
         mass=table.mass,
         free=free or table.free,
@@ -206,7 +252,9 @@ def _three(values: list[float]) -> tuple[float, float, float]:
 def face_names(solid: Solid) -> tuple[str, ...]:
     """Face names a solid answers to, besides ``face:N`` and ``set:NAME``."""
     if isinstance(solid, Tube):
-        return ("z-", "z+", "outer", "inner") if solid.inner_diameter > 0.0 else ("z-", "z+", "outer")
+        return (
+            ("z-", "z+", "outer", "inner") if solid.inner_diameter > 0.0 else ("z-", "z+", "outer")
+        )
     return PLANAR_FACES
 
 
@@ -217,7 +265,11 @@ def find_face_fault(face: str, solid: Solid) -> str:
         return ""
     prefix, colon, rest = face.partition(":")
     if colon and prefix == "face" and not isinstance(solid, MeshFile):
-        return "" if rest.isdecimal() and int(rest[:9]) > 0 else f"{face!r}: faces are counted from 1; write face:1"
+        return (
+            ""
+            if rest.isdecimal() and int(rest[:9]) > 0
+            else f"{face!r}: faces are counted from 1; write face:1"
+        )
     if colon and prefix == "set" and isinstance(solid, MeshFile):
         return "" if rest else "names no set; write set:NAME with a surface set of the mesh"
     more = ["set:NAME"] if isinstance(solid, MeshFile) else ["face:N"]
@@ -225,14 +277,20 @@ def find_face_fault(face: str, solid: Solid) -> str:
 
 
 def find_patch_fault(table: PatchTable, solid: Solid) -> str:
-    """Why a patch cannot be laid on a solid; empty when it can as far as can be said without meshing."""
+    """Why a patch cannot be laid on a solid; empty when it can as far as can be said without
+    meshing.
+    """
     fault = find_face_fault(table.face, solid)
     shape = table.disk or table.rect or table.strip
     if fault or shape is None:
         return fault
     if table.face not in PLANAR_FACES:
         if isinstance(solid, StepFile | MeshFile) and table.face not in ("outer", "inner"):
-            return "" if shape.center is not None and len(shape.center) == 3 else "write the centre with all three coordinates"
+            return (
+                ""
+                if shape.center is not None and len(shape.center) == 3
+                else "write the centre with all three coordinates"
+            )
         return f"disk, rect and strip need a flat face, {table.face!r} is not one; leave the shape away to take the whole face"
     center = patch_center(table, solid)
     if center is None:
@@ -247,12 +305,22 @@ def find_patch_fault(table: PatchTable, solid: Solid) -> str:
 
 def kind_of(solid: Solid) -> str:
     """Word for a solid in messages."""
-    words = {"Box": "box", "Tube": "tube", "Plate": "plate", "HollowColumn": "column", "StepFile": "STEP solid", "MeshFile": "mesh"}
+    words = {
+        "Box": "box",
+        "Tube": "tube",
+        "Plate": "plate",
+        "HollowColumn": "column",
+        "StepFile": "STEP solid",
+        "MeshFile": "mesh",
+    }
     return words.get(type(solid).__name__, "superelement")
 
 
 def _find_overhang(
-    table: PatchTable, center: tuple[float, float, float], box: tuple[tuple[float, float], ...], axes: list[int]
+    table: PatchTable,
+    center: tuple[float, float, float],
+    box: tuple[tuple[float, float], ...],
+    axes: list[int],
 ) -> str:
     if table.strip is not None and table.strip.along not in ["xyz"[axis] for axis in axes]:
         return f"a strip on {table.face} runs along {' or '.join('xyz'[axis] for axis in axes)}, not {table.strip.along}"
@@ -277,7 +345,9 @@ def _half_sizes(table: PatchTable, axes: list[int]) -> list[float | None]:
     if table.rect is not None:
         return [0.5 * size for size in table.rect.size]
     if table.strip is not None:
-        return [None if "xyz"[axis] == table.strip.along else 0.5 * table.strip.width for axis in axes]
+        return [
+            None if "xyz"[axis] == table.strip.along else 0.5 * table.strip.width for axis in axes
+        ]
     return [None, None]
 
 
@@ -287,7 +357,11 @@ def _find_hole(table: PatchTable, center: tuple[float, float, float], solid: Sol
         return ""
     halves = [half or 0.0 for half in _half_sizes(table, [0, 1])]
     x, y = abs(center[0]), abs(center[1])
-    reach = math.hypot(x, y) + halves[0] if table.disk is not None else math.hypot(x + halves[0], y + halves[1])
+    reach = (
+        math.hypot(x, y) + halves[0]
+        if table.disk is not None
+        else math.hypot(x + halves[0], y + halves[1])
+    )
     if reach <= 0.5 * solid.inner_diameter * (1.0 + OVERHANG_TOLERANCE):
         return f"the patch is empty: it lies in the bore of {show_position(solid.inner_diameter)}; move it onto the ring"
     if reach > 0.5 * solid.outer_diameter * (1.0 + OVERHANG_TOLERANCE):
@@ -313,7 +387,9 @@ def build_solids(scene: SceneTable, folder: Path, findings: Findings) -> dict[st
 
 
 def check_components(draft: Draft, findings: Findings) -> None:
-    """Report what is wrong with components: their materials, names, meshes, segments and patches."""
+    """Report what is wrong with components: their materials, names, meshes, segments and
+    patches.
+    """
     for name, table in draft.table.components.items():
         key: KeyPath = ("components", name)
         if table.material is not None:
@@ -322,7 +398,10 @@ def check_components(draft: Draft, findings: Findings) -> None:
             known = suggest_names("", draft.sections.get("materials", ()), what="materials")
             findings.add((*key, "material"), f"'material' is missing; {known}")
         if name == GROUND:
-            findings.add(key, 'a component cannot be called "ground": that is what it stands on; choose another name')
+            findings.add(
+                key,
+                'a component cannot be called "ground": that is what it stands on; choose another name',
+            )
         if name in draft.solids:
             _check_solid(key, table, draft.solids[name], findings)
 
@@ -332,35 +411,53 @@ def _check_solid(key: KeyPath, table: ComponentTable, solid: Solid, findings: Fi
         findings.add((*key, *place), fault)
     if isinstance(solid, SuperelementFile):
         if table.fidelity != "elastic":
-            findings.add((*key, "fidelity"), "a superelement file is elastic as it is; remove fidelity")
+            findings.add(
+                (*key, "fidelity"), "a superelement file is elastic as it is; remove fidelity"
+            )
         if table.mass is not None:
             findings.add((*key, "mass"), "a superelement file brings its own mass; remove mass")
         return
     for interface, entry in table.interfaces.items():
         for index, patch in enumerate(entry.patch_tables()):
             patch_key = ("patches", index) if entry.patches is not None else ()
-            if fault := find_patch_fault(patch, solid) or find_dense_patch(table, build_patch(patch, solid), solid):
+            if fault := find_patch_fault(patch, solid) or find_dense_patch(
+                table, build_patch(patch, solid), solid
+            ):
                 findings.add((*key, "interfaces", interface, *patch_key), fault)
 
 
 def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyPath, str]]:
-    """What is wrong with how an elastic component is to be meshed: the key below it and what to write."""
+    """What is wrong with how an elastic component is to be meshed: the key below it and what to
+    write.
+    """
     if table.fidelity != "elastic" or table.solid.superelement is not None:
         return
     mesh = table.mesh
     if isinstance(solid, MeshFile):
         for key in OWN_MESH_KEYS:
             if key in mesh.model_fields_set:
-                yield ("mesh", key), f"the mesh is that of {solid.path.name}; remove {key}, or mesh a STEP file of the part"
+                yield (
+                    ("mesh", key),
+                    f"the mesh is that of {solid.path.name}; remove {key}, or mesh a STEP file of the part",
+                )
         return
     if mesh.cells == "hex" and table.solid.box is None:
-        yield ("mesh", "cells"), f'hexes are made of boxes only, not of a {table.solid.kind}; write cells = "tet"'
+        yield (
+            ("mesh", "cells"),
+            f'hexes are made of boxes only, not of a {table.solid.kind}; write cells = "tet"',
+        )
     if mesh.cells == "hex" and mesh.growth is not None:
         yield ("mesh", "growth"), 'only tets grow from rims; write cells = "tet", or remove growth'
     if mesh.rim_size is not None and mesh.growth is None:
-        yield ("mesh", "rim_size"), "says nothing without a growth from there; write growth = 0.3 beside it"
+        yield (
+            ("mesh", "rim_size"),
+            "says nothing without a growth from there; write growth = 0.3 beside it",
+        )
     if mesh.rim_size is not None and mesh.size is not None and mesh.rim_size >= mesh.size:
-        yield ("mesh", "rim_size"), "is not smaller than size; write a smaller one, or remove rim_size and growth"
+        yield (
+            ("mesh", "rim_size"),
+            "is not smaller than size; write a smaller one, or remove rim_size and growth",
+        )
     if mesh.smallest is not None and (isinstance(solid, Box) or mesh.cells == "hex"):
         yield ("mesh", "smallest"), "a box has no curved faces and no short edges; remove smallest"
     if mesh.smallest is not None and mesh.size is not None and mesh.smallest > mesh.size:
@@ -369,7 +466,8 @@ def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyP
 
 
 def find_dense_patch(table: ComponentTable, patch: Patch, solid: Solid) -> str:
-    """Why a patch asks for more elements than a mesh should have; empty when it does not, or when only the CAD kernel can say.
+    """Why a patch asks for more elements than a mesh should have; empty when it does not, or when
+    only the CAD kernel can say.
 
     Args:
         table: Of the component.
@@ -381,7 +479,9 @@ def find_dense_patch(table: ComponentTable, patch: Patch, solid: Solid) -> str:
     if isinstance(solid, MeshFile | StepFile | SuperelementFile):
         return ""
     across = table.mesh.across_patches
-    size = table.mesh.size or default_size(solid_volume(solid), thinnest_feature(solid), largest_extent(solid))
+    size = table.mesh.size or default_size(
+        solid_volume(solid), thinnest_feature(solid), largest_extent(solid)
+    )
     count = count_patch_cells(patch, solid, across=across, size=size)
     return dense_patch_message(count, min(patch.size), across) if count > PATCH_CELLS else ""
 
@@ -392,11 +492,19 @@ def _find_rimless(table: ComponentTable) -> Iterator[tuple[KeyPath, str]]:
     if mesh.growth is None:
         return
     rigid = any(entry.coupling == "rigid" and entry.rail is None for entry in interfaces)
-    imprinted = any(patch.disk or patch.rect or patch.strip for entry in interfaces for patch in entry.patch_tables())
+    imprinted = any(
+        patch.disk or patch.rect or patch.strip
+        for entry in interfaces
+        for patch in entry.patch_tables()
+    )
     if mesh.rim_size is not None and not rigid:
         yield ("mesh", "rim_size"), 'no interface has the coupling "rigid"; remove rim_size'
     elif mesh.rim_size is None and not imprinted:
-        remedy = 'write rim_size = "2 mm", say, for those of rigid interfaces' if rigid else "remove growth"
+        remedy = (
+            'write rim_size = "2 mm", say, for those of rigid interfaces'
+            if rigid
+            else "remove growth"
+        )
         yield ("mesh", "growth"), f"there is no patch from whose rim elements could grow; {remedy}"
 
 

@@ -1,4 +1,6 @@
-"""A scene while it is checked: tables that passed the schema, the names and files they refer to, and checks of a name."""
+"""A scene while it is checked: tables that passed the schema, the names and files they refer to,
+and checks of a name.
+"""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -19,7 +21,8 @@ from headstock.scene.schema.scene import SceneTable
 class Draft:
     """What the checks of a scene look at.
 
-    Names are those that are written, so that a broken entry does not make everything that refers to it look wrong too.
+    Names are those that are written, so that a broken entry does not make everything that refers to
+    it look wrong too.
 
     Attributes:
         table: Entries that passed the schema.
@@ -49,18 +52,24 @@ def collect_sections(raw: TomlTable) -> dict[str, frozenset[str]]:
 
 
 def collect_interfaces(raw: TomlTable) -> dict[str, frozenset[str] | None]:
-    """Interface names of each component of a parsed scene, valid or not; None where only a file knows them."""
+    """Interface names of each component of a parsed scene, valid or not; None where only a file
+    knows them.
+    """
     interfaces: dict[str, frozenset[str] | None] = {}
     components = raw.get("components")
     for name, entry in components.items() if isinstance(components, dict) else ():
         table = entry if isinstance(entry, dict) else {}
         solid, written = table.get("solid"), table.get("interfaces", {})
         from_file = isinstance(solid, dict) and "superelement" in solid
-        interfaces[name] = None if from_file or not isinstance(written, dict) else frozenset(written)
+        interfaces[name] = (
+            None if from_file or not isinstance(written, dict) else frozenset(written)
+        )
     return interfaces
 
 
-def check_name(key: KeyPath, name: str, section: str, draft: Draft, findings: Findings, what: str = "") -> None:
+def check_name(
+    key: KeyPath, name: str, section: str, draft: Draft, findings: Findings, what: str = ""
+) -> None:
     """Report a name that is no entry of its section.
 
     Args:
@@ -97,9 +106,16 @@ def check_end(key: KeyPath, end: JointEnd, draft: Draft, findings: Findings) -> 
     known_interfaces = draft.interfaces[end.component]
     if known_interfaces is not None and end.interface not in known_interfaces:
         what = f"interfaces of {end.component}"
-        hint = suggest_names(end.interface, known_interfaces, what=what) if known_interfaces else f"{end.component} has none"
+        hint = (
+            suggest_names(end.interface, known_interfaces, what=what)
+            if known_interfaces
+            else f"{end.component} has none"
+        )
         example = f'; describe it: [components.{end.component}.interfaces] {end.interface} = {{ face = "z+" }}'
-        findings.add(key, f"component {end.component!r} has no interface {str(end.interface)[:80]!r}; {hint}{example}")
+        findings.add(
+            key,
+            f"component {end.component!r} has no interface {str(end.interface)[:80]!r}; {hint}{example}",
+        )
 
 
 def check_port(key: KeyPath, name: str, draft: Draft, findings: Findings) -> None:
@@ -118,7 +134,9 @@ def check_port(key: KeyPath, name: str, draft: Draft, findings: Findings) -> Non
         check_name(key, name, "points", draft, findings)
 
 
-def check_pose_names(key: KeyPath, poses: Iterable[str] | None, draft: Draft, findings: Findings) -> None:
+def check_pose_names(
+    key: KeyPath, poses: Iterable[str] | None, draft: Draft, findings: Findings
+) -> None:
     """Report names that are no poses; a scene without poses has one that is called ``reference``.
 
     Args:
@@ -132,7 +150,9 @@ def check_pose_names(key: KeyPath, poses: Iterable[str] | None, draft: Draft, fi
             check_name((*key, index), pose, "poses", draft, findings)
 
 
-def check_variant(key: KeyPath, choice: str | None, draft: Draft, findings: Findings, *, more: str = "") -> None:
+def check_variant(
+    key: KeyPath, choice: str | None, draft: Draft, findings: Findings, *, more: str = ""
+) -> None:
     """Report each of the variants joined in a choice that the scene does not offer.
 
     Args:
@@ -154,4 +174,6 @@ def is_known_end(end: JointEnd, scene: SceneTable) -> bool:
     if end.component is None:
         return True
     component = scene.components.get(end.component)
-    return component is not None and (component.solid.superelement is not None or end.interface in component.interfaces)
+    return component is not None and (
+        component.solid.superelement is not None or end.interface in component.interfaces
+    )

@@ -1,4 +1,6 @@
-"""Drives and the cut of a path: built from their tables, and what may be wrong with them, their effects and their control."""
+"""Drives and the cut of a path: built from their tables, and what may be wrong with them, their
+effects and their control.
+"""
 
 import math
 
@@ -14,7 +16,12 @@ from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, MillingCut
 
-DRIVE_CONTROL, FRICTION, SCREW_INERTIA, CUTTING_FORCE = "drive_control", "friction", "screw_inertia", "cutting_force"
+DRIVE_CONTROL, FRICTION, SCREW_INERTIA, CUTTING_FORCE = (
+    "drive_control",
+    "friction",
+    "screw_inertia",
+    "cutting_force",
+)
 DEAD_CYCLES = 1.5  # one cycle of computing, and half a cycle during which a force is held
 
 
@@ -25,7 +32,10 @@ def check_drives(draft: Draft, findings: Findings) -> None:
     for name, table in scene.drives.items():
         joint = _check_joint(name, table, scene, findings)
         if joint in joints:
-            findings.add(("drives", name), f"drives joint {joint}, which drive {joints[joint]} does already; keep one of them")
+            findings.add(
+                ("drives", name),
+                f"drives joint {joint}, which drive {joints[joint]} does already; keep one of them",
+            )
         if joint is not None:
             joints[joint] = name
         if table.scale is not None:
@@ -64,21 +74,34 @@ def _check_joint(name: str, table: DriveTable, scene: SceneTable, findings: Find
         findings.add(place, f"unknown axis {axis_name[:80]!r}; {hint}")
         return None
     if axis.kind != "linear":
-        findings.add(key, f"axis {axis_name} is rotary; a drive moves a linear axis through a ball screw")
+        findings.add(
+            key, f"axis {axis_name} is rotary; a drive moves a linear axis through a ball screw"
+        )
         return None
     screws = find_screws(name, table, scene)
     if len(screws) != 1:
-        named = f"joint {table.joint!r:.80} is no ball screw of axis {axis_name}" if table.joint else ""
-        text = named or f"axis {axis_name} has {'several ball screws' if screws else 'no ball screw'} among its joints"
+        named = (
+            f"joint {table.joint!r:.80} is no ball screw of axis {axis_name}" if table.joint else ""
+        )
+        text = (
+            named
+            or f"axis {axis_name} has {'several ball screws' if screws else 'no ball screw'} among its joints"
+        )
         others = find_screws(name, table.model_copy(update={"joint": None}), scene)
-        remedy = f"; write joint = {' or '.join(repr(other) for other in others)}" if others else '; add one of kind = "ball_screw"'
+        remedy = (
+            f"; write joint = {' or '.join(repr(other) for other in others)}"
+            if others
+            else '; add one of kind = "ball_screw"'
+        )
         findings.add((*key, "joint") if table.joint else key, text + remedy)
         return None
     _check_screw(key, table, screws[0], scene.joints[screws[0]], findings)
     return screws[0]
 
 
-def _check_screw(key: KeyPath, table: DriveTable, name: str, joint: JointTable, findings: Findings) -> None:
+def _check_screw(
+    key: KeyPath, table: DriveTable, name: str, joint: JointTable, findings: Findings
+) -> None:
     if joint.stiffness.get("axial") == "rigid":
         findings.add(
             ("joints", name, "stiffness", "axial"),
@@ -91,13 +114,18 @@ def _check_screw(key: KeyPath, table: DriveTable, name: str, joint: JointTable, 
     if given is not None and table.lead is not None:
         findings.add((*key, "lead"), f"joint {name} gives the lead of its screw; remove it here")
     if screw is not None and screw.coupling is not None and table.coupling is not None:
-        findings.add((*key, "coupling"), f"joint {name} gives the coupling of its screw; remove it here")
+        findings.add(
+            (*key, "coupling"), f"joint {name} gives the coupling of its screw; remove it here"
+        )
 
 
 def _check_effects(scene: SceneTable, findings: Findings) -> None:
     wanted = {effect for effect, value in scene.effects.items() if value is not False}
     if DRIVE_CONTROL in wanted and not scene.drives:
-        findings.add(("effects", DRIVE_CONTROL), "there is no drive to control; describe one in [drives.NAME]")
+        findings.add(
+            ("effects", DRIVE_CONTROL),
+            "there is no drive to control; describe one in [drives.NAME]",
+        )
     for effect, has in (
         (SCREW_INERTIA, any(table.screw_inertia is not None for table in scene.drives.values())),
         (FRICTION, any(table.friction is not None for table in scene.drives.values())),
@@ -105,7 +133,10 @@ def _check_effects(scene: SceneTable, findings: Findings) -> None:
         if effect not in wanted:
             continue
         if DRIVE_CONTROL not in wanted:
-            findings.add(("effects", effect), f"{effect} is part of moving drives; switch drive_control on too")
+            findings.add(
+                ("effects", effect),
+                f"{effect} is part of moving drives; switch drive_control on too",
+            )
         elif not has:
             findings.add(("effects", effect), f"no drive has a {effect}; write it in [drives.NAME]")
 
@@ -115,7 +146,10 @@ def _check_path(scene: SceneTable, findings: Findings) -> None:
     path = scene.analyses.path
     if path is None:
         if scene.effects.get(FRICTION, False) is not False:
-            findings.add(("effects", FRICTION), "friction acts in runs in time, and the scene asks for none; add [analyses.path]")
+            findings.add(
+                ("effects", FRICTION),
+                "friction acts in runs in time, and the scene asks for none; add [analyses.path]",
+            )
         return
     _check_cut(scene, path, findings)
     if scene.effects.get(DRIVE_CONTROL, False) is False:
@@ -125,7 +159,11 @@ def _check_path(scene: SceneTable, findings: Findings) -> None:
     driven = {driven_axis(name, table) for name, table in scene.drives.items()}
     for axis, end in path.to.items():
         start = path.start.get(axis)
-        if axis in scene.axes and axis not in driven and (start is None or start.value != end.value):
+        if (
+            axis in scene.axes
+            and axis not in driven
+            and (start is None or start.value != end.value)
+        ):
             findings.add_for(
                 "path",
                 ("analyses", "path", "to", axis),
@@ -140,16 +178,26 @@ def _check_cut(scene: SceneTable, path: PathTable, findings: Findings) -> None:
     if scene.mechanism is None and scene.effects.get(CUTTING_FORCE, False) is not False:
         if cut is None:
             findings.add(
-                ("effects", CUTTING_FORCE), "nothing is milled; write [analyses.path.cut] with mill, spindle, depths and material"
+                ("effects", CUTTING_FORCE),
+                "nothing is milled; write [analyses.path.cut] with mill, spindle, depths and material",
             )
         if scene.effects.get(DRIVE_CONTROL, False) is False:
-            findings.add(("effects", CUTTING_FORCE), "acts along paths of drives under control; switch drive_control on too")
+            findings.add(
+                ("effects", CUTTING_FORCE),
+                "acts along paths of drives under control; switch drive_control on too",
+            )
     if cut is None:
         return
     if cut.radial_depth > 0.5 * cut.mill.diameter:
-        findings.add((*key, "radial_depth"), "is more than the radius of the tool; take less, or a larger tool")
+        findings.add(
+            (*key, "radial_depth"),
+            "is more than the radius of the tool; take less, or a larger tool",
+        )
     if cut.at is not None and cut.at not in scene.points:
-        findings.add((*key, "at"), f"unknown point {cut.at[:80]!r}; {suggest_names(cut.at, scene.points, what='points')}")
+        findings.add(
+            (*key, "at"),
+            f"unknown point {cut.at[:80]!r}; {suggest_names(cut.at, scene.points, what='points')}",
+        )
     elif not scene.points:
         findings.add(key, "there is no point where the tool could be; write [points]")
 
@@ -159,13 +207,22 @@ def _check_analysis(scene: SceneTable, findings: Findings) -> None:
     if request is None:
         return
     if scene.effects.get(DRIVE_CONTROL, False) is False:
-        findings.add_for("control", ("analyses", "control"), "drives are not controlled; write [effects] drive_control = true")
+        findings.add_for(
+            "control",
+            ("analyses", "control"),
+            "drives are not controlled; write [effects] drive_control = true",
+        )
     if scene.is_lumped:
-        findings.add(("analyses", "control"), "a lumped mechanism has legs, not axes with drives; remove this analysis")
+        findings.add(
+            ("analyses", "control"),
+            "a lumped mechanism has legs, not axes with drives; remove this analysis",
+        )
     _check_sampling(scene, request.up_to, "control", "up_to", findings)
 
 
-def _check_sampling(scene: SceneTable, band: float, analysis: str, what: str, findings: Findings) -> None:
+def _check_sampling(
+    scene: SceneTable, band: float, analysis: str, what: str, findings: Findings
+) -> None:
     """Report drives that sample too slowly to show the band [Hz] of an analysis."""
     for name, table in scene.drives.items():
         if table.sampling is not None and 0.5 / table.sampling < band:
@@ -188,7 +245,11 @@ def build_drives(scene: SceneTable) -> dict[str, Drive]:
 def build_control(scene: SceneTable, poses: tuple[str, ...]) -> ControlRequest | None:
     """What is asked of the control loops."""
     request = scene.analyses.control
-    return None if request is None else ControlRequest(request.up_to, request.speed, tuple(request.poses or poses))
+    return (
+        None
+        if request is None
+        else ControlRequest(request.up_to, request.speed, tuple(request.poses or poses))
+    )
 
 
 def build_path_cut(scene: SceneTable) -> PathCut | None:
@@ -198,7 +259,13 @@ def build_path_cut(scene: SceneTable) -> PathCut | None:
         return None
     table = path.cut
     mill = EndMill(table.mill.diameter, table.mill.teeth, table.mill.helix, table.mill.runout)
-    cut = MillingCut(mill, CUTTING_MATERIALS[table.material], table.spindle, table.axial_depth, table.radial_depth)
+    cut = MillingCut(
+        mill,
+        CUTTING_MATERIALS[table.material],
+        table.spindle,
+        table.axial_depth,
+        table.radial_depth,
+    )
     return PathCut(cut, table.at or next(iter(scene.points)), table.up)
 
 
@@ -216,7 +283,9 @@ def _build_drive(name: str, table: DriveTable, scene: SceneTable, on: set[str]) 
         screw_inertia=(table.screw_inertia or 0.0) if SCREW_INERTIA in on else 0.0,
         coupling=math.inf if table.coupling is None else table.coupling,
         scale=table.scale,
-        friction=None if FRICTION not in on or table.friction is None else _build_friction(table.friction),
+        friction=None
+        if FRICTION not in on or table.friction is None
+        else _build_friction(table.friction),
         cycle=table.sampling or 0.0,
         acceleration_share=table.feed_forward.acceleration,
     )

@@ -1,4 +1,6 @@
-"""What each kind of joint holds, frees and springs, and the 6x6 matrices its scene keys stand for."""
+"""What each kind of joint holds, frees and springs, and the 6x6 matrices its scene keys stand
+for.
+"""
 
 import math
 from collections.abc import Mapping
@@ -11,12 +13,21 @@ from headstock.geometry.machine.joints import Joint, ScrewShaft
 from headstock.scene.building.draft import Draft, check_end, is_known_end
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import DAMPING, ROTATIONAL_DAMPING, ROTATIONAL_STIFFNESS, STIFFNESS, Quantity
+from headstock.scene.reading.units import (
+    DAMPING,
+    ROTATIONAL_DAMPING,
+    ROTATIONAL_STIFFNESS,
+    STIFFNESS,
+    Quantity,
+)
 from headstock.scene.schema.connections import JointTable, ScrewTable
 from headstock.scene.schema.scene import SceneTable
 
 RIGID = "rigid"
-SCREW_STEEL = (210e9, 0.3)  # Young's modulus [Pa] and Poisson's ratio of a screw whose table gives none
+SCREW_STEEL = (
+    210e9,
+    0.3,
+)  # Young's modulus [Pa] and Poisson's ratio of a screw whose table gives none
 _DIMENSIONS = {
     ("stiffness", False): STIFFNESS,
     ("stiffness", True): ROTATIONAL_STIFFNESS,
@@ -59,13 +70,25 @@ KINDS: dict[str, JointKindRule] = {
     "rigid": _ideal(needs_axis=False),
     "spring": JointKindRule(_DOFS),
     "linear_guide": JointKindRule(
-        {"lateral": (1,), "normal": (2,), "roll": (3,), "pitch": (4,), "yaw": (5,)}, ("lateral", "normal"), needs_axis=True
+        {"lateral": (1,), "normal": (2,), "roll": (3,), "pitch": (4,), "yaw": (5,)},
+        ("lateral", "normal"),
+        needs_axis=True,
     ),
     "ball_screw": JointKindRule({"axial": (0,), "torsion": (3,)}, ("axial",), needs_axis=True),
-    "bearing": JointKindRule({"axial": (0,), "radial": (1, 2), "torsion": (3,), "tilt": (4, 5)}, ("radial",), needs_axis=True),
-    "bolted": JointKindRule({"shear": (0, 1), "normal": (2,), "tilt": (3, 4), "torsion": (5,)}, ("normal", "shear"), axis_is="z"),
+    "bearing": JointKindRule(
+        {"axial": (0,), "radial": (1, 2), "torsion": (3,), "tilt": (4, 5)},
+        ("radial",),
+        needs_axis=True,
+    ),
+    "bolted": JointKindRule(
+        {"shear": (0, 1), "normal": (2,), "tilt": (3, 4), "torsion": (5,)},
+        ("normal", "shear"),
+        axis_is="z",
+    ),
     "mount": JointKindRule(
-        {"horizontal": (0, 1), "vertical": (2,), "tilt": (3, 4), "torsion": (5,)}, ("vertical", "horizontal"), axis_is="z"
+        {"horizontal": (0, 1), "vertical": (2,), "tilt": (3, 4), "torsion": (5,)},
+        ("vertical", "horizontal"),
+        axis_is="z",
     ),
     "revolute": _ideal("rx"),
     "universal": _ideal("rx", "rz", needs_normal=True),
@@ -102,9 +125,15 @@ def check_joints(draft: Draft, findings: Findings) -> None:
         first, second = joint.between
         if first.component == second.component:
             what = f"component {first.component!r}" if first.component else "ground"
-            findings.add(key, f"joint {name!r} has both ends on {what}: a self joint does nothing; name two different components")
+            findings.add(
+                key,
+                f"joint {name!r} has both ends on {what}: a self joint does nothing; name two different components",
+            )
         if name in draft.sections.get("components", ()):
-            findings.add(("joints", name), f"a component is called {name!r} too; results name both, so choose another name")
+            findings.add(
+                ("joints", name),
+                f"a component is called {name!r} too; results name both, so choose another name",
+            )
         for fault in find_joint_faults(joint):
             findings.add(("joints", name, *fault.key), fault.message)
 
@@ -114,7 +143,8 @@ def sound_joints(scene: SceneTable) -> dict[str, JointTable]:
     return {
         name: joint
         for name, joint in scene.joints.items()
-        if all(is_known_end(end, scene) for end in joint.between) and joint.between[0].component != joint.between[1].component
+        if all(is_known_end(end, scene) for end in joint.between)
+        and joint.between[0].component != joint.between[1].component
     }
 
 
@@ -131,13 +161,21 @@ def find_joint_faults(table: JointTable) -> list[JointFault]:
         faults.add("axis and normal are parallel; write two different directions", "normal")
     for key in rule.required:
         if key not in table.stiffness:
-            faults.add(f'a {table.kind} needs {key}; write stiffness = {{ {key} = "100 N/um" }}', "stiffness")
+            faults.add(
+                f'a {table.kind} needs {key}; write stiffness = {{ {key} = "100 N/um" }}',
+                "stiffness",
+            )
     if table.kind == "spring" and not table.stiffness and not table.damping:
         faults.add('a spring needs a stiffness; write stiffness = { z = "100 N/um" }', "stiffness")
     if table.screw is not None:
         _check_screw(table, faults)
-    if table.loss_factor and not any(isinstance(value, Quantity) for value in table.stiffness.values()):
-        faults.add("there is no stiffness that it could be a share of; remove it or give a stiffness", "loss_factor")
+    if table.loss_factor and not any(
+        isinstance(value, Quantity) for value in table.stiffness.values()
+    ):
+        faults.add(
+            "there is no stiffness that it could be a share of; remove it or give a stiffness",
+            "loss_factor",
+        )
     for part, values in (("stiffness", table.stiffness), ("damping", table.damping)):
         for key, value in values.items():
             _check_value(table, rule, part, key, value, faults)
@@ -149,22 +187,41 @@ def _check_screw(table: JointTable, faults: _Faults) -> None:
         faults.add(f'a {table.kind} has no screw; remove it, or write kind = "ball_screw"', "screw")
     if table.stiffness.get("axial") == RIGID:
         faults.add(
-            'the nut of a screw with a shaft gives way; write its stiffness, such as axial = "500 N/um"', "stiffness", "axial"
+            'the nut of a screw with a shaft gives way; write its stiffness, such as axial = "500 N/um"',
+            "stiffness",
+            "axial",
         )
     if table.between[1].component is None:
-        faults.add("the second end is the interface that carries the screw's fixed bearing, not ground", "between")
+        faults.add(
+            "the second end is the interface that carries the screw's fixed bearing, not ground",
+            "between",
+        )
     far = None if table.screw is None else table.screw.far
     if far is not None and far.component == table.between[0].component:
         text = "is on the component of the first end, which is the nut's; name the nut's interface first and the bearing's second"
         faults.add(text, "screw", "far")
     if table.length is not None:
-        faults.add("the nut has a shaft of its own, so it slides on no rail; remove length or screw", "length")
+        faults.add(
+            "the nut has a shaft of its own, so it slides on no rail; remove length or screw",
+            "length",
+        )
     nu = None if table.screw is None else table.screw.nu
     if nu is not None and not -1.0 < nu < 0.5:
-        faults.add(f"is {nu:g} but a Poisson ratio lies above -1 and below 0.5; write for example 0.3", "screw", "nu")
+        faults.add(
+            f"is {nu:g} but a Poisson ratio lies above -1 and below 0.5; write for example 0.3",
+            "screw",
+            "nu",
+        )
 
 
-def _check_value(table: JointTable, rule: JointKindRule, part: str, key: str, value: Quantity | str, faults: _Faults) -> None:
+def _check_value(
+    table: JointTable,
+    rule: JointKindRule,
+    part: str,
+    key: str,
+    value: Quantity | str,
+    faults: _Faults,
+) -> None:
     if key not in rule.keys:
         known = ", ".join(rule.keys) or "none: it holds everything"
         faults.add(f"a {table.kind} has no {part} {key!r}; keys: {known}", part, key)
@@ -179,7 +236,9 @@ def _check_value(table: JointTable, rule: JointKindRule, part: str, key: str, va
         text = f'is a {value.dimension.name} but {key} needs a {dimension.name}; write for example "{dimension.example}"'
         faults.add(text, part, key)
     elif value.value < 0.0 and not table.allow_negative:
-        faults.add("is negative; if that is meant, write allow_negative = true in the joint", part, key)
+        faults.add(
+            "is negative; if that is meant, write allow_negative = true in the joint", part, key
+        )
 
 
 def joint_rotation(table: JointTable) -> FloatArray:
@@ -193,8 +252,14 @@ def joint_rotation(table: JointTable) -> FloatArray:
     if KINDS[table.kind].axis_is == "z":
         if axis is None:
             axis = np.array([0.0, 0.0, 1.0])
-        side = frame_axes(axis, normal)  # columns: axis, second, third: a right-handed turn puts the axis last
-        return np.column_stack([side[:, 1], side[:, 2], side[:, 0]]) if normal is None else frame_axes(_across(axis, normal), axis)
+        side = frame_axes(
+            axis, normal
+        )  # columns: axis, second, third: a right-handed turn puts the axis last
+        return (
+            np.column_stack([side[:, 1], side[:, 2], side[:, 0]])
+            if normal is None
+            else frame_axes(_across(axis, normal), axis)
+        )
     if axis is None:
         if normal is None:
             return np.eye(3)
@@ -233,7 +298,9 @@ def build_joint(name: str, table: JointTable) -> Joint:
         length=table.length,
         screw=None if table.screw is None else build_shaft(table.screw),
         loss_factor=table.loss_factor,
-        second_axis=np.array(table.normal) if table.kind == "universal" and table.normal is not None else None,
+        second_axis=np.array(table.normal)
+        if table.kind == "universal" and table.normal is not None
+        else None,
     )
 
 
@@ -255,13 +322,19 @@ def build_shaft(table: ScrewTable) -> ScrewShaft:
 
 
 def tie_bearings(name: str, joint: Joint) -> Joint | None:
-    """The shaft of a screw as a tie between its two fixed bearings, whatever the nut does; None with a single one."""
+    """The shaft of a screw as a tie between its two fixed bearings, whatever the nut does; None
+    with a single one.
+    """
     shaft = joint.screw
     if shaft is None or shaft.far is None:
         return None
     stiffness = np.zeros((6, 6))
-    stiffness[0, 0] = 1.0 / (1.0 / shaft.bearing + shaft.length / shaft.axial + 1.0 / shaft.far_bearing)
-    return Joint(name, (joint.ends[1], shaft.far), "spring", rotation=joint.rotation, stiffness=stiffness)
+    stiffness[0, 0] = 1.0 / (
+        1.0 / shaft.bearing + shaft.length / shaft.axial + 1.0 / shaft.far_bearing
+    )
+    return Joint(
+        name, (joint.ends[1], shaft.far), "spring", rotation=joint.rotation, stiffness=stiffness
+    )
 
 
 def connects(joint: Joint) -> bool:

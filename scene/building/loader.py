@@ -1,4 +1,6 @@
-"""Loads a scene file: reads, overrides, validates, checks and builds it, or says everything that is wrong."""
+"""Loads a scene file: reads, overrides, validates, checks and builds it, or says everything that is
+wrong.
+"""
 
 import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -7,8 +9,21 @@ from pathlib import Path
 from headstock.geometry.machine.joints import Joint
 from headstock.geometry.machine.machine import Machine, Point, Probe, orient_machine
 from headstock.geometry.parts.components import Component
-from headstock.scene.building.analyses import build_frf, build_modal, build_static, check_requests, check_subjects
-from headstock.scene.building.axes import build_axis, build_poses, check_axes, check_axis_moves, check_floating, check_poses
+from headstock.scene.building.analyses import (
+    build_frf,
+    build_modal,
+    build_static,
+    check_requests,
+    check_subjects,
+)
+from headstock.scene.building.axes import (
+    build_axis,
+    build_poses,
+    check_axes,
+    check_axis_moves,
+    check_floating,
+    check_poses,
+)
 from headstock.scene.building.components import (
     NO_MATERIAL,
     build_component,
@@ -21,8 +36,21 @@ from headstock.scene.building.components import (
 from headstock.scene.building.draft import Draft, collect_interfaces, collect_sections
 from headstock.scene.building.drives import build_control, build_drives, check_drives
 from headstock.scene.building.joints import build_joint, check_joints, tie_bearings
-from headstock.scene.building.loads import build_load, build_support, check_loads, check_points, check_probes, check_supports
-from headstock.scene.building.mechanism import build_contouring, build_map, build_mechanism, check_mechanism, check_reach
+from headstock.scene.building.loads import (
+    build_load,
+    build_support,
+    check_loads,
+    check_points,
+    check_probes,
+    check_supports,
+)
+from headstock.scene.building.mechanism import (
+    build_contouring,
+    build_map,
+    build_mechanism,
+    check_mechanism,
+    check_reach,
+)
 from headstock.scene.building.path import build_path_request, check_path, check_path_carriages
 from headstock.scene.building.plausibility import check_mode_counts, check_mounts, check_numbers
 from headstock.scene.building.rails import check_carriages, check_rails, choose_stations
@@ -40,7 +68,12 @@ from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, CompareSettings, Limits, Scene
 from headstock.scene.schema.effects import read_gravity, read_modal_damping
-from headstock.scene.schema.overrides import VARIANT_JOINER, apply_settings, apply_values, apply_variant
+from headstock.scene.schema.overrides import (
+    VARIANT_JOINER,
+    apply_settings,
+    apply_values,
+    apply_variant,
+)
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.validation import validate_tables
 
@@ -74,25 +107,34 @@ CHECKS_OF_ALL_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
     check_reach,
 )
 # These need the machine in its poses.
-CHECKS_OF_THE_SCENE: tuple[Callable[[Scene, Findings], None], ...] = (check_carriages, check_path_carriages)
+CHECKS_OF_THE_SCENE: tuple[Callable[[Scene, Findings], None], ...] = (
+    check_carriages,
+    check_path_carriages,
+)
 
 
 def load_scene(
-    path: Path, *, variant: str | None = None, overrides: Sequence[str] = (), values: Mapping[str, TomlValue] | None = None
+    path: Path,
+    *,
+    variant: str | None = None,
+    overrides: Sequence[str] = (),
+    values: Mapping[str, TomlValue] | None = None,
 ) -> Scene:
     """Load a scene file.
 
     Args:
         path: A ``.toml`` file; files it refers to lie in its folder.
         variant: One of the scene's variants or several joined by ``+``, applied first.
-        overrides: ``key=value`` settings with dotted keys, applied after the variant in the order given.
+        overrides: ``key=value`` settings with dotted keys, applied after the variant in the order
+            given.
         values: Dotted key to a value as TOML parses it, applied last: a point of a study.
 
     Returns:
         The scene with its machine in SI units.
 
     Raises:
-        SceneError: Anything is wrong; holds every problem with file, line, key, source line and what to write.
+        SceneError: Anything is wrong; holds every problem with file, line, key, source line and
+            what to write.
     """
     findings = Findings(str(path))
     raw = apply_variant(read_scene(path, findings), variant, findings)
@@ -102,7 +144,9 @@ def load_scene(
     if table is None:
         findings.raise_if_any()
         raise AssertionError("the schema refused a scene without saying why")
-    findings.on_request = frozenset(name for name, request in table.analyses if request is not None and request.on_request)
+    findings.on_request = frozenset(
+        name for name, request in table.analyses if request is not None and request.on_request
+    )
     complete = not findings.problems
     draft = Draft(
         table=table,
@@ -124,7 +168,8 @@ def load_scene(
 
 
 def prepare_sweep(scene: Scene, name: str, *, overrides: Sequence[str] = ()) -> Scene:
-    """The scene that one of its sweeps goes through: with the sweep's variant on top of its own, every carriage on its rail.
+    """The scene that one of its sweeps goes through: with the sweep's variant on top of its own,
+    every carriage on its rail.
 
     Args:
         scene: As loaded.
@@ -132,10 +177,15 @@ def prepare_sweep(scene: Scene, name: str, *, overrides: Sequence[str] = ()) -> 
         overrides: Those with which the scene was loaded.
 
     Raises:
-        SceneError: The variant does not fit, or a carriage hangs over the end of its rail in a pose of the sweep.
+        SceneError: The variant does not fit, or a carriage hangs over the end of its rail in a pose
+            of the sweep.
     """
     if variant := scene.sweeps[name].variant:
-        scene = load_scene(scene.path, variant=VARIANT_JOINER.join(filter(None, [scene.variant, variant])), overrides=overrides)
+        scene = load_scene(
+            scene.path,
+            variant=VARIANT_JOINER.join(filter(None, [scene.variant, variant])),
+            overrides=overrides,
+        )
     findings = Findings(str(scene.path))
     check_sweep_carriages(scene.machine, scene.sweeps[name], findings)
     findings.raise_if_any()
@@ -146,7 +196,9 @@ def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | No
     table = draft.table
     name = table.name or path.stem
     poses = build_poses(table)
-    analyses, on_request = _split_requests(findings.on_request, _build_analyses(table, tuple(poses), path.parent))
+    analyses, on_request = _split_requests(
+        findings.on_request, _build_analyses(table, tuple(poses), path.parent)
+    )
     return Scene(
         name=name,
         path=path,
@@ -165,10 +217,15 @@ def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | No
         sweeps={name: build_sweep(name, table, draft.paths) for name in table.sweeps},
         mechanism=None if table.mechanism is None else build_mechanism(table.mechanism),
         compare=CompareSettings(
-            tuple(table.compare.variants or ()), tuple(table.compare.fidelity or ()), table.compare.pose, table.compare.reference
+            tuple(table.compare.variants or ()),
+            tuple(table.compare.fidelity or ()),
+            table.compare.pose,
+            table.compare.reference,
         ),
         drives=build_drives(table),
-        accuracy=None if table.accuracy is None else AccuracyGoal(table.accuracy.to, table.accuracy.fidelity),
+        accuracy=None
+        if table.accuracy is None
+        else AccuracyGoal(table.accuracy.to, table.accuracy.fidelity),
         modal_damping=read_modal_damping(table.effects.get("damping", False)),
     )
 
@@ -179,7 +236,9 @@ def _build_analyses(table: SceneTable, poses: tuple[str, ...], folder: Path) -> 
         modal=build_modal(table, poses),
         frf=build_frf(table, poses),
         map=build_map(table),
-        contouring=build_contouring(table, folder, read_modal_damping(table.effects.get("damping", False))),
+        contouring=build_contouring(
+            table, folder, read_modal_damping(table.effects.get("damping", False))
+        ),
         path=build_path_request(table),
         control=build_control(table, poses),
     )
@@ -213,10 +272,16 @@ def build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
         components=components,
         joints=joints,
         points={key: Point(key, table.tool, table.work) for key, table in scene.points.items()},
-        axes={key: build_axis(key, table, scene, joints, supports) for key, table in scene.axes.items()},
+        axes={
+            key: build_axis(key, table, scene, joints, supports)
+            for key, table in scene.axes.items()
+        },
         supports=supports,
         loads={key: build_load(key, table, components) for key, table in scene.loads.items()},
-        probes={key: Probe(key, table.component, (table.at[0], table.at[1], table.at[2])) for key, table in scene.probes.items()},
+        probes={
+            key: Probe(key, table.component, (table.at[0], table.at[1], table.at[2]))
+            for key, table in scene.probes.items()
+        },
         gravity=read_gravity(scene.effects.get("gravity", True)),
         mechanism=None if scene.mechanism is None else build_mechanism(scene.mechanism),
     )
@@ -243,11 +308,15 @@ def _build_components(scene: SceneTable, folder: Path) -> dict[str, Component]:
 
 
 def _build_joints(scene: SceneTable, components: dict[str, Component]) -> dict[str, Joint]:
-    """The joints of a scene, and behind each screw with two fixed bearings its shaft as a tie between them."""
+    """The joints of a scene, and behind each screw with two fixed bearings its shaft as a tie
+    between them.
+    """
     joints: dict[str, Joint] = {}
     for key, table in scene.joints.items():
         joints[key] = build_joint(key, table)
         tie = tie_bearings(f"{key}_shaft", joints[key])
-        if tie is not None and any(components[end.component or ""].fidelity != "rigid" for end in tie.ends):
+        if tie is not None and any(
+            components[end.component or ""].fidelity != "rigid" for end in tie.ends
+        ):
             joints[tie.name] = tie
     return joints

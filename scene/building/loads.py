@@ -1,4 +1,6 @@
-"""Points, supports, loads and probes of a machine: built from their tables, and what may be wrong with them."""
+"""Points, supports, loads and probes of a machine: built from their tables, and what may be wrong
+with them.
+"""
 
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.parts.components import Component, Load, Patch, Support
@@ -48,7 +50,10 @@ def check_points(draft: Draft, findings: Findings) -> None:
         check_end(("points", name, "tool"), point.tool, draft, findings)
         check_end(("points", name, "work"), point.work, draft, findings)
         if point.tool == point.work:
-            findings.add(("points", name), "tool and work are the same, so nothing moves between them; name two places")
+            findings.add(
+                ("points", name),
+                "tool and work are the same, so nothing moves between them; name two places",
+            )
 
 
 def check_supports(draft: Draft, findings: Findings) -> None:
@@ -58,7 +63,8 @@ def check_supports(draft: Draft, findings: Findings) -> None:
         owner = (table.face or table.at or "").partition(".")[0]
         if owner in draft.table.components and not _is_meshed(draft.table.components[owner]):
             findings.add(
-                ("supports", name), f"{owner} is not meshed, so no points of it can be held; use a joint of kind rigid to ground"
+                ("supports", name),
+                f"{owner} is not meshed, so no points of it can be held; use a joint of kind rigid to ground",
             )
 
 
@@ -74,27 +80,41 @@ def check_loads(draft: Draft, findings: Findings) -> None:
 
 
 def check_probes(draft: Draft, findings: Findings) -> None:
-    """Report probes in components that are not meshed, and probes of a machine that nothing loads."""
+    """Report probes in components that are not meshed, and probes of a machine that nothing
+    loads.
+    """
     scene = draft.table
     for name, probe in scene.probes.items():
         check_name(("probes", name, "component"), probe.component, "components", draft, findings)
         table = scene.components.get(probe.component)
         if table is not None and not _is_meshed(table):
-            findings.add(("probes", name), f"{probe.component} is not meshed, so there is no stress in it; make it elastic")
+            findings.add(
+                ("probes", name),
+                f"{probe.component} is not meshed, so there is no stress in it; make it elastic",
+            )
     if scene.probes and scene.analyses.static is None:
         findings.add(("probes",), "probes show the response to static loads; add [analyses.static]")
     if scene.probes and not scene.loads and not scene.effects.get("gravity"):
-        findings.add(("probes",), "nothing loads the machine; add [loads.NAME] or the effect gravity")
+        findings.add(
+            ("probes",), "nothing loads the machine; add [loads.NAME] or the effect gravity"
+        )
 
 
 def find_load_fault(load: LoadTable, component: ComponentTable | None) -> str:
     """Why a load cannot act on its component; empty when it can."""
-    if component is None or component.solid.superelement is not None or load.kind != "pressure" or component.fidelity == "elastic":
+    if (
+        component is None
+        or component.solid.superelement is not None
+        or load.kind != "pressure"
+        or component.fidelity == "elastic"
+    ):
         return ""
     return f"a pressure needs a mesh and the component is {component.fidelity}; write a traction or a force, or make it elastic"
 
 
-def _build_area(table: SupportTable | LoadTable, components: dict[str, Component]) -> tuple[Patch, ...]:
+def _build_area(
+    table: SupportTable | LoadTable, components: dict[str, Component]
+) -> tuple[Patch, ...]:
     """Patches of an interface, or the one that the table itself describes."""
     component, _, area = (table.at or table.face or "").partition(".")
     if table.at is not None:
@@ -103,19 +123,28 @@ def _build_area(table: SupportTable | LoadTable, components: dict[str, Component
 
 
 def _read_patch(table: SupportTable | LoadTable) -> PatchTable:
-    return PatchTable(face=(table.face or "").partition(".")[2], disk=table.disk, rect=table.rect, strip=table.strip)
+    return PatchTable(
+        face=(table.face or "").partition(".")[2],
+        disk=table.disk,
+        rect=table.rect,
+        strip=table.strip,
+    )
 
 
 def _is_meshed(table: ComponentTable) -> bool:
     return table.fidelity == "elastic" and table.solid.superelement is None
 
 
-def _check_area(key: KeyPath, table: SupportTable | LoadTable, draft: Draft, findings: Findings) -> None:
+def _check_area(
+    key: KeyPath, table: SupportTable | LoadTable, draft: Draft, findings: Findings
+) -> None:
     if table.at is not None:
         component, _, interface = table.at.partition(".")
         check_end((*key, "at"), JointEnd(component, interface), draft, findings)
     elif table.face is not None:
         component = table.face.partition(".")[0]
         check_name((*key, "face"), component, "components", draft, findings)
-        if component in draft.solids and (fault := find_patch_fault(_read_patch(table), draft.solids[component])):
+        if component in draft.solids and (
+            fault := find_patch_fault(_read_patch(table), draft.solids[component])
+        ):
             findings.add((*key, "face"), fault)

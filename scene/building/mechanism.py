@@ -1,4 +1,6 @@
-"""The mechanism of a scene, maps and contours of it: built from their tables, and what may be wrong with them."""
+"""The mechanism of a scene, maps and contours of it: built from their tables, and what may be wrong
+with them.
+"""
 
 import math
 from pathlib import Path
@@ -7,7 +9,12 @@ import numpy as np
 
 from headstock.geometry.errors import PoseError
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.exechon import LENGTHS, ExechonDimensions, MountedExechon, exechon_mechanism
+from headstock.geometry.mechanisms.exechon import (
+    LENGTHS,
+    ExechonDimensions,
+    MountedExechon,
+    exechon_mechanism,
+)
 from headstock.geometry.mechanisms.mechanism import Mechanism
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT, solve_pose
 from headstock.scene.building.components import build_frame
@@ -30,7 +37,9 @@ MAX_MAP_POSES = 40_000
 def build_mechanism(table: MechanismTable) -> SceneMechanism:
     """The mechanism of a scene that has passed every check."""
     limits = {name: (low.value, high.value) for name, (low, high) in table.limits.items()}
-    mounted = MountedExechon(build_dimensions(table.dimensions), build_frame(table.at, table.rotate), limits)
+    mounted = MountedExechon(
+        build_dimensions(table.dimensions), build_frame(table.at, table.rotate), limits
+    )
     springs = None if table.springs is None else LegSprings(**table.springs.model_dump())
     return SceneMechanism(
         kind=table.kind,
@@ -56,7 +65,9 @@ def build_dimensions(table: ExechonTable) -> ExechonDimensions:
 
 
 def build_map(scene: SceneTable) -> MapRequest | None:
-    """The map a scene asks for: the axes of its sweep with several positions, the others where they stand."""
+    """The map a scene asks for: the axes of its sweep with several positions, the others where they
+    stand.
+    """
     request = scene.analyses.map
     if request is None:
         return None
@@ -69,7 +80,9 @@ def build_map(scene: SceneTable) -> MapRequest | None:
     return MapRequest(axes, fixed, request.count)
 
 
-def build_contouring(scene: SceneTable, folder: Path, damping_ratios: tuple[float, ...]) -> ContouringRequest | None:
+def build_contouring(
+    scene: SceneTable, folder: Path, damping_ratios: tuple[float, ...]
+) -> ContouringRequest | None:
     """The contour a scene asks for.
 
     Args:
@@ -109,7 +122,9 @@ def build_contouring(scene: SceneTable, folder: Path, damping_ratios: tuple[floa
 
 
 def check_mechanism(draft: Draft, findings: Findings) -> None:
-    """Report what is wrong with a mechanism, apart from poses that it cannot take, and with what is asked of it."""
+    """Report what is wrong with a mechanism, apart from poses that it cannot take, and with what is
+    asked of it.
+    """
     scene = draft.table
     table = scene.mechanism
     _check_stiffening(scene, findings)
@@ -118,12 +133,17 @@ def check_mechanism(draft: Draft, findings: Findings) -> None:
     if table is None:
         return
     if "orientation" in scene.model_fields_set:
-        findings.add(("orientation",), "a mechanism is set up by its own `at` and `rotate`; move orientation there")
+        findings.add(
+            ("orientation",),
+            "a mechanism is set up by its own `at` and `rotate`; move orientation there",
+        )
     mechanism = exechon_mechanism(build_dimensions(table.dimensions))
     _check_carried(table, mechanism, scene, findings)
     _check_limits(table, mechanism, findings)
     for name in set(scene.axes) & set(TOOL_AXES):
-        findings.add(("axes", name), f"{name} is already the tool's, through the mechanism; remove this axis")
+        findings.add(
+            ("axes", name), f"{name} is already the tool's, through the mechanism; remove this axis"
+        )
     _check_pose_units(scene, findings)
 
 
@@ -140,7 +160,9 @@ def check_reach(draft: Draft, findings: Findings) -> None:
             findings.add(("poses", name), f"cannot be taken: {error}")
 
 
-def _check_carried(table: MechanismTable, mechanism: Mechanism, scene: SceneTable, findings: Findings) -> None:
+def _check_carried(
+    table: MechanismTable, mechanism: Mechanism, scene: SceneTable, findings: Findings
+) -> None:
     seen: dict[str, str] = {}
     for mark, names in table.carries.items():
         if mark not in mechanism.marks:
@@ -149,13 +171,19 @@ def _check_carried(table: MechanismTable, mechanism: Mechanism, scene: SceneTabl
         for index, name in enumerate(names):
             key = ("mechanism", "carries", mark, index)
             if name not in scene.components:
-                findings.add(key, f"unknown component {name[:80]!r}; {suggest_names(name, scene.components, what='components')}")
+                findings.add(
+                    key,
+                    f"unknown component {name[:80]!r}; {suggest_names(name, scene.components, what='components')}",
+                )
             if name in seen:
                 findings.add(key, f"{name} is carried by {seen[name]} too; keep one")
             seen[name] = mark
     if scene.is_lumped:
         for name in scene.loads:
-            findings.add(("loads", name), 'the lumped model takes no loads but gravity; remove it, or write model = "components"')
+            findings.add(
+                ("loads", name),
+                'the lumped model takes no loads but gravity; remove it, or write model = "components"',
+            )
         for name, point in scene.points.items():
             if point.tool.component not in seen or point.work.component is not None:
                 findings.add(
@@ -169,11 +197,16 @@ def _check_limits(table: MechanismTable, mechanism: Mechanism, findings: Finding
     for name, values in table.limits.items():
         key = ("mechanism", "limits", name)
         if name not in movable:
-            findings.add(key, f"unknown coordinate {name!r}; {suggest_names(name, movable, what='coordinates')}")
+            findings.add(
+                key,
+                f"unknown coordinate {name!r}; {suggest_names(name, movable, what='coordinates')}",
+            )
             continue
         wanted = LENGTH if name in LENGTHS else ANGLE
         if any(value.dimension != wanted for value in values):
-            findings.add(key, f'{name} is measured as {wanted.name}; write for example "{wanted.example}"')
+            findings.add(
+                key, f'{name} is measured as {wanted.name}; write for example "{wanted.example}"'
+            )
         elif values[0].value >= values[1].value:
             findings.add(key, "the lower limit must be below the upper one")
 
@@ -183,11 +216,15 @@ def _check_pose_units(scene: SceneTable, findings: Findings) -> None:
     for pose, positions in scene.poses.items():
         values += [(("poses", pose, axis), axis, value) for axis, value in positions.items()]
     for sweep, table in scene.sweeps.items():
-        values += [(("sweeps", sweep, *key), axis, value) for key, axis, value in table.quantities()]
+        values += [
+            (("sweeps", sweep, *key), axis, value) for key, axis, value in table.quantities()
+        ]
     for key, axis, value in values:
         wanted = LENGTH if axis in TOOL_POINT else ANGLE
         if axis in TOOL_AXES and value.dimension != wanted:
-            findings.add(key, f'{axis} is measured as {wanted.name}; write for example "{wanted.example}"')
+            findings.add(
+                key, f'{axis} is measured as {wanted.name}; write for example "{wanted.example}"'
+            )
 
 
 def _check_map(scene: SceneTable, findings: Findings) -> None:
@@ -200,22 +237,33 @@ def _check_map(scene: SceneTable, findings: Findings) -> None:
     sweep = scene.sweeps.get(request.sweep)
     if sweep is None:
         findings.add(
-            (*key, "sweep"), f"unknown sweep {request.sweep[:80]!r}; {suggest_names(request.sweep, scene.sweeps, what='sweeps')}"
+            (*key, "sweep"),
+            f"unknown sweep {request.sweep[:80]!r}; {suggest_names(request.sweep, scene.sweeps, what='sweeps')}",
         )
         return
     counts = [span.positions for span in (sweep.axes or {}).values()]
     if sum(count > 1 for count in counts) not in (2, 3):
-        findings.add((*key, "sweep"), "a map needs a sweep of axes in which two or three have more than one position")
+        findings.add(
+            (*key, "sweep"),
+            "a map needs a sweep of axes in which two or three have more than one position",
+        )
     elif math.prod(counts) > MAX_MAP_POSES:
-        findings.add((*key, "sweep"), f"has {math.prod(counts)} poses; a map takes {MAX_MAP_POSES} at most")
+        findings.add(
+            (*key, "sweep"), f"has {math.prod(counts)} poses; a map takes {MAX_MAP_POSES} at most"
+        )
 
 
 def _check_contouring(scene: SceneTable, folder: Path, findings: Findings) -> None:
     table = scene.analyses.contouring
     if scene.mechanism is None:
         along_path = {"cutting_force"} if scene.analyses.path is not None else set()
-        for name in (set(CONTOUR_EFFECTS) - along_path) & {name for name, value in scene.effects.items() if value}:
-            findings.add(("effects", name), "acts in [analyses.contouring] of a mechanism, and this scene has none; remove it")
+        for name in (set(CONTOUR_EFFECTS) - along_path) & {
+            name for name, value in scene.effects.items() if value
+        }:
+            findings.add(
+                ("effects", name),
+                "acts in [analyses.contouring] of a mechanism, and this scene has none; remove it",
+            )
     if table is None:
         return
     _check_regeneration(scene, table, findings)
@@ -223,10 +271,15 @@ def _check_contouring(scene: SceneTable, folder: Path, findings: Findings) -> No
     if not scene.is_lumped:
         findings.add(key, "contours are run on a lumped mechanism; this scene has none")
     cutting = bool(scene.effects.get("cutting_force"))
-    if (table.material is not None and table.forces is not None) or (cutting and table.material is None and table.forces is None):
+    if (table.material is not None and table.forces is not None) or (
+        cutting and table.material is None and table.forces is None
+    ):
         findings.add(key, 'needs either the material that is cut, or forces = "measured.csv"')
     if table.radial_depth > 0.5 * table.mill.diameter:
-        findings.add((*key, "radial_depth"), "is more than the radius of the tool; take less, or a larger tool")
+        findings.add(
+            (*key, "radial_depth"),
+            "is more than the radius of the tool; take less, or a larger tool",
+        )
     if table.forces is not None:
         try:
             resolve_file(folder, table.forces, FORCE_SUFFIXES)
@@ -239,7 +292,10 @@ def _check_stiffening(scene: SceneTable, findings: Findings) -> None:
         return
     key = ("effects", GRAVITY_STIFFENING)
     if not scene.is_lumped:
-        findings.add(key, "is known for lumped mechanisms only: components have no geometric stiffness in this version; remove it")
+        findings.add(
+            key,
+            "is known for lumped mechanisms only: components have no geometric stiffness in this version; remove it",
+        )
     elif not scene.effects.get("gravity"):
         findings.add(key, "comes from gravity; write [effects] gravity = true as well")
 
@@ -249,13 +305,18 @@ def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Fin
     if not scene.effects.get("regeneration"):
         return
     if not scene.effects.get("cutting_force"):
-        findings.add(key, "acts through cutting forces; write [effects] cutting_force = true as well")
+        findings.add(
+            key, "acts through cutting forces; write [effects] cutting_force = true as well"
+        )
     elif table.material is None:
         findings.add(
-            key, "needs computed forces: measured ones hold it already; remove this, or write the material instead of forces"
+            key,
+            "needs computed forces: measured ones hold it already; remove this, or write the material instead of forces",
         )
     elif table.model != "linear":
-        findings.add(key, 'is solved on the linear model; write model = "linear" in [analyses.contouring]')
+        findings.add(
+            key, 'is solved on the linear model; write model = "linear" in [analyses.contouring]'
+        )
     elif table.steps_per_turn % table.mill.teeth:
         findings.add(
             ("analyses", "contouring", "steps_per_turn"),

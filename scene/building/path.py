@@ -1,4 +1,6 @@
-"""The path of a path analysis, built from its table, and what may be wrong with it: axes, limits, feeds and carriages."""
+"""The path of a path analysis, built from its table, and what may be wrong with it: axes, limits,
+feeds and carriages.
+"""
 
 from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import MachinePath, Pose
@@ -22,7 +24,10 @@ def build_path(scene: SceneTable, table: PathTable) -> MachinePath:
     """Both ends: axes that the path does not name stand where its pose has them."""
     rest = {axis: value.value for axis, value in scene.poses.get(table.pose or "", {}).items()}
     first = rest | {axis: value.value for axis, value in table.start.items()}
-    return MachinePath(Pose("from", first), Pose("to", first | {axis: value.value for axis, value in table.to.items()}))
+    return MachinePath(
+        Pose("from", first),
+        Pose("to", first | {axis: value.value for axis, value in table.to.items()}),
+    )
 
 
 def build_path_request(scene: SceneTable) -> PathRequest | None:
@@ -58,7 +63,9 @@ def check_path(draft: Draft, findings: Findings) -> None:
             check_name((*KEY, end, axis), axis, "axes", draft, findings, "axis")
     known = len(findings.problems)
     if scene.mechanism is not None:
-        findings.add(KEY, "a path moves the axes of the scene, and a mechanism has none; remove one of them")
+        findings.add(
+            KEY, "a path moves the axes of the scene, and a mechanism has none; remove one of them"
+        )
         return
     for end, stops in (("from", table.start), ("to", table.to)):
         for axis, value in stops.items():
@@ -69,17 +76,26 @@ def check_path(draft: Draft, findings: Findings) -> None:
                 fault = "a path moves linear axes only; name another axis, and give this one its place by pose"
             if fault:
                 findings.add((*KEY, end, axis), fault)
-    if table.pose_changes == "followed" and scene.drives and scene.effects.get("drive_control", False) is not False:
+    if (
+        table.pose_changes == "followed"
+        and scene.drives
+        and scene.effects.get("drive_control", False) is not False
+    ):
         text = 'drives under control are closed in the pose of the middle; write "frozen", or leave the effect drive_control away'
         findings.add((*KEY, "pose_changes"), text)
     if table.outputs is None and not scene.points:
-        findings.add(KEY, 'there is no point whose deviation is wanted; write [points], or outputs = [["tcp", "z"]]')
+        findings.add(
+            KEY,
+            'there is no point whose deviation is wanted; write [points], or outputs = [["tcp", "z"]]',
+        )
     if len(findings.problems) == known:
         _check_moves(scene, table, findings)
 
 
 def check_path_carriages(scene: Scene, findings: Findings) -> None:
-    """Report every carriage that hangs over the end of its rail on the way; the way is straight, so its ends tell."""
+    """Report every carriage that hangs over the end of its rail on the way; the way is straight, so
+    its ends tell.
+    """
     request = scene.analyses.path or scene.on_request.path
     if request is None:
         return
@@ -91,14 +107,22 @@ def check_path_carriages(scene: Scene, findings: Findings) -> None:
 def _check_moves(scene: SceneTable, table: PathTable, findings: Findings) -> None:
     line = build_path(scene, table)
     if not line.axes:
-        findings.add((*KEY, "to"), "the path ends where it begins; write another position of an axis")
+        findings.add(
+            (*KEY, "to"), "the path ends where it begins; write another position of an axis"
+        )
         return
     for index, feed in enumerate(table.feeds):
-        move = SetPoint(line.length, feed, Ramp(table.ramp, table.time_constant, table.jerk_time or 0.0))
+        move = SetPoint(
+            line.length, feed, Ramp(table.ramp, table.time_constant, table.jerk_time or 0.0)
+        )
         if fault := find_move_fault(move):
             findings.add((*KEY, "feeds", index), fault)
 
 
 def _follows_pose(scene: SceneTable, table: PathTable) -> bool:
-    """A loop under control is closed in the pose of the middle, unless something else is written."""
-    return not build_drives(scene) if table.pose_changes is None else table.pose_changes == "followed"
+    """A loop under control is closed in the pose of the middle, unless something else is
+    written.
+    """
+    return (
+        not build_drives(scene) if table.pose_changes is None else table.pose_changes == "followed"
+    )

@@ -1,4 +1,6 @@
-"""Numbers of a scene that look wrong: densities, sizes, weights, soft mounts, and frequencies far above anything useful."""
+"""Numbers of a scene that look wrong: densities, sizes, weights, soft mounts, and frequencies far
+above anything useful.
+"""
 
 import math
 
@@ -20,7 +22,9 @@ SOUND_SPEEDS = (500.0, 15000.0)
 DENSITIES = (100.0, 25000.0)
 SIZES = (1e-5, 100.0)
 MASS_RATIOS = (0.05, 20.0)  # of a written mass to that of the solid
-MOST_DEFLECTION = 1.0  # under the own weight on springs to ground [m]; air springs of 1 Hz have 0.25 m
+MOST_DEFLECTION = (
+    1.0  # under the own weight on springs to ground [m]; air springs of 1 Hz have 0.25 m
+)
 MOST_MODES = 3000
 
 
@@ -35,29 +39,57 @@ def check_numbers(draft: Draft, findings: Findings) -> None:
             hint = "check E and rho"
             if material.E < 1e7 or material.rho < 1e-3:
                 hint = "these look like mm-t-s numbers: write MPa and t/mm^3"
-            findings.warn((*key, "E"), f"sound would travel at {speed:.3g} m/s, outside {low:g} to {high:g} m/s; {hint}")
+            findings.warn(
+                (*key, "E"),
+                f"sound would travel at {speed:.3g} m/s, outside {low:g} to {high:g} m/s; {hint}",
+            )
         if not DENSITIES[0] <= material.rho <= DENSITIES[1]:
-            findings.warn((*key, "rho"), f"{material.rho:.3g} kg/m^3 is outside {DENSITIES[0]:g} to {DENSITIES[1]:g} kg/m^3")
+            findings.warn(
+                (*key, "rho"),
+                f"{material.rho:.3g} kg/m^3 is outside {DENSITIES[0]:g} to {DENSITIES[1]:g} kg/m^3",
+            )
     for name, solid in solids.items():
         box = bounding_box(solid)
         sizes = [high - low for low, high in box] if box else []
         if sizes and not (SIZES[0] <= min(sizes) and max(sizes) <= SIZES[1]):
             text = " x ".join(f"{size:.3g}" for size in sizes)
-            findings.warn(("components", name, "solid"), f"measures {text} m; a machine part is {SIZES[0]:g} to {SIZES[1]:g} m")
+            findings.warn(
+                ("components", name, "solid"),
+                f"measures {text} m; a machine part is {SIZES[0]:g} to {SIZES[1]:g} m",
+            )
         _check_weight(name, solid, scene, findings)
         if scene.components[name].mesh.order == 1 and scene.components[name].fidelity == "elastic":
-            findings.warn(("components", name, "mesh"), "linear elements lock: they come out too stiff; order = 2 is the default")
+            findings.warn(
+                ("components", name, "mesh"),
+                "linear elements lock: they come out too stiff; order = 2 is the default",
+            )
 
 
 def check_mounts(draft: Draft, findings: Findings) -> None:
-    """Springs to ground carry the weight of what is known of the machine without a deflection of metres."""
+    """Springs to ground carry the weight of what is known of the machine without a deflection of
+    metres.
+    """
     scene, solids = draft.table, draft.solids
-    grounded = {name: table for name, table in sound_joints(scene).items() if any(end.component is None for end in table.between)}
-    joints = [build_joint(name, table) for name, table in grounded.items() if not find_joint_faults(table)]
-    if not joints or scene.supports or len(joints) < len(grounded) or any(joint.held for joint in joints):
+    grounded = {
+        name: table
+        for name, table in sound_joints(scene).items()
+        if any(end.component is None for end in table.between)
+    }
+    joints = [
+        build_joint(name, table) for name, table in grounded.items() if not find_joint_faults(table)
+    ]
+    if (
+        not joints
+        or scene.supports
+        or len(joints) < len(grounded)
+        or any(joint.held for joint in joints)
+    ):
         return
     tables = scene.components
-    known = [tables[name].mass or _own_mass(tables[name], solid, scene) or 0.0 for name, solid in solids.items()]
+    known = [
+        tables[name].mass or _own_mass(tables[name], solid, scene) or 0.0
+        for name, solid in solids.items()
+    ]
     stiffness = sum(joint.rotation @ joint.stiffness[:3, :3] @ joint.rotation.T for joint in joints)
     stiffest = float(np.linalg.eigvalsh(stiffness)[-1])
     deflection = math.inf if stiffest <= 0.0 else sum(known) * STANDARD_GRAVITY / stiffest
@@ -73,17 +105,27 @@ def check_mounts(draft: Draft, findings: Findings) -> None:
 def check_mode_counts(draft: Draft, findings: Findings) -> None:
     """How high an analysis looks: nobody can use the modes of a solid by the thousands.
 
-    Source: Weyl (1911): the number of natural frequencies below ``f`` of a volume ``V`` grows like ``4 pi/3 V f^3 (1/c_p^3 + 2/c_s^3)``.
+    Source: Weyl (1911): the number of natural frequencies below ``f`` of a volume ``V`` grows like
+    ``4 pi/3 V f^3 (1/c_p^3 + 2/c_s^3)``.
     """
     scene, solids = draft.table, draft.solids
     analyses = scene.analyses
     asked: dict[KeyPath, float | None] = {
         ("analyses", "modal", "up_to"): None if analyses.modal is None else analyses.modal.up_to,
         ("analyses", "frf", "to"): None if analyses.frf is None else analyses.frf.to,
-        ("analyses", "control", "up_to"): None if analyses.control is None else analyses.control.up_to,
+        ("analyses", "control", "up_to"): None
+        if analyses.control is None
+        else analyses.control.up_to,
     }
-    limits = {name: _highest_frequency(scene.components[name], solid, scene) for name, solid in solids.items()}
-    elastic = {name: limit for name, limit in limits.items() if limit is not None and scene.components[name].fidelity == "elastic"}
+    limits = {
+        name: _highest_frequency(scene.components[name], solid, scene)
+        for name, solid in solids.items()
+    }
+    elastic = {
+        name: limit
+        for name, limit in limits.items()
+        if limit is not None and scene.components[name].fidelity == "elastic"
+    }
     for name, limit in elastic.items():
         own = scene.components[name].reduction.modes_to
         if own is not None and own > limit:
@@ -91,7 +133,9 @@ def check_mode_counts(draft: Draft, findings: Findings) -> None:
     # a component with a cut-off or a number of modes of its own does not follow the analyses
     tables = scene.components
     following = {
-        name: limit for name, limit in elastic.items() if tables[name].reduction.modes_to is tables[name].reduction.modes is None
+        name: limit
+        for name, limit in elastic.items()
+        if tables[name].reduction.modes_to is tables[name].reduction.modes is None
     }
     lowest = min(following, key=lambda name: following[name], default=None)
     for place, wanted in asked.items():
@@ -107,11 +151,16 @@ def _check_weight(name: str, solid: Solid, scene: SceneTable, findings: Findings
         return
     low, high = MASS_RATIOS
     if not low <= table.mass / own <= high:
-        findings.warn(("components", name, "mass"), f"{table.mass:.3g} kg for a solid that weighs {own:.3g} kg; check the unit")
+        findings.warn(
+            ("components", name, "mass"),
+            f"{table.mass:.3g} kg for a solid that weighs {own:.3g} kg; check the unit",
+        )
 
 
 def _own_mass(table: ComponentTable, solid: Solid, scene: SceneTable) -> float | None:
-    """Mass of a parametric solid of its material [kg]; None where the solid or the material is not known here."""
+    """Mass of a parametric solid of its material [kg]; None where the solid or the material is not
+    known here.
+    """
     material = scene.materials.get(table.material or "")
     if material is None or not isinstance(solid, Box | Tube | Plate | HollowColumn):
         return None
@@ -123,10 +172,19 @@ def _too_high(wanted: float, component: str, limit: float) -> str:
 
 
 def _highest_frequency(table: ComponentTable, solid: Solid, scene: SceneTable) -> float | None:
-    """Frequency [Hz] up to which a solid has ``MOST_MODES`` natural frequencies; None where its volume is not known here."""
+    """Frequency [Hz] up to which a solid has ``MOST_MODES`` natural frequencies; None where its
+    volume is not known here.
+    """
     material = scene.materials.get(table.material or "")
-    if material is None or not isinstance(solid, Box | Tube | Plate | HollowColumn) or not -1.0 < material.nu < 0.5:
+    if (
+        material is None
+        or not isinstance(solid, Box | Tube | Plate | HollowColumn)
+        or not -1.0 < material.nu < 0.5
+    ):
         return None
     if not SOUND_SPEEDS[0] <= math.sqrt(material.E / material.rho) <= SOUND_SPEEDS[1]:
         return None  # a slip of units, warned of elsewhere
-    return float((MOST_MODES / (solid_volume(solid) * weigh_modes(material.E, material.nu, material.rho))) ** (1.0 / 3.0))
+    return float(
+        (MOST_MODES / (solid_volume(solid) * weigh_modes(material.E, material.nu, material.rho)))
+        ** (1.0 / 3.0)
+    )

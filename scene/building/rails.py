@@ -1,8 +1,15 @@
-"""Checks of rails and of the carriages on them: what a rail lies on, who rides on it, and whether a pose leaves it."""
+"""Checks of rails and of the carriages on them: what a rail lies on, who rides on it, and whether a
+pose leaves it.
+"""
 
 import math
 
-from headstock.geometry.machine.carriages import LEAST_INTERVALS, count_stations, find_overhangs, rail_span
+from headstock.geometry.machine.carriages import (
+    LEAST_INTERVALS,
+    count_stations,
+    find_overhangs,
+    rail_span,
+)
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import show_position
 from headstock.geometry.parts.patches import OVERHANG_TOLERANCE
@@ -17,12 +24,16 @@ from headstock.scene.schema.components import ComponentTable, InterfaceTable
 from headstock.scene.schema.connections import JointTable
 from headstock.scene.schema.scene import SceneTable
 
-DEFAULT_INTERVALS = 2.5  # station intervals per carriage length: docs/guideways.md says what more or fewer give
+DEFAULT_INTERVALS = (
+    2.5  # station intervals per carriage length: docs/guideways.md says what more or fewer give
+)
 
 Ends = dict[tuple[str, str], list[str]]
 
 
-def default_stations(span: tuple[float, float], length: float, intervals: float = DEFAULT_INTERVALS) -> int:
+def default_stations(
+    span: tuple[float, float], length: float, intervals: float = DEFAULT_INTERVALS
+) -> int:
     """Stations of a rail for a carriage of a length [m].
 
     Args:
@@ -36,7 +47,10 @@ def default_stations(span: tuple[float, float], length: float, intervals: float 
 def carriage_joints(scene: SceneTable) -> Ends:
     """Joints on each rail of the scene, by component and interface."""
     found: Ends = {
-        (name, key): [] for name, table in scene.components.items() for key, entry in table.interfaces.items() if entry.rail
+        (name, key): []
+        for name, table in scene.components.items()
+        for key, entry in table.interfaces.items()
+        if entry.rail
     }
     for name, joint in scene.joints.items():
         for end in joint.between:
@@ -52,7 +66,9 @@ def shortest_carriage(scene: SceneTable, joints: list[str]) -> float | None:
 
 
 def choose_stations(scene: SceneTable, solids: dict[str, Solid]) -> dict[str, dict[str, int]]:
-    """Stations of every rail by component and interface, from its length and the shortest carriage on it where both are known."""
+    """Stations of every rail by component and interface, from its length and the shortest carriage
+    on it where both are known.
+    """
     found: dict[str, dict[str, int]] = {name: {} for name in scene.components}
     for (component, name), joints in carriage_joints(scene).items():
         span = _span_of(scene.components[component].interfaces[name], solids[component])
@@ -70,7 +86,9 @@ def check_rails(draft: Draft, findings: Findings) -> None:
         if component in solids:
             _check_rail(component, name, scene, solids[component], joints, findings)
     for name, joint in scene.joints.items():
-        rails = [end for end in joint.between if (end.component or "", end.interface or "") in riders]
+        rails = [
+            end for end in joint.between if (end.component or "", end.interface or "") in riders
+        ]
         if fault := _find_joint_fault(joint, rails, scene):
             findings.add(("joints", name, *fault[0]), fault[1])
 
@@ -82,33 +100,61 @@ def check_carriages(scene: Scene, findings: Findings) -> None:
             findings.add(("poses", name) if pose.positions else ("joints", joint), fault)
 
 
-def _check_rail(component: str, name: str, scene: SceneTable, solid: Solid, joints: list[str], findings: Findings) -> None:
+def _check_rail(
+    component: str,
+    name: str,
+    scene: SceneTable,
+    solid: Solid,
+    joints: list[str],
+    findings: Findings,
+) -> None:
     table = scene.components[component].interfaces[name]
     key: KeyPath = ("components", component, "interfaces", name, "rail")
     if table.rail is None:
         return
-    if crossing := [patch.face for patch in table.patch_tables() if patch.face[:1] == table.rail.along and patch.face[1:] in "-+"]:
+    if crossing := [
+        patch.face
+        for patch in table.patch_tables()
+        if patch.face[:1] == table.rail.along and patch.face[1:] in "-+"
+    ]:
         findings.add(
-            key, f"face {crossing[0]} is square to {table.rail.along}, so no rail runs along it; write another face or along"
+            key,
+            f"face {crossing[0]} is square to {table.rail.along}, so no rail runs along it; write another face or along",
         )
         return
     span, shortest = _span_of(table, solid), shortest_carriage(scene, joints)
     if span is None and scene.components[component].fidelity != "elastic":
-        findings.add(key, "where the rail ends is not known without a mesh; write its area as a rect with centre and size")
-    if table.rail.stations is None and (span is None or shortest is None):
-        reason = "no carriage rides on it" if shortest is None else "its length is known only when it is meshed"
         findings.add(
-            key, f'{reason}, so its stations must be given; write rail = {{ along = "{table.rail.along}", stations = 12 }}'
+            key,
+            "where the rail ends is not known without a mesh; write its area as a rect with centre and size",
+        )
+    if table.rail.stations is None and (span is None or shortest is None):
+        reason = (
+            "no carriage rides on it"
+            if shortest is None
+            else "its length is known only when it is meshed"
+        )
+        findings.add(
+            key,
+            f'{reason}, so its stations must be given; write rail = {{ along = "{table.rail.along}", stations = 12 }}',
         )
     if span is None or shortest is None:
         return
     for joint in joints:
-        if (length := scene.joints[joint].length) is not None and length > (span[1] - span[0]) * (1.0 + OVERHANG_TOLERANCE):
+        if (length := scene.joints[joint].length) is not None and length > (span[1] - span[0]) * (
+            1.0 + OVERHANG_TOLERANCE
+        ):
             text = f"the carriage ({show_position(length)}) is longer than rail {component}.{name} ({show_position(span[1] - span[0])})"
-            findings.add(("joints", joint, "length"), f"{text}; make the rail longer or the carriage shorter")
+            findings.add(
+                ("joints", joint, "length"), f"{text}; make the rail longer or the carriage shorter"
+            )
     _warn_of_segments(key, scene.components[component], solid, shortest, findings)
     least = default_stations(span, shortest, LEAST_INTERVALS)
-    if table.rail.stations is not None and table.rail.stations < least and scene.components[component].fidelity == "elastic":
+    if (
+        table.rail.stations is not None
+        and table.rail.stations < least
+        and scene.components[component].fidelity == "elastic"
+    ):
         findings.add(
             (*key, "stations"),
             f"{table.rail.stations} stations on {show_position(span[1] - span[0])} are too few for a carriage of "
@@ -117,7 +163,9 @@ def _check_rail(component: str, name: str, scene: SceneTable, solid: Solid, join
         )
 
 
-def _warn_of_segments(key: KeyPath, table: ComponentTable, solid: Solid, shortest: float, findings: Findings) -> None:
+def _warn_of_segments(
+    key: KeyPath, table: ComponentTable, solid: Solid, shortest: float, findings: Findings
+) -> None:
     """A segment gives way at its ends only: a carriage shorter than a segment feels them pass."""
     if table.fidelity != "segmented":
         return
@@ -133,22 +181,34 @@ def _warn_of_segments(key: KeyPath, table: ComponentTable, solid: Solid, shortes
         )
 
 
-def _find_joint_fault(joint: JointTable, rails: list[JointEnd], scene: SceneTable) -> tuple[KeyPath, str] | None:
+def _find_joint_fault(
+    joint: JointTable, rails: list[JointEnd], scene: SceneTable
+) -> tuple[KeyPath, str] | None:
     if len(rails) == 2:
-        return ("between",), "both ends are rails; one of them must be a fixed interface, that of the carriage"
+        return (
+            "between",
+        ), "both ends are rails; one of them must be a fixed interface, that of the carriage"
     # an interface from a file may be a rail, and so may one that did not pass the schema
     known = all(is_known_end(end, scene) and not _is_from_file(end, scene) for end in joint.between)
     if rails and joint.length is None:
         return (), f'a carriage on rail {rails[0]} needs its length; write length = "80 mm"'
     if not rails and joint.length is not None and known:
-        return ("length",), "only a carriage on a rail has a length; remove it, or give the interface it slides on a rail"
+        return (
+            ("length",),
+            "only a carriage on a rail has a length; remove it, or give the interface it slides on a rail",
+        )
     if rails and joint.at is None and any(end.component is None for end in joint.between):
-        return (), 'ground has no place of its own; write where the joint is: at = ["0 mm", "0 mm", "0 mm"]'
+        return (
+            (),
+            'ground has no place of its own; write where the joint is: at = ["0 mm", "0 mm", "0 mm"]',
+        )
     return None
 
 
 def _is_from_file(end: JointEnd, scene: SceneTable) -> bool:
-    return end.component is not None and scene.components[end.component].solid.superelement is not None
+    return (
+        end.component is not None and scene.components[end.component].solid.superelement is not None
+    )
 
 
 def _span_of(table: InterfaceTable, solid: Solid) -> tuple[float, float] | None:

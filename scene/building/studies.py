@@ -1,4 +1,6 @@
-"""Sweeps, studies and comparisons of a scene: built from their tables, and what may be wrong with them."""
+"""Sweeps, studies and comparisons of a scene: built from their tables, and what may be wrong with
+them.
+"""
 
 import dataclasses
 import math
@@ -52,32 +54,46 @@ def build_sweep(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> 
 def _build_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> Sweep:
     table, units = scene.sweeps[name], position_units(scene)
     if table.axes is not None:
-        spans = {axis: np.linspace(*span.ends(), span.positions, dtype=np.float64) for axis, span in table.axes.items()}
+        spans = {
+            axis: np.linspace(*span.ends(), span.positions, dtype=np.float64)
+            for axis, span in table.axes.items()
+        }
         return make_grid(name, units, spans)
     if table.path is not None:
         step, unit = _step(table)
         return make_path(name, units, _waypoints(name, scene, paths), step, unit)
     labels = [place if isinstance(place, str) else "" for place in table.poses or ()]
-    places = [scene.poses[place] if isinstance(place, str) else place for place in table.poses or ()]
-    return make_list(name, units, [_values(place) for place in places], labels if all(labels) else [])
+    places = [
+        scene.poses[place] if isinstance(place, str) else place for place in table.poses or ()
+    ]
+    return make_list(
+        name, units, [_values(place) for place in places], labels if all(labels) else []
+    )
 
 
 def check_sweeps(draft: Draft, findings: Findings) -> None:
-    """Report sweeps that name unknown poses or have too many; positions are checked with those of poses."""
+    """Report sweeps that name unknown poses or have too many; positions are checked with those of
+    poses.
+    """
     scene = draft.table
     for name, table in scene.sweeps.items():
         for index, place in enumerate(table.poses or ()):
             if isinstance(place, str) and place not in scene.poses:
                 hint = suggest_names(place, scene.poses, what="poses")
-                findings.add(("sweeps", name, "poses", index), f"unknown pose {place[:80]!r}; {hint}")
+                findings.add(
+                    ("sweeps", name, "poses", index), f"unknown pose {place[:80]!r}; {hint}"
+                )
         check_variant(("sweeps", name, "variant"), table.variant, draft, findings)
         if (count := _count_poses(name, scene, draft.paths)) > MAX_SWEEP_POSES:
             key = "axes" if table.axes is not None else "step"
-            findings.add(("sweeps", name, key), f"has {count} poses; a sweep takes {MAX_SWEEP_POSES} at most")
+            findings.add(
+                ("sweeps", name, key), f"has {count} poses; a sweep takes {MAX_SWEEP_POSES} at most"
+            )
 
 
 def check_sweep_carriages(machine: Machine, sweep: Sweep, findings: Findings) -> None:
-    """Report carriages that hang over the end of their rail in a pose of a sweep; the first pose of each is named.
+    """Report carriages that hang over the end of their rail in a pose of a sweep; the first pose of
+    each is named.
 
     Args:
         machine: As the sweep goes through it.
@@ -97,8 +113,12 @@ def check_sweep_carriages(machine: Machine, sweep: Sweep, findings: Findings) ->
                 findings.add(("sweeps", sweep.name), f"in pose {pose.name} {fault}")
 
 
-def _waypoints(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> list[dict[str, float]]:
-    """Corners of a path as the scene or its file has them; none where the file could not be read."""
+def _waypoints(
+    name: str, scene: SceneTable, paths: Mapping[str, AxisPath]
+) -> list[dict[str, float]]:
+    """Corners of a path as the scene or its file has them; none where the file could not be
+    read.
+    """
     path = scene.sweeps[name].path
     if isinstance(path, str):
         return paths[name].waypoints() if name in paths else []
@@ -110,7 +130,9 @@ def _values(place: PoseTable) -> dict[str, float]:
 
 
 def _step(table: SweepTable) -> tuple[float, str]:
-    """Largest distance of poses and its unit; without one a path has no poses between its waypoints."""
+    """Largest distance of poses and its unit; without one a path has no poses between its
+    waypoints.
+    """
     return (math.inf, "m") if table.step is None else (table.step.value, table.step.dimension.unit)
 
 
@@ -120,7 +142,11 @@ def _count_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) ->
         return math.prod(span.positions for span in table.axes.values())
     waypoints = _waypoints(name, scene, paths)
     step, unit = _step(table)
-    return count_path(position_units(scene), waypoints, step, unit) if waypoints else len(table.poses or ())
+    return (
+        count_path(position_units(scene), waypoints, step, unit)
+        if waypoints
+        else len(table.poses or ())
+    )
 
 
 def read_sweep_paths(scene: SceneTable, folder: Path, findings: Findings) -> dict[str, AxisPath]:
@@ -148,13 +174,19 @@ def read_sweep_paths(scene: SceneTable, folder: Path, findings: Findings) -> dic
     return found
 
 
-def _find_fault(path: AxisPath, column: int, axis: str, scene: SceneTable, units: dict[str, str]) -> str:
+def _find_fault(
+    path: AxisPath, column: int, axis: str, scene: SceneTable, units: dict[str, str]
+) -> str:
     """Why an axis cannot follow its column; empty where it can."""
     if axis not in units:
-        return f"{path.name}:1: unknown axis {axis[:80]!r}; {suggest_names(axis, units, what='axes')}"
+        return (
+            f"{path.name}:1: unknown axis {axis[:80]!r}; {suggest_names(axis, units, what='axes')}"
+        )
     if units[axis] != path.units[column]:
         kind = "linear" if units[axis] == "m" else "rotary"
-        return f"{path.name}:1: axis {axis} is {kind}; write for example {axis} [{UNITS[units[axis]]}]"
+        return (
+            f"{path.name}:1: axis {axis} is {kind}; write for example {axis} [{UNITS[units[axis]]}]"
+        )
     limits = scene.axes[axis].limits if axis in scene.axes else None
     if limits is None:
         return ""
@@ -164,21 +196,34 @@ def _find_fault(path: AxisPath, column: int, axis: str, scene: SceneTable, units
         return ""
     first = int(outside[0])
     more = f" ({len(outside) - 1} rows more)" if len(outside) > 1 else ""
-    fault = find_limit_fault(axis, float(path.positions[first, column]), low=low, high=high, unit=path.units[column])
+    fault = find_limit_fault(
+        axis, float(path.positions[first, column]), low=low, high=high, unit=path.units[column]
+    )
     return f"{path.name}:{path.lines[first]}: {fault}{more}"
 
 
 def build_study(name: str, table: StudyTable) -> Study:
-    """The study a faultless table stands for; what it sets itself holds in each of its families unless they set it too."""
+    """The study a faultless table stands for; what it sets itself holds in each of its families
+    unless they set it too.
+    """
     families = [_build_family(key, family, table) for key, family in table.families.items()]
     if table.vary is not None:
         vary = {key: tuple(values) for key, values in table.vary.items()}
-        families = [StudyFamily("", name, dict(table.set), vary, table.pairwise, tuple(table.analyses or ()))]
+        families = [
+            StudyFamily(
+                "", name, dict(table.set), vary, table.pairwise, tuple(table.analyses or ())
+            )
+        ]
     if table.truth is not None:
-        settings = {key: value for key, value in {**table.set, **table.truth}.items() if key != VARIANT}
+        settings = {
+            key: value for key, value in {**table.set, **table.truth}.items() if key != VARIANT
+        }
         vary = {VARIANT: (str(table.truth[VARIANT]),)} if VARIANT in table.truth else {}
-        # last: what it needs of memory would hide what the others need where a process cannot forget its peak
-        families.append(StudyFamily(TRUTH, "held against", settings, vary, analyses=tuple(table.analyses or ())))
+        # last: what it needs of memory would hide what the others need where a process cannot
+        # forget its peak
+        families.append(
+            StudyFamily(TRUTH, "held against", settings, vary, analyses=tuple(table.analyses or ()))
+        )
     return Study(
         name=name,
         families=tuple(families),
@@ -213,7 +258,13 @@ def check_comparison(draft: Draft, findings: Findings) -> None:
     table = draft.table.compare
     for index, choice in enumerate(table.variants or ()):
         if choice != AS_WRITTEN:
-            check_variant(("compare", "variants", index), choice, draft, findings, more=f"; {AS_WRITTEN!r} is the scene itself")
+            check_variant(
+                ("compare", "variants", index),
+                choice,
+                draft,
+                findings,
+                more=f"; {AS_WRITTEN!r} is the scene itself",
+            )
     if table.pose is not None and (table.pose != "reference" or draft.sections.get("poses")):
         check_name(("compare", "pose"), table.pose, "poses", draft, findings)
 
@@ -228,22 +279,43 @@ def _check_study(name: str, study: StudyTable, draft: Draft, findings: Findings)
         truth = (table.truth or {}) if isinstance(table, StudyTable) else {}
         for section, paths in (("vary", varied), ("set", table.set), ("truth", truth)):
             for path in paths:
-                if not (section in {"vary", "truth"} and path == VARIANT) and (reason := path_exists(draft.raw, path)):
+                if not (section in {"vary", "truth"} and path == VARIANT) and (
+                    reason := path_exists(draft.raw, path)
+                ):
                     findings.add((*place, section, path), reason)
         choices = [*varied.get(VARIANT, ()), *([truth[VARIANT]] if VARIANT in truth else [])]
         for choice in choices:
-            check_variant((*place, "vary", VARIANT), str(choice or ""), draft, findings, more='; "" is the scene as it stands')
+            check_variant(
+                (*place, "vary", VARIANT),
+                str(choice or ""),
+                draft,
+                findings,
+                more='; "" is the scene as it stands',
+            )
         for analysis in table.analyses or ():
-            asked = [kind for kind in AnalysesTable.model_fields if getattr(scene.analyses, kind) is not None]
+            asked = [
+                kind
+                for kind in AnalysesTable.model_fields
+                if getattr(scene.analyses, kind) is not None
+            ]
             if analysis not in asked:
-                findings.add((*place, "analyses"), f"the scene has no [analyses.{analysis}]; it has: {', '.join(asked) or 'none'}")
+                findings.add(
+                    (*place, "analyses"),
+                    f"the scene has no [analyses.{analysis}]; it has: {', '.join(asked) or 'none'}",
+                )
     for index, watch in enumerate(study.watch or ()):
         _check_watch((*key, "watch", index), watch, scene, findings)
 
 
 def _check_watch(key: KeyPath, watch: str, scene: SceneTable, findings: Findings) -> None:
     root, *rest = parse_watch(watch).steps
-    sections: dict[object, Mapping[str, object]] = {"static": scene.points, "components": scene.components}
+    sections: dict[object, Mapping[str, object]] = {
+        "static": scene.points,
+        "components": scene.components,
+    }
     known = sections.get(root)
     if known is not None and rest and rest[0] not in known:
-        findings.add(key, f"{watch}: {suggest_names(rest[0], known, what='points' if root == 'static' else 'components')}")
+        findings.add(
+            key,
+            f"{watch}: {suggest_names(rest[0], known, what='points' if root == 'static' else 'components')}",
+        )

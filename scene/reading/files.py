@@ -18,12 +18,16 @@ MAX_REFERENCED_BYTES = 4 << 30
 MAX_DEPTH = 50
 MAX_ENTRIES = 20_000
 _POSITION = " (at "
-# tomllib needs time quadratic in the length of a dotted key, so long ones are refused before it sees them
-_DEEP_KEY = re.compile(rf"""(?<![\w.-])(?>(?>[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MAX_DEPTH},}}""")
+# tomllib needs time quadratic in the length of a dotted key, so long ones are refused before it
+# sees them
+_DEEP_KEY = re.compile(
+    rf"""(?<![\w.-])(?>(?>[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MAX_DEPTH},}}"""
+)
 
 
 def read_scene(path: Path, findings: Findings) -> TomlTable:
-    """Parse a scene file; what keeps it from being read is raised at once, since nothing else can be said then.
+    """Parse a scene file; what keeps it from being read is raised at once, since nothing else can
+    be said then.
 
     Args:
         path: A regular ``.toml`` file of at most 1 MiB.
@@ -38,21 +42,33 @@ def read_scene(path: Path, findings: Findings) -> TomlTable:
     text = _read_text(path, findings)
     findings.lines = tuple(text.replace("\r\n", "\n").split("\n"))
     if _DEEP_KEY.search(text):
-        findings.add_line(None, f"keys are nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels")
+        findings.add_line(
+            None,
+            f"keys are nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels",
+        )
         findings.raise_if_any()
     if sum(text.count(sign) for sign in "=,[") > MAX_ENTRIES:
-        findings.add_line(None, f"holds more than {MAX_ENTRIES} entries; a scene holds no bulk data, refer to files instead")
+        findings.add_line(
+            None,
+            f"holds more than {MAX_ENTRIES} entries; a scene holds no bulk data, refer to files instead",
+        )
         findings.raise_if_any()
     positions, repeated = find_lines(text.replace("\r\n", "\n"))
     try:
         raw: TomlTable = tomllib.loads(text)
     except RecursionError:
-        findings.add_line(None, f"values are nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels")
+        findings.add_line(
+            None,
+            f"values are nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels",
+        )
     except (tomllib.TOMLDecodeError, ValueError) as error:
         _report_syntax(str(error), positions, repeated, findings)
     findings.raise_if_any()
     if _depth(raw) > MAX_DEPTH:
-        findings.add_line(None, f"values are nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels")
+        findings.add_line(
+            None,
+            f"values are nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels",
+        )
         findings.raise_if_any()
     findings.origins = {key: Origin(line) for key, line in positions.items()}
     return raw
@@ -70,13 +86,24 @@ def resolve_file(folder: Path, text: str, suffixes: tuple[str, ...]) -> Path:
         The absolute path with every link resolved.
 
     Raises:
-        ValueError: The path leaves the folder or is no regular file of an accepted kind; the message says what to write.
+        ValueError: The path leaves the folder or is no regular file of an accepted kind; the
+            message says what to write.
     """
     shown = text if len(text) <= 100 else f"{text[:97]}..."
-    if "\\" in text or ":" in text or text.startswith("~") or Path(text).is_absolute() or not text.strip():
-        raise ValueError(f"{shown!r} is not a path inside the scene's folder; write a relative path with / such as parts/bed.step")
+    if (
+        "\\" in text
+        or ":" in text
+        or text.startswith("~")
+        or Path(text).is_absolute()
+        or not text.strip()
+    ):
+        raise ValueError(
+            f"{shown!r} is not a path inside the scene's folder; write a relative path with / such as parts/bed.step"
+        )
     if Path(text).suffix.lower() == ".geo":
-        raise ValueError(f"{shown!r} is a gmsh script, which can run commands; mesh it yourself and give the .msh")
+        raise ValueError(
+            f"{shown!r} is a gmsh script, which can run commands; mesh it yourself and give the .msh"
+        )
     if Path(text).suffix.lower() not in suffixes:
         raise ValueError(f"{shown!r} does not end in {' or '.join(suffixes)}")
     root = folder.resolve()
@@ -86,14 +113,18 @@ def resolve_file(folder: Path, text: str, suffixes: tuple[str, ...]) -> Path:
     except OSError as error:
         raise ValueError(f"{shown!r} cannot be looked up: {error.strerror}") from error
     if not path.is_relative_to(root):
-        raise ValueError(f"{shown!r} lies outside the scene's folder; copy the file next to the scene")
+        raise ValueError(
+            f"{shown!r} lies outside the scene's folder; copy the file next to the scene"
+        )
     if not found:
         raise ValueError(f"{shown!r} does not exist beside the scene")
     if not regular:
         raise ValueError(f"{shown!r} is not a regular file")
     size = path.stat().st_size
     if size > MAX_REFERENCED_BYTES:
-        raise ValueError(f"{shown!r} is larger than {MAX_REFERENCED_BYTES / 2**30:.3g} GiB: {size / 2**30:.3g} GiB")
+        raise ValueError(
+            f"{shown!r} is larger than {MAX_REFERENCED_BYTES / 2**30:.3g} GiB: {size / 2**30:.3g} GiB"
+        )
     return path
 
 
@@ -115,7 +146,9 @@ def _read_text(path: Path, findings: Findings) -> str:
     with os.fdopen(descriptor, "rb") as stream:
         data = stream.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
-        findings.add_line(None, "is larger than 1 MiB; a scene holds no bulk data, refer to files instead")
+        findings.add_line(
+            None, "is larger than 1 MiB; a scene holds no bulk data, refer to files instead"
+        )
         findings.raise_if_any()
     try:
         text = data.decode("utf-8")
@@ -129,9 +162,16 @@ def _read_text(path: Path, findings: Findings) -> str:
     return text
 
 
-def _report_syntax(message: str, positions: dict[KeyPath, int], repeated: list[tuple[KeyPath, int]], findings: Findings) -> None:
+def _report_syntax(
+    message: str,
+    positions: dict[KeyPath, int],
+    repeated: list[tuple[KeyPath, int]],
+    findings: Findings,
+) -> None:
     reason, _, place = message.partition(_POSITION)
-    digits = [part for part in place.replace(",", " ").replace(")", " ").split() if part.isdecimal()]
+    digits = [
+        part for part in place.replace(",", " ").replace(")", " ").split() if part.isdecimal()
+    ]
     line = int(digits[0]) if digits else len(findings.lines)
     twice = "Cannot overwrite" in reason or "twice" in reason or "Duplicate" in reason
     # tomllib stops behind a value, which may be the line after the key
@@ -139,7 +179,9 @@ def _report_syntax(message: str, positions: dict[KeyPath, int], repeated: list[t
     if near:
         key, at = near[-1]
         name = ".".join(str(part) for part in key)
-        findings.add_line(at, f"duplicate key: already written in line {positions[key]}; keep one of them", name)
+        findings.add_line(
+            at, f"duplicate key: already written in line {positions[key]}; keep one of them", name
+        )
     else:
         findings.add_line(line, f"not valid TOML: {reason[:200]}")
 
@@ -152,6 +194,10 @@ def _depth(raw: TomlTable) -> int:
         depth += 1
         if depth > MAX_DEPTH + 1:
             break
-        inner = [list(item.values()) if isinstance(item, dict) else item for item in level if isinstance(item, dict | list)]
+        inner = [
+            list(item.values()) if isinstance(item, dict) else item
+            for item in level
+            if isinstance(item, dict | list)
+        ]
         level = [value for values in inner for value in values]
     return depth

@@ -1,4 +1,6 @@
-"""What is wrong with a scene: every problem at once, each with its place, its line and what to write."""
+"""What is wrong with a scene: every problem at once, each with its place, its line and what to
+write.
+"""
 
 import difflib
 from collections.abc import Iterable
@@ -44,12 +46,16 @@ class SceneError(Exception):
         count = len(self.problems)
         shown = "\n".join(str(problem) for problem in self.problems[:MAX_SHOWN])
         more = f"\n... and {count - MAX_SHOWN} more" if count > MAX_SHOWN else ""
-        super().__init__(f"{shown}{more}\n{count} problem{'s' if count != 1 else ''}; nothing was computed")
+        super().__init__(
+            f"{shown}{more}\n{count} problem{'s' if count != 1 else ''}; nothing was computed"
+        )
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Where the value at a key path came from: a line of the file, and the override that put it there, if any."""
+    """Where the value at a key path came from: a line of the file, and the override that put it
+    there, if any.
+    """
 
     line: int | None
     override: str | None = None
@@ -84,7 +90,8 @@ class Findings:
             self.problems.append((self.origin_of(key).line or 0, problem))
 
     def add_for(self, analysis: str, key: KeyPath, message: str) -> None:
-        """Report what an analysis lacks that a variant may bring; a problem only once the analysis is asked for.
+        """Report what an analysis lacks that a variant may bring; a problem only once the analysis
+        is asked for.
 
         Args:
             analysis: That lacks it.
@@ -104,7 +111,9 @@ class Findings:
             message: What is wrong and what to write.
             key: Dotted key, where one is known.
         """
-        self.problems.append((line or 0, Problem(self._place(Origin(line)), key, self.source_line(line), message)))
+        self.problems.append(
+            (line or 0, Problem(self._place(Origin(line)), key, self.source_line(line), message))
+        )
 
     def warn(self, key: KeyPath, message: str) -> None:
         """Report something that is allowed but looks wrong."""
@@ -136,7 +145,9 @@ class Findings:
             SceneError: At least one problem was found.
         """
         if self.problems:
-            raise SceneError(problem for _, problem in sorted(self.problems, key=lambda item: item[0]))
+            raise SceneError(
+                problem for _, problem in sorted(self.problems, key=lambda item: item[0])
+            )
 
     def _problem(self, key: KeyPath, message: str) -> Problem:
         origin = self.origin_of(key)
@@ -162,7 +173,8 @@ def show_key(key: KeyPath) -> str:
 
 
 def suggest_names(wrong: object, names: Iterable[str], *, what: str) -> str:
-    """Say which names exist and which one was probably meant: ``did you mean 'steel'? materials: cast_iron, steel``.
+    """Say which names exist and which one was probably meant: ``did you mean 'steel'? materials:
+    cast_iron, steel``.
 
     Args:
         wrong: What is written.

@@ -1,4 +1,6 @@
-"""Measured forces from a CSV file: read with every fault named, and resampled so that impulses are kept."""
+"""Measured forces from a CSV file: read with every fault named, and resampled so that impulses are
+kept.
+"""
 
 import csv
 from array import array
@@ -22,7 +24,9 @@ class ForceFileError(HeadstockError):
 
 @dataclass(frozen=True, eq=False)
 class ForceRecord:
-    """Measured forces: ``(n,)`` rising times [s] and ``(n, 3)`` forces on the tool in the machine frame [N]."""
+    """Measured forces: ``(n,)`` rising times [s] and ``(n, 3)`` forces on the tool in the machine
+    frame [N].
+    """
 
     times: FloatArray
     forces: FloatArray
@@ -32,11 +36,14 @@ def read_forces(path: Path) -> ForceRecord:
     """Read a CSV file with the columns ``time`` [s], ``fx``, ``fy``, ``fz`` [N].
 
     Raises:
-        ForceFileError: A column is missing, an entry is no finite number, times do not rise, or samples are missing; says where.
+        ForceFileError: A column is missing, an entry is no finite number, times do not rise, or
+            samples are missing; says where.
     """
     try:
         if path.stat().st_size > MOST_BYTES:
-            raise ForceFileError(f"{path} has {path.stat().st_size / 1e6:.0f} MB; a force file may have {MOST_BYTES / 1e6:.0f} MB")
+            raise ForceFileError(
+                f"{path} has {path.stat().st_size / 1e6:.0f} MB; a force file may have {MOST_BYTES / 1e6:.0f} MB"
+            )
         with path.open(newline="", encoding="utf-8-sig") as stream:
             values = _read_values(path, csv.reader(stream))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
@@ -48,7 +55,8 @@ def read_forces(path: Path) -> ForceRecord:
 
 
 def resample_forces(record: ForceRecord, times: FloatArray) -> FloatArray:
-    """Forces ``(n, 3)`` at even times, each the mean over the step around it: the impulse is kept and nothing folds back.
+    """Forces ``(n, 3)`` at even times, each the mean over the step around it: the impulse is kept
+    and nothing folds back.
 
     Args:
         record: Linear between its samples.
@@ -63,15 +71,25 @@ def resample_forces(record: ForceRecord, times: FloatArray) -> FloatArray:
         )
     half = 0.5 * (times[1] - times[0])
     low, high = (np.clip(times + side, record.times[0], record.times[-1]) for side in (-half, half))
-    return np.stack([(_impulse(record, high, axis) - _impulse(record, low, axis)) / (high - low) for axis in range(3)], axis=-1)
+    return np.stack(
+        [
+            (_impulse(record, high, axis) - _impulse(record, low, axis)) / (high - low)
+            for axis in range(3)
+        ],
+        axis=-1,
+    )
 
 
 def resampling_loss(record: ForceRecord, times: FloatArray) -> float:
-    """Share of the record's rms that forces at even times ``(n,)`` do not hold: what is faster than the steps."""
+    """Share of the record's rms that forces at even times ``(n,)`` do not hold: what is faster than
+    the steps.
+    """
     inside = (record.times >= times[0]) & (record.times <= times[-1])
     given = record.forces[inside]
     taken = resample_forces(record, times)
-    held = np.stack([np.interp(record.times[inside], times, taken[:, axis]) for axis in range(3)], axis=-1)
+    held = np.stack(
+        [np.interp(record.times[inside], times, taken[:, axis]) for axis in range(3)], axis=-1
+    )
     total = float((given**2).sum())
     return float(np.sqrt(((given - held) ** 2).sum() / total)) if total else 0.0
 
@@ -99,7 +117,9 @@ def _find_columns(path: Path, headings: list[str]) -> list[int]:
     found = [heading.strip().lower().split("[")[0].strip() for heading in headings]
     missing = [name for name in HEADINGS if name not in found]
     if missing:
-        raise ForceFileError(f"{path}:1 has no column {', '.join(missing)}; the first line names the columns: {','.join(HEADINGS)}")
+        raise ForceFileError(
+            f"{path}:1 has no column {', '.join(missing)}; the first line names the columns: {','.join(HEADINGS)}"
+        )
     return [found.index(name) for name in HEADINGS]
 
 
@@ -107,7 +127,9 @@ def _read_row(path: Path, number: int, row: list[str], columns: list[int]) -> li
     try:
         values = [float(row[column]) for column in columns]
     except (ValueError, IndexError) as error:
-        raise ForceFileError(f"{path}:{number} is no row of numbers: {','.join(row)[:80]!r}") from error
+        raise ForceFileError(
+            f"{path}:{number} is no row of numbers: {','.join(row)[:80]!r}"
+        ) from error
     if not np.isfinite(values).all():
         raise ForceFileError(
             f"{path}:{number} holds a value that is not finite: {','.join(row)[:80]!r}; cut the record, or fill the place"
@@ -119,7 +141,9 @@ def _check_times(path: Path, times: FloatArray) -> None:
     steps = np.diff(times)
     if not (steps > 0.0).all():
         place = int(np.argmax(steps <= 0.0))
-        raise ForceFileError(f"{path}: time does not rise after {times[place]:.6g} s (sample {place + 1}); sort or cut the record")
+        raise ForceFileError(
+            f"{path}: time does not rise after {times[place]:.6g} s (sample {place + 1}); sort or cut the record"
+        )
     typical = float(np.median(steps))
     if steps.max() > LARGEST_GAP * typical:
         place = int(np.argmax(steps))

@@ -1,4 +1,6 @@
-"""Numbers of a scene by their keys: finding them by pattern, reading them, and giving them other values."""
+"""Numbers of a scene by their keys: finding them by pattern, reading them, and giving them other
+values.
+"""
 
 import fnmatch
 import math
@@ -8,7 +10,14 @@ from collections.abc import Mapping
 from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import show_key
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import DIMENSIONS, Dimension, Quantity, UnitError, parse_quantity, unit_of
+from headstock.scene.reading.units import (
+    DIMENSIONS,
+    Dimension,
+    Quantity,
+    UnitError,
+    parse_quantity,
+    unit_of,
+)
 
 type ReadValue = TomlValue | Quantity | list[ReadValue] | dict[str, ReadValue]
 
@@ -27,17 +36,25 @@ def split_key(text: str) -> KeyPath:
     for step in text.split("."):
         match = _STEP.fullmatch(step)
         if match is None:
-            raise ValueError(f"{text[:80]!r} is not a key; write it with dots and list places, such as joints.pad_*.at[2]")
+            raise ValueError(
+                f"{text[:80]!r} is not a key; write it with dots and list places, such as joints.pad_*.at[2]"
+            )
         path.append(match[1])
         path += [int(index) for index in _INDEX.findall(match[2])]
     return tuple(path)
 
 
 def find_keys(raw: TomlTable, pattern: KeyPath) -> list[KeyPath]:
-    """Keys of a parsed scene that fit a pattern with ``*``, ``?`` and ``[abc]`` in its names, in the scene's order."""
+    """Keys of a parsed scene that fit a pattern with ``*``, ``?`` and ``[abc]`` in its names, in
+    the scene's order.
+    """
     found: list[tuple[KeyPath, TomlValue]] = [((), raw)]
     for part in pattern:
-        found = [(path, value) for before, table in found for path, value in _step_down(before, table, part)]
+        found = [
+            (path, value)
+            for before, table in found
+            for path, value in _step_down(before, table, part)
+        ]
     return [path for path, _ in found]
 
 
@@ -61,7 +78,11 @@ def value_at(raw: TomlTable, key: KeyPath) -> TomlValue:
 def read_entries(raw: TomlTable, section: str) -> dict[str, TomlTable]:
     """Tables of the entries of a section of a parsed scene, by name."""
     entries = raw.get(section)
-    return {name: entry for name, entry in entries.items() if isinstance(entry, dict)} if isinstance(entries, dict) else {}
+    return (
+        {name: entry for name, entry in entries.items() if isinstance(entry, dict)}
+        if isinstance(entries, dict)
+        else {}
+    )
 
 
 def read_number(raw: TomlTable, key: KeyPath) -> Quantity:
@@ -114,13 +135,23 @@ def replace_numbers(entry: TomlValue, values: Mapping[KeyPath, float | Quantity]
     return entry
 
 
-def _below(part: str | int, values: Mapping[KeyPath, float | Quantity]) -> dict[KeyPath, float | Quantity]:
+def _below(
+    part: str | int, values: Mapping[KeyPath, float | Quantity]
+) -> dict[KeyPath, float | Quantity]:
     return {key[1:]: value for key, value in values.items() if key[0] == part}
 
 
-def _step_down(before: KeyPath, table: TomlValue, part: str | int) -> list[tuple[KeyPath, TomlValue]]:
+def _step_down(
+    before: KeyPath, table: TomlValue, part: str | int
+) -> list[tuple[KeyPath, TomlValue]]:
     if isinstance(part, int):
-        return [((*before, part), table[part])] if isinstance(table, list) and part < len(table) else []
+        return (
+            [((*before, part), table[part])]
+            if isinstance(table, list) and part < len(table)
+            else []
+        )
     if not isinstance(table, dict):
         return []
-    return [((*before, name), value) for name, value in table.items() if fnmatch.fnmatchcase(name, part)]
+    return [
+        ((*before, name), value) for name, value in table.items() if fnmatch.fnmatchcase(name, part)
+    ]

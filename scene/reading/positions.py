@@ -9,7 +9,9 @@ KeyPath = tuple[str | int, ...]
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _SPACE = re.compile(r"[ \t]*")
 _GAP = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
-_STRING = re.compile(r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'', re.DOTALL)
+_STRING = re.compile(
+    r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'', re.DOTALL
+)
 _SCALAR = re.compile(r"[^,\]}\s#]+(?: [0-9][^,\]}\s#]*)?")
 _ESCAPE = re.compile(r"\\(u[0-9a-fA-F]{4}|U[0-9a-fA-F]{8}|.)")
 _ESCAPES = {"b": "\b", "t": "\t", "n": "\n", "f": "\f", "r": "\r", "e": "\x1b"}
@@ -146,11 +148,14 @@ def find_lines(text: str) -> tuple[dict[KeyPath, int], list[tuple[KeyPath, int]]
     """Line number of every key and array item of a TOML text, as far as it can be read.
 
     Args:
-        text: TOML; what ``tomllib`` refuses is followed up to the first place that is not understood.
+        text: TOML; what ``tomllib`` refuses is followed up to the first place that is not
+            understood.
 
     Returns:
-        First line (from 1) by key path, and the key paths written again with the line of the repetition. A table header
-        that only completes a table begun implicitly counts as a repetition here: ``tomllib`` decides.
+        First line (from 1) by key path, and the key paths written again with the line of the
+        repetition. A table header
+        that only completes a table begun implicitly counts as a repetition here: ``tomllib``
+            decides.
     """
     scanner = _Scanner(text)
     # positions up to the first error are right, and tomllib reports the error itself
@@ -165,6 +170,10 @@ def _unquote(token: str) -> str:
 
     def replace(match: re.Match[str]) -> str:
         code = match[1]
-        return chr(int(code[1:], 16)) if code[0] in "uU" and len(code) > 1 else _ESCAPES.get(code, code)
+        return (
+            chr(int(code[1:], 16))
+            if code[0] in "uU" and len(code) > 1
+            else _ESCAPES.get(code, code)
+        )
 
     return _ESCAPE.sub(replace, token[1:-1])

@@ -11,8 +11,9 @@ from typing import Literal
 
 import pint
 
-# A registry of its own: the default one turns Hz into 1/s (so rad/s into Hz), drops the radian and takes longer to build.
-# Hertz and radian are dimensions here; Decimal makes "38 mm" and "0.038 m" the same float.
+# A registry of its own: the default one turns Hz into 1/s (so rad/s into Hz), drops the radian and
+# takes longer to build. Hertz and radian are dimensions here; Decimal makes "38 mm" and "0.038 m"
+# the same float.
 _DEFINITIONS = """
 micro- = 1e-6 = u- = μ-
 milli- = 1e-3 = m-
@@ -48,7 +49,9 @@ mebibyte = 1048576 * byte = MiB
 gibibyte = 1073741824 * byte = GiB
 """
 
-_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,5})?)(?![\d.eE,_jJ])\s*(.*?)\s*", re.DOTALL)
+_NUMBER = re.compile(
+    r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,5})?)(?![\d.eE,_jJ])\s*(.*?)\s*", re.DOTALL
+)
 _FACTOR = r"[A-Za-zμ°%_]+(?:(?:\^|\*\*)-?[1-9])?"
 _UNIT = re.compile(rf"(?:1\s*/\s*)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR}|\s+{_FACTOR})*")
 _SUPERSCRIPTS = str.maketrans({"²": "^2", "³": "^3", "⁴": "^4", "·": "*", "⋅": "*"})
@@ -59,9 +62,11 @@ LARGEST_BARE = 10**30  # no unit is likely beyond
 
 @dataclass(frozen=True)
 class Dimension:
-    """A kind of quantity: its name, SI unit, an example to show to whoever got it wrong, and the largest size that is believed.
+    """A kind of quantity: its name, SI unit, an example to show to whoever got it wrong, and the
+    largest size that is believed.
 
-    ``most`` is far beyond any machine [SI]: what is larger is a slip of units, and its squares and products would leave the range of floats.
+    ``most`` is far beyond any machine [SI]: what is larger is a slip of units, and its squares and
+    products would leave the range of floats.
     """
 
     name: str
@@ -142,7 +147,9 @@ def parse_quantity(text: object, *dimensions: Dimension) -> Quantity:
     wanted = " or ".join(_with_article(dimension) for dimension in dimensions)
     example = " or ".join(f'"{dimension.example}"' for dimension in dimensions)
     if isinstance(text, bool) or not isinstance(text, str | int | float):
-        raise UnitError(f"{show_value(text)} is not {wanted}; write a number with a unit in quotes, such as {example}")
+        raise UnitError(
+            f"{show_value(text)} is not {wanted}; write a number with a unit in quotes, such as {example}"
+        )
     if not isinstance(text, str):
         if isinstance(text, float) and not math.isfinite(text):
             raise UnitError(f"{text} is not finite; write {wanted} such as {example}")
@@ -161,7 +168,9 @@ def parse_quantity(text: object, *dimensions: Dimension) -> Quantity:
                     f"or write {wanted} such as {example}"
                 )
             return Quantity(value, dimension)
-    raise UnitError(f"{show_value(text)} is {_describe(unit, dimensionality)}, not {wanted}; write for example {example}")
+    raise UnitError(
+        f"{show_value(text)} is {_describe(unit, dimensionality)}, not {wanted}; write for example {example}"
+    )
 
 
 def read_unit(text: str, *dimensions: Dimension) -> Unit:
@@ -179,7 +188,9 @@ def read_unit(text: str, *dimensions: Dimension) -> Unit:
     for dimension in dimensions:
         if dimensionality == _resolve_unit(dimension.unit, example)[1]:
             return Unit(factor, dimension)
-    raise UnitError(f"{show_value(text)} measures {_describe(unit, dimensionality)}, not {wanted}; write for example {example}")
+    raise UnitError(
+        f"{show_value(text)} measures {_describe(unit, dimensionality)}, not {wanted}; write for example {example}"
+    )
 
 
 def unit_of(text: str) -> str:
@@ -190,9 +201,11 @@ def unit_of(text: str) -> str:
 
 @lru_cache(maxsize=256)
 def quantity_pattern(*dimensions: Dimension, sign: Sign = "any") -> str:
-    """Regular expression of texts that may be a quantity of some dimensions, for the JSON schema: what a pattern can know.
+    """Regular expression of texts that may be a quantity of some dimensions, for the JSON schema:
+    what a pattern can know.
 
-    A single unit must measure one of the dimensions; of products and powers of units only the words are checked.
+    A single unit must measure one of the dimensions; of products and powers of units only the words
+    are checked.
     """
     prefixes, names = _unit_words()
     wanted = {_resolve_unit(dimension.unit, "")[1] for dimension in dimensions}
@@ -206,47 +219,67 @@ def quantity_pattern(*dimensions: Dimension, sign: Sign = "any") -> str:
     single = f"{fitting}|" if any(_resolve_unit(name, "")[1] in wanted for name in names) else ""
     unit = rf"(?:{single}1\s*/\s*{factor}{more}*|{factor}{more}+|{any_unit}{power})"
     needed = "?" if "dimensionless" in wanted else ""
-    number = r"[0-9]+\.?[0-9]*|\.[0-9]+" if sign != "positive" else r"[0-9]*[1-9][0-9]*\.?[0-9]*|[0-9]*\.[0-9]*[1-9][0-9]*"
+    number = (
+        r"[0-9]+\.?[0-9]*|\.[0-9]+"
+        if sign != "positive"
+        else r"[0-9]*[1-9][0-9]*\.?[0-9]*|[0-9]*\.[0-9]*[1-9][0-9]*"
+    )
     return rf"^\s*{'[+-]?' if sign == 'any' else '[+]?'}(?:{number})(?:[eE][+-]?[0-9]{{1,5}})?(?:\s*{unit}){needed}\s*$"
 
 
 @lru_cache(maxsize=1)
 def _unit_words() -> tuple[list[str], list[str]]:
-    """Prefixes and names of units, in every spelling; the two signs for micro are the same letter."""
+    """Prefixes and names of units, in every spelling; the two signs for micro are the same
+    letter.
+    """
     prefixes: list[str] = ["µ"]
     names: list[str] = []
     for line in _DEFINITIONS.strip().splitlines():
         own, _, *others = (part.strip() for part in line.split("="))
-        (prefixes if own.endswith("-") else names).extend(text.rstrip("-") for text in (own, *others))
+        (prefixes if own.endswith("-") else names).extend(
+            text.rstrip("-") for text in (own, *others)
+        )
     return prefixes, names
 
 
 def _one_of(words: Sequence[str]) -> str:
     """Alternatives of a regular expression, the longest first."""
-    return "|".join(sorted(map(re.escape, dict.fromkeys(words)), key=lambda text: (-len(text), text)))
+    return "|".join(
+        sorted(map(re.escape, dict.fromkeys(words)), key=lambda text: (-len(text), text))
+    )
 
 
 def _split_quantity(text: str, wanted: str, example: str) -> tuple[str, str]:
     if len(text) > MAX_TEXT:
-        raise UnitError(f"{show_value(text)} is too long for a quantity; write {wanted} such as {example}")
+        raise UnitError(
+            f"{show_value(text)} is too long for a quantity; write {wanted} such as {example}"
+        )
     clean = unicodedata.normalize("NFKC", text.translate(_SUPERSCRIPTS))
     match = _NUMBER.fullmatch(clean)
     if match is None:
-        raise UnitError(f"{show_value(text)} is not one real number with a unit; write {wanted} such as {example}")
+        raise UnitError(
+            f"{show_value(text)} is not one real number with a unit; write {wanted} such as {example}"
+        )
     return match[1], match[2]
 
 
 def _scale_number(number: str, factor: Decimal, text: str, wanted: str) -> float:
     if not math.isfinite(float(number)):
-        raise UnitError(f"{show_value(text)} is beyond what a computer number can hold; write {wanted} of ordinary size")
+        raise UnitError(
+            f"{show_value(text)} is beyond what a computer number can hold; write {wanted} of ordinary size"
+        )
     value = float(Decimal(number) * factor)
     if not math.isfinite(value) or (value == 0.0 and Decimal(number) != 0):
-        raise UnitError(f"{show_value(text)} is beyond what a computer number can hold; write {wanted} of ordinary size")
+        raise UnitError(
+            f"{show_value(text)} is beyond what a computer number can hold; write {wanted} of ordinary size"
+        )
     return value
 
 
 def _likely_unit(number: float, dimension: Dimension) -> str:
-    """The unit of the dimension's example or the SI unit: the one with which a bare number comes nearer to the example."""
+    """The unit of the dimension's example or the SI unit: the one with which a bare number comes
+    nearer to the example.
+    """
     example = parse_quantity(dimension.example, dimension).value
     if not number or abs(number) > LARGEST_BARE:
         return unit_of(dimension.example)
@@ -263,13 +296,17 @@ def _resolve_unit(unit: str, example: str) -> tuple[Decimal, str]:
     if not unit:
         return Decimal(1), "dimensionless"
     if _UNIT.fullmatch(unit) is None:
-        raise UnitError(f"{unit!r} is not a unit; write units like N/um, kg/m^3 or N s/m, for example {example}")
+        raise UnitError(
+            f"{unit!r} is not a unit; write units like N/um, kg/m^3 or N s/m, for example {example}"
+        )
     try:
         parsed = _REGISTRY.parse_units(unit.replace("^", "**"))
     except (pint.errors.PintError, AttributeError) as error:
         raise UnitError(f"unknown unit {unit!r}; write for example {example}") from error
     factor, _ = _REGISTRY.get_root_units(parsed)
-    grams = 3 * int(dict(parsed.dimensionality).get("[mass]", 0))  # the registry's root mass is the gram
+    grams = 3 * int(
+        dict(parsed.dimensionality).get("[mass]", 0)
+    )  # the registry's root mass is the gram
     return Decimal(str(factor)).scaleb(-grams), str(parsed.dimensionality)
 
 

@@ -1,6 +1,8 @@
-"""Paths into ``summary.json``: ``modal.frequencies_hz[0:6]``, ``static.tcp.compliance_um_per_kN[0][0]``, ``seconds``.
+"""Paths into ``summary.json``: ``modal.frequencies_hz[0:6]``,
+``static.tcp.compliance_um_per_kN[0][0]``, ``seconds``.
 
-A path is a row of names and indices, nothing else: it is parsed here and never evaluated as a program.
+A path is a row of names and indices, nothing else: it is parsed here and never evaluated as a
+program.
 """
 
 import re
@@ -40,8 +42,8 @@ def parse_watch(text: str) -> WatchPath:
     """Read a path.
 
     Args:
-        text: Names joined by dots (in double quotes where they hold anything but letters, digits, ``_`` and ``-``), indices
-            ``[2]`` or ``[-1]``, and ranges ``[0:6]``.
+        text: Names joined by dots (in double quotes where they hold anything but letters, digits,
+            ``_`` and ``-``), indices ``[2]`` or ``[-1]``, and ranges ``[0:6]``.
 
     Raises:
         WatchError: It is none, or begins with nothing that a summary holds.
@@ -50,11 +52,19 @@ def parse_watch(text: str) -> WatchPath:
     place = 0
     while place < len(text):
         match = _TOKEN.match(text, place)
-        if match is None or len(steps) >= MAX_STEPS or ((match["index"] or match["low"] is not None) and not steps):
-            raise WatchError(f"{text[:80]!r} cannot be read at {text[place : place + 20]!r}; write a path such as {_EXAMPLE}")
+        if (
+            match is None
+            or len(steps) >= MAX_STEPS
+            or ((match["index"] or match["low"] is not None) and not steps)
+        ):
+            raise WatchError(
+                f"{text[:80]!r} cannot be read at {text[place : place + 20]!r}; write a path such as {_EXAMPLE}"
+            )
         step = _read_step(match)
         if isinstance(step, str) and (match["dot"] is None) != (not steps):
-            raise WatchError(f"{text[:80]!r} cannot be read at {text[place : place + 20]!r}: names are joined by dots")
+            raise WatchError(
+                f"{text[:80]!r} cannot be read at {text[place : place + 20]!r}: names are joined by dots"
+            )
         steps.append(step)
         place = match.end()
     known = (*RESULT_NAMES, *MEASURED_NAMES)
@@ -66,8 +76,8 @@ def parse_watch(text: str) -> WatchPath:
 def read_watch(path: WatchPath, summary: Mapping[str, object]) -> dict[str, Watched]:
     """Values at the end of a path, each under the path that leads to it alone.
 
-    A name on the list of poses (``modal.frequencies_hz``) means the first pose, or the pose of that name (``modal.left``).
-    What ends in a list gives one value per entry.
+    A name on the list of poses (``modal.frequencies_hz``) means the first pose, or the pose of that
+    name (``modal.left``). What ends in a list gives one value per entry.
 
     Raises:
         WatchError: The path leads nowhere in this summary.
@@ -82,7 +92,9 @@ def _read_step(match: re.Match[str]) -> Step:
         return str(match["name"] or match["quoted"])
     if match["index"]:
         return int(match["index"])
-    return slice(int(match["low"]) if match["low"] else None, int(match["high"]) if match["high"] else None)
+    return slice(
+        int(match["low"]) if match["low"] else None, int(match["high"]) if match["high"] else None
+    )
 
 
 def _follow(steps: tuple[Step, ...], value: object, label: str, found: dict[str, Watched]) -> None:
@@ -120,6 +132,10 @@ def _entry(value: object, name: str, label: str) -> object:
             return named[0]
         value = poses[0] if poses else value
     if not isinstance(value, dict) or name not in value:
-        known = f"; there are: {', '.join(list(value)[:20])}" if isinstance(value, dict) and value else ""
+        known = (
+            f"; there are: {', '.join(list(value)[:20])}"
+            if isinstance(value, dict) and value
+            else ""
+        )
         raise WatchError(f"{label or 'the summary'} has no {name!r}{known}")
     return value[name]

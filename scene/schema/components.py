@@ -37,7 +37,9 @@ LOCKING_POISSON_RATIO = 0.495
 
 def _check_poisson_ratio(value: float) -> float:
     if not -1.0 < value < 0.5:
-        raise problem(f"is {value:g} but a Poisson ratio lies above -1 and below 0.5; write for example 0.3")
+        raise problem(
+            f"is {value:g} but a Poisson ratio lies above -1 and below 0.5; write for example 0.3"
+        )
     if value >= LOCKING_POISSON_RATIO:
         raise problem(
             f"is {value:g}: nearly incompressible, where displacement elements lock and come out far too stiff (volumetric "
@@ -53,7 +55,9 @@ class MaterialTable(StrictTable):
     nu: Annotated[
         Number,
         AfterValidator(_check_poisson_ratio),
-        JsonForm({"type": "number", "exclusiveMinimum": -1.0, "exclusiveMaximum": LOCKING_POISSON_RATIO}),
+        JsonForm(
+            {"type": "number", "exclusiveMinimum": -1.0, "exclusiveMaximum": LOCKING_POISSON_RATIO}
+        ),
     ]
     rho: PositiveDensity
     loss_factor: LossFactor = 0.0
@@ -87,8 +91,13 @@ class PlateTable(StrictTable):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if (self.ribs_x or self.ribs_y) and not (self.rib > 0.0 and self.rib_height > 0.0):
-            raise problem('ribs need a height and a thickness; write rib_height = "40 mm" and rib = "10 mm"')
-        for count, room, axis in ((self.ribs_x, self.size[1], "y"), (self.ribs_y, self.size[0], "x")):
+            raise problem(
+                'ribs need a height and a thickness; write rib_height = "40 mm" and rib = "10 mm"'
+            )
+        for count, room, axis in (
+            (self.ribs_x, self.size[1], "y"),
+            (self.ribs_y, self.size[0], "x"),
+        ):
             if count * self.rib > room:
                 raise problem(
                     f"{count} ribs of {1e3 * self.rib:.6g} mm do not fit into {1e3 * room:.6g} mm along {axis}; take fewer or thinner ribs"
@@ -124,7 +133,9 @@ class ColumnTable(StrictTable):
                     f"{ribs} ribs of {1e3 * self.rib:.6g} mm fill the {1e3 * (size - 2.0 * sheet):.6g} mm between the {name}s along {axis}"
                 )
         if self.core_hole >= min(self.size[0], self.size[1]) - 2.0 * self.wall:
-            raise problem(f"core_hole of {1e3 * self.core_hole:.6g} mm reaches the walls; take a smaller one")
+            raise problem(
+                f"core_hole of {1e3 * self.core_hole:.6g} mm reaches the walls; take a smaller one"
+            )
         return self
 
 
@@ -132,7 +143,9 @@ SOLID_KINDS = ("box", "tube", "plate", "column", "step", "mesh", "superelement")
 
 
 class SolidTable(StrictTable):
-    """Exactly one of box, tube, plate, column, step, mesh, superelement; `solid` goes with step, `unit` with mesh."""
+    """Exactly one of box, tube, plate, column, step, mesh, superelement; `solid` goes with step,
+    `unit` with mesh.
+    """
 
     model_config = one_of(*SOLID_KINDS)
 
@@ -158,9 +171,13 @@ class SolidTable(StrictTable):
             found = " and ".join(given) if given else "none"
             raise problem(f"needs exactly one of {', '.join(SOLID_KINDS)}; found {found}")
         if self.solid is not None and self.step is None:
-            raise problem('`solid` chooses a solid of a STEP file; write solid = { step = "part.step", solid = 1 }')
+            raise problem(
+                '`solid` chooses a solid of a STEP file; write solid = { step = "part.step", solid = 1 }'
+            )
         if self.unit is not None and self.mesh is None:
-            raise problem('`unit` is the length unit of a mesh file; write solid = { mesh = "part.inp", unit = "1 mm" }')
+            raise problem(
+                '`unit` is the length unit of a mesh file; write solid = { mesh = "part.inp", unit = "1 mm" }'
+            )
         return self
 
 
@@ -168,7 +185,9 @@ InPlane = Annotated[list[Length], Field(min_length=2, max_length=3)]
 
 
 class DiskTable(StrictTable):
-    """A round patch; `center` in component coordinates: the two in-plane ones in the order x y z, or all three."""
+    """A round patch; `center` in component coordinates: the two in-plane ones in the order x y z,
+    or all three.
+    """
 
     diameter: PositiveLength
     center: InPlane | None = None
@@ -204,7 +223,9 @@ class PatchTable(StrictTable):
 
 
 class RailTable(StrictTable):
-    """Makes an interface a rail: carriages hold on to it anywhere along an axis of the component."""
+    """Makes an interface a rail: carriages hold on to it anywhere along an axis of the
+    component.
+    """
 
     along: Literal["x", "y", "z"]
     stations: Annotated[Count, Field(ge=4, le=1000)] | None = None
@@ -227,8 +248,14 @@ class InterfaceTable(StrictTable):
     @model_validator(mode="after")
     def _check(self) -> Self:
         _refuse_two_shapes(self.disk, self.rect, self.strip)
-        if self.rail is not None and self.coupling == "rigid" and "coupling" in self.model_fields_set:
-            raise problem('is a rail, which would be stiffened all along by a rigid coupling; remove coupling or write "average"')
+        if (
+            self.rail is not None
+            and self.coupling == "rigid"
+            and "coupling" in self.model_fields_set
+        ):
+            raise problem(
+                'is a rail, which would be stiffened all along by a rigid coupling; remove coupling or write "average"'
+            )
         if self.patches is None and self.face is None:
             raise problem('describes no patch; write face = "z+" or patches = [{ face = "z+" }]')
         if self.patches is not None and (self.face or self.disk or self.rect or self.strip):
@@ -244,7 +271,9 @@ class InterfaceTable(StrictTable):
 
 def _refuse_two_shapes(*shapes: object) -> None:
     if sum(shape is not None for shape in shapes) > 1:
-        raise problem("a patch is one of disk, rect, strip; write several patches as patches = [{...}, {...}]")
+        raise problem(
+            "a patch is one of disk, rect, strip; write several patches as patches = [{...}, {...}]"
+        )
 
 
 class RotationTable(StrictTable):
@@ -261,7 +290,14 @@ class MeshTable(StrictTable):
     order: Literal[1, 2] = 2
     cells: Literal["tet", "hex"] = "tet"
     across_patches: Annotated[Count, Field(le=100)] = 4
-    growth: Annotated[Number, Field(ge=0.05, le=2.0), JsonForm({"type": "number", "minimum": 0.05, "maximum": 2.0})] | None = None
+    growth: (
+        Annotated[
+            Number,
+            Field(ge=0.05, le=2.0),
+            JsonForm({"type": "number", "minimum": 0.05, "maximum": 2.0}),
+        ]
+        | None
+    ) = None
     rim_size: PositiveLength | None = None
     smallest: PositiveLength | None = None
     force: Flag = False
@@ -284,7 +320,9 @@ class ReductionTable(StrictTable):
 
 
 class SegmentsTable(StrictTable):
-    """Into how many segments a component is cut, and along which of its axes; the longest side unless given."""
+    """Into how many segments a component is cut, and along which of its axes; the longest side
+    unless given.
+    """
 
     count: Annotated[Count, Field(le=1000)] = 10
     along: Literal["x", "y", "z"] | None = None
@@ -294,7 +332,9 @@ def _wrap_rotation(value: object) -> object:
     return [value] if isinstance(value, dict) else value
 
 
-Rotations = Annotated[list[RotationTable], BeforeValidator(_wrap_rotation), Field(max_length=20), OrForm()]
+Rotations = Annotated[
+    list[RotationTable], BeforeValidator(_wrap_rotation), Field(max_length=20), OrForm()
+]
 
 
 class ComponentTable(StrictTable):

@@ -50,7 +50,9 @@ class ScrewTable(StrictTable):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.bore >= self.diameter:
-            raise problem(f"its bore of {1e3 * self.bore:.6g} mm is not smaller than its diameter of {1e3 * self.diameter:.6g} mm")
+            raise problem(
+                f"its bore of {1e3 * self.bore:.6g} mm is not smaller than its diameter of {1e3 * self.diameter:.6g} mm"
+            )
         if (self.far is None) != (self.length is None):
             raise problem(
                 'a second fixed bearing needs the shaft\'s length between both, and only it does; write far = "bed.bearing_2", length = "900 mm"'
@@ -65,7 +67,9 @@ class ScrewTable(StrictTable):
 
 
 class JointTable(StrictTable):
-    """A joint between two interfaces, or an interface and ground; which stiffness keys it takes depends on its kind."""
+    """A joint between two interfaces, or an interface and ground; which stiffness keys it takes
+    depends on its kind.
+    """
 
     between: Annotated[list[End], Field(min_length=2, max_length=2)]
     kind: Literal[
@@ -106,7 +110,9 @@ class AxisTable(StrictTable):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if (self.joints is None) == (self.joint is None):
-            raise problem('needs the joints across which it moves; write joints = ["guide", "drive"]')
+            raise problem(
+                'needs the joints across which it moves; write joints = ["guide", "drive"]'
+            )
         return self
 
     def joint_names(self) -> tuple[str, ...]:
@@ -122,7 +128,9 @@ class PointTable(StrictTable):
 
 
 class SupportTable(StrictTable):
-    """Pointwise support of a face (`component.face`) or of an interface's patches (`at = component.interface`)."""
+    """Pointwise support of a face (`component.face`) or of an interface's patches (`at =
+    component.interface`).
+    """
 
     face: Text | None = None
     at: Text | None = None
@@ -140,7 +148,9 @@ class SupportTable(StrictTable):
 
 
 class LoadTable(StrictTable):
-    """A static load: force and moment at an interface, traction or pressure on an area, or a body acceleration field."""
+    """A static load: force and moment at an interface, traction or pressure on an area, or a body
+    acceleration field.
+    """
 
     at: Text | None = None
     face: Text | None = None
@@ -166,23 +176,34 @@ class LoadTable(StrictTable):
     @model_validator(mode="after")
     def _check(self) -> Self:
         point_load = self.force is not None or self.moment is not None
-        kinds = [point_load, self.traction is not None, self.pressure is not None, self.body is not None]
+        kinds = [
+            point_load,
+            self.traction is not None,
+            self.pressure is not None,
+            self.body is not None,
+        ]
         if sum(kinds) != 1:
             raise problem("needs exactly one of force (with moment), traction, pressure, body")
         if point_load and self.at is None:
-            raise problem('a force or moment acts at an interface; write at = "component.interface"')
+            raise problem(
+                'a force or moment acts at an interface; write at = "component.interface"'
+            )
         if self.body is not None:
             if self.component is None or self.face is not None or self.at is not None:
                 raise problem('a body load acts on a whole component; write component = "name"')
             return self
         if self.component is not None:
-            raise problem('`component` goes with body loads; write face = "component.z+" or at = "component.interface"')
+            raise problem(
+                '`component` goes with body loads; write face = "component.z+" or at = "component.interface"'
+            )
         check_area(self.face, self.at, (self.disk, self.rect, self.strip))
         return self
 
 
 class ProbeTable(StrictTable):
-    """A place on an elastic component, in its own frame, where displacement and stress under the static loads are wanted."""
+    """A place on an elastic component, in its own frame, where displacement and stress under the
+    static loads are wanted.
+    """
 
     component: Text
     at: Position
@@ -204,7 +225,9 @@ def check_area(face: str | None, at: str | None, shapes: tuple[object, ...]) -> 
         raise problem("an area is one of disk, rect, strip")
     text = face if face is not None else at or ""
     if text.count(".") != 1 or not all(text.split(".")):
-        raise problem(f'{text!r:.80} names no component and area; write "component.z-" or "component.interface"')
+        raise problem(
+            f'{text!r:.80} names no component and area; write "component.z-" or "component.interface"'
+        )
 
 
 PoseTable = dict[Name, AxisPosition]

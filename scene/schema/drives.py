@@ -31,11 +31,15 @@ VelocityGain = Annotated[
     BeforeValidator(read_quantity(units.DAMPING, units.ROTATIONAL_DAMPING)),
     describe_quantity(units.DAMPING, units.ROTATIONAL_DAMPING),
 ]
-FrictionSlope = Annotated[Quantity, BeforeValidator(read_quantity(units.DAMPING)), describe_quantity(units.DAMPING)]
+FrictionSlope = Annotated[
+    Quantity, BeforeValidator(read_quantity(units.DAMPING)), describe_quantity(units.DAMPING)
+]
 
 
 class FeedForwardTable(StrictTable):
-    """Shares of the commanded velocity and of the force the axis' inertia needs that do not wait for an error."""
+    """Shares of the commanded velocity and of the force the axis' inertia needs that do not wait
+    for an error.
+    """
 
     velocity: NotNegativeShare = 0.0
     acceleration: NotNegativeShare = 0.0
@@ -53,14 +57,18 @@ class FrictionTable(StrictTable):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.breakaway is not None and self.breakaway < self.coulomb:
-            raise problem("breaks away at less than it slides with; write a breakaway of at least coulomb")
+            raise problem(
+                "breaks away at less than it slides with; write a breakaway of at least coulomb"
+            )
         if self.viscous is not None and self.viscous.value < 0.0:
             raise problem('viscous friction must not be negative; write for example "200 N s/m"')
         return self
 
 
 class DriveTable(StrictTable):
-    """The drive of an axis through a ball screw, and its control; used with the effect `drive_control`."""
+    """The drive of an axis through a ball screw, and its control; used with the effect
+    `drive_control`.
+    """
 
     model_config = not_both("sampling", "dead_time")
 
@@ -84,11 +92,15 @@ class DriveTable(StrictTable):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.sampling is not None and self.dead_time is not None:
-            raise problem("gives both sampling and dead_time; the dead time of a sampled loop is 1.5 cycles, so keep one")
+            raise problem(
+                "gives both sampling and dead_time; the dead time of a sampled loop is 1.5 cycles, so keep one"
+            )
         if self.velocity_gain.value <= 0.0:
             raise problem('velocity_gain must be above zero; write for example "2e4 N s/m"')
         if self.scale is not None and self.encoder == "motor":
-            raise problem('names a scale, but the motor is what is measured; write encoder = "scale" or remove scale')
+            raise problem(
+                'names a scale, but the motor is what is measured; write encoder = "scale" or remove scale'
+            )
         return self
 
 

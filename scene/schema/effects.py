@@ -18,7 +18,11 @@ def find_effect_fault(name: str, value: object) -> str:
         hint = suggest_names(name, EFFECT_NAMES, what="effects of this version")
         return f"effect {name[:80]!r} is not available; {hint}"
     if name in PLAIN_EFFECTS:
-        return "" if isinstance(value, bool) else f"{show_value(value)} is neither true nor false; write {name} = true"
+        return (
+            ""
+            if isinstance(value, bool)
+            else f"{show_value(value)} is neither true nor false; write {name} = true"
+        )
     if name == "gravity":
         try:
             read_gravity(value)
@@ -33,7 +37,8 @@ def find_effect_fault(name: str, value: object) -> str:
 
 
 def read_modal_damping(value: object) -> tuple[float, ...]:
-    """Damping ratios of the modes: of ``{ modal = 0.02 }``, or of a list for the first, second, ... and all other modes.
+    """Damping ratios of the modes: of ``{ modal = 0.02 }``, or of a list for the first, second, ...
+    and all other modes.
 
     Raises:
         UnitError: It is neither a flag nor such a table.
@@ -46,17 +51,22 @@ def read_modal_damping(value: object) -> tuple[float, ...]:
             " and modal adds a damping ratio to every mode"
         )
     given = value["modal"] if isinstance(value["modal"], list) else [value["modal"]]
-    ratios = [parse_quantity(item, RATIO).value if isinstance(item, str) else item for item in given]
+    ratios = [
+        parse_quantity(item, RATIO).value if isinstance(item, str) else item for item in given
+    ]
     for ratio in ratios:
         if isinstance(ratio, bool) or not isinstance(ratio, int | float) or not 0.0 <= ratio < 1.0:
-            raise UnitError(f'{show_value(ratio)} is no damping ratio from 0 to below 1; write for example 0.02 or "2 %"')
+            raise UnitError(
+                f'{show_value(ratio)} is no damping ratio from 0 to below 1; write for example 0.02 or "2 %"'
+            )
     if not ratios:
         raise UnitError("holds no damping ratio; write { modal = 0.02 }")
     return tuple(float(ratio) for ratio in ratios)
 
 
 def read_gravity(value: object) -> tuple[float, float, float]:
-    """Acceleration of gravity [m/s^2]: true for standard gravity along -z, a magnitude along -z, or three components.
+    """Acceleration of gravity [m/s^2]: true for standard gravity along -z, a magnitude along -z, or
+    three components.
 
     Raises:
         UnitError: None of these.
@@ -66,6 +76,8 @@ def read_gravity(value: object) -> tuple[float, float, float]:
     if not isinstance(value, list):
         return 0.0, 0.0, -parse_quantity(value, ACCELERATION).value
     if len(value) != 3:
-        raise UnitError(f'has {len(value)} entries; write "9.81 m/s^2" (along -z) or three accelerations')
+        raise UnitError(
+            f'has {len(value)} entries; write "9.81 m/s^2" (along -z) or three accelerations'
+        )
     x, y, z = (parse_quantity(component, ACCELERATION).value for component in value)
     return x, y, z

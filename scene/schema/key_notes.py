@@ -1,4 +1,6 @@
-"""What a key of a scene or target file means, by ``Table.key``: for the scene reference and for editors."""
+"""What a key of a scene or target file means, by ``Table.key``: for the scene reference and for
+editors.
+"""
 
 NOTES = {
     "Scene.name": "heading of the results; the file's name unless given",

@@ -1,4 +1,6 @@
-"""Schema of a closed-loop mechanism (kind, dimensions, mounting, limits, lumped springs) and of contouring on it."""
+"""Schema of a closed-loop mechanism (kind, dimensions, mounting, limits, lumped springs) and of
+contouring on it.
+"""
 
 from typing import Annotated, Literal, Self
 
@@ -31,7 +33,9 @@ Pair = Annotated[list[Length], Field(min_length=2, max_length=2)]
 
 
 class ExechonTable(StrictTable):
-    """Lengths of an Exechon: two UPR legs whose first axis is common (y), one SPR leg, a two-axis wrist."""
+    """Lengths of an Exechon: two UPR legs whose first axis is common (y), one SPR leg, a two-axis
+    wrist.
+    """
 
     base: Position
     platform: Position
@@ -42,7 +46,9 @@ class ExechonTable(StrictTable):
 
 
 class SpringsTable(StrictTable):
-    """Springs of each leg: platform joint, and along the leg in series with it the drive and the screw, softer as the leg grows."""
+    """Springs of each leg: platform joint, and along the leg in series with it the drive and the
+    screw, softer as the leg grows.
+    """
 
     joint: PositiveStiffness
     drive: PositiveStiffness
@@ -51,7 +57,9 @@ class SpringsTable(StrictTable):
 
 
 class MechanismTable(StrictTable):
-    """A closed-loop mechanism that carries components; the poses of the scene are then tool poses: X, Y, Z, A, B."""
+    """A closed-loop mechanism that carries components; the poses of the scene are then tool poses:
+    X, Y, Z, A, B.
+    """
 
     kind: Literal["exechon"]
     model: Literal["lumped", "components"] = "lumped"
@@ -83,7 +91,9 @@ class MillTable(StrictTable):
 
 
 class ContouringTable(RequestTable):
-    """A square block milled around from outside, clockwise seen from above (climb milling), on a lumped mechanism."""
+    """A square block milled around from outside, clockwise seen from above (climb milling), on a
+    lumped mechanism.
+    """
 
     side: PositiveLength
     at: Position

@@ -1,4 +1,6 @@
-"""Overrides of a parsed scene: variants written in the scene and ``key=value`` given on the command line."""
+"""Overrides of a parsed scene: variants written in the scene and ``key=value`` given on the command
+line.
+"""
 
 import copy
 import re
@@ -34,7 +36,8 @@ _LIST_PLACE = re.compile(r"\[(\d{1,5})\]")
 
 
 def apply_variant(raw: TomlTable, name: str | None, findings: Findings) -> TomlTable:
-    """Apply a variant to a copy of a parsed scene, and check that the keys of every other variant exist too.
+    """Apply a variant to a copy of a parsed scene, and check that the keys of every other variant
+    exist too.
 
     ``calibrated+segmented+R`` applies three variants, the later over the earlier.
 
@@ -51,7 +54,11 @@ def apply_variant(raw: TomlTable, name: str | None, findings: Findings) -> TomlT
         return result
     chosen = split_variant(name)
     for unknown in [part for part in chosen if part not in variants]:
-        findings.add_line(None, f"unknown variant {unknown!r}; {suggest_names(unknown, variants, what='variants')}", "variants")
+        findings.add_line(
+            None,
+            f"unknown variant {unknown!r}; {suggest_names(unknown, variants, what='variants')}",
+            "variants",
+        )
     for part in chosen:
         _apply_overrides(result, part, variants.get(part), findings, record=True)
     for other in variants:
@@ -61,11 +68,15 @@ def apply_variant(raw: TomlTable, name: str | None, findings: Findings) -> TomlT
 
 
 def split_variant(name: str | None) -> list[str]:
-    """Variants that a choice such as ``calibrated+segmented+R`` applies, in order; none for None."""
+    """Variants that a choice such as ``calibrated+segmented+R`` applies, in order; none for
+    None.
+    """
     return [] if name is None else name.split(VARIANT_JOINER)
 
 
-def _apply_overrides(raw: TomlTable, name: str, overrides: TomlValue | None, findings: Findings, *, record: bool) -> None:
+def _apply_overrides(
+    raw: TomlTable, name: str, overrides: TomlValue | None, findings: Findings, *, record: bool
+) -> None:
     if not isinstance(overrides, dict):
         return  # unknown, or the schema reports it
     for path, value, source in _flatten(overrides, ()):
@@ -74,7 +85,8 @@ def _apply_overrides(raw: TomlTable, name: str, overrides: TomlValue | None, fin
 
 
 def apply_settings(raw: TomlTable, settings: Sequence[str], findings: Findings) -> None:
-    """Apply ``key=value`` settings in order to a parsed scene; the value is TOML, or text if it is not.
+    """Apply ``key=value`` settings in order to a parsed scene; the value is TOML, or text if it is
+    not.
 
     Args:
         raw: The scene as parsed; changed in place.
@@ -100,7 +112,14 @@ def apply_values(raw: TomlTable, values: Mapping[str, TomlValue], findings: Find
         findings: Receives problems.
     """
     for key, value in values.items():
-        _override(raw, _split_key(key), copy.deepcopy(value), Origin(None, f"study: {key} = {value}"), findings, record=True)
+        _override(
+            raw,
+            _split_key(key),
+            copy.deepcopy(value),
+            Origin(None, f"study: {key} = {value}"),
+            findings,
+            record=True,
+        )
 
 
 def path_exists(raw: TomlTable, key: str) -> str:
@@ -113,7 +132,9 @@ def path_exists(raw: TomlTable, key: str) -> str:
 
 def _unreadable_setting(label: str) -> tuple[int, Problem]:
     findings = Findings(label)
-    findings.add_line(None, "write key=value with a dotted key, such as components.column.fidelity=rigid")
+    findings.add_line(
+        None, "write key=value with a dotted key, such as components.column.fidelity=rigid"
+    )
     return findings.problems[0]
 
 
@@ -132,7 +153,9 @@ def _read_value(text: str) -> TomlValue:
 
 
 def _flatten(table: TomlTable, prefix: KeyPath) -> list[tuple[KeyPath, TomlValue, KeyPath]]:
-    """Target path, value and source path of each override; a plain table is walked into, a dotted key is a target."""
+    """Target path, value and source path of each override; a plain table is walked into, a dotted
+    key is a target.
+    """
     result: list[tuple[KeyPath, TomlValue, KeyPath]] = []
     for key, value in table.items():
         if isinstance(value, dict) and value and "." not in key and len(prefix) < 8:
@@ -143,7 +166,15 @@ def _flatten(table: TomlTable, prefix: KeyPath) -> list[tuple[KeyPath, TomlValue
     return result
 
 
-def _override(raw: TomlTable, path: KeyPath, value: TomlValue, origin: Origin, findings: Findings, *, record: bool) -> None:
+def _override(
+    raw: TomlTable,
+    path: KeyPath,
+    value: TomlValue,
+    origin: Origin,
+    findings: Findings,
+    *,
+    record: bool,
+) -> None:
     problem = _find_obstacle(raw, path)
     if problem:
         label = Findings(findings.path, findings.lines, {path: origin})
@@ -159,11 +190,16 @@ def _override(raw: TomlTable, path: KeyPath, value: TomlValue, origin: Origin, f
 
 
 def _replaced(place: TomlValue, path: KeyPath, value: TomlValue) -> TomlValue:
-    """Part of a scene with another value at a path, copied along the path only: many variants of a large scene share the rest."""
+    """Part of a scene with another value at a path, copied along the path only: many variants of a
+    large scene share the rest.
+    """
     if not path:
         return value
     if isinstance(place, list):
-        return [_replaced(item, path[1:], value) if number == path[0] else item for number, item in enumerate(place)]
+        return [
+            _replaced(item, path[1:], value) if number == path[0] else item
+            for number, item in enumerate(place)
+        ]
     table, key = place if isinstance(place, dict) else {}, str(path[0])
     return table | {key: _replaced(table.get(key, {}), path[1:], value)}
 
@@ -182,10 +218,14 @@ def _find_obstacle(raw: TomlTable, path: KeyPath) -> str:
             place = place[part]
             continue
         if not isinstance(place, dict):
-            return f"cannot set {show_key(path)}: {show_key(path[:depth])} holds a value, not a table"
+            return (
+                f"cannot set {show_key(path)}: {show_key(path[:depth])} holds a value, not a table"
+            )
         if part not in place:
             if depth == 1 and not last and path[0] in ENTRY_SECTIONS:
-                return f"cannot set {show_key(path)}: {suggest_names(part, place, what=str(path[0]))}"
+                return (
+                    f"cannot set {show_key(path)}: {suggest_names(part, place, what=str(path[0]))}"
+                )
             keys = known_keys(path[:depth])
             if keys is not None and part not in keys:
                 return f"cannot set {show_key(path)}: unknown key {part!r}; {suggest_names(part, keys, what='known keys')}"

@@ -1,4 +1,6 @@
-"""Schema of a path analysis: a straight move of axes, how fast, and how its deviation is sampled."""
+"""Schema of a path analysis: a straight move of axes, how fast, and how its deviation is
+sampled.
+"""
 
 from typing import Annotated, Literal, Self
 
@@ -25,7 +27,9 @@ Feeds = Annotated[list[PositiveSpeed], Field(min_length=1, max_length=20)]
 
 
 class PathCutTable(StrictTable):
-    """Milling along a path, the part on the right of the travel; used with the effects `cutting_force` and `drive_control`."""
+    """Milling along a path, the part on the right of the travel; used with the effects
+    `cutting_force` and `drive_control`.
+    """
 
     mill: MillTable
     spindle: PositiveAngularSpeed
@@ -57,7 +61,9 @@ class PathTable(RequestTable):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.ramp == "s_curve" and self.jerk_time is None:
-            raise problem('an S-curve needs the time in which the acceleration is reached; write jerk_time = "30 ms"')
+            raise problem(
+                'an S-curve needs the time in which the acceleration is reached; write jerk_time = "30 ms"'
+            )
         if self.ramp != "s_curve" and self.jerk_time is not None:
             raise problem('only an S-curve has a jerk_time; remove it, or write ramp = "s_curve"')
         if self.jerk_time is not None and self.jerk_time > self.time_constant:

@@ -6,7 +6,15 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from headstock.scene.reading.units import ACCELERATION
 from headstock.scene.schema.components import ComponentTable, MaterialTable, OrientationTable
-from headstock.scene.schema.connections import AxisTable, JointTable, LoadTable, PointTable, PoseTable, ProbeTable, SupportTable
+from headstock.scene.schema.connections import (
+    AxisTable,
+    JointTable,
+    LoadTable,
+    PointTable,
+    PoseTable,
+    ProbeTable,
+    SupportTable,
+)
 from headstock.scene.schema.drives import ControlTable, DriveTable
 from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
 from headstock.scene.schema.mechanism import ContouringTable, MechanismTable
@@ -55,7 +63,9 @@ class FrfTable(RequestTable):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.start >= self.to:
-            raise problem(f"begins at {self.start:g} Hz and ends at {self.to:g} Hz; write a lower `from`")
+            raise problem(
+                f"begins at {self.start:g} Hz and ends at {self.to:g} Hz; write a lower `from`"
+            )
         if self.spacing == "log" and self.start == 0.0:
             raise problem('a log spacing cannot begin at 0 Hz; write from = "1 Hz"')
         return self
@@ -86,7 +96,9 @@ Accuracy = Annotated[
 
 
 class AccuracyTable(StrictTable):
-    """How far any requested number may be off: mesh sizes, cells, order and mode counts are chosen for it."""
+    """How far any requested number may be off: mesh sizes, cells, order and mode counts are chosen
+    for it.
+    """
 
     to: Accuracy
     fidelity: Flag = False
@@ -97,7 +109,9 @@ def _wrap_accuracy(value: object) -> object:
 
 
 AccuracyEntry = Annotated[
-    AccuracyTable, BeforeValidator(_wrap_accuracy), OrForm({"description": "ratio", "examples": ["1 %"], **RATIO_FORM})
+    AccuracyTable,
+    BeforeValidator(_wrap_accuracy),
+    OrForm({"description": "ratio", "examples": ["1 %"], **RATIO_FORM}),
 ]
 
 
@@ -126,7 +140,9 @@ class ModalTable(RequestTable):
 
 
 class MapTable(RequestTable):
-    """Modes, static stiffness and condition number of a lumped mechanism over the poses of a sweep along two or three axes."""
+    """Modes, static stiffness and condition number of a lumped mechanism over the poses of a sweep
+    along two or three axes.
+    """
 
     sweep: Text
     count: Annotated[Count, Field(le=6)] = 3
@@ -156,7 +172,10 @@ class CompareTable(StrictTable):
     """What `headstock compare` shows unless the command line says otherwise."""
 
     variants: Annotated[list[Text], Field(min_length=1, max_length=100)] | None = None
-    fidelity: Annotated[list[Literal["rigid", "segmented", "elastic"]], Field(min_length=1, max_length=3)] | None = None
+    fidelity: (
+        Annotated[list[Literal["rigid", "segmented", "elastic"]], Field(min_length=1, max_length=3)]
+        | None
+    ) = None
     pose: Text | None = None
     reference: Text | None = None
 
@@ -170,7 +189,11 @@ class LimitsTable(StrictTable):
 
 
 def _read_effects(value: object) -> object:
-    return dict.fromkeys(value, True) if isinstance(value, list) and all(isinstance(name, str) for name in value) else value
+    return (
+        dict.fromkeys(value, True)
+        if isinstance(value, list) and all(isinstance(name, str) for name in value)
+        else value
+    )
 
 
 _RATIOS = {"anyOf": [RATIO_FORM, {"type": "array", "items": RATIO_FORM, "minItems": 1}]}
@@ -182,13 +205,22 @@ _ACCELERATION = {"type": "string", "pattern": QuantityPattern((ACCELERATION,))}
 _EFFECT_FORMS = {
     **{name: {"type": "boolean"} for name in PLAIN_EFFECTS},
     "gravity": {
-        "anyOf": [{"type": "boolean"}, _ACCELERATION, {"type": "array", "items": _ACCELERATION, "minItems": 3, "maxItems": 3}],
+        "anyOf": [
+            {"type": "boolean"},
+            _ACCELERATION,
+            {"type": "array", "items": _ACCELERATION, "minItems": 3, "maxItems": 3},
+        ],
         "examples": [True, "9.81 m/s^2"],
     },
     "damping": {
         "anyOf": [
             {"type": "boolean"},
-            {"type": "object", "properties": {"modal": _RATIOS}, "required": ["modal"], "additionalProperties": False},
+            {
+                "type": "object",
+                "properties": {"modal": _RATIOS},
+                "required": ["modal"],
+                "additionalProperties": False,
+            },
         ],
         "examples": [True, {"modal": 0.02}],
     },
@@ -237,5 +269,7 @@ class SceneTable(StrictTable):
 
     @property
     def is_lumped(self) -> bool:
-        """Whether the mechanism itself is the model: rigid bodies on lumped springs, and joints have no part in it."""
+        """Whether the mechanism itself is the model: rigid bodies on lumped springs, and joints
+        have no part in it.
+        """
         return self.mechanism is not None and self.mechanism.model == "lumped"

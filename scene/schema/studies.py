@@ -1,4 +1,6 @@
-"""Schema of studies, which vary keys of a scene and watch results, and of sweeps, which repeat the analyses in poses."""
+"""Schema of studies, which vary keys of a scene and watch results, and of sweeps, which repeat the
+analyses in poses.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -44,7 +46,9 @@ Watches = Annotated[Names, AfterValidator(_check_watches)]
 
 def _check_lengths(vary: Mapping[str, Sequence[object]], *, pairwise: bool) -> None:
     if not pairwise and math.prod(map(len, vary.values())) > MAX_POINTS:
-        raise problem(f"has more than {MAX_POINTS} points; vary fewer keys at once, or write pairwise = true")
+        raise problem(
+            f"has more than {MAX_POINTS} points; vary fewer keys at once, or write pairwise = true"
+        )
     lengths = {key: len(values) for key, values in vary.items()}
     if pairwise and len(set(lengths.values())) > 1:
         shown = ", ".join(f"{key} has {length}" for key, length in lengths.items())
@@ -70,7 +74,9 @@ class FamilyTable(StrictTable):
 
 
 class StudyTable(StrictTable):
-    """Keys of the scene that are varied and results that are watched: every combination is one point, computed like `run` would."""
+    """Keys of the scene that are varied and results that are watched: every combination is one
+    point, computed like `run` would.
+    """
 
     model_config = one_of("vary", "families")
 
@@ -95,17 +101,25 @@ class StudyTable(StrictTable):
             )
         if self.watch is None and self.reference is None:
             raise problem('watches nothing; write watch = ["modal.frequencies_hz[0:6]", "seconds"]')
-        if self.truth is not None and all(parse_watch(path).steps[0] in MEASURED_NAMES for path in self.watch or ()):
-            raise problem('holds nothing against its truth; write watch = ["modal.frequencies_hz[0:6]"]')
+        if self.truth is not None and all(
+            parse_watch(path).steps[0] in MEASURED_NAMES for path in self.watch or ()
+        ):
+            raise problem(
+                'holds nothing against its truth; write watch = ["modal.frequencies_hz[0:6]"]'
+            )
         if TRUTH in self.families:
-            raise problem(f"calls a family {TRUTH!r}, which is the name of the run that the others are held against")
+            raise problem(
+                f"calls a family {TRUTH!r}, which is the name of the run that the others are held against"
+            )
         _check_lengths(self.vary or {}, pairwise=self.pairwise)
         return self
 
 
 def _read_span(value: object) -> object:
     if not isinstance(value, list) or len(value) != 3:
-        raise problem('is not a span; write lowest, highest and number of positions: ["-100 mm", "100 mm", 21]')
+        raise problem(
+            'is not a span; write lowest, highest and number of positions: ["-100 mm", "100 mm", 21]'
+        )
     return {"low": value[0], "high": value[1], "positions": value[2]}
 
 
@@ -153,7 +167,8 @@ Way = Annotated[
 
 
 class SweepTable(StrictTable):
-    """Poses in which the analyses are repeated: a grid of `axes`, a list of `poses`, or a `path` in steps of at most `step`.
+    """Poses in which the analyses are repeated: a grid of `axes`, a list of `poses`, or a `path` in
+    steps of at most `step`.
 
     A path is a list of waypoints, or the name of a CSV file of them.
     """
@@ -170,10 +185,16 @@ class SweepTable(StrictTable):
     def _check(self) -> Self:
         given = [key for key in ("axes", "poses", "path") if getattr(self, key) is not None]
         if len(given) != 1:
-            what = "gives neither axes nor poses nor path" if not given else f"gives {' and '.join(given)}; keep one"
+            what = (
+                "gives neither axes nor poses nor path"
+                if not given
+                else f"gives {' and '.join(given)}; keep one"
+            )
             raise problem(f'{what}; write for example axes = {{ X = ["-100 mm", "100 mm", 21] }}')
         if (self.path is None) != (self.step is None) and not isinstance(self.path, str):
-            raise problem('path and step go together; write path = [{ X = "0 mm" }, { X = "100 mm" }] and step = "5 mm"')
+            raise problem(
+                'path and step go together; write path = [{ X = "0 mm" }, { X = "100 mm" }] and step = "5 mm"'
+            )
         if self.step is not None and self.step.value <= 0.0:
             raise problem("step must be above zero")
         return self
@@ -182,9 +203,14 @@ class SweepTable(StrictTable):
         """Every position the table itself names: the rest of its key, its axis, its value."""
         found: list[tuple[tuple[str | int, ...], str, Quantity]] = []
         for axis, span in (self.axes or {}).items():
-            found += [(("axes", axis, index), axis, value) for index, value in enumerate((span.low, span.high))]
+            found += [
+                (("axes", axis, index), axis, value)
+                for index, value in enumerate((span.low, span.high))
+            ]
         for key in ("poses", "path"):
-            for index, place in enumerate(() if isinstance(self.path, str) else getattr(self, key) or ()):
+            for index, place in enumerate(
+                () if isinstance(self.path, str) else getattr(self, key) or ()
+            ):
                 if not isinstance(place, str):
                     found += [((key, index, axis), axis, value) for axis, value in place.items()]
         return found

@@ -1,4 +1,6 @@
-"""Field types of the scene schema: quantities with units, plain numbers, names, directions and references."""
+"""Field types of the scene schema: quantities with units, plain numbers, names, directions and
+references.
+"""
 
 import math
 import re
@@ -23,7 +25,15 @@ from pydantic_core import CoreSchema, PydanticCustomError
 from headstock.geometry.frames import DOF_NAMES
 from headstock.geometry.machine.joints import GROUND, JointEnd
 from headstock.scene.reading import units
-from headstock.scene.reading.units import Dimension, Quantity, Sign, UnitError, parse_quantity, quantity_pattern, show_value
+from headstock.scene.reading.units import (
+    Dimension,
+    Quantity,
+    Sign,
+    UnitError,
+    parse_quantity,
+    quantity_pattern,
+    show_value,
+)
 
 MAX_COUNT = 10_000_000
 MAX_RIBS = 200
@@ -40,12 +50,16 @@ class StrictTable(BaseModel):
 
 
 def one_of(*keys: str) -> ConfigDict:
-    """Table of which exactly one of some keys is given; the table checks it too, in words of its own."""
+    """Table of which exactly one of some keys is given; the table checks it too, in words of its
+    own.
+    """
     return ConfigDict(json_schema_extra={"oneOf": [{"required": [key]} for key in keys]})
 
 
 def not_both(*keys: str) -> ConfigDict:
-    """Table of which some keys do not stand beside each other; the table checks it too, in words of its own."""
+    """Table of which some keys do not stand beside each other; the table checks it too, in words of
+    its own.
+    """
     return ConfigDict(json_schema_extra={"not": {"required": list(keys)}})
 
 
@@ -75,7 +89,9 @@ def _read_float(dimension: Dimension) -> Callable[[object], float]:
 
 @dataclass(frozen=True)
 class QuantityPattern:
-    """Stands for the pattern of quantities of some dimensions, which takes the units' definitions to write."""
+    """Stands for the pattern of quantities of some dimensions, which takes the units' definitions
+    to write.
+    """
 
     dimensions: tuple[Dimension, ...]
     sign: Sign = "any"
@@ -100,22 +116,30 @@ def _write_value(value: FormValue) -> JsonValue:
 
 @dataclass(frozen=True)
 class JsonForm:
-    """How a value stands in the JSON schema where pydantic's own description would refuse what is accepted; a fresh one at each place."""
+    """How a value stands in the JSON schema where pydantic's own description would refuse what is
+    accepted; a fresh one at each place.
+    """
 
     form: Form
 
-    def __get_pydantic_json_schema__(self, _core: CoreSchema, _handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+    def __get_pydantic_json_schema__(
+        self, _core: CoreSchema, _handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
         """The description itself."""
         return write_form(self.form)
 
 
 @dataclass(frozen=True)
 class OrForm:
-    """A value may also be written in another form, as the JSON schema says; ``None`` stands for one item of a list, without brackets."""
+    """A value may also be written in another form, as the JSON schema says; ``None`` stands for one
+    item of a list, without brackets.
+    """
 
     form: Form | None = None
 
-    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+    def __get_pydantic_json_schema__(
+        self, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
         """Either form."""
         usual = handler(core)
         other = usual["items"] if self.form is None else write_form(self.form)
@@ -149,37 +173,78 @@ LEAST = 1e-30  # what is smaller is a slip of units, and its powers would vanish
 _POSITIVE = _require(lambda value: value >= LEAST, f"must be above zero ({LEAST:g} at least)")
 _NOT_NEGATIVE = _require(lambda value: value >= 0.0, "must not be negative")
 
-Length = Annotated[float, BeforeValidator(_read_float(units.LENGTH)), describe_quantity(units.LENGTH)]
+Length = Annotated[
+    float, BeforeValidator(_read_float(units.LENGTH)), describe_quantity(units.LENGTH)
+]
 PositiveLength = Annotated[
-    float, BeforeValidator(_read_float(units.LENGTH)), _POSITIVE, describe_quantity(units.LENGTH, sign="positive")
+    float,
+    BeforeValidator(_read_float(units.LENGTH)),
+    _POSITIVE,
+    describe_quantity(units.LENGTH, sign="positive"),
 ]
 NotNegativeLength = Annotated[
-    float, BeforeValidator(_read_float(units.LENGTH)), _NOT_NEGATIVE, describe_quantity(units.LENGTH, sign="not negative")
+    float,
+    BeforeValidator(_read_float(units.LENGTH)),
+    _NOT_NEGATIVE,
+    describe_quantity(units.LENGTH, sign="not negative"),
 ]
 Angle = Annotated[float, BeforeValidator(_read_float(units.ANGLE)), describe_quantity(units.ANGLE)]
-Pressure = Annotated[float, BeforeValidator(_read_float(units.PRESSURE)), describe_quantity(units.PRESSURE)]
+Pressure = Annotated[
+    float, BeforeValidator(_read_float(units.PRESSURE)), describe_quantity(units.PRESSURE)
+]
 PositivePressure = Annotated[
-    float, BeforeValidator(_read_float(units.PRESSURE)), _POSITIVE, describe_quantity(units.PRESSURE, sign="positive")
+    float,
+    BeforeValidator(_read_float(units.PRESSURE)),
+    _POSITIVE,
+    describe_quantity(units.PRESSURE, sign="positive"),
 ]
 PositiveDensity = Annotated[
-    float, BeforeValidator(_read_float(units.DENSITY)), _POSITIVE, describe_quantity(units.DENSITY, sign="positive")
+    float,
+    BeforeValidator(_read_float(units.DENSITY)),
+    _POSITIVE,
+    describe_quantity(units.DENSITY, sign="positive"),
 ]
-PositiveMass = Annotated[float, BeforeValidator(_read_float(units.MASS)), _POSITIVE, describe_quantity(units.MASS, sign="positive")]
+PositiveMass = Annotated[
+    float,
+    BeforeValidator(_read_float(units.MASS)),
+    _POSITIVE,
+    describe_quantity(units.MASS, sign="positive"),
+]
 PositiveFrequency = Annotated[
-    float, BeforeValidator(_read_float(units.FREQUENCY)), _POSITIVE, describe_quantity(units.FREQUENCY, sign="positive")
+    float,
+    BeforeValidator(_read_float(units.FREQUENCY)),
+    _POSITIVE,
+    describe_quantity(units.FREQUENCY, sign="positive"),
 ]
 Frequency = Annotated[
-    float, BeforeValidator(_read_float(units.FREQUENCY)), _NOT_NEGATIVE, describe_quantity(units.FREQUENCY, sign="not negative")
+    float,
+    BeforeValidator(_read_float(units.FREQUENCY)),
+    _NOT_NEGATIVE,
+    describe_quantity(units.FREQUENCY, sign="not negative"),
 ]
-PositiveTime = Annotated[float, BeforeValidator(_read_float(units.TIME)), _POSITIVE, describe_quantity(units.TIME, sign="positive")]
+PositiveTime = Annotated[
+    float,
+    BeforeValidator(_read_float(units.TIME)),
+    _POSITIVE,
+    describe_quantity(units.TIME, sign="positive"),
+]
 PositiveMemory = Annotated[
-    float, BeforeValidator(_read_float(units.MEMORY)), _POSITIVE, describe_quantity(units.MEMORY, sign="positive")
+    float,
+    BeforeValidator(_read_float(units.MEMORY)),
+    _POSITIVE,
+    describe_quantity(units.MEMORY, sign="positive"),
 ]
 PositiveForce = Annotated[
-    float, BeforeValidator(_read_float(units.FORCE)), _POSITIVE, describe_quantity(units.FORCE, sign="positive")
+    float,
+    BeforeValidator(_read_float(units.FORCE)),
+    _POSITIVE,
+    describe_quantity(units.FORCE, sign="positive"),
 ]
 PositiveStiffness = Annotated[
-    float, BeforeValidator(_read_float(units.STIFFNESS)), _POSITIVE, describe_quantity(units.STIFFNESS, sign="positive")
+    float,
+    BeforeValidator(_read_float(units.STIFFNESS)),
+    _POSITIVE,
+    describe_quantity(units.STIFFNESS, sign="positive"),
 ]
 PositiveRotationalStiffness = Annotated[
     float,
@@ -189,26 +254,51 @@ PositiveRotationalStiffness = Annotated[
 ]
 Force = Annotated[float, BeforeValidator(_read_float(units.FORCE)), describe_quantity(units.FORCE)]
 PositiveSpeed = Annotated[
-    float, BeforeValidator(_read_float(units.SPEED)), _POSITIVE, describe_quantity(units.SPEED, sign="positive")
+    float,
+    BeforeValidator(_read_float(units.SPEED)),
+    _POSITIVE,
+    describe_quantity(units.SPEED, sign="positive"),
 ]
 PositiveAngularSpeed = Annotated[
-    float, BeforeValidator(_read_float(units.ANGULAR_SPEED)), _POSITIVE, describe_quantity(units.ANGULAR_SPEED, sign="positive")
+    float,
+    BeforeValidator(_read_float(units.ANGULAR_SPEED)),
+    _POSITIVE,
+    describe_quantity(units.ANGULAR_SPEED, sign="positive"),
 ]
-Moment = Annotated[float, BeforeValidator(_read_float(units.MOMENT)), describe_quantity(units.MOMENT)]
-Acceleration = Annotated[float, BeforeValidator(_read_float(units.ACCELERATION)), describe_quantity(units.ACCELERATION)]
+Moment = Annotated[
+    float, BeforeValidator(_read_float(units.MOMENT)), describe_quantity(units.MOMENT)
+]
+Acceleration = Annotated[
+    float, BeforeValidator(_read_float(units.ACCELERATION)), describe_quantity(units.ACCELERATION)
+]
 PositiveInertia = Annotated[
-    float, BeforeValidator(_read_float(units.INERTIA)), _POSITIVE, describe_quantity(units.INERTIA, sign="positive")
+    float,
+    BeforeValidator(_read_float(units.INERTIA)),
+    _POSITIVE,
+    describe_quantity(units.INERTIA, sign="positive"),
 ]
-PositiveRate = Annotated[float, BeforeValidator(_read_float(units.RATE)), _POSITIVE, describe_quantity(units.RATE, sign="positive")]
+PositiveRate = Annotated[
+    float,
+    BeforeValidator(_read_float(units.RATE)),
+    _POSITIVE,
+    describe_quantity(units.RATE, sign="positive"),
+]
 NotNegativeForce = Annotated[
-    float, BeforeValidator(_read_float(units.FORCE)), _NOT_NEGATIVE, describe_quantity(units.FORCE, sign="not negative")
+    float,
+    BeforeValidator(_read_float(units.FORCE)),
+    _NOT_NEGATIVE,
+    describe_quantity(units.FORCE, sign="not negative"),
 ]
 AxisPosition = Annotated[
-    Quantity, BeforeValidator(read_quantity(units.LENGTH, units.ANGLE)), describe_quantity(units.LENGTH, units.ANGLE)
+    Quantity,
+    BeforeValidator(read_quantity(units.LENGTH, units.ANGLE)),
+    describe_quantity(units.LENGTH, units.ANGLE),
 ]
 
 
-def _read_joint_value(translation: Dimension, rotation: Dimension) -> Callable[[object], Quantity | str]:
+def _read_joint_value(
+    translation: Dimension, rotation: Dimension
+) -> Callable[[object], Quantity | str]:
     read = read_quantity(translation, rotation)
     return lambda value: value if value == "rigid" and isinstance(value, str) else read(value)
 
@@ -228,7 +318,9 @@ JointDamping = Annotated[
 
 def _read_number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise problem(f"{show_value(value)} is not a plain number; write one without quotes and unit, such as 0.3")
+        raise problem(
+            f"{show_value(value)} is not a plain number; write one without quotes and unit, such as 0.3"
+        )
     if (isinstance(value, int) and abs(value) > 10**300) or not math.isfinite(value):
         raise problem(f"{show_value(value)} is not finite; write an ordinary number")
     return float(value)
@@ -237,7 +329,9 @@ def _read_number(value: object) -> float:
 def _read_count(lowest: int, highest: int = MAX_COUNT) -> Callable[[object], int]:
     def read(value: object) -> int:
         if isinstance(value, bool) or not isinstance(value, int):
-            raise problem(f"{show_value(value)} is not a whole number; write one without quotes, such as {max(lowest, 1)}")
+            raise problem(
+                f"{show_value(value)} is not a whole number; write one without quotes, such as {max(lowest, 1)}"
+            )
         if not lowest <= value <= highest:
             raise problem(f"is {show_value(value)} but must lie between {lowest} and {highest}")
         return value
@@ -247,9 +341,13 @@ def _read_count(lowest: int, highest: int = MAX_COUNT) -> Callable[[object], int
 
 Number = Annotated[float, BeforeValidator(_read_number), JsonForm({"type": "number"})]
 Count = Annotated[int, BeforeValidator(_read_count(1)), JsonForm({"type": "integer", "minimum": 1})]
-CountFromZero = Annotated[int, BeforeValidator(_read_count(0)), JsonForm({"type": "integer", "minimum": 0})]
+CountFromZero = Annotated[
+    int, BeforeValidator(_read_count(0)), JsonForm({"type": "integer", "minimum": 0})
+]
 RibCount = Annotated[
-    int, BeforeValidator(_read_count(0, MAX_RIBS)), JsonForm({"type": "integer", "minimum": 0, "maximum": MAX_RIBS})
+    int,
+    BeforeValidator(_read_count(0, MAX_RIBS)),
+    JsonForm({"type": "integer", "minimum": 0, "maximum": MAX_RIBS}),
 ]
 Flag = StrictBool
 
@@ -273,23 +371,45 @@ def read_share(value: object, what: str) -> float:
         share = _read_number(value)
     if not 0.0 <= share <= 1.0:
         article = "an" if what[0] in "aeiou" else "a"
-        raise problem(f'is {share:g}; {article} {what} lies between 0 and 1; write for example 0.02 or "2 %"')
+        raise problem(
+            f'is {share:g}; {article} {what} lies between 0 and 1; write for example 0.02 or "2 %"'
+        )
     return share
 
 
-_SHARE = JsonForm({"description": "ratio from 0 to 1", "examples": [0.02, "2 %"], **RATIO_FORM, "minimum": 0.0, "maximum": 1.0})
-LossFactor = Annotated[float, BeforeValidator(lambda value: read_share(value, "loss factor")), _SHARE]
+_SHARE = JsonForm(
+    {
+        "description": "ratio from 0 to 1",
+        "examples": [0.02, "2 %"],
+        **RATIO_FORM,
+        "minimum": 0.0,
+        "maximum": 1.0,
+    }
+)
+LossFactor = Annotated[
+    float, BeforeValidator(lambda value: read_share(value, "loss factor")), _SHARE
+]
 
-NotNegativeShare = Annotated[float, BeforeValidator(lambda value: read_share(value, "share")), _SHARE]
+NotNegativeShare = Annotated[
+    float, BeforeValidator(lambda value: read_share(value, "share")), _SHARE
+]
 
 
 def _read_port(value: object) -> tuple[str, str]:
     if isinstance(value, str) and value:
         return value, ""
-    if not isinstance(value, list) or len(value) != 2 or not all(isinstance(part, str) for part in value):
-        raise problem(f'{show_value(value)} is no port; write ["tcp", "x"], or "tcp" for x, y and z')
+    if (
+        not isinstance(value, list)
+        or len(value) != 2
+        or not all(isinstance(part, str) for part in value)
+    ):
+        raise problem(
+            f'{show_value(value)} is no port; write ["tcp", "x"], or "tcp" for x, y and z'
+        )
     if value[1] not in DOF_NAMES:
-        raise problem(f"{show_value(value[1])} is no direction; write one of {', '.join(DOF_NAMES)}")
+        raise problem(
+            f"{show_value(value[1])} is no direction; write one of {', '.join(DOF_NAMES)}"
+        )
     return value[0], value[1]
 
 
@@ -318,11 +438,15 @@ PortName = Annotated[
 
 def _read_name(value: object) -> str:
     if not isinstance(value, str) or _NAME.fullmatch(value) is None:
-        raise problem(f"{show_value(value)} is not a name; write letters, digits, _ and -, beginning with a letter, at most 64")
+        raise problem(
+            f"{show_value(value)} is not a name; write letters, digits, _ and -, beginning with a letter, at most 64"
+        )
     return value
 
 
-Name = Annotated[str, BeforeValidator(_read_name), JsonForm({"type": "string", "pattern": f"^{_NAME.pattern}$"})]
+Name = Annotated[
+    str, BeforeValidator(_read_name), JsonForm({"type": "string", "pattern": f"^{_NAME.pattern}$"})
+]
 
 
 def _check_text(value: str) -> str:
@@ -340,7 +464,9 @@ def _wrap(value: object) -> object:
 
 Size = Annotated[list[PositiveLength], Field(min_length=3, max_length=3)]
 Position = Annotated[list[Length], Field(min_length=3, max_length=3)]
-Names = Annotated[list[Text], BeforeValidator(_wrap), Field(min_length=1, max_length=1000), OrForm()]
+Names = Annotated[
+    list[Text], BeforeValidator(_wrap), Field(min_length=1, max_length=1000), OrForm()
+]
 
 
 def _read_direction(value: object) -> tuple[float, float, float]:
@@ -349,7 +475,9 @@ def _read_direction(value: object) -> tuple[float, float, float]:
         x, y, z = (sign if letter == match[2] else 0.0 for letter in "xyz")
         return x, y, z
     if not isinstance(value, list) or len(value) != 3:
-        raise problem(f'{show_value(value)} is not a direction; write "x", "-z" or three plain numbers such as [1, 0, 0]')
+        raise problem(
+            f'{show_value(value)} is not a direction; write "x", "-z" or three plain numbers such as [1, 0, 0]'
+        )
     vector = np.array([_read_number(item) for item in value])
     scale = float(np.abs(vector).max())
     if scale == 0.0:
@@ -375,7 +503,10 @@ Direction = Annotated[
         {
             "description": "x, -z ... or three plain numbers",
             "examples": ["x", "-z", [1, 0, 0]],
-            "anyOf": [{"enum": [f"{sign}{letter}" for sign in ("", "+", "-") for letter in "xyz"]}, _THREE_NUMBERS],
+            "anyOf": [
+                {"enum": [f"{sign}{letter}" for sign in ("", "+", "-") for letter in "xyz"]},
+                _THREE_NUMBERS,
+            ],
         }
     ),
 ]

@@ -1,4 +1,6 @@
-"""Runs the schema over a parsed scene and turns what pydantic finds into problems with a place and a remedy."""
+"""Runs the schema over a parsed scene and turns what pydantic finds into problems with a place and
+a remedy.
+"""
 
 import difflib
 import types
@@ -15,7 +17,11 @@ from headstock.scene.reading.units import show_value
 from headstock.scene.schema.scene import SceneTable
 
 MAX_PROBLEMS = 200
-TAGS = ("[key]", "[waypoints]", "[file]")  # what pydantic puts among the keys: a faulty key, and which kind of value was taken
+TAGS = (
+    "[key]",
+    "[waypoints]",
+    "[file]",
+)  # what pydantic puts among the keys: a faulty key, and which kind of value was taken
 _KINDS = {
     "string_type": 'is not text; write it in quotes, such as "text"',
     "bool_type": "is neither true nor false; write one of them without quotes",
@@ -32,7 +38,8 @@ def validate_tables(raw: TomlTable, findings: Findings) -> SceneTable | None:
 
 
 def validate_against[T: BaseModel](model: type[T], raw: TomlTable, findings: Findings) -> T | None:
-    """Validate a parsed file; entries that fail are reported and left out, so that the rest can be checked further.
+    """Validate a parsed file; entries that fail are reported and left out, so that the rest can be
+    checked further.
 
     Args:
         model: Schema of the whole file.
@@ -42,7 +49,9 @@ def validate_against[T: BaseModel](model: type[T], raw: TomlTable, findings: Fin
     Returns:
         What is valid, or None when not enough of the file is left to look at.
     """
-    pruned: TomlTable = {key: dict(value) if isinstance(value, dict) else value for key, value in raw.items()}
+    pruned: TomlTable = {
+        key: dict(value) if isinstance(value, dict) else value for key, value in raw.items()
+    }
     for _ in range(4):
         try:
             return model.model_validate(pruned)
@@ -61,7 +70,11 @@ def known_keys(path: KeyPath) -> list[str] | None:
 
 def _known_keys(root: type[BaseModel], path: KeyPath) -> list[str] | None:
     model = _resolve_model(root, path)
-    return [field.alias or name for name, field in model.model_fields.items()] if model is not None else None
+    return (
+        [field.alias or name for name, field in model.model_fields.items()]
+        if model is not None
+        else None
+    )
 
 
 def _report(root: type[BaseModel], detail: ErrorDetails, findings: Findings) -> None:
@@ -70,12 +83,17 @@ def _report(root: type[BaseModel], detail: ErrorDetails, findings: Findings) -> 
     value = detail.get("input")
     if kind == "extra_forbidden":
         keys = _known_keys(root, path[:-1]) or []
-        findings.add(path, f"unknown key {str(path[-1])[:80]!r}; {suggest_names(path[-1], keys, what='known keys')}")
+        findings.add(
+            path,
+            f"unknown key {str(path[-1])[:80]!r}; {suggest_names(path[-1], keys, what='known keys')}",
+        )
     elif kind == "missing":
         findings.add(path, _missing_message(root, path))
     elif kind == "literal_error":
         expected = str(detail.get("ctx", {}).get("expected", ""))
-        findings.add(path, f"{show_value(value)} is not one of {expected}{_closest(value, expected)}")
+        findings.add(
+            path, f"{show_value(value)} is not one of {expected}{_closest(value, expected)}"
+        )
     elif kind in ("too_short", "too_long"):
         findings.add(path, _length_message(detail))
     elif kind in _KINDS:
@@ -112,7 +130,9 @@ def _closest(value: object, expected: str) -> str:
 
 
 def _prune(pruned: TomlTable, loc: tuple[int | str, ...]) -> None:
-    """Remove the entry an error lies in: ``components.column`` for ``components.column.mesh.size``."""
+    """Remove the entry an error lies in: ``components.column`` for
+    ``components.column.mesh.size``.
+    """
     section = str(loc[0])
     entries = pruned.get(section)
     if len(loc) > 1 and isinstance(entries, dict) and loc[1] in entries:
@@ -124,7 +144,11 @@ def _prune(pruned: TomlTable, loc: tuple[int | str, ...]) -> None:
 def _resolve_model(annotation: object, path: KeyPath) -> type[BaseModel] | None:
     annotation = _unwrap(annotation)
     if not path:
-        return annotation if isinstance(annotation, type) and issubclass(annotation, BaseModel) else None
+        return (
+            annotation
+            if isinstance(annotation, type) and issubclass(annotation, BaseModel)
+            else None
+        )
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         field = annotation.model_fields.get(str(path[0]))
         return None if field is None else _resolve_model(field.annotation, path[1:])
@@ -142,7 +166,11 @@ def _unwrap(annotation: object) -> object:
             annotation = get_args(annotation)[0]
         elif origin in (Union, types.UnionType):
             candidates = [item for item in get_args(annotation) if item is not type(None)]
-            tables = [item for item in candidates if isinstance(kind := _strip(item), type) and issubclass(kind, BaseModel)]
+            tables = [
+                item
+                for item in candidates
+                if isinstance(kind := _strip(item), type) and issubclass(kind, BaseModel)
+            ]
             annotation = (tables or candidates)[0]
         else:
             return annotation

@@ -1,1 +1,3 @@
-"""Drives closed around a system: loops, dead time, margins, stability, friction in time. Never paths."""
+"""Drives closed around a system: loops, dead time, margins, stability, friction in time. Never
+paths.
+"""

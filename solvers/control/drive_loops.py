@@ -1,11 +1,13 @@
-"""Position and velocity control closed around a machine with free motors: a linear system from set points to motions.
+"""Position and velocity control closed around a machine with free motors: a linear system from set
+points to motions.
 
     v_ref = kv (x_set - x_measured) + f_v v_set
     F     = lag(dead time(kp (v_ref - v_motor) + kp / T_n  integral(v_ref - v_motor) + m_f a_set))
 
-The machine is linear about its pose; the travel of an axis is a free coordinate of it, so that set points may be as large as the
-pose allows. The loop is continuous: sampling counts as a dead time of one cycle of computing and half a cycle of hold. At constant speed a
-controlled axis lags behind its set point by a constant.
+The machine is linear about its pose; the travel of an axis is a free coordinate of it, so that set
+points may be as large as the pose allows. The loop is continuous: sampling counts as a dead time of
+one cycle of computing and half a cycle of hold. At constant speed a controlled axis lags behind its
+set point by a constant.
 """
 
 import math
@@ -16,7 +18,12 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl
-from headstock.solvers.control.dead_time import LinearBlock, connect_in_series, make_dead_time, stack_blocks
+from headstock.solvers.control.dead_time import (
+    LinearBlock,
+    connect_in_series,
+    make_dead_time,
+    stack_blocks,
+)
 from headstock.solvers.control.drive_trains import FORCE, MOTOR, SLIDE, DriveTrain, measured_port
 from headstock.solvers.linear.state_space import StateSpace, to_state_space
 from headstock.solvers.second_order import Port, SecondOrderSystem
@@ -30,8 +37,9 @@ class ClosedLoop:
     """A machine under control.
 
     Attributes:
-        space: Inputs: ``(axis, "position" | "velocity" | "acceleration")`` of every driven axis, then the loads. Outputs: those
-            asked for, then ``(drive, "encoder")``, ``(drive, "motor")``, ``(drive, "slide")`` and ``(drive, "force")`` of each drive.
+        space: Inputs: ``(axis, "position" | "velocity" | "acceleration")`` of every driven axis,
+            then the loads. Outputs: those asked for, then ``(drive, "encoder")``, ``(drive,
+            "motor")``, ``(drive, "slide")`` and ``(drive, "force")`` of each drive.
         trains: Its drives.
         plant_size: How many states are the machine's, the first ones.
         rates: ``(n_drives, n)`` velocity of each motor per state.
@@ -65,7 +73,9 @@ def close_loops(
     Raises:
         ModelError: A port is unknown.
     """
-    return close_plant(open_plant(system, trains, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz), trains)
+    return close_plant(
+        open_plant(system, trains, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz), trains
+    )
 
 
 def open_plant(
@@ -76,7 +86,8 @@ def open_plant(
     outputs: Sequence[Port] = (),
     up_to_hz: float | None = None,
 ) -> StateSpace:
-    """The machine between drive forces with loads, and the motions that are wanted with those that controllers see.
+    """The machine between drive forces with loads, and the motions that are wanted with those that
+    controllers see.
 
     Args:
         system: From ``free_motors``.
@@ -88,7 +99,9 @@ def open_plant(
     forces = [(train.name, FORCE) for train in trains]
     seen = [measured_port(train) for train in trains]
     own = [(train.name, what) for what in (MOTOR, SLIDE) for train in trains]
-    return to_state_space(system, inputs=[*forces, *inputs], outputs=[*outputs, *seen, *own], up_to_hz=up_to_hz)
+    return to_state_space(
+        system, inputs=[*forces, *inputs], outputs=[*outputs, *seen, *own], up_to_hz=up_to_hz
+    )
 
 
 def close_plant(plant: StateSpace, trains: Sequence[DriveTrain]) -> ClosedLoop:
@@ -100,13 +113,16 @@ def close_plant(plant: StateSpace, trains: Sequence[DriveTrain]) -> ClosedLoop:
         space=_feed_back(plant, control, trains, inputs, outputs),
         trains=trains,
         plant_size=len(plant.a),
-        rates=np.hstack([_motor_rates(plant, trains, len(outputs)), np.zeros((len(trains), len(control.a)))]),
+        rates=np.hstack(
+            [_motor_rates(plant, trains, len(outputs)), np.zeros((len(trains), len(control.a)))]
+        ),
         plant=plant,
     )
 
 
 def make_controller(control: AxisControl) -> LinearBlock:
-    """A controller: inputs are set position, velocity, acceleration, measured position and motor velocity, the output a force.
+    """A controller: inputs are set position, velocity, acceleration, measured position and motor
+    velocity, the output a force.
 
     The state of the integrator is a force.
     """
@@ -115,45 +131,64 @@ def make_controller(control: AxisControl) -> LinearBlock:
     direct = kp * error + np.array([[0.0, 0.0, control.acceleration_feed_forward, 0.0, 0.0]])
     block = LinearBlock(np.zeros((0, 0)), np.zeros((0, 5)), np.zeros((1, 0)), direct)
     if math.isfinite(control.integral_time):
-        block = LinearBlock(np.zeros((1, 1)), kp / control.integral_time * error, np.ones((1, 1)), direct)
+        block = LinearBlock(
+            np.zeros((1, 1)), kp / control.integral_time * error, np.ones((1, 1)), direct
+        )
     block = connect_in_series(block, make_dead_time(control.dead_time))
     if control.current_lag > 0.0:
         rate = 1.0 / control.current_lag
-        lag = LinearBlock(np.array([[-rate]]), np.array([[rate]]), np.ones((1, 1)), np.zeros((1, 1)))
+        lag = LinearBlock(
+            np.array([[-rate]]), np.array([[rate]]), np.ones((1, 1)), np.zeros((1, 1))
+        )
         block = connect_in_series(block, lag)
     return block
 
 
 def _motor_rates(plant: StateSpace, trains: tuple[DriveTrain, ...], asked: int) -> FloatArray:
-    """Velocity of each motor per state of the plant: displacement rows have no load in their first derivative."""
+    """Velocity of each motor per state of the plant: displacement rows have no load in their first
+    derivative.
+    """
     first = asked + len(trains)
     return np.asarray(plant.c[first : first + len(trains)] @ plant.a)
 
 
 def _feed_back(
-    plant: StateSpace, control: LinearBlock, trains: tuple[DriveTrain, ...], inputs: tuple[Port, ...], outputs: tuple[Port, ...]
+    plant: StateSpace,
+    control: LinearBlock,
+    trains: tuple[DriveTrain, ...],
+    inputs: tuple[Port, ...],
+    outputs: tuple[Port, ...],
 ) -> StateSpace:
     count, asked = len(trains), len(outputs)
     to_forces, to_loads = slice(0, count), slice(count, None)
     place = asked + np.arange(count)
-    # what the controllers see: position, then velocity, of each drive; their inputs come five by five
+    # what the controllers see: position, then velocity, of each drive; their inputs come five by
+    # five
     seen = np.vstack([plant.c[place], _motor_rates(plant, trains, asked)])
     seen_d = np.vstack([plant.d[place], np.zeros((count, plant.d.shape[1]))])
     measured = np.concatenate([5 * np.arange(count) + 3, 5 * np.arange(count) + 4])
     spread = _spread_set_points(trains)
     direct = control.d[:, measured]
-    # forces act at once on what the controllers measure, and these at once on forces: an algebraic loop. It is solved here, so that
-    # force = gains @ (states, control states, set points, loads) and no force is an input any more
+    # forces act at once on what the controllers measure, and these at once on forces: an algebraic
+    # loop. It is solved here, so that force = gains @ (states, control states, set points, loads)
+    # and no force is an input any more
     loop = np.eye(count) - direct @ seen_d[:, to_forces]
     pushed = np.hstack([direct @ seen, control.c, control.d @ spread, direct @ seen_d[:, to_loads]])
     gains = np.linalg.solve(loop, pushed)
     size, own, sets = len(plant.a), len(control.a), spread.shape[1]
     # measured = (states, control states, set points, loads)
-    view = np.hstack([seen, np.zeros((2 * count, own + sets)), seen_d[:, to_loads]]) + seen_d[:, to_forces] @ gains
+    view = (
+        np.hstack([seen, np.zeros((2 * count, own + sets)), seen_d[:, to_loads]])
+        + seen_d[:, to_forces] @ gains
+    )
     open_plant = np.hstack([plant.a, np.zeros((size, own + sets)), plant.b[:, to_loads]])
-    open_control = np.hstack([np.zeros((own, size)), control.a, control.b @ spread, np.zeros((own, len(inputs)))])
+    open_control = np.hstack(
+        [np.zeros((own, size)), control.a, control.b @ spread, np.zeros((own, len(inputs)))]
+    )
     open_outputs = np.hstack([plant.c, np.zeros((len(plant.c), own + sets)), plant.d[:, to_loads]])
-    rows = np.vstack([open_plant + plant.b[:, to_forces] @ gains, open_control + control.b[:, measured] @ view])
+    rows = np.vstack(
+        [open_plant + plant.b[:, to_forces] @ gains, open_control + control.b[:, measured] @ view]
+    )
     outs = np.vstack([open_outputs + plant.d[:, to_forces] @ gains, gains])
     states = (*plant.states, *(f"control {number + 1}" for number in range(own)))
     names = tuple((train.name, what) for what in (ENCODER, MOTOR, SLIDE, FORCE) for train in trains)
@@ -171,29 +206,39 @@ def _feed_back(
 
 def set_ports(trains: Sequence[DriveTrain]) -> tuple[Port, ...]:
     """Set points of every driven axis."""
-    return tuple((axis, kind) for axis in dict.fromkeys(train.axis for train in trains) for kind in SET_POINTS)
+    return tuple(
+        (axis, kind)
+        for axis in dict.fromkeys(train.axis for train in trains)
+        for kind in SET_POINTS
+    )
 
 
 def _spread_set_points(trains: tuple[DriveTrain, ...]) -> FloatArray:
-    """From set points of the axes to the inputs of the controllers ``(5 n_drives, 3 n_axes)``: one axis may have two drives."""
+    """From set points of the axes to the inputs of the controllers ``(5 n_drives, 3 n_axes)``: one
+    axis may have two drives.
+    """
     axes = list(dict.fromkeys(train.axis for train in trains))
     spread = np.zeros((5 * len(trains), 3 * len(axes)))
     for number, train in enumerate(trains):
-        spread[5 * number : 5 * number + 3, 3 * axes.index(train.axis) : 3 * axes.index(train.axis) + 3] = np.eye(3)
+        spread[
+            5 * number : 5 * number + 3, 3 * axes.index(train.axis) : 3 * axes.index(train.axis) + 3
+        ] = np.eye(3)
     return spread
 
 
 def find_velocity_lag(loop: ClosedLoop, axis: str) -> tuple[float, dict[Port, float]]:
     """Steady lag of an axis that moves at 1 m/s.
 
-    At constant speed the states follow ``x = X1 t + X0`` with ``A X1 + B_p = 0`` and ``A X0 + B_v = X1``: exact, no time run.
+    At constant speed the states follow ``x = X1 t + X0`` with ``A X1 + B_p = 0`` and ``A X0 + B_v =
+    X1``: exact, no time run.
 
     Args:
         loop: A stable closed loop, no more motions free than its drives hold.
         axis: The axis.
 
     Returns:
-        Set point less measured position [s], and what each output does beyond what it does per metre of travel at rest [s].
+        Set point less measured position [s], and what each output does beyond what it does per
+        metre of travel at rest [s].
     """
     space = loop.space
     position, velocity = (space.inputs.index((axis, kind)) for kind in ("position", "velocity"))

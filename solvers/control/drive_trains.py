@@ -1,4 +1,6 @@
-"""Motors and screws as coordinates of their own: a machine whose axes are free to move, pushed by drive forces."""
+"""Motors and screws as coordinates of their own: a machine whose axes are free to move, pushed by
+drive forces.
+"""
 
 import math
 from collections.abc import Sequence
@@ -18,11 +20,13 @@ class DriveTrain:
     """A drive in a pose. Every turn is expressed along the axis: motor angle times lead / (2 pi).
 
     Attributes:
-        name: Name of the drive; its ports are ``(name, "force")``, ``(name, "motor")``, ``(name, "scale")``, ``(name, "slide")``.
+        name: Name of the drive; its ports are ``(name, "force")``, ``(name, "motor")``, ``(name,
+            "scale")``, ``(name, "slide")``.
         axis: Axis it moves.
         joint: Its ball screw.
         control: Its controller.
-        stretch: ``(n,)`` motion of the nut along the axis, as the thread sees it, with the motor held.
+        stretch: ``(n,)`` motion of the nut along the axis, as the thread sees it, with the motor
+            held.
         stiffness: Of that, as it is in the system with the motor held [N/m].
         thread: The same without the coupling, where that has a part in it [N/m].
         slide: ``(n,)`` motion along the axis across the guide; also what the joint's damper sees.
@@ -57,10 +61,12 @@ class DriveTrain:
 
 
 def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> SecondOrderSystem:
-    """The system with the motors let go: a coordinate for each motor, and one for each screw that turns by itself.
+    """The system with the motors let go: a coordinate for each motor, and one for each screw that
+    turns by itself.
 
-    A coordinate is the relative turn of rotor and housing, so that a drive force on it is a torque between both. A screw turns by
-    itself where its inertia counts and its coupling gives way; a coupling without such a screw is in series with the thread.
+    A coordinate is the relative turn of rotor and housing, so that a drive force on it is a torque
+    between both. A screw turns by itself where its inertia counts and its coupling gives way; a
+    coupling without such a screw is in series with the thread.
 
     Args:
         system: Symmetric, with the springs of the drives in it as they are with the motors held.
@@ -92,9 +98,15 @@ def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> Seco
             damping += _join(slide, screw, train.damping)
         if hysteretic is not None:
             loss = train.loss * spring / held
-            hysteretic += _join(stretch, screw, loss) + (loss - train.loss) * np.outer(stretch, stretch)
+            hysteretic += _join(stretch, screw, loss) + (loss - train.loss) * np.outer(
+                stretch, stretch
+            )
         inputs |= {(train.name, FORCE): motor, (train.name, SLIDE): slide}
-        outputs |= {(train.name, MOTOR): motor, (train.name, SCALE): scale, (train.name, SLIDE): slide}
+        outputs |= {
+            (train.name, MOTOR): motor,
+            (train.name, SCALE): scale,
+            (train.name, SLIDE): slide,
+        }
         labels += [f"{train.name} motor"] + [f"{train.name} screw"] * (count - 1)
     return SecondOrderSystem(mass, damping, stiffness, inputs, outputs, tuple(labels), hysteretic)
 
@@ -114,7 +126,9 @@ def _turns_alone(train: DriveTrain) -> bool:
 
 
 def _thread_stiffness(train: DriveTrain) -> float:
-    """Between the nut and what turns the thread: a coupling without a screw of its own stands in series."""
+    """Between the nut and what turns the thread: a coupling without a screw of its own stands in
+    series.
+    """
     if _turns_alone(train) or not math.isfinite(train.coupling):
         return train.thread
     return 1.0 / (1.0 / train.thread + 1.0 / train.coupling)

@@ -1,4 +1,6 @@
-"""A machine under control in time, with friction in its guides: a stiff integrator, and where the energy went."""
+"""A machine under control in time, with friction in its guides: a stiff integrator, and where the
+energy went.
+"""
 
 import itertools
 from collections.abc import Callable
@@ -40,7 +42,9 @@ class EnergyBalance:
     @property
     def error(self) -> float:
         """Largest energy that is missing, over the largest that is stored, was put in or lost."""
-        missing = self.stored - self.stored[0] - self.drives - self.loads + self.damping + self.friction
+        missing = (
+            self.stored - self.stored[0] - self.drives - self.loads + self.damping + self.friction
+        )
         every = (self.stored, self.drives, self.loads, self.damping, self.friction)
         size = max(float(np.abs(part).max()) for part in every)
         return float(np.abs(missing).max()) / size if size > 0.0 else 0.0
@@ -76,7 +80,8 @@ def solve_motion(
 ) -> DrivenMotion:
     """Motion from rest under set points and loads, with the friction of every drive that has one.
 
-    The works are integrated along with the states, so that their balance tells the integrator's error.
+    The works are integrated along with the states, so that their balance tells the integrator's
+    error.
 
     Args:
         loop: Closed with the given loads, then ``friction_ports`` of its drives, as inputs.
@@ -89,7 +94,8 @@ def solve_motion(
     Raises:
         ConvergenceError: The integrator gave up.
 
-    Source: Hairer and Wanner (1996), Solving Ordinary Differential Equations II, section IV.8 (Radau IIA of order five).
+    Source: Hairer and Wanner (1996), Solving Ordinary Differential Equations II, section IV.8
+    (Radau IIA of order five).
     """
     times = np.asarray(times, dtype=float)
     model = make_rubbing_loop(loop)
@@ -134,18 +140,28 @@ def _state_scale(model: RubbingLoop, given: Given, times: FloatArray) -> FloatAr
     state: FloatArray = np.zeros(model.size)
     states = np.zeros((PROBES, model.size))
     for number, instant in enumerate(instants):
-        state = solve @ (state + step * model.loop.space.b[:, : model.given] @ given(float(instant)))
+        state = solve @ (
+            state + step * model.loop.space.b[:, : model.given] @ given(float(instant))
+        )
         states[number] = state
     dry = sum(max(law.coulomb, law.breakaway) for law in model.laws)
     energy = float(model.stored_energy(states).max(initial=0.0))
-    energy = max(energy, dry * float(np.abs(states @ model.slides.T).max(initial=0.0)) * (times[-1] - times[0]), 1e-12)
+    energy = max(
+        energy,
+        dry * float(np.abs(states @ model.slides.T).max(initial=0.0)) * (times[-1] - times[0]),
+        1e-12,
+    )
     scale: FloatArray = np.full(model.size + WORKS, energy)
     scale[:machine] = np.sqrt(2.0 * energy)
-    scale[machine : model.size] = max(float(np.abs(states[:, machine:]).max(initial=0.0)), dry, 1e-6)
+    scale[machine : model.size] = max(
+        float(np.abs(states[:, machine:]).max(initial=0.0)), dry, 1e-6
+    )
     return scale
 
 
-def _collect(model: RubbingLoop, given: Given, times: FloatArray, full: FloatArray, asked: int) -> DrivenMotion:
+def _collect(
+    model: RubbingLoop, given: Given, times: FloatArray, full: FloatArray, asked: int
+) -> DrivenMotion:
     states, works = full[:, : model.size], full[:, model.size :]
     inputs = np.array([given(float(instant)) for instant in times])
     drives, loads, damping, friction = works.T
@@ -154,7 +170,9 @@ def _collect(model: RubbingLoop, given: Given, times: FloatArray, full: FloatArr
     rubbed = model.friction(speeds)
     return DrivenMotion(
         times=times,
-        outputs=states @ space.c.T + inputs @ space.d[:, : model.given].T - rubbed @ space.d[:, model.given :].T,
+        outputs=states @ space.c.T
+        + inputs @ space.d[:, : model.given].T
+        - rubbed @ space.d[:, model.given :].T,
         friction=rubbed,
         energy=EnergyBalance(model.stored_energy(states), drives, loads, damping, friction),
         evaluations=asked,

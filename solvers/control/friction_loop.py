@@ -1,4 +1,6 @@
-"""A closed loop with friction in its guides (Coulomb, Stribeck, viscous; smooth through zero velocity); the work of each force is a state."""
+"""A closed loop with friction in its guides (Coulomb, Stribeck, viscous; smooth through zero
+velocity); the work of each force is a state.
+"""
 
 from dataclasses import dataclass
 
@@ -16,29 +18,38 @@ WORKS = 4  # of the drives, of the loads, lost in dampers, lost in friction
 def friction_force(law: GuideFriction, velocity: FloatArray) -> FloatArray:
     """Force against the motion [N].
 
-    Source: Armstrong-Helouvry, Dupont and Canudas de Wit (1994), A survey of models, section 2.1 (Stribeck curve with a Gaussian);
+    Source: Armstrong-Helouvry, Dupont and Canudas de Wit (1994), A survey of models, section 2.1
+    (Stribeck curve with a Gaussian);
         the sign of the velocity is smoothed to a tanh.
     """
-    return np.asarray(_level(law, velocity) * np.tanh(velocity / law.smoothing) + law.viscous * velocity)
+    return np.asarray(
+        _level(law, velocity) * np.tanh(velocity / law.smoothing) + law.viscous * velocity
+    )
 
 
 def friction_slope(law: GuideFriction, velocity: FloatArray) -> FloatArray:
     """Derivative of the force by the velocity [N s/m]; negative where friction falls with speed."""
     bend = np.tanh(velocity / law.smoothing)
     falling = -2.0 * velocity / law.stribeck_speed**2 * (_level(law, velocity) - law.coulomb)
-    return np.asarray(falling * bend + _level(law, velocity) * (1.0 - bend**2) / law.smoothing + law.viscous)
+    return np.asarray(
+        falling * bend + _level(law, velocity) * (1.0 - bend**2) / law.smoothing + law.viscous
+    )
 
 
 def _level(law: GuideFriction, velocity: FloatArray) -> FloatArray:
     """Size of the dry part [N]."""
-    return np.asarray(law.coulomb + (law.breakaway - law.coulomb) * np.exp(-((velocity / law.stribeck_speed) ** 2)))
+    return np.asarray(
+        law.coulomb
+        + (law.breakaway - law.coulomb) * np.exp(-((velocity / law.stribeck_speed) ** 2))
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class RubbingLoop:
     """``x' = A x + B u - G f(V x)``, and four works.
 
-    The machine's states are ``(s p, p')`` of each mode, so that a load enters as its work per velocity.
+    The machine's states are ``(s p, p')`` of each mode, so that a load enters as its work per
+    velocity.
 
     Attributes:
         loop: Closed, with the loads that are given and then those of friction as inputs.
@@ -93,17 +104,22 @@ class RubbingLoop:
             machine @ self.dampers @ machine,
             rubbed @ speeds,
         )
-        return np.concatenate([space.a @ state + space.b[:, : self.given] @ given - self.drag @ rubbed, works])
+        return np.concatenate(
+            [space.a @ state + space.b[:, : self.given] @ given - self.drag @ rubbed, works]
+        )
 
     def jacobian(self, full: FloatArray, given: FloatArray) -> FloatArray:
         """``(n + 4, n + 4)``."""
         state, space, count = full[: self.size], self.loop.space, len(self.loop.trains)
         machine = slice(0, self.loop.plant_size)
         speeds = self.slides @ state
-        slopes = np.array([float(friction_slope(law, speeds[i])) for i, law in enumerate(self.laws)])
+        slopes = np.array(
+            [float(friction_slope(law, speeds[i])) for i, law in enumerate(self.laws)]
+        )
         found = np.zeros((len(full), len(full)))
-        # works appear in no rate, so their columns are zero. Their rates are products of states: force times speed by the product rule,
-        # damper power as a quadratic form, friction as its law times speed
+        # works appear in no rate, so their columns are zero. Their rates are products of states:
+        # force times speed by the product rule, damper power as a quadratic form, friction as its
+        # law times speed
         inner, works = found[: self.size, : self.size], found[self.size :, : self.size]
         inner[:] = space.a - (self.drag * slopes) @ self.slides
         rates = self.loop.rates
@@ -116,7 +132,9 @@ class RubbingLoop:
     def _load_column(self, given: FloatArray) -> FloatArray:
         """What the loads do to the machine's states ``(m,)``."""
         count = len(self.loop.trains)
-        return np.asarray(self.loop.plant.b[:, count : count + self.given - self.sets] @ given[self.sets :])
+        return np.asarray(
+            self.loop.plant.b[:, count : count + self.given - self.sets] @ given[self.sets :]
+        )
 
 
 def friction_ports(trains: tuple[DriveTrain, ...]) -> tuple[Port, ...]:
@@ -137,7 +155,9 @@ def make_rubbing_loop(loop: ClosedLoop) -> RubbingLoop:
     ports = friction_ports(loop.trains)
     given = len(space.inputs) - len(ports)
     if space.inputs[given:] != ports:
-        raise ValueError(f"a loop with friction is closed with {ports} as its last inputs, not {space.inputs[given:]}")
+        raise ValueError(
+            f"a loop with friction is closed with {ports} as its last inputs, not {space.inputs[given:]}"
+        )
     rows = [space.outputs.index(port) for port in ports]
     first, second = np.arange(0, loop.plant_size, 2), np.arange(1, loop.plant_size, 2)
     weights = np.ones(loop.plant_size)
@@ -146,7 +166,9 @@ def make_rubbing_loop(loop: ClosedLoop) -> RubbingLoop:
     dampers = np.zeros((loop.plant_size, loop.plant_size))
     dampers[np.ix_(second, second)] = -plant.a[np.ix_(second, second)]
     slides = np.zeros((len(ports), len(space.a)))
-    slides[:, : loop.plant_size] = plant.c[[plant.outputs.index(port) for port in ports]] @ plant.a if rows else 0.0
+    slides[:, : loop.plant_size] = (
+        plant.c[[plant.outputs.index(port) for port in ports]] @ plant.a if rows else 0.0
+    )
     return RubbingLoop(
         loop=loop,
         laws=tuple(train.friction for train in loop.trains if train.friction is not None),

@@ -1,4 +1,6 @@
-"""Stability margins and bandwidths of control loops, from frequency responses with exact dead times."""
+"""Stability margins and bandwidths of control loops, from frequency responses with exact dead
+times.
+"""
 
 import math
 from collections.abc import Sequence
@@ -20,7 +22,8 @@ HALF = math.sqrt(0.5)
 
 @dataclass(frozen=True)
 class LoopMargins:
-    """Figures of one drive's loop, opened at its force while the others stay closed; None where the response has no such point.
+    """Figures of one drive's loop, opened at its force while the others stay closed; None where the
+    response has no such point.
 
     Attributes:
         drive: Its name.
@@ -48,7 +51,11 @@ class LoopMargins:
 
 
 def find_margins(
-    system: SecondOrderSystem, trains: Sequence[DriveTrain], *, to_hz: float, around_hz: FloatArray | None = None
+    system: SecondOrderSystem,
+    trains: Sequence[DriveTrain],
+    *,
+    to_hz: float,
+    around_hz: FloatArray | None = None,
 ) -> tuple[LoopMargins, ...]:
     """Margins and bandwidth of every drive.
 
@@ -67,11 +74,18 @@ def find_margins(
     omega, count = 2.0 * np.pi * frequencies, len(trains)
     paths = [control_paths(train.control, omega) for train in trains]
     # force each controller answers a unit drive force with, sign turned: L(i, j)
-    fed = np.stack([path.kv * found[:, i] + 1j * omega[:, None] * found[:, count + i] for i, path in enumerate(paths)], axis=1)
+    fed = np.stack(
+        [
+            path.kv * found[:, i] + 1j * omega[:, None] * found[:, count + i]
+            for i, path in enumerate(paths)
+        ],
+        axis=1,
+    )
     loops = np.stack([paths[i].feedback[:, None] * fed[:, i] for i in range(count)], axis=1)
     follow = _follow(loops, found[:, :count], np.stack([path.ahead for path in paths], axis=1))
     return tuple(
-        _judge(train.name, frequencies, _open_loop(loops, number), np.abs(follow[:, number])) for number, train in enumerate(trains)
+        _judge(train.name, frequencies, _open_loop(loops, number), np.abs(follow[:, number]))
+        for number, train in enumerate(trains)
     )
 
 
@@ -90,12 +104,16 @@ class ControlPaths(NamedTuple):
 
 
 def control_paths(control: AxisControl, omega: FloatArray) -> ControlPaths:
-    """Ways through a controller at angular frequencies ``(n_freq,)`` [rad/s]; the dead time is exact."""
+    """Ways through a controller at angular frequencies ``(n_freq,)`` [rad/s]; the dead time is
+    exact.
+    """
     s = 1j * omega
     late = np.exp(-s * control.dead_time) / (1.0 + s * control.current_lag)
     # an infinite time times a frequency is no complex number
     inner = control.velocity_gain * (1.0 + (1.0 / control.integral_time) / s)
-    ahead = (control.position_gain + s * control.velocity_feed_forward) * inner + s**2 * control.acceleration_feed_forward
+    ahead = (
+        control.position_gain + s * control.velocity_feed_forward
+    ) * inner + s**2 * control.acceleration_feed_forward
     return ControlPaths(late * inner, late * ahead, control.position_gain)
 
 
@@ -117,9 +135,13 @@ def _open_loop(loops: ComplexArray, number: int) -> ComplexArray:
     return np.asarray(own - np.einsum("fi,fi->f", loops[:, number, others], through))
 
 
-def _judge(name: str, frequencies: FloatArray, loop: ComplexArray, follow: FloatArray) -> LoopMargins:
+def _judge(
+    name: str, frequencies: FloatArray, loop: ComplexArray, follow: FloatArray
+) -> LoopMargins:
     crossings = _real_crossings(frequencies, loop)
-    gain, gain_hz = min(((1.0 / size, hz) for size, hz in crossings if size < 1.0), default=(None, None))
+    gain, gain_hz = min(
+        ((1.0 / size, hz) for size, hz in crossings if size < 1.0), default=(None, None)
+    )
     phase, phase_hz = _phase_margin(frequencies, loop)
     sensitivity = 1.0 / np.abs(1.0 + loop)
     worst = int(np.argmax(sensitivity))
@@ -133,19 +155,30 @@ def _judge(name: str, frequencies: FloatArray, loop: ComplexArray, follow: Float
         phase_hz=phase_hz,
         sensitivity=float(sensitivity[worst]),
         sensitivity_hz=float(frequencies[worst]),
-        bandwidth_hz=_crossing(frequencies, follow - HALF, int(below[0])) if len(below) and below[0] > 0 else None,
+        bandwidth_hz=_crossing(frequencies, follow - HALF, int(below[0]))
+        if len(below) and below[0] > 0
+        else None,
         resonance=float(follow.max()),
     )
 
 
 def _real_crossings(frequencies: FloatArray, loop: ComplexArray) -> list[tuple[float, float]]:
     """Size and frequency [Hz] wherever the loop crosses the negative real axis."""
-    crossed = np.flatnonzero((np.sign(loop.imag[:-1]) != np.sign(loop.imag[1:])) & (loop.real[:-1] < 0.0) & (loop.real[1:] < 0.0))
+    crossed = np.flatnonzero(
+        (np.sign(loop.imag[:-1]) != np.sign(loop.imag[1:]))
+        & (loop.real[:-1] < 0.0)
+        & (loop.real[1:] < 0.0)
+    )
     found = []
     for place in crossed:
         share = float(loop.imag[place] / (loop.imag[place] - loop.imag[place + 1]))
         size = -float(loop.real[place] + share * (loop.real[place + 1] - loop.real[place]))
-        found.append((size, float(frequencies[place] + share * (frequencies[place + 1] - frequencies[place]))))
+        found.append(
+            (
+                size,
+                float(frequencies[place] + share * (frequencies[place + 1] - frequencies[place])),
+            )
+        )
     return found
 
 
@@ -158,7 +191,10 @@ def _phase_margin(frequencies: FloatArray, loop: ComplexArray) -> tuple[float | 
         value = loop[place] + share * (loop[place + 1] - loop[place])
         margin = 180.0 - abs(math.degrees(math.atan2(value.imag, value.real)))
         if best[0] is None or margin < best[0]:
-            best = margin, float(frequencies[place] + share * (frequencies[place + 1] - frequencies[place]))
+            best = (
+                margin,
+                float(frequencies[place] + share * (frequencies[place + 1] - frequencies[place])),
+            )
     return best
 
 

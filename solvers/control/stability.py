@@ -1,4 +1,6 @@
-"""Poles of a machine under control: which grow, whose loop makes them, and how much gain would be stable."""
+"""Poles of a machine under control: which grow, whose loop makes them, and how much gain would be
+stable.
+"""
 
 import dataclasses
 import math
@@ -17,14 +19,16 @@ from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
 GROWING = 1e-9  # a real part below this share of a pole's size is roundoff
-AT_REST = 1e-7  # poles below this share of the machine's fastest are at rest: free bodies that no drive holds
+# poles below this share of the machine's fastest are at rest: free bodies that no drive holds
+AT_REST = 1e-7
 BISECTIONS = 30
 STEP_DOWN, SMALLEST_SCALE = 0.7, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class LoopPoles:
-    """Poles of a closed loop, rising in size; conjugate pairs stand once, with the pole above the real axis.
+    """Poles of a closed loop, rising in size; conjugate pairs stand once, with the pole above the
+    real axis.
 
     Attributes:
         poles: ``(m,)`` [rad/s].
@@ -33,7 +37,8 @@ class LoopPoles:
         shapes: ``(n, m)`` states of the machine.
         drives: ``(m,)`` the drive whose motor takes or gives most power in each.
         modes: ``(m,)`` the open-loop mode of the machine (free motors) with most energy in each.
-        limit_hz: Beyond this frequency a dead time is not known, and nothing is said of stability; infinite without one.
+        limit_hz: Beyond this frequency a dead time is not known, and nothing is said of stability;
+            infinite without one.
     """
 
     poles: ComplexArray
@@ -46,7 +51,10 @@ class LoopPoles:
 
     def growing(self) -> list[int]:
         """Which poles grow, fastest growth first."""
-        judged = np.flatnonzero((self.poles.real > GROWING * np.abs(self.poles)) & (self.frequencies_hz <= self.limit_hz))
+        judged = np.flatnonzero(
+            (self.poles.real > GROWING * np.abs(self.poles))
+            & (self.frequencies_hz <= self.limit_hz)
+        )
         return [int(index) for index in judged[np.argsort(-self.poles[judged].real)]]
 
 
@@ -56,7 +64,9 @@ def find_loop_poles(loop: ClosedLoop) -> LoopPoles:
     real = np.abs(poles.imag) <= 1e-9 * np.abs(poles)
     floor = AT_REST * float(np.abs(np.linalg.eigvals(loop.plant.a)).max(initial=0.0))
     # a machine that floats has double poles at zero, which rounding splits
-    kept = np.flatnonzero((real | (poles.imag > 0.0)) & (np.abs(poles) > (floor if has_free_motions(loop) else 0.0)))
+    kept = np.flatnonzero(
+        (real | (poles.imag > 0.0)) & (np.abs(poles) > (floor if has_free_motions(loop) else 0.0))
+    )
     kept = kept[np.argsort(np.abs(poles[kept]), kind="stable")]
     poles = np.where(real, poles.real + 0.0j, poles)[kept]
     shapes = vectors[:, kept]
@@ -82,7 +92,10 @@ def dead_time_limit(trains: Sequence[DriveTrain]) -> float:
 
 
 def require_stable(
-    system: SecondOrderSystem, trains: Sequence[DriveTrain], loop: ClosedLoop | None = None, poles: LoopPoles | None = None
+    system: SecondOrderSystem,
+    trains: Sequence[DriveTrain],
+    loop: ClosedLoop | None = None,
+    poles: LoopPoles | None = None,
 ) -> LoopPoles:
     """The poles of a stable loop.
 
@@ -93,7 +106,8 @@ def require_stable(
         poles: Its poles, where they are known.
 
     Raises:
-        UnstableControlError: A pole grows; names its axis, its frequency and the largest stable gain.
+        UnstableControlError: A pole grows; names its axis, its frequency and the largest stable
+            gain.
     """
     loop = loop or close_loops(system, trains)
     poles = poles or find_loop_poles(loop)
@@ -114,9 +128,13 @@ def require_stable(
 
 
 def find_largest_gain(
-    system: SecondOrderSystem, trains: Sequence[DriveTrain], name: str, change: Callable[[AxisControl, float], AxisControl]
+    system: SecondOrderSystem,
+    trains: Sequence[DriveTrain],
+    name: str,
+    change: Callable[[AxisControl, float], AxisControl],
 ) -> float | None:
-    """The largest scale up to one of a drive's gain at which no pole grows, by bisection; None where none was found.
+    """The largest scale up to one of a drive's gain at which no pole grows, by bisection; None
+    where none was found.
 
     Args:
         system: From ``free_motors``.
@@ -128,7 +146,10 @@ def find_largest_gain(
 
     def stable(scale: float) -> bool:
         changed = [
-            dataclasses.replace(train, control=change(train.control, scale)) if train.name == name else train for train in trains
+            dataclasses.replace(train, control=change(train.control, scale))
+            if train.name == name
+            else train
+            for train in trains
         ]
         return not find_loop_poles(close_plant(plant, changed)).growing()
 
@@ -151,18 +172,20 @@ def scale_position_gain(control: AxisControl, scale: float) -> AxisControl:
 
 
 def scale_velocity_gain(control: AxisControl, scale: float) -> AxisControl:
-    """The controller with another velocity gain, and position control that hardly acts: its velocity loop by itself."""
+    """The controller with another velocity gain, and position control that hardly acts: its
+    velocity loop by itself.
+    """
     slow = SMALLEST_SCALE * control.position_gain
-    return dataclasses.replace(control, velocity_gain=scale * control.velocity_gain, position_gain=slow)
+    return dataclasses.replace(
+        control, velocity_gain=scale * control.velocity_gain, position_gain=slow
+    )
 
 
 def _advise(system: SecondOrderSystem, trains: tuple[DriveTrain, ...], train: DriveTrain) -> str:
     gains = train.control
     scale = find_largest_gain(system, trains, train.name, scale_position_gain)
     if scale is not None:
-        return (
-            f"the largest stable kv found is {scale * gains.position_gain:.4g} 1/s, and {gains.position_gain:.4g} 1/s is asked for"
-        )
+        return f"the largest stable kv found is {scale * gains.position_gain:.4g} 1/s, and {gains.position_gain:.4g} 1/s is asked for"
     scale = find_largest_gain(system, trains, train.name, scale_velocity_gain)
     if scale is not None:
         return (

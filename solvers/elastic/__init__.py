@@ -1,1 +1,3 @@
-"""Finite elements and their large sparse systems; all imports of dolfinx, PETSc and UFL. Never small dense systems."""
+"""Finite elements and their large sparse systems; all imports of dolfinx, PETSc and UFL. Never
+small dense systems.
+"""

@@ -1,4 +1,6 @@
-"""Static solves of a component with held dofs, weighted-mean constraints and rigid motions, from one factorisation."""
+"""Static solves of a component with held dofs, weighted-mean constraints and rigid motions, from
+one factorisation.
+"""
 
 from types import TracebackType
 
@@ -13,33 +15,42 @@ from headstock.solvers.errors import ConvergenceError, ModelError
 from headstock.solvers.ranks import max_over_ranks, sum_over_ranks
 
 RIGID_TOLERANCE = 1e-9
-SOLVE_TOLERANCE = 1e-11  # of forces: a Cholesky factorisation leaves some 1e-15 however badly conditioned the stiffness is
+# of forces: a Cholesky factorisation leaves some 1e-15 however badly conditioned the stiffness is
+SOLVE_TOLERANCE = 1e-11
 SOUND_RESIDUAL = 1e-13  # below it a solve is as good as its factorisation
-NEGLIGIBLE_ROUNDOFF = 1e-6  # of the strain energy of soft shapes, below which displacements need no refinement; parts 1:300 or so
-ENERGY_BLIND = float(np.sqrt(np.finfo(float).eps))  # of displacements: energies see the square of what they are off by
+# of the strain energy of soft shapes, below which displacements need no refinement; parts 1:300 or
+# so
+NEGLIGIBLE_ROUNDOFF = 1e-6
+ENERGY_BLIND = float(
+    np.sqrt(np.finfo(float).eps)
+)  # of displacements: energies see the square of what they are off by
 REFINEMENT_STEPS = 5
 
 
 class ConstrainedSolver:
     """Solves ``K u = F + C mu`` with ``C^T u = q`` and held dofs at zero.
 
-    A component that its held dofs leave free to move rigidly is pinned at as many dofs as it has free motions; pins, motions and
-    mean constraints meet in one small dense saddle-point matrix, so that no penalty and no second factorisation is needed and
-    the pins carry no force.
+    A component that its held dofs leave free to move rigidly is pinned at as many dofs as it has
+    free motions; pins, motions and mean constraints meet in one small dense saddle-point matrix, so
+    that no penalty and no second factorisation is needed and the pins carry no force.
 
     Args:
         operators: Stiffness of the component.
         held: ``(3 n_owned,)`` dofs that do not move.
-        constraints: ``(3 n_owned, n_c)`` columns of C, of full column rank on the dofs that are not held.
+        constraints: ``(3 n_owned, n_c)`` columns of C, of full column rank on the dofs that are not
+            held.
 
     Raises:
         ModelError: The constraints leave a rigid motion free.
         ConvergenceError: The factorisation failed.
 
-    Source: Farhat and Geradin (1998) for the pinned pseudo-inverse; Benzi, Golub and Liesen (2005), sec. 5, for the Schur complement.
+    Source: Farhat and Geradin (1998) for the pinned pseudo-inverse; Benzi, Golub and Liesen (2005),
+    sec. 5, for the Schur complement.
     """
 
-    def __init__(self, operators: ElasticOperators, held: BoolArray, constraints: FloatArray) -> None:
+    def __init__(
+        self, operators: ElasticOperators, held: BoolArray, constraints: FloatArray
+    ) -> None:
         self.operators = operators
         self.comm = operators.comm
         self.held = held
@@ -63,32 +74,39 @@ class ConstrainedSolver:
         return sum_over_ranks(self.comm, left.T @ right)
 
     def apply_inverse(self, loads: FloatArray) -> FloatArray:
-        """Displacements ``(3 n_owned, k)`` under loads, with ``C^T u = 0``; not refined: for use inside an eigensolver."""
+        """Displacements ``(3 n_owned, k)`` under loads, with ``C^T u = 0``; not refined: for use
+        inside an eigensolver.
+        """
         return self._solve(loads, np.zeros((self.constraints.shape[1], loads.shape[1])))[0]
 
     def solve(self, loads: FloatArray, targets: FloatArray | None = None) -> FloatArray:
-        """Displacements under loads with ``C^T u = targets``, refined until residual and, in thin parts, displacements are small.
+        """Displacements under loads with ``C^T u = targets``, refined until residual and, in thin
+        parts, displacements are small.
 
-        A residual says little about displacements where the stiffness is badly conditioned. The factors are those of K with its
-        rounding, the residual is that of K less it (``ElasticOperators.apply_stiffness``), so that refinement finds the digits back.
-        Each step leaves what it changed times the rate at which changes fall, at first taken from ``roundoff``; it goes on until that
-        is less than what rounding of the residual can make of displacements (``attainable_change``).
+        A residual says little about displacements where the stiffness is badly conditioned. The
+        factors are those of K with its rounding, the residual is that of K less it
+        (``ElasticOperators.apply_stiffness``), so that refinement finds the digits back. Each step
+        leaves what it changed times the rate at which changes fall, at first taken from
+        ``roundoff``; it goes on until that is less than what rounding of the residual can make of
+        displacements (``attainable_change``).
 
         Args:
             loads: ``(3 n_owned, k)`` [N].
             targets: ``(n_c, k)``; zero when left out.
 
         Raises:
-            ConvergenceError: The residual does not fall below ``SOLVE_TOLERANCE`` of the forces inside the component, or
-                refinement goes on to change the displacements.
+            ConvergenceError: The residual does not fall below ``SOLVE_TOLERANCE`` of the forces
+                inside the component, or refinement goes on to change the displacements.
 
-        Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), sec. 12.1; Demmel et al. (2006), ACM TOMS 32, 325-351,
+        Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), sec. 12.1; Demmel et
+        al. (2006), ACM TOMS 32, 325-351,
             on errors from the rate of refinement.
         """
         if targets is None:
             targets = np.zeros((self.constraints.shape[1], loads.shape[1]))
         result, unconstrained = self._solve(loads, targets)
-        # loads that constraints carry alone leave rounding of the unconstrained displacements, which is not to be refined
+        # loads that constraints carry alone leave rounding of the unconstrained displacements,
+        # which is not to be refined
         reach = max_over_ranks(self.comm, np.abs(unconstrained).max(axis=0, initial=0.0))
         change, left, allowed = 1.0, self.roundoff, NEGLIGIBLE_ROUNDOFF
         for step in range(REFINEMENT_STEPS + 1):
@@ -97,13 +115,27 @@ class ConstrainedSolver:
                 self.largest_residual = max(self.largest_residual, size)
                 return result
             if step < REFINEMENT_STEPS:
-                correction, _ = self._solve(residual, targets - self.product(self.constraints, result))
+                correction, _ = self._solve(
+                    residual, targets - self.product(self.constraints, result)
+                )
                 result = result + correction
-                sizes = [max_over_ranks(self.comm, np.abs(block).max(axis=0, initial=0.0)) for block in (correction, result)]
+                sizes = [
+                    max_over_ranks(self.comm, np.abs(block).max(axis=0, initial=0.0))
+                    for block in (correction, result)
+                ]
                 scale = np.maximum(np.maximum(sizes[1], reach), np.finfo(float).tiny)
                 before, change = change, float(np.max(sizes[0] / scale, initial=0.0))
-                rate = max(change, self.roundoff) if step == 0 else change / before if before > 0.0 else 0.0
-                left, allowed = change * rate / (1.0 - rate) if rate < 1.0 else np.inf, self.attainable_change
+                rate = (
+                    max(change, self.roundoff)
+                    if step == 0
+                    else change / before
+                    if before > 0.0
+                    else 0.0
+                )
+                left, allowed = (
+                    change * rate / (1.0 - rate) if rate < 1.0 else np.inf,
+                    self.attainable_change,
+                )
         raise ConvergenceError(
             f"a static solve keeps a relative residual of {size:.2g} (allowed {SOLVE_TOLERANCE:g}), and its displacements are off by "
             f"{left:.2g} (its conditioning allows {allowed:.2g}), after {REFINEMENT_STEPS} refinements: the stiffness is too badly "
@@ -115,10 +147,14 @@ class ConstrainedSolver:
     def attainable_change(self) -> float:
         """What rounding of residuals can make of refined displacements, as a share of them."""
         residuals = np.longdouble if self.roundoff > NEGLIGIBLE_ROUNDOFF else np.float64
-        return max(self.roundoff * float(np.finfo(residuals).eps / np.finfo(float).eps), ENERGY_BLIND)
+        return max(
+            self.roundoff * float(np.finfo(residuals).eps / np.finfo(float).eps), ENERGY_BLIND
+        )
 
     def forces(self, displacements: FloatArray) -> FloatArray:
-        """``K u`` of a block ``(3 n_owned, k)``, as precisely as the conditioning of the component calls for."""
+        """``K u`` of a block ``(3 n_owned, k)``, as precisely as the conditioning of the component
+        calls for.
+        """
         if self.roundoff <= NEGLIGIBLE_ROUNDOFF:
             return self.operators.apply_stiffness(displacements)
         return self.operators.apply_stiffness_precisely(displacements)
@@ -130,7 +166,12 @@ class ConstrainedSolver:
     def __enter__(self) -> "ConstrainedSolver":
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
 
     def _solve(self, loads: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -139,13 +180,24 @@ class ConstrainedSolver:
         if not self._saddle.size:
             return plain, plain
         free_loads = np.where(self.held[:, None], 0.0, loads)
-        right = np.vstack([targets - self.product(self.constraints, plain), -self.product(self.motions, free_loads)])
-        small = self._scale[:, None] * scipy.linalg.lu_solve(self._factors, self._scale[:, None] * right)
+        right = np.vstack(
+            [
+                targets - self.product(self.constraints, plain),
+                -self.product(self.motions, free_loads),
+            ]
+        )
+        small = self._scale[:, None] * scipy.linalg.lu_solve(
+            self._factors, self._scale[:, None] * right
+        )
         count = self.constraints.shape[1]
-        return np.asarray(plain + self._lifted @ small[:count] + self.motions @ small[count:]), plain
+        return np.asarray(
+            plain + self._lifted @ small[:count] + self.motions @ small[count:]
+        ), plain
 
     def _soft_roundoff(self) -> float:
-        """Rounding of K as a share of the strain energy of a shape in which what is factorised gives way: its soft modes dominate it."""
+        """Rounding of K as a share of the strain energy of a shape in which what is factorised
+        gives way: its soft modes dominate it.
+        """
         # forces that grow with the square of the distance bend a part, even a free one
         motions = rigid_motions(self.operators)
         arms = (motions[:, 3:].reshape(-1, 3, 3) ** 2).sum(axis=(1, 2))
@@ -168,17 +220,27 @@ class ConstrainedSolver:
         largest = self.operators.stiffness_scale
         reach = max_over_ranks(self.comm, np.abs(result).max(axis=0, initial=0.0))
         size = max_over_ranks(self.comm, np.abs(residual).max(axis=0, initial=0.0))
-        return residual, float(np.max(size / np.maximum(largest * reach + given, np.finfo(float).tiny), initial=0.0))
+        return residual, float(
+            np.max(size / np.maximum(largest * reach + given, np.finfo(float).tiny), initial=0.0)
+        )
 
 
 def rigid_motions(operators: ElasticOperators) -> FloatArray:
-    """The six rigid motions ``(3 n_owned, 6)`` about the mean point, rotations scaled by the component's size to unit length."""
+    """The six rigid motions ``(3 n_owned, 6)`` about the mean point, rotations scaled by the
+    component's size to unit length.
+    """
     center, units = scale_motions(operators)
-    return rigid_map(operators.points, center) * units if len(operators.points) else np.zeros((0, 6))
+    return (
+        rigid_map(operators.points, center) * units if len(operators.points) else np.zeros((0, 6))
+    )
 
 
-def free_combinations(operators: ElasticOperators, held: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Point ``(3,)`` and combinations ``(6, k)`` of the rigid motions about it that move no held dof."""
+def free_combinations(
+    operators: ElasticOperators, held: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Point ``(3,)`` and combinations ``(6, k)`` of the rigid motions about it that move no held
+    dof.
+    """
     center, units = scale_motions(operators)
     motions = rigid_motions(operators)
     blocked = sum_over_ranks(operators.comm, motions[held].T @ motions[held])
@@ -188,7 +250,9 @@ def free_combinations(operators: ElasticOperators, held: BoolArray) -> tuple[Flo
 
 
 def scale_motions(operators: ElasticOperators) -> tuple[FloatArray, FloatArray]:
-    """Mean point ``(3,)``, and what makes unit motions of translations and rotations about it ``(6,)``."""
+    """Mean point ``(3,)``, and what makes unit motions of translations and rotations about it
+    ``(6,)``.
+    """
     comm, points = operators.comm, operators.points
     center = sum_over_ranks(comm, points.sum(axis=0)) / max(operators.total_nodes, 1)
     arms = comm.allreduce(float(((points - center) ** 2).sum()))
@@ -198,19 +262,27 @@ def scale_motions(operators: ElasticOperators) -> tuple[FloatArray, FloatArray]:
 
 def _free_motions(operators: ElasticOperators, held: BoolArray) -> FloatArray:
     center, combinations = free_combinations(operators, held)
-    motions = rigid_map(operators.points, center) @ combinations if len(operators.points) else np.zeros((0, combinations.shape[1]))
+    motions = (
+        rigid_map(operators.points, center) @ combinations
+        if len(operators.points)
+        else np.zeros((0, combinations.shape[1]))
+    )
     return np.where(held[:, None], 0.0, motions)
 
 
 def _choose_pins(motions: FloatArray, operators: ElasticOperators) -> BoolArray:
-    """As many dofs as there are free motions, chosen one after the other where the motions left over are largest."""
+    """As many dofs as there are free motions, chosen one after the other where the motions left
+    over are largest.
+    """
     comm = operators.comm
     pins = np.zeros(len(motions), dtype=bool)
     rest = motions.copy()
     for _ in range(motions.shape[1]):
         sizes = np.einsum("ij,ij->i", rest, rest)
         best = int(np.argmax(sizes)) if len(sizes) else -1
-        value, owner = comm.allreduce((float(sizes[best]) if best >= 0 else -1.0, -comm.rank), op=MPI.MAX)
+        value, owner = comm.allreduce(
+            (float(sizes[best]) if best >= 0 else -1.0, -comm.rank), op=MPI.MAX
+        )
         row = comm.bcast(rest[best] if comm.rank == -owner else None, root=-owner)
         if comm.rank == -owner:
             pins[best] = True
@@ -218,7 +290,9 @@ def _choose_pins(motions: FloatArray, operators: ElasticOperators) -> BoolArray:
     return pins
 
 
-def _factor_saddle(saddle: FloatArray, count: int, rigid: int) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
+def _factor_saddle(
+    saddle: FloatArray, count: int, rigid: int
+) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
     if not saddle.size:
         return np.zeros(0), (saddle, np.zeros(0))
     if rigid:
@@ -227,8 +301,12 @@ def _factor_saddle(saddle: FloatArray, count: int, rigid: int) -> tuple[FloatArr
         singular = np.linalg.svd(coupling / np.where(norms > 0.0, norms, 1.0), compute_uv=False)
         held = int((singular > RIGID_TOLERANCE).sum())
         if held < rigid:
-            raise ModelError(f"{rigid - held} rigid motions of the component are held by no interface and no support")
+            raise ModelError(
+                f"{rigid - held} rigid motions of the component are held by no interface and no support"
+            )
     diagonal = np.abs(np.diag(saddle)).copy()
     typical = np.sqrt(diagonal[:count].max(initial=0.0)) or 1.0
-    scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), typical)
+    scale = np.where(
+        diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), typical
+    )
     return scale, scipy.linalg.lu_factor(scale[:, None] * saddle * scale[None, :])

@@ -1,4 +1,6 @@
-"""How much strain energy finite elements miss: element stresses compared with smooth ones recovered from them."""
+"""How much strain energy finite elements miss: element stresses compared with smooth ones recovered
+from them.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,7 +14,13 @@ from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.meshing.elements.quadratic import straight_cells
 from headstock.meshing.elements.quality import facet_moments, facet_tables
 from headstock.meshing.elements.surface import PLACES, extract_surface
-from headstock.meshing.elements.topology import FACETS, Family, cell_family, cell_order, shape_functions
+from headstock.meshing.elements.topology import (
+    FACETS,
+    Family,
+    cell_family,
+    cell_order,
+    shape_functions,
+)
 from headstock.solvers.elastic.patch_recovery import (
     BLOCK_VALUES,
     COMPONENTS,
@@ -23,22 +31,31 @@ from headstock.solvers.elastic.patch_recovery import (
     stress_operators,
 )
 
-# places where stresses are better than elsewhere in a cell, and rules for the square of what recovery changes
+# places where stresses are better than elsewhere in a cell, and rules for the square of what
+# recovery changes
 SAMPLE_DEGREES = {("tet", 1): 1, ("tet", 2): 2, ("hex", 1): 1, ("hex", 2): 3}
 ENERGY_DEGREES = {("tet", 1): 2, ("tet", 2): 4, ("hex", 1): 3, ("hex", 2): 5}
-# What estimates are multiplied by so that they cover the true errors of 95 numbers in 100, fitted on the parts of `validate coverage`
-# with the first seeds and tried on the others.
-SAFETY: dict[tuple[Family, int], float] = {("tet", 1): 1.8, ("tet", 2): 1.8, ("hex", 1): 1.8, ("hex", 2): 1.8}
-# Flat tetrahedra in walls that they are several times wider than: estimates fall with their width over the thickness
+# What estimates are multiplied by so that they cover the true errors of 95 numbers in 100, fitted
+# on the parts of `validate coverage` with the first seeds and tried on the others.
+SAFETY: dict[tuple[Family, int], float] = {
+    ("tet", 1): 1.8,
+    ("tet", 2): 1.8,
+    ("hex", 1): 1.8,
+    ("hex", 2): 1.8,
+}
+# Flat tetrahedra in walls that they are several times wider than: estimates fall with their width
+# over the thickness
 WIDE, WIDEST = 3.0, 3.0
-# Single hexahedra across a bar, as thick as this share of their longest side: their stresses look smooth whatever they miss
+# Single hexahedra across a bar, as thick as this share of their longest side: their stresses look
+# smooth whatever they miss
 THICK = 0.9
 BLIND_SHARE = 0.5  # of the volume
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeChange:
-    """What stiffness and mass of displacement fields change by where the curved faces of the part lie and not the mesh's facets.
+    """What stiffness and mass of displacement fields change by where the curved faces of the part
+    lie and not the mesh's facets.
 
     Attributes:
         stiffness: ``(k, k)`` symmetric [J for fields in m].
@@ -54,7 +71,8 @@ class MeshErrors:
     """What a mesh makes of displacement fields.
 
     Attributes:
-        missing_energy: ``(k, k)`` energy products of their discretisation errors [J for fields in m].
+        missing_energy: ``(k, k)`` energy products of their discretisation errors [J for fields in
+            m].
         shape: What the part's curved faces change; None where nobody knows where they lie.
     """
 
@@ -74,33 +92,44 @@ def mesh_safety(mesh: ComponentMesh) -> float:
 
 
 def sees_errors(mesh: ComponentMesh) -> bool:
-    """Whether recovery can tell anything: not in a bar with a single thick hexahedron across, which has no neighbours to learn from.
+    """Whether recovery can tell anything: not in a bar with a single thick hexahedron across, which
+    has no neighbours to learn from.
 
-    A polynomial through the samples of a row of cells is that of the cells themselves across the row: the warping of a twisted bar
-    goes unseen. A wall that is flat beside its cells has little of it.
+    A polynomial through the samples of a row of cells is that of the cells themselves across the
+    row: the warping of a twisted bar goes unseen. A wall that is flat beside its cells has little
+    of it.
     """
     if cell_family(mesh.kind) == "tet":
         return True
     faces = np.array(FACETS["hex"])
-    opposite = np.array([[not set(one) & set(other) for other in FACETS["hex"]] for one in FACETS["hex"]]).argmax(axis=1)
+    opposite = np.array(
+        [[not set(one) & set(other) for other in FACETS["hex"]] for one in FACETS["hex"]]
+    ).argmax(axis=1)
     corners = np.sort(mesh.cells[:, faces], axis=2).reshape(-1, 4)
     _, inverse, counts = np.unique(corners, axis=0, return_inverse=True, return_counts=True)
     bare = (counts[inverse.ravel()] == 1).reshape(-1, 6)
     middles = mesh.points[mesh.cells[:, faces]].mean(axis=2)
     spans = np.linalg.norm(middles - middles[:, opposite], axis=2)
     single = bare & bare[:, opposite]
-    thick = (single & (spans >= THICK * spans.max(axis=1, keepdims=True))).any(axis=1) | (single.sum(axis=1) >= 4)
+    thick = (single & (spans >= THICK * spans.max(axis=1, keepdims=True))).any(axis=1) | (
+        single.sum(axis=1) >= 4
+    )
     return float(spans.prod(axis=1)[thick].sum()) <= BLIND_SHARE * float(spans.prod(axis=1).sum())
 
 
 def estimate_mesh_errors(
-    mesh: ComponentMesh, material: Material, displacement: FloatArray, weights: FloatArray | None = None
+    mesh: ComponentMesh,
+    material: Material,
+    displacement: FloatArray,
+    weights: FloatArray | None = None,
 ) -> MeshErrors:
-    """Energy products of the discretisation errors of displacement fields, and what the part's true surface changes.
+    """Energy products of the discretisation errors of displacement fields, and what the part's true
+    surface changes.
 
-    For a field that combines them with weights q, ``q^T E q`` estimates the squared energy norm of its error: what the compliance
-    under its load is too small by, and by what ``omega^2`` of a mass-normalised mode is too large. Energies and masses change by
-    their densities at the surface times the volume between the mesh's facets and the part's faces, to first order in that.
+    For a field that combines them with weights q, ``q^T E q`` estimates the squared energy norm of
+    its error: what the compliance under its load is too small by, and by what ``omega^2`` of a
+    mass-normalised mode is too large. Energies and masses change by their densities at the surface
+    times the volume between the mesh's facets and the part's faces, to first order in that.
 
     Args:
         mesh: The component's mesh.
@@ -111,8 +140,10 @@ def estimate_mesh_errors(
     Returns:
         Symmetric matrices; ``missing_energy`` is positive semidefinite.
 
-    Source: Zienkiewicz and Zhu (1987), Int. J. Numer. Meth. Engng. 24, 337-357; Strang and Fix (1973), ch. 6, for eigenvalues. Choi
-        and Kim (2005), Structural Sensitivity Analysis and Optimization 1, ch. 6, for moved boundaries.
+    Source: Zienkiewicz and Zhu (1987), Int. J. Numer. Meth. Engng. 24, 337-357; Strang and Fix
+    (1973), ch. 6, for eigenvalues. Choi
+        and Kim (2005), Structural Sensitivity Analysis and Optimization 1, ch. 6, for moved
+        boundaries.
     """
     count = displacement.shape[1]
     if count == 0:
@@ -128,7 +159,11 @@ def estimate_mesh_errors(
     energy = np.zeros((count, count))
     places, rule = gauss_places(mesh.kind, ENERGY_DEGREES[key])
     counted = np.ones(len(mesh.cells)) if weights is None else weights
-    change_rule = _change_rule(mesh, samples, places, rule) if straight.any() else np.zeros((0, 0), dtype=np.float32)
+    change_rule = (
+        _change_rule(mesh, samples, places, rule)
+        if straight.any()
+        else np.zeros((0, 0), dtype=np.float32)
+    )
     for cells in _blocks(np.flatnonzero(straight), mesh.cells.shape[1] * taken.shape[2]):
         values = np.concatenate([smooth[mesh.cells[cells]], taken[cells]], axis=1)
         sizes = np.sqrt(_straight_measures(mesh, cells) * counted[cells]).astype(np.float32)
@@ -137,15 +172,24 @@ def estimate_mesh_errors(
     for cells in _blocks(np.flatnonzero(~straight), len(places) * taken.shape[2]):
         found = stress_operators(mesh, material, places, cells)
         sizes = np.sqrt(found.measures * rule * counted[cells, None]).astype(np.float32)
-        change = np.matmul(np.repeat(sizes, COMPONENTS, axis=1)[:, :, None] * found.table, local_motions(mesh, displacement, cells))
+        change = np.matmul(
+            np.repeat(sizes, COMPONENTS, axis=1)[:, :, None] * found.table,
+            local_motions(mesh, displacement, cells),
+        )
         change = change.reshape(len(cells), len(places), -1)
         change -= np.matmul(sizes[:, :, None] * shapes, smooth[mesh.cells[cells]])
         energy += _products(change, count)
-    return MeshErrors(0.5 * (energy + energy.T), _shape_change(mesh, material, displacement, smooth))
+    return MeshErrors(
+        0.5 * (energy + energy.T), _shape_change(mesh, material, displacement, smooth)
+    )
 
 
-def _shape_change(mesh: ComponentMesh, material: Material, displacement: FloatArray, smooth: StressArray) -> ShapeChange | None:
-    """Energy and mass densities at the surface, times the volume between facets and faces, in products of all fields."""
+def _shape_change(
+    mesh: ComponentMesh, material: Material, displacement: FloatArray, smooth: StressArray
+) -> ShapeChange | None:
+    """Energy and mass densities at the surface, times the volume between facets and faces, in
+    products of all fields.
+    """
     if mesh.gaps is None:
         return None
     count = displacement.shape[1]
@@ -155,27 +199,41 @@ def _shape_change(mesh: ComponentMesh, material: Material, displacement: FloatAr
     facets = np.arange(len(mesh.gaps.facets))
     for part in _blocks(facets, len(values) * smooth.shape[1]):
         nodes, weights = mesh.gaps.facets[part], mesh.gaps.volumes[part].ravel()[:, None, None]
-        stresses = np.matmul(values, smooth[nodes].astype(float)).reshape(len(weights), COMPONENTS, count)
+        stresses = np.matmul(values, smooth[nodes].astype(float)).reshape(
+            len(weights), COMPONENTS, count
+        )
         motions = np.matmul(values, moved[nodes]).reshape(len(weights), 3, count)
         stiffness += (weights * stresses).reshape(-1, count).T @ stresses.reshape(-1, count)
-        mass += material.density * (weights * motions).reshape(-1, count).T @ motions.reshape(-1, count)
+        mass += (
+            material.density * (weights * motions).reshape(-1, count).T @ motions.reshape(-1, count)
+        )
     return ShapeChange(0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T))
 
 
-def _sample_stresses(mesh: ComponentMesh, material: Material, displacement: FloatArray, places: FloatArray) -> StressArray:
+def _sample_stresses(
+    mesh: ComponentMesh, material: Material, displacement: FloatArray, places: FloatArray
+) -> StressArray:
     """Stresses ``(n_cells, n_places, 6 k)``; per place and component one value per field."""
-    result = np.empty((len(mesh.cells), len(places), COMPONENTS * displacement.shape[1]), dtype=np.float32)
-    for cells in _blocks(np.arange(len(mesh.cells)), 3 * mesh.cells.shape[1] * displacement.shape[1]):
+    result = np.empty(
+        (len(mesh.cells), len(places), COMPONENTS * displacement.shape[1]), dtype=np.float32
+    )
+    for cells in _blocks(
+        np.arange(len(mesh.cells)), 3 * mesh.cells.shape[1] * displacement.shape[1]
+    ):
         table = stress_operators(mesh, material, places, cells).table
         found = np.matmul(table, local_motions(mesh, displacement, cells))
         result[cells[0] : cells[-1] + 1] = found.reshape(len(cells), *result.shape[1:])
     return result
 
 
-def _change_rule(mesh: ComponentMesh, samples: FloatArray, places: FloatArray, weights: FloatArray) -> StressArray:
-    """What recovery changes in a straight tetrahedron, from nodal values and samples, so that its squares add up to its energy.
+def _change_rule(
+    mesh: ComponentMesh, samples: FloatArray, places: FloatArray, weights: FloatArray
+) -> StressArray:
+    """What recovery changes in a straight tetrahedron, from nodal values and samples, so that its
+    squares add up to its energy.
 
-    There the stress is a polynomial of one order less than the displacement, which its samples determine.
+    There the stress is a polynomial of one order less than the displacement, which its samples
+    determine.
     """
 
     def terms(where: FloatArray) -> FloatArray:
@@ -183,7 +241,9 @@ def _change_rule(mesh: ComponentMesh, samples: FloatArray, places: FloatArray, w
         return constant if cell_order(mesh.kind) == 1 else np.hstack([constant, where])
 
     shapes = shape_functions(mesh.kind, places)
-    rule = np.sqrt(weights)[:, None] * np.hstack([shapes, -terms(places) @ np.linalg.pinv(terms(samples))])
+    rule = np.sqrt(weights)[:, None] * np.hstack(
+        [shapes, -terms(places) @ np.linalg.pinv(terms(samples))]
+    )
     # as many rows as there are nodes hold the same squares
     return np.asarray(np.linalg.qr(rule, mode="r")[: shapes.shape[1]], dtype=np.float32)
 

@@ -1,4 +1,6 @@
-"""Stiffness and mass of a meshed component: linear elasticity with dolfinx, distributed over a communicator."""
+"""Stiffness and mass of a meshed component: linear elasticity with dolfinx, distributed over a
+communicator.
+"""
 
 from dataclasses import dataclass
 
@@ -32,20 +34,25 @@ ROWS_AT_A_TIME = 20_000
 class ElasticOperators:
     """Stiffness and mass of one component, rows distributed over the ranks of a communicator.
 
-    Each rank owns whole nodes. ``(3 n_owned, k)`` blocks of vectors are ordered node by node, x y z.
+    Each rank owns whole nodes. ``(3 n_owned, k)`` blocks of vectors are ordered node by node, x y
+    z.
 
     Attributes:
         comm: Communicator the rows are distributed over.
         nodes: ``(n_owned,)`` mesh point behind each owned node.
         points: ``(n_owned, 3)`` their coordinates [m].
-        stiffness: ``(3 n_owned, 3 n_local)`` in 3 x 3 blocks [N/m]; columns of owned nodes first, then ghosts.
-        scalar_mass: ``(n_owned, n_local)`` mass per direction [kg], or None when nothing dynamic is asked for.
-        column_map: Which node stands behind each column of the matrices, owned ones first (a dolfinx index map).
+        stiffness: ``(3 n_owned, 3 n_local)`` in 3 x 3 blocks [N/m]; columns of owned nodes first,
+            then ghosts.
+        scalar_mass: ``(n_owned, n_local)`` mass per direction [kg], or None when nothing dynamic is
+            asked for.
+        column_map: Which node stands behind each column of the matrices, owned ones first (a
+            dolfinx index map).
         total_nodes: Number of mesh points over all ranks.
         stiffness_scale: Largest entry of the stiffness over all ranks [N/m].
         row_sizes: ``(3 n_owned,)`` sums of the absolute values in each row of the stiffness [N/m].
-        translation_noise: ``(n_owned, 3, 3)`` sums of each row of stiffness blocks [N/m]. A uniform translation causes no force, so
-            these are what rounding left; a thin sheet would feel them like springs to the ground.
+        translation_noise: ``(n_owned, 3, 3)`` sums of each row of stiffness blocks [N/m]. A uniform
+            translation causes no force, so these are what rounding left; a thin sheet would feel
+            them like springs to the ground.
     """
 
     comm: MPI.Comm
@@ -65,7 +72,9 @@ class ElasticOperators:
         return 3 * len(self.nodes)
 
     def apply_stiffness(self, vectors: FloatArray) -> FloatArray:
-        """``K x`` for a block of owned vectors ``(3 n_owned, k)``, less what rounding of K makes of uniform translations."""
+        """``K x`` for a block of owned vectors ``(3 n_owned, k)``, less what rounding of K makes of
+        uniform translations.
+        """
         count = vectors.shape[1]
         if count == 0:
             return np.zeros(vectors.shape)
@@ -74,9 +83,11 @@ class ElasticOperators:
         return forces
 
     def apply_stiffness_precisely(self, vectors: FloatArray) -> FloatArray:
-        """The same with products and sums in extended precision: where forces of a thin part all but cancel, for several times the time.
+        """The same with products and sums in extended precision: where forces of a thin part all
+        but cancel, for several times the time.
 
-        Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), sec. 12.1, on residuals of iterative refinement.
+        Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), sec. 12.1, on
+        residuals of iterative refinement.
         """
         count = vectors.shape[1]
         if count == 0:
@@ -90,20 +101,34 @@ class ElasticOperators:
             pointers = matrix.indptr[first : last + 1]
             entries = slice(pointers[0], pointers[-1])
             rows = scipy.sparse.bsr_matrix(
-                (matrix.data[entries].astype(np.longdouble), matrix.indices[entries], pointers - pointers[0]),
+                (
+                    matrix.data[entries].astype(np.longdouble),
+                    matrix.indices[entries],
+                    pointers - pointers[0],
+                ),
                 shape=(3 * (last - first), matrix.shape[1]),
             )
-            forces[first:last] = (rows @ whole).reshape(-1, 3, count) - self.translation_noise[first:last] @ own[first:last]
+            forces[first:last] = (rows @ whole).reshape(-1, 3, count) - self.translation_noise[
+                first:last
+            ] @ own[first:last]
         return forces.reshape(vectors.shape)
 
     def energy_roundoff(self, vectors: FloatArray) -> FloatArray:
-        """What rounding can make of ``x^T K x`` for each column of ``(3 n_owned, k)``: at most ``eps |x|^T |K| |x|`` (Gershgorin)."""
-        return np.asarray(np.finfo(float).eps * sum_over_ranks(self.comm, self.row_sizes @ vectors**2))
+        """What rounding can make of ``x^T K x`` for each column of ``(3 n_owned, k)``: at most
+        ``eps |x|^T |K| |x|`` (Gershgorin).
+        """
+        return np.asarray(
+            np.finfo(float).eps * sum_over_ranks(self.comm, self.row_sizes @ vectors**2)
+        )
 
     def apply_mass(self, vectors: FloatArray) -> FloatArray:
-        """``M x`` for a block of owned vectors ``(3 n_owned, k)``; the mass acts alike in x, y and z."""
+        """``M x`` for a block of owned vectors ``(3 n_owned, k)``; the mass acts alike in x, y and
+        z.
+        """
         if self.scalar_mass is None:
-            raise AccuracyError("the mass matrix was not assembled, yet a dynamic quantity was asked for")
+            raise AccuracyError(
+                "the mass matrix was not assembled, yet a dynamic quantity was asked for"
+            )
         count = vectors.shape[1]
         if count == 0:
             return np.zeros(vectors.shape)
@@ -120,7 +145,9 @@ class ElasticOperators:
         return np.array(buffer.array).reshape(-1, count)
 
 
-def assemble_elasticity(mesh: ComponentMesh, material: Material, *, comm: MPI.Comm, with_mass: bool) -> ElasticOperators:
+def assemble_elasticity(
+    mesh: ComponentMesh, material: Material, *, comm: MPI.Comm, with_mass: bool
+) -> ElasticOperators:
     """Stiffness and, when asked for, mass of a component.
 
     Args:
@@ -139,7 +166,9 @@ def assemble_elasticity(mesh: ComponentMesh, material: Material, *, comm: MPI.Co
     space = fem.functionspace(domain, basix.ufl.element("Lagrange", shape, order, shape=(3,)))
     scalar = fem.functionspace(domain, basix.ufl.element("Lagrange", shape, order))
     if not np.array_equal(space.dofmap.list, scalar.dofmap.list):
-        raise AccuracyError("vector and scalar dofs are numbered differently; the scalar mass cannot serve the displacement")
+        raise AccuracyError(
+            "vector and scalar dofs are numbered differently; the scalar mass cannot serve the displacement"
+        )
     node_map = space.dofmap.index_map
     owned = node_map.size_local
     nodes = np.full(owned + node_map.num_ghosts, -1, dtype=np.int64)
@@ -177,7 +206,9 @@ def _distribute_mesh(mesh: ComponentMesh, comm: MPI.Comm) -> tuple[dolfinx.mesh.
         points, geometry_cells, geometry_order = mesh.points, cells, order
     low, high = (len(points) * np.array([comm.rank, comm.rank + 1])) // comm.size
     element = basix.ufl.element("Lagrange", shape, geometry_order, shape=(3,))
-    domain = dolfinx.mesh.create_mesh(comm, geometry_cells[first:last].astype(np.int64), points[low:high], element)
+    domain = dolfinx.mesh.create_mesh(
+        comm, geometry_cells[first:last].astype(np.int64), points[low:high], element
+    )
     return domain, cells
 
 
@@ -190,25 +221,35 @@ def _assemble_stiffness(
     lame = fem.Constant(space.mesh, young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)))
     strain_u, strain_v = ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v))
     stress = 2.0 * shear * strain_u + lame * ufl.tr(strain_u) * ufl.Identity(3)
-    form = compile_form(ufl.inner(stress, strain_v) * ufl.dx(metadata={"quadrature_degree": degree}), space.mesh.comm)
+    form = compile_form(
+        ufl.inner(stress, strain_v) * ufl.dx(metadata={"quadrature_degree": degree}),
+        space.mesh.comm,
+    )
     matrix = fem.create_matrix(form, block_mode=la.BlockMode.compact)
     fem.assemble_matrix(matrix, form)
     matrix.scatter_reverse()
-    # the sparsity pattern may hold more ghosts than the space, so the columns have a map of their own
+    # the sparsity pattern may hold more ghosts than the space, so the columns have a map of their
+    # own
     return _owned_rows(matrix, 3), matrix.index_map(1)
 
 
-def _assemble_mass(space: fem.FunctionSpace, material: Material, degree: int) -> scipy.sparse.csr_matrix:
+def _assemble_mass(
+    space: fem.FunctionSpace, material: Material, degree: int
+) -> scipy.sparse.csr_matrix:
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     density = fem.Constant(space.mesh, float(material.density))
-    form = compile_form(density * u * v * ufl.dx(metadata={"quadrature_degree": degree}), space.mesh.comm)
+    form = compile_form(
+        density * u * v * ufl.dx(metadata={"quadrature_degree": degree}), space.mesh.comm
+    )
     matrix = fem.create_matrix(form)
     fem.assemble_matrix(matrix, form)
     matrix.scatter_reverse()
     return _owned_rows(matrix, 1)
 
 
-def _owned_rows(matrix: la.MatrixCSR, block: int) -> scipy.sparse.bsr_matrix | scipy.sparse.csr_matrix:
+def _owned_rows(
+    matrix: la.MatrixCSR, block: int
+) -> scipy.sparse.bsr_matrix | scipy.sparse.csr_matrix:
     rows = matrix.index_map(0).size_local
     columns = matrix.index_map(1).size_local + matrix.index_map(1).num_ghosts
     # copies: the arrays of a dolfinx matrix die with it
@@ -216,18 +257,25 @@ def _owned_rows(matrix: la.MatrixCSR, block: int) -> scipy.sparse.bsr_matrix | s
     entries = pointers[-1]
     indices = np.array(matrix.indices[:entries])
     if block == 1:
-        return scipy.sparse.csr_matrix((matrix.data[:entries].copy(), indices, pointers), shape=(rows, columns))
+        return scipy.sparse.csr_matrix(
+            (matrix.data[:entries].copy(), indices, pointers), shape=(rows, columns)
+        )
     data = matrix.data[: entries * block * block].reshape(-1, block, block).copy()
     return scipy.sparse.bsr_matrix((data, indices, pointers), shape=(block * rows, block * columns))
 
 
 def _measure_rows(stiffness: scipy.sparse.bsr_matrix) -> tuple[FloatArray, FloatArray]:
-    """Sums of absolute values by row ``(3 n_owned,)``, and symmetric sums of blocks by row of blocks ``(n_owned, 3, 3)``."""
+    """Sums of absolute values by row ``(3 n_owned,)``, and symmetric sums of blocks by row of
+    blocks ``(n_owned, 3, 3)``.
+    """
     pointers, rows = stiffness.indptr, len(stiffness.indptr) - 1
     sizes, sums = np.zeros((rows, 3)), np.zeros((rows, 3, 3))
     for first in range(0, rows, ROWS_AT_A_TIME):
         last = min(first + ROWS_AT_A_TIME, rows)
-        starts, data = pointers[first:last] - pointers[first], stiffness.data[pointers[first] : pointers[last]]
+        starts, data = (
+            pointers[first:last] - pointers[first],
+            stiffness.data[pointers[first] : pointers[last]],
+        )
         sizes[first:last] = np.add.reduceat(np.abs(data).sum(axis=2), starts)
         # in double precision this sum would itself round by as much as it is to find
         sums[first:last] = np.add.reduceat(data.astype(np.longdouble), starts)
@@ -252,9 +300,13 @@ def _check_operators(operators: ElasticOperators, mesh: ComponentMesh, material:
     scale = operators.stiffness_scale
     image = comm.allreduce(float(np.abs(operators.translation_noise).max(initial=0.0)), op=MPI.MAX)
     if not np.isfinite(image) or image > 1e-9 * scale:
-        raise AccuracyError(f"a rigid translation causes forces: {image:.3g} N/m against a largest stiffness of {scale:.3g} N/m")
+        raise AccuracyError(
+            f"a rigid translation causes forces: {image:.3g} N/m against a largest stiffness of {scale:.3g} N/m"
+        )
     if operators.scalar_mass is not None:
         mass = comm.allreduce(float(operators.scalar_mass.sum()), op=MPI.SUM)
         expected = material.density * mesh.quality.volume
         if not abs(mass - expected) < 1e-8 * expected:
-            raise AccuracyError(f"the assembled mass is {mass:.12g} kg, density times mesh volume {expected:.12g} kg")
+            raise AccuracyError(
+                f"the assembled mass is {mass:.12g} kg, density times mesh volume {expected:.12g} kg"
+            )

@@ -1,4 +1,6 @@
-"""Sparse Cholesky factorisation of a component's stiffness with fixed dofs, ordered by METIS where it is there: factor once, solve many."""
+"""Sparse Cholesky factorisation of a component's stiffness with fixed dofs, ordered by METIS where
+it is there: factor once, solve many.
+"""
 
 import ctypes
 import ctypes.util
@@ -26,14 +28,15 @@ MUMPS_OUT_OF_MEMORY = (-5, -7, -13)
 MUMPS_OPTIONS = {"mat_mumps_icntl_14": 60, "mat_mumps_icntl_24": 0}
 # every factor as L L^T: a simplicial L D L^T would take an indefinite matrix without a word
 CHOLMOD_OPTIONS = {"mat_cholmod_supernodal_switch": 0, "mat_cholmod_print": 0}
-# 4 is PORD, by far the best ordering in builds without METIS; but where all dofs meet in one element, PORD ends the process,
-# so small matrices get 0, approximate minimum degree
+# 4 is PORD, by far the best ordering in builds without METIS; but where all dofs meet in one
+# element, PORD ends the process, so small matrices get 0, approximate minimum degree
 PORD, MINIMUM_DEGREE = 4, 0
 SMALL_MATRIX = 2000
 
 
 def dissect_nodes(pattern: scipy.sparse.spmatrix) -> IntArray32 | None:
-    """Order in which to eliminate the nodes of a symmetric pattern, or None where METIS is missing or gives no order.
+    """Order in which to eliminate the nodes of a symmetric pattern, or None where METIS is missing
+    or gives no order.
 
     On the graph of nodes this takes a tenth of the time of an order of dofs, and is as good.
 
@@ -49,19 +52,24 @@ def dissect_nodes(pattern: scipy.sparse.spmatrix) -> IntArray32 | None:
     rows = np.repeat(np.arange(count, dtype=np.int32), np.diff(pattern.indptr))
     beside = rows != pattern.indices
     neighbours = np.ascontiguousarray(pattern.indices[beside], dtype=np.int32)
-    pointers = np.concatenate([[0], np.cumsum(np.bincount(rows[beside], minlength=count))]).astype(np.int32)
+    pointers = np.concatenate([[0], np.cumsum(np.bincount(rows[beside], minlength=count))]).astype(
+        np.int32
+    )
     options = np.zeros(METIS_OPTIONS, dtype=np.int32)
     order, place = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
     library.METIS_SetDefaultOptions(_pointer(options))
     size = ctypes.byref(ctypes.c_int32(count))
-    status = library.METIS_NodeND(size, *map(_pointer, (pointers, neighbours)), None, *map(_pointer, (options, order, place)))
+    status = library.METIS_NodeND(
+        size, *map(_pointer, (pointers, neighbours)), None, *map(_pointer, (options, order, place))
+    )
     return order if status == METIS_OK else None
 
 
 def _load_metis() -> ctypes.CDLL | None:
     """METIS with 32-bit indices; None when there is none.
 
-    The widths of its integers cannot be asked for: with 64-bit ones the default options, all -1, would fill twice the space.
+    The widths of its integers cannot be asked for: with 64-bit ones the default options, all -1,
+    would fill twice the space.
     """
     name = ctypes.util.find_library("metis") or "libmetis.so.5"
     try:
@@ -80,8 +88,8 @@ def _pointer(array: IntArray32) -> ctypes.c_void_p:
 class Factorization:
     """Cholesky factors of ``K_ff``, the stiffness between the dofs that are not held.
 
-    Collective over the operators' communicator. Blocks of vectors span all owned dofs ``(3 n_owned, k)``; entries on held
-    dofs are ignored in right-hand sides and zero in solutions.
+    Collective over the operators' communicator. Blocks of vectors span all owned dofs ``(3 n_owned,
+    k)``; entries on held dofs are ignored in right-hand sides and zero in solutions.
 
     Args:
         operators: Stiffness of the component.
@@ -102,7 +110,9 @@ class Factorization:
             self._factor = _factorize(self._matrix, self._comm, ordered=self._ordered)
 
     def solve(self, loads: FloatArray) -> FloatArray:
-        """Displacements ``(3 n_owned, k)`` under loads ``(3 n_owned, k)``: ``K_ff u_f = F_f``, held dofs zero."""
+        """Displacements ``(3 n_owned, k)`` under loads ``(3 n_owned, k)``: ``K_ff u_f = F_f``, held
+        dofs zero.
+        """
         result = np.zeros(loads.shape)
         if self._factor is None or loads.shape[1] == 0:
             return result
@@ -119,7 +129,9 @@ class Factorization:
         given.destroy()
         found.destroy()
         if not np.isfinite(self._comm.allreduce(float(np.abs(result).sum()))):
-            raise ConvergenceError("the factorised stiffness returned values that are not finite: the component is held too weakly")
+            raise ConvergenceError(
+                "the factorised stiffness returned values that are not finite: the component is held too weakly"
+            )
         return result
 
     def close(self) -> None:
@@ -132,32 +144,49 @@ class Factorization:
     def __enter__(self) -> "Factorization":
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
 
 
 def free_block(
-    operators: ElasticOperators, held: BoolArray, matrix: scipy.sparse.spmatrix, *, order: NDArray[np.int64] | None = None
+    operators: ElasticOperators,
+    held: BoolArray,
+    matrix: scipy.sparse.spmatrix,
+    *,
+    order: NDArray[np.int64] | None = None,
 ) -> PETSc.Mat:
-    """Upper triangle, between the dofs that are not held, of a matrix distributed like the stiffness; the caller destroys it.
+    """Upper triangle, between the dofs that are not held, of a matrix distributed like the
+    stiffness; the caller destroys it.
 
     Args:
         operators: How rows and columns are distributed.
         held: ``(3 n_owned,)`` dofs to leave out.
         matrix: ``(3 n_owned, 3 n_local)`` symmetric over all ranks.
-        order: The owned dofs that are not held, as they are to follow each other; rising when left out.
+        order: The owned dofs that are not held, as they are to follow each other; rising when left
+            out.
     """
     comm = operators.comm
     free = np.flatnonzero(~held) if order is None else order
     total = int(comm.allreduce(len(free)))
-    upper = _upper_rows(scipy.sparse.bsr_matrix(matrix, blocksize=(3, 3)), free, _free_numbers(operators, held, free))
+    upper = _upper_rows(
+        scipy.sparse.bsr_matrix(matrix, blocksize=(3, 3)),
+        free,
+        _free_numbers(operators, held, free),
+    )
     csr = (upper.indptr, upper.indices, upper.data)
     block = PETSc.Mat().createSBAIJ(((len(free), total), (len(free), total)), 1, csr=csr, comm=comm)
     block.assemble()
     return block
 
 
-def _free_numbers(operators: ElasticOperators, held: BoolArray, free: NDArray[np.int64]) -> NDArray[np.int32]:
+def _free_numbers(
+    operators: ElasticOperators, held: BoolArray, free: NDArray[np.int64]
+) -> NDArray[np.int32]:
     """Number over all ranks of each local dof among those that are not held; -1 for held ones."""
     comm: Any = operators.comm  # mpi4py's types leave out exscan
     offset = int(comm.exscan(len(free)) or 0)
@@ -169,14 +198,20 @@ def _free_numbers(operators: ElasticOperators, held: BoolArray, free: NDArray[np
     return np.array(numbers.array)
 
 
-def _upper_rows(matrix: scipy.sparse.bsr_matrix, free: NDArray[np.int64], numbers: NDArray[np.int32]) -> scipy.sparse.csr_matrix:
+def _upper_rows(
+    matrix: scipy.sparse.bsr_matrix, free: NDArray[np.int64], numbers: NDArray[np.int32]
+) -> scipy.sparse.csr_matrix:
     """Rows of free dofs and columns at or above the diagonal, columns sorted."""
     nodes = numbers.reshape(-1, 3)
-    lowest = np.where(nodes >= 0, nodes, np.iinfo(np.int32).max).min(axis=1)[: len(matrix.indptr) - 1]
+    lowest = np.where(nodes >= 0, nodes, np.iinfo(np.int32).max).min(axis=1)[
+        : len(matrix.indptr) - 1
+    ]
     # whole blocks first: half of them lie below the diagonal
     above = nodes.max(axis=1)[matrix.indices] >= np.repeat(lowest, np.diff(matrix.indptr))
     pointers = np.concatenate([[0], np.cumsum(above)]).astype(PETSc.IntType)[matrix.indptr]
-    rows = scipy.sparse.bsr_matrix((matrix.data[above], matrix.indices[above], pointers), shape=matrix.shape).tocsr()[free]
+    rows = scipy.sparse.bsr_matrix(
+        (matrix.data[above], matrix.indices[above], pointers), shape=matrix.shape
+    ).tocsr()[free]
     columns = numbers[rows.indices]
     above = columns >= np.repeat(numbers[free], np.diff(rows.indptr))
     pointers = np.concatenate([[0], np.cumsum(above)]).astype(PETSc.IntType)[rows.indptr]
@@ -186,13 +221,16 @@ def _upper_rows(matrix: scipy.sparse.bsr_matrix, free: NDArray[np.int64], number
     return upper
 
 
-def _elimination_order(operators: ElasticOperators, held: BoolArray) -> tuple[NDArray[np.int64], bool]:
+def _elimination_order(
+    operators: ElasticOperators, held: BoolArray
+) -> tuple[NDArray[np.int64], bool]:
     """Dofs that are not held, and whether they come in a good order for a factorisation already."""
     if operators.comm.size == 1 and _has_cholmod():
         stiffness = operators.stiffness
         count = len(held) // 3
         graph = scipy.sparse.csr_matrix(
-            (np.ones(len(stiffness.indices), dtype=np.int8), stiffness.indices, stiffness.indptr), (count, count)
+            (np.ones(len(stiffness.indices), dtype=np.int8), stiffness.indices, stiffness.indptr),
+            (count, count),
         )
         nodes = np.flatnonzero(~held.reshape(-1, 3).all(axis=1))
         order = dissect_nodes(graph[nodes][:, nodes])
@@ -212,31 +250,48 @@ def ordering_option(matrix: PETSc.Mat) -> dict[str, int]:
 
 
 def _factorize(matrix: PETSc.Mat, comm: MPI.Comm, *, ordered: bool) -> PETSc.Mat:
-    """Cholesky factor of a matrix, which is used up: CHOLMOD on one rank, MUMPS on several and where CHOLMOD gives up."""
+    """Cholesky factor of a matrix, which is used up: CHOLMOD on one rank, MUMPS on several and
+    where CHOLMOD gives up.
+    """
     if comm.size == 1 and _has_cholmod():
         try:
-            return _factorize_with("cholmod", matrix, CHOLMOD_OPTIONS | {"mat_cholmod_nmethods": int(ordered)}, given=ordered)
+            return _factorize_with(
+                "cholmod",
+                matrix,
+                CHOLMOD_OPTIONS | {"mat_cholmod_nmethods": int(ordered)},
+                given=ordered,
+            )
         except PETSc.Error:
-            # not positive definite, or more than 2^31 factor entries: MUMPS takes these, and its message names the reason
+            # not positive definite, or more than 2^31 factor entries: MUMPS takes these, and its
+            # message names the reason
             pass
     try:
         factor = _factorize_with("mumps", matrix, MUMPS_OPTIONS | ordering_option(matrix))
     except PETSc.Error as error:
         if lacks_memory(error):
-            raise out_of_memory(f"the factorisation of a stiffness with {matrix.getSize()[0]} dofs") from error
-        raise ConvergenceError(f"factorisation of a stiffness with {matrix.getSize()[0]} dofs failed: {error}") from error
+            raise out_of_memory(
+                f"the factorisation of a stiffness with {matrix.getSize()[0]} dofs"
+            ) from error
+        raise ConvergenceError(
+            f"factorisation of a stiffness with {matrix.getSize()[0]} dofs failed: {error}"
+        ) from error
     status = factor.getMumpsInfog(1)
     if status in MUMPS_OUT_OF_MEMORY:
         raise out_of_memory(f"the factorisation of a stiffness with {matrix.getSize()[0]} dofs")
     if status < 0:
-        reason = {-9: "workspace too small", -10: "numerically singular", -40: "not positive definite"}
+        reason = {
+            -9: "workspace too small",
+            -10: "numerically singular",
+            -40: "not positive definite",
+        }
         raise ConvergenceError(
             f"factorisation of a stiffness with {matrix.getSize()[0]} dofs failed: {reason.get(status, 'MUMPS INFOG(1)')} "
             f"({status}); check that the component is held and its elements are sound"
         )
     negative = factor.getMumpsInfog(12)
     if negative:
-        # MUMPS takes an indefinite matrix as a positive definite one without a word, but counts its negative pivots
+        # MUMPS takes an indefinite matrix as a positive definite one without a word, but counts its
+        # negative pivots
         raise ConvergenceError(
             f"a stiffness with {matrix.getSize()[0]} dofs is not positive definite: {negative} negative pivot(s); check that the "
             "component is held and its elements are sound"
@@ -244,7 +299,9 @@ def _factorize(matrix: PETSc.Mat, comm: MPI.Comm, *, ordered: bool) -> PETSc.Mat
     return factor
 
 
-def _factorize_with(package: str, matrix: PETSc.Mat, settings: Mapping[str, int], *, given: bool = False) -> PETSc.Mat:
+def _factorize_with(
+    package: str, matrix: PETSc.Mat, settings: Mapping[str, int], *, given: bool = False
+) -> PETSc.Mat:
     pc = PETSc.PC().create(matrix.getComm())
     pc.setOptionsPrefix("headstock_")
     options = PETSc.Options("headstock_")

@@ -1,4 +1,6 @@
-"""Compiled forms: kept in the user's cache folder, from our own sources only, and safe against processes killed while compiling."""
+"""Compiled forms: kept in the user's cache folder, from our own sources only, and safe against
+processes killed while compiling.
+"""
 
 import contextlib
 import fcntl
@@ -26,8 +28,8 @@ LOCK_FILE = ".lock"
 def compile_form(form: ufl.Form, comm: MPI.Comm) -> fem.Form:
     """Compile a form on rank 0 and load it everywhere; collective.
 
-    Every option is given here: dolfinx and ffcx would otherwise take compiler arguments and libraries from files in the working
-    folder.
+    Every option is given here: dolfinx and ffcx would otherwise take compiler arguments and
+    libraries from files in the working folder.
 
     Args:
         form: A UFL form over a mesh of the communicator.
@@ -37,7 +39,8 @@ def compile_form(form: ufl.Form, comm: MPI.Comm) -> fem.Form:
         The compiled dolfinx form.
 
     Raises:
-        CompileError: There is no C compiler, no room for its files, or others may write where compiled code is kept.
+        CompileError: There is no C compiler, no room for its files, or others may write where
+            compiled code is kept.
     """
     folder = form_cache_folder()
     options = {
@@ -56,7 +59,8 @@ def compile_form(form: ufl.Form, comm: MPI.Comm) -> fem.Form:
             if lacks_memory(error):
                 raise out_of_memory("the compiler of a form") from error
             places = ", ".join(
-                f"{place}: {shutil.disk_usage(place).free / 1e6:.0f} MB free" for place in (folder, tempfile.gettempdir())
+                f"{place}: {shutil.disk_usage(place).free / 1e6:.0f} MB free"
+                for place in (folder, tempfile.gettempdir())
             )
             raise CompileError(
                 f"a form could not be compiled: {error} ({places}); see that there is room and a C compiler"
@@ -70,7 +74,8 @@ def form_cache_folder() -> Path:
 
 
 def clear_unfinished(folder: Path) -> None:
-    """Remove what a killed process left half compiled: ffcx would wait for it and then give up, in every later run.
+    """Remove what a killed process left half compiled: ffcx would wait for it and then give up, in
+    every later run.
 
     Only for the holder of the folder's lock, when nobody else compiles.
     """
@@ -81,7 +86,8 @@ def clear_unfinished(folder: Path) -> None:
 
 
 def require_private(folder: Path) -> None:
-    """Check that nobody but this account and root owns or may write a folder whose files are run, or a folder on the way to it.
+    """Check that nobody but this account and root owns or may write a folder whose files are run,
+    or a folder on the way to it.
 
     Raises:
         CompileError: Somebody else may; names the folder and what to do.
@@ -106,7 +112,9 @@ def require_private(folder: Path) -> None:
 
 
 def _looks_unmapped(uid: int) -> bool:
-    """In a user namespace all accounts without a number of their own there, root among them, look like this one."""
+    """In a user namespace all accounts without a number of their own there, root among them, look
+    like this one.
+    """
     whole = Path("/proc/self/uid_map").read_text().split()[-1] == str(2**32 - 1)
     return not whole and uid == int(Path("/proc/sys/kernel/overflowuid").read_text())
 
@@ -114,7 +122,9 @@ def _looks_unmapped(uid: int) -> bool:
 def _is_own_group(gid: int) -> bool:
     """A group of the account's own name has no other members where accounts get one each."""
     try:
-        return gid == os.getegid() and grp.getgrgid(gid).gr_name == pwd.getpwuid(os.geteuid()).pw_name
+        return (
+            gid == os.getegid() and grp.getgrgid(gid).gr_name == pwd.getpwuid(os.geteuid()).pw_name
+        )
     except KeyError:
         return False
 

@@ -1,6 +1,8 @@
-"""Stresses of the elements, and continuous ones recovered from them by superconvergent patch recovery (Zienkiewicz and Zhu 1992).
+"""Stresses of the elements, and continuous ones recovered from them by superconvergent patch
+recovery (Zienkiewicz and Zhu 1992).
 
-Stresses are those of many displacement fields at once, scaled so that half their square is the density of strain energy.
+Stresses are those of many displacement fields at once, scaled so that half their square is the
+density of strain energy.
 """
 
 from collections.abc import Iterator
@@ -28,9 +30,12 @@ from headstock.meshing.elements.topology import (
 StressArray = NDArray[np.float32]
 SHEAR_PAIRS = ((1, 2), (0, 2), (0, 1))
 COMPONENTS = 6
-# A fit to hardly more samples than coefficients swings between them: a column of single tetrahedra came out fifteen times too bad
-# with half as many again, and right with three times as many.
-SAMPLES_PER_COEFFICIENT = {"tet": 3.0, "hex": 1.1}  # brick patches lie in rows: four cells of a face determine products
+# A fit to hardly more samples than coefficients swings between them: a column of single tetrahedra
+# came out fifteen times too bad with half as many again, and right with three times as many.
+SAMPLES_PER_COEFFICIENT = {
+    "tet": 3.0,
+    "hex": 1.1,
+}  # brick patches lie in rows: four cells of a face determine products
 LARGEST_RINGS = 3
 DEPENDENT = 1e-9  # share of a monomial's square that must be new to the samples of a patch
 BLOCK_VALUES = 2_000_000  # of samples that are at work at a time
@@ -53,16 +58,22 @@ class StressOperators:
 def gauss_places(kind: CellKind, degree: int) -> tuple[FloatArray, FloatArray]:
     """Reference places ``(n, 3)`` and weights ``(n,)`` of a rule that is exact up to a degree."""
     simplex = cell_family(kind) == "tet"
-    places, weights = basix.make_quadrature(basix.CellType.tetrahedron if simplex else basix.CellType.hexahedron, degree)
+    places, weights = basix.make_quadrature(
+        basix.CellType.tetrahedron if simplex else basix.CellType.hexahedron, degree
+    )
     # gmsh's reference hexahedron reaches from -1 to 1
     return (places, weights) if simplex else (2.0 * places - 1.0, 8.0 * weights)
 
 
-def stress_operators(mesh: ComponentMesh, material: Material, places: FloatArray, cells: IntArray) -> StressOperators:
-    """Operators to stresses at reference places of cells, in coordinates in which the strain energy is half the sum of squares.
+def stress_operators(
+    mesh: ComponentMesh, material: Material, places: FloatArray, cells: IntArray
+) -> StressOperators:
+    """Operators to stresses at reference places of cells, in coordinates in which the strain energy
+    is half the sum of squares.
 
-    With deviator s and pressure p of a stress the components are s / sqrt(2 G) and p / sqrt(K) spread evenly over the diagonal, so
-    that any two fields have the energy product ``sum(values_a * values_b)`` per volume.
+    With deviator s and pressure p of a stress the components are s / sqrt(2 G) and p / sqrt(K)
+    spread evenly over the diagonal, so that any two fields have the energy product ``sum(values_a *
+    values_b)`` per volume.
 
     Args:
         mesh: The component's mesh.
@@ -73,18 +84,24 @@ def stress_operators(mesh: ComponentMesh, material: Material, places: FloatArray
     nodes = mesh.cells[cells]
     gradients = shape_gradients(mesh.kind, places)
     spots, width = len(places), nodes.shape[1]
-    jacobians = np.matmul(gradients.transpose(1, 0, 2).reshape(3 * spots, width), mesh.points[nodes])
+    jacobians = np.matmul(
+        gradients.transpose(1, 0, 2).reshape(3 * spots, width), mesh.points[nodes]
+    )
     inverse, measures = _invert(jacobians.reshape(len(nodes), spots, 3, 3))
-    # one long product per place: rows are cells, stress components and directions of the displacement
+    # one long product per place: rows are cells, stress components and directions of the
+    # displacement
     turned = np.tensordot(_stress_law(material), inverse, (2, 2)).transpose(3, 2, 0, 1, 4)
     turned = turned.reshape(spots, -1, 3).astype(np.float32)
     table = np.matmul(turned, gradients.transpose(1, 0, 2).astype(np.float32))
     table = table.reshape(spots, len(nodes), COMPONENTS, 3 * width).swapaxes(0, 1)
-    return StressOperators(table.reshape(len(nodes), COMPONENTS * spots, 3 * width), np.abs(measures))
+    return StressOperators(
+        table.reshape(len(nodes), COMPONENTS * spots, 3 * width), np.abs(measures)
+    )
 
 
 def local_motions(mesh: ComponentMesh, displacement: FloatArray, cells: IntArray) -> StressArray:
-    """Displacements of the nodes of cells against the first of each, ``(n_cells, 3 n_nodes, k)`` in the order of the operators.
+    """Displacements of the nodes of cells against the first of each, ``(n_cells, 3 n_nodes, k)`` in
+    the order of the operators.
 
     Args:
         mesh: The component's mesh.
@@ -94,7 +111,8 @@ def local_motions(mesh: ComponentMesh, displacement: FloatArray, cells: IntArray
     nodes = mesh.cells[cells]
     dofs = 3 * nodes[:, None, :] + np.arange(3)[:, None]
     moved = displacement[dofs]
-    # taken in double precision: what is common to a cell would eat the digits that its strain is made of
+    # taken in double precision: what is common to a cell would eat the digits that its strain is
+    # made of
     result = np.empty(moved.shape, dtype=np.float32)
     np.subtract(moved, moved[:, :, :1], out=result, casting="same_kind")
     return result.reshape(len(nodes), -1, displacement.shape[1])
@@ -112,31 +130,41 @@ class _Lists:
         return np.diff(self.starts)
 
     def table(self, rows: IntArray) -> tuple[IntArray, FloatArray]:
-        """The lists of some corners ``(n, longest)``, filled up with their first entries, and 1 for entries, 0 for fillers."""
+        """The lists of some corners ``(n, longest)``, filled up with their first entries, and 1 for
+        entries, 0 for fillers.
+        """
         lengths = self.lengths[rows]
         column = np.arange(int(lengths.max()))
         real = column < lengths[:, None]
-        return self.entries[self.starts[rows][:, None] + np.where(real, column, 0)], real.astype(float)
+        return self.entries[self.starts[rows][:, None] + np.where(real, column, 0)], real.astype(
+            float
+        )
 
 
 def recover_stresses(mesh: ComponentMesh, places: FloatArray, taken: StressArray) -> StressArray:
-    """Nodal values ``(n_points, m)`` of stresses that are continuous and of the order of the displacement, from samples in every cell.
+    """Nodal values ``(n_points, m)`` of stresses that are continuous and of the order of the
+    displacement, from samples in every cell.
 
-    Around each corner point a polynomial is fitted to the samples of the cells that meet there, and of the next ones where those are
-    few (at edges, in coarse meshes). A point of the mesh takes the mean of the polynomials of the corners it lies between.
+    Around each corner point a polynomial is fitted to the samples of the cells that meet there, and
+    of the next ones where those are few (at edges, in coarse meshes). A point of the mesh takes the
+    mean of the polynomials of the corners it lies between.
 
     Args:
         mesh: Any kind of cells.
         places: ``(n_places, 3)`` reference places of the samples in each cell.
         taken: ``(n_cells, n_places, m)`` the samples.
 
-    Source: Zienkiewicz and Zhu (1992), Int. J. Numer. Meth. Engng. 33, 1331-1364, superconvergent patch recovery.
+    Source: Zienkiewicz and Zhu (1992), Int. J. Numer. Meth. Engng. 33, 1331-1364, superconvergent
+    patch recovery.
     """
     powers = _exponents(mesh.kind)
     corners, own = np.unique(mesh.cells[:, : corner_count(mesh.kind)], return_inverse=True)
     own = own.reshape(len(mesh.cells), -1)
     enough = SAMPLES_PER_COEFFICIENT[cell_family(mesh.kind)] * len(powers) / len(places)
-    patches, near = _gather_patches(own, len(corners), enough=enough), _gather_points(mesh, own, len(corners))
+    patches, near = (
+        _gather_patches(own, len(corners), enough=enough),
+        _gather_points(mesh, own, len(corners)),
+    )
     # linear shape functions weigh the corners between which a point lies alike
     shares = 1.0 / np.maximum(np.bincount(near.entries, minlength=len(mesh.points)), 1)
     where = np.matmul(shape_functions(mesh.kind, places), mesh.points[mesh.cells])
@@ -146,12 +174,18 @@ def recover_stresses(mesh: ComponentMesh, places: FloatArray, taken: StressArray
         middle = mesh.points[corners[rows]][:, None]
         offsets = (where[cells] - middle[:, None]).reshape(len(rows), -1, 3)
         operators = _fit_operators(
-            offsets, np.repeat(real, len(places), axis=1), mesh.points[points] - middle, met * shares[points], powers
+            offsets,
+            np.repeat(real, len(places), axis=1),
+            mesh.points[points] - middle,
+            met * shares[points],
+            powers,
         )
         values = np.matmul(operators, taken[cells].reshape(len(rows), -1, taken.shape[2]))
         reached, slots = np.unique(points, return_inverse=True)
         pairs = np.arange(points.size + 1)
-        gather = scipy.sparse.csc_matrix((np.ones(points.size, dtype=np.float32), slots.ravel(), pairs)).tocsr()
+        gather = scipy.sparse.csc_matrix(
+            (np.ones(points.size, dtype=np.float32), slots.ravel(), pairs)
+        ).tocsr()
         smooth[reached] += gather @ values.reshape(points.size, -1)
     return smooth
 
@@ -163,8 +197,11 @@ def _exponents(kind: CellKind) -> IntArray:
     return np.asarray(powers[powers.sum(axis=1) <= order] if cell_family(kind) == "tet" else powers)
 
 
-def _fit_operators(offsets: FloatArray, real: FloatArray, points: FloatArray, weights: FloatArray, powers: IntArray) -> StressArray:
-    """From the samples of patches to weighted values of their polynomials at points, ``(n_v, n_points, n_samples)``.
+def _fit_operators(
+    offsets: FloatArray, real: FloatArray, points: FloatArray, weights: FloatArray, powers: IntArray
+) -> StressArray:
+    """From the samples of patches to weighted values of their polynomials at points, ``(n_v,
+    n_points, n_samples)``.
 
     Args:
         offsets: ``(n_v, n_samples, 3)`` of the samples from the corners.
@@ -178,14 +215,17 @@ def _fit_operators(offsets: FloatArray, real: FloatArray, points: FloatArray, we
     table = table.transpose(1, 2, 0)
     turn = _orthonormal_terms(np.matmul(table.swapaxes(1, 2), table))
     ends = (_monomials(points / sizes, powers) * weights).transpose(1, 2, 0)
-    return np.asarray(np.matmul(np.matmul(ends, turn), np.matmul(table, turn).swapaxes(1, 2)), dtype=np.float32)
+    return np.asarray(
+        np.matmul(np.matmul(ends, turn), np.matmul(table, turn).swapaxes(1, 2)), dtype=np.float32
+    )
 
 
 def _orthonormal_terms(normal: FloatArray) -> FloatArray:
-    """Polynomials that are orthonormal over the samples of their patch ``(n_v, n, n)``, so that no digits are lost in the fit.
+    """Polynomials that are orthonormal over the samples of their patch ``(n_v, n, n)``, so that no
+    digits are lost in the fit.
 
-    They are made of the monomials in the order of their degree. One that the samples of a patch cannot tell from those before it is
-    left out, as the square across a row of bricks.
+    They are made of the monomials in the order of their degree. One that the samples of a patch
+    cannot tell from those before it is left out, as the square across a row of bricks.
 
     Args:
         normal: ``(n_v, n, n)`` products of the monomials over the samples.
@@ -227,7 +267,9 @@ def _gather_patches(own: IntArray, count: int, *, enough: float) -> _Lists:
         enough: Least number of cells, where three more rings bring them.
     """
     starts = np.arange(0, own.size + 1, own.shape[1])
-    corners_of = scipy.sparse.csr_matrix((np.ones(own.size), own.ravel(), starts), shape=(len(own), count))
+    corners_of = scipy.sparse.csr_matrix(
+        (np.ones(own.size), own.ravel(), starts), shape=(len(own), count)
+    )
     touch = corners_of.T.tocsr()
     patches = touch
     for _ in range(LARGEST_RINGS):
@@ -237,7 +279,9 @@ def _gather_patches(own: IntArray, count: int, *, enough: float) -> _Lists:
         keep = np.ones(count)
         keep[few] = 0.0
         wider = patches[few] @ corners_of @ touch
-        place = scipy.sparse.csr_matrix((np.ones(len(few)), (few, np.arange(len(few)))), shape=(count, len(few)))
+        place = scipy.sparse.csr_matrix(
+            (np.ones(len(few)), (few, np.arange(len(few)))), shape=(count, len(few))
+        )
         patches = (scipy.sparse.diags(keep) @ patches + place @ wider).tocsr()
         patches.eliminate_zeros()
     return _Lists(patches.indptr.astype(np.int64), patches.indices.astype(np.int64))
@@ -277,7 +321,9 @@ def _stress_law(material: Material) -> FloatArray:
 
 
 def _invert(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Inverses and determinants of ``(..., 3, 3)``; by cofactors, as a factorisation of each takes longer than all the rest."""
+    """Inverses and determinants of ``(..., 3, 3)``; by cofactors, as a factorisation of each takes
+    longer than all the rest.
+    """
     a, b, c = (matrices[..., row, :] for row in range(3))
     cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
     determinants = (a * cofactors[..., 0]).sum(axis=-1)

@@ -26,8 +26,9 @@ class PointResponse:
     Attributes:
         displacement: ``(n, 3)`` [m].
         stress: ``(n, 3, 3)`` Cauchy stress [Pa].
-        jump: ``(n,)`` largest difference between the stresses of the cells that meet at the point over their largest entry: a
-            measure of the discretisation error there (zero inside a cell).
+        jump: ``(n,)`` largest difference between the stresses of the cells that meet at the point
+            over their largest entry: a measure of the discretisation error there (zero inside a
+            cell).
     """
 
     displacement: FloatArray
@@ -35,10 +36,13 @@ class PointResponse:
     jump: FloatArray
 
 
-def recover_at_points(mesh: ComponentMesh, material: Material, displacement: FloatArray, points: FloatArray) -> PointResponse:
+def recover_at_points(
+    mesh: ComponentMesh, material: Material, displacement: FloatArray, points: FloatArray
+) -> PointResponse:
     """Displacement and stress at points of a component.
 
-    At a mesh point the stresses of all cells that meet there are averaged; elsewhere the cell that holds the point is evaluated.
+    At a mesh point the stresses of all cells that meet there are averaged; elsewhere the cell that
+    holds the point is evaluated.
 
     Args:
         mesh: The component's mesh.
@@ -69,8 +73,12 @@ class _Element:
 
     def __init__(self, mesh: ComponentMesh) -> None:
         shape, order = CELL_TYPES[mesh.kind]
-        self._element = basix.create_element(basix.ElementFamily.P, basix.CellType[shape], order, basix.LagrangeVariant.equispaced)
-        permutation = np.asarray(gmshio.cell_perm_array(dolfinx.cpp.mesh.to_type(shape), mesh.cells.shape[1]))
+        self._element = basix.create_element(
+            basix.ElementFamily.P, basix.CellType[shape], order, basix.LagrangeVariant.equispaced
+        )
+        permutation = np.asarray(
+            gmshio.cell_perm_array(dolfinx.cpp.mesh.to_type(shape), mesh.cells.shape[1])
+        )
         self.cells: IntArray = mesh.cells[:, permutation]
         self.corners = basix.geometry(basix.CellType[shape])
         self.nodes = np.asarray(self._element.points)
@@ -84,7 +92,11 @@ class _Element:
     def contains(self, place: FloatArray) -> bool:
         """Whether a reference place lies in the reference cell."""
         low = bool((place >= -INSIDE_TOLERANCE).all())
-        return low and bool(place.sum() <= 1.0 + INSIDE_TOLERANCE if self.simplex else (place <= 1.0 + INSIDE_TOLERANCE).all())
+        return low and bool(
+            place.sum() <= 1.0 + INSIDE_TOLERANCE
+            if self.simplex
+            else (place <= 1.0 + INSIDE_TOLERANCE).all()
+        )
 
 
 def _evaluate(
@@ -102,7 +114,9 @@ def _evaluate(
         return field[nearest], np.array(tensors)
     cell, place = _locate(element, mesh, point)
     values, _ = element.tabulate(place)
-    return values @ field[element.cells[cell]], _stress(element, mesh, material, field, cell, place)[None]
+    return values @ field[element.cells[cell]], _stress(
+        element, mesh, material, field, cell, place
+    )[None]
 
 
 def _locate(element: _Element, mesh: ComponentMesh, point: FloatArray) -> tuple[int, FloatArray]:
@@ -118,11 +132,18 @@ def _locate(element: _Element, mesh: ComponentMesh, point: FloatArray) -> tuple[
                 break
         if element.contains(place):
             return int(cell), place
-    raise ModelError(f"the point ({', '.join(f'{value:.6g}' for value in point)}) m lies outside the component's mesh")
+    raise ModelError(
+        f"the point ({', '.join(f'{value:.6g}' for value in point)}) m lies outside the component's mesh"
+    )
 
 
 def _stress(
-    element: _Element, mesh: ComponentMesh, material: Material, field: FloatArray, cell: int, place: FloatArray
+    element: _Element,
+    mesh: ComponentMesh,
+    material: Material,
+    field: FloatArray,
+    cell: int,
+    place: FloatArray,
 ) -> FloatArray:
     _, gradients = element.tabulate(place)
     nodes = element.cells[cell]

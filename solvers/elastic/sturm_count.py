@@ -1,4 +1,6 @@
-"""The number of natural frequencies below a given one, from the signs of the pivots of a factorisation (Sturm count)."""
+"""The number of natural frequencies below a given one, from the signs of the pivots of a
+factorisation (Sturm count).
+"""
 
 import numpy as np
 import scipy.sparse
@@ -7,18 +9,29 @@ from petsc4py import PETSc
 from headstock.geometry.errors import out_of_memory
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.elastic.elasticity import ElasticOperators
-from headstock.solvers.elastic.factorization import MUMPS_OPTIONS, MUMPS_OUT_OF_MEMORY, free_block, ordering_option
+from headstock.solvers.elastic.factorization import (
+    MUMPS_OPTIONS,
+    MUMPS_OUT_OF_MEMORY,
+    free_block,
+    ordering_option,
+)
 from headstock.solvers.errors import AccuracyError, ConvergenceError
 from headstock.solvers.ranks import sum_over_ranks
 
-# null pivots are looked for (24), and the inertia needs no scaling tricks: a pivot that vanishes means the shift is a frequency
+# null pivots are looked for (24), and the inertia needs no scaling tricks: a pivot that vanishes
+# means the shift is a frequency
 INERTIA_OPTIONS = MUMPS_OPTIONS | {"mat_mumps_icntl_24": 1}
 
 
 def count_frequencies_below(
-    operators: ElasticOperators, held: BoolArray, frequency_hz: float, *, constraints: FloatArray | None = None
+    operators: ElasticOperators,
+    held: BoolArray,
+    frequency_hz: float,
+    *,
+    constraints: FloatArray | None = None,
 ) -> int:
-    """Number of natural frequencies of a component below a given one, each counted as often as it occurs.
+    """Number of natural frequencies of a component below a given one, each counted as often as it
+    occurs.
 
     Rigid-body motions that nothing holds count too. Collective over the operators' communicator.
 
@@ -30,13 +43,17 @@ def count_frequencies_below(
 
     Raises:
         ConvergenceError: The factorisation failed.
-        AccuracyError: The mass was not assembled, or the shift is a natural frequency to working accuracy.
+        AccuracyError: The mass was not assembled, or the shift is a natural frequency to working
+            accuracy.
 
-    Source: Sylvester's law of inertia; for the constraints Haynsworth (1968): with ``A = K - omega^2 M`` the inertia of
-    ``[[A, C], [C^T, 0]]`` is that of A and of ``-C^T A^-1 C``, and Gould (1985) for what it says about A on the null space of C^T.
+    Source: Sylvester's law of inertia; for the constraints Haynsworth (1968): with ``A = K -
+    omega^2 M`` the inertia of ``[[A, C], [C^T, 0]]`` is that of A and of ``-C^T A^-1 C``, and Gould
+    (1985) for what it says about A on the null space of C^T.
     """
     if operators.scalar_mass is None:
-        raise AccuracyError("the mass matrix was not assembled, yet natural frequencies are to be counted")
+        raise AccuracyError(
+            "the mass matrix was not assembled, yet natural frequencies are to be counted"
+        )
     comm = operators.comm
     free_total = int(comm.allreduce(int((~held).sum())))
     if free_total == 0:
@@ -45,12 +62,19 @@ def count_frequencies_below(
     mass = scipy.sparse.kron(operators.scalar_mass, np.eye(3), format="bsr")
     matrix = free_block(operators, held, operators.stiffness - shift * mass)
     try:
-        return _count_with(matrix, np.zeros((len(held), 0)) if constraints is None else constraints, operators, held)
+        return _count_with(
+            matrix,
+            np.zeros((len(held), 0)) if constraints is None else constraints,
+            operators,
+            held,
+        )
     finally:
         matrix.destroy()
 
 
-def _count_with(matrix: PETSc.Mat, constraints: FloatArray, operators: ElasticOperators, held: BoolArray) -> int:
+def _count_with(
+    matrix: PETSc.Mat, constraints: FloatArray, operators: ElasticOperators, held: BoolArray
+) -> int:
     comm = operators.comm
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
     pc = PETSc.PC().create(comm)
@@ -67,18 +91,26 @@ def _count_with(matrix: PETSc.Mat, constraints: FloatArray, operators: ElasticOp
         factor = pc.getFactorMatrix()
         status = factor.getMumpsInfog(1)
         if status in MUMPS_OUT_OF_MEMORY:
-            raise out_of_memory(f"the count of frequencies of a part with {matrix.getSize()[0]} dofs")
+            raise out_of_memory(
+                f"the count of frequencies of a part with {matrix.getSize()[0]} dofs"
+            )
         if status < 0:
-            raise ConvergenceError(f"the factorisation for counting frequencies failed: MUMPS INFOG(1) = {status}")
+            raise ConvergenceError(
+                f"the factorisation for counting frequencies failed: MUMPS INFOG(1) = {status}"
+            )
         negative, zero, _ = factor.getInertia()
         if zero:
-            raise AccuracyError(f"the shift meets {zero} natural frequencies to working accuracy; count at another frequency")
+            raise AccuracyError(
+                f"the shift meets {zero} natural frequencies to working accuracy; count at another frequency"
+            )
         return int(negative) - _negative_directions(factor, constraints, operators, held)
     finally:
         pc.destroy()
 
 
-def _negative_directions(factor: PETSc.Mat, constraints: FloatArray, operators: ElasticOperators, held: BoolArray) -> int:
+def _negative_directions(
+    factor: PETSc.Mat, constraints: FloatArray, operators: ElasticOperators, held: BoolArray
+) -> int:
     """Negative eigenvalues of ``C^T A^-1 C``: what the constraints take from the count."""
     count = constraints.shape[1]
     if count == 0:

@@ -1,4 +1,6 @@
-"""Frequency response of a system whose modes are coupled by few dampers: a sum over undamped modes and a small solve per frequency."""
+"""Frequency response of a system whose modes are coupled by few dampers: a sum over undamped modes
+and a small solve per frequency.
+"""
 
 from dataclasses import dataclass
 
@@ -14,8 +16,13 @@ from headstock.solvers.second_order import ComplexArray
 
 LARGEST_RANK = 1.0 / 8.0  # dampers over modes: from here on a sum over poles costs no more
 ROUNDOFF = 1e-13  # of the largest entry: what a factorisation of the damping may leave
-NEAR = 1e-3  # |omega_k^2 - omega^2| over omega^2 below which a mode is not eliminated: it would cost as many digits
-PEAK_TOLERANCE, PEAK_SHARE = 1e-6, 0.1  # of a pole and of its half-width, where it only says where a peak is
+# |omega_k^2 - omega^2| over omega^2 below which a mode is not eliminated: it would cost as many
+# digits
+NEAR = 1e-3
+PEAK_TOLERANCE, PEAK_SHARE = (
+    1e-6,
+    0.1,
+)  # of a pole and of its half-width, where it only says where a peak is
 BLOCK = 4_000_000  # entries of the products of dampers that are held at a time
 
 
@@ -36,10 +43,12 @@ class CoupledDampers:
 
 @dataclass(frozen=True, eq=False)
 class DamperSum:
-    """``L (diag(omega_k^2 - omega^2 + i (omega c_k + h_k)) + i (omega C + H))^-1 B`` with C and H of few dampers.
+    """``L (diag(omega_k^2 - omega^2 + i (omega c_k + h_k)) + i (omega C + H))^-1 B`` with C and H
+    of few dampers.
 
     Attributes:
-        squares: ``(m,)`` omega^2 [rad^2/s^2] of the modes that take part: all elastic ones, and rigid-body modes that are damped.
+        squares: ``(m,)`` omega^2 [rad^2/s^2] of the modes that take part: all elastic ones, and
+            rigid-body modes that are damped.
         loads: ``(m, n_inputs)``.
         rows: ``(n_outputs, m)``.
         viscous: Viscous dampers.
@@ -55,13 +64,19 @@ class DamperSum:
     rest: RestTerms
 
     def evaluate(self, omega: FloatArray) -> ComplexArray:
-        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN on an undamped pole that is seen."""
+        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN on an
+        undamped pole that is seen.
+        """
         lines = max(1, BLOCK // max(1, len(self.squares)))
-        parts = [self._evaluate_block(omega[start : start + lines]) for start in range(0, len(omega), lines)]
+        parts = [
+            self._evaluate_block(omega[start : start + lines])
+            for start in range(0, len(omega), lines)
+        ]
         return np.concatenate(parts) + self.rest.evaluate(omega)
 
     def poles(self, below: float | None = None) -> ComplexArray:
-        """Poles at positive frequencies, and real ones [rad/s]; structural damping as a viscous one of the same loss per cycle.
+        """Poles at positive frequencies, and real ones [rad/s]; structural damping as a viscous one
+        of the same loss per cycle.
 
         Args:
             below: Only those of modes up to this angular frequency [rad/s]; None for all.
@@ -69,10 +84,17 @@ class DamperSum:
         omega = np.sqrt(self.squares)
         damping = _whole(self.viscous)
         bent = np.flatnonzero(omega > 0.0)
-        damping[np.ix_(bent, bent)] += _whole(self.hysteretic)[np.ix_(bent, bent)] / np.sqrt(np.outer(omega[bent], omega[bent]))
+        damping[np.ix_(bent, bent)] += _whole(self.hysteretic)[np.ix_(bent, bent)] / np.sqrt(
+            np.outer(omega[bent], omega[bent])
+        )
         wanted = len(omega) if below is None else int(np.count_nonzero(omega <= below))
         few = find_lower_poles(
-            self.squares, damping, wanted, tolerance=PEAK_TOLERANCE, width_share=PEAK_SHARE, invert=self._inverse()
+            self.squares,
+            damping,
+            wanted,
+            tolerance=PEAK_TOLERANCE,
+            width_share=PEAK_SHARE,
+            invert=self._inverse(),
         )
         poles, _ = state_eigenpairs(self.squares, damping) if few is None else few
         return np.asarray(poles[poles.imag >= 0.0])
@@ -84,17 +106,22 @@ class DamperSum:
         factors = np.hstack([self.viscous.factors, roots[:, None] * self.hysteretic.factors])
         strengths = np.concatenate([self.viscous.strengths, self.hysteretic.strengths])
         alone = self.viscous.diagonal + roots**2 * self.hysteretic.diagonal
-        # s^2 + omega^2 + s C is a diagonal D and the r dampers s F S F^T: (D + s F S F^T)^-1 = G - G F (1 + s S F^T G F)^-1 s S F^T G with
-        # G = D^-1, so that r x r systems are solved instead of m x m ones. Structural losses count as viscous of equal loss per cycle
+        # s^2 + omega^2 + s C is a diagonal D and the r dampers s F S F^T: (D + s F S F^T)^-1 = G -
+        # G F (1 + s S F^T G F)^-1 s S F^T G with G = D^-1, so that r x r systems are solved instead
+        # of m x m ones. Structural losses count as viscous of equal loss per cycle
 
         def invert(poles: ComplexArray, columns: ComplexArray) -> ComplexArray:
             dynamic = (poles**2)[:, None] + self.squares + poles[:, None] * alone
             floor = np.finfo(float).eps * np.abs(poles[:, None]) ** 2
-            far = np.asarray(1.0 / np.where(np.abs(dynamic) > floor, dynamic, floor), dtype=np.complex128)
+            far = np.asarray(
+                1.0 / np.where(np.abs(dynamic) > floor, dynamic, floor), dtype=np.complex128
+            )
             coupling = (poles[:, None] * strengths)[:, :, None] * _squares(far, factors)
             coupling[:, np.arange(len(strengths)), np.arange(len(strengths))] += 1.0
             given = far * columns.T
-            forces = np.linalg.solve(coupling, (poles[:, None] * strengths * (given @ factors))[:, :, None])[:, :, 0]
+            forces = np.linalg.solve(
+                coupling, (poles[:, None] * strengths * (given @ factors))[:, :, None]
+            )[:, :, 0]
             return np.asarray((given - far * (forces @ factors.T)).T)
 
         return invert
@@ -102,41 +129,65 @@ class DamperSum:
     def _evaluate_block(self, omega: FloatArray) -> ComplexArray:
         """The modes far from each frequency are eliminated, those near it are solved for."""
         square = omega[:, None] ** 2
-        dynamic = self.squares - square + 1j * (omega[:, None] * self.viscous.diagonal + self.hysteretic.diagonal)
+        dynamic = (
+            self.squares
+            - square
+            + 1j * (omega[:, None] * self.viscous.diagonal + self.hysteretic.diagonal)
+        )
         near = (np.abs(self.squares - square) < NEAR * square) | (self.squares == 0.0)
         factors = np.hstack([self.viscous.factors, self.hysteretic.factors])
         still = np.ones((len(omega), 1)) * self.hysteretic.strengths
         weights = 1j * np.hstack([omega[:, None] * self.viscous.strengths, still])
         far = np.where(near, 0.0, 1.0 / np.where(near, 1.0, dynamic))
         plain = _products(far, self.rows.T, self.loads)
-        stretched, pushed = _products(far, factors, self.loads), _products(far, self.rows.T, factors)
+        stretched, pushed = (
+            _products(far, factors, self.loads),
+            _products(far, self.rows.T, factors),
+        )
         # Woodbury: forces of the dampers on the far modes, f = (1 + W F^T g F)^-1 W F^T (...)
         coupling = weights[:, :, None] * _squares(far, factors)
         coupling[:, np.arange(factors.shape[1]), np.arange(factors.shape[1])] += 1.0
         found = plain - pushed @ np.linalg.solve(coupling, weights[:, :, None] * stretched)
         for line in np.flatnonzero(near.any(axis=1)):
-            # G is nearly infinite for modes near a line: they stay unknowns, and the far ones are eliminated from their equations
+            # G is nearly infinite for modes near a line: they stay unknowns, and the far ones are
+            # eliminated from their equations
             own = np.flatnonzero(near[line])
             local = factors[own]
-            forces = np.linalg.solve(coupling[line], weights[line, :, None] * np.hstack([local.T, stretched[line]]))
-            matrix = np.asarray(np.diag(dynamic[line, own]) + local @ forces[:, : len(own)], dtype=complex)
+            forces = np.linalg.solve(
+                coupling[line], weights[line, :, None] * np.hstack([local.T, stretched[line]])
+            )
+            matrix = np.asarray(
+                np.diag(dynamic[line, own]) + local @ forces[:, : len(own)], dtype=complex
+            )
             loads = self.loads[own] - local @ forces[:, len(own) :]
             rows = self.rows[:, own] - pushed[line] @ forces[:, : len(own)]
             found[line] += self._solve_near(matrix + 0j, rows, loads, float(square[line, 0]))
         return found
 
     def _solve_near(
-        self, matrix: ComplexArray, rows: ComplexArray | FloatArray, loads: ComplexArray | FloatArray, square: float
+        self,
+        matrix: ComplexArray,
+        rows: ComplexArray | FloatArray,
+        loads: ComplexArray | FloatArray,
+        square: float,
     ) -> ComplexArray:
-        """Answer of the modes near a frequency; NaN in entries that see an undamped one exactly there."""
+        """Answer of the modes near a frequency; NaN in entries that see an undamped one exactly
+        there.
+        """
         left, sizes, right = np.linalg.svd(matrix)
         resting = sizes <= 2.0 * SINGULAR * square
         inverse = np.where(resting, 0.0, 1.0 / np.where(resting, 1.0, sizes))
         given, seen = left.conj().T @ loads, rows @ right.conj().T
         found = (seen * inverse) @ given
         if resting.any():
-            reach, push = np.abs(self.rows).max(axis=1, initial=0.0), np.abs(self.loads).max(axis=0, initial=0.0)
-            moved, pushed = np.abs(seen[:, resting]) > UNSEEN * reach[:, None], np.abs(given[resting]) > UNSEEN * push
+            reach, push = (
+                np.abs(self.rows).max(axis=1, initial=0.0),
+                np.abs(self.loads).max(axis=0, initial=0.0),
+            )
+            moved, pushed = (
+                np.abs(seen[:, resting]) > UNSEEN * reach[:, None],
+                np.abs(given[resting]) > UNSEEN * push,
+            )
             found[(moved.astype(float) @ pushed.astype(float)) > 0.0] = np.nan
         return np.asarray(found)
 
@@ -144,10 +195,12 @@ class DamperSum:
 def sum_over_dampers(coordinates: ModalCoordinates) -> DamperSum | None:
     """The sum for damping of low rank; None where too many dampers couple the modes.
 
-    Low rank is what is left of a damping matrix when damping that couples no modes (one damping ratio, one loss factor, one mass- or
-    stiffness-proportional part for most of the machine) is taken out.
+    Low rank is what is left of a damping matrix when damping that couples no modes (one damping
+    ratio, one loss factor, one mass- or stiffness-proportional part for most of the machine) is
+    taken out.
 
-    Source: Woodbury (1950), Inverting modified matrices; Ozguven (1987), J. Sound Vib. 117, 313-328, for structural modifications of
+    Source: Woodbury (1950), Inverting modified matrices; Ozguven (1987), J. Sound Vib. 117,
+    313-328, for structural modifications of
         receptances.
     """
     held = not damps_rigid_motion(coordinates)
@@ -155,7 +208,11 @@ def sum_over_dampers(coordinates: ModalCoordinates) -> DamperSum | None:
     omega = coordinates.omega[taken]
     viscous = _split(coordinates.viscous, taken, omega, powers=(0.5, 0.0, 1.0))
     hysteretic = _split(coordinates.hysteretic, taken, omega, powers=(1.0,))
-    if viscous is None or hysteretic is None or len(viscous.strengths) + len(hysteretic.strengths) > LARGEST_RANK * len(omega):
+    if (
+        viscous is None
+        or hysteretic is None
+        or len(viscous.strengths) + len(hysteretic.strengths) > LARGEST_RANK * len(omega)
+    ):
         return None
     rest = rest_terms(coordinates)
     return DamperSum(
@@ -175,10 +232,14 @@ def _products(far: ComplexArray, left: FloatArray, right: FloatArray) -> Complex
 
 
 def _squares(far: ComplexArray, factors: FloatArray) -> ComplexArray:
-    """``factors^T diag(far) factors`` for each frequency ``(n_freq, r, r)``: one product for many frequencies, else one for each."""
+    """``factors^T diag(far) factors`` for each frequency ``(n_freq, r, r)``: one product for many
+    frequencies, else one for each.
+    """
     rank = factors.shape[1]
     if len(far) < rank:
-        return np.array([_weighed(factors.T * line, factors) for line in far]).reshape(len(far), rank, rank)
+        return np.array([_weighed(factors.T * line, factors) for line in far]).reshape(
+            len(far), rank, rank
+        )
     upper = np.triu_indices(rank)
     half = _weighed(far, factors[:, upper[0]] * factors[:, upper[1]])
     places = np.zeros((rank, rank), dtype=np.int64)
@@ -187,7 +248,9 @@ def _squares(far: ComplexArray, factors: FloatArray) -> ComplexArray:
 
 
 def _weighed(weights: ComplexArray, matrix: FloatArray) -> ComplexArray:
-    """A complex matrix times a real one, without the product of an imaginary part that is not there."""
+    """A complex matrix times a real one, without the product of an imaginary part that is not
+    there.
+    """
     # the parts of a complex array are strided, for which there is no fast product
     real, imaginary = np.ascontiguousarray(weights.real), np.ascontiguousarray(weights.imag)
     found = np.asarray(real @ matrix, dtype=np.complex128)
@@ -197,11 +260,17 @@ def _weighed(weights: ComplexArray, matrix: FloatArray) -> ComplexArray:
 
 
 def _whole(dampers: CoupledDampers) -> FloatArray:
-    return np.asarray(np.diag(dampers.diagonal) + (dampers.factors * dampers.strengths) @ dampers.factors.T)
+    return np.asarray(
+        np.diag(dampers.diagonal) + (dampers.factors * dampers.strengths) @ dampers.factors.T
+    )
 
 
-def _split(matrix: FloatArray | None, taken: slice, omega: FloatArray, powers: tuple[float, ...]) -> CoupledDampers | None:
-    """Damping of few dampers, apart from one that is proportional to a power of the modes' frequencies."""
+def _split(
+    matrix: FloatArray | None, taken: slice, omega: FloatArray, powers: tuple[float, ...]
+) -> CoupledDampers | None:
+    """Damping of few dampers, apart from one that is proportional to a power of the modes'
+    frequencies.
+    """
     count = len(omega)
     if matrix is None:
         return CoupledDampers(np.zeros(count), np.zeros((count, 0)), np.zeros(0))
@@ -222,11 +291,18 @@ def _split(matrix: FloatArray | None, taken: slice, omega: FloatArray, powers: t
             continue
         common = float(np.median(levels))
         apart = _deviating(levels, common)
-        found = CoupledDampers(common * scale**2, scale[:, None] * vectors[:, apart], levels[apart] - common)
-        if len(found.strengths) <= LARGEST_RANK * count and np.abs(own - _whole(found)).max(initial=0.0) <= limit:
+        found = CoupledDampers(
+            common * scale**2, scale[:, None] * vectors[:, apart], levels[apart] - common
+        )
+        if (
+            len(found.strengths) <= LARGEST_RANK * count
+            and np.abs(own - _whole(found)).max(initial=0.0) <= limit
+        ):
             return found
     return None
 
 
 def _deviating(levels: FloatArray, common: float) -> NDArray[np.int64]:
-    return np.flatnonzero(np.abs(levels - common) > ROUNDOFF * len(levels) * np.abs(levels).max(initial=0.0))
+    return np.flatnonzero(
+        np.abs(levels - common) > ROUNDOFF * len(levels) * np.abs(levels).max(initial=0.0)
+    )

@@ -1,4 +1,6 @@
-"""Damping ratios given per mode, and equivalent viscous damping in place of structural damping where there is no one frequency."""
+"""Damping ratios given per mode, and equivalent viscous damping in place of structural damping
+where there is no one frequency.
+"""
 
 import dataclasses
 from collections.abc import Sequence
@@ -11,8 +13,11 @@ from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
 
 
-def add_modal_damping(system: SecondOrderSystem, ratios: Sequence[float], modes: ModalResult | None = None) -> SecondOrderSystem:
-    """The system with a damping ratio on every elastic mode, on top of what it has; rigid-body modes stay free.
+def add_modal_damping(
+    system: SecondOrderSystem, ratios: Sequence[float], modes: ModalResult | None = None
+) -> SecondOrderSystem:
+    """The system with a damping ratio on every elastic mode, on top of what it has; rigid-body
+    modes stay free.
 
     Args:
         system: Symmetric.
@@ -26,7 +31,9 @@ def add_modal_damping(system: SecondOrderSystem, ratios: Sequence[float], modes:
     """
     given = np.asarray(ratios, dtype=float)
     if not len(given) or not np.isfinite(given).all() or given.min() < 0.0:
-        raise ModelError(f"modal damping ratios {list(ratios)} must be one or more numbers from zero upwards")
+        raise ModelError(
+            f"modal damping ratios {list(ratios)} must be one or more numbers from zero upwards"
+        )
     modes = modes or solve_modal(system)
     count = modes.shapes.shape[1]
     every = np.zeros(count)
@@ -35,17 +42,22 @@ def add_modal_damping(system: SecondOrderSystem, ratios: Sequence[float], modes:
     return _add_damping(system, modes, np.diag(4.0 * np.pi * every * modes.frequencies_hz))
 
 
-def equivalent_viscous(system: SecondOrderSystem, modes: ModalResult | None = None) -> SecondOrderSystem:
-    """The system with a viscous damping in place of its structural one: the same loss per cycle in each mode at its own frequency.
+def equivalent_viscous(
+    system: SecondOrderSystem, modes: ModalResult | None = None
+) -> SecondOrderSystem:
+    """The system with a viscous damping in place of its structural one: the same loss per cycle in
+    each mode at its own frequency.
 
-    In modal coordinates ``C_ij = H_ij / sqrt(omega_i omega_j)``: a loss factor eta of a mode becomes the damping ratio eta / 2, and
-    modes of nearly one frequency stay coupled as they are. Between modes far apart the coupling is approximate.
+    In modal coordinates ``C_ij = H_ij / sqrt(omega_i omega_j)``: a loss factor eta of a mode
+    becomes the damping ratio eta / 2, and modes of nearly one frequency stay coupled as they are.
+    Between modes far apart the coupling is approximate.
 
     Args:
         system: Symmetric.
         modes: All undamped modes, where they are already known.
 
-    Source: Crandall (1970), The role of damping in vibration theory; Geradin and Rixen (2015), section 3.1.
+    Source: Crandall (1970), The role of damping in vibration theory; Geradin and Rixen (2015),
+    section 3.1.
     """
     if system.hysteretic is None:
         return system
@@ -58,8 +70,12 @@ def equivalent_viscous(system: SecondOrderSystem, modes: ModalResult | None = No
     return _add_damping(dataclasses.replace(system, hysteretic=None), modes, loss)
 
 
-def _add_damping(system: SecondOrderSystem, modes: ModalResult, modal: FloatArray) -> SecondOrderSystem:
+def _add_damping(
+    system: SecondOrderSystem, modes: ModalResult, modal: FloatArray
+) -> SecondOrderSystem:
     weighed = system.mass @ modes.shapes
     added = weighed @ modal @ weighed.T
     added = 0.5 * (added + added.T)
-    return dataclasses.replace(system, damping=added if system.damping is None else system.damping + added)
+    return dataclasses.replace(
+        system, damping=added if system.damping is None else system.damping + added
+    )

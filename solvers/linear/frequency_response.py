@@ -1,4 +1,6 @@
-"""Frequency response of any second-order system between named ports, where to compute it, and its figures of stability."""
+"""Frequency response of any second-order system between named ports, where to compute it, and its
+figures of stability.
+"""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -18,9 +20,22 @@ from headstock.solvers.linear.modal_coordinates import (
     rigid_response,
     to_modal_coordinates,
 )
-from headstock.solvers.linear.response_forms import DirectResponse, ModalSum, PoleSum, sum_over_modes, sum_over_poles
+from headstock.solvers.linear.response_forms import (
+    DirectResponse,
+    ModalSum,
+    PoleSum,
+    sum_over_modes,
+    sum_over_poles,
+)
 from headstock.solvers.linear.static_response import solve_static
-from headstock.solvers.second_order import ComplexArray, Motion, Port, SecondOrderSystem, input_columns, output_rows
+from headstock.solvers.second_order import (
+    ComplexArray,
+    Motion,
+    Port,
+    SecondOrderSystem,
+    input_columns,
+    output_rows,
+)
 
 DERIVATIVES: dict[Motion, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
 METHODS = {ModalSum: "modal", DamperSum: "dampers", PoleSum: "poles", DirectResponse: "direct"}
@@ -28,7 +43,8 @@ RESTING_HZ = 1e-100  # slower than this is at rest: its square has no place amon
 AGREEMENT = 1e-8  # of the sum over poles with direct solves, where it is tried
 PEAK_MARGIN = 1.2  # beyond the range: peaks whose flank reaches into it
 PROBED_QUANTILES = (0.0, 0.1, 0.3, 0.7)  # of the poles: the gaps after them
-# distances from a resonance in half-power half-widths; doubled further out until they meet the even grid
+# distances from a resonance in half-power half-widths; doubled further out until they meet the even
+# grid
 OFFSETS = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0)
 GROWTH = 1.5
 UNDAMPED = 1e-9  # half-width over frequency below which a peak has no top
@@ -44,10 +60,12 @@ class FrequencyResponse:
         frequencies_hz: ``(n_freq,)``.
         inputs: Where the loads act.
         outputs: Where the motion is seen.
-        receptance: ``(n_freq, n_outputs, n_inputs)`` [m/N, rad/(N m), ...]; NaN where there is no value.
+        receptance: ``(n_freq, n_outputs, n_inputs)`` [m/N, rad/(N m), ...]; NaN where there is no
+            value.
         free_body: The same shape: at 0 Hz an unbalanced load meets a motion that nothing holds.
         singular: The same shape: exactly on the pole of an undamped mode.
-        method: ``modal`` sum, the same with few ``dampers`` that couple modes, ``poles`` of coupled modes, or ``direct`` solves.
+        method: ``modal`` sum, the same with few ``dampers`` that couple modes, ``poles`` of coupled
+            modes, or ``direct`` solves.
     """
 
     frequencies_hz: FloatArray
@@ -81,9 +99,14 @@ class FrfModel:
 
 
 def solve_frf(
-    system: SecondOrderSystem, frequencies_hz: FloatArray, *, inputs: Sequence[Port], outputs: Sequence[Port]
+    system: SecondOrderSystem,
+    frequencies_hz: FloatArray,
+    *,
+    inputs: Sequence[Port],
+    outputs: Sequence[Port],
 ) -> FrequencyResponse:
-    """Receptance at given frequencies; at 0 Hz the static compliance, at negative ones the complex conjugate.
+    """Receptance at given frequencies; at 0 Hz the static compliance, at negative ones the complex
+    conjugate.
 
     Structural (hysteretic) damping acts at every frequency but 0 Hz.
 
@@ -94,20 +117,26 @@ def solve_frf(
         outputs: Ports.
 
     Raises:
-        ModelError: A port is unknown, a frequency is not finite, or a matrix has no physical meaning.
+        ModelError: A port is unknown, a frequency is not finite, or a matrix has no physical
+            meaning.
     """
     return evaluate_frf(prepare_frf(system, inputs=inputs, outputs=outputs), frequencies_hz)
 
 
 def prepare_frf(
-    system: SecondOrderSystem, *, inputs: Sequence[Port], outputs: Sequence[Port], modes: ModalResult | None = None
+    system: SecondOrderSystem,
+    *,
+    inputs: Sequence[Port],
+    outputs: Sequence[Port],
+    modes: ModalResult | None = None,
 ) -> FrfModel:
     """Bring a system into the form that answers fastest.
 
-    All modes of the (reduced) system are used, so nothing is truncated; without dampers that couple modes the response is a sum
-    over real modes; with few of them each frequency takes a solve of their number besides; with many it is a sum over poles, and for
-    unsymmetric terms or critical damping a solve per frequency. A sum over poles is compared with direct solves at a few frequencies
-    before it is used.
+    All modes of the (reduced) system are used, so nothing is truncated; without dampers that couple
+    modes the response is a sum over real modes; with few of them each frequency takes a solve of
+    their number besides; with many it is a sum over poles, and for unsymmetric terms or critical
+    damping a solve per frequency. A sum over poles is compared with direct solves at a few
+    frequencies before it is used.
 
     Args:
         system: Any linear system.
@@ -124,7 +153,14 @@ def prepare_frf(
         return FrfModel(tuple(inputs), tuple(outputs), direct, direct, _general_rest(direct), None)
     _, moves = rigid_response(coordinates)
     at_rest = np.where(moves, np.nan, coordinates.elastic)
-    return FrfModel(tuple(inputs), tuple(outputs), _choose_form(coordinates, direct), direct, at_rest, coordinates)
+    return FrfModel(
+        tuple(inputs),
+        tuple(outputs),
+        _choose_form(coordinates, direct),
+        direct,
+        at_rest,
+        coordinates,
+    )
 
 
 def evaluate_frf(model: FrfModel, frequencies_hz: FloatArray) -> FrequencyResponse:
@@ -157,14 +193,19 @@ def evaluate_frf(model: FrfModel, frequencies_hz: FloatArray) -> FrequencyRespon
 
 
 def find_peaks(model: FrfModel, to_hz: float) -> ComplexArray:
-    """Poles at positive frequencies, and real ones [rad/s], that may shape a response up to a frequency; perhaps others too."""
+    """Poles at positive frequencies, and real ones [rad/s], that may shape a response up to a
+    frequency; perhaps others too.
+    """
     if isinstance(model.form, DamperSum):
         return model.form.poles(2.0 * np.pi * PEAK_MARGIN * to_hz)
     return model.form.poles()
 
 
-def convert_receptance(receptance: ComplexArray, frequencies_hz: FloatArray, motion: Motion) -> ComplexArray:
-    """A receptance as receptance, mobility or accelerance: displacement, velocity or acceleration per unit load.
+def convert_receptance(
+    receptance: ComplexArray, frequencies_hz: FloatArray, motion: Motion
+) -> ComplexArray:
+    """A receptance as receptance, mobility or accelerance: displacement, velocity or acceleration
+    per unit load.
 
     Args:
         receptance: ``(n_freq, n_outputs, n_inputs)`` [m/N, rad/N, ...].
@@ -178,7 +219,9 @@ def convert_receptance(receptance: ComplexArray, frequencies_hz: FloatArray, mot
     return np.asarray(receptance * factor[:, None, None])
 
 
-def _choose_form(coordinates: ModalCoordinates, direct: DirectResponse) -> ModalSum | DamperSum | PoleSum | DirectResponse:
+def _choose_form(
+    coordinates: ModalCoordinates, direct: DirectResponse
+) -> ModalSum | DamperSum | PoleSum | DirectResponse:
     free = not damps_rigid_motion(coordinates)
     if free and is_diagonal(coordinates.viscous) and is_diagonal(coordinates.hysteretic):
         return sum_over_modes(coordinates)
@@ -195,7 +238,9 @@ def _choose_form(coordinates: ModalCoordinates, direct: DirectResponse) -> Modal
 
 
 def _agrees(form: PoleSum, direct: DirectResponse) -> bool:
-    """Whether a sum over poles equals direct solves between poles, where no peak magnifies the roundoff of either."""
+    """Whether a sum over poles equals direct solves between poles, where no peak magnifies the
+    roundoff of either.
+    """
     sizes = np.sort(np.abs(form.poles()))
     sizes = sizes[np.isfinite(sizes)]
     gaps = sorted({int(share * (len(sizes) - 1)) for share in PROBED_QUANTILES})
@@ -215,7 +260,8 @@ def _general_rest(direct: DirectResponse) -> FloatArray:
 
 
 def refine_grid(base_hz: FloatArray, poles: ComplexArray) -> FloatArray:
-    """A grid with every pole's damped frequency in it and points from its half-power width outwards.
+    """A grid with every pole's damped frequency in it and points from its half-power width
+    outwards.
 
     Args:
         base_hz: ``(n,)`` rising [Hz]; its ends are the ends of the result.
@@ -250,7 +296,11 @@ def _local_step(base: FloatArray, center: float) -> float:
 def _offsets(width: float, step: float) -> FloatArray:
     """Distances from a resonance, out to the step of the even grid."""
     largest = OFFSETS[-1] * width
-    count = max(0, int(np.ceil(np.log(max(step / largest, 1.0)) / np.log(GROWTH)))) if largest > 0.0 else 0
+    count = (
+        max(0, int(np.ceil(np.log(max(step / largest, 1.0)) / np.log(GROWTH))))
+        if largest > 0.0
+        else 0
+    )
     outer = largest * GROWTH ** np.arange(1, count + 1)
     offsets = np.concatenate([width * np.array(OFFSETS), outer])
     return np.asarray(offsets[offsets <= max(step, width)])
@@ -264,8 +314,9 @@ class StabilityFigures:
         port: Where.
         worst_real: Most negative real part [m/N]; None where it is never negative.
         worst_real_hz: Its frequency [Hz].
-        chatter_stiffness: ``-1 / (2 Re)`` [N/m]: over the cutting stiffness per width it is the width of cut below which no
-            regenerative chatter occurs at any speed; None where the real part is never negative.
+        chatter_stiffness: ``-1 / (2 Re)`` [N/m]: over the cutting stiffness per width it is the
+            width of cut below which no regenerative chatter occurs at any speed; None where the
+            real part is never negative.
         softest: Smallest dynamic stiffness ``1 / |H|`` [N/m].
         softest_hz: Its frequency [Hz].
     """
@@ -278,14 +329,17 @@ class StabilityFigures:
     softest_hz: float
 
 
-def find_stability_figures(model: FrfModel, response: FrequencyResponse) -> tuple[StabilityFigures, ...]:
+def find_stability_figures(
+    model: FrfModel, response: FrequencyResponse
+) -> tuple[StabilityFigures, ...]:
     """Figures of every port that is both input and output, refined between the points of the grid.
 
     Args:
         model: What the response was computed from.
         response: On a grid that shows every peak; entries without a value are left out.
 
-    Source: Tlusty and Polacek (1963); Altintas (2012), Manufacturing Automation, section 4.3: a_lim = -1 / (2 K_s Re G).
+    Source: Tlusty and Polacek (1963); Altintas (2012), Manufacturing Automation, section 4.3: a_lim
+    = -1 / (2 K_s Re G).
     """
     return tuple(
         _judge(model, response, port, response.outputs.index(port), response.inputs.index(port))
@@ -294,7 +348,9 @@ def find_stability_figures(model: FrfModel, response: FrequencyResponse) -> tupl
     )
 
 
-def _judge(model: FrfModel, response: FrequencyResponse, port: Port, row: int, column: int) -> StabilityFigures:
+def _judge(
+    model: FrfModel, response: FrequencyResponse, port: Port, row: int, column: int
+) -> StabilityFigures:
     values = response.receptance[:, row, column]
     real_parts, sizes = np.array(values.real, dtype=float), np.array(np.abs(values), dtype=float)
 
@@ -314,14 +370,20 @@ def _judge(model: FrfModel, response: FrequencyResponse, port: Port, row: int, c
     )
 
 
-def _lowest(frequencies_hz: FloatArray, values: FloatArray, function: Callable[[float], float]) -> tuple[float, float]:
-    """Frequency and value of the lowest point, by Brent's method between the neighbours of the lowest grid point."""
+def _lowest(
+    frequencies_hz: FloatArray, values: FloatArray, function: Callable[[float], float]
+) -> tuple[float, float]:
+    """Frequency and value of the lowest point, by Brent's method between the neighbours of the
+    lowest grid point.
+    """
     index = int(np.nanargmin(values))
     low, high = frequencies_hz[max(0, index - 1)], frequencies_hz[min(len(values) - 1, index + 1)]
     best = float(frequencies_hz[index]), float(values[index])
     if low == high:
         return best
-    found = minimize_scalar(function, bounds=(low, high), method="bounded", options={"xatol": REFINEMENT * high})
+    found = minimize_scalar(
+        function, bounds=(low, high), method="bounded", options={"xatol": REFINEMENT * high}
+    )
     return (float(found.x), float(found.fun)) if found.fun < best[1] else best
 
 

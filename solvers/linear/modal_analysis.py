@@ -1,9 +1,12 @@
-"""Undamped natural frequencies and mode shapes of any second-order system, all or the lowest, and their derivatives by parameters.
+"""Undamped natural frequencies and mode shapes of any second-order system, all or the lowest, and
+their derivatives by parameters.
 
-No eigenvalue is ever differenced: where two of them meet or change places, only the matrices are asked how they change.
+No eigenvalue is ever differenced: where two of them meet or change places, only the matrices are
+asked how they change.
 
-Source of the derivatives: Fox and Kapoor (1968) for eigenvalues; Nelson (1976) for shapes, with every mode of a cluster in the
-border (Mills-Curran 1988), so that repeated eigenvalues leave the system solvable.
+Source of the derivatives: Fox and Kapoor (1968) for eigenvalues; Nelson (1976) for shapes, with
+every mode of a cluster in the border (Mills-Curran 1988), so that repeated eigenvalues leave the
+system solvable.
 """
 
 from dataclasses import dataclass, replace
@@ -15,13 +18,21 @@ from scipy.linalg.lapack import dpotrf, dsyevr, dsygst
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.symmetric_matrices import is_symmetric, require_symmetric
-from headstock.solvers.linear.symmetric_modes import BEYOND, ModalPairs, loses_digits, solve_symmetric_modes, spreads_too_far
+from headstock.solvers.linear.symmetric_modes import (
+    BEYOND,
+    ModalPairs,
+    loses_digits,
+    solve_symmetric_modes,
+    spreads_too_far,
+)
 from headstock.solvers.second_order import SecondOrderSystem
 
 RESIDUAL_LIMIT = 1e-7
 FEW = 0.5  # of all modes: from here on all of them cost no more
 WIDENING = 1.0 + 1e-12
-CLUSTER_GAP = 1e-7  # eigenvalues closer than this share of themselves are one cluster: their shapes may turn into each other
+# eigenvalues closer than this share of themselves are one cluster: their shapes may turn into each
+# other
+CLUSTER_GAP = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +40,14 @@ class ModalResult:
     """Undamped modes, rising in frequency, rigid-body modes first.
 
     Attributes:
-        frequencies_hz: ``(m,)`` [Hz]; for rigid-body modes the roundoff that is left, far below the first elastic one.
+        frequencies_hz: ``(m,)`` [Hz]; for rigid-body modes the roundoff that is left, far below the
+            first elastic one.
         shapes: ``(n, m)`` mass-normalised, largest entry positive.
         rigid_count: How many of all modes are rigid-body modes.
-        infinite_count: Dofs without mass, condensed statically: their frequencies are infinite and not listed.
-        residuals: ``(m,)`` ``K x - omega^2 M x`` against the shape, each dof weighed by ``k_ii + omega^2 m_ii``.
+        infinite_count: Dofs without mass, condensed statically: their frequencies are infinite and
+            not listed.
+        residuals: ``(m,)`` ``K x - omega^2 M x`` against the shape, each dof weighed by ``k_ii +
+            omega^2 m_ii``.
     """
 
     frequencies_hz: FloatArray
@@ -43,8 +57,11 @@ class ModalResult:
     residuals: FloatArray
 
 
-def solve_modal(system: SecondOrderSystem, *, count: int | None = None, up_to_hz: float | None = None) -> ModalResult:
-    """Natural frequencies and mass-normalised shapes of the undamped system; what a run calls (sweeps: ``solve_lowest_modes``).
+def solve_modal(
+    system: SecondOrderSystem, *, count: int | None = None, up_to_hz: float | None = None
+) -> ModalResult:
+    """Natural frequencies and mass-normalised shapes of the undamped system; what a run calls
+    (sweeps: ``solve_lowest_modes``).
 
     Args:
         system: Mass and stiffness must be symmetric and positive semidefinite; damping is left out.
@@ -52,7 +69,8 @@ def solve_modal(system: SecondOrderSystem, *, count: int | None = None, up_to_hz
         up_to_hz: Keep modes up to this frequency [Hz]; both limits hold when both are given.
 
     Raises:
-        ModelError: A matrix is not symmetric, not finite or indefinite; nothing has mass; a dof has neither mass nor stiffness.
+        ModelError: A matrix is not symmetric, not finite or indefinite; nothing has mass; a dof has
+            neither mass nor stiffness.
         ConvergenceError: LAPACK did not converge.
         AccuracyError: An eigenpair misses the residual limit.
         ValueError: ``count`` is below one.
@@ -60,14 +78,22 @@ def solve_modal(system: SecondOrderSystem, *, count: int | None = None, up_to_hz
     if count is not None and count < 1:
         raise ValueError(f"count of modes is {count}; ask for at least one")
     for matrix, what in ((system.stiffness, "stiffness"), (system.mass, "mass")):
-        require_symmetric(matrix, what, "control and gyroscopic terms need the complex modes of the damped system")
+        require_symmetric(
+            matrix, what, "control and gyroscopic terms need the complex modes of the damped system"
+        )
     if len(system.mass) == 0:
         raise ModelError("no dof is left: every motion is held by rigid joints")
     limit = None if up_to_hz is None else (2.0 * np.pi * up_to_hz) ** 2
-    return _finish_modes(system, solve_symmetric_modes(system.stiffness, system.mass, wanted=count, up_to=limit), up_to_hz)
+    return _finish_modes(
+        system,
+        solve_symmetric_modes(system.stiffness, system.mass, wanted=count, up_to=limit),
+        up_to_hz,
+    )
 
 
-def _finish_modes(system: SecondOrderSystem, pairs: ModalPairs, up_to_hz: float | None) -> ModalResult:
+def _finish_modes(
+    system: SecondOrderSystem, pairs: ModalPairs, up_to_hz: float | None
+) -> ModalResult:
     """Frequencies, signs and residuals of eigenpairs; those beyond a limit are left out.
 
     Raises:
@@ -76,26 +102,42 @@ def _finish_modes(system: SecondOrderSystem, pairs: ModalPairs, up_to_hz: float 
     frequencies = np.sqrt(np.abs(pairs.squares)) / (2.0 * np.pi)
     kept = len(frequencies)
     if up_to_hz is not None:
-        kept = min(kept, max(pairs.rigid_count, int(np.searchsorted(frequencies, up_to_hz, side="right"))))
+        kept = min(
+            kept, max(pairs.rigid_count, int(np.searchsorted(frequencies, up_to_hz, side="right")))
+        )
     shapes = _with_sign(pairs.shapes[:, :kept])
     residuals = _residuals(system, pairs.squares[:kept], shapes)
     _require_small(residuals, frequencies)
-    return ModalResult(frequencies[:kept], shapes, pairs.rigid_count, pairs.infinite_count, residuals)
+    return ModalResult(
+        frequencies[:kept], shapes, pairs.rigid_count, pairs.infinite_count, residuals
+    )
 
 
-def keep_lowest(modes: ModalResult, *, count: int | None = None, up_to_hz: float | None = None) -> ModalResult:
+def keep_lowest(
+    modes: ModalResult, *, count: int | None = None, up_to_hz: float | None = None
+) -> ModalResult:
     """The lowest of all modes, without solving anew.
 
     Args:
         modes: Modes in rising order.
         count: Keep at most this many, rigid-body modes counted; None keeps all.
-        up_to_hz: Keep modes up to this frequency [Hz], rigid-body modes always; both limits hold when both are given.
+        up_to_hz: Keep modes up to this frequency [Hz], rigid-body modes always; both limits hold
+            when both are given.
     """
     kept = len(modes.frequencies_hz) if count is None else min(count, len(modes.frequencies_hz))
     if up_to_hz is not None:
-        kept = min(kept, max(modes.rigid_count, int(np.searchsorted(modes.frequencies_hz, up_to_hz, side="right"))))
+        kept = min(
+            kept,
+            max(
+                modes.rigid_count,
+                int(np.searchsorted(modes.frequencies_hz, up_to_hz, side="right")),
+            ),
+        )
     return replace(
-        modes, frequencies_hz=modes.frequencies_hz[:kept], shapes=modes.shapes[:, :kept], residuals=modes.residuals[:kept]
+        modes,
+        frequencies_hz=modes.frequencies_hz[:kept],
+        shapes=modes.shapes[:, :kept],
+        residuals=modes.residuals[:kept],
     )
 
 
@@ -107,12 +149,21 @@ def _with_sign(shapes: FloatArray) -> FloatArray:
 
 
 def _residuals(system: SecondOrderSystem, squares: FloatArray, shapes: FloatArray) -> FloatArray:
-    """Residual of each pair, every dof weighed by its own ``k_ii + omega^2 m_ii``: independent of units and of grading."""
+    """Residual of each pair, every dof weighed by its own ``k_ii + omega^2 m_ii``: independent of
+    units and of grading.
+    """
     residual = system.stiffness @ shapes - (system.mass @ shapes) * squares
-    weights = system.stiffness.diagonal()[:, None] + system.mass.diagonal()[:, None] * np.abs(squares)
+    weights = system.stiffness.diagonal()[:, None] + system.mass.diagonal()[:, None] * np.abs(
+        squares
+    )
     weights = np.maximum(weights, np.finfo(float).tiny)
     sizes = np.einsum("ij,ij,ij->j", shapes, shapes, weights)
-    return np.asarray(np.sqrt((residual**2 / weights).max(axis=0, initial=0.0) / np.maximum(sizes, np.finfo(float).tiny)))
+    return np.asarray(
+        np.sqrt(
+            (residual**2 / weights).max(axis=0, initial=0.0)
+            / np.maximum(sizes, np.finfo(float).tiny)
+        )
+    )
 
 
 def _require_small(residuals: FloatArray, frequencies: FloatArray) -> None:
@@ -124,11 +175,15 @@ def _require_small(residuals: FloatArray, frequencies: FloatArray) -> None:
         )
 
 
-def solve_lowest_modes(system: SecondOrderSystem, *, count: int | None = None, up_to_hz: float | None = None) -> ModalResult:
-    """Like ``solve_modal``, at two thirds of its cost where few modes are wanted; dofs without mass are not counted.
+def solve_lowest_modes(
+    system: SecondOrderSystem, *, count: int | None = None, up_to_hz: float | None = None
+) -> ModalResult:
+    """Like ``solve_modal``, at two thirds of its cost where few modes are wanted; dofs without mass
+    are not counted.
 
-    ``M x = mu K x`` is reduced by ``K = L L^T`` to one symmetric matrix, of which LAPACK finds the largest eigenvalues only. Where the
-    answer may not be good enough (free motions, a wide spread) ``solve_modal`` takes over.
+    ``M x = mu K x`` is reduced by ``K = L L^T`` to one symmetric matrix, of which LAPACK finds the
+    largest eigenvalues only. Where the answer may not be good enough (free motions, a wide spread)
+    ``solve_modal`` takes over.
 
     Args:
         system: Mass and stiffness as for ``solve_modal``; damping is left out.
@@ -148,9 +203,15 @@ def solve_lowest_modes(system: SecondOrderSystem, *, count: int | None = None, u
     return _finish_modes(system, pairs, up_to_hz)
 
 
-def _largest_flexibilities(stiffness: FloatArray, mass: FloatArray, count: int | None, up_to_hz: float | None) -> ModalPairs | None:
+def _largest_flexibilities(
+    stiffness: FloatArray, mass: FloatArray, count: int | None, up_to_hz: float | None
+) -> ModalPairs | None:
     size = len(mass)
-    if size == 0 or (count is None and up_to_hz is None) or (count is not None and count > FEW * size):
+    if (
+        size == 0
+        or (count is None and up_to_hz is None)
+        or (count is not None and count > FEW * size)
+    ):
         return None
     lower, info = dpotrf(stiffness, lower=1)
     if info != 0:
@@ -163,13 +224,21 @@ def _largest_flexibilities(stiffness: FloatArray, mass: FloatArray, count: int |
     else:
         least = BEYOND / (2.0 * np.pi * up_to_hz) ** 2
         # no eigenvalue is negative, so none is larger than their sum
-        found = dsyevr(reduced, range="V", vl=least, vu=max(WIDENING * float(np.trace(reduced)), 2.0 * least), lower=1)
+        found = dsyevr(
+            reduced,
+            range="V",
+            vl=least,
+            vu=max(WIDENING * float(np.trace(reduced)), 2.0 * least),
+            lower=1,
+        )
     values, vectors, number, _, info = found
     flexibilities, vectors = values[:number], vectors[:, :number]
     if info != 0 or number == 0 or spreads_too_far(flexibilities[0], flexibilities[-1]):
         return None
     kept = number if count is None else min(number, count)
-    shapes = solve_triangular(lower, vectors[:, : -kept - 1 : -1], lower=True, trans="T", check_finite=False)
+    shapes = solve_triangular(
+        lower, vectors[:, : -kept - 1 : -1], lower=True, trans="T", check_finite=False
+    )
     if loses_digits(stiffness, shapes[:, 0]):
         return None
     squares = 1.0 / flexibilities[: -kept - 1 : -1]
@@ -198,8 +267,8 @@ def slope_shape(
 ) -> FloatArray:
     """Derivatives ``(n, p)`` of one mass-normalised mode shape by p parameters.
 
-    In a cluster of repeated eigenvalues the part that turns the shapes of the cluster into each other is left out: it has no
-    definite value.
+    In a cluster of repeated eigenvalues the part that turns the shapes of the cluster into each
+    other is left out: it has no definite value.
 
     Args:
         stiffness: ``(n, n)``.

@@ -1,4 +1,6 @@
-"""A system in the coordinates of its undamped modes, with the residual flexibility that modes left out and massless dofs add."""
+"""A system in the coordinates of its undamped modes, with the residual flexibility that modes left
+out and massless dofs add.
+"""
 
 import dataclasses
 from collections.abc import Sequence
@@ -12,14 +14,19 @@ from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.linear.symmetric_matrices import find_null_space, is_symmetric
 from headstock.solvers.second_order import Port, SecondOrderSystem, input_columns, output_rows
 
-DIAGONAL_LIMIT = 1e-9  # off-diagonal entries below this share of their diagonal entries are roundoff
+DIAGONAL_LIMIT = (
+    1e-9  # off-diagonal entries below this share of their diagonal entries are roundoff
+)
 ROUNDOFF = 1e-13  # and those below this share of the largest entry
-SEEN_LIMIT = 1e-10  # a port moves in a rigid-body motion, or a damper with a dof, by more than this share
+SEEN_LIMIT = (
+    1e-10  # a port moves in a rigid-body motion, or a damper with a dof, by more than this share
+)
 
 
 @dataclass(frozen=True, eq=False)
 class ModalCoordinates:
-    """``p'' + C p' + (Omega^2 + i H) p = B f``, ``y = L p + E f``: all modes, rigid-body modes first.
+    """``p'' + C p' + (Omega^2 + i H) p = B f``, ``y = L p + E f``: all modes, rigid-body modes
+    first.
 
     Attributes:
         squares: ``(m,)`` omega^2 [rad^2/s^2], exactly zero for rigid-body modes.
@@ -28,10 +35,10 @@ class ModalCoordinates:
         outputs: ``(n_outputs, m)`` motions per unit modal coordinate.
         viscous: ``(m, m)`` or None.
         hysteretic: ``(m, m)`` or None.
-        elastic: ``(n_outputs, n_inputs)`` exact static compliance of the elastic modes and of dofs without mass, apart from the
-            rigid-body motion that an unbalanced load sets off.
-        residual: ``(n_outputs, n_inputs)`` what the elastic modes together lack of it: the flexibility of dofs without mass and
-            of modes left out, else roundoff.
+        elastic: ``(n_outputs, n_inputs)`` exact static compliance of the elastic modes and of dofs
+            without mass, apart from the rigid-body motion that an unbalanced load sets off.
+        residual: ``(n_outputs, n_inputs)`` what the elastic modes together lack of it: the
+            flexibility of dofs without mass and of modes left out, else roundoff.
         complete: No mode is left out and no dof is without mass, so that the residual is roundoff.
         shapes: ``(n, m)`` mass-normalised.
     """
@@ -54,11 +61,15 @@ class ModalCoordinates:
 
 
 def to_modal_coordinates(
-    system: SecondOrderSystem, inputs: Sequence[Port], outputs: Sequence[Port], modes: ModalResult | None = None
+    system: SecondOrderSystem,
+    inputs: Sequence[Port],
+    outputs: Sequence[Port],
+    modes: ModalResult | None = None,
 ) -> ModalCoordinates | None:
     """The system in modal coordinates; None where they cannot carry it.
 
-    That is so when a matrix is not symmetric (control, gyroscopic terms), or a damper acts on dofs without mass.
+    That is so when a matrix is not symmetric (control, gyroscopic terms), or a damper acts on dofs
+    without mass.
 
     Args:
         system: Any.
@@ -97,13 +108,15 @@ def to_modal_coordinates(
 
 
 def keep_modes(coordinates: ModalCoordinates, count: int) -> ModalCoordinates:
-    """Only the lowest elastic modes; what the others add statically goes to the residual flexibility.
+    """Only the lowest elastic modes; what the others add statically goes to the residual
+    flexibility.
 
     Args:
         coordinates: Of all modes.
         count: Elastic modes kept; rigid-body modes stay.
 
-    Source: MacNeal (1971), A hybrid method of component mode synthesis; Geradin and Rixen (2015), section 3.3.5 (mode
+    Source: MacNeal (1971), A hybrid method of component mode synthesis; Geradin and Rixen (2015),
+    section 3.3.5 (mode
         acceleration).
     """
     kept = slice(0, coordinates.rigid_count + count)
@@ -118,14 +131,19 @@ def keep_modes(coordinates: ModalCoordinates, count: int) -> ModalCoordinates:
         viscous=None if coordinates.viscous is None else coordinates.viscous[kept, kept],
         hysteretic=None if coordinates.hysteretic is None else coordinates.hysteretic[kept, kept],
         residual=coordinates.elastic - statics,
-        complete=coordinates.complete and len(coordinates.squares) <= coordinates.rigid_count + count,
+        complete=coordinates.complete
+        and len(coordinates.squares) <= coordinates.rigid_count + count,
         shapes=coordinates.shapes[:, kept],
     )
 
 
 def count_modes(coordinates: ModalCoordinates, limit_hz: float) -> int:
     """Elastic modes up to a frequency."""
-    return int(np.count_nonzero((coordinates.squares > 0.0) & (coordinates.omega <= 2.0 * np.pi * limit_hz)))
+    return int(
+        np.count_nonzero(
+            (coordinates.squares > 0.0) & (coordinates.omega <= 2.0 * np.pi * limit_hz)
+        )
+    )
 
 
 def has_symmetric_terms(system: SecondOrderSystem) -> bool:
@@ -134,17 +152,22 @@ def has_symmetric_terms(system: SecondOrderSystem) -> bool:
     return all(term is None or is_symmetric(term) for term in terms)
 
 
-def elastic_displacements(system: SecondOrderSystem, modes: ModalResult, loads: FloatArray) -> FloatArray:
-    """Static displacements ``(n, k)`` without the rigid-body motion that an unbalanced load sets off.
+def elastic_displacements(
+    system: SecondOrderSystem, modes: ModalResult, loads: FloatArray
+) -> FloatArray:
+    """Static displacements ``(n, k)`` without the rigid-body motion that an unbalanced load sets
+    off.
 
-    A load that is not in balance is balanced by the inertia forces of that motion, and the answer is orthogonal to it.
+    A load that is not in balance is balanced by the inertia forces of that motion, and the answer
+    is orthogonal to it.
 
     Args:
         system: Symmetric.
         modes: Its undamped modes; only the rigid ones are used.
         loads: ``(n, k)`` generalised loads.
 
-    Source: Geradin and Rixen (2015), section 2.6 (inertia relief, pseudo-inverse of a free structure).
+    Source: Geradin and Rixen (2015), section 2.6 (inertia relief, pseudo-inverse of a free
+    structure).
     """
     if not modes.rigid_count:
         return solve_static(system, loads).displacements
@@ -159,12 +182,18 @@ def elastic_displacements(system: SecondOrderSystem, modes: ModalResult, loads: 
     return np.asarray(displacements - rigid @ (rigid.T @ (system.mass @ displacements)))
 
 
-def rigid_response(coordinates: ModalCoordinates) -> tuple[FloatArray, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
-    """Acceleration per unit load of the rigid-body motion ``(n_outputs, n_inputs)``, and where it is more than roundoff."""
+def rigid_response(
+    coordinates: ModalCoordinates,
+) -> tuple[FloatArray, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
+    """Acceleration per unit load of the rigid-body motion ``(n_outputs, n_inputs)``, and where it
+    is more than roundoff.
+    """
     first = slice(0, coordinates.rigid_count)
     moved, pushed = coordinates.outputs[:, first], coordinates.inputs[first]
     size = np.abs(moved) @ np.abs(pushed)
-    reach = np.outer(np.linalg.norm(coordinates.outputs, axis=1), np.linalg.norm(coordinates.inputs, axis=0))
+    reach = np.outer(
+        np.linalg.norm(coordinates.outputs, axis=1), np.linalg.norm(coordinates.inputs, axis=0)
+    )
     return moved @ pushed, size > SEEN_LIMIT * reach
 
 
@@ -172,7 +201,11 @@ def damps_rigid_motion(coordinates: ModalCoordinates) -> bool:
     """Whether a damper resists a rigid-body motion."""
     first = coordinates.rigid_count
     for matrix in (coordinates.viscous, coordinates.hysteretic):
-        if matrix is not None and first and np.abs(matrix[:first]).max() > SEEN_LIMIT * np.abs(matrix).max():
+        if (
+            matrix is not None
+            and first
+            and np.abs(matrix[:first]).max() > SEEN_LIMIT * np.abs(matrix).max()
+        ):
             return True
     return False
 
@@ -183,7 +216,12 @@ def is_diagonal(matrix: FloatArray | None) -> bool:
         return True
     size = np.sqrt(np.abs(matrix.diagonal()))
     rest = np.abs(matrix - np.diag(matrix.diagonal()))
-    return bool((rest <= DIAGONAL_LIMIT * np.outer(size, size) + ROUNDOFF * np.abs(matrix).max(initial=0.0)).all())
+    return bool(
+        (
+            rest
+            <= DIAGONAL_LIMIT * np.outer(size, size) + ROUNDOFF * np.abs(matrix).max(initial=0.0)
+        ).all()
+    )
 
 
 def undamped(system: SecondOrderSystem) -> SecondOrderSystem:
@@ -202,6 +240,8 @@ def _dampers_have_mass(system: SecondOrderSystem, modes: ModalResult) -> bool:
     """Whether no damper moves with dofs that have no mass."""
     massless = find_null_space(system.mass, what="mass").vectors
     for matrix in (system.damping, system.hysteretic):
-        if matrix is not None and np.abs(matrix @ massless).max() > SEEN_LIMIT * np.abs(matrix).max(initial=0.0):
+        if matrix is not None and np.abs(matrix @ massless).max() > SEEN_LIMIT * np.abs(matrix).max(
+            initial=0.0
+        ):
             return False
     return modes.infinite_count == massless.shape[1]

@@ -1,4 +1,6 @@
-"""Pairing of the natural modes of two models of a machine by shape; close frequencies are compared by the space they span."""
+"""Pairing of the natural modes of two models of a machine by shape; close frequencies are compared
+by the space they span.
+"""
 
 from dataclasses import dataclass
 
@@ -9,7 +11,8 @@ from headstock.geometry.frames import FloatArray
 
 SAME_MODE = 0.5  # a smaller correlation makes two modes different ones
 CLUSTER_GAP = 0.02  # neighbours closer than this share of their frequency may turn into each other
-# how much shape within a cluster, and then nearness in frequency, may decide where correlations are alike
+# how much shape within a cluster, and then nearness in frequency, may decide where correlations are
+# alike
 SHAPE_WEIGHT, NEARNESS_WEIGHT = 0.1, 0.01
 
 
@@ -19,7 +22,8 @@ class ModeSet:
 
     Attributes:
         frequencies_hz: ``(m,)`` rising.
-        field: ``(k, m)`` motions at places that all models share, weighted so that scalar products are kinetic energies.
+        field: ``(k, m)`` motions at places that all models share, weighted so that scalar products
+            are kinetic energies.
         rigid_count: How many of the first are rigid-body modes: their frequencies are roundoff.
     """
 
@@ -30,7 +34,9 @@ class ModeSet:
 
 @dataclass(frozen=True)
 class ModePair:
-    """Two modes that are one: the index of each, and the square of the cosine between their shapes (MAC)."""
+    """Two modes that are one: the index of each, and the square of the cosine between their shapes
+    (MAC).
+    """
 
     first: int
     second: int
@@ -38,19 +44,22 @@ class ModePair:
 
 
 def correlate_modes(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Modal assurance criterion ``(m_1, m_2)`` of weighted fields ``(k, m_1)`` and ``(k, m_2)``; 0 for a field that rests.
+    """Modal assurance criterion ``(m_1, m_2)`` of weighted fields ``(k, m_1)`` and ``(k, m_2)``; 0
+    for a field that rests.
 
     Source: Allemang and Brown (1982).
     """
     return np.asarray((_unit_columns(first).T @ _unit_columns(second)) ** 2)
 
 
-def pair_modes(first: ModeSet, second: ModeSet, *, same_from: float = SAME_MODE) -> tuple[ModePair, ...]:
+def pair_modes(
+    first: ModeSet, second: ModeSet, *, same_from: float = SAME_MODE
+) -> tuple[ModePair, ...]:
     """Modes of two models that are the same, each used once, in the order of the first.
 
-    Modes closer to each other than two per cent are no more than a basis of the space they span: there the smallest cosine
-    between the two spaces counts where it is larger than that of the single shapes. Frequencies decide only between modes
-    that correlate alike.
+    Modes closer to each other than two per cent are no more than a basis of the space they span:
+    there the smallest cosine between the two spaces counts where it is larger than that of the
+    single shapes. Frequencies decide only between modes that correlate alike.
 
     Args:
         first: One model's modes.
@@ -63,11 +72,22 @@ def pair_modes(first: ModeSet, second: ModeSet, *, same_from: float = SAME_MODE)
         return ()
     plain = correlate_modes(first.field, second.field)
     spanned = np.maximum(plain, _cluster_correlations(first, second))
-    nearness = 1.0 / (1.0 + np.abs(np.log(_positive(first.frequencies_hz)[:, None] / _positive(second.frequencies_hz))))
-    return tuple(assign_modes(spanned, SHAPE_WEIGHT * plain + NEARNESS_WEIGHT * nearness, same_from=same_from))
+    nearness = 1.0 / (
+        1.0
+        + np.abs(
+            np.log(_positive(first.frequencies_hz)[:, None] / _positive(second.frequencies_hz))
+        )
+    )
+    return tuple(
+        assign_modes(
+            spanned, SHAPE_WEIGHT * plain + NEARNESS_WEIGHT * nearness, same_from=same_from
+        )
+    )
 
 
-def assign_modes(correlations: FloatArray, tie_break: FloatArray, *, same_from: float = SAME_MODE) -> list[ModePair]:
+def assign_modes(
+    correlations: FloatArray, tie_break: FloatArray, *, same_from: float = SAME_MODE
+) -> list[ModePair]:
     """The pairs, each mode used once, with the largest sum of correlations.
 
     Args:
@@ -77,15 +97,25 @@ def assign_modes(correlations: FloatArray, tie_break: FloatArray, *, same_from: 
 
     Source: Kuhn (1955).
     """
-    rows, columns = linear_sum_assignment(np.where(correlations >= same_from, correlations + tie_break, 0.0), maximize=True)
-    pairs = [ModePair(int(i), int(j), float(correlations[i, j])) for i, j in zip(rows, columns, strict=True)]
+    rows, columns = linear_sum_assignment(
+        np.where(correlations >= same_from, correlations + tie_break, 0.0), maximize=True
+    )
+    pairs = [
+        ModePair(int(i), int(j), float(correlations[i, j]))
+        for i, j in zip(rows, columns, strict=True)
+    ]
     return [pair for pair in pairs if pair.correlation >= same_from]
 
 
 def match_frequencies(
-    logs: FloatArray, wanted_logs: FloatArray, *, sigmas: FloatArray | float = 1.0, costs: FloatArray | float = 0.0
+    logs: FloatArray,
+    wanted_logs: FloatArray,
+    *,
+    sigmas: FloatArray | float = 1.0,
+    costs: FloatArray | float = 0.0,
 ) -> tuple[int, ...]:
-    """Which mode meets each wanted frequency, where shapes alone do not tell: the smallest sum of squared distances and costs.
+    """Which mode meets each wanted frequency, where shapes alone do not tell: the smallest sum of
+    squared distances and costs.
 
     Args:
         logs: ``(m,)`` logarithms of the modes' frequencies.
@@ -103,11 +133,16 @@ def match_frequencies(
 
 
 def find_clusters(modes: ModeSet) -> list[list[int]]:
-    """Rigid-body modes, and runs of modes whose neighbours lie within ``CLUSTER_GAP`` of each other."""
+    """Rigid-body modes, and runs of modes whose neighbours lie within ``CLUSTER_GAP`` of each
+    other.
+    """
     clusters = [list(range(modes.rigid_count))] if modes.rigid_count else []
     for index in range(modes.rigid_count, len(modes.frequencies_hz)):
         hz = float(modes.frequencies_hz[index])
-        if index > modes.rigid_count and hz - float(modes.frequencies_hz[index - 1]) <= CLUSTER_GAP * hz:
+        if (
+            index > modes.rigid_count
+            and hz - float(modes.frequencies_hz[index - 1]) <= CLUSTER_GAP * hz
+        ):
             clusters[-1].append(index)
         else:
             clusters.append([index])
@@ -115,10 +150,15 @@ def find_clusters(modes: ModeSet) -> list[list[int]]:
 
 
 def _cluster_correlations(first: ModeSet, second: ModeSet) -> FloatArray:
-    """Square of the smallest cosine between the spaces that two clusters span, for every mode of them."""
+    """Square of the smallest cosine between the spaces that two clusters span, for every mode of
+    them.
+    """
     result = np.zeros((first.field.shape[1], second.field.shape[1]))
     bases = [
-        [(members, np.linalg.qr(_unit_columns(modes.field[:, members]))[0]) for members in find_clusters(modes)]
+        [
+            (members, np.linalg.qr(_unit_columns(modes.field[:, members]))[0])
+            for members in find_clusters(modes)
+        ]
         for modes in (first, second)
     ]
     for mine, basis in bases[0]:

@@ -1,4 +1,6 @@
-"""Tracking of natural modes from pose to pose by their shapes, through crossings of their frequencies too."""
+"""Tracking of natural modes from pose to pose by their shapes, through crossings of their
+frequencies too.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -9,13 +11,20 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.mode_pairing import SAME_MODE, SHAPE_WEIGHT, ModeSet, assign_modes, find_clusters
+from headstock.solvers.linear.mode_pairing import (
+    SAME_MODE,
+    SHAPE_WEIGHT,
+    ModeSet,
+    assign_modes,
+    find_clusters,
+)
 
 IntArray = NDArray[np.int64]
 Edges = Sequence[tuple[int, int]]
 EDGES_AT_ONCE = 256
 NOBODY = -1
-SMALLEST_STEP = 1e-6  # of an edge between poses that look exactly alike, which a sparse graph would take for none
+# of an edge between poses that look exactly alike, which a sparse graph would take for none
+SMALLEST_STEP = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +33,8 @@ class SweptModes:
 
     Attributes:
         frequencies_hz: ``(n, m)`` rising, NaN beyond the last.
-        fields: ``(n, d, m)`` shapes whose scalar products are kinetic (or strain) energies, of length one; zero beyond the last.
+        fields: ``(n, d, m)`` shapes whose scalar products are kinetic (or strain) energies, of
+            length one; zero beyond the last.
         wanted: ``(n,)`` how many of them are asked for.
         rigid: ``(n,)`` how many of the first are rigid-body modes.
     """
@@ -42,7 +52,11 @@ class SweptModes:
     def mode_set(self, number: int) -> ModeSet:
         """Modes of one pose."""
         count = int(np.isfinite(self.frequencies_hz[number]).sum())
-        return ModeSet(self.frequencies_hz[number, :count], self.fields[number, :, :count].astype(float), int(self.rigid[number]))
+        return ModeSet(
+            self.frequencies_hz[number, :count],
+            self.fields[number, :, :count].astype(float),
+            int(self.rigid[number]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +65,11 @@ class TrackedModes:
 
     Attributes:
         index: ``(n, t)`` which of a pose's modes each tracked mode is; -1 where it is none of them.
-        correlation: ``(n, t)`` square of the cosine between its shape and that in the neighbour it was followed from, or the share
-            of that shape within a cluster of close modes; 1 where it was first met, NaN where it is not.
-        crossings: Pairs of tracked modes whose order changes between neighbours, and between how many.
+        correlation: ``(n, t)`` square of the cosine between its shape and that in the neighbour it
+            was followed from, or the share of that shape within a cluster of close modes; 1 where
+            it was first met, NaN where it is not.
+        crossings: Pairs of tracked modes whose order changes between neighbours, and between how
+            many.
         torn: How many pairs of neighbours hold a tracked mode in shapes that do not look alike.
     """
 
@@ -75,16 +91,24 @@ class _Node:
 def track_modes(modes: SweptModes, neighbours: Edges) -> TrackedModes:
     """Follow modes along the edges where neighbours look most alike (a maximum spanning tree).
 
-    Modes closer than two per cent are no more than a basis of the space they span: there the shape that is followed is the one of
-    that space nearest to the shape before, so modes keep their identity through a pose in which two frequencies coincide. Modes
-    that are not met again begin anew, and are joined with those they look like in another neighbour.
+    Modes closer than two per cent are no more than a basis of the space they span: there the shape
+    that is followed is the one of that space nearest to the shape before, so modes keep their
+    identity through a pose in which two frequencies coincide. Modes that are not met again begin
+    anew, and are joined with those they look like in another neighbour.
 
-    Source: Allemang and Brown (1982), MAC; Schoenemann (1966), orthogonal Procrustes problem; Kuhn (1955), assignment.
+    Source: Allemang and Brown (1982), MAC; Schoenemann (1966), orthogonal Procrustes problem; Kuhn
+    (1955), assignment.
     """
     present = modes.present
     edges = [(i, j) for i, j in neighbours if present[i] and present[j]]
     likeness = np.concatenate(
-        [np.zeros(0), *(_likeness(modes, edges[at : at + EDGES_AT_ONCE]) for at in range(0, len(edges), EDGES_AT_ONCE))]
+        [
+            np.zeros(0),
+            *(
+                _likeness(modes, edges[at : at + EDGES_AT_ONCE])
+                for at in range(0, len(edges), EDGES_AT_ONCE)
+            ),
+        ]
     )
     nodes: dict[int, _Node] = {}
     labels = 0
@@ -96,7 +120,9 @@ def track_modes(modes: SweptModes, neighbours: Edges) -> TrackedModes:
 
 
 def _likeness(modes: SweptModes, edges: Edges) -> FloatArray:
-    """How much the wanted mode that is least alike in two poses still looks like one of the other pose, per edge."""
+    """How much the wanted mode that is least alike in two poses still looks like one of the other
+    pose, per edge.
+    """
     first, second = np.array(edges).T
     products = np.swapaxes(modes.fields[first], 1, 2) @ modes.fields[second]
     squares = products * products
@@ -111,31 +137,42 @@ def _likeness(modes: SweptModes, edges: Edges) -> FloatArray:
 def _walk(modes: SweptModes, edges: Edges, likeness: FloatArray) -> Iterator[tuple[int, int]]:
     """Every pose that has modes, after the neighbour it is followed from; -1 for those that begin.
 
-    It begins where frequencies lie furthest apart, since a cluster's shapes say nothing about which mode is which.
+    It begins where frequencies lie furthest apart, since a cluster's shapes say nothing about which
+    mode is which.
     """
     size, gaps = len(modes.frequencies_hz), _closest_gaps(modes)
     ends = np.array(edges, dtype=np.int32).reshape(-1, 2)
-    graph = coo_array((1.0 - likeness + SMALLEST_STEP, (ends[:, 0], ends[:, 1])), shape=(size, size)).tocsr()
+    graph = coo_array(
+        (1.0 - likeness + SMALLEST_STEP, (ends[:, 0], ends[:, 1])), shape=(size, size)
+    ).tocsr()
     tree = minimum_spanning_tree(graph)
     _, groups = connected_components(graph, directed=False)
     for group in range(groups.max(initial=-1) + 1):
         members = np.flatnonzero((groups == group) & np.isfinite(gaps))
         if len(members):
-            order, before = breadth_first_order(tree, members[np.argmax(gaps[members])], directed=False)
+            order, before = breadth_first_order(
+                tree, members[np.argmax(gaps[members])], directed=False
+            )
             yield from ((int(number), int(before[number])) for number in order)
 
 
 def _closest_gaps(modes: SweptModes) -> FloatArray:
-    """Smallest distance between a wanted elastic mode and the next, as a share of its frequency; NaN without modes."""
+    """Smallest distance between a wanted elastic mode and the next, as a share of its frequency;
+    NaN without modes.
+    """
     columns = np.arange(modes.frequencies_hz.shape[1] - 1)
     asked = (columns >= modes.rigid[:, None]) & (columns < modes.wanted[:, None])
-    shares = np.diff(modes.frequencies_hz, axis=1) / np.maximum(modes.frequencies_hz[:, 1:], np.finfo(float).tiny)
+    shares = np.diff(modes.frequencies_hz, axis=1) / np.maximum(
+        modes.frequencies_hz[:, 1:], np.finfo(float).tiny
+    )
     closest = np.where(asked & np.isfinite(shares), shares, 1.0).min(axis=1, initial=1.0)
     return np.asarray(np.where(modes.present, closest, np.nan))
 
 
 def _follow(modes: ModeSet, before: _Node | None, labels: int) -> _Node:
-    """Labels of a pose's modes: those of the neighbour's modes they are, new ones from ``labels`` on for the others."""
+    """Labels of a pose's modes: those of the neighbour's modes they are, new ones from ``labels``
+    on for the others.
+    """
     field, count = modes.field.copy(), len(modes.frequencies_hz)
     node = _Node(field, np.full(count, NOBODY), np.ones(count))
     node.labels[: modes.rigid_count] = NOBODY - 1
@@ -144,14 +181,18 @@ def _follow(modes: ModeSet, before: _Node | None, labels: int) -> _Node:
         for old, new, correlation in _assign(modes, before, cosines):
             node.labels[new], node.correlation[new] = before.labels[old], correlation
         for members in find_clusters(modes):
-            node.field[:, members] = field[:, members] @ _turn_cluster(cosines, before.labels, node.labels, members)
+            node.field[:, members] = field[:, members] @ _turn_cluster(
+                cosines, before.labels, node.labels, members
+            )
     fresh = node.labels == NOBODY
     node.labels[fresh] = labels + np.arange(fresh.sum())
     return node
 
 
 def _assign(modes: ModeSet, before: _Node, cosines: FloatArray) -> Iterator[tuple[int, int, float]]:
-    """Pairs of modes that are one, and how much of the old shape lies in the space of the new one's cluster."""
+    """Pairs of modes that are one, and how much of the old shape lies in the space of the new one's
+    cluster.
+    """
     plain = cosines**2
     spanned = plain.copy()
     for members in find_clusters(modes):
@@ -162,19 +203,27 @@ def _assign(modes: ModeSet, before: _Node, cosines: FloatArray) -> Iterator[tupl
         yield pair.first, pair.second, min(1.0, pair.correlation)
 
 
-def _turn_cluster(cosines: FloatArray, before: IntArray, labels: IntArray, members: list[int]) -> FloatArray:
-    """Rotation ``(m, m)`` of a cluster's shapes to those nearest to the shapes they were followed from; of one shape, its sign."""
+def _turn_cluster(
+    cosines: FloatArray, before: IntArray, labels: IntArray, members: list[int]
+) -> FloatArray:
+    """Rotation ``(m, m)`` of a cluster's shapes to those nearest to the shapes they were followed
+    from; of one shape, its sign.
+    """
     followed = [place for place, member in enumerate(members) if labels[member] in before]
     old = [int(np.flatnonzero(before == labels[members[place]])[0]) for place in followed]
     left, _, right = np.linalg.svd(cosines[np.ix_(old, members)].T)
     turn = np.zeros((len(members), len(members)))
     turn[:, followed] = left[:, : len(followed)] @ right
-    turn[:, [place for place in range(len(members)) if place not in followed]] = left[:, len(followed) :]
+    turn[:, [place for place in range(len(members)) if place not in followed]] = left[
+        :, len(followed) :
+    ]
     return turn
 
 
 def _join_labels(nodes: dict[int, _Node], edges: Edges) -> None:
-    """Join labels that look alike in neighbours and never stand in the same pose, the most alike first."""
+    """Join labels that look alike in neighbours and never stand in the same pose, the most alike
+    first.
+    """
     places: dict[int, set[int]] = {}
     for number, node in nodes.items():
         for label in node.labels[node.labels >= 0]:
@@ -187,7 +236,13 @@ def _join_labels(nodes: dict[int, _Node], edges: Edges) -> None:
         if len(alone) and len(partners):
             squares = (one.field[:, alone].T @ other.field[:, partners]) ** 2
             for i, j in np.argwhere(squares >= SAME_MODE):
-                loose.append((-float(squares[i, j]), int(one.labels[alone[i]]), int(other.labels[partners[j]])))
+                loose.append(
+                    (
+                        -float(squares[i, j]),
+                        int(one.labels[alone[i]]),
+                        int(other.labels[partners[j]]),
+                    )
+                )
     now = {label: label for label in places}
     for _, first, second in sorted(loose):
         kept, gone = now[first], now[second]
@@ -195,7 +250,9 @@ def _join_labels(nodes: dict[int, _Node], edges: Edges) -> None:
             places[kept] |= places.pop(gone)
             now = {label: kept if target == gone else target for label, target in now.items()}
     for node in nodes.values():
-        node.labels = np.array([now.get(int(label), int(label)) for label in node.labels], dtype=np.int64)
+        node.labels = np.array(
+            [now.get(int(label), int(label)) for label in node.labels], dtype=np.int64
+        )
 
 
 def _tabulate(modes: SweptModes, nodes: dict[int, _Node], edges: Edges) -> TrackedModes:
@@ -212,7 +269,9 @@ def _tabulate(modes: SweptModes, nodes: dict[int, _Node], edges: Edges) -> Track
     order = np.flatnonzero(asked)[np.argsort(np.nanmedian(tracked, axis=0), kind="stable")]
     tracked = tracked_frequencies(modes.frequencies_hz, index[:, order])
     torn = sum(_is_torn(nodes[i], nodes[j]) for i, j in edges)
-    return TrackedModes(index[:, order], correlation[:, order], _find_crossings(tracked, edges), torn)
+    return TrackedModes(
+        index[:, order], correlation[:, order], _find_crossings(tracked, edges), torn
+    )
 
 
 def tracked_frequencies(frequencies_hz: FloatArray, index: IntArray) -> FloatArray:

@@ -1,7 +1,9 @@
-"""Frequency response by three methods: undamped modes corrected statically, poles, and a dense solve per frequency.
+"""Frequency response by three methods: undamped modes corrected statically, poles, and a dense
+solve per frequency.
 
-Undamped modes serve where no damping couples them, poles of any linear second-order system (unsymmetric terms, dofs without mass and
-structural damping included) elsewhere; one dense solve per frequency is slow, and right for any linear system.
+Undamped modes serve where no damping couples them, poles of any linear second-order system
+(unsymmetric terms, dofs without mass and structural damping included) elsewhere; one dense solve
+per frequency is slow, and right for any linear system.
 """
 
 from dataclasses import dataclass
@@ -31,8 +33,8 @@ class RestTerms:
     Attributes:
         rigid: ``(n_outputs, n_inputs)`` acceleration of the rigid-body motion per unit load.
         residual: ``(n_outputs, n_inputs)`` static compliance that the modes lack.
-        square: Lowest omega^2 [rad^2/s^2] where all modes are there: the residual is then roundoff, and fades with the static
-            compliance beyond it; else infinite.
+        square: Lowest omega^2 [rad^2/s^2] where all modes are there: the residual is then roundoff,
+            and fades with the static compliance beyond it; else infinite.
     """
 
     rigid: FloatArray
@@ -67,12 +69,16 @@ class ModalSum:
     rest: RestTerms
 
     def evaluate(self, omega: FloatArray) -> ComplexArray:
-        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN on an undamped pole that is seen."""
+        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN on an
+        undamped pole that is seen.
+        """
         square = omega[:, None] ** 2
         real, imaginary = self.squares - square, omega[:, None] * self.viscous + self.hysteretic
         singular = np.hypot(real, imaginary) <= SINGULAR * (self.squares + square)
         weights = np.where(singular, 0.0, 1.0 / np.where(singular, 1.0, real + 1j * imaginary))
-        found: ComplexArray = np.tensordot(weights, self.residues + 0j, axes=1) + self.rest.evaluate(omega)
+        found: ComplexArray = np.tensordot(
+            weights, self.residues + 0j, axes=1
+        ) + self.rest.evaluate(omega)
         return _blank_singular(found, singular, self.seen)
 
     def poles(self) -> ComplexArray:
@@ -100,18 +106,30 @@ def rest_terms(coordinates: ModalCoordinates) -> RestTerms:
     """What the elastic modes of a system lack."""
     rigid, moves = rigid_response(coordinates)
     lowest = float(coordinates.squares[coordinates.rigid_count :].min(initial=np.inf))
-    return RestTerms(np.where(moves, rigid, 0.0), coordinates.residual, lowest if coordinates.complete else np.inf)
+    return RestTerms(
+        np.where(moves, rigid, 0.0),
+        coordinates.residual,
+        lowest if coordinates.complete else np.inf,
+    )
 
 
-def see_modes(rows: ComplexArray | FloatArray, loads: ComplexArray | FloatArray) -> NDArray[np.bool_]:
-    """Whether a mode takes part in each entry ``(m, n_outputs, n_inputs)``, from ``(n_outputs, m)`` and ``(m, n_inputs)``."""
+def see_modes(
+    rows: ComplexArray | FloatArray, loads: ComplexArray | FloatArray
+) -> NDArray[np.bool_]:
+    """Whether a mode takes part in each entry ``(m, n_outputs, n_inputs)``, from ``(n_outputs, m)``
+    and ``(m, n_inputs)``.
+    """
     moved = np.abs(rows) > UNSEEN * np.abs(rows).max(axis=1, keepdims=True, initial=0.0)
     pushed = np.abs(loads) > UNSEEN * np.abs(loads).max(axis=0, keepdims=True, initial=0.0)
     return np.asarray(moved.T[:, :, None] & pushed[:, None, :])
 
 
-def _blank_singular(values: ComplexArray, singular: NDArray[np.bool_], seen: NDArray[np.bool_]) -> ComplexArray:
-    """NaN in place of what a singular mode ``(n_freq, m)`` that takes part ``(m, n_outputs, n_inputs)`` has spoilt."""
+def _blank_singular(
+    values: ComplexArray, singular: NDArray[np.bool_], seen: NDArray[np.bool_]
+) -> ComplexArray:
+    """NaN in place of what a singular mode ``(n_freq, m)`` that takes part ``(m, n_outputs,
+    n_inputs)`` has spoilt.
+    """
     lost = np.tensordot(singular.astype(float), seen.astype(float), axes=1) > 0.0
     return np.where(lost, np.nan, values)
 
@@ -122,10 +140,12 @@ def _diagonal(matrix: FloatArray | None, size: int) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class PoleSum:
-    """``sum_k r_k mu_k / (1 - sigma mu_k)`` and what modes lack; sigma is ``i omega``, or ``omega^2`` without viscous damping.
+    """``sum_k r_k mu_k / (1 - sigma mu_k)`` and what modes lack; sigma is ``i omega``, or
+    ``omega^2`` without viscous damping.
 
     Attributes:
-        flexibilities: ``(p,)`` mu, inverse poles: the slow ones, which matter, then come out to machine precision.
+        flexibilities: ``(p,)`` mu, inverse poles: the slow ones, which matter, then come out to
+            machine precision.
         residues: ``(p, n_outputs, n_inputs)``.
         seen: The same shape: the pole takes part.
         rest: Rigid-body motion and residual flexibility.
@@ -139,13 +159,18 @@ class PoleSum:
     first_order: bool
 
     def evaluate(self, omega: FloatArray) -> ComplexArray:
-        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN on an undamped pole that is seen."""
+        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN on an
+        undamped pole that is seen.
+        """
         sigma = 1j * omega if self.first_order else omega**2 + 0j
         product = sigma[:, None] * self.flexibilities
         singular = np.abs(1.0 - product) <= SINGULAR
-        weights = np.where(singular, 0.0, self.flexibilities / np.where(singular, 1.0, 1.0 - product))
+        weights = np.where(
+            singular, 0.0, self.flexibilities / np.where(singular, 1.0, 1.0 - product)
+        )
         if self.first_order:
-            # above all poles, with sum r_k = 0 (a load does not jump the displacement), which the plain sum loses digits to find
+            # above all poles, with sum r_k = 0 (a load does not jump the displacement), which the
+            # plain sum loses digits to find
             above = np.abs(product).min(axis=1, initial=np.inf) > 1.0
             weights[above] = 1.0 / (1j * omega[above, None] * (1.0 - product[above]))
         found = np.tensordot(weights, self.residues, axes=1) + self.rest.evaluate(omega)
@@ -164,9 +189,11 @@ def sum_over_poles(coordinates: ModalCoordinates) -> PoleSum:
     """The sum over all poles of the elastic modes; no damper may act on rigid-body motions.
 
     Raises:
-        AccuracyError: The poles lie so close together that they have hardly independent shapes (critical damping).
+        AccuracyError: The poles lie so close together that they have hardly independent shapes
+            (critical damping).
 
-    Source: Frazer, Duncan and Collar (1938); Geradin and Rixen (2015), section 3.3. The inverse state matrix is used, which
+    Source: Frazer, Duncan and Collar (1938); Geradin and Rixen (2015), section 3.3. The inverse
+    state matrix is used, which
         in modal coordinates needs no factorisation of the stiffness.
     """
     bent = slice(coordinates.rigid_count, None)
@@ -176,21 +203,30 @@ def sum_over_poles(coordinates: ModalCoordinates) -> PoleSum:
     if coordinates.viscous is None:
         values, vectors = _eigenpairs(softness / np.outer(omega, omega))
         left, right = rows @ vectors, _solve(vectors, loads)
-        return PoleSum(values, _products(left, right), see_modes(left, right), rest_terms(coordinates), False)
+        return PoleSum(
+            values, _products(left, right), see_modes(left, right), rest_terms(coordinates), False
+        )
     loss = softness / omega @ (coordinates.viscous[bent, bent] / omega)
-    # state (W p, p') with W = diag(omega): A = [[0, W], [-W (softness)^-1, -C]]; its inverse needs no factorisation
+    # state (W p, p') with W = diag(omega): A = [[0, W], [-W (softness)^-1, -C]]; its inverse needs
+    # no factorisation
     inverse = np.block([[-loss, -softness / omega], [np.diag(1.0 / omega), np.zeros_like(loss)]])
     values, vectors = _eigenpairs(inverse.real if coordinates.hysteretic is None else inverse)
     left = rows / omega @ vectors[: len(omega)]
     right = _solve(vectors, np.vstack([np.zeros_like(loads), loads]))
     # 1 / (i omega - 1 / mu) = -mu / (1 - i omega mu)
-    return PoleSum(values, _products(left, -right), see_modes(left, right), rest_terms(coordinates), True)
+    return PoleSum(
+        values, _products(left, -right), see_modes(left, right), rest_terms(coordinates), True
+    )
 
 
 def _softness(hysteretic: FloatArray | None, bent: slice, omega: FloatArray) -> ComplexArray:
     """Inverse of the complex stiffness ``W^-1 (W^2 + i H) W^-1``, W = diag(omega)."""
     unit = np.eye(len(omega)) + 0j
-    return unit if hysteretic is None else _solve(unit + 1j * hysteretic[bent, bent] / np.outer(omega, omega), unit)
+    return (
+        unit
+        if hysteretic is None
+        else _solve(unit + 1j * hysteretic[bent, bent] / np.outer(omega, omega), unit)
+    )
 
 
 def _solve(matrix: ComplexArray, right: ComplexArray) -> ComplexArray:
@@ -206,32 +242,41 @@ def _eigenpairs(matrix: ComplexArray | FloatArray) -> tuple[ComplexArray, Comple
     vectors = vectors / np.linalg.norm(vectors, axis=0)
     condition = np.linalg.cond(vectors)
     if not condition <= CONDITION_LIMIT:
-        raise AccuracyError(f"the complex modes are nearly dependent (condition {condition:.2g}): critical damping")
+        raise AccuracyError(
+            f"the complex modes are nearly dependent (condition {condition:.2g}): critical damping"
+        )
     return np.asarray(values, dtype=np.complex128), np.asarray(vectors, dtype=np.complex128)
 
 
 def find_poles(system: SecondOrderSystem) -> ComplexArray:
     """All finite poles ``(p,)`` [rad/s], rising in size; conjugate pairs stand twice.
 
-    Structural damping is taken as it acts at positive frequencies, so that with it only poles above the real axis mean anything.
+    Structural damping is taken as it acts at positive frequencies, so that with it only poles above
+    the real axis mean anything.
 
     Args:
         system: Any; nothing is symmetrised.
 
-    Source: Tisseur and Meerbergen (2001), The quadratic eigenvalue problem, section 3.4 (first companion form) and section 5.1
+    Source: Tisseur and Meerbergen (2001), The quadratic eigenvalue problem, section 3.4 (first
+    companion form) and section 5.1
         (scaling of Fan, Lin and Van Dooren 2004); Moler and Stewart (1973), QZ.
     """
     size = len(system.mass)
     stiffness = system.stiffness + (0.0 if system.hysteretic is None else 1j * system.hysteretic)
     damping = np.zeros((size, size)) if system.damping is None else system.damping
-    stiff, heavy = float(np.abs(stiffness).max(initial=0.0)), float(np.abs(system.mass).max(initial=0.0))
+    stiff, heavy = (
+        float(np.abs(stiffness).max(initial=0.0)),
+        float(np.abs(system.mass).max(initial=0.0)),
+    )
     # s = scale z makes stiffness and mass equally large
     scale = np.sqrt(stiff / heavy) if stiff > 0.0 and heavy > 0.0 else 1.0
     level = max(stiff, heavy * scale**2) or 1.0
     zero, unit = np.zeros((size, size)), np.eye(size)
     left = np.block([[zero, unit], [-stiffness / level, -damping * (scale / level)]])
     right = np.block([[unit, zero], [zero, system.mass * (scale**2 / level)]])
-    numerator, denominator = scipy.linalg.eigvals(left, right, homogeneous_eigvals=True, check_finite=False)
+    numerator, denominator = scipy.linalg.eigvals(
+        left, right, homogeneous_eigvals=True, check_finite=False
+    )
     finite = np.abs(denominator) > INFINITE * (np.abs(numerator) + np.abs(denominator))
     poles = scale * numerator[finite] / denominator[finite]
     return np.asarray(poles[np.argsort(np.abs(poles), kind="stable")])
@@ -252,9 +297,13 @@ class DirectResponse:
     rows: FloatArray
 
     def evaluate(self, omega: FloatArray) -> ComplexArray:
-        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN where the matrix is singular."""
+        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN where
+        the matrix is singular.
+        """
         shape = (len(omega), len(self.rows), self.loads.shape[1])
-        return np.array([self.rows @ self._displacements(float(value)) for value in omega]).reshape(shape)
+        return np.array([self.rows @ self._displacements(float(value)) for value in omega]).reshape(
+            shape
+        )
 
     def poles(self) -> ComplexArray:
         """Poles at positive frequencies, and real ones [rad/s]."""
@@ -262,7 +311,9 @@ class DirectResponse:
         return np.asarray(found[found.imag >= 0.0])
 
     def _displacements(self, omega: float) -> ComplexArray:
-        """Displacements ``(n, n_inputs)``; rows and columns scaled by the size of their own terms, one step of refinement."""
+        """Displacements ``(n, n_inputs)``; rows and columns scaled by the size of their own terms,
+        one step of refinement.
+        """
         system = self.system
         matrix = system.stiffness - omega**2 * system.mass + 0j
         if system.damping is not None:
@@ -273,7 +324,9 @@ class DirectResponse:
         scale = 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0))
         scaled = matrix * scale * scale[:, None]
         factor, pivots, info = zgetrf(scaled)
-        reciprocal, _ = zgecon(factor, np.abs(scaled).sum(axis=0).max(initial=0.0)) if info == 0 else (0.0, 0)
+        reciprocal, _ = (
+            zgecon(factor, np.abs(scaled).sum(axis=0).max(initial=0.0)) if info == 0 else (0.0, 0)
+        )
         if not reciprocal > SINGULAR_FACTOR * EPS:
             return np.full(self.loads.shape, np.nan + 0j)
         right = scale[:, None] * self.loads + 0j

@@ -1,4 +1,6 @@
-"""Sparse factorisation and lowest modes of coupled systems of many bodies, whose matrices are mostly zero."""
+"""Sparse factorisation and lowest modes of coupled systems of many bodies, whose matrices are
+mostly zero.
+"""
 
 from dataclasses import dataclass
 
@@ -12,19 +14,24 @@ from headstock.solvers.errors import ConvergenceError
 SMALLEST = 1200  # dofs from which a matrix is looked at
 FILLED = 0.1  # share of entries that are not zero, from which a full factorisation is as fast
 SPARE = 8  # modes asked for beyond those wanted, so that a gap can be found above them
-LEAST_MASS = 1e-11  # reciprocal condition of the mass, all dofs scaled to the same, below which one may be without
-GAP = 1e-6  # between neighbouring eigenvalues, from which a count between them is safe from rounding
+# reciprocal condition of the mass, all dofs scaled to the same, below which one may be without
+LEAST_MASS = 1e-11
+GAP = (
+    1e-6  # between neighbouring eigenvalues, from which a count between them is safe from rounding
+)
 
 
 @dataclass(frozen=True, eq=False)
 class SparseFactor:
-    """``A = L D L^T`` of a symmetric matrix, scaled to a diagonal of ones, with pivots on the diagonal.
+    """``A = L D L^T`` of a symmetric matrix, scaled to a diagonal of ones, with pivots on the
+    diagonal.
 
     Attributes:
         factor: Of the scaled matrix.
         scaled: The scaled matrix, ``(n, n)``.
         scale: ``(n,)`` by which rows and columns were multiplied.
-        negative: How many pivots are below zero: the number of negative eigenvalues (Sylvester's law of inertia).
+        negative: How many pivots are below zero: the number of negative eigenvalues (Sylvester's
+            law of inertia).
     """
 
     factor: SuperLU
@@ -41,7 +48,9 @@ class SparseFactor:
 
     def reciprocal_condition(self) -> float:
         """Of the scaled matrix in the 1-norm, estimated (Higham and Tisseur 2000)."""
-        inverse = LinearOperator(self.scaled.shape, matvec=self.factor.solve, rmatvec=self.factor.solve, dtype=float)
+        inverse = LinearOperator(
+            self.scaled.shape, matvec=self.factor.solve, rmatvec=self.factor.solve, dtype=float
+        )
         return 1.0 / float(abs(self.scaled).sum(axis=0).max() * onenormest(inverse))
 
 
@@ -61,7 +70,12 @@ def factorise_sparse(matrix: sp.csc_matrix) -> SparseFactor | None:
     scale = 1.0 / np.sqrt(diagonal)
     scaled = sp.csc_matrix(matrix.multiply(scale[:, None]).multiply(scale))
     try:
-        factor = splu(scaled, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        factor = splu(
+            scaled,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
     except RuntimeError:
         return None
     pivots = factor.U.diagonal()
@@ -70,8 +84,11 @@ def factorise_sparse(matrix: sp.csc_matrix) -> SparseFactor | None:
     return SparseFactor(factor, scaled, scale, int(np.count_nonzero(pivots < 0.0)))
 
 
-def lowest_sparse_modes(stiffness: FloatArray, mass: FloatArray, wanted: int) -> tuple[FloatArray, FloatArray] | None:
-    """The lowest eigenvalues ``(m,)`` and mass-normalised shapes ``(n, m)`` by Lanczos' method, none left out.
+def lowest_sparse_modes(
+    stiffness: FloatArray, mass: FloatArray, wanted: int
+) -> tuple[FloatArray, FloatArray] | None:
+    """The lowest eigenvalues ``(m,)`` and mass-normalised shapes ``(n, m)`` by Lanczos' method,
+    none left out.
 
     Args:
         stiffness: ``(n, n)`` symmetric, positive definite.
@@ -79,32 +96,46 @@ def lowest_sparse_modes(stiffness: FloatArray, mass: FloatArray, wanted: int) ->
         wanted: How many.
 
     Returns:
-        None where the matrices are not sparse, one of them is not clearly positive definite, or a count of eigenvalues below a gap above those wanted
-        (Sturm) is not what was found, as repeated ones may be missed: the caller then solves in full.
+        None where the matrices are not sparse, one of them is not clearly positive definite, or a
+        count of eigenvalues below a gap above those wanted (Sturm) is not what was found, as
+        repeated ones may be missed: the caller then solves in full.
 
-    Source: Ericsson and Ruhe (1980) (spectral transformation); Parlett (1998), section 3.3 (Sylvester's inertia).
+    Source: Ericsson and Ruhe (1980) (spectral transformation); Parlett (1998), section 3.3
+    (Sylvester's inertia).
     """
     sparse, size = find_sparse(stiffness), len(mass)
     heavy = None if sparse is None else find_sparse(mass)
     if sparse is None or heavy is None or wanted + SPARE >= size // 2:
         return None
     factor, inertia = factorise_sparse(sparse), factorise_sparse(heavy)
-    if factor is None or inertia is None or factor.negative or inertia.negative or inertia.reciprocal_condition() < LEAST_MASS:
+    if (
+        factor is None
+        or inertia is None
+        or factor.negative
+        or inertia.negative
+        or inertia.reciprocal_condition() < LEAST_MASS
+    ):
         return None
     inverse = LinearOperator(sparse.shape, matvec=factor.solve, dtype=float)
     start = np.random.default_rng(0).normal(size=size)
     count = wanted + SPARE
     try:
-        squares, shapes = eigsh(sparse, count, heavy, sigma=0.0, OPinv=inverse, v0=start, ncv=3 * count, tol=0.0)
+        squares, shapes = eigsh(
+            sparse, count, heavy, sigma=0.0, OPinv=inverse, v0=start, ncv=3 * count, tol=0.0
+        )
     except ArpackError as error:
-        raise ConvergenceError(f"Lanczos' method for the lowest {count} modes of {size} dofs stopped: {error}") from error
+        raise ConvergenceError(
+            f"Lanczos' method for the lowest {count} modes of {size} dofs stopped: {error}"
+        ) from error
     order = np.argsort(squares)
     squares, shapes = squares[order], shapes[:, order]
     gaps = squares[wanted:] / squares[wanted - 1 : -1] - 1.0
     kept = wanted + int(np.argmax(gaps))
     if not gaps.max() > GAP:
         return None
-    shifted = factorise_sparse(sp.csc_matrix(sparse - np.sqrt(squares[kept - 1] * squares[kept]) * heavy))
+    shifted = factorise_sparse(
+        sp.csc_matrix(sparse - np.sqrt(squares[kept - 1] * squares[kept]) * heavy)
+    )
     if shifted is None or shifted.negative != kept:
         return None
     return squares[:wanted], shapes[:, :wanted]

@@ -1,4 +1,6 @@
-"""First-order form of a second-order system with named inputs and outputs, also for python-control: ``x' = A x + B u``, ``y = C x + D u``."""
+"""First-order form of a second-order system with named inputs and outputs, also for python-control:
+``x' = A x + B u``, ``y = C x + D u``.
+"""
 
 import importlib
 from collections.abc import Sequence
@@ -18,7 +20,14 @@ from headstock.solvers.linear.modal_coordinates import (
     keep_modes,
     to_modal_coordinates,
 )
-from headstock.solvers.second_order import ComplexArray, Port, SecondOrderSystem, input_columns, name_port, output_rows
+from headstock.solvers.second_order import (
+    ComplexArray,
+    Port,
+    SecondOrderSystem,
+    input_columns,
+    name_port,
+    output_rows,
+)
 
 MASSLESS_CONDITION = 1e14
 
@@ -65,22 +74,33 @@ class StateSpace:
     def respond(self, omega: FloatArray) -> ComplexArray:
         """Frequency response ``(n_freq, n_outputs, n_inputs)`` at angular frequencies [rad/s]."""
         unit = np.eye(len(self.a))
-        return np.array([self.c @ np.linalg.solve(1j * value * unit - self.a, self.b + 0j) + self.d for value in omega])
+        return np.array(
+            [
+                self.c @ np.linalg.solve(1j * value * unit - self.a, self.b + 0j) + self.d
+                for value in omega
+            ]
+        )
 
 
 def to_state_space(
-    system: SecondOrderSystem, *, inputs: Sequence[Port], outputs: Sequence[Port], up_to_hz: float | None = None
+    system: SecondOrderSystem,
+    *,
+    inputs: Sequence[Port],
+    outputs: Sequence[Port],
+    up_to_hz: float | None = None,
 ) -> StateSpace:
     """State space of a system; outputs are displacements.
 
-    In modal coordinates, each mode as ``(omega p, p')``: half the sum of squares of the states is the energy. Structural damping
-    is replaced by the viscous one of equal loss in each mode. A system with unsymmetric terms keeps its own dofs.
+    In modal coordinates, each mode as ``(omega p, p')``: half the sum of squares of the states is
+    the energy. Structural damping is replaced by the viscous one of equal loss in each mode. A
+    system with unsymmetric terms keeps its own dofs.
 
     Args:
         system: Any; unsymmetric ones need mass on every dof.
         inputs: Ports.
         outputs: Ports.
-        up_to_hz: Keep modes up to here only; the static compliance of the others goes to D. None keeps all.
+        up_to_hz: Keep modes up to here only; the static compliance of the others goes to D. None
+            keeps all.
 
     Raises:
         ModelError: A port is unknown, or a dof without mass stands in the way.
@@ -89,22 +109,29 @@ def to_state_space(
         return _unsymmetric(system, tuple(inputs), tuple(outputs))
     coordinates = to_modal_coordinates(equivalent_viscous(system), inputs, outputs)
     if coordinates is None:
-        raise ModelError("a damper acts on a dof without mass, which has no place in a state space; give every body a mass")
+        raise ModelError(
+            "a damper acts on a dof without mass, which has no place in a state space; give every body a mass"
+        )
     if up_to_hz is not None:
         coordinates = keep_modes(coordinates, count_modes(coordinates, up_to_hz))
     return modal_state_space(coordinates, tuple(inputs), tuple(outputs))
 
 
-def modal_state_space(coordinates: ModalCoordinates, inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> StateSpace:
-    """State space of modal coordinates: state ``2k`` is ``omega p`` of mode k, state ``2k + 1`` is ``p'``.
+def modal_state_space(
+    coordinates: ModalCoordinates, inputs: tuple[Port, ...], outputs: tuple[Port, ...]
+) -> StateSpace:
+    """State space of modal coordinates: state ``2k`` is ``omega p`` of mode k, state ``2k + 1`` is
+    ``p'``.
 
     Args:
-        coordinates: ``m`` modes with their input and output matrices and the residual flexibility of those left out.
+        coordinates: ``m`` modes with their input and output matrices and the residual flexibility
+            of those left out.
         inputs: Name of each column of ``B`` and ``D``.
         outputs: Name of each row of ``C`` and ``D``.
 
     Returns:
-        ``A (2 m, 2 m)``, ``B``, ``C``, ``D``; for a rigid-body mode ``omega`` is that of the lowest elastic one, as a mere scale.
+        ``A (2 m, 2 m)``, ``B``, ``C``, ``D``; for a rigid-body mode ``omega`` is that of the lowest
+        elastic one, as a mere scale.
     """
     squares, count = coordinates.squares, len(coordinates.squares)
     lowest = float(np.sqrt(squares[squares > 0.0].min(initial=np.inf)))
@@ -118,23 +145,44 @@ def modal_state_space(coordinates: ModalCoordinates, inputs: tuple[Port, ...], o
     b, c = np.zeros((2 * count, len(inputs))), np.zeros((len(outputs), 2 * count))
     b[second], c[:, first] = coordinates.inputs, coordinates.outputs / scales
     d = np.zeros_like(coordinates.residual) if coordinates.complete else coordinates.residual
-    names = tuple(f"mode {mode + 1} {part}" for mode in range(count) for part in ("displacement", "velocity"))
-    pairs = ModalPairs(scales, squares, np.array(damping.diagonal())) if is_diagonal(coordinates.viscous) else None
+    names = tuple(
+        f"mode {mode + 1} {part}" for mode in range(count) for part in ("displacement", "velocity")
+    )
+    pairs = (
+        ModalPairs(scales, squares, np.array(damping.diagonal()))
+        if is_diagonal(coordinates.viscous)
+        else None
+    )
     return StateSpace(a, b, c, d, inputs, outputs, names, pairs)
 
 
-def _unsymmetric(system: SecondOrderSystem, inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> StateSpace:
+def _unsymmetric(
+    system: SecondOrderSystem, inputs: tuple[Port, ...], outputs: tuple[Port, ...]
+) -> StateSpace:
     if system.hysteretic is not None:
-        raise ModelError("structural damping of an unsymmetric system has no equivalent in time; give it viscous damping")
+        raise ModelError(
+            "structural damping of an unsymmetric system has no equivalent in time; give it viscous damping"
+        )
     if not np.linalg.cond(system.mass) < MASSLESS_CONDITION:
-        raise ModelError("a dof without mass has no place in the state space of an unsymmetric system; give every body a mass")
+        raise ModelError(
+            "a dof without mass has no place in the state space of an unsymmetric system; give every body a mass"
+        )
     count = len(system.mass)
     zero = np.zeros((count, count))
     damping = zero if system.damping is None else np.linalg.solve(system.mass, system.damping)
-    a = np.block([[zero, np.eye(count)], [-np.linalg.solve(system.mass, system.stiffness), -damping]])
-    b = np.vstack([np.zeros((count, len(inputs))), np.linalg.solve(system.mass, input_columns(system, inputs))])
+    a = np.block(
+        [[zero, np.eye(count)], [-np.linalg.solve(system.mass, system.stiffness), -damping]]
+    )
+    b = np.vstack(
+        [
+            np.zeros((count, len(inputs))),
+            np.linalg.solve(system.mass, input_columns(system, inputs)),
+        ]
+    )
     c = np.hstack([output_rows(system, outputs), np.zeros((len(outputs), count))])
-    names = tuple(f"{label} {part}" for part in ("displacement", "velocity") for label in system.labels)
+    names = tuple(
+        f"{label} {part}" for part in ("displacement", "velocity") for label in system.labels
+    )
     return StateSpace(a, b, c, np.zeros((len(outputs), len(inputs))), inputs, outputs, names)
 
 
@@ -147,7 +195,9 @@ def to_control(space: StateSpace) -> Any:
     try:
         control = importlib.import_module("control")
     except ImportError as error:
-        raise ModelError("python-control is not installed; install it by `pip install control`, or write a .mat file") from error
+        raise ModelError(
+            "python-control is not installed; install it by `pip install control`, or write a .mat file"
+        ) from error
     return control.StateSpace(
         space.a, space.b, space.c, space.d,
         inputs=[name_port(port) for port in space.inputs],

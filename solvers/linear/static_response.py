@@ -69,11 +69,12 @@ class BalancedResult:
     """Static displacements of a system that may leave motions free.
 
     Attributes:
-        displacements: ``(n, m)``; of several answers that differ by a free motion the one with the dofs ``free.pinned`` at rest, zero
-            for a load that has none.
+        displacements: ``(n, m)``; of several answers that differ by a free motion the one with the
+            dofs ``free.pinned`` at rest, zero for a load that has none.
         balanced: ``(m,)`` the load does no work on the free motions, so that it has an answer.
         free: The free motions.
-        weights: ``(n,)`` stiffness of each dof, by which motions and loads in different units are compared.
+        weights: ``(n,)`` stiffness of each dof, by which motions and loads in different units are
+            compared.
     """
 
     displacements: FloatArray
@@ -82,7 +83,9 @@ class BalancedResult:
     weights: FloatArray
 
     def determines(self, rows: FloatArray) -> BoolArray:
-        """Whether outputs ``(k, n)`` are the same in all answers: they do not move in a free motion."""
+        """Whether outputs ``(k, n)`` are the same in all answers: they do not move in a free
+        motion.
+        """
         return _does_no_work(rows.T, self.free.vectors, self.weights)
 
 
@@ -97,24 +100,35 @@ def solve_balanced(system: SecondOrderSystem, loads: FloatArray) -> BalancedResu
         ModelError: The system is statically unstable.
         AccuracyError: The residual is too large.
 
-    Source: Geradin and Rixen (2015), section 2.6 (solvability condition and pseudo-inverse of a free structure).
+    Source: Geradin and Rixen (2015), section 2.6 (solvability condition and pseudo-inverse of a
+    free structure).
     """
     weights = np.array(system.stiffness.diagonal())
     every = np.ones(loads.shape[1], dtype=bool)
     try:
         found = solve_static(system, loads).displacements
         return BalancedResult(
-            found, every, NullSpace(np.zeros((len(weights), 0)), np.zeros(0, int), np.arange(len(weights))), weights
+            found,
+            every,
+            NullSpace(np.zeros((len(weights), 0)), np.zeros(0, int), np.arange(len(weights))),
+            weights,
         )
     except ModelError:
         null = find_null_space(system.stiffness)
         if not null.dimension:
             raise
-    weights = np.where(weights > 0.0, weights, np.median(weights[weights > 0.0]) if (weights > 0.0).any() else 1.0)
+    weights = np.where(
+        weights > 0.0, weights, np.median(weights[weights > 0.0]) if (weights > 0.0).any() else 1.0
+    )
     balanced = _does_no_work(loads, null.vectors, weights)
     held = np.ix_(null.free, null.free)
     inner = SecondOrderSystem(
-        system.mass[held], None, system.stiffness[held], {}, {}, tuple(system.labels[int(dof)] for dof in null.free)
+        system.mass[held],
+        None,
+        system.stiffness[held],
+        {},
+        {},
+        tuple(system.labels[int(dof)] for dof in null.free),
     )
     displacements = np.zeros(loads.shape)
     if balanced.any():
@@ -159,7 +173,9 @@ def _solve_symmetric(system: SecondOrderSystem, loads: FloatArray) -> FloatArray
         )
     solution = scale[:, None] * cho_solve((factor, True), scale[:, None] * loads)
     correction = loads - stiffness @ solution
-    return np.asarray(solution + scale[:, None] * cho_solve((factor, True), scale[:, None] * correction))
+    return np.asarray(
+        solution + scale[:, None] * cho_solve((factor, True), scale[:, None] * correction)
+    )
 
 
 def _least_condition(size: int) -> float:
@@ -186,7 +202,9 @@ def _solve_general(system: SecondOrderSystem, loads: FloatArray) -> FloatArray:
     try:
         return np.asarray(np.linalg.solve(system.stiffness, loads))
     except np.linalg.LinAlgError as error:
-        require_symmetric(system.stiffness, "stiffness", "and it is singular: a rigid motion is free")
+        require_symmetric(
+            system.stiffness, "stiffness", "and it is singular: a rigid motion is free"
+        )
         raise ModelError("the stiffness matrix is singular") from error
 
 

@@ -1,4 +1,6 @@
-"""Symmetric positive semidefinite matrices whose entries differ by many decades: the test a solver needs, and their null space."""
+"""Symmetric positive semidefinite matrices whose entries differ by many decades: the test a solver
+needs, and their null space.
+"""
 
 from dataclasses import dataclass
 
@@ -13,8 +15,11 @@ from headstock.solvers.errors import ModelError
 IntArray = NDArray[np.int64]
 EPS = float(np.finfo(float).eps)
 PIVOT_FACTOR = 16.0  # pivots below PIVOT_FACTOR * n * eps of their own diagonal entry are roundoff
-DEAD_DIAGONAL = 1e-28  # (eps^2 and a margin) of the largest diagonal entry: a direction cosine squared, not a stiffness
-DEAD_MASS = 1e-18  # the same for masses, which differ by fewer decades than springs: what long levers leave of a dof without mass
+# (eps^2 and a margin) of the largest diagonal entry: a direction cosine squared, not a stiffness
+DEAD_DIAGONAL = 1e-28
+# the same for masses, which differ by fewer decades than springs: what long levers leave of a dof
+# without mass
+DEAD_MASS = 1e-18
 INDEFINITE_LIMIT = 1e-9  # scaled Schur complement below minus this: really negative, not roundoff
 SYMMETRY_TOLERANCE = 1e-12
 PIECE = 256  # rows looked at together, so that large matrices are not copied
@@ -41,10 +46,12 @@ class NullSpace:
 
 
 def find_null_space(matrix: FloatArray, *, what: str = "stiffness") -> NullSpace:
-    """Null space of a symmetric positive semidefinite matrix by Cholesky's method with diagonal pivoting.
+    """Null space of a symmetric positive semidefinite matrix by Cholesky's method with diagonal
+    pivoting.
 
-    Each pivot is weighed against its *own* diagonal entry, which is what its roundoff is proportional to, so the decision
-    does not depend on units and a soft spring beside a stiff one is not taken for none.
+    Each pivot is weighed against its *own* diagonal entry, which is what its roundoff is
+    proportional to, so the decision does not depend on units and a soft spring beside a stiff one
+    is not taken for none.
 
     Args:
         matrix: ``(n, n)`` symmetric.
@@ -56,7 +63,8 @@ def find_null_space(matrix: FloatArray, *, what: str = "stiffness") -> NullSpace
     Raises:
         ModelError: The matrix has negative directions.
 
-    Source: Higham (1990), Analysis of the Cholesky decomposition of a semi-definite matrix; LAPACK ``dpstrf``.
+    Source: Higham (1990), Analysis of the Cholesky decomposition of a semi-definite matrix; LAPACK
+    ``dpstrf``.
     """
     size = len(matrix)
     diagonal = np.array(matrix.diagonal())
@@ -76,7 +84,9 @@ def find_null_space(matrix: FloatArray, *, what: str = "stiffness") -> NullSpace
     if len(rest):
         vectors[rest] = np.eye(len(rest))
         if rank:
-            solved = solve_triangular(lower[:rank], lower[rank:].T, lower=True, trans="T", check_finite=False)
+            solved = solve_triangular(
+                lower[:rank], lower[rank:].T, lower=True, trans="T", check_finite=False
+            )
             vectors[kept] = -unscale[kept, None] * solved / unscale[rest]
     return NullSpace(vectors, np.asarray(rest), np.asarray(kept))
 
@@ -95,7 +105,9 @@ def _require_semidefinite(schur: FloatArray, what: str) -> None:
 def _indefinite(what: str, dof: int | None) -> ModelError:
     place = "" if dof is None else f" (dof {dof} has a negative diagonal entry)"
     if what == "mass":
-        return ModelError(f"the mass matrix is not positive semidefinite{place}; look for a negative mass or a broken superelement")
+        return ModelError(
+            f"the mass matrix is not positive semidefinite{place}; look for a negative mass or a broken superelement"
+        )
     return ModelError(
         f"the {what} matrix has negative directions{place}: the machine is statically unstable; "
         "look for a negative joint stiffness or a broken superelement"
@@ -103,13 +115,18 @@ def _indefinite(what: str, dof: int | None) -> ModelError:
 
 
 def is_symmetric(matrix: FloatArray) -> bool:
-    """Whether ``|A - A^T|`` stays below 1e-12 of the largest entry; False too when a value is not finite."""
+    """Whether ``|A - A^T|`` stays below 1e-12 of the largest entry; False too when a value is not
+    finite.
+    """
     # without copies of the matrix; what is not a number stays one in a sum
     largest = max(matrix.max(initial=0.0), -matrix.min(initial=0.0))
     if not np.isfinite(largest):
         return False
     pieces = (slice(start, start + PIECE) for start in range(0, len(matrix), PIECE))
-    return all(np.abs(matrix[piece] - matrix[:, piece].T).max() <= SYMMETRY_TOLERANCE * largest for piece in pieces)
+    return all(
+        np.abs(matrix[piece] - matrix[:, piece].T).max() <= SYMMETRY_TOLERANCE * largest
+        for piece in pieces
+    )
 
 
 def symmetrise(matrix: FloatArray) -> FloatArray:
@@ -125,7 +142,9 @@ def symmetrise(matrix: FloatArray) -> FloatArray:
 def absolute_product(matrix: FloatArray, vectors: FloatArray) -> FloatArray:
     """``|A| |x|``: the size of the terms of a product."""
     sizes = np.abs(vectors)
-    parts = [np.abs(matrix[start : start + PIECE]) @ sizes for start in range(0, len(matrix), PIECE)]
+    parts = [
+        np.abs(matrix[start : start + PIECE]) @ sizes for start in range(0, len(matrix), PIECE)
+    ]
     return np.concatenate(parts) if parts else sizes
 
 
@@ -143,7 +162,9 @@ def require_symmetric(matrix: FloatArray, what: str, remedy: str) -> None:
     if is_symmetric(matrix):
         return
     if not np.isfinite(matrix).all():
-        raise ModelError(f"the {what} matrix holds values that are not finite; look for NaN or inf in its superelements and joints")
+        raise ModelError(
+            f"the {what} matrix holds values that are not finite; look for NaN or inf in its superelements and joints"
+        )
     error = float(np.abs(matrix - matrix.T).max() / np.abs(matrix).max())
     raise ModelError(
         f"the {what} matrix is not symmetric: |A - A^T| = {error:.2g} of its largest entry, limit {SYMMETRY_TOLERANCE:g}; {remedy}"

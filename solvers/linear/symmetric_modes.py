@@ -1,4 +1,6 @@
-"""Eigenpairs of a dense symmetric pencil ``K x = omega^2 M x``, accurate at the low end however stiff the stiffest part is."""
+"""Eigenpairs of a dense symmetric pencil ``K x = omega^2 M x``, accurate at the low end however
+stiff the stiffest part is.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -9,11 +11,18 @@ from scipy.linalg.lapack import dpotrf, dsyevr, dsygst, dsygvd
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ConvergenceError, ModelError
 from headstock.solvers.linear.sparse_systems import lowest_sparse_modes
-from headstock.solvers.linear.symmetric_matrices import EPS, NullSpace, absolute_product, find_null_space
+from headstock.solvers.linear.symmetric_matrices import (
+    EPS,
+    NullSpace,
+    absolute_product,
+    find_null_space,
+)
 
 SPREAD_LIMIT = 1e-7  # smallest over largest flexibility that one solve resolves to ~1e-9
 MASSLESS_LIMIT = 1e-12  # flexibility over the largest one below which a dof may be without mass
-CANCELLATION_LIMIT = 1e-6  # roundoff of the lowest mode's strain energy above which a rigid mode is suspected
+CANCELLATION_LIMIT = (
+    1e-6  # roundoff of the lowest mode's strain energy above which a rigid mode is suspected
+)
 BEYOND = 0.99  # a pair at the limit itself must not be lost to roundoff
 FEW = 0.1  # of all modes, up to which they are solved for alone
 SPLIT_WINDOW = 30.0  # the two solves meet at the widest gap within this factor of the middle
@@ -37,14 +46,20 @@ class ModalPairs:
 
 
 def solve_symmetric_modes(
-    stiffness: FloatArray, mass: FloatArray, *, wanted: int | None = None, up_to: float | None = None
+    stiffness: FloatArray,
+    mass: FloatArray,
+    *,
+    wanted: int | None = None,
+    up_to: float | None = None,
 ) -> ModalPairs:
-    """The lowest eigenpairs, or all, of ``K x = omega^2 M x`` for symmetric positive semidefinite matrices.
+    """The lowest eigenpairs, or all, of ``K x = omega^2 M x`` for symmetric positive semidefinite
+    matrices.
 
-    Few modes of a large sparse pencil are sought by Lanczos (``lowest_sparse_modes``). Else the pencil is solved as
-    ``M x = mu K x``, mu = 1/omega^2: a Cholesky factorisation of K keeps small stiffnesses beside large ones (K is graded, not
-    ill-conditioned), and the largest mu, the lowest modes, come out to machine precision. Where that does not do (rigid-body
-    modes, massless dofs, a wide spread) the careful path takes over.
+    Few modes of a large sparse pencil are sought by Lanczos (``lowest_sparse_modes``). Else the
+    pencil is solved as ``M x = mu K x``, mu = 1/omega^2: a Cholesky factorisation of K keeps small
+    stiffnesses beside large ones (K is graded, not ill-conditioned), and the largest mu, the lowest
+    modes, come out to machine precision. Where that does not do (rigid-body modes, massless dofs, a
+    wide spread) the careful path takes over.
 
     Args:
         stiffness: ``(n, n)``.
@@ -62,7 +77,10 @@ def solve_symmetric_modes(
     sparse = lowest_sparse_modes(stiffness, mass, count)
     if sparse is not None:
         squares, shapes = sparse
-        if not (loses_digits(stiffness, shapes[:, 0] / np.sqrt(squares[0])) and find_null_space(stiffness).dimension):
+        if not (
+            loses_digits(stiffness, shapes[:, 0] / np.sqrt(squares[0]))
+            and find_null_space(stiffness).dimension
+        ):
             return ModalPairs(squares, shapes)
     pairs = _flexibility_modes(stiffness, mass, count, up_to)
     if pairs is None:
@@ -71,8 +89,12 @@ def solve_symmetric_modes(
     return pairs
 
 
-def _flexibility_modes(stiffness: FloatArray, mass: FloatArray, count: int, up_to: float | None) -> ModalPairs | None:
-    """The lowest eigenvalues and shapes by one LAPACK call, or None where its answer may not be good enough."""
+def _flexibility_modes(
+    stiffness: FloatArray, mass: FloatArray, count: int, up_to: float | None
+) -> ModalPairs | None:
+    """The lowest eigenvalues and shapes by one LAPACK call, or None where its answer may not be
+    good enough.
+    """
     if 0 < count <= FEW * len(mass) and _few_lose_digits(stiffness, mass, count):
         return None
     flexibilities, shapes, info = dsygvd(mass.T, stiffness.T)
@@ -80,14 +102,18 @@ def _flexibility_modes(stiffness: FloatArray, mass: FloatArray, count: int, up_t
         return None
     if up_to is not None:
         count = min(count, max(1, int(np.count_nonzero(flexibilities * up_to >= BEYOND))))
-    if spreads_too_far(flexibilities[-count], flexibilities[-1]) or loses_digits(stiffness, shapes[:, -1]):
+    if spreads_too_far(flexibilities[-count], flexibilities[-1]) or loses_digits(
+        stiffness, shapes[:, -1]
+    ):
         return None
     squares = 1.0 / flexibilities[: -count - 1 : -1]
     return ModalPairs(squares, shapes[:, : -count - 1 : -1] * np.sqrt(squares))
 
 
 def _few_lose_digits(stiffness: FloatArray, mass: FloatArray, count: int) -> bool:
-    """Whether the lowest modes alone show that the careful path has to take over, which saves the solve of all."""
+    """Whether the lowest modes alone show that the careful path has to take over, which saves the
+    solve of all.
+    """
     few = _few_modes(stiffness, mass, count)
     if few is None:
         return True
@@ -101,23 +127,30 @@ def spreads_too_far(smallest: float, largest: float) -> bool:
 
 
 def loses_digits(stiffness: FloatArray, lowest: FloatArray) -> bool:
-    """Whether roundoff is so much of the strain energy of the lowest shape ``(n,)``, ``x^T K x = 1``, that it may be a rigid motion."""
+    """Whether roundoff is so much of the strain energy of the lowest shape ``(n,)``, ``x^T K x =
+    1``, that it may be a rigid motion.
+    """
     size = np.abs(lowest)
     return bool(len(size) * EPS * (size @ absolute_product(stiffness, size)) > CANCELLATION_LIMIT)
 
 
 def _careful_modes(stiffness: FloatArray, mass: FloatArray, wanted: int) -> ModalPairs:
-    """The same when K or M is singular or the eigenvalues lie far apart; at least the lowest that are wanted."""
+    """The same when K or M is singular or the eigenvalues lie far apart; at least the lowest that
+    are wanted.
+    """
     back, condensed_stiffness, condensed_mass = _condense_massless(stiffness, mass)
     null = find_null_space(condensed_stiffness)
     rigid = _mass_orthonormal(null.vectors, condensed_mass)
     free = null.free
     coupling = condensed_mass @ rigid
-    # x = P E y with P = 1 - R R^T M: orthogonal to the rigid modes, and K P E y = K E y because K R = 0. E fills in zeros at as many dofs
-    # as there are rigid modes, so the stiffness of the free ones is definite and its pencil regular; P is applied to the shapes below
+    # x = P E y with P = 1 - R R^T M: orthogonal to the rigid modes, and K P E y = K E y because K R
+    # = 0. E fills in zeros at as many dofs as there are rigid modes, so the stiffness of the free
+    # ones is definite and its pencil regular; P is applied to the shapes below
     elastic_stiffness = condensed_stiffness[np.ix_(free, free)]
     elastic_mass = condensed_mass[np.ix_(free, free)] - coupling[free] @ coupling[free].T
-    squares, reduced = _few_modes(elastic_stiffness, elastic_mass, wanted) or _two_sided_modes(elastic_stiffness, elastic_mass)
+    squares, reduced = _few_modes(elastic_stiffness, elastic_mass, wanted) or _two_sided_modes(
+        elastic_stiffness, elastic_mass
+    )
     shapes = np.zeros((len(condensed_mass), len(squares)))
     shapes[free] = reduced
     shapes -= rigid @ (coupling.T @ shapes)
@@ -130,19 +163,24 @@ def _careful_modes(stiffness: FloatArray, mass: FloatArray, wanted: int) -> Moda
     )
 
 
-def _condense_massless(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _condense_massless(
+    stiffness: FloatArray, mass: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Guyan condensation of the null space of M: exact, because nothing there has inertia."""
     massless = find_null_space(mass, what="mass")
     if massless.dimension == 0:
         return np.eye(len(mass)), stiffness, mass
     if massless.dimension == len(mass):
-        raise ModelError("the system has no mass at all; natural frequencies need the mass to be assembled")
+        raise ModelError(
+            "the system has no mass at all; natural frequencies need the mass to be assembled"
+        )
     null, free = massless.vectors, massless.free
     inner = null.T @ stiffness @ null
     void = find_null_space(inner)
     if void.dimension:
         raise _void_error(massless, void)
-    # back = E - N (N^T K N)^-1 N^T K E: dofs without inertia follow the others so that no force is left on them
+    # back = E - N (N^T K N)^-1 N^T K E: dofs without inertia follow the others so that no force is
+    # left on them
     kept = np.eye(len(mass))[:, free]
     back = kept - null @ cho_solve(cho_factor(inner), null.T @ (stiffness @ kept))
     condensed = (stiffness @ back)[free]
@@ -159,15 +197,21 @@ def _void_error(massless: NullSpace, void: NullSpace) -> ModelError:
 
 
 def _mass_orthonormal(vectors: FloatArray, mass: FloatArray) -> FloatArray:
-    """The same space with ``R^T M R = 1``; twice, because once leaves the square of the condition number."""
+    """The same space with ``R^T M R = 1``; twice, because once leaves the square of the condition
+    number.
+    """
     for _ in range(2 if vectors.shape[1] else 0):
         lower = np.linalg.cholesky(vectors.T @ mass @ vectors)
         vectors = solve_triangular(lower, vectors.T, lower=True, check_finite=False).T
     return vectors
 
 
-def _few_modes(stiffness: FloatArray, mass: FloatArray, wanted: int) -> tuple[FloatArray, FloatArray] | None:
-    """The lowest modes alone, at a tenth of the cost of all; None where many are wanted or one solve does not resolve them."""
+def _few_modes(
+    stiffness: FloatArray, mass: FloatArray, wanted: int
+) -> tuple[FloatArray, FloatArray] | None:
+    """The lowest modes alone, at a tenth of the cost of all; None where many are wanted or one
+    solve does not resolve them.
+    """
     size = len(mass)
     if not 0 < wanted <= FEW * size:
         return None
@@ -175,20 +219,27 @@ def _few_modes(stiffness: FloatArray, mass: FloatArray, wanted: int) -> tuple[Fl
     reduced, failed = dsygst(mass, lower, itype=1, lower=1) if info == 0 else (mass, 1)
     if failed != 0:
         return None
-    flexibilities, vectors, number, _, info = dsyevr(reduced, range="I", il=size - wanted + 1, iu=size, lower=1)
+    flexibilities, vectors, number, _, info = dsyevr(
+        reduced, range="I", il=size - wanted + 1, iu=size, lower=1
+    )
     flexibilities = flexibilities[:number][::-1]
     if info != 0 or number < wanted or spreads_too_far(flexibilities[-1], flexibilities[0]):
         return None
-    shapes = solve_triangular(lower, vectors[:, number - 1 :: -1][:, :number], lower=True, trans="T", check_finite=False)
+    shapes = solve_triangular(
+        lower, vectors[:, number - 1 :: -1][:, :number], lower=True, trans="T", check_finite=False
+    )
     return 1.0 / flexibilities, shapes / np.sqrt(flexibilities)
 
 
 def _two_sided_modes(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Low modes from ``M x = mu K x``, high ones from ``K x = lambda M x`` where one solve cannot resolve both ends."""
+    """Low modes from ``M x = mu K x``, high ones from ``K x = lambda M x`` where one solve cannot
+    resolve both ends.
+    """
     if len(mass) == 0:
         return np.zeros(0), np.zeros((0, 0))
-    # a solve loses eigenvalues below rounding of its largest: that of M x = mu K x is exact where mu is large, so at low modes.
-    # Its shapes have unit stiffness; times omega they have unit mass. Transposed, because LAPACK's matrices lie by columns
+    # a solve loses eigenvalues below rounding of its largest: that of M x = mu K x is exact where
+    # mu is large, so at low modes. Its shapes have unit stiffness; times omega they have unit mass.
+    # Transposed, because LAPACK's matrices lie by columns
     flexibilities, flexible, info = dsygvd(mass.T, stiffness.T)
     _require_converged(info, "stiffness", len(mass))
     if flexibilities[0] > SPREAD_LIMIT * flexibilities[-1]:
@@ -208,12 +259,21 @@ def _widest_gap(squares: FloatArray, middle: float) -> int:
     inside = np.flatnonzero((squares > middle / SPLIT_WINDOW) & (squares < middle * SPLIT_WINDOW))
     start = int(np.searchsorted(squares, middle))
     candidates = [start, *(int(i) for i in inside if i > 0)]
-    gaps = [np.inf if i in (0, len(squares)) else squares[i] / max(squares[i - 1], middle / SPLIT_WINDOW**2) for i in candidates]
+    gaps = [
+        np.inf
+        if i in (0, len(squares))
+        else squares[i] / max(squares[i - 1], middle / SPLIT_WINDOW**2)
+        for i in candidates
+    ]
     return candidates[int(np.argmax(gaps))]
 
 
 def _require_converged(info: int, which: str, size: int) -> None:
     if info > size:
-        raise ModelError(f"the {which} matrix is not positive definite once rigid-body motions and massless dofs are taken out")
+        raise ModelError(
+            f"the {which} matrix is not positive definite once rigid-body motions and massless dofs are taken out"
+        )
     if info != 0:
-        raise ConvergenceError(f"LAPACK dsygvd stopped with info = {info}; look for entries that differ by more than 15 decades")
+        raise ConvergenceError(
+            f"LAPACK dsygvd stopped with info = {info}; look for entries that differ by more than 15 decades"
+        )

@@ -1,4 +1,6 @@
-"""Linear response in time by exact discretisation: right at every step for loads that vary linearly between steps."""
+"""Linear response in time by exact discretisation: right at every step for loads that vary linearly
+between steps.
+"""
 
 from dataclasses import dataclass
 
@@ -9,7 +11,9 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.state_space import ModalPairs, StateSpace
 
-SLOW = 0.5  # below this angle per step the integrals of a mode would cancel, and come from the exponential of a larger matrix
+# below this angle per step the integrals of a mode would cancel, and come from the exponential of a
+# larger matrix
+SLOW = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +52,11 @@ class Propagator:
         if self.transition.ndim == 2:
             return np.asarray(self.transition @ state)
         pairs = state.reshape(-1, 2)
-        return np.asarray((self.transition[:, :, 0] * pairs[:, :1] + self.transition[:, :, 1] * pairs[:, 1:]).ravel())
+        return np.asarray(
+            (
+                self.transition[:, :, 0] * pairs[:, :1] + self.transition[:, :, 1] * pairs[:, 1:]
+            ).ravel()
+        )
 
 
 def solve_time_response(
@@ -56,8 +64,8 @@ def solve_time_response(
 ) -> TimeResponse:
     """Response to sampled loads, linear between samples.
 
-    There is no error of integration, whatever the step: modes far faster than it neither blow up nor ring beyond what they
-    physically do. Energy is kept to roundoff where nothing is damped.
+    There is no error of integration, whatever the step: modes far faster than it neither blow up
+    nor ring beyond what they physically do. Energy is kept to roundoff where nothing is damped.
 
     Args:
         space: From ``to_state_space``.
@@ -72,14 +80,18 @@ def solve_time_response(
     if not np.isfinite(loads).all():
         raise ModelError("a load is not finite")
     propagator = make_propagator(space, step)
-    state = np.zeros(len(space.a)) if initial_state is None else np.asarray(initial_state, dtype=float)
+    state = (
+        np.zeros(len(space.a)) if initial_state is None else np.asarray(initial_state, dtype=float)
+    )
     forcing = loads[:-1] @ propagator.start.T + loads[1:] @ propagator.end.T
     outputs = np.empty((len(loads), len(space.c)))
     outputs[:1] = space.c @ state
     for number, push in enumerate(forcing, start=1):
         state = propagator.advance(state) + push
         outputs[number] = space.c @ state
-    return TimeResponse(np.asarray(step * np.arange(len(loads)), dtype=float), outputs + loads @ space.d.T, state)
+    return TimeResponse(
+        np.asarray(step * np.arange(len(loads)), dtype=float), outputs + loads @ space.d.T, state
+    )
 
 
 def solve_stepped_response(space: StateSpace, times: FloatArray, loads: FloatArray) -> TimeResponse:
@@ -101,13 +113,19 @@ def solve_stepped_response(space: StateSpace, times: FloatArray, loads: FloatArr
     steps = np.diff(times)
     # steps that differ by roundoff of the times are one step
     sizes, which = np.unique(np.round(steps / steps.max(), 9), return_inverse=True)
-    propagators = [make_propagator(space, float(steps[which == number].mean())) for number in range(len(sizes))]
+    propagators = [
+        make_propagator(space, float(steps[which == number].mean())) for number in range(len(sizes))
+    ]
     state = np.zeros(len(space.a))
     outputs = np.empty((len(times), len(space.c)))
     outputs[0] = space.c @ state
     for number, kind in enumerate(which):
         propagator = propagators[kind]
-        state = propagator.advance(state) + propagator.start @ loads[number, 0] + propagator.end @ loads[number, 1]
+        state = (
+            propagator.advance(state)
+            + propagator.start @ loads[number, 0]
+            + propagator.end @ loads[number, 1]
+        )
         outputs[number + 1] = space.c @ state
     direct = np.concatenate([loads[:, 0], loads[-1:, 1]]) @ space.d.T
     return TimeResponse(np.asarray(times, dtype=float), outputs + direct, state)
@@ -119,7 +137,8 @@ def make_propagator(space: StateSpace, step: float) -> Propagator:
     Raises:
         ModelError: The step is not positive.
 
-    Source: Van Loan (1978), Computing integrals involving the matrix exponential; Franklin, Powell and Workman (1998), section
+    Source: Van Loan (1978), Computing integrals involving the matrix exponential; Franklin, Powell
+    and Workman (1998), section
         6.3.2 (triangle hold).
     """
     if not (np.isfinite(step) and step > 0.0):
@@ -130,7 +149,10 @@ def make_propagator(space: StateSpace, step: float) -> Propagator:
     transition, total, rising = _pair_integrals(space.pairs, step)
     count = len(transition)
     force = space.b.reshape(count, 2, -1)
-    start, end = (np.einsum("mij,mjk->mik", part, force).reshape(space.b.shape) for part in (total - rising, rising))
+    start, end = (
+        np.einsum("mij,mjk->mik", part, force).reshape(space.b.shape)
+        for part in (total - rising, rising)
+    )
     return Propagator(transition, start, end, step)
 
 
@@ -144,7 +166,9 @@ def _integrals(a: FloatArray, step: float) -> tuple[FloatArray, tuple[FloatArray
 
 
 def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The same for every mode ``(m, 2, 2)``: closed forms, but for slow modes, where these would cancel."""
+    """The same for every mode ``(m, 2, 2)``: closed forms, but for slow modes, where these would
+    cancel.
+    """
     a = np.zeros((len(pairs.squares), 2, 2))
     a[:, 0, 1], a[:, 1, 0], a[:, 1, 1] = pairs.scales, -pairs.squares / pairs.scales, -pairs.viscous
     transition, total, rising = np.empty_like(a), np.empty_like(a), np.empty_like(a)
@@ -153,22 +177,37 @@ def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatAr
         transition[mode], (total[mode], rising[mode]) = _integrals(a[mode], step)
     fast = np.flatnonzero(~slow)
     if len(fast):
-        transition[fast] = _pair_exponentials(a[fast], pairs.squares[fast], pairs.viscous[fast], step)
+        transition[fast] = _pair_exponentials(
+            a[fast], pairs.squares[fast], pairs.viscous[fast], step
+        )
         inverse = np.linalg.inv(a[fast])
         total[fast] = inverse @ (transition[fast] - np.eye(2))
         rising[fast] = inverse @ (total[fast] / step - np.eye(2))
     return transition, total, rising
 
 
-def _pair_exponentials(a: FloatArray, squares: FloatArray, viscous: FloatArray, step: float) -> FloatArray:
-    """``exp(A h)`` of single modes: ``e^{-c h / 2} (cos(w h) + sin(w h) / w (A + c / 2))``, and its overdamped form."""
+def _pair_exponentials(
+    a: FloatArray, squares: FloatArray, viscous: FloatArray, step: float
+) -> FloatArray:
+    """``exp(A h)`` of single modes: ``e^{-c h / 2} (cos(w h) + sin(w h) / w (A + c / 2))``, and its
+    overdamped form.
+    """
     mean, rest = -0.5 * viscous, 0.25 * viscous**2 - squares
     rate = np.sqrt(np.abs(rest))
     swings = rest < 0.0
     # exp((mean + rate) h) and exp((mean - rate) h) never overflow, cosh and sinh would
-    grow, fall = np.exp((mean + np.where(swings, 0.0, rate)) * step), np.exp((mean - np.where(swings, 0.0, rate)) * step)
+    grow, fall = (
+        np.exp((mean + np.where(swings, 0.0, rate)) * step),
+        np.exp((mean - np.where(swings, 0.0, rate)) * step),
+    )
     angle = rate * step
     safe = np.where(rate > 0.0, rate, 1.0)
     even = np.where(swings, grow * np.cos(angle), 0.5 * (grow + fall))
-    odd = np.where(swings, grow * np.sin(angle) / safe, np.where(angle > 1e-8, 0.5 * (grow - fall) / safe, grow * step))
-    return np.asarray(even[:, None, None] * np.eye(2) + odd[:, None, None] * (a - mean[:, None, None] * np.eye(2)))
+    odd = np.where(
+        swings,
+        grow * np.sin(angle) / safe,
+        np.where(angle > 1e-8, 0.5 * (grow - fall) / safe, grow * step),
+    )
+    return np.asarray(
+        even[:, None, None] * np.eye(2) + odd[:, None, None] * (a - mean[:, None, None] * np.eye(2))
+    )

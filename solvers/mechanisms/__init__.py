@@ -1,1 +1,3 @@
-"""Equations of motion of closed loops, their small motions and integrators. Never cutting forces."""
+"""Equations of motion of closed loops, their small motions and integrators. Never cutting
+forces.
+"""

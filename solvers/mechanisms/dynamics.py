@@ -1,7 +1,9 @@
-"""A closed-loop mechanism of rigid bodies with lumped compliances: its mass, inertial and gravity forces in all coordinates.
+"""A closed-loop mechanism of rigid bodies with lumped compliances: its mass, inertial and gravity
+forces in all coordinates.
 
-``M = sum m Jp^T Jp + Jw^T I Jw`` and ``h = sum m Jp^T a + Jw^T (I alpha + omega x I omega)`` with bias accelerations ``a``, ``alpha``
-at zero joint accelerations: no matrix of Coriolis terms is needed (Kane 1961).
+``M = sum m Jp^T Jp + Jw^T I Jw`` and ``h = sum m Jp^T a + Jw^T (I alpha + omega x I omega)`` with
+bias accelerations ``a``, ``alpha`` at zero joint accelerations: no matrix of Coriolis terms is
+needed (Kane 1961).
 """
 
 from dataclasses import dataclass, field
@@ -43,7 +45,8 @@ class MechanismBody:
 
 @dataclass(frozen=True, eq=False)
 class LumpedSprings:
-    """Springs in the compliant coordinates: compliance = constant + per_length times a driven length (Bonnemains et al., eq. 2).
+    """Springs in the compliant coordinates: compliance = constant + per_length times a driven
+    length (Bonnemains et al., eq. 2).
 
     Attributes:
         constant: ``(c,)`` [m/N].
@@ -77,8 +80,8 @@ class CompliantMechanism:
         tool: Mark of the tool point.
         gravity: ``(3,)`` acceleration in the ground frame of the chains [m/s^2].
         damping: ``(c, c)`` viscous damping of the compliant coordinates [N s/m].
-        velocity_terms: Whether Coriolis and centrifugal forces are counted; without them bodies and closures answer to
-            accelerations alone.
+        velocity_terms: Whether Coriolis and centrifugal forces are counted; without them bodies and
+            closures answer to accelerations alone.
         gravity_stiffening: Whether small motions feel how gravity's forces turn with them.
     """
 
@@ -137,7 +140,9 @@ def body_arrays(model: CompliantMechanism) -> BodyArrays:
     )
 
 
-def evaluate_dynamics(model: CompliantMechanism, kinematics: Kinematics, rates: FloatArray | None = None) -> MechanismDynamics:
+def evaluate_dynamics(
+    model: CompliantMechanism, kinematics: Kinematics, rates: FloatArray | None = None
+) -> MechanismDynamics:
     """Everything the equations of motion are made of.
 
     Args:
@@ -154,12 +159,20 @@ def evaluate_dynamics(model: CompliantMechanism, kinematics: Kinematics, rates: 
     load = (np.swapaxes(heavy, -1, -2) @ model.gravity).sum(axis=-2)
     tool = model.mechanism.marks.index(model.tool)
     if rates is None:
-        gamma, tool_bias = np.zeros(closures.shape[:-1]), np.zeros_like(placement.positions[..., tool, :])
+        gamma, tool_bias = (
+            np.zeros(closures.shape[:-1]),
+            np.zeros_like(placement.positions[..., tool, :]),
+        )
     else:
         bias = mark_bias(placement, rates)
         load = load - _inertial_forces(bodies, placement, bias, heavy=heavy, turning=turning)
-        gamma, tool_bias = closure_bias(model.mechanism, placement, bias), bias.acceleration[..., tool, :]
-    return MechanismDynamics(placement, mass, load, closures, gamma, kinematics.of_position[..., tool, :, :], tool_bias)
+        gamma, tool_bias = (
+            closure_bias(model.mechanism, placement, bias),
+            bias.acceleration[..., tool, :],
+        )
+    return MechanismDynamics(
+        placement, mass, load, closures, gamma, kinematics.of_position[..., tool, :, :], tool_bias
+    )
 
 
 def kinetic_energy(dynamics: MechanismDynamics, rates: FloatArray) -> FloatArray:
@@ -175,27 +188,46 @@ def gravity_energy(model: CompliantMechanism, placement: Placement) -> FloatArra
 
 
 def _arms(bodies: BodyArrays, placement: Placement) -> FloatArray:
-    return np.asarray((placement.rotations[..., bodies.mark, :, :] @ bodies.center[..., None])[..., 0])
+    return np.asarray(
+        (placement.rotations[..., bodies.mark, :, :] @ bodies.center[..., None])[..., 0]
+    )
 
 
 def _body_jacobians(bodies: BodyArrays, kinematics: Kinematics) -> tuple[FloatArray, FloatArray]:
-    """Of the centres of mass ``(..., b, 3, n)``, and of the angular velocity in each body's own axes."""
+    """Of the centres of mass ``(..., b, 3, n)``, and of the angular velocity in each body's own
+    axes.
+    """
     placement = kinematics.placement
     of_turn = kinematics.of_turn.take(bodies.mark, axis=-3)
-    moving = kinematics.of_position.take(bodies.mark, axis=-3) - skew_matrices(_arms(bodies, placement)) @ of_turn
+    moving = (
+        kinematics.of_position.take(bodies.mark, axis=-3)
+        - skew_matrices(_arms(bodies, placement)) @ of_turn
+    )
     return moving, np.swapaxes(placement.rotations[..., bodies.mark, :, :], -1, -2) @ of_turn
 
 
-def _inertial_forces(bodies: BodyArrays, placement: Placement, bias: Bias, *, heavy: FloatArray, turning: FloatArray) -> FloatArray:
-    """``Jp^T m a + Jw^T (I alpha + w x I w)`` ``(..., n)`` with the bias accelerations, summed over the bodies."""
-    # heavy is m Jp; turning is Jw in the axes of each body, where its inertia is constant (Newton and Euler)
+def _inertial_forces(
+    bodies: BodyArrays, placement: Placement, bias: Bias, *, heavy: FloatArray, turning: FloatArray
+) -> FloatArray:
+    """``Jp^T m a + Jw^T (I alpha + w x I w)`` ``(..., n)`` with the bias accelerations, summed over
+    the bodies.
+    """
+    # heavy is m Jp; turning is Jw in the axes of each body, where its inertia is constant (Newton
+    # and Euler)
     arms = _arms(bodies, placement)
     omega, alpha = bias.omega[..., bodies.mark, :], bias.alpha[..., bodies.mark, :]
-    acceleration = bias.acceleration[..., bodies.mark, :] + cross(alpha, arms) + cross(omega, cross(omega, arms))
+    acceleration = (
+        bias.acceleration[..., bodies.mark, :]
+        + cross(alpha, arms)
+        + cross(omega, cross(omega, arms))
+    )
     own = np.swapaxes(placement.rotations[..., bodies.mark, :, :], -1, -2)
     spin, gain = (own @ omega[..., None]), (own @ alpha[..., None])
     moment = (bodies.inertia @ gain)[..., 0] + cross(spin[..., 0], (bodies.inertia @ spin)[..., 0])
-    forces = np.swapaxes(heavy, -1, -2) @ acceleration[..., None] + np.swapaxes(turning, -1, -2) @ moment[..., None]
+    forces = (
+        np.swapaxes(heavy, -1, -2) @ acceleration[..., None]
+        + np.swapaxes(turning, -1, -2) @ moment[..., None]
+    )
     return np.asarray(forces[..., 0].sum(axis=-2))
 
 

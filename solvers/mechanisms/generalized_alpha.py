@@ -1,8 +1,11 @@
-"""Generalised-α time integration of second-order systems, with position constraints (index 3) or without.
+"""Generalised-α time integration of second-order systems, with position constraints (index 3) or
+without.
 
-Chung and Hulbert (1993) in the form of Arnold and Brüls (2007): equilibrium and constraints hold at the end of each step, and an
-auxiliary acceleration carries the α-averages, so that positions, velocities and multipliers are second-order accurate. Newton's
-matrix is scaled by ``h^2`` (Bottasso, Dopico and Trainelli 2008), which keeps its condition number bounded as ``h`` goes to zero.
+Chung and Hulbert (1993) in the form of Arnold and Brüls (2007): equilibrium and constraints hold at
+the end of each step, and an auxiliary acceleration carries the α-averages, so that positions,
+velocities and multipliers are second-order accurate. Newton's matrix is scaled by ``h^2``
+(Bottasso, Dopico and Trainelli 2008), which keeps its condition number bounded as ``h`` goes to
+zero.
 """
 
 from collections.abc import Callable
@@ -18,13 +21,18 @@ MAX_ITERATIONS = 12
 DIVERGED = 1e3  # correction over the size of positions from which Newton's method has lost its way
 WHOLE = 2**14  # smallest sub-steps in a step
 LOCAL_ERROR = 1e-3  # of a position over its size, from which a step is halved
-GROW = 16.0  # the error goes with the cube of the step: twice the step where its error will be half of what is allowed
-LARGEST_JUMP = 0.2  # of velocities in a step near a singular pose, beside what accelerations explain
-NEAR_SINGULAR = 1e-2  # smallest over largest singular value of the constraints near which motions may branch
-BRANCH_ADVICE = (
-    "pass it with more speed, start or drive it a little beside it, or add a spring or a constraint that chooses one of the motions"
+# the error goes with the cube of the step: twice the step where its error will be half of what is
+# allowed
+GROW = 16.0
+LARGEST_JUMP = (
+    0.2  # of velocities in a step near a singular pose, beside what accelerations explain
 )
-UNDETERMINED = 1e-13  # singular value of Newton's matrix over the largest, below which a motion is not determined
+NEAR_SINGULAR = (
+    1e-2  # smallest over largest singular value of the constraints near which motions may branch
+)
+BRANCH_ADVICE = "pass it with more speed, start or drive it a little beside it, or add a spring or a constraint that chooses one of the motions"
+# singular value of Newton's matrix over the largest, below which a motion is not determined
+UNDETERMINED = 1e-13
 MEASURE_EVERY = 16  # steps between two looks at how fast Newton's method converges
 
 
@@ -49,7 +57,9 @@ class MotionState:
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Mass, damping and stiffness ``(n, n)`` and constraint Jacobian ``(m, n)``, near enough for Newton's method."""
+    """Mass, damping and stiffness ``(n, n)`` and constraint Jacobian ``(m, n)``, near enough for
+    Newton's method.
+    """
 
     mass: FloatArray
     damping: FloatArray
@@ -69,7 +79,9 @@ class ConstrainedProblem(Protocol):
 
 @dataclass(frozen=True)
 class AlphaScheme:
-    """Parameters of the method for a spectral radius at infinite frequency: 1 keeps high frequencies, 0 kills them in one step."""
+    """Parameters of the method for a spectral radius at infinite frequency: 1 keeps high
+    frequencies, 0 kills them in one step.
+    """
 
     rho: float = 0.9
 
@@ -103,7 +115,8 @@ class _March:
         auxiliary: ``(n,)`` averaged acceleration.
         step: Length of the last sub-step, to which ``auxiliary`` belongs [s].
         share: Of a whole step that the next sub-step takes, in units of its smallest share.
-        shrinking: By how much a correction of Newton's method was smaller than the one before, when that was last measured.
+        shrinking: By how much a correction of Newton's method was smaller than the one before, when
+            that was last measured.
     """
 
     state: MotionState
@@ -115,7 +128,9 @@ class _March:
 
 @dataclass(frozen=True)
 class _Rules:
-    """How a march is carried out: scheme, tolerance of Newton's method, and the local error allowed."""
+    """How a march is carried out: scheme, tolerance of Newton's method, and the local error
+    allowed.
+    """
 
     scheme: AlphaScheme
     tolerance: float
@@ -135,8 +150,9 @@ def integrate_motion(
 ) -> MotionState:
     """March from a consistent start; the state at the end of every step is shown to an observer.
 
-    A step is halved, and its halves again, where Newton's method does not converge, where the local error is larger than
-    allowed, or where velocities jump near a singular pose; sub-steps grow again after that.
+    A step is halved, and its halves again, where Newton's method does not converge, where the local
+    error is larger than allowed, or where velocities jump near a singular pose; sub-steps grow
+    again after that.
 
     Args:
         problem: What is solved.
@@ -146,14 +162,15 @@ def integrate_motion(
         observe: Called after every step, not after its sub-steps.
         scheme: Numerical damping.
         tolerance: Newton's last correction of a position, in the unit of positions.
-        accuracy: Largest local error of a position over ``1 + `` the largest position. The default only catches steps that lose
-            their way; a smaller one makes the march adaptive.
+        accuracy: Largest local error of a position over ``1 + `` the largest position. The default
+            only catches steps that lose their way; a smaller one makes the march adaptive.
 
     Returns:
         The last state.
 
     Raises:
-        ConvergenceError: The smallest sub-step fails; says when, and whether the motion branches there.
+        ConvergenceError: The smallest sub-step fails; says when, and whether the motion branches
+            there.
 
     Source: Zienkiewicz and Xie (1991) (local error from the change of accelerations).
     """
@@ -162,12 +179,20 @@ def integrate_motion(
     for number in range(count):
         if number % MEASURE_EVERY == 0:
             march = replace(march, shrinking=np.inf)
-        march = _take_step(problem, march, rules, begin=start.time + number * step, end=start.time + (number + 1) * step)
+        march = _take_step(
+            problem,
+            march,
+            rules,
+            begin=start.time + number * step,
+            end=start.time + (number + 1) * step,
+        )
         observe(march.state)
     return march.state
 
 
-def _take_step(problem: ConstrainedProblem, march: _March, rules: _Rules, *, begin: float, end: float) -> _March:
+def _take_step(
+    problem: ConstrainedProblem, march: _March, rules: _Rules, *, begin: float, end: float
+) -> _March:
     """One whole step, in one or in as many sub-steps as it takes."""
     done = 0
     while done < WHOLE:
@@ -187,25 +212,40 @@ def _take_step(problem: ConstrainedProblem, march: _March, rules: _Rules, *, beg
     return march
 
 
-def _try_step(problem: ConstrainedProblem, march: _March, rules: _Rules, *, time: float, length: float) -> tuple[_March, float]:
-    """A sub-step of a length [s] that ends at a time [s], and its local error over the size of positions.
+def _try_step(
+    problem: ConstrainedProblem, march: _March, rules: _Rules, *, time: float, length: float
+) -> tuple[_March, float]:
+    """A sub-step of a length [s] that ends at a time [s], and its local error over the size of
+    positions.
 
     Raises:
-        ConvergenceError: Newton's method fails with a matrix for each correction too, or the step is too coarse.
+        ConvergenceError: Newton's method fails with a matrix for each correction too, or the step
+            is too coarse.
     """
     old = march.state
     # the auxiliary acceleration lies a share of the last step beside the state
     auxiliary = old.acceleration + length / march.step * (march.auxiliary - old.acceleration)
     known = march.shrinking
     try:
-        new, averaged, shrinking = _advance(problem, old, auxiliary, rules, time=time, length=length, shrinking=known)
+        new, averaged, shrinking = _advance(
+            problem, old, auxiliary, rules, time=time, length=length, shrinking=known
+        )
     except ConvergenceError:
-        new, averaged, _ = _advance(problem, old, auxiliary, rules, time=time, length=length, shrinking=np.inf, full=True)
+        new, averaged, _ = _advance(
+            problem, old, auxiliary, rules, time=time, length=length, shrinking=np.inf, full=True
+        )
         shrinking = np.inf
     change = float(np.abs(new.acceleration - old.acceleration).max(initial=0.0))
-    error = abs(rules.scheme.beta - 1.0 / 6.0) * length**2 * change / (1.0 + float(np.abs(new.position).max(initial=0.0)))
+    error = (
+        abs(rules.scheme.beta - 1.0 / 6.0)
+        * length**2
+        * change
+        / (1.0 + float(np.abs(new.position).max(initial=0.0)))
+    )
     if not error <= rules.accuracy:
-        raise ConvergenceError(f"the local error of the step to t = {time:.6g} s is {error:.2g}, wanted {rules.accuracy:.2g}")
+        raise ConvergenceError(
+            f"the local error of the step to t = {time:.6g} s is {error:.2g}, wanted {rules.accuracy:.2g}"
+        )
     fastest = max(float(np.abs(state.velocity).max(initial=0.0)) for state in (old, new))
     if length * change > LARGEST_JUMP * fastest and _dependence(problem, new) < NEAR_SINGULAR:
         raise ConvergenceError(f"the velocities jump in the step to t = {time:.6g} s")
@@ -213,7 +253,9 @@ def _try_step(problem: ConstrainedProblem, march: _March, rules: _Rules, *, time
 
 
 def _dependence(problem: ConstrainedProblem, state: MotionState) -> float:
-    """Smallest over largest singular value of the constraints' Jacobian: zero where one follows from others; inf without any."""
+    """Smallest over largest singular value of the constraints' Jacobian: zero where one follows
+    from others; inf without any.
+    """
     values = np.linalg.svd(problem.linearise(state).constraints, compute_uv=False)
     return float(values[-1] / values[0]) if len(values) else np.inf
 
@@ -231,7 +273,9 @@ def _explain(problem: ConstrainedProblem, state: MotionState, failure: Convergen
 
 
 class _Advanced(NamedTuple):
-    """State and averaged acceleration ``(n,)`` after a sub-step, and by how much corrections got smaller; see :class:`_March`."""
+    """State and averaged acceleration ``(n,)`` after a sub-step, and by how much corrections got
+    smaller; see :class:`_March`.
+    """
 
     state: MotionState
     auxiliary: FloatArray
@@ -258,8 +302,10 @@ def _advance(
         rules: Scheme and tolerance.
         time: At the end [s].
         length: Of the sub-step [s].
-        shrinking: By how much a correction was smaller than the one before it, when that was last measured.
-        full: Each correction has a matrix of its own, and motions that it hardly determines get the smallest correction.
+        shrinking: By how much a correction was smaller than the one before it, when that was last
+            measured.
+        full: Each correction has a matrix of its own, and motions that it hardly determines get the
+            smallest correction.
     """
     scheme, tolerance, h = rules.scheme, rules.tolerance, length
     am, af, gamma, beta = scheme.alpha_m, scheme.alpha_f, scheme.gamma, scheme.beta
@@ -268,7 +314,9 @@ def _advance(
     rest = (af * old.acceleration - am * auxiliary) / (1.0 - am)
     share = (1.0 - af) / (1.0 - am)
     new_auxiliary = rest + share * acceleration
-    position = old.position + h * old.velocity + h * h * ((0.5 - beta) * auxiliary + beta * new_auxiliary)
+    position = (
+        old.position + h * old.velocity + h * h * ((0.5 - beta) * auxiliary + beta * new_auxiliary)
+    )
     velocity = old.velocity + h * ((1.0 - gamma) * auxiliary + gamma * new_auxiliary)
     state = MotionState(time, position, velocity, acceleration, old.multipliers)
     solve: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]] | None = None
@@ -277,7 +325,9 @@ def _advance(
     for _ in range(MAX_ITERATIONS):
         unbalanced, violation = problem.residual(state)
         if solve is None or full:
-            solve = _newton_solver(problem.linearise(state), h, to_velocity, to_acceleration, smallest=full)
+            solve = _newton_solver(
+                problem.linearise(state), h, to_velocity, to_acceleration, smallest=full
+            )
         change, force = solve(unbalanced, violation)
         size = float(np.abs(change).max(initial=0.0))
         if not size <= DIVERGED * (1.0 + float(np.abs(state.position).max(initial=0.0))):
@@ -290,9 +340,12 @@ def _advance(
             state.acceleration + to_acceleration * change,
             state.multipliers + force,
         )
-        # good enough where the next correction would be (Hairer and Wanner 1996, sec. IV.8), or where corrections are roundoff
+        # good enough where the next correction would be (Hairer and Wanner 1996, sec. IV.8), or
+        # where corrections are roundoff
         measured = size / last if last < np.inf else shrinking
-        if min(size, 2.0 * measured * size) <= tolerance or (size <= 100.0 * tolerance and size > 0.5 * last):
+        if min(size, 2.0 * measured * size) <= tolerance or (
+            size <= 100.0 * tolerance and size > 0.5 * last
+        ):
             return _Advanced(state, rest + share * state.acceleration, measured)
         last = size
     raise ConvergenceError(
@@ -301,12 +354,23 @@ def _advance(
 
 
 def _newton_solver(
-    tangent: Linearisation, h: float, to_velocity: float, to_acceleration: float, *, smallest: bool = False
+    tangent: Linearisation,
+    h: float,
+    to_velocity: float,
+    to_acceleration: float,
+    *,
+    smallest: bool = False,
 ) -> Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
-    effective = h * h * (to_acceleration * tangent.mass + to_velocity * tangent.damping + tangent.stiffness)
+    effective = (
+        h * h * (to_acceleration * tangent.mass + to_velocity * tangent.damping + tangent.stiffness)
+    )
     size, count = len(effective), len(tangent.constraints)
     matrix = np.zeros((size + count, size + count))
-    matrix[:size, :size], matrix[:size, size:], matrix[size:, :size] = effective, tangent.constraints.T, tangent.constraints
+    matrix[:size, :size], matrix[:size, size:], matrix[size:, :size] = (
+        effective,
+        tangent.constraints.T,
+        tangent.constraints,
+    )
     # rows of forces are brought to the size of the constraints
     scale = 1.0 / max(float(np.abs(effective).max()), np.finfo(float).tiny)
     matrix[:size, :size] *= scale
@@ -314,9 +378,15 @@ def _newton_solver(
     def solve(unbalanced: FloatArray, violation: FloatArray) -> tuple[FloatArray, FloatArray]:
         right = np.concatenate([-scale * h * h * unbalanced, -violation])
         try:
-            found = np.linalg.lstsq(matrix, right, rcond=UNDETERMINED)[0] if smallest else np.linalg.solve(matrix, right)
+            found = (
+                np.linalg.lstsq(matrix, right, rcond=UNDETERMINED)[0]
+                if smallest
+                else np.linalg.solve(matrix, right)
+            )
         except np.linalg.LinAlgError as error:
-            raise ConvergenceError("Newton's matrix is singular: the constraints are redundant or the pose is singular") from error
+            raise ConvergenceError(
+                "Newton's matrix is singular: the constraints are redundant or the pose is singular"
+            ) from error
         return found[:size], found[size:] / (scale * h * h)
 
     return solve

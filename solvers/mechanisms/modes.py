@@ -1,4 +1,6 @@
-"""Small motions of a compliant mechanism about poses: its second-order system, natural modes, static compliance (eq. 15)."""
+"""Small motions of a compliant mechanism about poses: its second-order system, natural modes,
+static compliance (eq. 15).
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -48,7 +50,8 @@ class LumpedModes:
     Attributes:
         frequencies_hz: ``(..., c)``, rising.
         shapes: ``(..., c, c)`` mass-normalised, one column per mode, in the compliant coordinates.
-        energy: ``(..., c, c)`` share of each spring (row) in the strain energy of each mode (column).
+        energy: ``(..., c, c)`` share of each spring (row) in the strain energy of each mode
+            (column).
     """
 
     frequencies_hz: FloatArray
@@ -66,13 +69,22 @@ def linearise_poses(model: CompliantMechanism, states: FloatArray) -> SmallMotio
     stiffness = model.springs.stiffness(states[..., mechanism.driven_slice])
     gravity = (left @ dynamics.load[..., None])[..., 0]
     geometric = gravity_stiffness(model, states) if model.gravity_stiffening else None
-    return SmallMotions(kinematics, from_compliant, left @ dynamics.mass @ from_compliant, stiffness, gravity, geometric)
+    return SmallMotions(
+        kinematics,
+        from_compliant,
+        left @ dynamics.mass @ from_compliant,
+        stiffness,
+        gravity,
+        geometric,
+    )
 
 
 def gravity_stiffness(model: CompliantMechanism, states: FloatArray) -> FloatArray:
-    """Geometric stiffness ``(..., c, c)`` [N/m]: by how much gravity's generalised forces fall per compliant coordinate.
+    """Geometric stiffness ``(..., c, c)`` [N/m]: by how much gravity's generalised forces fall per
+    compliant coordinate.
 
-    The second derivative of the potential energy along motions that keep the loops closed, joint forces and all, by the complex step.
+    The second derivative of the potential energy along motions that keep the loops closed, joint
+    forces and all, by the complex step.
     """
     mechanism = model.mechanism
     columns = []
@@ -105,15 +117,20 @@ def mark_motion(model: CompliantMechanism, motions: SmallMotions, mark: str) -> 
     place = model.mechanism.marks.index(mark)
     kinematics = motions.kinematics
     return np.asarray(
-        np.concatenate([kinematics.of_position[..., place, :, :], kinematics.of_turn[..., place, :, :]], axis=-2)
+        np.concatenate(
+            [kinematics.of_position[..., place, :, :], kinematics.of_turn[..., place, :, :]],
+            axis=-2,
+        )
         @ motions.from_compliant
     )
 
 
 def solve_pose_modes(motions: SmallMotions) -> LumpedModes:
-    """Natural modes by the symmetric form ``S M^-1 S`` of the springs ``S^2``, inverted: ``L^-1`` of the mass is not needed.
+    """Natural modes by the symmetric form ``S M^-1 S`` of the springs ``S^2``, inverted: ``L^-1``
+    of the mass is not needed.
 
-    ``M x = (1 / omega^2) S^2 x`` with ``y = S x`` is the symmetric problem ``(S^-1 M S^-1) y = y / omega^2``.
+    ``M x = (1 / omega^2) S^2 x`` with ``y = S x`` is the symmetric problem ``(S^-1 M S^-1) y = y /
+    omega^2``.
     """
     if motions.geometric is not None:
         return _solve_stiffened_modes(motions)
@@ -127,14 +144,19 @@ def solve_pose_modes(motions: SmallMotions) -> LumpedModes:
 def _solve_stiffened_modes(motions: SmallMotions) -> LumpedModes:
     """By the Cholesky factor of the mass; shares of energy are those of the springs."""
     inverse = np.linalg.inv(np.linalg.cholesky(motions.mass))
-    squares, vectors = np.linalg.eigh(inverse @ motions.total_stiffness @ np.swapaxes(inverse, -1, -2))
+    squares, vectors = np.linalg.eigh(
+        inverse @ motions.total_stiffness @ np.swapaxes(inverse, -1, -2)
+    )
     shapes = np.swapaxes(inverse, -1, -2) @ vectors
     energy = motions.stiffness[..., None] * shapes**2
-    return LumpedModes(np.sqrt(squares) / (2.0 * np.pi), shapes, energy / energy.sum(axis=-2, keepdims=True))
+    return LumpedModes(
+        np.sqrt(squares) / (2.0 * np.pi), shapes, energy / energy.sum(axis=-2, keepdims=True)
+    )
 
 
 def modal_damping(motions: SmallMotions, modes: LumpedModes, ratios: FloatArray) -> FloatArray:
-    """Viscous damping matrix that gives each natural mode its damping ratio: ``sum 2 zeta_k omega_k M x_k x_k^T M``.
+    """Viscous damping matrix that gives each natural mode its damping ratio: ``sum 2 zeta_k omega_k
+    M x_k x_k^T M``.
 
     Args:
         motions: Small motions about poses ``(...)``, of which the mass is used.
@@ -146,18 +168,27 @@ def modal_damping(motions: SmallMotions, modes: LumpedModes, ratios: FloatArray)
     """
     spread = motions.mass @ modes.shapes
     zeta = np.concatenate([ratios, np.full(spread.shape[-1], ratios[-1])])[: spread.shape[-1]]
-    return np.asarray((spread * (4.0 * np.pi * zeta * modes.frequencies_hz)[..., None, :]) @ np.swapaxes(spread, -1, -2))
+    return np.asarray(
+        (spread * (4.0 * np.pi * zeta * modes.frequencies_hz)[..., None, :])
+        @ np.swapaxes(spread, -1, -2)
+    )
 
 
 def tool_compliance(model: CompliantMechanism, motions: SmallMotions) -> FloatArray:
-    """Static compliance ``(..., 6, 6)`` of the tool point [m/N, rad/N, 1/N, rad/(N m)]: ``J K^-1 J^T``."""
+    """Static compliance ``(..., 6, 6)`` of the tool point [m/N, rad/N, 1/N, rad/(N m)]: ``J K^-1
+    J^T``.
+    """
     tool = mark_motion(model, motions, model.tool)
     if motions.geometric is not None:
-        return np.asarray(tool @ np.linalg.solve(motions.total_stiffness, np.swapaxes(tool, -1, -2)))
+        return np.asarray(
+            tool @ np.linalg.solve(motions.total_stiffness, np.swapaxes(tool, -1, -2))
+        )
     return np.asarray((tool / motions.stiffness[..., None, :]) @ np.swapaxes(tool, -1, -2))
 
 
-def pose_system(model: CompliantMechanism, motions: SmallMotions, ports: Mapping[str, FloatArray]) -> SecondOrderSystem:
+def pose_system(
+    model: CompliantMechanism, motions: SmallMotions, ports: Mapping[str, FloatArray]
+) -> SecondOrderSystem:
     """One pose as a second-order system.
 
     Args:
@@ -165,7 +196,11 @@ def pose_system(model: CompliantMechanism, motions: SmallMotions, ports: Mapping
         motions: At one pose.
         ports: Name of a point to ``(6, c)`` its motion per compliant coordinate.
     """
-    rows = {(name, dof): motion[row] for name, motion in ports.items() for row, dof in enumerate(DOF_NAMES)}
+    rows = {
+        (name, dof): motion[row]
+        for name, motion in ports.items()
+        for row, dof in enumerate(DOF_NAMES)
+    }
     return SecondOrderSystem(
         mass=0.5 * (motions.mass + motions.mass.T),
         damping=model.damping,

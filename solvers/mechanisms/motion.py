@@ -1,4 +1,6 @@
-"""Motion of a compliant mechanism whose drives follow a given law: as an ODE in the compliant coordinates, and as the full DAE."""
+"""Motion of a compliant mechanism whose drives follow a given law: as an ODE in the compliant
+coordinates, and as the full DAE.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -8,7 +10,11 @@ import numpy as np
 
 from headstock.geometry.errors import ClosureError, SingularPoseError
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.closures import close_loops, closure_residual, evaluate_kinematics
+from headstock.geometry.mechanisms.closures import (
+    close_loops,
+    closure_residual,
+    evaluate_kinematics,
+)
 from headstock.solvers.mechanisms.dynamics import (
     CompliantMechanism,
     MechanismDynamics,
@@ -17,7 +23,13 @@ from headstock.solvers.mechanisms.dynamics import (
     kinetic_energy,
 )
 from headstock.solvers.mechanisms.generalized_alpha import Linearisation, MotionState
-from headstock.solvers.mechanisms.partitioning import Drive, PartitionedDynamics, compose_state, driven_forces, partition_dynamics
+from headstock.solvers.mechanisms.partitioning import (
+    Drive,
+    PartitionedDynamics,
+    compose_state,
+    driven_forces,
+    partition_dynamics,
+)
 
 DriveLaw = Callable[[float], Drive]
 ForceLaw = Callable[[float], FloatArray]
@@ -25,13 +37,15 @@ ForceLaw = Callable[[float], FloatArray]
 
 @dataclass(eq=False)
 class PartitionedMotion:
-    """The reduced ODE in the compliant coordinates (eq. 10); also a problem for :func:`integrate_motion`.
+    """The reduced ODE in the compliant coordinates (eq. 10); also a problem for
+    :func:`integrate_motion`.
 
     Attributes:
         model: The mechanism.
         drive: Driven coordinates at a time.
         force: ``(3,)`` force on the tool at a time, ground frame of the chains [N].
-        guess: A closed state near the start; kept up to date, so that the passive coordinates stay on their branch.
+        guess: A closed state near the start; kept up to date, so that the passive coordinates stay
+            on their branch.
     """
 
     model: CompliantMechanism
@@ -52,10 +66,16 @@ class PartitionedMotion:
         """
         drive = self.drive(time)
         try:
-            self.guess, kinematics = compose_state(self.model.mechanism, drive.position, give, self.guess)
-            return partition_dynamics(self.model, self.guess, kinematics, drive, rates=rates, force=self.force(time))
+            self.guess, kinematics = compose_state(
+                self.model.mechanism, drive.position, give, self.guess
+            )
+            return partition_dynamics(
+                self.model, self.guess, kinematics, drive, rates=rates, force=self.force(time)
+            )
         except (ClosureError, np.linalg.LinAlgError) as error:
-            raise SingularPoseError(f"at t = {time:.6g} s: {error}; the motion ends at a singular pose") from error
+            raise SingularPoseError(
+                f"at t = {time:.6g} s: {error}; the motion ends at a singular pose"
+            ) from error
 
     def accelerations(self, time: float, give: FloatArray, rates: FloatArray) -> FloatArray:
         """Accelerations ``(c,)`` of the compliant coordinates [m/s^2, rad/s^2].
@@ -72,12 +92,18 @@ class PartitionedMotion:
         return np.asarray(np.linalg.solve(motion.mass, self._balance(motion, give, rates)))
 
     def state_rates(self, time: float, both: FloatArray) -> FloatArray:
-        """First-order form for a library integrator: ``(2 c + 1,)`` = compliant coordinates, their rates, work put in [J]."""
+        """First-order form for a library integrator: ``(2 c + 1,)`` = compliant coordinates, their
+        rates, work put in [J].
+        """
         count = (len(both) - 1) // 2
         give, rates = both[:count], both[count : 2 * count]
         motion = self.at(time, give, rates)
-        accelerations: FloatArray = np.asarray(np.linalg.solve(motion.mass, self._balance(motion, give, rates)))
-        return np.concatenate([rates, accelerations, [self._power(time, motion, rates, accelerations)]])
+        accelerations: FloatArray = np.asarray(
+            np.linalg.solve(motion.mass, self._balance(motion, give, rates))
+        )
+        return np.concatenate(
+            [rates, accelerations, [self._power(time, motion, rates, accelerations)]]
+        )
 
     def energy(self, time: float, give: FloatArray, rates: FloatArray) -> float:
         """Kinetic, gravity and spring energy [J].
@@ -103,13 +129,17 @@ class PartitionedMotion:
     def residual(self, state: MotionState) -> tuple[FloatArray, FloatArray]:
         """Unbalanced forces, no constraints."""
         motion = self.at(state.time, state.position, state.velocity)
-        return motion.mass @ state.acceleration - self._balance(motion, state.position, state.velocity), np.zeros(0)
+        return motion.mass @ state.acceleration - self._balance(
+            motion, state.position, state.velocity
+        ), np.zeros(0)
 
     def linearise(self, state: MotionState) -> Linearisation:
         """Mass, damping and springs; gyroscopic and geometric terms are small beside them."""
         motion = self.at(state.time, state.position, state.velocity)
         size = len(state.position)
-        return Linearisation(motion.mass, _damping(self.model, size), np.diag(motion.stiffness), np.zeros((0, size)))
+        return Linearisation(
+            motion.mass, _damping(self.model, size), np.diag(motion.stiffness), np.zeros((0, size))
+        )
 
     def start(self, time: float, give: FloatArray, rates: FloatArray) -> MotionState:
         """A consistent start: accelerations from the equations of motion.
@@ -124,10 +154,16 @@ class PartitionedMotion:
         """
         return MotionState(time, give, rates, self.accelerations(time, give, rates), np.zeros(0))
 
-    def _balance(self, motion: PartitionedDynamics, give: FloatArray, rates: FloatArray) -> FloatArray:
-        return np.asarray(motion.load - motion.stiffness * give - _damping(self.model, len(give)) @ rates)
+    def _balance(
+        self, motion: PartitionedDynamics, give: FloatArray, rates: FloatArray
+    ) -> FloatArray:
+        return np.asarray(
+            motion.load - motion.stiffness * give - _damping(self.model, len(give)) @ rates
+        )
 
-    def _power(self, time: float, motion: PartitionedDynamics, rates: FloatArray, accelerations: FloatArray) -> float:
+    def _power(
+        self, time: float, motion: PartitionedDynamics, rates: FloatArray, accelerations: FloatArray
+    ) -> float:
         force, drive = self.force(time), self.drive(time)
         tool = force @ (motion.dynamics.tool @ motion.rates)
         drives = driven_forces(self.model, motion, accelerations, force) @ drive.speed
@@ -135,7 +171,9 @@ class PartitionedMotion:
 
 
 class EvaluatedMotion(NamedTuple):
-    """Dynamics at a state of motion, with all coordinates ``(n,)`` [m, rad] and accelerations ``(n,)`` [m/s^2, rad/s^2]."""
+    """Dynamics at a state of motion, with all coordinates ``(n,)`` [m, rad] and accelerations
+    ``(n,)`` [m/s^2, rad/s^2].
+    """
 
     dynamics: MechanismDynamics
     coordinates: FloatArray
@@ -144,7 +182,8 @@ class EvaluatedMotion(NamedTuple):
 
 @dataclass(eq=False)
 class ConstrainedMotion:
-    """The full DAE in passive and compliant coordinates with its multipliers (eq. 6), for :func:`integrate_motion`.
+    """The full DAE in passive and compliant coordinates with its multipliers (eq. 6), for
+    :func:`integrate_motion`.
 
     Attributes:
         model: The mechanism.
@@ -160,7 +199,9 @@ class ConstrainedMotion:
     @property
     def free(self) -> slice:
         """Passive and compliant coordinates among all."""
-        return slice(self.model.mechanism.passive_slice.start, len(self.model.mechanism.coordinates))
+        return slice(
+            self.model.mechanism.passive_slice.start, len(self.model.mechanism.coordinates)
+        )
 
     def evaluate(self, state: MotionState) -> EvaluatedMotion:
         """What the equations of motion hold at a state of motion."""
@@ -168,7 +209,9 @@ class ConstrainedMotion:
         coordinates = np.concatenate([drive.position, state.position])
         rates = np.concatenate([drive.speed, state.velocity])
         accelerations = np.concatenate([drive.acceleration, state.acceleration])
-        dynamics = evaluate_dynamics(self.model, evaluate_kinematics(self.model.mechanism, coordinates), rates)
+        dynamics = evaluate_dynamics(
+            self.model, evaluate_kinematics(self.model.mechanism, coordinates), rates
+        )
         return EvaluatedMotion(dynamics, coordinates, accelerations)
 
     def residual(self, state: MotionState) -> tuple[FloatArray, FloatArray]:
@@ -176,24 +219,34 @@ class ConstrainedMotion:
         dynamics, coordinates, accelerations = self.evaluate(state)
         self.last = state, dynamics
         balance = self._balance(state, dynamics, coordinates, accelerations)
-        return balance[self.free], closure_residual(self.model.mechanism, coordinates, dynamics.placement)
+        return balance[self.free], closure_residual(
+            self.model.mechanism, coordinates, dynamics.placement
+        )
 
     def linearise(self, state: MotionState) -> Linearisation:
         """Mass, damping and springs, and the closures' Jacobian."""
-        dynamics = self.last[1] if self.last is not None and self.last[0] is state else self.evaluate(state).dynamics
+        dynamics = (
+            self.last[1]
+            if self.last is not None and self.last[0] is state
+            else self.evaluate(state).dynamics
+        )
         size, give = len(state.position), len(self.model.mechanism.compliant)
         stiffness, damping = np.zeros((size, size)), np.zeros((size, size))
         springs = self.model.springs.stiffness(self.drive(state.time).position)
         last = slice(size - give, size)
         stiffness[last, last], damping[last, last] = np.diag(springs), _damping(self.model, give)
-        return Linearisation(dynamics.mass[self.free, self.free], damping, stiffness, dynamics.closures[:, self.free])
+        return Linearisation(
+            dynamics.mass[self.free, self.free], damping, stiffness, dynamics.closures[:, self.free]
+        )
 
     def start(self, time: float, position: FloatArray, velocity: FloatArray) -> MotionState:
-        """A consistent start: accelerations and multipliers from the equations of motion and the closures' second derivative.
+        """A consistent start: accelerations and multipliers from the equations of motion and the
+        closures' second derivative.
 
         Args:
             time: [s].
-            position: ``(n_free,)`` passive and compliant coordinates with the loops closed [m, rad].
+            position: ``(n_free,)`` passive and compliant coordinates with the loops closed [m,
+                rad].
             velocity: ``(n_free,)`` their velocities, consistent with the closures [m/s, rad/s].
 
         Raises:
@@ -204,34 +257,58 @@ class ConstrainedMotion:
         inner = dynamics.closures[:, self.free]
         count, size = inner.shape
         matrix = np.zeros((size + count, size + count))
-        matrix[:size, :size], matrix[:size, size:], matrix[size:, :size] = dynamics.mass[self.free, self.free], inner.T, inner
+        matrix[:size, :size], matrix[:size, size:], matrix[size:, :size] = (
+            dynamics.mass[self.free, self.free],
+            inner.T,
+            inner,
+        )
         bare = MotionState(time, position, velocity, zero.acceleration, np.zeros(count))
         force = self._balance(bare, dynamics, coordinates, accelerations)[self.free]
-        outer = dynamics.closures[:, self.model.mechanism.driven_slice] @ accelerations[self.model.mechanism.driven_slice]
+        outer = (
+            dynamics.closures[:, self.model.mechanism.driven_slice]
+            @ accelerations[self.model.mechanism.driven_slice]
+        )
         if np.linalg.matrix_rank(inner) < count:
-            raise SingularPoseError(f"at t = {time:.6g} s the closures are redundant: joint forces are not unique")
+            raise SingularPoseError(
+                f"at t = {time:.6g} s the closures are redundant: joint forces are not unique"
+            )
         found = np.linalg.solve(matrix, np.concatenate([-force, -dynamics.closure_bias - outer]))
         return MotionState(time, position, velocity, found[:size], found[size:])
 
     def drives(self, state: MotionState) -> FloatArray:
         """Forces ``(u,)`` of the drives [N, N m], from the multipliers."""
         dynamics, coordinates, accelerations = self.evaluate(state)
-        balance = self._balance(state, dynamics, coordinates, accelerations)[self.model.mechanism.driven_slice]
+        balance = self._balance(state, dynamics, coordinates, accelerations)[
+            self.model.mechanism.driven_slice
+        ]
         driven = coordinates[self.model.mechanism.driven_slice]
         give = coordinates[self.model.mechanism.compliant_slice]
-        np.add.at(balance, self.model.springs.length, 0.5 * self.model.springs.stiffness_slope(driven) * give**2)
+        np.add.at(
+            balance,
+            self.model.springs.length,
+            0.5 * self.model.springs.stiffness_slope(driven) * give**2,
+        )
         return balance
 
     def _balance(
-        self, state: MotionState, dynamics: MechanismDynamics, coordinates: FloatArray, accelerations: FloatArray
+        self,
+        state: MotionState,
+        dynamics: MechanismDynamics,
+        coordinates: FloatArray,
+        accelerations: FloatArray,
     ) -> FloatArray:
         give = self.model.mechanism.compliant_slice
-        balance = dynamics.mass @ accelerations - dynamics.load - dynamics.tool.T @ self.force(state.time)
+        balance = (
+            dynamics.mass @ accelerations - dynamics.load - dynamics.tool.T @ self.force(state.time)
+        )
         if len(state.multipliers):
             balance += dynamics.closures.T @ state.multipliers
         springs = self.model.springs.stiffness(coordinates[self.model.mechanism.driven_slice])
         count = len(self.model.mechanism.compliant)
-        balance[give] += springs * coordinates[give] + _damping(self.model, count) @ state.velocity[len(state.velocity) - count :]
+        balance[give] += (
+            springs * coordinates[give]
+            + _damping(self.model, count) @ state.velocity[len(state.velocity) - count :]
+        )
         return np.asarray(balance)
 
 
@@ -255,7 +332,8 @@ class StartReport:
 def project_start(
     problem: ConstrainedMotion, time: float, position: FloatArray, velocity: FloatArray
 ) -> tuple[MotionState, StartReport]:
-    """A consistent start near a given one: passive coordinates by Newton's method, velocities by least kinetic energy of the change.
+    """A consistent start near a given one: passive coordinates by Newton's method, velocities by
+    least kinetic energy of the change.
 
     Args:
         problem: The equations of motion with the law of the drives.

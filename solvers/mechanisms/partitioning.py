@@ -1,11 +1,14 @@
-"""Elimination of the passive coordinates: the equations of motion in the compliant ones, and the forces of the drives.
+"""Elimination of the passive coordinates: the equations of motion in the compliant ones, and the
+forces of the drives.
 
-Wehage and Haug (1982); for a mechanism whose driven coordinates ``u(t)`` are prescribed it is eqs. 6 to 14 of Bonnemains, Chanal,
-Bouzgarrou and Ray (2010), here in projected form: ``qd = Tu ud + Td dd``, ``qdd = Tu udd + Td ddd + tb`` with ``Tu = [I; -phi_v^-1
-phi_u; 0]``, ``Td = [0; -phi_v^-1 phi_d; I]``, ``tb = [0; -phi_v^-1 gamma; 0]``, so that
+Wehage and Haug (1982); for a mechanism whose driven coordinates ``u(t)`` are prescribed it is eqs.
+6 to 14 of Bonnemains, Chanal, Bouzgarrou and Ray (2010), here in projected form: ``qd = Tu ud + Td
+dd``, ``qdd = Tu udd + Td ddd + tb`` with ``Tu = [I; -phi_v^-1 phi_u; 0]``, ``Td = [0; -phi_v^-1
+phi_d; I]``, ``tb = [0; -phi_v^-1 gamma; 0]``, so that
 
     Td^T M Td ddd = Td^T (Q - h + J^T F - M (Tu udd + tb)) - K d - D dd          (their eq. 10)
-    s = Tu^T (M qdd + h - Q - J^T F) + 1/2 d^T K'(u) d                           (their eq. 14 and the term it lacks)
+    s = Tu^T (M qdd + h - Q - J^T F) + 1/2 d^T K'(u) d                           (their eq. 14 and
+    the term it lacks)
 
 ``M = 6 x 6`` blocks are never formed: the projection is the same algebra with fewer products.
 """
@@ -18,14 +21,20 @@ from headstock.geometry.errors import SingularPoseError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import Kinematics, close_kinematics
 from headstock.geometry.mechanisms.mechanism import Mechanism
-from headstock.solvers.mechanisms.dynamics import CompliantMechanism, MechanismDynamics, evaluate_dynamics
+from headstock.solvers.mechanisms.dynamics import (
+    CompliantMechanism,
+    MechanismDynamics,
+    evaluate_dynamics,
+)
 
 SINGULAR = 1e-13  # smallest over largest singular value of the closures: as good as zero
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Driven coordinates at an instant, or at many: ``(..., u)`` positions, speeds and accelerations."""
+    """Driven coordinates at an instant, or at many: ``(..., u)`` positions, speeds and
+    accelerations.
+    """
 
     position: FloatArray
     speed: FloatArray
@@ -34,7 +43,8 @@ class Drive:
 
 @dataclass(frozen=True, eq=False)
 class PartitionedDynamics:
-    """Equations of motion in the compliant coordinates, ``mass ddd + damping dd + stiffness d = load``, in a state of motion.
+    """Equations of motion in the compliant coordinates, ``mass ddd + damping dd + stiffness d =
+    load``, in a state of motion.
 
     Attributes:
         dynamics: In all coordinates.
@@ -42,7 +52,8 @@ class PartitionedDynamics:
         rates: ``(..., n)``.
         from_driven: ``(..., n, u)`` ``Tu``.
         from_compliant: ``(..., n, c)`` ``Td``.
-        offset: ``(..., n)`` ``Tu udd + tb``: acceleration of all coordinates while the compliant ones do not accelerate.
+        offset: ``(..., n)`` ``Tu udd + tb``: acceleration of all coordinates while the compliant
+            ones do not accelerate.
         mass: ``(..., c, c)``.
         load: ``(..., c)`` everything but springs and dampers.
         stiffness: ``(..., c)`` of the springs.
@@ -92,18 +103,28 @@ def compose_state(
         mechanism: With ``n`` coordinates: ``u`` driven, ``v`` passive and ``c`` compliant ones.
         driven: ``(..., u)`` [m, rad].
         compliant: ``(..., c)`` [m, rad].
-        guess: ``(..., n)`` or ``(n,)`` closed state nearby, which decides the branch of the passive coordinates.
+        guess: ``(..., n)`` or ``(n,)`` closed state nearby, which decides the branch of the passive
+            coordinates.
 
     Raises:
         ClosureError: The loops cannot be closed from there.
     """
-    state = np.array(np.broadcast_to(guess, (*driven.shape[:-1], guess.shape[-1])), dtype=np.result_type(driven, compliant, guess))
+    state = np.array(
+        np.broadcast_to(guess, (*driven.shape[:-1], guess.shape[-1])),
+        dtype=np.result_type(driven, compliant, guess),
+    )
     state[..., mechanism.driven_slice], state[..., mechanism.compliant_slice] = driven, compliant
     return close_kinematics(mechanism, state)
 
 
 def partition_dynamics(
-    model: CompliantMechanism, state: FloatArray, kinematics: Kinematics, drive: Drive, *, rates: FloatArray, force: FloatArray
+    model: CompliantMechanism,
+    state: FloatArray,
+    kinematics: Kinematics,
+    drive: Drive,
+    *,
+    rates: FloatArray,
+    force: FloatArray,
 ) -> PartitionedDynamics:
     """The equations of motion in the compliant coordinates.
 
@@ -122,21 +143,30 @@ def partition_dynamics(
     offset = (from_driven @ drive.acceleration[..., None])[..., 0]
     if model.velocity_terms:
         passive = dynamics.closures[..., mechanism.passive_slice]
-        offset[..., mechanism.passive_slice] -= np.linalg.solve(passive, dynamics.closure_bias[..., None])[..., 0]
+        offset[..., mechanism.passive_slice] -= np.linalg.solve(
+            passive, dynamics.closure_bias[..., None]
+        )[..., 0]
     applied = dynamics.load + (np.swapaxes(dynamics.tool, -1, -2) @ force[..., None])[..., 0]
-    # all accelerations are offset + Td ddd; the equations of motion times Td^T lose the joint forces, which do no work along Td. What
-    # the drives and the turning joints accelerate by themselves (offset) is a load on the compliant coordinates
+    # all accelerations are offset + Td ddd; the equations of motion times Td^T lose the joint
+    # forces, which do no work along Td. What the drives and the turning joints accelerate by
+    # themselves (offset) is a load on the compliant coordinates
     left = np.swapaxes(from_compliant, -1, -2)
     load = (left @ (applied - (dynamics.mass @ offset[..., None])[..., 0])[..., None])[..., 0]
     mass = left @ dynamics.mass @ from_compliant
     stiffness = model.springs.stiffness(drive.position)
-    return PartitionedDynamics(dynamics, state, speeds, from_driven, from_compliant, offset, mass, load, stiffness)
+    return PartitionedDynamics(
+        dynamics, state, speeds, from_driven, from_compliant, offset, mass, load, stiffness
+    )
 
 
 def driven_forces(
-    model: CompliantMechanism, motion: PartitionedDynamics, accelerations: FloatArray, force: FloatArray
+    model: CompliantMechanism,
+    motion: PartitionedDynamics,
+    accelerations: FloatArray,
+    force: FloatArray,
 ) -> FloatArray:
-    """Forces ``(..., u)`` of the drives [N, N m] that make a motion (eq. 14, with the work of the length-dependent springs).
+    """Forces ``(..., u)`` of the drives [N, N m] that make a motion (eq. 14, with the work of the
+    length-dependent springs).
 
     Args:
         model: The mechanism.

@@ -1,9 +1,12 @@
-"""A compliant mechanism under cutting forces along a path: linear with matrices that follow the path, and fully nonlinear.
+"""A compliant mechanism under cutting forces along a path: linear with matrices that follow the
+path, and fully nonlinear.
 
-The equations of motion in the compliant coordinates (eq. 10 of Bonnemains et al. 2010) are linear in them to one part in a thousand.
-The linear model takes ``M(t) ddd + D(t) dd + K(t) d = f0(t) + J(t)^T F(t)`` along the rigid path. The nonlinear solution of the same
-time steps (generalised-α) follows by Newton's method over *all* steps at once, with the linear model as its approximate derivative:
-every sweep evaluates the full equations at all instants together and solves the linear model for the rest that is left.
+The equations of motion in the compliant coordinates (eq. 10 of Bonnemains et al. 2010) are linear
+in them to one part in a thousand. The linear model takes ``M(t) ddd + D(t) dd + K(t) d = f0(t) +
+J(t)^T F(t)`` along the rigid path. The nonlinear solution of the same time steps (generalised-α)
+follows by Newton's method over *all* steps at once, with the linear model as its approximate
+derivative: every sweep evaluates the full equations at all instants together and solves the linear
+model for the rest that is left.
 """
 
 from dataclasses import dataclass
@@ -15,8 +18,19 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
-from headstock.solvers.mechanisms.modes import linearise_poses, mark_motion, modal_damping, solve_pose_modes
-from headstock.solvers.mechanisms.partitioning import Drive, PartitionedDynamics, compose_state, driven_forces, partition_dynamics
+from headstock.solvers.mechanisms.modes import (
+    linearise_poses,
+    mark_motion,
+    modal_damping,
+    solve_pose_modes,
+)
+from headstock.solvers.mechanisms.partitioning import (
+    Drive,
+    PartitionedDynamics,
+    compose_state,
+    driven_forces,
+    partition_dynamics,
+)
 from headstock.solvers.milling.path_drives import PathDrive
 
 NODE_SPACING = 0.02  # matrices change over decimetres, the tool moves millimetres in this time
@@ -56,12 +70,18 @@ class LinearMotion:
 
     def tool_motion(self, give: FloatArray) -> FloatArray:
         """``(n, 3)`` motion of the tool at compliant coordinates ``(n, c)``."""
-        parts = [(self.between(self.tool, part) @ give[part][..., None])[..., 0] for part in chunk_slices(len(give))]
+        parts = [
+            (self.between(self.tool, part) @ give[part][..., None])[..., 0]
+            for part in chunk_slices(len(give))
+        ]
         return np.concatenate(parts)
 
     def tool_load(self, force: FloatArray) -> FloatArray:
         """``(n, c)`` load of forces ``(n, 3)`` on the tool."""
-        parts = [(force[part][:, None, :] @ self.between(self.tool, part))[:, 0] for part in chunk_slices(len(force))]
+        parts = [
+            (force[part][:, None, :] @ self.between(self.tool, part))[:, 0]
+            for part in chunk_slices(len(force))
+        ]
         return np.concatenate(parts)
 
 
@@ -79,7 +99,8 @@ class Regeneration:
     """Cutting forces that depend on the wave left by the last tooth.
 
     Attributes:
-        stiffness: ``(n, 3, 3)`` force on the tool per motion since the last tooth [N/m], ground frame of the chains.
+        stiffness: ``(n, 3, 3)`` force on the tool per motion since the last tooth [N/m], ground
+            frame of the chains.
         delay: Steps from tooth to tooth.
     """
 
@@ -87,21 +108,26 @@ class Regeneration:
     delay: int
 
 
-def linear_motion(model: CompliantMechanism, drive: PathDrive, times: FloatArray, ratios: FloatArray) -> LinearMotion:
+def linear_motion(
+    model: CompliantMechanism, drive: PathDrive, times: FloatArray, ratios: FloatArray
+) -> LinearMotion:
     """The linear model along a path.
 
     Args:
         model: The mechanism.
         drive: What its drives do.
         times: ``(n,)`` even steps [s].
-        ratios: Damping ratio of the first, second, ... mode, the last for all others; modes are those of each pose.
+        ratios: Damping ratio of the first, second, ... mode, the last for all others; modes are
+            those of each pose.
     """
     nodes = _nodes(times, NODE_SPACING)
     states = drive.rigid_states(nodes)
     motions = linearise_poses(model, states)
     damping = modal_damping(motions, solve_pose_modes(motions), ratios)
     load_nodes = _nodes(times, LOAD_SPACING)
-    rigid = np.concatenate([_rigid_load(model, drive, load_nodes[part]) for part in chunk_slices(len(load_nodes))])
+    rigid = np.concatenate(
+        [_rigid_load(model, drive, load_nodes[part]) for part in chunk_slices(len(load_nodes))]
+    )
     return LinearMotion(
         times=times,
         nodes=nodes,
@@ -115,7 +141,11 @@ def linear_motion(model: CompliantMechanism, drive: PathDrive, times: FloatArray
 
 
 def march_linear(
-    motion: LinearMotion, load: FloatArray, *, scheme: AlphaScheme | None = None, regeneration: Regeneration | None = None
+    motion: LinearMotion,
+    load: FloatArray,
+    *,
+    scheme: AlphaScheme | None = None,
+    regeneration: Regeneration | None = None,
 ) -> GiveHistory:
     """Generalised-α steps of the linear model, from static rest at the first instant.
 
@@ -123,7 +153,8 @@ def march_linear(
         motion: The linear model at ``n`` even steps.
         load: ``(n, c)`` generalised load [N, N m].
         scheme: Parameters of the generalised-α method; None for a spectral radius of 0.9.
-        regeneration: Cutting force by the wave that the last tooth left; None for a load that depends on time alone.
+        regeneration: Cutting force by the wave that the last tooth left; None for a load that
+            depends on time alone.
 
     Raises:
         ConvergenceError: The motion grows without bound, as regeneration can make it.
@@ -147,7 +178,9 @@ def march_linear(
                 state -= np.outer(method.reach, inverse[row] @ (wave[row] @ past)).ravel()
             states[row] = state
         if not np.isfinite(state).all():
-            raise ConvergenceError(f"the motion grows without bound before t = {times[part.stop - 1]:.4g} s: the cut is unstable")
+            raise ConvergenceError(
+                f"the motion grows without bound before t = {times[part.stop - 1]:.4g} s: the cut is unstable"
+            )
     return GiveHistory(history[:, 0], history[:, 1], history[:, 2])
 
 
@@ -173,18 +206,28 @@ def refine_motion(
     found, last = first, np.inf
     states = drive.rigid_states(motion.times)
     for _ in range(MAX_SWEEPS):
-        change = march_linear(motion, -_unbalanced(model, drive, motion, force, history=found, states=states))
-        found = GiveHistory(found.give + change.give, found.rate + change.rate, found.acceleration + change.acceleration)
+        change = march_linear(
+            motion, -_unbalanced(model, drive, motion, force, history=found, states=states)
+        )
+        found = GiveHistory(
+            found.give + change.give,
+            found.rate + change.rate,
+            found.acceleration + change.acceleration,
+        )
         size = float(np.abs(change.give).max())
         if size < CONVERGED:
             return found
         if size > last:
             break
         last = size
-    raise ConvergenceError(f"the sweeps of the nonlinear motion stall at a correction of {size:.2g} m, wanted {CONVERGED:g} m")
+    raise ConvergenceError(
+        f"the sweeps of the nonlinear motion stall at a correction of {size:.2g} m, wanted {CONVERGED:g} m"
+    )
 
 
-def tool_gaps(model: CompliantMechanism, drive: PathDrive, times: FloatArray, give: FloatArray) -> FloatArray:
+def tool_gaps(
+    model: CompliantMechanism, drive: PathDrive, times: FloatArray, give: FloatArray
+) -> FloatArray:
     """Tool point of the compliant mechanism less that of the rigid one, ground frame of the chains.
 
     Args:
@@ -201,7 +244,9 @@ def tool_gaps(model: CompliantMechanism, drive: PathDrive, times: FloatArray, gi
     for part in chunk_slices(len(times)):
         driven, guess = drive.at(times[part]).position, drive.rigid_states(times[part])
         bent, rigid = (
-            compose_state(model.mechanism, driven, coordinates, guess)[1].placement.positions[:, tool]
+            compose_state(model.mechanism, driven, coordinates, guess)[1].placement.positions[
+                :, tool
+            ]
             for coordinates in (give[part], np.zeros_like(give[part]))
         )
         gaps.append(bent - rigid)
@@ -209,7 +254,11 @@ def tool_gaps(model: CompliantMechanism, drive: PathDrive, times: FloatArray, gi
 
 
 def drive_forces(
-    model: CompliantMechanism, drive: PathDrive, times: FloatArray, history: GiveHistory, force: FloatArray
+    model: CompliantMechanism,
+    drive: PathDrive,
+    times: FloatArray,
+    history: GiveHistory,
+    force: FloatArray,
 ) -> FloatArray:
     """Forces of the drives in a motion that has been solved (eq. 14 of Bonnemains et al. 2010).
 
@@ -226,7 +275,9 @@ def drive_forces(
     found = []
     for part in chunk_slices(len(times)):
         give, rate, guess = history.give[part], history.rate[part], drive.rigid_states(times[part])
-        dynamics = _evaluate(model, drive.at(times[part]), guess, give=give, rate=rate, force=force[part])
+        dynamics = _evaluate(
+            model, drive.at(times[part]), guess, give=give, rate=rate, force=force[part]
+        )
         found.append(driven_forces(model, dynamics, history.acceleration[part], force[part]))
     return np.concatenate(found)
 
@@ -234,7 +285,9 @@ def drive_forces(
 def _rigid_load(model: CompliantMechanism, drive: PathDrive, times: FloatArray) -> FloatArray:
     none = np.zeros((len(times), len(model.mechanism.compliant)))
     force = np.zeros((len(times), 3))
-    return _evaluate(model, drive.at(times), drive.rigid_states(times), give=none, rate=none, force=force).load
+    return _evaluate(
+        model, drive.at(times), drive.rigid_states(times), give=none, rate=none, force=force
+    ).load
 
 
 def _unbalanced(
@@ -246,21 +299,39 @@ def _unbalanced(
     history: GiveHistory,
     states: FloatArray,
 ) -> FloatArray:
-    """``(n, c)`` what the nonlinear equations of a trial motion are off by [N]; its states are brought up to date."""
+    """``(n, c)`` what the nonlinear equations of a trial motion are off by [N]; its states are
+    brought up to date.
+    """
     found = np.empty_like(history.give)
     for part in chunk_slices(len(motion.times)):
         give, rate = history.give[part], history.rate[part]
-        dynamics = _evaluate(model, drive.at(motion.times[part]), states[part], give=give, rate=rate, force=force[part])
+        dynamics = _evaluate(
+            model,
+            drive.at(motion.times[part]),
+            states[part],
+            give=give,
+            rate=rate,
+            force=force[part],
+        )
         states[part] = dynamics.state
         inertia = (dynamics.mass @ history.acceleration[part][..., None])[..., 0]
         found[part] = (
-            inertia + (motion.between(motion.damping, part) @ rate[..., None])[..., 0] + dynamics.stiffness * give - dynamics.load
+            inertia
+            + (motion.between(motion.damping, part) @ rate[..., None])[..., 0]
+            + dynamics.stiffness * give
+            - dynamics.load
         )
     return found
 
 
 def _evaluate(
-    model: CompliantMechanism, drives: Drive, guess: FloatArray, *, give: FloatArray, rate: FloatArray, force: FloatArray
+    model: CompliantMechanism,
+    drives: Drive,
+    guess: FloatArray,
+    *,
+    give: FloatArray,
+    rate: FloatArray,
+    force: FloatArray,
 ) -> PartitionedDynamics:
     """The full equations at many instants at once, from a guess of the states."""
     state, kinematics = compose_state(model.mechanism, drives.position, give, guess)
@@ -268,7 +339,9 @@ def _evaluate(
 
 
 class SchemeMatrices(NamedTuple):
-    """One step of position, velocity, acceleration, auxiliary: ``ahead @ old + reach * new acceleration``, ``(4, 4)`` and ``(4,)``."""
+    """One step of position, velocity, acceleration, auxiliary: ``ahead @ old + reach * new
+    acceleration``, ``(4, 4)`` and ``(4,)``.
+    """
 
     ahead: FloatArray
     reach: FloatArray
@@ -294,7 +367,8 @@ def step_maps(
     *,
     softer: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Some steps as maps of the state, position after velocity after acceleration after auxiliary: ``new = ahead @ old + own``.
+    """Some steps as maps of the state, position after velocity after acceleration after auxiliary:
+    ``new = ahead @ old + own``.
 
     Args:
         motion: The linear model.
@@ -304,7 +378,8 @@ def step_maps(
         softer: ``(., c, c)`` stiffness to be taken off [N/m].
 
     Returns:
-        ``ahead (., 4 c, 4 c)``, ``own (., 4 c)``, and ``(., c, c)`` what one more load adds to the new acceleration.
+        ``ahead (., 4 c, 4 c)``, ``own (., 4 c)``, and ``(., c, c)`` what one more load adds to the
+        new acceleration.
     """
     reach, size = method.reach, load.shape[1]
     mass, damping = motion.between(motion.mass, part), motion.between(motion.damping, part)
@@ -313,11 +388,14 @@ def step_maps(
         stiffness = stiffness - softer
     inverse = np.linalg.inv(mass + reach[1] * damping + reach[0] * stiffness)
     drift = np.kron(method.ahead, np.eye(size))
-    # M a + C (v + reach_v a) + K (x + reach_x a) = load, where x and v are what the old state alone leads to (drift): the new
-    # acceleration is linear in the old state and the load, and so is the new state = drift + reach a
+    # M a + C (v + reach_v a) + K (x + reach_x a) = load, where x and v are what the old state alone
+    # leads to (drift): the new acceleration is linear in the old state and the load, and so is the
+    # new state = drift + reach a
     pulled = np.concatenate([stiffness, damping], axis=-1) @ drift[: 2 * size]
     answer = inverse @ pulled
-    ahead = drift - (reach[:, None, None] * answer[:, None]).reshape(len(answer), 4 * size, 4 * size)
+    ahead = drift - (reach[:, None, None] * answer[:, None]).reshape(
+        len(answer), 4 * size, 4 * size
+    )
     pushed = (inverse @ load[part][..., None])[..., 0]
     return ahead, (reach[:, None] * pushed[:, None]).reshape(len(pushed), 4 * size), inverse
 
@@ -332,7 +410,8 @@ def _nodes(times: FloatArray, spacing: float) -> FloatArray:
 
 
 def interpolate_nodes(times: FloatArray, nodes: FloatArray, values: FloatArray) -> FloatArray:
-    """Linear interpolation between even nodes; beyond the first and last node the outermost line goes on.
+    """Linear interpolation between even nodes; beyond the first and last node the outermost line
+    goes on.
 
     Args:
         times: ``(n,)`` [s].

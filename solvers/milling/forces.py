@@ -1,9 +1,11 @@
-"""Milling forces of a helical end mill by slices, with linear chip and edge coefficients and runout.
+"""Milling forces of a helical end mill by slices, with linear chip and edge coefficients and
+runout.
 
-``dF_t = (K_tc h + K_te) dz``, likewise radially and axially, with the uncut chip thickness ``h = f_z cos(theta)`` plus runout
-(Altintas 2012, Manufacturing Automation, sec. 2.8). The tool turns clockwise seen from above; ``theta`` is counted counter-clockwise
-from the direction of travel, so it falls. The part lies on the right of the travel: climb milling.
-Coefficients of work materials are tabled with their source.
+``dF_t = (K_tc h + K_te) dz``, likewise radially and axially, with the uncut chip thickness ``h =
+f_z cos(theta)`` plus runout (Altintas 2012, Manufacturing Automation, sec. 2.8). The tool turns
+clockwise seen from above; ``theta`` is counted counter-clockwise from the direction of travel, so
+it falls. The part lies on the right of the travel: climb milling. Coefficients of work materials
+are tabled with their source.
 """
 
 from dataclasses import dataclass
@@ -19,7 +21,9 @@ _TABLE = "table 5 of doi 10.1186/s10033-021-00536-9 (Chin. J. Mech. Eng. 2021); 
 
 @dataclass(frozen=True)
 class CuttingCoefficients:
-    """Chip coefficients [N/m^2] and edge coefficients [N/m], tangential, radial, axial; with their source."""
+    """Chip coefficients [N/m^2] and edge coefficients [N/m], tangential, radial, axial; with their
+    source.
+    """
 
     chip: tuple[float, float, float]
     edge: tuple[float, float, float]
@@ -33,7 +37,8 @@ class EndMill:
     Attributes:
         diameter: [m].
         teeth: Evenly spaced.
-        helix: Helix angle [rad]; positive pulls the tool down, as a right-hand helix on a clockwise tool does.
+        helix: Helix angle [rad]; positive pulls the tool down, as a right-hand helix on a clockwise
+            tool does.
         runout: Distance of the tool's axis from the spindle's [m].
         runout_angle: Where the first tooth stands from the direction of the runout [rad].
     """
@@ -87,12 +92,16 @@ def cutting_forces(cut: MillingCut, times: FloatArray, feed: FloatArray) -> Floa
             f"a radial depth of {1e3 * cut.radial_depth:g} mm needs a radius of at least that and above zero; the tool's is"
             f" {500.0 * cut.mill.diameter:g} mm"
         )
-    parts = [_chunk_forces(cut, times[start : start + CHUNK], feed[start : start + CHUNK]) for start in range(0, len(times), CHUNK)]
+    parts = [
+        _chunk_forces(cut, times[start : start + CHUNK], feed[start : start + CHUNK])
+        for start in range(0, len(times), CHUNK)
+    ]
     return np.concatenate(parts) if parts else np.zeros((0, 3))
 
 
 def repeated_forces(cut: MillingCut, steps_per_turn: int, feed: FloatArray) -> FloatArray:
-    """As :func:`cutting_forces` at even steps from time zero, each turn's angles evaluated once where chips grow with the feed.
+    """As :func:`cutting_forces` at even steps from time zero, each turn's angles evaluated once
+    where chips grow with the feed.
 
     Args:
         cut: Tool, material and engagement.
@@ -108,16 +117,23 @@ def repeated_forces(cut: MillingCut, steps_per_turn: int, feed: FloatArray) -> F
     turn = 2.0 * np.pi / cut.spindle
     if cut.mill.runout > 0.0 or len(feed) < 2 * steps_per_turn:
         return cutting_forces(cut, np.arange(len(feed)) * turn / steps_per_turn, feed)
-    instants, one = np.arange(steps_per_turn) * turn / steps_per_turn, float(feed.max(initial=1e-9)) or 1e-9
+    instants, one = (
+        np.arange(steps_per_turn) * turn / steps_per_turn,
+        float(feed.max(initial=1e-9)) or 1e-9,
+    )
     # without runout no chip vanishes before the feed does, so forces are a line in it
-    half, whole = (cutting_forces(cut, instants, np.full(steps_per_turn, share * one)) for share in (0.5, 1.0))
+    half, whole = (
+        cutting_forces(cut, instants, np.full(steps_per_turn, share * one)) for share in (0.5, 1.0)
+    )
     slope, edge = 2.0 * (whole - half) / one, 2.0 * half - whole
     phase = np.arange(len(feed)) % steps_per_turn
     return np.asarray((slope[phase] * feed[:, None] + edge[phase]) * (feed > 0.0)[:, None])
 
 
 def tooth_angles(cut: MillingCut, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Angle of each tooth at the middle of each slice ``(n, teeth, slices)`` [rad], and the lag of each tooth ``(teeth,)``."""
+    """Angle of each tooth at the middle of each slice ``(n, teeth, slices)`` [rad], and the lag of
+    each tooth ``(teeth,)``.
+    """
     lag = 2.0 * np.pi * np.arange(cut.mill.teeth) / cut.mill.teeth
     middles = (np.arange(cut.slices) + 0.5) * cut.axial_depth / cut.slices
     twist = 2.0 * middles * np.tan(cut.mill.helix) / cut.mill.diameter
@@ -125,13 +141,16 @@ def tooth_angles(cut: MillingCut, times: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def engaged(cut: MillingCut, theta: FloatArray) -> FloatArray:
-    """1 where a tooth is in the part: in front of the tool's centre and deeper on the right than the finished face."""
+    """1 where a tooth is in the part: in front of the tool's centre and deeper on the right than
+    the finished face.
+    """
     depth = 1.0 - 2.0 * cut.radial_depth / cut.mill.diameter
     return np.asarray((np.sin(theta) < -depth) & (np.cos(theta) > 0.0), dtype=float)
 
 
 def radius_differences(mill: EndMill, lag: FloatArray, back: int = 1) -> FloatArray:
-    """By how much each tooth stands out further, owing to runout, than an earlier one whose surface it cuts.
+    """By how much each tooth stands out further, owing to runout, than an earlier one whose surface
+    it cuts.
 
     Args:
         mill: The tool.
@@ -151,7 +170,13 @@ def _chunk_forces(cut: MillingCut, times: FloatArray, feed: FloatArray) -> Float
     per_tooth = feed * cut.tooth_period
     mill = cut.mill
     chip = per_tooth[:, None, None] * np.cos(theta) + radius_differences(mill, lag)[:, None]
-    cutting = engaged(cut, theta) * (chip > 0.0) * (feed > 0.0)[:, None, None] * cut.axial_depth / cut.slices
+    cutting = (
+        engaged(cut, theta)
+        * (chip > 0.0)
+        * (feed > 0.0)[:, None, None]
+        * cut.axial_depth
+        / cut.slices
+    )
     tangential, radial, axial = (
         (chip_part * chip + edge_part) * cutting
         for chip_part, edge_part in zip(cut.coefficients.chip, cut.coefficients.edge, strict=True)
@@ -163,10 +188,12 @@ def _chunk_forces(cut: MillingCut, times: FloatArray, feed: FloatArray) -> Float
 
 
 def regeneration_stiffness(cut: MillingCut, times: FloatArray) -> FloatArray:
-    """Force per motion of the tool towards the part since the tooth before, ``(n, 3, 3)`` [N/m], axes as the forces.
+    """Force per motion of the tool towards the part since the tooth before, ``(n, 3, 3)`` [N/m],
+    axes as the forces.
 
-    A tooth at ``theta`` meets a chip thicker by the tool's motion along its radius, ``(cos, sin, 0)``, since the last tooth passed;
-    linear as long as teeth stay in the cut (Altintas 2012, sec. 3.4).
+    A tooth at ``theta`` meets a chip thicker by the tool's motion along its radius, ``(cos, sin,
+    0)``, since the last tooth passed; linear as long as teeth stay in the cut (Altintas 2012, sec.
+    3.4).
     """
     theta, _ = tooth_angles(cut, times)
     width = engaged(cut, theta) * cut.axial_depth / cut.slices
@@ -187,6 +214,8 @@ def regeneration_stiffness(cut: MillingCut, times: FloatArray) -> FloatArray:
 # axial terms are zero where the table gives none
 CUTTING_MATERIALS: dict[str, CuttingCoefficients] = {
     "al7075-t6": CuttingCoefficients((600.46e6, 180.96e6, 0.0), (17.9e3, 20.42e3, 0.0), _TABLE),
-    "al7075-t6-dry": CuttingCoefficients((767.01e6, 168.8e6, 222e6), (27.7e3, 26.6e3, 0.7e3), _TABLE),
+    "al7075-t6-dry": CuttingCoefficients(
+        (767.01e6, 168.8e6, 222e6), (27.7e3, 26.6e3, 0.7e3), _TABLE
+    ),
     "al6061-t6": CuttingCoefficients((243.77e6, 113.5e6, 0.0), (7.53e3, 7.83e3, 0.0), _TABLE),
 }

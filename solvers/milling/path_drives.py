@@ -1,7 +1,9 @@
-"""What the drives of a mechanism do along a tool path: positions, speeds and accelerations that belong together.
+"""What the drives of a mechanism do along a tool path: positions, speeds and accelerations that
+belong together.
 
-Speeds and accelerations come from the closures and the tool's motion, ``[phi_q; J] qd = [0; v]`` and ``[phi_q; J] qdd = [-gamma; a -
-bias]``, at nodes; between nodes a quintic polynomial keeps all three continuous (Hermite). Nothing is differenced.
+Speeds and accelerations come from the closures and the tool's motion, ``[phi_q; J] qd = [0; v]``
+and ``[phi_q; J] qdd = [-gamma; a - bias]``, at nodes; between nodes a quintic polynomial keeps all
+three continuous (Hermite). Nothing is differenced.
 """
 
 from dataclasses import dataclass
@@ -25,7 +27,8 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.mechanisms.partitioning import Drive
 from headstock.solvers.milling.tool_path import PathPoints
 
-BRANCH_JUMP = 0.2  # change of a coordinate between nodes, beyond what its rate explains, that means another assembly
+# change of a coordinate between nodes, beyond what its rate explains, that means another assembly
+BRANCH_JUMP = 0.2
 FEWEST_SAMPLES_PER_KNOT = 3
 
 
@@ -45,15 +48,21 @@ class PathDrive:
 
     def at(self, times: FloatArray | float) -> Drive:
         """Positions, speeds and accelerations ``(..., u)`` at times."""
-        position, speed, acceleration = (np.asarray(self.law(times, nu=order)) for order in range(3))
+        position, speed, acceleration = (
+            np.asarray(self.law(times, nu=order)) for order in range(3)
+        )
         return Drive(position, speed, acceleration)
 
     def rigid_states(self, times: FloatArray) -> FloatArray:
-        """``(..., n)`` rigid coordinates between the nodes, good enough to start Newton's method from."""
+        """``(..., n)`` rigid coordinates between the nodes, good enough to start Newton's method
+        from.
+        """
         return np.asarray(scipy.interpolate.make_interp_spline(self.times, self.states, k=3)(times))
 
 
-def follow_path(machine: MountedExechon, times: FloatArray, path: PathPoints, direction: FloatArray) -> PathDrive:
+def follow_path(
+    machine: MountedExechon, times: FloatArray, path: PathPoints, direction: FloatArray
+) -> PathDrive:
     """Drives that lead the tool along a path without turning it.
 
     Args:
@@ -63,7 +72,8 @@ def follow_path(machine: MountedExechon, times: FloatArray, path: PathPoints, di
         direction: ``(3,)`` of the tool, machine frame.
 
     Raises:
-        PoseError: A point is out of reach, singular, beyond a joint's limits, or the path changes the assembly; says when.
+        PoseError: A point is out of reach, singular, beyond a joint's limits, or the path changes
+            the assembly; says when.
     """
     survey = survey_tool_poses(machine, path.position, direction)
     _require_poses(machine, times, survey)
@@ -72,7 +82,11 @@ def follow_path(machine: MountedExechon, times: FloatArray, path: PathPoints, di
     tool, rigid = mechanism.marks.index("tcp"), slice(0, mechanism.compliant_slice.start)
     # the tool turns about its own axis only
     across = np.swapaxes(kinematics.placement.rotations[:, tool, :, :2], -1, -2)
-    rows = [kinematics.closures, kinematics.of_position[:, tool], across @ kinematics.of_turn[:, tool]]
+    rows = [
+        kinematics.closures,
+        kinematics.of_position[:, tool],
+        across @ kinematics.of_turn[:, tool],
+    ]
     matrix = np.concatenate(rows, axis=-2)[..., rigid]
     rates = np.zeros_like(survey.states)
     nothing = np.zeros((len(times), 2))
@@ -88,11 +102,15 @@ def follow_path(machine: MountedExechon, times: FloatArray, path: PathPoints, di
     return PathDrive(times, survey.states, scipy.interpolate.BPoly.from_derivatives(times, nodes))
 
 
-def smooth_samples(times: FloatArray, samples: FloatArray, spacing: float) -> scipy.interpolate.BSpline:
-    """A smooth law through noisy samples of driven coordinates: a least-squares quintic spline with knots so far apart [s].
+def smooth_samples(
+    times: FloatArray, samples: FloatArray, spacing: float
+) -> scipy.interpolate.BSpline:
+    """A smooth law through noisy samples of driven coordinates: a least-squares quintic spline with
+    knots so far apart [s].
 
-    Measured leg lengths must not be differenced twice: a micrometre of noise at 1 kHz becomes metres per second squared. A spline
-    with fewer knots than samples has derivatives that are as smooth as its knots allow, and leaves the rest as residual.
+    Measured leg lengths must not be differenced twice: a micrometre of noise at 1 kHz becomes
+    metres per second squared. A spline with fewer knots than samples has derivatives that are as
+    smooth as its knots allow, and leaves the rest as residual.
 
     Args:
         times: ``(n,)`` rising [s].
@@ -100,12 +118,15 @@ def smooth_samples(times: FloatArray, samples: FloatArray, spacing: float) -> sc
         spacing: Distance of the knots [s]; rounded so that they divide the time evenly.
 
     Raises:
-        ModelError: Times do not rise, values are not finite, or there are too few samples between knots.
+        ModelError: Times do not rise, values are not finite, or there are too few samples between
+            knots.
     """
     if not (np.isfinite(times).all() and np.isfinite(samples).all()):
         raise ModelError("samples of a drive hold values that are not finite")
     if not (np.diff(times) > 0.0).all():
-        raise ModelError(f"times of a drive must rise; they do not after {times[int(np.argmin(np.diff(times)))]:.6g} s")
+        raise ModelError(
+            f"times of a drive must rise; they do not after {times[int(np.argmin(np.diff(times)))]:.6g} s"
+        )
     count = max(1, round((times[-1] - times[0]) / spacing))
     knots = np.linspace(times[0], times[-1], count + 1)
     if np.histogram(times, knots)[0].min() < FEWEST_SAMPLES_PER_KNOT:
@@ -125,16 +146,24 @@ def _require_poses(machine: MountedExechon, times: FloatArray, survey: PoseSurve
         return f"the path at t = {times[int(np.argmax(bad))]:.4g} s"
 
     if not survey.reached.all():
-        raise UnreachablePoseError(f"{first(~survey.reached)}: no assembly of the mechanism reaches the tool pose")
+        raise UnreachablePoseError(
+            f"{first(~survey.reached)}: no assembly of the mechanism reaches the tool pose"
+        )
     if not (survey.condition < LARGEST_CONDITION).all():
-        raise SingularPoseError(f"{first(survey.condition >= LARGEST_CONDITION)}: a singular pose; a motion is lost or gained")
+        raise SingularPoseError(
+            f"{first(survey.condition >= LARGEST_CONDITION)}: a singular pose; a motion is lost or gained"
+        )
     if not survey.within.all():
         place = int(np.argmax(~survey.within))
-        raise JointLimitError(f"{first(~survey.within)}: {'; '.join(name_limit_faults(machine, survey.states[place]))}")
+        raise JointLimitError(
+            f"{first(~survey.within)}: {'; '.join(name_limit_faults(machine, survey.states[place]))}"
+        )
 
 
 def _require_one_branch(times: FloatArray, states: FloatArray, rates: FloatArray) -> None:
     expected = 0.5 * (rates[1:] + rates[:-1]) * np.diff(times)[:, None]
     jumps = np.abs(np.diff(states, axis=0) - expected).max(axis=-1)
     if (jumps > BRANCH_JUMP).any():
-        raise SingularPoseError(f"the path at t = {times[int(np.argmax(jumps > BRANCH_JUMP))]:.4g} s jumps to another assembly")
+        raise SingularPoseError(
+            f"the path at t = {times[int(np.argmax(jumps > BRANCH_JUMP))]:.4g} s jumps to another assembly"
+        )

@@ -1,8 +1,10 @@
-"""A compliant mechanism that cuts what its own tooth left before: the delay differential equation of milling, marched in time.
+"""A compliant mechanism that cuts what its own tooth left before: the delay differential equation
+of milling, marched in time.
 
-The chip under a tooth is as thick as the tool's feed and its motion since an earlier tooth passed there; the thinnest over several
-teeth counts, because a tooth that jumps out leaves the wave of the one before it (Tlusty and Ismail 1981). A tooth out of the part
-cuts nothing, so an unstable cut grows to a limit cycle and not without bound. Radial engagement stays as it is without vibration.
+The chip under a tooth is as thick as the tool's feed and its motion since an earlier tooth passed
+there; the thinnest over several teeth counts, because a tooth that jumps out leaves the wave of the
+one before it (Tlusty and Ismail 1981). A tooth out of the part cuts nothing, so an unstable cut
+grows to a limit cycle and not without bound. Radial engagement stays as it is without vibration.
 """
 
 from dataclasses import dataclass
@@ -12,7 +14,13 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
-from headstock.solvers.milling.contouring import GiveHistory, LinearMotion, chunk_slices, scheme_matrices, step_maps
+from headstock.solvers.milling.contouring import (
+    GiveHistory,
+    LinearMotion,
+    chunk_slices,
+    scheme_matrices,
+    step_maps,
+)
 from headstock.solvers.milling.forces import MillingCut, engaged, radius_differences, tooth_angles
 
 WAVES = 3  # teeth that are looked back
@@ -20,7 +28,8 @@ WAVES = 3  # teeth that are looked back
 
 @dataclass(frozen=True, eq=False)
 class CuttingPhase:
-    """What cuts at one angle of the spindle, ``k`` pieces of teeth, axes along the travel, away from the part, up.
+    """What cuts at one angle of the spindle, ``k`` pieces of teeth, axes along the travel, away
+    from the part, up.
 
     Attributes:
         normals: ``(2, k)`` direction of each chip's thickness.
@@ -44,7 +53,8 @@ class RegenerativeCut:
         delay: Steps from tooth to tooth.
         feed: ``(n,)`` feed per tooth [m].
         share: ``(n,)`` 0 where the tool is out of the part, 1 where it is in.
-        frame: ``(n, 3, 3)`` rows: along the travel, away from the part, up, in the ground frame of the chains.
+        frame: ``(n, 3, 3)`` rows: along the travel, away from the part, up, in the ground frame of
+            the chains.
     """
 
     phases: tuple[CuttingPhase, ...]
@@ -71,7 +81,9 @@ def cutting_phases(cut: MillingCut, steps_per_turn: int) -> tuple[CuttingPhase, 
     return tuple(_phase(cut, angles, runout) for angles in theta)
 
 
-def march_regenerative(motion: LinearMotion, load: FloatArray, cut: RegenerativeCut) -> tuple[GiveHistory, FloatArray]:
+def march_regenerative(
+    motion: LinearMotion, load: FloatArray, cut: RegenerativeCut
+) -> tuple[GiveHistory, FloatArray]:
     """Generalised-α steps of the linear model with the chip of each instant, from static rest.
 
     Args:
@@ -100,7 +112,9 @@ def march_regenerative(motion: LinearMotion, load: FloatArray, cut: Regenerative
                 trial = position @ state + reach[0] * state[2]
                 state = (ahead[row] @ state.ravel() + own[row]).reshape(4, size)
                 if cut.share[n] > 0.0:
-                    force[n] = _cut_force(cut, n, tool[row] @ trial - place[np.maximum(n - looks, 0)])
+                    force[n] = _cut_force(
+                        cut, n, tool[row] @ trial - place[np.maximum(n - looks, 0)]
+                    )
                     state += np.outer(reach, inverse[row] @ (force[n] @ tool[row]))
             history[n] = state
             place[n] = tool[row] @ state[0]
@@ -108,13 +122,17 @@ def march_regenerative(motion: LinearMotion, load: FloatArray, cut: Regenerative
 
 
 def _cut_force(cut: RegenerativeCut, step: int, moved: FloatArray) -> FloatArray:
-    """``(3,)`` force in the ground frame of the chains after motions ``(WAVES, 3)`` of the tool since the last teeth."""
+    """``(3,)`` force in the ground frame of the chains after motions ``(WAVES, 3)`` of the tool
+    since the last teeth.
+    """
     phase, frame = cut.phases[step % len(cut.phases)], cut.frame[step]
     fed = moved @ frame[:2].T
     fed[:, 0] += cut.feed[step] * np.arange(1, WAVES + 1)
     chip = (fed @ phase.normals + phase.runout).min(axis=0)
     cutting = chip > 0.0
-    return np.asarray(cut.share[step] * ((phase.chip @ (chip * cutting) + phase.edge @ cutting) @ frame))
+    return np.asarray(
+        cut.share[step] * ((phase.chip @ (chip * cutting) + phase.edge @ cutting) @ frame)
+    )
 
 
 def _phase(cut: MillingCut, theta: FloatArray, runout: FloatArray) -> CuttingPhase:
@@ -126,7 +144,16 @@ def _phase(cut: MillingCut, theta: FloatArray, runout: FloatArray) -> CuttingPha
 
     def push(coefficients: tuple[float, float, float]) -> FloatArray:
         tangential, radial, axial = coefficients
-        rows = [-tangential * sine - radial * cosine, tangential * cosine - radial * sine, np.full_like(angle, down * axial)]
+        rows = [
+            -tangential * sine - radial * cosine,
+            tangential * cosine - radial * sine,
+            np.full_like(angle, down * axial),
+        ]
         return np.asarray(width * np.stack(rows))
 
-    return CuttingPhase(np.stack([cosine, sine]), push(cut.coefficients.chip), push(cut.coefficients.edge), runout[:, teeth])
+    return CuttingPhase(
+        np.stack([cosine, sine]),
+        push(cut.coefficients.chip),
+        push(cut.coefficients.edge),
+        runout[:, teeth],
+    )

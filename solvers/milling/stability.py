@@ -1,10 +1,13 @@
-"""Stability of regenerative cutting: Floquet multipliers by semi-discretisation, and limit depths by it and by a single frequency.
+"""Stability of regenerative cutting: Floquet multipliers by semi-discretisation, and limit depths
+by it and by a single frequency.
 
-``x' = A x + B G(t) (C x(t) - C x(t - T))`` with ``G`` of period ``T``, the time from tooth to tooth, which is the delay as well. Over
-each of ``m`` steps ``G`` is its mean there and the delayed output a line between its samples (first-order semi-discretisation,
-Insperger and Stepan 2004 and 2011, sec. 3): multipliers converge with the square of the step. The tip is stable when the
-largest is below one. With the mean of ``G`` over a period in place of ``G`` the limit is a matter of one frequency (Altintas and
-Budak 1995, their zeroth order); this is the second road, exact for a constant engagement and close for many teeth in the cut.
+``x' = A x + B G(t) (C x(t) - C x(t - T))`` with ``G`` of period ``T``, the time from tooth to
+tooth, which is the delay as well. Over each of ``m`` steps ``G`` is its mean there and the delayed
+output a line between its samples (first-order semi-discretisation, Insperger and Stepan 2004 and
+2011, sec. 3): multipliers converge with the square of the step. The tip is stable when the largest
+is below one. With the mean of ``G`` over a period in place of ``G`` the limit is a matter of one
+frequency (Altintas and Budak 1995, their zeroth order); this is the second road, exact for a
+constant engagement and close for many teeth in the cut.
 """
 
 from collections.abc import Callable
@@ -22,7 +25,9 @@ SAMPLES_PER_STEP = 8
 STEPS_PER_SWING = 40  # of the highest mode
 FEWEST_STEPS = 48
 BISECTIONS = 40
-LIMIT_POINTS = 40_000  # frequencies tried for a limit, up to three times the highest natural frequency
+LIMIT_POINTS = (
+    40_000  # frequencies tried for a limit, up to three times the highest natural frequency
+)
 DEPTH_TOLERANCE = 1e-4  # relative
 
 
@@ -44,7 +49,12 @@ class TipDynamics:
 
 
 def tip_dynamics(
-    mass: FloatArray, damping: FloatArray, stiffness: FloatArray, *, forced: FloatArray, seen: FloatArray | None = None
+    mass: FloatArray,
+    damping: FloatArray,
+    stiffness: FloatArray,
+    *,
+    forced: FloatArray,
+    seen: FloatArray | None = None,
 ) -> TipDynamics:
     """First-order form of a second-order system.
 
@@ -58,18 +68,23 @@ def tip_dynamics(
     seen = forced if seen is None else seen
     size = len(mass)
     inverse = np.linalg.inv(mass)
-    system = np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ stiffness, -inverse @ damping]])
+    system = np.block(
+        [[np.zeros((size, size)), np.eye(size)], [-inverse @ stiffness, -inverse @ damping]]
+    )
     inputs = np.concatenate([np.zeros((size, len(forced))), inverse @ forced.T])
     highest = float(np.sqrt(scipy.linalg.eigvalsh(stiffness, mass)[-1])) / (2.0 * np.pi)
     return TipDynamics(system, inputs, np.concatenate([seen, np.zeros_like(seen)], axis=1), highest)
 
 
-def floquet_multipliers(tip: TipDynamics, gains: FloatArray, period: float, *, past: FloatArray | None = None) -> ComplexArray:
+def floquet_multipliers(
+    tip: TipDynamics, gains: FloatArray, period: float, *, past: FloatArray | None = None
+) -> ComplexArray:
     """All multipliers over a period, those of the delay's discretisation among them.
 
     Args:
         tip: The system.
-        gains: ``(m, r, p)`` mean of ``G`` over each step: force per motion since the last period [N/m].
+        gains: ``(m, r, p)`` mean of ``G`` over each step: force per motion since the last period
+            [N/m].
         period: And delay [s].
         past: As the gains, for the delayed motion alone, where it has gains of its own.
     """
@@ -82,7 +97,11 @@ def floquet_multipliers(tip: TipDynamics, gains: FloatArray, period: float, *, p
     matrix[:, :size, size : size + directions] = -delayed
     matrix[:, size : size + directions, size + directions :] = np.eye(directions) * steps / period
     ahead = np.asarray(scipy.linalg.expm(matrix * (period / steps)))[:, :size]
-    own, start, growth = ahead[:, :, :size], ahead[:, :, size : size + directions], ahead[:, :, size + directions :]
+    own, start, growth = (
+        ahead[:, :, :size],
+        ahead[:, :, size : size + directions],
+        ahead[:, :, size + directions :],
+    )
     # rows: the state, then the outputs one to m steps ago
     whole = np.eye(size + steps * directions)
     state, waves = whole[:size], list(whole[size:].reshape(steps, directions, -1))
@@ -100,15 +119,20 @@ def largest_multiplier(tip: TipDynamics, gains: FloatArray, period: float) -> fl
 
     Args:
         tip: The system.
-        gains: ``(m, r, p)`` mean of ``G`` over each of ``m`` steps: force per motion since the last period [N/m].
+        gains: ``(m, r, p)`` mean of ``G`` over each of ``m`` steps: force per motion since the last
+            period [N/m].
         period: Time from tooth to tooth, which is the delay too [s].
     """
     return float(np.abs(floquet_multipliers(tip, gains, period)).max())
 
 
 def milling_gains(cut: MillingCut, steps: int) -> FloatArray:
-    """``(m, 3, 2)`` mean over each step of a tooth period: force along, away and up per motion along and away [N/m]."""
-    fine = (np.arange(steps * SAMPLES_PER_STEP) + 0.5) * cut.tooth_period / (steps * SAMPLES_PER_STEP)
+    """``(m, 3, 2)`` mean over each step of a tooth period: force along, away and up per motion
+    along and away [N/m].
+    """
+    fine = (
+        (np.arange(steps * SAMPLES_PER_STEP) + 0.5) * cut.tooth_period / (steps * SAMPLES_PER_STEP)
+    )
     gains = regeneration_stiffness(cut, fine)[:, :, :2]
     return np.asarray(gains.reshape(steps, SAMPLES_PER_STEP, *gains.shape[1:]).mean(axis=1))
 
@@ -121,7 +145,8 @@ def count_steps(tip: TipDynamics, period: float) -> int:
 def limit_depth(multiplier: Callable[[float], float], deepest: float) -> float:
     """Depth of cut at which the largest multiplier reaches one, by bisection [m].
 
-    The deepest where it never does, zero where the thinnest cut is unstable, as it may be without damping.
+    The deepest where it never does, zero where the thinnest cut is unstable, as it may be without
+    damping.
     """
     if multiplier(deepest) < 1.0:
         return deepest
@@ -135,7 +160,8 @@ def limit_depth(multiplier: Callable[[float], float], deepest: float) -> float:
 
 
 def single_frequency_limit(tip: TipDynamics, gains: FloatArray, period: float) -> float:
-    """By how much gains may be multiplied until the mean of them over a period makes the tip chatter; infinite where never.
+    """By how much gains may be multiplied until the mean of them over a period makes the tip
+    chatter; infinite where never.
 
     Args:
         tip: The system.

@@ -1,9 +1,11 @@
-"""Tool paths in a plane with closed-form derivatives: lines and arcs at constant feed, smoothed by moving averages in time.
+"""Tool paths in a plane with closed-form derivatives: lines and arcs at constant feed, smoothed by
+moving averages in time.
 
-A moving average of length T is a finite impulse response interpolator (Biagiotti and Melchiorri 2012; Tajima and Sencer 2016). Its
-derivative is a difference, ``(p(t) - p(t - T)) / T``, and its value needs an antiderivative of the path, which lines and arcs have in
-closed form. Three averages limit the jerk, and positions, speeds and accelerations belong together to the last digit: nothing is
-differenced numerically. Points in the plane are complex numbers inside.
+A moving average of length T is a finite impulse response interpolator (Biagiotti and Melchiorri
+2012; Tajima and Sencer 2016). Its derivative is a difference, ``(p(t) - p(t - T)) / T``, and its
+value needs an antiderivative of the path, which lines and arcs have in closed form. Three averages
+limit the jerk, and positions, speeds and accelerations belong together to the last digit: nothing
+is differenced numerically. Points in the plane are complex numbers inside.
 """
 
 import math
@@ -15,17 +17,20 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 
 AVERAGES = 3
-# antiderivatives grow with the cube of time and are differenced at the scale of milliseconds: doubles would leave nanometres
+# antiderivatives grow with the cube of time and are differenced at the scale of milliseconds:
+# doubles would leave nanometres
 ComplexArray = NDArray[np.complexfloating]
 _WIDE = np.clongdouble
 
 
 @dataclass(frozen=True, eq=False)
 class PiecewisePath:
-    """``p(t) = sum_j poly_j tau^j + swing exp(i rate tau)``, ``tau`` from the start of each piece; constant before and after.
+    """``p(t) = sum_j poly_j tau^j + swing exp(i rate tau)``, ``tau`` from the start of each piece;
+    constant before and after.
 
     Attributes:
-        starts: ``(s,)`` start of each piece [s]; the first holds from minus infinity, the last to infinity.
+        starts: ``(s,)`` start of each piece [s]; the first holds from minus infinity, the last to
+            infinity.
         poly: ``(s, k)`` complex coefficients.
         swing: ``(s,)`` complex amplitude of arcs.
         rate: ``(s,)`` angular speed of arcs [rad/s]; 1 where there is no arc.
@@ -43,12 +48,16 @@ class PiecewisePath:
         value = np.zeros(len(times), dtype=_WIDE)
         for column in range(self.poly.shape[1] - 1, -1, -1):
             value = value * tau + self.poly[piece, column]
-        return np.asarray(value + self.swing[piece] * np.exp(1j * self.rate[piece].astype(np.longdouble) * tau))
+        return np.asarray(
+            value + self.swing[piece] * np.exp(1j * self.rate[piece].astype(np.longdouble) * tau)
+        )
 
     def antiderivative(self) -> "PiecewisePath":
         """The integral from the start of the first piece."""
         powers = np.arange(1, self.poly.shape[1] + 1)
-        poly = np.concatenate([np.zeros((len(self.starts), 1)), self.poly / powers], axis=1).astype(_WIDE)
+        poly = np.concatenate([np.zeros((len(self.starts), 1)), self.poly / powers], axis=1).astype(
+            _WIDE
+        )
         swing = self.swing / (1j * self.rate)
         spans = np.diff(self.starts.astype(np.longdouble))
         poly[0, 0] = -swing[0]
@@ -61,7 +70,9 @@ class PiecewisePath:
 
 @dataclass(frozen=True, eq=False)
 class PathPoints:
-    """A path at instants: ``(n, 3)`` positions [m], velocities [m/s] and accelerations [m/s^2], machine frame."""
+    """A path at instants: ``(n, 3)`` positions [m], velocities [m/s] and accelerations [m/s^2],
+    machine frame.
+    """
 
     position: FloatArray
     velocity: FloatArray
@@ -92,7 +103,8 @@ class SmoothPath:
         # p' takes one antiderivative less and a difference more than p, p'' two
         values = [self._averaged(primitives[AVERAGES - order], times) for order in range(3)]
         position, velocity, acceleration = (
-            np.stack([value.real, value.imag, np.zeros(len(times))], axis=-1).astype(float) for value in values
+            np.stack([value.real, value.imag, np.zeros(len(times))], axis=-1).astype(float)
+            for value in values
         )
         position[:, 2] = self.height
         return PathPoints(position, velocity, acceleration)
@@ -107,7 +119,8 @@ class SmoothPath:
 
     def _averaged(self, primitive: PiecewisePath, times: FloatArray) -> ComplexArray:
         weights = [(-1) ** k * math.comb(AVERAGES, k) for k in range(AVERAGES + 1)]
-        # instants rounded to doubles would leave 2e-9 of the speed: an antiderivative is steep, and divided by the window thrice
+        # instants rounded to doubles would leave 2e-9 of the speed: an antiderivative is steep, and
+        # divided by the window thrice
         wide, window = times.astype(np.longdouble), np.longdouble(self.window)
         total = sum(weight * primitive.at(wide - k * window) for k, weight in enumerate(weights))
         return np.asarray(total / window**AVERAGES)
@@ -115,13 +128,15 @@ class SmoothPath:
 
 @dataclass(frozen=True)
 class SquareContour:
-    """A square block milled around from outside, clockwise seen from above, so that it lies on the right of the travel.
+    """A square block milled around from outside, clockwise seen from above, so that it lies on the
+    right of the travel.
 
     Attributes:
         side: Of the finished block [m].
         center: Its centre in the machine frame [m].
         height: Of the tool point above the table [m].
-        offset: Tool radius: the tool's centre runs so far outside the block, and around its corners on arcs of this radius [m].
+        offset: Tool radius: the tool's centre runs so far outside the block, and around its corners
+            on arcs of this radius [m].
         lead: Straight way before the first corner region and after the last [m].
         feed: Feed rate [m/s].
         window: Length of each of the three moving averages [s].
@@ -137,10 +152,12 @@ class SquareContour:
 
 
 def square_path(contour: SquareContour) -> tuple[SmoothPath, FloatArray]:
-    """The path of the tool's centre, and ``(5,)`` times at which the straight cuts along faces 1 to 4 start and the last one ends.
+    """The path of the tool's centre, and ``(5,)`` times at which the straight cuts along faces 1 to
+    4 start and the last one ends.
 
-    Face 1 is at the lowest x and cut towards +y, then face 2 at the highest y, face 3 at the highest x, face 4 at the lowest y.
-    Times are those before smoothing; each moving average delays by half its length.
+    Face 1 is at the lowest x and cut towards +y, then face 2 at the highest y, face 3 at the
+    highest x, face 4 at the lowest y. Times are those before smoothing; each moving average delays
+    by half its length.
     """
     half, radius, feed = 0.5 * contour.side, contour.offset, contour.feed
     center = complex(*contour.center)
@@ -175,6 +192,10 @@ def square_path(contour: SquareContour) -> tuple[SmoothPath, FloatArray]:
     add(0.0, [here, 0.0], 0.0, 1.0)
     # a finite start keeps antiderivatives small
     times = np.array([-AVERAGES * contour.window - 1e-3, *starts[1:]])
-    raw = PiecewisePath(times, np.array(poly, dtype=_WIDE), np.array(swing, dtype=_WIDE), np.array(rate))
+    raw = PiecewisePath(
+        times, np.array(poly, dtype=_WIDE), np.array(swing, dtype=_WIDE), np.array(rate)
+    )
     delay = 0.5 * AVERAGES * contour.window
-    return SmoothPath(raw, contour.window, contour.height, (0.0, now + 2.0 * delay)), np.array(marks) + delay
+    return SmoothPath(raw, contour.window, contour.height, (0.0, now + 2.0 * delay)), np.array(
+        marks
+    ) + delay

@@ -1,1 +1,3 @@
-"""A tool that leaves its path while axes accelerate: set points, response, systems that vary along the way, control. Never scenes."""
+"""A tool that leaves its path while axes accelerate: set points, response, systems that vary along
+the way, control. Never scenes.
+"""

@@ -1,4 +1,6 @@
-"""Deviation from a path of a machine under control, in parts: following error, quasi-static share, rigid-body response, residual vibration."""
+"""Deviation from a path of a machine under control, in parts: following error, quasi-static share,
+rigid-body response, residual vibration.
+"""
 
 import math
 from collections.abc import Callable, Mapping
@@ -15,7 +17,12 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.state_space import StateSpace
 from headstock.solvers.linear.time_response import solve_stepped_response
 from headstock.solvers.paths.response import PathDeviation, step_times
-from headstock.solvers.paths.set_points import SetPoint, list_breaks, sample_move, step_accelerations
+from headstock.solvers.paths.set_points import (
+    SetPoint,
+    list_breaks,
+    sample_move,
+    step_accelerations,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +32,11 @@ class ControlledPath:
     Attributes:
         loop: Closed; its first outputs are those wanted.
         shares: Travel of each driven axis per travel along the path [-].
-        travel: ``(n_outputs,)`` how the rigid machine moves each output wanted per travel along the path.
+        travel: ``(n_outputs,)`` how the rigid machine moves each output wanted per travel along the
+            path.
         slow_hz: Poles below this size sway [Hz].
-        loads: Loads ``(n, n_loads)`` at instants and at the speeds along the path there; None for none.
+        loads: Loads ``(n, n_loads)`` at instants and at the speeds along the path there; None for
+            none.
         load_step: Longest time over which a load may be taken for straight [s].
     """
 
@@ -41,7 +50,8 @@ class ControlledPath:
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """The states as ``x = X_s s + X_v v + X_a a + xi``: what a path would hold them at, and what rings about it.
+    """The states as ``x = X_s s + X_v v + X_a a + xi``: what a path would hold them at, and what
+    rings about it.
 
     Attributes:
         place: X_s ``(n,)``: at rest, per travel.
@@ -58,11 +68,15 @@ class _Motion:
     slow: FloatArray
 
 
-def solve_controlled_path(path: ControlledPath, move: SetPoint, samples: FloatArray) -> PathDeviation:
-    """Deviation over a move by exact discretisation; the way and the speed are states, driven by the acceleration alone.
+def solve_controlled_path(
+    path: ControlledPath, move: SetPoint, samples: FloatArray
+) -> PathDeviation:
+    """Deviation over a move by exact discretisation; the way and the speed are states, driven by
+    the acceleration alone.
 
-    Quasi-static is what constant speed (lag) and constant acceleration hold, without the slow poles; sway is the part of the slow
-    poles; dynamic is the ringing of the others, and what loads do.
+    Quasi-static is what constant speed (lag) and constant acceleration hold, without the slow
+    poles; sway is the part of the slow poles; dynamic is the ringing of the others, and what loads
+    do.
 
     Args:
         path: The loop and its path.
@@ -82,7 +96,12 @@ def solve_controlled_path(path: ControlledPath, move: SetPoint, samples: FloatAr
     a[size, size + 1] = 1.0
     first = len(set_ports(path.loop.trains))
     own = space.b[:, first : first + _count_loads(path)]
-    b = np.hstack([np.append(motion.inputs[:, 2], [0.0, 1.0])[:, None], np.vstack([own, np.zeros((2, own.shape[1]))])])
+    b = np.hstack(
+        [
+            np.append(motion.inputs[:, 2], [0.0, 1.0])[:, None],
+            np.vstack([own, np.zeros((2, own.shape[1]))]),
+        ]
+    )
     slow = rows @ motion.slow
     direct = np.zeros((2 * count, b.shape[1]))
     direct[:count, 1:] = space.d[:count, first : first + own.shape[1]]
@@ -94,17 +113,24 @@ def solve_controlled_path(path: ControlledPath, move: SetPoint, samples: FloatAr
     )
     whole = StateSpace(a, b, c, direct, (), (), ())
     parts = max(1, math.ceil((samples[1] - samples[0]) / path.load_step))
-    fine = np.asarray(np.linspace(samples[0], samples[-1], parts * (len(samples) - 1) + 1), dtype=float)
+    fine = np.asarray(
+        np.linspace(samples[0], samples[-1], parts * (len(samples) - 1) + 1), dtype=float
+    )
     times, places = step_times(move, fine)
-    given = np.concatenate([step_accelerations(move, times)[:, :, None], _step_loads(path, move, times)], axis=2)
+    given = np.concatenate(
+        [step_accelerations(move, times)[:, :, None], _step_loads(path, move, times)], axis=2
+    )
     found = solve_stepped_response(whole, times, given).outputs[places[::parts]]
     follows = _follow(path, motion, move, samples)
     total, sway = found[:, :count], found[:, count:]
     return PathDeviation(samples, total, follows, sway, total - follows - sway)
 
 
-def solve_rubbing_path(path: ControlledPath, move: SetPoint, samples: FloatArray) -> tuple[PathDeviation, DrivenMotion]:
-    """The same with friction in the guides, by a stiff integrator; what friction does counts as dynamic.
+def solve_rubbing_path(
+    path: ControlledPath, move: SetPoint, samples: FloatArray
+) -> tuple[PathDeviation, DrivenMotion]:
+    """The same with friction in the guides, by a stiff integrator; what friction does counts as
+    dynamic.
 
     Args:
         path: Its loop is closed with its loads, then ``friction_ports``, as inputs.
@@ -115,18 +141,26 @@ def solve_rubbing_path(path: ControlledPath, move: SetPoint, samples: FloatArray
         ConvergenceError: The integrator gave up.
     """
     linear = solve_controlled_path(path, move, samples)
-    cosines = [path.shares.get(axis, 0.0) for axis, kind in set_ports(path.loop.trains) if kind == "position"]
+    cosines = [
+        path.shares.get(axis, 0.0)
+        for axis, kind in set_ports(path.loop.trains)
+        if kind == "position"
+    ]
 
     def given(instant: float) -> FloatArray:
         now = sample_move(move, np.array([instant]))
         own = np.array([now.positions[0], now.speeds[0], now.accelerations[0]])
-        loads = np.zeros(0) if path.loads is None else path.loads(np.array([instant]), now.speeds)[0]
+        loads = (
+            np.zeros(0) if path.loads is None else path.loads(np.array([instant]), now.speeds)[0]
+        )
         return np.concatenate([*(share * own for share in cosines), loads])
 
     found = solve_motion(path.loop, given, samples, breaks=list_breaks(move))
     way = sample_move(move, samples).positions
     total = found.outputs[:, : len(path.travel)] - np.outer(way, path.travel)
-    return PathDeviation(samples, total, linear.quasi_static, linear.sway, total - linear.quasi_static - linear.sway), found
+    return PathDeviation(
+        samples, total, linear.quasi_static, linear.sway, total - linear.quasi_static - linear.sway
+    ), found
 
 
 def _count_loads(path: ControlledPath) -> int:
@@ -146,8 +180,13 @@ def _step_loads(path: ControlledPath, move: SetPoint, times: FloatArray) -> Floa
 def _split(path: ControlledPath) -> _Motion:
     space = path.loop.space
     if has_free_motions(path.loop):
-        raise ModelError("the machine floats, so nothing holds it against accelerating axes; join it to ground by a mount")
-    kinds = [space.b[:, number] * path.shares.get(axis, 0.0) for number, (axis, _) in enumerate(set_ports(path.loop.trains))]
+        raise ModelError(
+            "the machine floats, so nothing holds it against accelerating axes; join it to ground by a mount"
+        )
+    kinds = [
+        space.b[:, number] * path.shares.get(axis, 0.0)
+        for number, (axis, _) in enumerate(set_ports(path.loop.trains))
+    ]
     inputs = np.column_stack([np.sum(kinds[kind::3], axis=0) for kind in range(3)])
     factors = scipy.linalg.lu_factor(space.a)
     place = scipy.linalg.lu_solve(factors, -inputs[:, 0])
@@ -156,7 +195,9 @@ def _split(path: ControlledPath) -> _Motion:
     return _Motion(place, speed, pull, inputs, _slow_projector(space.a, 2.0 * np.pi * path.slow_hz))
 
 
-def _follow(path: ControlledPath, motion: _Motion, move: SetPoint, samples: FloatArray) -> FloatArray:
+def _follow(
+    path: ControlledPath, motion: _Motion, move: SetPoint, samples: FloatArray
+) -> FloatArray:
     """What speed and acceleration hold ``(n, n_outputs)``."""
     rows = path.loop.space.c[: len(path.travel)]
     now = sample_move(move, samples)
@@ -167,11 +208,16 @@ def _follow(path: ControlledPath, motion: _Motion, move: SetPoint, samples: Floa
 def _slow_projector(a: FloatArray, limit: float) -> FloatArray:
     """Projector ``(n, n)`` on the invariant subspace of the poles below a size.
 
-    Source: Golub and Van Loan (2013), section 7.6.3: ordered Schur form, its blocks parted by a Sylvester equation.
+    Source: Golub and Van Loan (2013), section 7.6.3: ordered Schur form, its blocks parted by a
+    Sylvester equation.
     """
-    triangular, basis, count = scipy.linalg.schur(a, output="real", sort=lambda re, im: bool(np.hypot(re, im) < limit))
+    triangular, basis, count = scipy.linalg.schur(
+        a, output="real", sort=lambda re, im: bool(np.hypot(re, im) < limit)
+    )
     first, rest = slice(0, count), slice(count, None)
     if count in (0, len(a)):
         return np.eye(len(a)) if count else np.zeros_like(a)
-    parting = scipy.linalg.solve_sylvester(triangular[first, first], -triangular[rest, rest], -triangular[first, rest])
+    parting = scipy.linalg.solve_sylvester(
+        triangular[first, first], -triangular[rest, rest], -triangular[first, rest]
+    )
     return np.asarray(basis[:, first] @ np.hstack([np.eye(count), -parting]) @ basis.T)

@@ -1,4 +1,6 @@
-"""Deviation from a path while its axes accelerate, in a constant pose, exact; its low-pass, and its figures in each acceleration zone."""
+"""Deviation from a path while its axes accelerate, in a constant pose, exact; its low-pass, and its
+figures in each acceleration zone.
+"""
 
 import dataclasses
 from collections.abc import Sequence
@@ -12,10 +14,20 @@ from scipy.signal import butter, sosfilt, sosfiltfilt
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import equivalent_viscous
-from headstock.solvers.linear.modal_coordinates import ModalCoordinates, count_modes, keep_modes, to_modal_coordinates
+from headstock.solvers.linear.modal_coordinates import (
+    ModalCoordinates,
+    count_modes,
+    keep_modes,
+    to_modal_coordinates,
+)
 from headstock.solvers.linear.state_space import modal_state_space
 from headstock.solvers.linear.time_response import solve_stepped_response
-from headstock.solvers.paths.set_points import SetPoint, list_breaks, sample_move, step_accelerations
+from headstock.solvers.paths.set_points import (
+    SetPoint,
+    list_breaks,
+    sample_move,
+    step_accelerations,
+)
 from headstock.solvers.second_order import Port, SecondOrderSystem
 
 SAME_INSTANT = 1e-9  # a break so near to a sample, as a share of the step, is the sample
@@ -32,8 +44,10 @@ class PathDeviation:
     Attributes:
         times: ``(n,)`` [s].
         total: ``(n, n_outputs)`` [m, rad].
-        quasi_static: ``(n, n_outputs)``: every mode that is faster than the ramp follows its load at once.
-        sway: ``(n, n_outputs)``: the slower modes, in which the machine sways on soft mounts as a whole.
+        quasi_static: ``(n, n_outputs)``: every mode that is faster than the ramp follows its load
+            at once.
+        sway: ``(n, n_outputs)``: the slower modes, in which the machine sways on soft mounts as a
+            whole.
         dynamic: ``(n, n_outputs)``: the ringing of the faster modes.
     """
 
@@ -62,28 +76,42 @@ class PathModel:
 
 
 def sample_times(move: SetPoint, sampling_hz: float, settle: float) -> FloatArray:
-    """Evenly spaced instants ``(n,)`` [s] from the beginning of a move until its vibration has been followed for long enough.
+    """Evenly spaced instants ``(n,)`` [s] from the beginning of a move until its vibration has been
+    followed for long enough.
 
     Args:
         move: The move.
         sampling_hz: Samples per second [Hz].
         settle: Time after the end of the move [s].
     """
-    return np.asarray(np.arange(int(np.ceil((move.duration + settle) * sampling_hz - SAME_INSTANT)) + 1) / sampling_hz, dtype=float)
+    return np.asarray(
+        np.arange(int(np.ceil((move.duration + settle) * sampling_hz - SAME_INSTANT)) + 1)
+        / sampling_hz,
+        dtype=float,
+    )
 
 
 def step_times(move: SetPoint, samples: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
-    """The samples and the breaks of a move together ``(m,)``, and which of them are samples ``(n,)``."""
+    """The samples and the breaks of a move together ``(m,)``, and which of them are samples
+    ``(n,)``.
+    """
     breaks = list_breaks(move)
     tolerance = SAME_INSTANT * float(samples[1] - samples[0])
-    nearest = np.abs(samples[np.clip(np.searchsorted(samples, breaks), 1, len(samples) - 1) - np.array([[0], [1]])] - breaks).min(
-        axis=0
+    nearest = np.abs(
+        samples[
+            np.clip(np.searchsorted(samples, breaks), 1, len(samples) - 1) - np.array([[0], [1]])
+        ]
+        - breaks
+    ).min(axis=0)
+    times = np.sort(
+        np.concatenate([samples, breaks[(nearest > tolerance) & (breaks < samples[-1])]])
     )
-    times = np.sort(np.concatenate([samples, breaks[(nearest > tolerance) & (breaks < samples[-1])]]))
     return times, np.searchsorted(times, samples)
 
 
-def solve_path(system: SecondOrderSystem, model: PathModel, move: SetPoint, samples: FloatArray) -> PathDeviation:
+def solve_path(
+    system: SecondOrderSystem, model: PathModel, move: SetPoint, samples: FloatArray
+) -> PathDeviation:
     """Deviation of a system over a move; no error but that of the model, whatever the sampling.
 
     Args:
@@ -97,7 +125,9 @@ def solve_path(system: SecondOrderSystem, model: PathModel, move: SetPoint, samp
     """
     coordinates = to_modal_coordinates(equivalent_viscous(system), [model.source], model.outputs)
     if coordinates is None:
-        raise ModelError("a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass")
+        raise ModelError(
+            "a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass"
+        )
     if model.up_to_hz is not None:
         coordinates = keep_modes(coordinates, count_modes(coordinates, model.up_to_hz))
     times, places = step_times(move, samples)
@@ -105,7 +135,9 @@ def solve_path(system: SecondOrderSystem, model: PathModel, move: SetPoint, samp
     space = modal_state_space(coordinates, (model.source,), model.outputs)
     slow = np.repeat(coordinates.omega < 2.0 * np.pi * model.slow_hz, 2)
     rows = np.vstack([space.c, np.where(slow, space.c, 0.0)])
-    stretched = type(space)(space.a, space.b, rows, np.zeros((len(rows), 1)), (), (), space.states, space.pairs)
+    stretched = type(space)(
+        space.a, space.b, rows, np.zeros((len(rows), 1)), (), (), space.states, space.pairs
+    )
     moved = solve_stepped_response(stretched, times, loads).outputs[places]
     now = sample_move(move, samples).accelerations[:, None]
     count = len(model.outputs)
@@ -116,7 +148,9 @@ def solve_path(system: SecondOrderSystem, model: PathModel, move: SetPoint, samp
 
 
 def static_share(coordinates: ModalCoordinates, slow_hz: float) -> FloatArray:
-    """Deviation per unit acceleration ``(n_outputs,)`` if all but the slow modes follow at once [m/(m/s^2)]."""
+    """Deviation per unit acceleration ``(n_outputs,)`` if all but the slow modes follow at once
+    [m/(m/s^2)].
+    """
     fast = coordinates.omega >= 2.0 * np.pi * slow_hz
     share = (coordinates.outputs[:, fast] / coordinates.squares[fast]) @ coordinates.inputs[fast, 0]
     return np.asarray(share if coordinates.complete else share + coordinates.residual[:, 0])
@@ -133,7 +167,8 @@ class LowPass:
 
     Attributes:
         frequency_hz: Where it halves the power once through [Hz].
-        kind: ``zero_phase``: forwards and backwards, no delay and twice the order; ``causal``: once, as an instrument does.
+        kind: ``zero_phase``: forwards and backwards, no delay and twice the order; ``causal``:
+            once, as an instrument does.
     """
 
     frequency_hz: float
@@ -156,7 +191,8 @@ class ZoneFigures:
         quasi_static: Largest quasi-static part, with its sign.
         dynamic: Largest size of the ringing.
         rms: Of the deviation over the zone.
-        settling: How long after the ramp the ringing stays below a share of its largest value [s]; None when it does not.
+        settling: How long after the ramp the ringing stays below a share of its largest value [s];
+            None when it does not.
     """
 
     begin: float
@@ -174,7 +210,9 @@ class ZoneFigures:
 
 
 def filter_deviation(found: PathDeviation, low_pass: LowPass | None) -> PathDeviation:
-    """The deviation and its parts through a low-pass; the parts still add up. The machine rests before the record begins."""
+    """The deviation and its parts through a low-pass; the parts still add up. The machine rests
+    before the record begins.
+    """
     if low_pass is None:
         return found
     rate = 1.0 / float(found.times[1] - found.times[0])
@@ -184,21 +222,29 @@ def filter_deviation(found: PathDeviation, low_pass: LowPass | None) -> PathDevi
     def apply(values: FloatArray) -> FloatArray:
         rest = np.zeros((padding, values.shape[1]))
         padded = np.vstack([rest, values, np.repeat(values[-1:], padding, axis=0)])
-        run = sosfilt if low_pass.kind == "causal" else lambda *args, axis: sosfiltfilt(*args, axis=axis, padtype=None)
+        run = (
+            sosfilt
+            if low_pass.kind == "causal"
+            else lambda *args, axis: sosfiltfilt(*args, axis=axis, padtype=None)
+        )
         return np.asarray(run(sections, padded, axis=0)[padding:-padding])
 
     parts = [apply(part) for part in (found.quasi_static, found.sway, found.dynamic)]
-    return dataclasses.replace(found, total=np.sum(parts, axis=0), quasi_static=parts[0], sway=parts[1], dynamic=parts[2])
+    return dataclasses.replace(
+        found, total=np.sum(parts, axis=0), quasi_static=parts[0], sway=parts[1], dynamic=parts[2]
+    )
 
 
 def measure_zones(
     found: PathDeviation, raw: PathDeviation, move: SetPoint, output: int, ring_down: float
 ) -> tuple[ZoneFigures, ZoneFigures]:
-    """Figures of one output in both zones; a zone ends before the next one begins, or so long after its ramp.
+    """Figures of one output in both zones; a zone ends before the next one begins, or so long after
+    its ramp.
 
     Args:
         found: As filtered.
-        raw: Before the filter, which would round the corners of the quasi-static part and carry ringing from one zone into another.
+        raw: Before the filter, which would round the corners of the quasi-static part and carry
+            ringing from one zone into another.
         move: The set point.
         output: Number of the output.
         ring_down: How long after a ramp its ringing is looked at [s].
@@ -206,13 +252,19 @@ def measure_zones(
     (first, first_end), (second, second_end) = move.zones
     last, ahead = float(found.times[-1]), max(second, first_end)
     return (
-        _measure(found, raw, output, _Zone(first, first_end, min(first_end + ring_down, ahead), ahead)),
-        _measure(found, raw, output, _Zone(second, second_end, min(second_end + ring_down, last), last)),
+        _measure(
+            found, raw, output, _Zone(first, first_end, min(first_end + ring_down, ahead), ahead)
+        ),
+        _measure(
+            found, raw, output, _Zone(second, second_end, min(second_end + ring_down, last), last)
+        ),
     )
 
 
 class _Zone(NamedTuple):
-    """Times of a ramp [s]: its begin and end, up to when its figures count, and until when nothing else moves the machine."""
+    """Times of a ramp [s]: its begin and end, up to when its figures count, and until when nothing
+    else moves the machine.
+    """
 
     begin: float
     ramp_end: float
@@ -247,7 +299,9 @@ def _measure(found: PathDeviation, raw: PathDeviation, output: int, zone: _Zone)
 
 
 def _settle(raw: PathDeviation, output: int, zone: _Zone) -> float | None:
-    """Time after a ramp from which the ringing stays small until the next ramp or the end; None when it does not."""
+    """Time after a ramp from which the ringing stays small until the next ramp or the end; None
+    when it does not.
+    """
     first, ended, last = np.searchsorted(raw.times, [zone.begin, zone.ramp_end, zone.limit - 1e-9])
     ringing = np.abs(raw.dynamic[first:last, output])
     loud = np.flatnonzero(ringing > BAND * ringing.max(initial=0.0))

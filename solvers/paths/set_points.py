@@ -1,8 +1,10 @@
-"""Set points of a straight move: from rest to a feed and back to rest, along a path of given length.
+"""Set points of a straight move: from rest to a feed and back to rest, along a path of given
+length.
 
-A control without look-ahead filters the interpolated feed after the fact: one moving average over the time constant makes linear
-ramps (constant acceleration), a second one limits the jerk, a first-order lag makes exponential ramps.
-Source: Koren (1983), Computer Control of Manufacturing Systems, chapter 5.
+A control without look-ahead filters the interpolated feed after the fact: one moving average over
+the time constant makes linear ramps (constant acceleration), a second one limits the jerk, a
+first-order lag makes exponential ramps. Source: Koren (1983), Computer Control of Manufacturing
+Systems, chapter 5.
 """
 
 from dataclasses import dataclass
@@ -15,7 +17,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 
 RampKind = Literal["linear", "s_curve", "exponential"]
-LAG_REACH = 5.0  # time constants after which an exponential ramp counts as ended: 0.7 % of the feed are left
+# time constants after which an exponential ramp counts as ended: 0.7 % of the feed are left
+LAG_REACH = 5.0
 
 
 @dataclass(frozen=True)
@@ -23,7 +26,8 @@ class Ramp:
     """How the feed is reached and left.
 
     Attributes:
-        kind: ``linear``: constant acceleration; ``s_curve``: its jerk limited too; ``exponential``: a first-order lag.
+        kind: ``linear``: constant acceleration; ``s_curve``: its jerk limited too; ``exponential``:
+            a first-order lag.
         time_constant: Feed over acceleration, or the lag [s].
         jerk_time: Acceleration over jerk, of an S-curve [s]; at most the time constant.
     """
@@ -136,9 +140,11 @@ def sample_move(move: SetPoint, times: FloatArray) -> PathMotion:
 
 
 def step_accelerations(move: SetPoint, times: FloatArray) -> FloatArray:
-    """Acceleration at the beginning and at the end of each step ``(n - 1, 2)``, as seen from inside it.
+    """Acceleration at the beginning and at the end of each step ``(n - 1, 2)``, as seen from inside
+    it.
 
-    No step may reach over a break. Within a step it is linear, but for exponential ramps, where the secant is taken.
+    No step may reach over a break. Within a step it is linear, but for exponential ramps, where the
+    secant is taken.
     """
     times = np.asarray(times, dtype=float)
     inner = 1e-6 * np.diff(times)
@@ -170,7 +176,9 @@ def _position(move: SetPoint) -> PPoly:
     cubic, square = (last - first) / (6.0 * spans), 0.5 * first
     speeds = np.concatenate([[0.0], np.cumsum(0.5 * (first + last) * spans)])[:-1]
     ways = speeds * spans + square * spans**2 + cubic * spans**3
-    return PPoly(np.array([cubic, square, speeds, np.concatenate([[0.0], np.cumsum(ways)])[:-1]]), breaks)
+    return PPoly(
+        np.array([cubic, square, speeds, np.concatenate([[0.0], np.cumsum(ways)])[:-1]]), breaks
+    )
 
 
 def _sample_lag(move: SetPoint, times: FloatArray) -> PathMotion:
@@ -179,6 +187,14 @@ def _sample_lag(move: SetPoint, times: FloatArray) -> PathMotion:
     for begin in (0.0, move.braking):
         since = np.maximum(times - begin, 0.0)
         rest = np.exp(-since / lag)
-        parts.append((feed * (since - lag * (1.0 - rest)), feed * (1.0 - rest), np.where(times >= begin, feed / lag * rest, 0.0)))
-    positions, speeds, accelerations = (first - second for first, second in zip(*parts, strict=True))
+        parts.append(
+            (
+                feed * (since - lag * (1.0 - rest)),
+                feed * (1.0 - rest),
+                np.where(times >= begin, feed / lag * rest, 0.0),
+            )
+        )
+    positions, speeds, accelerations = (
+        first - second for first, second in zip(*parts, strict=True)
+    )
     return PathMotion(positions, speeds, accelerations)

@@ -1,8 +1,10 @@
-"""Deviation from a path along which the system changes: exact steps in the pose at the middle of each.
+"""Deviation from a path along which the system changes: exact steps in the pose at the middle of
+each.
 
-A step of the exponential midpoint rule is the exact step of the system frozen half-way: second order in how much the system changes
-per step, which is next to nothing, and free of any error of integration where it does not change.
-Source: Hochbruck and Ostermann (2010), Exponential integrators, section 3.2 (Magnus methods).
+A step of the exponential midpoint rule is the exact step of the system frozen half-way: second
+order in how much the system changes per step, which is next to nothing, and free of any error of
+integration where it does not change. Source: Hochbruck and Ostermann (2010), Exponential
+integrators, section 3.2 (Magnus methods).
 """
 
 from dataclasses import dataclass
@@ -28,7 +30,8 @@ class StepTable:
 
     Attributes:
         size: [s].
-        spline: Position to ``(2m, 2m + 2)``: the state after a step from the state and the acceleration at its beginning and end.
+        spline: Position to ``(2m, 2m + 2)``: the state after a step from the state and the
+            acceleration at its beginning and end.
     """
 
     size: float
@@ -46,12 +49,19 @@ def make_step_table(system: VaryingSystem, size: float) -> StepTable:
     count = FIRST_KNOTS
     while count <= MOST_KNOTS:
         places = np.linspace(0.0, length, count)
-        before = CubicSpline(sorted(known), np.array([known[s] for s in sorted(known)])) if known else None
+        before = (
+            CubicSpline(sorted(known), np.array([known[s] for s in sorted(known)]))
+            if known
+            else None
+        )
         missed = 0.0
         for place in (float(value) for value in places if float(value) not in known):
             known[place] = exact_step(system.at(place), system.scales, size)
             if before is not None:
-                missed = max(missed, float(np.abs(before(place) - known[place]).max() / np.abs(known[place]).max()))
+                missed = max(
+                    missed,
+                    float(np.abs(before(place) - known[place]).max() / np.abs(known[place]).max()),
+                )
         if before is not None and missed <= STEP_TOLERANCE:
             return StepTable(size, CubicSpline(places, np.array([known[float(s)] for s in places])))
         count = 2 * count - 1
@@ -63,8 +73,8 @@ def make_step_table(system: VaryingSystem, size: float) -> StepTable:
 def exact_step(station: Station, scales: FloatArray, size: float) -> FloatArray:
     """Exact step of the system frozen at one position, as a matrix ``(2m, 2m + 2)``.
 
-    It gives the state ``(scale q, q')`` after the step from the state before it and the accelerations along the path at its
-    beginning and end, between which they are linear.
+    It gives the state ``(scale q, q')`` after the step from the state before it and the
+    accelerations along the path at its beginning and end, between which they are linear.
 
     Args:
         station: Modal matrices of ``m`` modes at that position.
@@ -79,8 +89,9 @@ def exact_step(station: Station, scales: FloatArray, size: float) -> FloatArray:
     big[count : 2 * count, :count] = -station.stiffness / scales
     big[count : 2 * count, count : 2 * count] = -station.damping
     big[count : 2 * count, 2 * count] = station.load
-    # A linear load is an integral of two more states: the acceleration at the start, and its rise per step (hence 1, not size). One
-    # exponential then holds the step and both integrals of the load, also where frequencies are zero and no closed form would do
+    # A linear load is an integral of two more states: the acceleration at the start, and its rise
+    # per step (hence 1, not size). One exponential then holds the step and both integrals of the
+    # load, also where frequencies are zero and no closed form would do
     big *= size
     big[2 * count, 2 * count + 1] = 1.0
     found = scipy.linalg.expm(big)[: 2 * count]
@@ -89,7 +100,9 @@ def exact_step(station: Station, scales: FloatArray, size: float) -> FloatArray:
     return np.column_stack([found[:, : 2 * count], level - rise, rise])
 
 
-def solve_varying_path(system: VaryingSystem, move: SetPoint, samples: FloatArray, table: StepTable | None = None) -> PathDeviation:
+def solve_varying_path(
+    system: VaryingSystem, move: SetPoint, samples: FloatArray, table: StepTable | None = None
+) -> PathDeviation:
     """Deviation over a move along which the system changes.
 
     Args:
@@ -99,17 +112,23 @@ def solve_varying_path(system: VaryingSystem, move: SetPoint, samples: FloatArra
         table: Steps of the size of a sample, where they are already known.
     """
     times, places = step_times(move, samples)
-    states = _march(system, move, times, table or make_step_table(system, float(samples[1] - samples[0])))[places]
+    states = _march(
+        system, move, times, table or make_step_table(system, float(samples[1] - samples[0]))
+    )[places]
     motion = sample_move(move, samples)
     now = motion.accelerations[:, None]
     displacements = states / system.scales
     follows, rest = (now * system.splines[name](motion.positions) for name in ("follows", "rest"))
-    moved, sway = (_observe(system.splines[name], motion.positions, displacements) for name in ("rows", "sway"))
+    moved, sway = (
+        _observe(system.splines[name], motion.positions, displacements) for name in ("rows", "sway")
+    )
     total = moved + rest
     return PathDeviation(samples, total, np.asarray(follows), sway, total - follows - sway)
 
 
-def _march(system: VaryingSystem, move: SetPoint, times: FloatArray, table: StepTable) -> FloatArray:
+def _march(
+    system: VaryingSystem, move: SetPoint, times: FloatArray, table: StepTable
+) -> FloatArray:
     """Scaled displacements ``(n, m)`` at all times."""
     loads, steps = step_accelerations(move, times), np.diff(times)
     middles = sample_move(move, 0.5 * (times[1:] + times[:-1])).positions
@@ -123,15 +142,25 @@ def _march(system: VaryingSystem, move: SetPoint, times: FloatArray, table: Step
         known = np.concatenate([state, loads[number]])
         if regular[number]:
             cubic, square, slope, value = coefficients[:, intervals[number]] @ known
-            state = ((cubic * offsets[number] + square) * offsets[number] + slope) * offsets[number] + value
+            state = ((cubic * offsets[number] + square) * offsets[number] + slope) * offsets[
+                number
+            ] + value
         else:
-            state = exact_step(system.at(float(middles[number])), system.scales, float(steps[number])) @ known
+            state = (
+                exact_step(system.at(float(middles[number])), system.scales, float(steps[number]))
+                @ known
+            )
         found[number + 1] = state[:count]
     return found
 
 
 def _observe(rows: CubicSpline, positions: FloatArray, displacements: FloatArray) -> FloatArray:
-    """Motion at the outputs ``(n, p)``; one output after the other, as rows along the path take room."""
+    """Motion at the outputs ``(n, p)``; one output after the other, as rows along the path take
+    room.
+    """
     outputs = range(rows.c.shape[2])
-    single = (CubicSpline.construct_fast(rows.c[:, :, output], rows.x, extrapolate=True) for output in outputs)
+    single = (
+        CubicSpline.construct_fast(rows.c[:, :, output], rows.x, extrapolate=True)
+        for output in outputs
+    )
     return np.column_stack([np.einsum("nm,nm->n", row(positions), displacements) for row in single])

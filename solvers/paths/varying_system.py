@@ -1,11 +1,14 @@
-"""A second-order system whose matrices change along a path: its modes, carried from pose to pose and interpolated between stations.
+"""A second-order system whose matrices change along a path: its modes, carried from pose to pose
+and interpolated between stations.
 
-In every pose the coordinates are the modes up to a frequency. Modes of neighbouring poses differ in sign, in order and, where two
-frequencies cross, altogether; turned to agree as well as they can (parallel transport in the mass product) they change as smoothly
-as the machine does, and the coupling of their speeds through the change of pose vanishes within them. What is left of it is of second
-order in the speed of the axis over the length in which a shape changes, and goes to modes beyond the highest frequency.
-Source: Amsallem and Farhat (2011), An online method for interpolating linear parametric reduced-order models, SIAM J. Sci. Comput.
-33, 2169 (consistent coordinates); Kato (1950), On the adiabatic theorem (parallel transport).
+In every pose the coordinates are the modes up to a frequency. Modes of neighbouring poses differ in
+sign, in order and, where two frequencies cross, altogether; turned to agree as well as they can
+(parallel transport in the mass product) they change as smoothly as the machine does, and the
+coupling of their speeds through the change of pose vanishes within them. What is left of it is of
+second order in the speed of the axis over the length in which a shape changes, and goes to modes
+beyond the highest frequency. Source: Amsallem and Farhat (2011), An online method for interpolating
+linear parametric reduced-order models, SIAM J. Sci. Comput. 33, 2169 (consistent coordinates); Kato
+(1950), On the adiabatic theorem (parallel transport).
 """
 
 import dataclasses
@@ -26,9 +29,14 @@ from headstock.solvers.second_order import SecondOrderSystem
 
 FIRST_STATIONS = 5
 MOST_STATIONS = 257
-TOLERANCE = 5e-5  # of what is interpolated half-way between stations, as a share of its size; 1/16 of it between all
-TURN_TOLERANCE = 1e-3  # of modes carried along the stations before the last halving [rad]; 1/4 of it along all
-SEARCHED = 1.5  # the highest mode kept lies below the widest gap up to so many times the highest frequency
+# of what is interpolated half-way between stations, as a share of its size; 1/16 of it between all
+TOLERANCE = 5e-5
+TURN_TOLERANCE = (
+    1e-3  # of modes carried along the stations before the last halving [rad]; 1/4 of it along all
+)
+SEARCHED = (
+    1.5  # the highest mode kept lies below the widest gap up to so many times the highest frequency
+)
 LEAST_HZ = 1.0
 
 
@@ -59,7 +67,8 @@ class Station:
         load: ``(m,)`` per unit acceleration along the path.
         rows: ``(p, m)`` motion at the outputs.
         sway: ``(p, m)`` motion at the outputs of the slow modes alone.
-        follows: ``(p,)`` quasi-static deviation per unit acceleration, of everything but the slow modes.
+        follows: ``(p,)`` quasi-static deviation per unit acceleration, of everything but the slow
+            modes.
         rest: ``(p,)`` what the modes kept lack of it.
     """
 
@@ -80,9 +89,12 @@ class VaryingSystem:
         positions: ``(k,)`` of the stations [m].
         scales: ``(m,)`` angular frequencies of the modes in the middle [rad/s].
         splines: Field of a station to its cubic spline along the path.
-        error: Largest error of splines through the others at the stations added last; of splines through all about 1/16 of it.
-        turn_error: Largest difference of modes carried along all stations from those carried along all but the last ones [rad].
-        next_hz: Lowest frequency, anywhere along the path, of a mode that is not kept [Hz]; inf where all are.
+        error: Largest error of splines through the others at the stations added last; of splines
+            through all about 1/16 of it.
+        turn_error: Largest difference of modes carried along all stations from those carried along
+            all but the last ones [rad].
+        next_hz: Lowest frequency, anywhere along the path, of a mode that is not kept [Hz]; inf
+            where all are.
     """
 
     positions: FloatArray
@@ -94,7 +106,9 @@ class VaryingSystem:
 
     def at(self, position: float) -> Station:
         """The system at a position [m]."""
-        return Station(**{name: np.asarray(spline(position)) for name, spline in self.splines.items()})
+        return Station(
+            **{name: np.asarray(spline(position)) for name, spline in self.splines.items()}
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +120,9 @@ class _Pose:
     momenta: FloatArray
 
 
-def sample_system(place: Callable[[float], PosedModes], length: float, model: PathModel) -> VaryingSystem:
+def sample_system(
+    place: Callable[[float], PosedModes], length: float, model: PathModel
+) -> VaryingSystem:
     """Stations along a path, closer where splines through the others do not meet them.
 
     Args:
@@ -129,18 +145,30 @@ def sample_system(place: Callable[[float], PosedModes], length: float, model: Pa
         poses = dict(sorted(poses.items()))
         kept, next_hz = _count_kept(poses, model.up_to_hz)
         turns = _carry(poses, kept)
-        stations = {position: _turn_pose(pose, turns[position], model) for position, pose in poses.items()}
+        stations = {
+            position: _turn_pose(pose, turns[position], model) for position, pose in poses.items()
+        }
         scales = _scales(stations)
         splines = _interpolate({position: stations[position] for position in before})
         misses = [_misfit(splines, position, stations[position], scales) for position in halves]
         turn_error = _check_turns(poses, turns, before)
         wide = [
-            side for span, half, miss in zip(wide, halves, misses, strict=True) if miss > TOLERANCE for side in _halve(span, half)
+            side
+            for span, half, miss in zip(wide, halves, misses, strict=True)
+            if miss > TOLERANCE
+            for side in _halve(span, half)
         ]
         if not wide and turn_error > TURN_TOLERANCE:
             wide = list(itertools.pairwise(poses))
         if not wide:
-            return VaryingSystem(np.array(list(poses)), scales, _interpolate(stations), max(misses), turn_error, next_hz)
+            return VaryingSystem(
+                np.array(list(poses)),
+                scales,
+                _interpolate(stations),
+                max(misses),
+                turn_error,
+                next_hz,
+            )
         if len(poses) + len(wide) > MOST_STATIONS:
             raise AccuracyError(
                 f"{len(poses)} poses along the path leave an error of {max(misses):.2g} between them (limit {TOLERANCE:g}), of "
@@ -149,7 +177,9 @@ def sample_system(place: Callable[[float], PosedModes], length: float, model: Pa
             )
 
 
-def _halve(span: tuple[float, float], half: float) -> tuple[tuple[float, float], tuple[float, float]]:
+def _halve(
+    span: tuple[float, float], half: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
     return (span[0], half), (half, span[1])
 
 
@@ -157,13 +187,24 @@ def _look(posed: PosedModes, model: PathModel) -> _Pose:
     viscous = equivalent_viscous(posed.system, posed.modes)
     coordinates = to_modal_coordinates(viscous, [model.source], model.outputs, posed.modes)
     if coordinates is None:
-        raise ModelError("a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass")
-    count = int(np.count_nonzero(coordinates.omega <= 2.0 * np.pi * SEARCHED * (model.up_to_hz or np.inf))) + 1
+        raise ModelError(
+            "a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass"
+        )
+    count = (
+        int(
+            np.count_nonzero(
+                coordinates.omega <= 2.0 * np.pi * SEARCHED * (model.up_to_hz or np.inf)
+            )
+        )
+        + 1
+    )
     return _Pose(coordinates, posed.motions[:, :count], posed.momenta[:, :count])
 
 
 def _count_kept(poses: Mapping[float, _Pose], up_to_hz: float) -> tuple[int, float]:
-    """How many modes are kept everywhere: all up to a frequency, and on to the widest gap; and the lowest frequency left out [Hz]."""
+    """How many modes are kept everywhere: all up to a frequency, and on to the widest gap; and the
+    lowest frequency left out [Hz].
+    """
     frequencies = [pose.coordinates.omega / (2.0 * np.pi) for pose in poses.values()]
     most = min(len(part) for part in frequencies)
     least = max(int(np.count_nonzero(part <= up_to_hz)) for part in frequencies)
@@ -172,20 +213,27 @@ def _count_kept(poses: Mapping[float, _Pose], up_to_hz: float) -> tuple[int, flo
     known = min(most, *(pose.motions.shape[1] for pose in poses.values()))
     gaps = {}
     for count in range(least, known + (known == most)):
-        gaps[count] = np.inf if count == most else min(float(part[count] / max(part[count - 1], LEAST_HZ)) for part in frequencies)
+        gaps[count] = (
+            np.inf
+            if count == most
+            else min(float(part[count] / max(part[count - 1], LEAST_HZ)) for part in frequencies)
+        )
     kept = max(gaps, key=lambda count: gaps[count]) if gaps else least
     return kept, np.inf if kept == most else min(float(part[kept]) for part in frequencies)
 
 
 def _carry(poses: Mapping[float, _Pose], kept: int) -> dict[float, FloatArray]:
-    """How the modes of each pose are turned ``(m, m)`` so that they agree with their neighbours'; those of the middle stay."""
+    """How the modes of each pose are turned ``(m, m)`` so that they agree with their neighbours';
+    those of the middle stay.
+    """
     positions = list(poses)
     middle = len(positions) // 2
     turns = {positions[middle]: np.eye(kept)}
     for path in (positions[middle:], positions[middle::-1]):
         for before, after in itertools.pairwise(path):
-            # orthogonal Procrustes: of all turns of the new modes the one nearest to the old ones in mass. Signs, order and mixtures of
-            # close modes are free in every pose; left as they come, entries would jump and no spline could join them
+            # orthogonal Procrustes: of all turns of the new modes the one nearest to the old ones
+            # in mass. Signs, order and mixtures of close modes are free in every pose; left as they
+            # come, entries would jump and no spline could join them
             carried = poses[before].momenta[:, :kept] @ turns[before]
             overlap = carried.T @ poses[after].motions[:, :kept]
             left, _, right = np.linalg.svd(overlap)
@@ -198,8 +246,9 @@ def _turn_pose(pose: _Pose, turn: FloatArray, model: PathModel) -> Station:
     found = pose.coordinates
     squares, rows, load = found.squares[:kept], found.outputs[:, :kept], found.inputs[:kept, 0]
     damping = np.zeros((kept, kept)) if found.viscous is None else found.viscous[:kept, :kept]
-    # matrices in the turned modes q = T q': T^T Omega^2 T is full where close modes mix, and smooth along the path. What the other
-    # modes add to the quasi-static deviation (rest) is all of it less the part of the fast modes kept
+    # matrices in the turned modes q = T q': T^T Omega^2 T is full where close modes mix, and smooth
+    # along the path. What the other modes add to the quasi-static deviation (rest) is all of it
+    # less the part of the fast modes kept
     slow = found.omega[:kept] < 2.0 * np.pi * model.slow_hz
     follows = static_share(found, model.slow_hz)
     return Station(
@@ -215,17 +264,28 @@ def _turn_pose(pose: _Pose, turn: FloatArray, model: PathModel) -> Station:
 
 def _scales(stations: Mapping[float, Station]) -> FloatArray:
     middle = stations[list(stations)[len(stations) // 2]]
-    return np.asarray(np.sqrt(np.maximum(middle.stiffness.diagonal(), (2.0 * np.pi * LEAST_HZ) ** 2)))
+    return np.asarray(
+        np.sqrt(np.maximum(middle.stiffness.diagonal(), (2.0 * np.pi * LEAST_HZ) ** 2))
+    )
 
 
 def _interpolate(stations: Mapping[float, Station]) -> dict[str, CubicSpline]:
     names = [field.name for field in dataclasses.fields(Station)]
     positions = list(stations)
-    return {name: CubicSpline(positions, np.array([getattr(station, name) for station in stations.values()])) for name in names}
+    return {
+        name: CubicSpline(
+            positions, np.array([getattr(station, name) for station in stations.values()])
+        )
+        for name in names
+    }
 
 
-def _misfit(splines: Mapping[str, CubicSpline], position: float, station: Station, scales: FloatArray) -> float:
-    """How far splines miss a station: matrices by the frequencies they make, the rest by its largest entry."""
+def _misfit(
+    splines: Mapping[str, CubicSpline], position: float, station: Station, scales: FloatArray
+) -> float:
+    """How far splines miss a station: matrices by the frequencies they make, the rest by its
+    largest entry.
+    """
     root = np.sqrt(scales)
     weights = {
         "stiffness": 1.0 / np.outer(scales, scales),
@@ -238,7 +298,8 @@ def _misfit(splines: Mapping[str, CubicSpline], position: float, station: Statio
         "rest": _inverse_size(station.follows),
     }
     misses = [
-        np.abs(weights[name] * (spline(position) - getattr(station, name))).max(initial=0.0) for name, spline in splines.items()
+        np.abs(weights[name] * (spline(position) - getattr(station, name))).max(initial=0.0)
+        for name, spline in splines.items()
     ]
     return float(max(misses))
 
@@ -249,11 +310,20 @@ def _inverse_size(values: FloatArray) -> FloatArray:
     return np.asarray(np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0))
 
 
-def _check_turns(poses: Mapping[float, _Pose], turns: Mapping[float, FloatArray], some: Sequence[float]) -> float:
-    """Largest difference between modes carried along some of the poses and those carried along all."""
+def _check_turns(
+    poses: Mapping[float, _Pose], turns: Mapping[float, FloatArray], some: Sequence[float]
+) -> float:
+    """Largest difference between modes carried along some of the poses and those carried along
+    all.
+    """
     kept = len(next(iter(turns.values())))
     middle = list(poses)[len(poses) // 2]
-    coarse = _carry({position: poses[position] for position in poses if position in some or position == middle}, kept)
+    coarse = _carry(
+        {position: poses[position] for position in poses if position in some or position == middle},
+        kept,
+    )
     # both as if they began in the same pose
     back = coarse[middle].T @ turns[middle]
-    return max(float(np.abs(turn @ back - turns[position]).max()) for position, turn in coarse.items())
+    return max(
+        float(np.abs(turn @ back - turns[position]).max()) for position, turn in coarse.items()
+    )

@@ -1,4 +1,6 @@
-"""One variant in one pose as a function of the parameters: modes and compliances, and their exact derivatives."""
+"""One variant in one pose as a function of the parameters: modes and compliances, and their exact
+derivatives.
+"""
 
 import dataclasses
 from collections.abc import Mapping
@@ -82,7 +84,8 @@ class CaseState:
         coupled: The machine.
         squares: ``(m,)`` omega^2 of the modes above the floor.
         shapes: ``(n, m)`` mass-normalised.
-        displacements: ``(n, 2 c)`` static motion under a unit force at the motion port and at the force port of each compliance.
+        displacements: ``(n, 2 c)`` static motion under a unit force at the motion port and at the
+            force port of each compliance.
     """
 
     model: CaseModel
@@ -121,7 +124,10 @@ class CaseState:
         Raises:
             HeadstockError: The parts cannot be built next to these values.
         """
-        found = ((index, _slope_case(self, parameter)) for index, parameter in enumerate(self.model.parameters))
+        found = (
+            (index, _slope_case(self, parameter))
+            for index, parameter in enumerate(self.model.parameters)
+        )
         return {index: slope for index, slope in found if slope is not None}
 
     @cached_property
@@ -131,11 +137,17 @@ class CaseState:
         names = self.coupled.layout.superelements
         return CoupledSlopes(
             self.coupled,
-            stack_pieces(self.coupled.layout, machine, Selection(tuple(names), tuple(machine.joints), self.model.observers)),
+            stack_pieces(
+                self.coupled.layout,
+                machine,
+                Selection(tuple(names), tuple(machine.joints), self.model.observers),
+            ),
         )
 
 
-def make_case(case: TargetCase, parametric: ParametricScene, pose: Pose, parameters: tuple[Parameter, ...]) -> CaseModel:
+def make_case(
+    case: TargetCase, parametric: ParametricScene, pose: Pose, parameters: tuple[Parameter, ...]
+) -> CaseModel:
     """A case with what has to be watched for its targets.
 
     Args:
@@ -145,7 +157,9 @@ def make_case(case: TargetCase, parametric: ParametricScene, pose: Pose, paramet
         parameters: All parameters of the fit.
     """
     watched = {name for target in case.modes if target.shape for name, _, _ in target.shape.entries}
-    watched |= {port.observer for target in case.compliances for port in (target.motion, target.force)}
+    watched |= {
+        port.observer for target in case.compliances for port in (target.motion, target.force)
+    }
     return CaseModel(case, parametric, pose, parameters, tuple(sorted(watched)))
 
 
@@ -162,20 +176,31 @@ def solve_case(model: CaseModel, values: Mapping[str, float]) -> CaseState:
 
 
 def _slope_case(state: CaseState, parameter: Parameter) -> CaseSlope | None:
-    """Derivatives of a case by a parameter's value; None where the parameter does not touch the case."""
+    """Derivatives of a case by a parameter's value; None where the parameter does not touch the
+    case.
+    """
     pieces = _slope_pieces(state, parameter)
     if pieces is None:
         return None
     modes = slope_modes(state.slopes, pieces, state.squares, state.shapes)
     compliances = [
-        slope_point_compliance(state.slopes, pieces, state.answers[:, 2 * i : 2 * i + 2], motion=target.motion, force=target.force)
+        slope_point_compliance(
+            state.slopes,
+            pieces,
+            state.answers[:, 2 * i : 2 * i + 2],
+            motion=target.motion,
+            force=target.force,
+        )
         for i, target in enumerate(state.model.case.compliances)
     ]
-    return CaseSlope(slope_squares(state.shapes, modes.forces), np.array(compliances), modes, pieces)
+    return CaseSlope(
+        slope_squares(state.shapes, modes.forces), np.array(compliances), modes, pieces
+    )
 
 
 def slope_motions(state: CaseState, index: int, slopes: list[CaseSlope]) -> FloatArray:
-    """Derivatives ``(n_all, p)`` of one mass-normalised mode shape in stacked dofs by ``p`` parameters.
+    """Derivatives ``(n_all, p)`` of one mass-normalised mode shape in stacked dofs by ``p``
+    parameters.
 
     Args:
         state: The case at the values where the derivatives are wanted.
@@ -185,8 +210,19 @@ def slope_motions(state: CaseState, index: int, slopes: list[CaseSlope]) -> Floa
     forces = np.column_stack([slope.modes.forces[:, index] for slope in slopes])
     terms = np.array([slope.modes.mass_terms[index] for slope in slopes])
     system = state.coupled.system
-    turned = slope_shape(system.stiffness, system.mass, state.squares, state.shapes, index, forces=forces, mass_terms=terms)
-    return np.asarray(state.coupled.basis @ turned + np.column_stack([slope.modes.carried[:, index] for slope in slopes]))
+    turned = slope_shape(
+        system.stiffness,
+        system.mass,
+        state.squares,
+        state.shapes,
+        index,
+        forces=forces,
+        mass_terms=terms,
+    )
+    return np.asarray(
+        state.coupled.basis @ turned
+        + np.column_stack([slope.modes.carried[:, index] for slope in slopes])
+    )
 
 
 def _solve_modes(model: CaseModel, coupled: CoupledMachine) -> tuple[FloatArray, FloatArray]:
@@ -217,7 +253,9 @@ def _solve_static(model: CaseModel, coupled: CoupledMachine) -> FloatArray:
 
 
 def _slope_pieces(state: CaseState, parameter: Parameter) -> StackedPieces | None:
-    """Derivatives of the touched parts by the parameter's value: of the small matrices, never of an eigenvalue."""
+    """Derivatives of the touched parts by the parameter's value: of the small matrices, never of an
+    eigenvalue.
+    """
     touched = state.model.parametric.touched[parameter.name]
     if not touched.components and not touched.joints:
         return None
@@ -225,17 +263,23 @@ def _slope_pieces(state: CaseState, parameter: Parameter) -> StackedPieces | Non
         return _slope_springs(state, parameter)
     joints = state.model.parametric.scene.machine.joints
     beside = [name for name, joint in joints.items() if _bodies_of(joint) & set(touched.components)]
-    watched = [name for name in state.model.observers if _owners(state, name) & set(touched.components)]
-    wanted = Selection(touched.components, tuple(dict.fromkeys([*touched.joints, *beside])), tuple(watched))
+    watched = [
+        name for name in state.model.observers if _owners(state, name) & set(touched.components)
+    ]
+    wanted = Selection(
+        touched.components, tuple(dict.fromkeys([*touched.joints, *beside])), tuple(watched)
+    )
     value = state.values[parameter.name]
     step = STEP * (abs(value) if parameter.logarithmic else parameter.upper - parameter.lower)
     pairs = []
-    # levers are linear in every place, so that one pair is exact but for matrices of components, carriages on rails and screws
+    # levers are linear in every place, so that one pair is exact but for matrices of components,
+    # carriages on rails and screws
     rails = any(part.rails for part in state.model.parametric.superelements.values())
     curved = touched.matrices or rails or any(joint.screw is not None for joint in joints.values())
     for reach, weight in FOURTH_ORDER if curved else SECOND_ORDER:
         after, before = (
-            _pieces_at(state, {**state.values, parameter.name: value + side * reach * step}, wanted) for side in (1.0, -1.0)
+            _pieces_at(state, {**state.values, parameter.name: value + side * reach * step}, wanted)
+            for side in (1.0, -1.0)
         )
         pairs.append((after, before, weight / step))
     return difference_pieces(pairs)
@@ -244,7 +288,11 @@ def _slope_pieces(state: CaseState, parameter: Parameter) -> StackedPieces | Non
 def _bodies_of(joint: Joint) -> set[str | None]:
     """Components that a joint's rows and stiffness depend on the places of."""
     shaft = joint.screw
-    ends = joint.ends if shaft is None else (*joint.ends, *(end for end in (shaft.reach, shaft.far) if end is not None))
+    ends = (
+        joint.ends
+        if shaft is None
+        else (*joint.ends, *(end for end in (shaft.reach, shaft.far) if end is not None))
+    )
     return {end.component for end in ends}
 
 
@@ -271,5 +319,7 @@ def _owners(state: CaseState, observer: str) -> set[str]:
 def _pieces_at(state: CaseState, values: Mapping[str, float], wanted: Selection) -> StackedPieces:
     built = state.model.parametric.build(values)
     placements = place_components(built.machine, state.model.pose)
-    moved = dataclasses.replace(state.coupled.layout, superelements=built.superelements, placements=placements)
+    moved = dataclasses.replace(
+        state.coupled.layout, superelements=built.superelements, placements=placements
+    )
     return stack_pieces(moved, built.machine, wanted)

@@ -1,8 +1,10 @@
-"""Bounded least squares from several starts, with exact derivatives; each start tries other pairings of modes before it ends.
+"""Bounded least squares from several starts, with exact derivatives; each start tries other
+pairings of modes before it ends.
 
-Where two modes change places, the k-th frequency has a kink: following it, a fit ends with one mode pressed against another. In
-a model that is linear in the coordinates every mode keeps its identity and lines may cross; searching that model from many places
-costs next to nothing. What looks better there is tried on the machine itself.
+Where two modes change places, the k-th frequency has a kink: following it, a fit ends with one mode
+pressed against another. In a model that is linear in the coordinates every mode keeps its identity
+and lines may cross; searching that model from many places costs next to nothing. What looks better
+there is tried on the machine itself.
 """
 
 from collections.abc import Callable
@@ -35,9 +37,12 @@ REACH = 1.0  # how far the search goes, in coordinates: a factor e
 SWEEPS = 4
 TRIALS = 4
 PROMISING = 0.7  # of the sum of squares, by the linear model
-MET = 1e-3  # mean square of the residuals, in standard deviations, below which nothing better is looked for
+# mean square of the residuals, in standard deviations, below which nothing better is looked for
+MET = 1e-3
 SEED = 5
-OUT_OF_REACH = 1e3  # residual of values with which the machine cannot be computed: the step is taken back
+OUT_OF_REACH = (
+    1e3  # residual of values with which the machine cannot be computed: the step is taken back
+)
 TOLERANCE = 1e-7
 TRIAL_STEPS = 12  # evaluations after which an exchange must have paid
 ROUNDS = 6  # of exchanges of modes per start
@@ -74,7 +79,9 @@ class _LinearCase:
 
 
 def propose_exchanges(problem: FitProblem, point: FitPoint) -> list[tuple[Pairing, ...]]:
-    """Pairings that the linear model holds for better than that of a point, most promising first; none where the data are met."""
+    """Pairings that the linear model holds for better than that of a point, most promising first;
+    none where the data are met.
+    """
     if point.residuals @ point.residuals <= MET * len(point.residuals):
         return []
     cases = _linearise(problem, point)
@@ -135,7 +142,9 @@ def _solve(
     pairings: tuple[Pairing, ...],
     linear: tuple[FloatArray, FloatArray],
 ) -> tuple[FloatArray, float]:
-    """The best move under given pairings, held within reach, and half the sum of squares it leaves."""
+    """The best move under given pairings, held within reach, and half the sum of squares it
+    leaves.
+    """
     residuals, jacobian = linear[0].copy(), linear[1].copy()
     for case, pairing in zip(cases, pairings, strict=True):
         for target, (row, mode) in enumerate(zip(case.rows, pairing.modes, strict=True)):
@@ -143,7 +152,9 @@ def _solve(
                 residuals[row] = (case.logs[mode] - case.wanted[target]) / case.sigmas[target]
                 jacobian[row] = case.slopes[mode] / case.sigmas[target]
     held = np.eye(jacobian.shape[1]) / REACH
-    move = np.linalg.lstsq(np.vstack([jacobian, held]), -np.concatenate([residuals, np.zeros(len(held))]), rcond=None)[0]
+    move = np.linalg.lstsq(
+        np.vstack([jacobian, held]), -np.concatenate([residuals, np.zeros(len(held))]), rcond=None
+    )[0]
     move = np.clip(move, problem.lower - point.coordinates, problem.upper - point.coordinates)
     left = residuals + jacobian @ move
     return np.asarray(move), 0.5 * float(left @ left)
@@ -206,7 +217,9 @@ class _Descent:
             if known is None:
                 raise
             self.refused += 1
-            return np.full(len(known.residuals) + len(prior_residuals(self.problem, coordinates)), OUT_OF_REACH)
+            return np.full(
+                len(known.residuals) + len(prior_residuals(self.problem, coordinates)), OUT_OF_REACH
+            )
         if self.follow and self.anchor is None:
             self.anchor = self.latest
         return np.concatenate([self.latest.residuals, prior_residuals(self.problem, coordinates)])
@@ -225,7 +238,9 @@ class _Descent:
         return evaluate(self.problem, coordinates, self.anchor)
 
 
-def fit(problem: FitProblem, observer: Callable[[StartRecord], None] = lambda record: None) -> tuple[StartRecord, ...]:
+def fit(
+    problem: FitProblem, observer: Callable[[StartRecord], None] = lambda record: None
+) -> tuple[StartRecord, ...]:
     """Run every start.
 
     Args:
@@ -240,12 +255,15 @@ def fit(problem: FitProblem, observer: Callable[[StartRecord], None] = lambda re
         records.append(_run_start(problem, start))
         observer(records[-1])
     if all(record.end is None for record in records):
-        raise ConvergenceError(f"none of {len(records)} start(s) could be computed: {records[0].reason}")
+        raise ConvergenceError(
+            f"none of {len(records)} start(s) could be computed: {records[0].reason}"
+        )
     return tuple(records)
 
 
 def spread_starts(problem: FitProblem) -> list[FloatArray]:
-    """The start values first, then a Sobol sequence: within the prior where there is one, else evenly between the bounds.
+    """The start values first, then a Sobol sequence: within the prior where there is one, else
+    evenly between the bounds.
 
     Source: Sobol (1967), scrambled after Owen (1998).
     """
@@ -260,14 +278,18 @@ def spread_starts(problem: FitProblem) -> list[FloatArray]:
     held = np.isfinite(sigmas)
     for share in shares:
         place = lower + share * (upper - lower)
-        low, high = (norm.cdf((bound[held] - means[held]) / sigmas[held]) for bound in (lower, upper))
+        low, high = (
+            norm.cdf((bound[held] - means[held]) / sigmas[held]) for bound in (lower, upper)
+        )
         place[held] = means[held] + sigmas[held] * norm.ppf(low + share[held] * (high - low))
         starts.append(np.clip(place, lower, upper))
     return starts
 
 
 def _run_start(problem: FitProblem, start: FloatArray) -> StartRecord:
-    """One start: down to the nearest minimum, then on wherever another pairing of modes leads to a lower one."""
+    """One start: down to the nearest minimum, then on wherever another pairing of modes leads to a
+    lower one.
+    """
     try:
         record = _descend(problem, start, None)
     except HeadstockError as error:
@@ -281,7 +303,9 @@ def _run_start(problem: FitProblem, start: FloatArray) -> StartRecord:
 
 
 class _Trial(NamedTuple):
-    """The first exchange of modes that leads to a lower end, where there is one, and the evaluations that trying took or that failed."""
+    """The first exchange of modes that leads to a lower end, where there is one, and the
+    evaluations that trying took or that failed.
+    """
 
     better: StartRecord | None
     tried: int
@@ -295,7 +319,12 @@ def _try_exchanges(problem: FitProblem, record: StartRecord) -> _Trial:
         return _Trial(None, 0, 0)
     for pairings in propose_exchanges(problem, point):
         try:
-            followed = _descend(problem, point.coordinates, exchange_modes(problem, point, pairings), at_most=TRIAL_STEPS)
+            followed = _descend(
+                problem,
+                point.coordinates,
+                exchange_modes(problem, point, pairings),
+                at_most=TRIAL_STEPS,
+            )
         except HeadstockError:
             refused += 1
             continue
@@ -320,9 +349,13 @@ def _count(before: StartRecord, trial: _Trial) -> StartRecord:
     )
 
 
-def _descend(problem: FitProblem, start: FloatArray, anchor: FitPoint | None, *, at_most: int | None = None) -> StartRecord:
+def _descend(
+    problem: FitProblem, start: FloatArray, anchor: FitPoint | None, *, at_most: int | None = None
+) -> StartRecord:
     """Least squares from one place; from an anchor on its modes are followed."""
-    descent = _Descent(problem, follow=anchor is not None or problem.settings.pairing == "track", anchor=anchor)
+    descent = _Descent(
+        problem, follow=anchor is not None or problem.settings.pairing == "track", anchor=anchor
+    )
     found = least_squares(
         descent.residuals,
         np.clip(start, problem.lower, problem.upper),
@@ -337,4 +370,6 @@ def _descend(problem: FitProblem, start: FloatArray, anchor: FitPoint | None, *,
     )
     reason = TEXTS.get(found.status, str(found.message))
     end = descent.point_at(found.x)
-    return StartRecord(start, end, descent.count, descent.refused, 0, converged=found.status > 0, reason=reason)
+    return StartRecord(
+        start, end, descent.count, descent.refused, 0, converged=found.status > 0, reason=reason
+    )

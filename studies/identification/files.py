@@ -1,4 +1,6 @@
-"""Files of an identification: its numbers as JSON, and the fitted values as variants to paste into the scene."""
+"""Files of an identification: its numbers as JSON, and the fitted values as variants to paste into
+the scene.
+"""
 
 import math
 from collections.abc import Mapping
@@ -12,7 +14,11 @@ from headstock.scene.reading.keys import value_at, write_number, written_unit
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import Scene
 from headstock.studies.identification.descent import StartRecord
-from headstock.studies.identification.identification import FittedParameter, Identification, TargetOutcome
+from headstock.studies.identification.identification import (
+    FittedParameter,
+    Identification,
+    TargetOutcome,
+)
 from headstock.studies.identification.problem import FitProblem
 
 OVERRIDES_FILE = "calibrated.toml"
@@ -40,7 +46,9 @@ class ParameterSummary(TypedDict):
 
 
 class UnobservableSummary(TypedDict):
-    """A direction of the parameters that the data do not see: shares by parameter, and its spread over the one allowed before."""
+    """A direction of the parameters that the data do not see: shares by parameter, and its spread
+    over the one allowed before.
+    """
 
     direction: dict[str, float]
     text: str
@@ -85,7 +93,9 @@ class StartSummary(TypedDict):
 
 
 class IdentificationSummary(TypedDict):
-    """The content of ``identification.json``; keys are by variant, the scene as written under an empty name."""
+    """The content of ``identification.json``; keys are by variant, the scene as written under an
+    empty name.
+    """
 
     name: str
     status: Literal["converged", "not converged"]
@@ -109,9 +119,15 @@ def summarise_identification(found: Identification) -> IdentificationSummary:
     return {
         "name": found.name,
         "status": "converged" if found.converged else "not converged",
-        "parameters": {item.parameter.name: _summarise_parameter(item) for item in found.parameters},
+        "parameters": {
+            item.parameter.name: _summarise_parameter(item) for item in found.parameters
+        },
         "unobservable": [
-            {"direction": dict(blind.entries), "text": str(blind), "spread_over_allowed": _finite(blind.spread)}
+            {
+                "direction": dict(blind.entries),
+                "text": str(blind),
+                "spread_over_allowed": _finite(blind.spread),
+            }
             for blind in found.statistics.blind
         ],
         "correlated": [
@@ -124,7 +140,10 @@ def summarise_identification(found: Identification) -> IdentificationSummary:
         "extra_modes_hz": {name: list(values) for name, values in found.extra_hz.items()},
         "noise_over_tolerance": found.statistics.noise,
         "degrees_of_freedom": found.statistics.freedom,
-        "starts": [_summarise_start(found.problem, record, index == found.best) for index, record in enumerate(found.starts)],
+        "starts": [
+            _summarise_start(found.problem, record, index == found.best)
+            for index, record in enumerate(found.starts)
+        ],
         "keys": {
             variant or "": {show_key(key): written for key, written in values.items()}
             for variant, values in write_keys(found).items()
@@ -133,13 +152,16 @@ def summarise_identification(found: Identification) -> IdentificationSummary:
 
 
 def write_keys(found: Identification) -> dict[str | None, dict[KeyPath, str | float]]:
-    """By variant of the target file: every key that follows a parameter with its fitted value as the scene writes it."""
+    """By variant of the target file: every key that follows a parameter with its fitted value as
+    the scene writes it.
+    """
     result: dict[str | None, dict[KeyPath, str | float]] = {}
     for state in found.point.states:
         parametric = state.model.parametric
         raw = parametric.scene.raw
         result[state.model.case.variant] = {
-            law.key: write_number(law.value(found.values), written_unit(raw, law.key)) for law in parametric.laws
+            law.key: write_number(law.value(found.values), written_unit(raw, law.key))
+            for law in parametric.laws
         }
     return result
 
@@ -149,25 +171,41 @@ def render_overrides(found: Identification, written: Scene, command: str) -> str
 
     Args:
         found: What was fitted.
-        written: The scene without a variant: what it holds goes into ``calibrated``; keys and values that only one variant has go
-            into ``calibrated_VARIANT``, to be applied after it.
+        written: The scene without a variant: what it holds goes into ``calibrated``; keys and
+            values that only one variant has go into ``calibrated_VARIANT``, to be applied after it.
         command: How to get this file again.
     """
     keys = write_keys(found)
-    shared = {key: value for values in keys.values() for key, value in values.items() if _has(written.raw, key)}
-    lines = [f"# {command}", "# Paste below the scene's own variants; apply as --variant VARIANT+calibrated."]
+    shared = {
+        key: value
+        for values in keys.values()
+        for key, value in values.items()
+        if _has(written.raw, key)
+    }
+    lines = [
+        f"# {command}",
+        "# Paste below the scene's own variants; apply as --variant VARIANT+calibrated.",
+    ]
     lines += [f"# {_describe(item)}" for item in found.parameters]
     lines += ["", f"[variants.{VARIANT}]", *_entries(shared)]
     for variant, values in keys.items():
         own = {key: value for key, value in values.items() if shared.get(key) != value}
         if own:
             name = f"{VARIANT}_{(variant or 'written').replace('+', '_')}"
-            lines += ["", f"# --variant {variant}+{VARIANT}+{name}", f"[variants.{name}]", *_entries(own)]
+            lines += [
+                "",
+                f"# --variant {variant}+{VARIANT}+{name}",
+                f"[variants.{name}]",
+                *_entries(own),
+            ]
     return "\n".join(lines) + "\n"
 
 
 def _entries(values: Mapping[KeyPath, str | float]) -> list[str]:
-    return [f'"{show_key(key)}" = ' + (f'"{value}"' if isinstance(value, str) else repr(value)) for key, value in values.items()]
+    return [
+        f'"{show_key(key)}" = ' + (f'"{value}"' if isinstance(value, str) else repr(value))
+        for key, value in values.items()
+    ]
 
 
 def _has(raw: TomlTable, key: KeyPath) -> bool:
@@ -195,7 +233,10 @@ def _summarise_parameter(item: FittedParameter) -> ParameterSummary:
         "high_95": _in_unit(item.high, parameter.unit),
         "start": _in_unit(parameter.start, parameter.unit),
         "prior": _in_unit(parameter.prior, parameter.unit),
-        "bounds": [_in_unit(parameter.lower, parameter.unit), _in_unit(parameter.upper, parameter.unit)],
+        "bounds": [
+            _in_unit(parameter.lower, parameter.unit),
+            _in_unit(parameter.upper, parameter.unit),
+        ],
         "prior_sigma": parameter.prior_sigma,
         "scale": "log" if parameter.logarithmic else "linear",
         "seen_by_data": item.seen,

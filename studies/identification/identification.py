@@ -1,4 +1,6 @@
-"""Fitting parameters of a scene to what was measured: from a checked target file to values with intervals."""
+"""Fitting parameters of a scene to what was measured: from a checked target file to values with
+intervals.
+"""
 
 import dataclasses
 from collections.abc import Callable
@@ -18,8 +20,18 @@ from headstock.scene.requests import ModalRequest
 from headstock.scene.scene import Scene
 from headstock.studies.identification.cases import make_case
 from headstock.studies.identification.descent import StartRecord, fit
-from headstock.studies.identification.parametric_scene import ParameterValueError, ParametricScene, make_parametric
-from headstock.studies.identification.problem import FitPoint, FitProblem, compare_shape, compliance_gap, data_jacobian
+from headstock.studies.identification.parametric_scene import (
+    ParameterValueError,
+    ParametricScene,
+    make_parametric,
+)
+from headstock.studies.identification.problem import (
+    FitPoint,
+    FitProblem,
+    compare_shape,
+    compliance_gap,
+    data_jacobian,
+)
 from headstock.studies.identification.statistics import FitStatistics, assess
 from headstock.studies.identification.target_files import LoadedTask
 from headstock.studies.identification.targets import Parameter, TargetCase
@@ -41,10 +53,15 @@ def check_bounds(problem: FitProblem, findings: Findings) -> None:
     scenes = list({id(model.parametric): model.parametric for model in problem.cases}.values())
     starts = {parameter.name: parameter.start for parameter in problem.parameters}
     if reason := _find_reason(scenes, starts):
-        findings.add(("parameters",), f"the scene cannot be built with every parameter at its start: {reason}")
+        findings.add(
+            ("parameters",),
+            f"the scene cannot be built with every parameter at its start: {reason}",
+        )
         findings.raise_if_any()
     for parameter in problem.parameters:
-        for index, (what, bound) in enumerate((("lower", parameter.lower), ("upper", parameter.upper))):
+        for index, (what, bound) in enumerate(
+            (("lower", parameter.lower), ("upper", parameter.upper))
+        ):
             touched = [scene for scene in scenes if _touches(scene, parameter)]
             if reason := _find_reason(touched, {**starts, parameter.name: bound}):
                 shown = write_number(bound, parameter.unit, 6)
@@ -128,7 +145,8 @@ class Identification:
         name: Of the target file.
         parameters: In the order of the file.
         outcomes: Every target, held-out ones too.
-        extra_hz: By case: modes above the floor and below the highest target or the limit that meet no target [Hz].
+        extra_hz: By case: modes above the floor and below the highest target or the limit that meet
+            no target [Hz].
         starts: How each start ended.
         best: Index of the start that was kept.
         statistics: Spread of the fitted coordinates.
@@ -175,7 +193,9 @@ def prepare_problem(loaded: LoadedTask, store: Store, comm: MPI.Comm) -> FitProb
         if case.variant not in scenes:
             scene = _with_modes(loaded.scenes[case.variant], loaded.task.cases)
             superelements = make_superelements(RunState(scene, plan_scene(scene), comm, store))
-            scenes[case.variant] = make_parametric(scene, superelements, loaded.task.parameters, scenes.values())
+            scenes[case.variant] = make_parametric(
+                scene, superelements, loaded.task.parameters, scenes.values()
+            )
         poses = loaded.scenes[case.variant].poses
         pose = poses[case.pose] if case.pose is not None else next(iter(poses.values()))
         cases.append(make_case(case, scenes[case.variant], pose, loaded.task.parameters))
@@ -184,7 +204,9 @@ def prepare_problem(loaded: LoadedTask, store: Store, comm: MPI.Comm) -> FitProb
     return problem
 
 
-def identify(problem: FitProblem, name: str, observer: Callable[[StartRecord], None] = lambda record: None) -> Identification:
+def identify(
+    problem: FitProblem, name: str, observer: Callable[[StartRecord], None] = lambda record: None
+) -> Identification:
     """Fit the parameters and say what is known of them.
 
     Args:
@@ -212,8 +234,13 @@ def identify(problem: FitProblem, name: str, observer: Callable[[StartRecord], N
     return Identification(
         name=name,
         parameters=_fitted(problem, point, statistics),
-        outcomes=tuple(outcome for index in range(len(point.states)) for outcome in _outcomes(point, index)),
-        extra_hz={state.model.case.name: _extra_modes(point, index) for index, state in enumerate(point.states)},
+        outcomes=tuple(
+            outcome for index in range(len(point.states)) for outcome in _outcomes(point, index)
+        ),
+        extra_hz={
+            state.model.case.name: _extra_modes(point, index)
+            for index, state in enumerate(point.states)
+        },
         starts=starts,
         best=best,
         statistics=statistics,
@@ -223,15 +250,24 @@ def identify(problem: FitProblem, name: str, observer: Callable[[StartRecord], N
 
 
 def _with_modes(scene: Scene, cases: tuple[TargetCase, ...]) -> Scene:
-    """The scene with a modal analysis that reaches past the targets, so that elastic components keep the modes this takes."""
+    """The scene with a modal analysis that reaches past the targets, so that elastic components
+    keep the modes this takes.
+    """
     highest = max((target.frequency_hz for case in cases for target in case.modes), default=0.0)
     asked = scene.analyses.modal
-    if highest == 0.0 or (asked is not None and asked.up_to_hz is not None and asked.up_to_hz >= highest):
+    if highest == 0.0 or (
+        asked is not None and asked.up_to_hz is not None and asked.up_to_hz >= highest
+    ):
         return scene
-    return dataclasses.replace(scene, analyses=dataclasses.replace(scene.analyses, modal=ModalRequest(None, 1.5 * highest, ())))
+    return dataclasses.replace(
+        scene,
+        analyses=dataclasses.replace(scene.analyses, modal=ModalRequest(None, 1.5 * highest, ())),
+    )
 
 
-def _fitted(problem: FitProblem, point: FitPoint, statistics: FitStatistics) -> tuple[FittedParameter, ...]:
+def _fitted(
+    problem: FitProblem, point: FitPoint, statistics: FitStatistics
+) -> tuple[FittedParameter, ...]:
     reach = statistics.quantile * statistics.sigmas
     known = reach < UNKNOWN
     ends = (point.coordinates + side * np.where(known, reach, 0.0) for side in (0.0, -1.0, 1.0))
@@ -263,7 +299,15 @@ def _outcomes(point: FitPoint, index: int) -> list[TargetOutcome]:
         mac = None if target.shape is None else float(compare_shape(state, target.shape)[mode])
         found.append(
             TargetOutcome(
-                case.name, target.name, "frequency", target.frequency_hz, frequency, residual, mac, mode + 1, target.hold_out
+                case.name,
+                target.name,
+                "frequency",
+                target.frequency_hz,
+                frequency,
+                residual,
+                mac,
+                mode + 1,
+                target.hold_out,
             )
         )
     for number, compliance in enumerate(case.compliances):
@@ -271,7 +315,17 @@ def _outcomes(point: FitPoint, index: int) -> list[TargetOutcome]:
         value = abs(value) if compliance.either_sign else value
         gap = compliance_gap(compliance, value)
         found.append(
-            TargetOutcome(case.name, compliance.name, "compliance", compliance.value, value, gap, None, 0, compliance.hold_out)
+            TargetOutcome(
+                case.name,
+                compliance.name,
+                "compliance",
+                compliance.value,
+                value,
+                gap,
+                None,
+                0,
+                compliance.hold_out,
+            )
         )
     return found
 
@@ -279,5 +333,11 @@ def _outcomes(point: FitPoint, index: int) -> list[TargetOutcome]:
 def _extra_modes(point: FitPoint, index: int) -> tuple[float, ...]:
     state, paired = point.states[index], set(point.pairings[index].modes)
     case = state.model.case
-    top = max([target.frequency_hz for target in case.modes] + ([case.limit.below_hz] if case.limit else []), default=0.0)
-    return tuple(float(f) for i, f in enumerate(state.frequencies_hz) if i not in paired and f < top)
+    top = max(
+        [target.frequency_hz for target in case.modes]
+        + ([case.limit.below_hz] if case.limit else []),
+        default=0.0,
+    )
+    return tuple(
+        float(f) for i, f in enumerate(state.frequencies_hz) if i not in paired and f < top
+    )

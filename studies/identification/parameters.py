@@ -1,4 +1,6 @@
-"""From the table of a parameter to scene keys, bounds and a prior in SI units, checked against every variant."""
+"""From the table of a parameter to scene keys, bounds and a prior in SI units, checked against
+every variant.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,12 +10,26 @@ import numpy as np
 
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.scene.reading.findings import Findings, show_key
-from headstock.scene.reading.keys import NUMBER, find_keys, read_entries, read_number, split_key, value_at, written_unit
+from headstock.scene.reading.keys import (
+    NUMBER,
+    find_keys,
+    read_entries,
+    read_number,
+    split_key,
+    value_at,
+    written_unit,
+)
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Dimension, Quantity
 from headstock.scene.scene import Scene
 from headstock.studies.identification.parametric_scene import holds_number
-from headstock.studies.identification.schema import ParameterTable, PowerRuleTable, SetRuleTable, ShiftRuleTable, TargetsTable
+from headstock.studies.identification.schema import (
+    ParameterTable,
+    PowerRuleTable,
+    SetRuleTable,
+    ShiftRuleTable,
+    TargetsTable,
+)
 from headstock.studies.identification.targets import KeyRule, Parameter
 
 Scenes = Mapping[str | None, Scene]
@@ -36,7 +52,9 @@ class _Target:
     place: KeyPath
 
 
-def read_parameters(table: TargetsTable, scenes: Scenes, findings: Findings) -> tuple[Parameter, ...]:
+def read_parameters(
+    table: TargetsTable, scenes: Scenes, findings: Findings
+) -> tuple[Parameter, ...]:
     """The parameters of a target file; those with a fault are reported and left out.
 
     Args:
@@ -68,9 +86,15 @@ def _rules_by_kind(table: ParameterTable) -> tuple[tuple[str, Sequence[Rule]], .
     return ("set", table.keys), ("multiply", table.multiplies), ("shift", table.shifts)
 
 
-def _find_targets(base: KeyPath, kind: str, index: int, rule: Rule, scenes: Scenes, findings: Findings) -> list[_Target]:
+def _find_targets(
+    base: KeyPath, kind: str, index: int, rule: Rule, scenes: Scenes, findings: Findings
+) -> list[_Target]:
     """Every key a rule means, in any of the variants."""
-    place: KeyPath = (*base, {"set": "keys", "multiply": "multiplies", "shift": "shifts"}[kind], index)
+    place: KeyPath = (
+        *base,
+        {"set": "keys", "multiply": "multiplies", "shift": "shifts"}[kind],
+        index,
+    )
     try:
         pattern = split_key(rule.key)
     except ValueError as error:
@@ -83,10 +107,23 @@ def _find_targets(base: KeyPath, kind: str, index: int, rule: Rule, scenes: Scen
             fault = fault or _find_fault(key, scene)
             if key not in found and holds_number(scene.raw, key):
                 factor = rule.power if isinstance(rule, PowerRuleTable) else rule.factor
-                offset = rule.offset.value if isinstance(rule, SetRuleTable) and rule.offset is not None else 0.0
+                offset = (
+                    rule.offset.value
+                    if isinstance(rule, SetRuleTable) and rule.offset is not None
+                    else 0.0
+                )
                 quantity = read_number(scene.raw, key)
-                found[key] = _Target(KeyRule(key, kind, factor, offset), quantity, written_unit(scene.raw, key), place)
-                if isinstance(rule, SetRuleTable) and rule.offset is not None and rule.offset.dimension != quantity.dimension:
+                found[key] = _Target(
+                    KeyRule(key, kind, factor, offset),
+                    quantity,
+                    written_unit(scene.raw, key),
+                    place,
+                )
+                if (
+                    isinstance(rule, SetRuleTable)
+                    and rule.offset is not None
+                    and rule.offset.dimension != quantity.dimension
+                ):
                     fault = f"offset is a {rule.offset.dimension.name} and the key holds a {quantity.dimension.name}"
     if not found and not fault:
         fault = _explain_missing(pattern, rule.key, scenes)
@@ -135,13 +172,13 @@ def _find_fault(key: KeyPath, scene: Scene) -> str:
     if section == "materials" and key[2] == "nu":
         for name, table in read_entries(scene.raw, "components").items():
             if table.get("material") == key[1] and components[name].fidelity == "elastic":
-                return (
-                    f"{name} is elastic {variant}, and its matrices are not proportional to nu; make it segmented, or fit E or rho"
-                )
+                return f"{name} is elastic {variant}, and its matrices are not proportional to nu; make it segmented, or fit E or rho"
     return ""
 
 
-def _read_parameter(name: str, table: ParameterTable, targets: list[_Target], findings: Findings) -> Parameter | None:
+def _read_parameter(
+    name: str, table: ParameterTable, targets: list[_Target], findings: Findings
+) -> Parameter | None:
     key: KeyPath = ("parameters", name)
     before = len(findings.problems)
     first = next((target for target in targets if target.rule.kind == "set"), None)
@@ -149,7 +186,11 @@ def _read_parameter(name: str, table: ParameterTable, targets: list[_Target], fi
     example = first or shifted
     dimension = NUMBER if example is None else example.quantity.dimension
     if first is not None:
-        reference = (first.quantity.value - first.rule.offset) / first.rule.factor if first.rule.factor else 0.0
+        reference = (
+            (first.quantity.value - first.rule.offset) / first.rule.factor
+            if first.rule.factor
+            else 0.0
+        )
     else:
         reference = 0.0 if shifted is not None else 1.0
     for target in targets:
@@ -163,7 +204,10 @@ def _read_parameter(name: str, table: ParameterTable, targets: list[_Target], fi
         if target.rule.factor == 0.0:
             findings.add(target.place, "a factor of zero moves nothing; write another")
     if any(target.rule.kind == "multiply" for target in targets) and reference == 0.0:
-        findings.add((*key, "multiplies"), "the parameter's value in the scene is zero, so nothing can be in proportion to it")
+        findings.add(
+            (*key, "multiplies"),
+            "the parameter's value in the scene is zero, so nothing can be in proportion to it",
+        )
     values = _read_values(key, table, dimension, reference, findings)
     if values is None or len(findings.problems) > before:
         return None
@@ -192,46 +236,83 @@ class _Values(NamedTuple):
     prior_sigma: float | None
 
 
-def _read_values(key: KeyPath, table: ParameterTable, dimension: Dimension, reference: float, findings: Findings) -> _Values | None:
+def _read_values(
+    key: KeyPath, table: ParameterTable, dimension: Dimension, reference: float, findings: Findings
+) -> _Values | None:
     """Bounds, start and prior, or None where one of them has another dimension."""
-    given = {("bounds", 0): table.bounds[0], ("bounds", 1): table.bounds[1], ("start",): table.start, ("prior",): table.prior}
-    wrong = [(place, item) for place, item in given.items() if item is not None and item.dimension != dimension]
+    given = {
+        ("bounds", 0): table.bounds[0],
+        ("bounds", 1): table.bounds[1],
+        ("start",): table.start,
+        ("prior",): table.prior,
+    }
+    wrong = [
+        (place, item)
+        for place, item in given.items()
+        if item is not None and item.dimension != dimension
+    ]
     for place, item in wrong:
         example = "a plain number such as 1.2" if dimension == NUMBER else f'"{dimension.example}"'
-        findings.add((*key, *place), f"is a {item.dimension.name} but what it moves is a {dimension.name}; write {example}")
+        findings.add(
+            (*key, *place),
+            f"is a {item.dimension.name} but what it moves is a {dimension.name}; write {example}",
+        )
     if wrong:
         return None
     lower, upper = (bound.value for bound in table.bounds)
     if lower >= upper:
-        findings.add((*key, "bounds"), f"the lower bound {lower:g} is not below the upper one {upper:g} (SI); swap or widen them")
+        findings.add(
+            (*key, "bounds"),
+            f"the lower bound {lower:g} is not below the upper one {upper:g} (SI); swap or widen them",
+        )
         return None
     if table.scale == "log" and lower <= 0.0:
         text = f'the lower bound is {lower:g} but a logarithm needs more than zero; raise it, or write scale = "linear"'
         findings.add((*key, "bounds"), text)
         return None
     start = reference if table.start is None else table.start.value
-    inside = {"start": start} if table.prior is None else {"start": start, "prior": table.prior.value}
+    inside = (
+        {"start": start} if table.prior is None else {"start": start, "prior": table.prior.value}
+    )
     for what, value in inside.items():
         if not lower <= value <= upper:
             unit = dimension.unit
             written = what if what == "prior" or table.start is not None else "bounds"
             owner = "the scene's value" if written == "bounds" else f"{what} ="
-            remedy = "; widen them, or write a start inside" if written == "bounds" else "; move it, or widen them"
-            findings.add((*key, written), f"{owner} {value:g} {unit} lies outside the bounds {lower:g} to {upper:g} {unit}{remedy}")
+            remedy = (
+                "; widen them, or write a start inside"
+                if written == "bounds"
+                else "; move it, or widen them"
+            )
+            findings.add(
+                (*key, written),
+                f"{owner} {value:g} {unit} lies outside the bounds {lower:g} to {upper:g} {unit}{remedy}",
+            )
     sigma = _read_sigma(key, table, dimension, findings)
     prior = None if sigma is None else reference if table.prior is None else table.prior.value
     return _Values(lower, upper, start, prior, sigma)
 
 
-def _read_sigma(key: KeyPath, table: ParameterTable, dimension: Dimension, findings: Findings) -> float | None:
+def _read_sigma(
+    key: KeyPath, table: ParameterTable, dimension: Dimension, findings: Findings
+) -> float | None:
     if table.prior_sigma is None:
         if table.prior is not None:
             example = "0.3 (of the logarithm)" if table.scale == "log" else f'"{dimension.example}"'
-            findings.add((*key, "prior_sigma"), f"'prior_sigma' is missing: how far from the prior may it be? write {example}")
+            findings.add(
+                (*key, "prior_sigma"),
+                f"'prior_sigma' is missing: how far from the prior may it be? write {example}",
+            )
         return None
     wanted = NUMBER if table.scale == "log" else dimension
-    if table.prior_sigma.dimension != wanted or not (np.isfinite(table.prior_sigma.value) and table.prior_sigma.value > 0.0):
-        example = "a plain number above zero such as 0.3 (of the logarithm)" if table.scale == "log" else f'"{dimension.example}"'
+    if table.prior_sigma.dimension != wanted or not (
+        np.isfinite(table.prior_sigma.value) and table.prior_sigma.value > 0.0
+    ):
+        example = (
+            "a plain number above zero such as 0.3 (of the logarithm)"
+            if table.scale == "log"
+            else f'"{dimension.example}"'
+        )
         findings.add((*key, "prior_sigma"), f"is not a spread for this parameter; write {example}")
         return None
     return table.prior_sigma.value

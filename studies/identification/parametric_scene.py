@@ -1,4 +1,6 @@
-"""A scene whose numbers follow parameters: only components and joints that a parameter touches are built anew."""
+"""A scene whose numbers follow parameters: only components and joints that a parameter touches are
+built anew.
+"""
 
 import dataclasses
 from collections import OrderedDict
@@ -17,11 +19,24 @@ from headstock.meshing.components.meshing import describe_component
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
 from headstock.reduction.superelement import Superelement
-from headstock.scene.building.components import NO_MATERIAL, build_component, build_material, build_solid, find_patch_fault
+from headstock.scene.building.components import (
+    NO_MATERIAL,
+    build_component,
+    build_material,
+    build_solid,
+    find_patch_fault,
+)
 from headstock.scene.building.joints import KINDS
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import show_key
-from headstock.scene.reading.keys import NUMBER, ReadValue, find_keys, read_entries, read_number, replace_numbers
+from headstock.scene.reading.keys import (
+    NUMBER,
+    ReadValue,
+    find_keys,
+    read_entries,
+    read_number,
+    replace_numbers,
+)
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Dimension, Quantity
 from headstock.scene.scene import Scene
@@ -54,10 +69,14 @@ class KeyLaw:
 
     def rules_content(self) -> tuple[tuple[str, str, float, float], ...]:
         """What the rules do, wherever the key stands."""
-        return tuple((parameter.name, rule.kind, rule.factor, rule.offset) for parameter, rule in self.rules)
+        return tuple(
+            (parameter.name, rule.kind, rule.factor, rule.offset) for parameter, rule in self.rules
+        )
 
     def value(self, values: Mapping[str, float]) -> float:
-        """The number for given parameter values, SI: what sets it, times what multiplies it, plus what shifts it."""
+        """The number for given parameter values, SI: what sets it, times what multiplies it, plus
+        what shifts it.
+        """
         base, product, shift = self.written, 1.0, 0.0
         for parameter, rule in self.rules:
             p = values[parameter.name]
@@ -75,7 +94,10 @@ class KeyLaw:
         for parameter, rule in self.rules:
             p, mine = values[parameter.name], parameter.name == name
             if rule.kind == "set":
-                base, base_slope = rule.factor * p + rule.offset, rule.factor if mine else base_slope
+                base, base_slope = (
+                    rule.factor * p + rule.offset,
+                    rule.factor if mine else base_slope,
+                )
             elif rule.kind == "multiply":
                 product *= (p / parameter.reference) ** rule.factor
                 product_slope += rule.factor / p if mine else 0.0
@@ -110,7 +132,9 @@ class ParametricJoint:
                 point[int(law.key[3])] = number
                 continue
             if number < 0.0 <= law.written:
-                raise ParameterValueError(f"{show_key(law.key)} is {number:g} in SI units, below zero")
+                raise ParameterValueError(
+                    f"{show_key(law.key)} is {number:g} in SI units, below zero"
+                )
             for dof in self.dofs(law):
                 stiffness[dof, dof] = number
         return dataclasses.replace(self.written, stiffness=stiffness, point=point)
@@ -140,7 +164,9 @@ class ParametricShape:
     name: str
     superelement: Superelement
     laws: tuple[KeyLaw, ...]
-    _known: OrderedDict[tuple[float, ...], tuple[Component, Superelement]] = field(default_factory=OrderedDict)
+    _known: OrderedDict[tuple[float, ...], tuple[Component, Superelement]] = field(
+        default_factory=OrderedDict
+    )
 
     def build(self, values: Mapping[str, float]) -> tuple[Component, Superelement]:
         """A component where the scene puts this one, and its superelement.
@@ -162,11 +188,25 @@ class ParametricShape:
 
     def content(self) -> tuple[object, ...]:
         """What decides what is built, name and place left out; to be compared only."""
-        entry = {key: value for key, value in read_entries(self.scene.raw, "components")[self.name].items() if key != "at"}
+        entry = {
+            key: value
+            for key, value in read_entries(self.scene.raw, "components")[self.name].items()
+            if key != "at"
+        }
         material = read_entries(self.scene.raw, "materials").get(str(entry.get("material")))
-        laws = [(law.key[2:] if law.key[0] == "components" else law.key, law.written, law.rules_content()) for law in self.laws]
+        laws = [
+            (
+                law.key[2:] if law.key[0] == "components" else law.key,
+                law.written,
+                law.rules_content(),
+            )
+            for law in self.laws
+        ]
         loads = [dataclasses.replace(load, component="") for load in self._loads()]
-        rails = {key: item.rail for key, item in self.scene.machine.components[self.name].interfaces.items()}
+        rails = {
+            key: item.rail
+            for key, item in self.scene.machine.components[self.name].interfaces.items()
+        }
         return entry, material, laws, loads, rails, self.scene.path
 
     def _make(self, numbers: tuple[float, ...]) -> tuple[Component, Superelement]:
@@ -179,8 +219,14 @@ class ParametricShape:
         if table.material is not None:
             entry = self._entry("materials", table.material, numbers)
             material = build_material(table.material, MaterialTable.model_validate(entry))
-        stations = {key: item.rail.stations for key, item in written.interfaces.items() if item.rail is not None}
-        component = build_component(self.name, table, solid, material, free=written.free, stations=stations)
+        stations = {
+            key: item.rail.stations
+            for key, item in written.interfaces.items()
+            if item.rail is not None
+        }
+        component = build_component(
+            self.name, table, solid, material, free=written.free, stations=stations
+        )
         component = dataclasses.replace(component, reduction=written.reduction)
         if component.fidelity == "elastic":
             return component, _rescale(self.superelement, written, component)
@@ -188,7 +234,9 @@ class ParametricShape:
             for patch in interface.patch_tables():
                 if fault := find_patch_fault(patch, solid):
                     raise ValueError(f"interfaces.{key}: {fault}")
-        reduce: Callable[..., Superelement] = reduce_rigid if component.fidelity == "rigid" else reduce_segmented
+        reduce: Callable[..., Superelement] = (
+            reduce_rigid if component.fidelity == "rigid" else reduce_segmented
+        )
         return component, reduce(component, describe_component(component), self._loads())
 
     def _entry(self, section: str, name: str, numbers: tuple[float, ...]) -> ReadValue:
@@ -200,7 +248,9 @@ class ParametricShape:
         return replace_numbers(read_entries(self.scene.raw, section)[name], own)
 
     def _loads(self) -> tuple[Load, ...]:
-        return tuple(load for load in self.scene.machine.loads.values() if load.component == self.name)
+        return tuple(
+            load for load in self.scene.machine.loads.values() if load.component == self.name
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,8 +279,12 @@ class ParametricComponent:
             if moves(law):
                 origin[int(law.key[3])] = law.value(values)
         name = self.written.name
-        component = dataclasses.replace(made, name=name, placement=Frame(origin, made.placement.rotation))
-        return component, superelement if superelement.name == name else dataclasses.replace(superelement, name=name)
+        component = dataclasses.replace(
+            made, name=name, placement=Frame(origin, made.placement.rotation)
+        )
+        return component, superelement if superelement.name == name else dataclasses.replace(
+            superelement, name=name
+        )
 
 
 def moves(law: KeyLaw) -> bool:
@@ -239,9 +293,15 @@ def moves(law: KeyLaw) -> bool:
 
 
 def _rescale(superelement: Superelement, before: Component, after: Component) -> Superelement:
-    """An elastic superelement for another modulus, density or mass: shapes and modal dofs stay as they are, which is exact."""
+    """An elastic superelement for another modulus, density or mass: shapes and modal dofs stay as
+    they are, which is exact.
+    """
     stiffer = _ratio(after.material.youngs_modulus, before.material.youngs_modulus)
-    heavier = _ratio(after.mass, before.mass) if after.mass is not None else _ratio(after.material.density, before.material.density)
+    heavier = (
+        _ratio(after.mass, before.mass)
+        if after.mass is not None
+        else _ratio(after.material.density, before.material.density)
+    )
     if stiffer == 1.0 and heavier == 1.0:
         return superelement
     faster = float(np.sqrt(stiffer / heavier))
@@ -263,7 +323,9 @@ def _ratio(after: float | None, before: float | None) -> float:
 def _explain(error: Exception) -> str:
     if isinstance(error, ValidationError):
         detail = error.errors(include_url=False)[0]
-        return f"{show_key(tuple(part for part in detail['loc'] if part != '[key]'))} {detail['msg']}"
+        return (
+            f"{show_key(tuple(part for part in detail['loc'] if part != '[key]'))} {detail['msg']}"
+        )
     return str(error)
 
 
@@ -321,14 +383,23 @@ class ParametricScene:
         components, superelements = dict(self.scene.machine.components), dict(self.superelements)
         for name, component in self.components.items():
             components[name], superelements[name] = component.build(values)
-        joints = self.scene.machine.joints | {name: joint.build(values) for name, joint in self.joints.items()}
-        return BuiltScene(dataclasses.replace(self.scene.machine, components=components, joints=joints), superelements)
+        joints = self.scene.machine.joints | {
+            name: joint.build(values) for name, joint in self.joints.items()
+        }
+        return BuiltScene(
+            dataclasses.replace(self.scene.machine, components=components, joints=joints),
+            superelements,
+        )
 
 
 def make_parametric(
-    scene: Scene, superelements: dict[str, Superelement], parameters: Sequence[Parameter], others: Iterable[ParametricScene] = ()
+    scene: Scene,
+    superelements: dict[str, Superelement],
+    parameters: Sequence[Parameter],
+    others: Iterable[ParametricScene] = (),
 ) -> ParametricScene:
-    """Tie the numbers of a variant to parameters; keys the variant does not hold as numbers are left out.
+    """Tie the numbers of a variant to parameters; keys the variant does not hold as numbers are
+    left out.
 
     Args:
         scene: The variant.
@@ -349,10 +420,21 @@ def make_parametric(
     shapes = [component.shape for other in others for component in other.components.values()]
     components = {}
     for name, own in by_component.items():
-        shape = _share_shape(ParametricShape(scene, name, superelements[name], tuple(law for law in own if not moves(law))), shapes)
+        shape = _share_shape(
+            ParametricShape(
+                scene, name, superelements[name], tuple(law for law in own if not moves(law))
+            ),
+            shapes,
+        )
         components[name] = ParametricComponent(scene.machine.components[name], shape, tuple(own))
-    joints = {name: ParametricJoint(scene.machine.joints[name], tuple(own)) for name, own in by_joint.items()}
-    touched = {parameter.name: _find_touched(parameter.name, components, joints) for parameter in parameters}
+    joints = {
+        name: ParametricJoint(scene.machine.joints[name], tuple(own))
+        for name, own in by_joint.items()
+    }
+    touched = {
+        parameter.name: _find_touched(parameter.name, components, joints)
+        for parameter in parameters
+    }
     return ParametricScene(scene, superelements, laws, components, joints, touched)
 
 
@@ -392,10 +474,16 @@ def _share_shape(shape: ParametricShape, known: list[ParametricShape]) -> Parame
 
 
 def _made_of(raw: TomlTable, material: str) -> list[str]:
-    return [name for name, entry in read_entries(raw, "components").items() if entry.get("material") == material]
+    return [
+        name
+        for name, entry in read_entries(raw, "components").items()
+        if entry.get("material") == material
+    ]
 
 
-def _find_touched(parameter: str, components: dict[str, ParametricComponent], joints: dict[str, ParametricJoint]) -> Touched:
+def _find_touched(
+    parameter: str, components: dict[str, ParametricComponent], joints: dict[str, ParametricJoint]
+) -> Touched:
     mine = {name: _laws_of(parameter, entry.laws) for name, entry in components.items()}
     moved = {name: _laws_of(parameter, entry.laws) for name, entry in joints.items()}
     found = tuple(name for name, laws in mine.items() if laws)

@@ -1,4 +1,6 @@
-"""A fit as a function of its coordinates: weighed residuals of data and priors, and their exact derivatives."""
+"""A fit as a function of its coordinates: weighed residuals of data and priors, and their exact
+derivatives.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,28 +9,47 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.mode_pairing import assign_modes, match_frequencies
-from headstock.studies.identification.cases import CaseModel, CaseSlope, CaseState, slope_motions, solve_case
-from headstock.studies.identification.targets import ComplianceTarget, FitSettings, Parameter, ShapeTarget
+from headstock.studies.identification.cases import (
+    CaseModel,
+    CaseSlope,
+    CaseState,
+    slope_motions,
+    solve_case,
+)
+from headstock.studies.identification.targets import (
+    ComplianceTarget,
+    FitSettings,
+    Parameter,
+    ShapeTarget,
+)
 
 
 @dataclass(frozen=True)
 class Pairing:
-    """Which mode of a case meets which target: index into the modes above the floor, one per mode target."""
+    """Which mode of a case meets which target: index into the modes above the floor, one per mode
+    target.
+    """
 
     modes: tuple[int, ...]
 
 
 def pair_targets(state: CaseState) -> Pairing:
-    """The pairing of targets and modes that leaves the smallest sum of squares in frequencies and shapes.
+    """The pairing of targets and modes that leaves the smallest sum of squares in frequencies and
+    shapes.
 
-    Held-out targets take part: they are told apart by what is known of them, and add nothing to the fit.
+    Held-out targets take part: they are told apart by what is known of them, and add nothing to the
+    fit.
     """
     targets = state.model.case.modes
     if not targets:
         return Pairing(())
     wanted = np.log([target.frequency_hz for target in targets])
     sigmas = np.array([target.sigma for target in targets])
-    return Pairing(match_frequencies(np.log(state.frequencies_hz), wanted, sigmas=sigmas, costs=shape_costs(state)))
+    return Pairing(
+        match_frequencies(
+            np.log(state.frequencies_hz), wanted, sigmas=sigmas, costs=shape_costs(state)
+        )
+    )
 
 
 def shape_costs(state: CaseState) -> FloatArray:
@@ -41,7 +62,8 @@ def shape_costs(state: CaseState) -> FloatArray:
 
 
 def follow_modes(before: CaseState, pairing: Pairing, state: CaseState) -> Pairing:
-    """The same modes after a step, found by MAC in the norm of the mass matrix of the earlier state.
+    """The same modes after a step, found by MAC in the norm of the mass matrix of the earlier
+    state.
 
     Args:
         before: The case at the earlier values.
@@ -68,12 +90,16 @@ def compare_shape(state: CaseState, shape: ShapeTarget) -> FloatArray:
 
 
 def case_residuals(state: CaseState, pairing: Pairing) -> FloatArray:
-    """Residuals over their standard deviations: frequencies, shapes, compliances, the limit on modes; held-out ones left out."""
+    """Residuals over their standard deviations: frequencies, shapes, compliances, the limit on
+    modes; held-out ones left out.
+    """
     parts: list[FloatArray] = []
     for target, mode in zip(state.model.case.modes, pairing.modes, strict=True):
         if target.hold_out:
             continue
-        parts.append(np.array([np.log(state.frequencies_hz[mode] / target.frequency_hz) / target.sigma]))
+        parts.append(
+            np.array([np.log(state.frequencies_hz[mode] / target.frequency_hz) / target.sigma])
+        )
         if target.shape is not None:
             parts.append(_shape_gap(state, target.shape, mode))
     for index, compliance in enumerate(state.model.case.compliances):
@@ -86,7 +112,9 @@ def case_residuals(state: CaseState, pairing: Pairing) -> FloatArray:
 
 
 def mode_rows(state: CaseState) -> tuple[tuple[int | None, ...], int]:
-    """Row of each frequency among the residuals of a case (None where it is held out), and how many residuals there are."""
+    """Row of each frequency among the residuals of a case (None where it is held out), and how many
+    residuals there are.
+    """
     rows: list[int | None] = []
     size = 0
     for target in state.model.case.modes:
@@ -127,12 +155,17 @@ def compliance_gap(target: ComplianceTarget, value: float) -> float:
     """How far a compliance lies from its target, in standard deviations."""
     if target.logarithmic:
         ratio = value / target.value
-        return float(np.log(abs(ratio) if target.either_sign else max(ratio, np.finfo(float).tiny)) / target.sigma)
+        return float(
+            np.log(abs(ratio) if target.either_sign else max(ratio, np.finfo(float).tiny))
+            / target.sigma
+        )
     return (value / target.value - 1.0) / target.sigma
 
 
 def _seen_shapes(state: CaseState, shape: ShapeTarget) -> tuple[FloatArray, FloatArray]:
-    """What each mode does where the target looks ``(k, m)``, and the target ``(k,)`` with length one."""
+    """What each mode does where the target looks ``(k, m)``, and the target ``(k,)`` with length
+    one.
+    """
     rows = _shape_rows(state, shape)
     wanted = np.array([value for _, _, value in shape.entries])
     return rows @ state.motions, wanted / np.linalg.norm(wanted)
@@ -140,7 +173,9 @@ def _seen_shapes(state: CaseState, shape: ShapeTarget) -> tuple[FloatArray, Floa
 
 def _shape_rows(state: CaseState, shape: ShapeTarget) -> FloatArray:
     observers, length = state.slopes.pieces.observers, state.coupled.layout.length
-    return np.array([observers[name][dof] * (length if dof > 2 else 1.0) for name, dof, _ in shape.entries])
+    return np.array(
+        [observers[name][dof] * (length if dof > 2 else 1.0) for name, dof, _ in shape.entries]
+    )
 
 
 def _shape_gap(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:
@@ -150,7 +185,9 @@ def _shape_gap(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:
     return np.asarray((wanted - (wanted @ unit) * unit) / shape.tolerance)
 
 
-def _shape_gap_slopes(state: CaseState, shape: ShapeTarget, mode: int, slopes: dict[int, CaseSlope], count: int) -> FloatArray:
+def _shape_gap_slopes(
+    state: CaseState, shape: ShapeTarget, mode: int, slopes: dict[int, CaseSlope], count: int
+) -> FloatArray:
     seen, wanted = _seen_shapes(state, shape)
     size = max(float(np.linalg.norm(seen[:, mode])), np.finfo(float).tiny)
     unit = seen[:, mode] / size
@@ -162,7 +199,9 @@ def _shape_gap_slopes(state: CaseState, shape: ShapeTarget, mode: int, slopes: d
         moved = slope.pieces.observers
         for row, (name, dof, _) in enumerate(shape.entries):
             if name in moved:
-                change[row] += (length if dof > 2 else 1.0) * (moved[name][dof] @ state.motions[:, mode])
+                change[row] += (length if dof > 2 else 1.0) * (
+                    moved[name][dof] @ state.motions[:, mode]
+                )
         turn = (change - (unit @ change) * unit) / size
         result[:, index] = -((wanted @ turn) * unit + (wanted @ unit) * turn) / shape.tolerance
     return result
@@ -180,13 +219,17 @@ def _limit_slopes(state: CaseState, slopes: dict[int, CaseSlope], count: int) ->
     limit = state.model.case.limit
     if limit is not None and _limit_gap(state) > 0.0:
         for index, slope in slopes.items():
-            row[0, index] = -slope.squares[limit.modes] / (2.0 * state.squares[limit.modes] * limit.sigma)
+            row[0, index] = -slope.squares[limit.modes] / (
+                2.0 * state.squares[limit.modes] * limit.sigma
+            )
     return row
 
 
 @dataclass(frozen=True, eq=False)
 class FitProblem:
-    """Cases and parameters of a fit, in fitted coordinates: ln p or p over the width of its bounds."""
+    """Cases and parameters of a fit, in fitted coordinates: ln p or p over the width of its
+    bounds.
+    """
 
     cases: tuple[CaseModel, ...]
     parameters: tuple[Parameter, ...]
@@ -194,17 +237,28 @@ class FitProblem:
 
     def coordinates(self, values: Sequence[float]) -> FloatArray:
         """Coordinates of parameter values."""
-        return np.array([np.log(v) if p.logarithmic else v / _width(p) for p, v in zip(self.parameters, values, strict=True)])
+        return np.array(
+            [
+                np.log(v) if p.logarithmic else v / _width(p)
+                for p, v in zip(self.parameters, values, strict=True)
+            ]
+        )
 
     def values(self, coordinates: FloatArray) -> dict[str, float]:
         """Parameter values by name, SI."""
         return {
-            p.name: float(np.exp(x) if p.logarithmic else x * _width(p)) for p, x in zip(self.parameters, coordinates, strict=True)
+            p.name: float(np.exp(x) if p.logarithmic else x * _width(p))
+            for p, x in zip(self.parameters, coordinates, strict=True)
         }
 
     def value_slopes(self, coordinates: FloatArray) -> FloatArray:
         """Derivative of each value by its coordinate ``(p,)``."""
-        return np.array([np.exp(x) if p.logarithmic else _width(p) for p, x in zip(self.parameters, coordinates, strict=True)])
+        return np.array(
+            [
+                np.exp(x) if p.logarithmic else _width(p)
+                for p, x in zip(self.parameters, coordinates, strict=True)
+            ]
+        )
 
     @property
     def lower(self) -> FloatArray:
@@ -222,8 +276,14 @@ class FitProblem:
         means, sigmas = np.full(len(self.parameters), np.nan), np.full(len(self.parameters), np.inf)
         for index, parameter in enumerate(self.parameters):
             if parameter.prior is not None and parameter.prior_sigma is not None:
-                means[index] = np.log(parameter.prior) if parameter.logarithmic else parameter.prior / _width(parameter)
-                sigmas[index] = parameter.prior_sigma / (1.0 if parameter.logarithmic else _width(parameter))
+                means[index] = (
+                    np.log(parameter.prior)
+                    if parameter.logarithmic
+                    else parameter.prior / _width(parameter)
+                )
+                sigmas[index] = parameter.prior_sigma / (
+                    1.0 if parameter.logarithmic else _width(parameter)
+                )
         return means, sigmas
 
 
@@ -246,7 +306,9 @@ class FitPoint:
     cost: float
 
 
-def evaluate(problem: FitProblem, coordinates: FloatArray, anchor: FitPoint | None = None) -> FitPoint:
+def evaluate(
+    problem: FitProblem, coordinates: FloatArray, anchor: FitPoint | None = None
+) -> FitPoint:
     """Compute every case and pair its modes.
 
     Args:
@@ -280,7 +342,10 @@ def exchange_modes(problem: FitProblem, point: FitPoint, pairings: tuple[Pairing
 
 def data_jacobian(problem: FitProblem, point: FitPoint) -> FloatArray:
     """Derivatives ``(r, p)`` of the residuals of the data by the coordinates."""
-    blocks = [case_jacobian(state, pairing) for state, pairing in zip(point.states, point.pairings, strict=True)]
+    blocks = [
+        case_jacobian(state, pairing)
+        for state, pairing in zip(point.states, point.pairings, strict=True)
+    ]
     return np.vstack(blocks) * problem.value_slopes(point.coordinates)
 
 
@@ -299,11 +364,22 @@ def prior_jacobian(problem: FitProblem) -> FloatArray:
 
 
 def _make_point(
-    problem: FitProblem, coordinates: FloatArray, states: tuple[CaseState, ...], pairings: tuple[Pairing, ...]
+    problem: FitProblem,
+    coordinates: FloatArray,
+    states: tuple[CaseState, ...],
+    pairings: tuple[Pairing, ...],
 ) -> FitPoint:
-    residuals = np.concatenate([case_residuals(state, pairing) for state, pairing in zip(states, pairings, strict=True)])
+    residuals = np.concatenate(
+        [case_residuals(state, pairing) for state, pairing in zip(states, pairings, strict=True)]
+    )
     priors = prior_residuals(problem, coordinates)
-    return FitPoint(coordinates, states, pairings, residuals, 0.5 * float(residuals @ residuals + priors @ priors))
+    return FitPoint(
+        coordinates,
+        states,
+        pairings,
+        residuals,
+        0.5 * float(residuals @ residuals + priors @ priors),
+    )
 
 
 def _width(parameter: Parameter) -> float:

@@ -1,4 +1,6 @@
-"""Schema of a target file: what was measured in which variants and poses, and which scene keys may be fitted to it."""
+"""Schema of a target file: what was measured in which variants and poses, and which scene keys may
+be fitted to it.
+"""
 
 from collections.abc import Callable
 from typing import Annotated, Literal, Self
@@ -8,7 +10,13 @@ from pydantic import BeforeValidator, Field, model_validator
 from headstock.pipeline.storage.json_texts import JsonTable
 from headstock.scene.reading import units
 from headstock.scene.reading.keys import NUMBER
-from headstock.scene.reading.units import COMPLIANCE, DIMENSIONS, Quantity, UnitError, parse_quantity
+from headstock.scene.reading.units import (
+    COMPLIANCE,
+    DIMENSIONS,
+    Quantity,
+    UnitError,
+    parse_quantity,
+)
 from headstock.scene.schema.types import (
     Count,
     CountFromZero,
@@ -43,7 +51,11 @@ def _read_any(value: object) -> Quantity:
 def _read_spread(*others: units.Dimension) -> Callable[[object], Quantity]:
     def read(value: object) -> Quantity:
         try:
-            found = value if isinstance(value, Quantity) else parse_quantity(value, units.RATIO, *others)
+            found = (
+                value
+                if isinstance(value, Quantity)
+                else parse_quantity(value, units.RATIO, *others)
+            )
         except UnitError as error:
             raise problem(str(error)) from error
         if not found.value > 0.0:
@@ -54,12 +66,18 @@ def _read_spread(*others: units.Dimension) -> Callable[[object], Quantity]:
 
 
 AnyQuantity = Annotated[
-    Quantity, BeforeValidator(_read_any), JsonForm({"type": ["string", "number"], "pattern": QuantityPattern(DIMENSIONS)})
+    Quantity,
+    BeforeValidator(_read_any),
+    JsonForm({"type": ["string", "number"], "pattern": QuantityPattern(DIMENSIONS)}),
 ]
 FrequencySpread = Annotated[
-    Quantity, BeforeValidator(_read_spread(units.FREQUENCY)), describe_quantity(units.RATIO, units.FREQUENCY)
+    Quantity,
+    BeforeValidator(_read_spread(units.FREQUENCY)),
+    describe_quantity(units.RATIO, units.FREQUENCY),
 ]
-ComplianceSpread = Annotated[Quantity, BeforeValidator(_read_spread(COMPLIANCE)), describe_quantity(units.RATIO, COMPLIANCE)]
+ComplianceSpread = Annotated[
+    Quantity, BeforeValidator(_read_spread(COMPLIANCE)), describe_quantity(units.RATIO, COMPLIANCE)
+]
 RatioSpread = Annotated[Quantity, BeforeValidator(_read_spread()), describe_quantity(units.RATIO)]
 
 
@@ -76,7 +94,9 @@ Letter = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
 class BodyMoveTable(StrictTable):
-    """Bodies that move alike in a mode: turn about an axis or shift along one, ``-`` for the other way round."""
+    """Bodies that move alike in a mode: turn about an axis or shift along one, ``-`` for the other
+    way round.
+    """
 
     bodies: Names
     rotation: Letter | None = None
@@ -98,7 +118,13 @@ class ModeTargetTable(StrictTable):
     name: Text = ""
     moves: Annotated[list[BodyMoveTable], Field(min_length=1, max_length=100)] | None = None
     ignore: Names | None = None
-    vectors: Annotated[dict[Text, Annotated[list[Number], Field(min_length=3, max_length=3)]], Field(min_length=1)] | None = None
+    vectors: (
+        Annotated[
+            dict[Text, Annotated[list[Number], Field(min_length=3, max_length=3)]],
+            Field(min_length=1),
+        ]
+        | None
+    ) = None
     shape_tolerance: Annotated[Number, Field(gt=0.0, le=10.0)] | None = None
     hold_out: Flag = False
 
@@ -112,7 +138,9 @@ class ModeTargetTable(StrictTable):
 
 
 class ComplianceTargetTable(StrictTable):
-    """A measured compliance: motion at a point in one direction per unit force in another, at the same point or elsewhere."""
+    """A measured compliance: motion at a point in one direction per unit force in another, at the
+    same point or elsewhere.
+    """
 
     point: Text
     motion: Literal["x", "y", "z"]
@@ -127,7 +155,9 @@ class ComplianceTargetTable(StrictTable):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.value == 0.0:
-            raise problem("is zero; leave an entry that should vanish out, or give what was measured")
+            raise problem(
+                "is zero; leave an entry that should vanish out, or give what was measured"
+            )
         return self
 
 
@@ -146,16 +176,22 @@ class CaseTable(StrictTable):
     pose: Text | None = None
     modes_above: PositiveFrequency | None = None
     tolerance: RatioSpread | None = None
-    frequencies: Annotated[list[PositiveFrequency], Field(min_length=1, max_length=1000)] | None = None
+    frequencies: Annotated[list[PositiveFrequency], Field(min_length=1, max_length=1000)] | None = (
+        None
+    )
     modes: Annotated[list[ModeTargetTable], Field(min_length=1, max_length=1000)] | None = None
-    compliances: Annotated[list[ComplianceTargetTable], Field(min_length=1, max_length=1000)] | None = None
+    compliances: (
+        Annotated[list[ComplianceTargetTable], Field(min_length=1, max_length=1000)] | None
+    ) = None
     at_most: AtMostTable | None = None
     hold_out: Flag = False
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.frequencies is None and self.modes is None and self.compliances is None:
-            raise problem('holds no target; write frequencies = ["80 Hz"], modes = [{ ... }] or compliances = [{ ... }]')
+            raise problem(
+                'holds no target; write frequencies = ["80 Hz"], modes = [{ ... }] or compliances = [{ ... }]'
+            )
         return self
 
 
@@ -191,9 +227,15 @@ class ShiftRuleTable(StrictTable):
 class ParameterTable(StrictTable):
     """A number that is fitted, and the scene keys that follow it."""
 
-    keys: Annotated[list[Annotated[SetRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)] = []
-    multiplies: Annotated[list[Annotated[PowerRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)] = []
-    shifts: Annotated[list[Annotated[ShiftRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)] = []
+    keys: Annotated[
+        list[Annotated[SetRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)
+    ] = []
+    multiplies: Annotated[
+        list[Annotated[PowerRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)
+    ] = []
+    shifts: Annotated[
+        list[Annotated[ShiftRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)
+    ] = []
     bounds: Annotated[list[AnyQuantity], Field(min_length=2, max_length=2)]
     start: AnyQuantity | None = None
     prior: AnyQuantity | None = None

@@ -1,4 +1,6 @@
-"""What data and priors say about fitted parameters: intervals, correlations, and directions that the data cannot see."""
+"""What data and priors say about fitted parameters: intervals, correlations, and directions that
+the data cannot see.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,8 +20,10 @@ class BlindDirection:
     """A combination of parameters that the data do not fix.
 
     Attributes:
-        entries: Parameter and its share of the direction, largest first; in units of what is allowed beforehand.
-        spread: Standard deviation the data alone would leave, over what is allowed beforehand; above one the data say nothing.
+        entries: Parameter and its share of the direction, largest first; in units of what is
+            allowed beforehand.
+        spread: Standard deviation the data alone would leave, over what is allowed beforehand;
+            above one the data say nothing.
     """
 
     entries: tuple[tuple[str, float], ...]
@@ -36,10 +40,12 @@ class FitStatistics:
     Attributes:
         sigmas: Standard deviations with data and priors ``(p,)``; inf where neither says anything.
         quantile: Half-width of the interval over sigma.
-        seen: Share of the variance allowed beforehand (prior, else bounds) that the data take away ``(p,)``.
+        seen: Share of the variance allowed beforehand (prior, else bounds) that the data take away
+            ``(p,)``.
         correlations: ``(p, p)``.
         blind: Directions the data do not see.
-        noise: Factor on the stated tolerances that the residuals ask for; None with too few of them.
+        noise: Factor on the stated tolerances that the residuals ask for; None with too few of
+            them.
         freedom: Degrees of freedom of the data, parameters that priors hold counted in part.
     """
 
@@ -69,9 +75,11 @@ def assess(
         residuals: ``(r,)``.
         prior_sigmas: ``(p,)`` in coordinates, inf without a prior.
         widths: ``(p,)`` distance of the bounds in coordinates.
-        from_residuals: Take the size of the errors from the residuals, not from the stated tolerances.
+        from_residuals: Take the size of the errors from the residuals, not from the stated
+            tolerances.
 
-    Source: Tarantola (2005), chapter 3 (linearised posterior); Belsley, Kuh and Welsch (1980) for scaled singular vectors.
+    Source: Tarantola (2005), chapter 3 (linearised posterior); Belsley, Kuh and Welsch (1980) for
+    scaled singular vectors.
     """
     precision = np.where(np.isfinite(prior_sigmas), 1.0 / prior_sigmas, 0.0) ** 2
     freedom = _freedom(jacobian, precision)
@@ -89,12 +97,16 @@ def assess(
     return FitStatistics(
         sigmas=sigmas,
         quantile=float(
-            t.ppf(0.5 + CONFIDENCE / 2.0, freedom) if from_residuals and noise is not None else norm.ppf(0.5 + CONFIDENCE / 2.0)
+            t.ppf(0.5 + CONFIDENCE / 2.0, freedom)
+            if from_residuals and noise is not None
+            else norm.ppf(0.5 + CONFIDENCE / 2.0)
         ),
         seen=np.asarray(1.0 - np.diag(proper)),
         correlations=np.nan_to_num(posterior / np.outer(scale, scale)),
         blind=tuple(
-            BlindDirection(_name_direction(names, directions[i]), float(1.0 / value) if value > 0.0 else np.inf)
+            BlindDirection(
+                _name_direction(names, directions[i]), float(1.0 / value) if value > 0.0 else np.inf
+            )
             for i, value in enumerate(values)
             if value**2 / (1.0 + value**2) < SEEN_SHARE
         ),
@@ -104,14 +116,18 @@ def assess(
 
 
 def _freedom(jacobian: FloatArray, precision: FloatArray) -> float:
-    """Number of data less the number of parameters they fix, each by the share that the data and not its prior gives."""
+    """Number of data less the number of parameters they fix, each by the share that the data and
+    not its prior gives.
+    """
     normal = jacobian.T @ jacobian
     used = np.trace(np.linalg.pinv(normal + np.diag(precision), hermitian=True) @ normal)
     return float(len(jacobian) - used)
 
 
 def _invert(information: FloatArray, allowed: FloatArray) -> FloatArray:
-    """Inverse of an information matrix; infinite variances where nothing is known of a parameter."""
+    """Inverse of an information matrix; infinite variances where nothing is known of a
+    parameter.
+    """
     scaled = information * np.outer(allowed, allowed)
     values, vectors = np.linalg.eigh(scaled)
     known = values > np.finfo(float).eps * len(values) * max(float(values[-1]), 1.0)
@@ -124,4 +140,6 @@ def _invert(information: FloatArray, allowed: FloatArray) -> FloatArray:
 def _name_direction(names: Sequence[str], direction: FloatArray) -> tuple[tuple[str, float], ...]:
     order = np.argsort(-np.abs(direction))
     sign = np.sign(direction[order[0]])
-    return tuple((names[i], float(sign * direction[i])) for i in order if abs(direction[i]) >= NAMED_SHARE)
+    return tuple(
+        (names[i], float(sign * direction[i])) for i in order if abs(direction[i]) >= NAMED_SHARE
+    )

@@ -1,4 +1,6 @@
-"""Target files: what was measured and which numbers of the scene may be fitted, in SI units; or everything that is wrong."""
+"""Target files: what was measured and which numbers of the scene may be fitted, in SI units; or
+everything that is wrong.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -39,7 +41,9 @@ VECTOR_TOLERANCE = 0.1
 LIMIT_TOLERANCE = 0.01
 
 
-def read_case(name: str, table: CaseTable, scene: Scene, fit: FitTable, findings: Findings) -> TargetCase:
+def read_case(
+    name: str, table: CaseTable, scene: Scene, fit: FitTable, findings: Findings
+) -> TargetCase:
     """The targets of a case.
 
     Args:
@@ -52,11 +56,15 @@ def read_case(name: str, table: CaseTable, scene: Scene, fit: FitTable, findings
     key: KeyPath = ("cases", name)
     pose = table.pose
     if pose is not None and pose not in scene.poses:
-        findings.add((*key, "pose"), f"unknown pose {pose[:80]!r}; {suggest_names(pose, scene.poses, what='poses')}")
+        findings.add(
+            (*key, "pose"),
+            f"unknown pose {pose[:80]!r}; {suggest_names(pose, scene.poses, what='poses')}",
+        )
     floor = table.modes_above if table.modes_above is not None else fit.modes_above
     spread = _relative(table.tolerance, 1.0) or DEFAULT_TOLERANCE
     modes = [
-        ModeTarget(f"{name} {frequency:g} Hz", frequency, spread, None, table.hold_out) for frequency in table.frequencies or ()
+        ModeTarget(f"{name} {frequency:g} Hz", frequency, spread, None, table.hold_out)
+        for frequency in table.frequencies or ()
     ]
     for index, entry in enumerate(table.modes or ()):
         modes.append(_read_mode(name, entry, spread, table.hold_out))
@@ -71,9 +79,18 @@ def read_case(name: str, table: CaseTable, scene: Scene, fit: FitTable, findings
     modes.sort(key=lambda mode: mode.frequency_hz)
     for mode in modes:
         if floor is not None and mode.frequency_hz <= floor:
-            findings.add(key, f"{mode.frequency_hz:g} Hz lies below modes_above ({floor:g} Hz), so no mode can meet it; lower that")
+            findings.add(
+                key,
+                f"{mode.frequency_hz:g} Hz lies below modes_above ({floor:g} Hz), so no mode can meet it; lower that",
+            )
     return TargetCase(
-        name, table.variant, pose, floor or 0.0, _fill_shapes(modes, scene), tuple(compliances), _read_limit(table.at_most)
+        name,
+        table.variant,
+        pose,
+        floor or 0.0,
+        _fill_shapes(modes, scene),
+        tuple(compliances),
+        _read_limit(table.at_most),
     )
 
 
@@ -91,10 +108,18 @@ def _read_mode(case: str, table: ModeTargetTable, spread: float, hold_out: bool)
 
 
 def _read_shape(table: ModeTargetTable) -> ShapeTarget | None:
-    """The shape as written; bodies a description is silent about are filled in by ``_fill_shapes``."""
+    """The shape as written; bodies a description is silent about are filled in by
+    ``_fill_shapes``.
+    """
     if table.vectors is not None:
-        entries = [(place, dof, value) for place, vector in table.vectors.items() for dof, value in enumerate(vector)]
-        return ShapeTarget(tuple(entries), table.shape_tolerance or VECTOR_TOLERANCE, described=False)
+        entries = [
+            (place, dof, value)
+            for place, vector in table.vectors.items()
+            for dof, value in enumerate(vector)
+        ]
+        return ShapeTarget(
+            tuple(entries), table.shape_tolerance or VECTOR_TOLERANCE, described=False
+        )
     if table.moves is None:
         return None
     found: list[tuple[str, int, float]] = []
@@ -103,22 +128,36 @@ def _read_shape(table: ModeTargetTable) -> ShapeTarget | None:
         dof = "xyz".index(letter[-1]) + (3 if move.rotation else 0)
         found += [(body, dof, -1.0 if letter.startswith("-") else 1.0) for body in move.bodies]
     ignored = [(body, -1, 0.0) for body in table.ignore or ()]
-    return ShapeTarget((*found, *ignored), table.shape_tolerance or DESCRIBED_TOLERANCE, described=True)
+    return ShapeTarget(
+        (*found, *ignored), table.shape_tolerance or DESCRIBED_TOLERANCE, described=True
+    )
 
 
 def _fill_shapes(modes: list[ModeTarget], scene: Scene) -> tuple[ModeTarget, ...]:
-    """Described shapes with every body: one that is not named stands still, one to be ignored is left out."""
+    """Described shapes with every body: one that is not named stands still, one to be ignored is
+    left out.
+    """
     result = []
     for mode in modes:
         if mode.shape is not None and mode.shape.described:
             named = {(body, dof): value for body, dof, value in mode.shape.entries if dof >= 0}
             ignored = {body for body, dof, _ in mode.shape.entries if dof < 0}
-            dofs = [dof for kind in (range(3), range(3, 6)) for dof in kind if any(d in kind for _, d in named)]
+            dofs = [
+                dof
+                for kind in (range(3), range(3, 6))
+                for dof in kind
+                if any(d in kind for _, d in named)
+            ]
             entries = tuple(
-                (body, dof, named.get((body, dof), 0.0)) for body in scene.machine.components if body not in ignored for dof in dofs
+                (body, dof, named.get((body, dof), 0.0))
+                for body in scene.machine.components
+                if body not in ignored
+                for dof in dofs
             )
             shape = ShapeTarget(entries, mode.shape.tolerance, described=True)
-            result.append(ModeTarget(mode.name, mode.frequency_hz, mode.sigma, shape, mode.hold_out))
+            result.append(
+                ModeTarget(mode.name, mode.frequency_hz, mode.sigma, shape, mode.hold_out)
+            )
         else:
             result.append(mode)
     return tuple(result)
@@ -129,29 +168,54 @@ def _check_shape(key: KeyPath, table: ModeTargetTable, scene: Scene, findings: F
         _check_place((*key, "vectors", seen), seen, scene, findings)
     if table.vectors is not None and not any(any(vector) for vector in table.vectors.values()):
         findings.add((*key, "vectors"), "every vector is zero; give the motions that were measured")
-    bodies = [((*key, "moves", i, "bodies", j), body) for i, m in enumerate(table.moves or ()) for j, body in enumerate(m.bodies)]
+    bodies = [
+        ((*key, "moves", i, "bodies", j), body)
+        for i, m in enumerate(table.moves or ())
+        for j, body in enumerate(m.bodies)
+    ]
     bodies += [((*key, "ignore", i), body) for i, body in enumerate(table.ignore or ())]
     components = scene.machine.components
     for place, body in bodies:
         if body not in components:
-            findings.add(place, f"unknown component {body[:80]!r}; {suggest_names(body, components, what='components')}")
+            findings.add(
+                place,
+                f"unknown component {body[:80]!r}; {suggest_names(body, components, what='components')}",
+            )
 
 
 def _check_place(key: KeyPath, place: str, scene: Scene, findings: Findings) -> None:
     machine = scene.machine
     component, _, interface = place.partition(".")
-    if place in machine.points or (component in machine.components and interface in machine.components[component].interfaces):
+    if place in machine.points or (
+        component in machine.components and interface in machine.components[component].interfaces
+    ):
         return
-    known = [*machine.points, *(f"{name}.{other}" for name, item in machine.components.items() for other in item.interfaces)]
-    findings.add(key, f"unknown point {place[:80]!r}; {suggest_names(place, known, what='points and interfaces')}")
+    known = [
+        *machine.points,
+        *(
+            f"{name}.{other}"
+            for name, item in machine.components.items()
+            for other in item.interfaces
+        ),
+    ]
+    findings.add(
+        key,
+        f"unknown point {place[:80]!r}; {suggest_names(place, known, what='points and interfaces')}",
+    )
 
 
-def _read_compliance(case: str, table: ComplianceTargetTable, spread: float, hold_out: bool) -> ComplianceTarget:
+def _read_compliance(
+    case: str, table: ComplianceTargetTable, spread: float, hold_out: bool
+) -> ComplianceTarget:
     sigma = (_relative(table.tolerance, table.value) or spread) / table.weight**0.5
     motion = ObservedDof(table.point, "xyz".index(table.motion))
     force = ObservedDof(table.force_at or table.point, "xyz".index(table.force))
-    name = f"{case} {table.point} d{table.motion}/F{table.force}" + (f" at {table.force_at}" if table.force_at else "")
-    return ComplianceTarget(name, motion, force, table.value, sigma, table.either_sign, table.hold_out or hold_out)
+    name = f"{case} {table.point} d{table.motion}/F{table.force}" + (
+        f" at {table.force_at}" if table.force_at else ""
+    )
+    return ComplianceTarget(
+        name, motion, force, table.value, sigma, table.either_sign, table.hold_out or hold_out
+    )
 
 
 def _read_limit(table: AtMostTable | None) -> ModeLimit | None:
@@ -184,7 +248,8 @@ def load_targets(path: Path, scene: Path, *, overrides: Sequence[str] = ()) -> L
         overrides: ``key=value`` settings of the scene.
 
     Raises:
-        SceneError: Anything is wrong with either file; holds every problem with file, line, key and what to write.
+        SceneError: Anything is wrong with either file; holds every problem with file, line, key and
+            what to write.
     """
     findings = Findings(str(path))
     table = validate_against(TargetsTable, read_scene(path, findings), findings)
@@ -205,20 +270,32 @@ def load_targets(path: Path, scene: Path, *, overrides: Sequence[str] = ()) -> L
     _check_amount(cases, parameters, findings)
     findings.raise_if_any()
     fit = table.fit
-    settings = FitSettings(fit.starts, fit.seed, fit.pairing, fit.noise, fit.method, fit.evaluations)
-    return LoadedTask(IdentificationTask(table.name or path.stem, tuple(cases), parameters, settings), scenes, findings)
+    settings = FitSettings(
+        fit.starts, fit.seed, fit.pairing, fit.noise, fit.method, fit.evaluations
+    )
+    return LoadedTask(
+        IdentificationTask(table.name or path.stem, tuple(cases), parameters, settings),
+        scenes,
+        findings,
+    )
 
 
 def _check_kind(scene: Scene, findings: Findings) -> None:
     """Refuse scenes whose parts are not placed by their own keys alone."""
     if "orientation" in scene.raw:
         findings.add_line(
-            None, f"{scene.path} sets the machine up with [orientation]; take it out for the fit, it changes no frequency"
+            None,
+            f"{scene.path} sets the machine up with [orientation]; take it out for the fit, it changes no frequency",
         )
 
 
 def _load_variant(
-    name: str, entry: CaseTable, written: Scene, overrides: Sequence[str], scenes: dict[str | None, Scene], findings: Findings
+    name: str,
+    entry: CaseTable,
+    written: Scene,
+    overrides: Sequence[str],
+    scenes: dict[str | None, Scene],
+    findings: Findings,
 ) -> None:
     if entry.variant in scenes:
         return
@@ -227,21 +304,32 @@ def _load_variant(
         text = f"unknown variant {part[:80]!r}; {suggest_names(part, written.variants, what='variants')}"
         findings.add(("cases", name, "variant"), text)
     if not unknown:
-        scene = written if entry.variant is None else load_scene(written.path, variant=entry.variant, overrides=overrides)
+        scene = (
+            written
+            if entry.variant is None
+            else load_scene(written.path, variant=entry.variant, overrides=overrides)
+        )
         if scene.is_lumped:
             key = ("cases", name) if entry.variant is None else ("cases", name, "variant")
-            findings.add(key, 'is a lumped mechanism, which has no joints to fit; name a variant with model = "components"')
+            findings.add(
+                key,
+                'is a lumped mechanism, which has no joints to fit; name a variant with model = "components"',
+            )
         scenes[entry.variant] = scene
 
 
-def _check_amount(cases: Sequence[TargetCase], parameters: Sequence[Parameter], findings: Findings) -> None:
+def _check_amount(
+    cases: Sequence[TargetCase], parameters: Sequence[Parameter], findings: Findings
+) -> None:
     """Refuse more free parameters than there is data."""
     if findings.problems:
         return
     data = sum(not held for case in cases for held in case.held_out)
     free = [parameter for parameter in parameters if parameter.prior is None]
     if data == 0:
-        findings.add(("cases",), "every target is held out, so there is nothing to fit to; keep some")
+        findings.add(
+            ("cases",), "every target is held out, so there is nothing to fit to; keep some"
+        )
     elif data < len(free):
         findings.add(
             ("parameters",),

@@ -1,4 +1,6 @@
-"""What an identification is asked for: targets per variant and pose, and parameters with bounds and priors. SI units."""
+"""What an identification is asked for: targets per variant and pose, and parameters with bounds and
+priors. SI units.
+"""
 
 from dataclasses import dataclass
 
@@ -12,9 +14,11 @@ class ShapeTarget:
     """A mode shape as motions at places, compared by MAC.
 
     Attributes:
-        entries: ``(observer, dof, value)``; observers are points, interfaces (``component.interface``) or components.
+        entries: ``(observer, dof, value)``; observers are points, interfaces
+            (``component.interface``) or components.
         tolerance: Standard deviation of ``sqrt(1 - MAC)``.
-        described: It comes from a description in words (which bodies turn), not from measured vectors.
+        described: It comes from a description in words (which bodies turn), not from measured
+            vectors.
     """
 
     entries: tuple[tuple[str, int, float], ...]
@@ -71,7 +75,9 @@ class ComplianceTarget:
 
 @dataclass(frozen=True)
 class ModeLimit:
-    """At most so many modes below a frequency [Hz]; sigma of the logarithm by which the next one may miss it."""
+    """At most so many modes below a frequency [Hz]; sigma of the logarithm by which the next one
+    may miss it.
+    """
 
     modes: int
     below_hz: float
@@ -103,7 +109,10 @@ class TargetCase:
     @property
     def held_out(self) -> tuple[bool, ...]:
         """Of each target, modes first: whether it is predicted and not fitted."""
-        return (*(target.hold_out for target in self.modes), *(target.hold_out for target in self.compliances))
+        return (
+            *(target.hold_out for target in self.modes),
+            *(target.hold_out for target in self.compliances),
+        )
 
 
 @dataclass(frozen=True)
@@ -112,7 +121,8 @@ class KeyRule:
 
     Attributes:
         key: Key of the scene.
-        kind: ``set``: factor p + offset; ``multiply``: times (p / r)^factor; ``shift``: plus factor (p - r).
+        kind: ``set``: factor p + offset; ``multiply``: times (p / r)^factor; ``shift``: plus factor
+            (p - r).
         factor: Factor or power.
         offset: SI.
     """
@@ -161,9 +171,10 @@ class FitSettings:
     Attributes:
         starts: The first at the start values, the others spread by a Sobol sequence.
         seed: Of the Sobol sequence.
-        pairing: ``best``: at every step the cheapest pairing of targets and modes; ``track``: the pairing found at the start of
-            each run is followed by MAC from step to step.
-        noise: Where the size of the errors comes from: the ``stated`` tolerances or the ``residuals``.
+        pairing: ``best``: at every step the cheapest pairing of targets and modes; ``track``: the
+            pairing found at the start of each run is followed by MAC from step to step.
+        noise: Where the size of the errors comes from: the ``stated`` tolerances or the
+            ``residuals``.
         method: Of ``scipy.optimize.least_squares``.
         evaluations: At most so many per start.
     """

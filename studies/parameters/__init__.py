@@ -1,1 +1,3 @@
-"""The studies of a scene, ``[studies.NAME]``: their points, records, tables and costs. Never poses."""
+"""The studies of a scene, ``[studies.NAME]``: their points, records, tables and costs. Never
+poses.
+"""

@@ -20,14 +20,16 @@ class CostPoint:
 
     Attributes:
         row: Of the study.
-        name: Family and varied keys in a few words; keys that are the same all over the family left out.
+        name: Family and varied keys in a few words; keys that are the same all over the family left
+            out.
         error: Largest relative error of a watched number against the study's truth.
         worst: Which one.
         seconds: Wall-clock time, median and spread of the repeats [s].
         cpu_seconds: Processor time of all threads and child processes, likewise [s].
-        solve_seconds: Processor time of assembly and solutions: all stages but meshing and writing, of the last round and the last
-            repeat [s].
-        memory_mb: Peak resident memory [MB]; where nobody could look and a process cannot forget its peak, no more than this.
+        solve_seconds: Processor time of assembly and solutions: all stages but meshing and writing,
+            of the last round and the last repeat [s].
+        memory_mb: Peak resident memory [MB]; where nobody could look and a process cannot forget
+            its peak, no more than this.
         memory_known: It is this point's own.
         dofs: Degrees of freedom before reduction.
         best: Nothing computed is both cheaper in processor time and closer.
@@ -62,19 +64,33 @@ def weigh_costs(table: StudyTable) -> list[CostPoint]:
 
     Empty when the truth failed.
     """
-    truths = [row for row in table.rows if row.record.family == TRUTH and row.record.status == "done"]
+    truths = [
+        row for row in table.rows if row.record.family == TRUTH and row.record.status == "done"
+    ]
     if not truths:
         return []
-    exact = {column: value for column, value in truths[0].values.items() if is_number(value) and column not in MEASURED_NAMES}
+    exact = {
+        column: value
+        for column, value in truths[0].values.items()
+        if is_number(value) and column not in MEASURED_NAMES
+    }
     families = {family.name: family for family in table.study.families}
-    weighed = [_weigh(row, exact, families[row.record.family]) for row in table.rows if row.record.family != TRUTH]
+    weighed = [
+        _weigh(row, exact, families[row.record.family])
+        for row in table.rows
+        if row.record.family != TRUTH
+    ]
     points = [point for point in weighed if point is not None]
     front = pareto_front([point for point in points if point.competes], "cpu")
-    return [dataclasses.replace(point, best=any(other is point for other in front)) for point in points]
+    return [
+        dataclasses.replace(point, best=any(other is point for other in front)) for point in points
+    ]
 
 
 def pareto_front(points: Sequence[CostPoint], cost: str) -> list[CostPoint]:
-    """Points that none is both cheaper and closer than, by rising cost: ``cpu``, ``memory`` or ``dofs``."""
+    """Points that none is both cheaper and closer than, by rising cost: ``cpu``, ``memory`` or
+    ``dofs``.
+    """
     front: list[CostPoint] = []
     shown = [point for point in points if cost != "memory" or point.memory_known]
     for point in sorted(shown, key=lambda point: (read_cost(point, cost), point.error)):
@@ -89,7 +105,9 @@ def read_cost(point: CostPoint, cost: str) -> float:
 
 
 def cheapest_within(points: Sequence[CostPoint], error: float) -> CostPoint | None:
-    """The point of least processor time whose true error is within a bound, automatic ones and other models left out."""
+    """The point of least processor time whose true error is within a bound, automatic ones and
+    other models left out.
+    """
     good = [point for point in points if point.error <= error and point.competes]
     return min(good, key=lambda point: point.cpu_seconds[0]) if good else None
 
@@ -113,7 +131,9 @@ def _weigh(row: StudyRow, exact: dict[str, float], family: StudyFamily) -> CostP
         seconds=wall,
         cpu_seconds=spent,
         solve_seconds=sum(
-            stage.get("cpu_seconds", 0.0) for stage in record.summary["stages"] if stage["stage"] not in BESIDE_SOLVING
+            stage.get("cpu_seconds", 0.0)
+            for stage in record.summary["stages"]
+            if stage["stage"] not in BESIDE_SOLVING
         ),
         memory_mb=max(record.peak_mb, default=float(totals["peak_rss_mb"])),
         dofs=int(totals["full_dofs"]),
@@ -126,8 +146,14 @@ def _weigh(row: StudyRow, exact: dict[str, float], family: StudyFamily) -> CostP
 
 def _name_point(row: StudyRow, family: StudyFamily) -> str:
     varied = row.record.varied
-    telling = {key: value for key, value in varied.items() if len({show_value(other) for other in family.vary[key]}) > 1}
-    return ", ".join([*([family.name.replace("_", " ")] if family.name else []), *list_varied(telling or varied)])
+    telling = {
+        key: value
+        for key, value in varied.items()
+        if len({show_value(other) for other in family.vary[key]}) > 1
+    }
+    return ", ".join(
+        [*([family.name.replace("_", " ")] if family.name else []), *list_varied(telling or varied)]
+    )
 
 
 def _relative(value: Watched, exact: float) -> float:

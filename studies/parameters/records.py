@@ -1,4 +1,5 @@
-"""The results file of a study: one JSON line per finished point, so that a killed study goes on where it was.
+"""The results file of a study: one JSON line per finished point, so that a killed study goes on
+where it was.
 
 Lines of points that are no longer asked for stay and are used again when they are.
 """
@@ -18,7 +19,9 @@ POINTS = JournalForm(b'{"key":', lines=True)
 
 
 class Measured(TypedDict, total=False):
-    """What a study with a reference makes of a point's results: kind of the model, its dofs, quantities and the MAC of modes."""
+    """What a study with a reference makes of a point's results: kind of the model, its dofs,
+    quantities and the MAC of modes.
+    """
 
     kind: str
     ndof: int
@@ -40,7 +43,8 @@ class StudyRecord:
         measured: Empty in studies without a reference.
         seconds: Wall-clock time of each repeat [s].
         cpu_seconds: Processor time of each repeat, child processes and threads included [s].
-        peak_mb: Most resident memory of this process in each repeat [MB]; empty where nobody could look.
+        peak_mb: Most resident memory of this process in each repeat [MB]; empty where nobody could
+            look.
         cached_stages: How many stages the store answered in the last repeat.
         threads: BLAS threads of each rank.
         ranks: MPI ranks.
@@ -83,14 +87,19 @@ def append_record(journal: Journal, record: StudyRecord) -> None:
     """Append a finished point; it is on the disk when this returns.
 
     Raises:
-        OutputError: The disk is full or the folder is gone; finished points before it are untouched.
+        OutputError: The disk is full or the folder is gone; finished points before it are
+            untouched.
     """
     line = asdict(record) | {"summary": record.summary or {}}
-    journal.append(json.dumps(line, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode())
+    journal.append(
+        json.dumps(line, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode()
+    )
 
 
 def _read_line(line: bytes) -> StudyRecord | None:
-    """A record, or None for a line that is of another version or no record: its point is then computed anew."""
+    """A record, or None for a line that is of another version or no record: its point is then
+    computed anew.
+    """
     try:
         entry = json.loads(line)
         if entry.pop("format") != FORMAT:

@@ -1,4 +1,6 @@
-"""Running the points of a study one after the other, each once, through the same runner as ``headstock run``."""
+"""Running the points of a study one after the other, each once, through the same runner as
+``headstock run``.
+"""
 
 import contextlib
 import errno
@@ -35,7 +37,13 @@ from headstock.scene.schema.overrides import VARIANT_JOINER, split_variant
 from headstock.scene.studies import TRUTH, Study, StudyPoint, expand_study, make_point
 from headstock.solvers.errors import CompileError
 from headstock.solvers.ranks import share_from_root
-from headstock.studies.parameters.records import Measured, StudyRecord, append_record, open_records, read_records
+from headstock.studies.parameters.records import (
+    Measured,
+    StudyRecord,
+    append_record,
+    open_records,
+    read_records,
+)
 
 LOST_DISK = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 # of no influence on a point's results
@@ -45,10 +53,14 @@ Measure = Callable[[Scene, Results], Measured]
 
 
 def blames_surroundings(error: BaseException) -> bool:
-    """Whether the same computation may well succeed once there is room on the disk, so that the error must not be kept as its result."""
+    """Whether the same computation may well succeed once there is room on the disk, so that the
+    error must not be kept as its result.
+    """
     cause: BaseException | None = error
     while cause is not None:
-        if isinstance(cause, OutputError | CompileError) or (isinstance(cause, OSError) and cause.errno in LOST_DISK):
+        if isinstance(cause, OutputError | CompileError) or (
+            isinstance(cause, OSError) and cause.errno in LOST_DISK
+        ):
             return True
         cause = cause.__cause__ or cause.__context__
     return False
@@ -69,7 +81,8 @@ class StudyJob:
         content: SHA-256 of the file.
         variant: Variant it was started with.
         overrides: ``key=value`` settings it was started with.
-        measure: Makes more of a point's results than its summary holds; None for studies of one's own.
+        measure: Makes more of a point's results than its summary holds; None for studies of one's
+            own.
         measure_name: Names ``measure`` in the keys of finished points.
         retry: Points that failed before are computed again.
     """
@@ -87,7 +100,9 @@ class StudyJob:
 
 @dataclass(frozen=True, eq=False)
 class StudyProgress:
-    """A point that is finished: its number, of how many, its record, and whether it was finished before."""
+    """A point that is finished: its number, of how many, its record, and whether it was finished
+    before.
+    """
 
     number: int
     total: int
@@ -102,7 +117,8 @@ def hash_scene(path: Path) -> str:
 
 
 def check_points(job: StudyJob) -> None:
-    """Load the scene with every varied value, one at a time, before anything is computed; pairs are loaded together.
+    """Load the scene with every varied value, one at a time, before anything is computed; pairs are
+    loaded together.
 
     Raises:
         SceneError: A value does not fit; holds the problems of all of them.
@@ -111,7 +127,10 @@ def check_points(job: StudyJob) -> None:
     for family in job.study.families:
         first = {key: values[0] for key, values in family.vary.items()}
         alone = [{**first, key: value} for key, values in family.vary.items() for value in values]
-        pairs = [dict(zip(family.vary, values, strict=True)) for values in zip(*family.vary.values(), strict=family.pairwise)]
+        pairs = [
+            dict(zip(family.vary, values, strict=True))
+            for values in zip(*family.vary.values(), strict=family.pairwise)
+        ]
         for varied in pairs if family.pairwise else alone or [{}]:
             try:
                 _load_point(job, make_point(family, varied))
@@ -122,12 +141,17 @@ def check_points(job: StudyJob) -> None:
 
 
 def run_study(
-    job: StudyJob, folder: Path, *, comm: MPI.Comm, observer: Callable[[StudyProgress], None] = lambda progress: None
+    job: StudyJob,
+    folder: Path,
+    *,
+    comm: MPI.Comm,
+    observer: Callable[[StudyProgress], None] = lambda progress: None,
 ) -> list[StudyRecord]:
     """Compute every point that is not finished yet and record each as it ends; collective.
 
-    A point whose computation ends with a named error is recorded with it, and the study goes on; on several ranks it ends there,
-    since the others are left waiting, and goes on when it is started again. A disk without room ends it on any number of ranks.
+    A point whose computation ends with a named error is recorded with it, and the study goes on; on
+    several ranks it ends there, since the others are left waiting, and goes on when it is started
+    again. A disk without room ends it on any number of ranks.
 
     Args:
         job: The same on every rank.
@@ -147,7 +171,9 @@ def run_study(
     root = comm.rank == 0
     keys = [point_key(job, point, ranks=comm.size) for point in points] if root else []
     known = _finished_points(folder, retry=job.retry) if root else {}
-    waiting = share_from_root(comm, [number for number, key in enumerate(keys) if key not in known] if root else None)
+    waiting = share_from_root(
+        comm, [number for number, key in enumerate(keys) if key not in known] if root else None
+    )
     warm: set[ElementKind] = set()
     with open_records(folder) if root and waiting else contextlib.nullcontext() as journal:
         for number, point in enumerate(points):
@@ -160,12 +186,19 @@ def run_study(
                     raise error
             if root:
                 record = _label_record(known[keys[number]], point)
-                observer(StudyProgress(number, len(points), point, record, known=number not in waiting))
-    return [_label_record(known[key], point) for key, point in zip(keys, points, strict=True)] if root else []
+                observer(
+                    StudyProgress(number, len(points), point, record, known=number not in waiting)
+                )
+    return (
+        [_label_record(known[key], point) for key, point in zip(keys, points, strict=True)]
+        if root
+        else []
+    )
 
 
 def point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:
-    """SHA-256 of everything a point's results depend on: the scene, its files, the settings, and this program.
+    """SHA-256 of everything a point's results depend on: the scene, its files, the settings, and
+    this program.
 
     What is watched is not part of it: a record holds the whole summary.
 
@@ -177,10 +210,14 @@ def point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:
     content = {
         "scene": {key: value for key, value in job.raw.items() if key not in IRRELEVANT_SECTIONS},
         "files": dict(file_digests(job.path.parent, job.raw)),
-        "variant": [read_entries(job.raw, "variants")[name] for name in split_variant(point.variant or None)],
+        "variant": [
+            read_entries(job.raw, "variants")[name] for name in split_variant(point.variant or None)
+        ],
         "settings": dict(point.settings),
         "analyses": sorted(point.analyses),
-        "timing": (job.study.cold, job.study.repeats, ranks) if job.study.cold or job.study.repeats > 1 else None,
+        "timing": (job.study.cold, job.study.repeats, ranks)
+        if job.study.cold or job.study.repeats > 1
+        else None,
         "measure": job.measure_name,
         "algorithm": [code_fingerprint(package) for package in PACKAGES],
         "libraries": library_versions(REDUCTION_LIBRARIES),
@@ -207,18 +244,27 @@ def _load_point(job: StudyJob, point: StudyPoint) -> Scene:
 def _compute_point(
     job: StudyJob, point: StudyPoint, comm: MPI.Comm, warm: set[ElementKind]
 ) -> tuple[StudyRecord, HeadstockError | None]:
-    """A record without a key, and the error a point ended with; adds to the kinds of elements that this process has run."""
+    """A record without a key, and the error a point ended with; adds to the kinds of elements that
+    this process has run.
+    """
     costs: list[Cost] = []
     peaks: list[float] = []
     ranks, threads = int(comm.size), int(os.environ.get("OMP_NUM_THREADS", os.cpu_count() or 1))
     record = StudyRecord("", point.family, dict(point.varied), "done", threads=threads, ranks=ranks)
     try:
-        # the first run of a kind of element loads libraries and compiles kernels: not a cost of this point
-        kinds = share_from_root(comm, _element_kinds(_reload(job, point)) if comm.rank == 0 else None)
+        # the first run of a kind of element loads libraries and compiles kernels: not a cost of
+        # this point
+        kinds = share_from_root(
+            comm, _element_kinds(_reload(job, point)) if comm.rank == 0 else None
+        )
         warm_up = job.study.cold and point.family != TRUTH and not kinds <= warm
         warm |= kinds
         for number in range(-warm_up, 1 if point.family == TRUTH else job.study.repeats):
-            with _scratch_store(cold=job.study.cold) as (scratch, store), watch_memory() as peak, measure() as cost:
+            with (
+                _scratch_store(cold=job.study.cold) as (scratch, store),
+                watch_memory() as peak,
+                measure() as cost,
+            ):
                 scene = share_from_root(comm, _reload(job, point) if comm.rank == 0 else None)
                 results = run_scene(scene, scratch, comm=comm, store=store)
             costs += [cost] if number >= 0 else []
@@ -250,23 +296,34 @@ def _compute_point(
 
 def _reload(job: StudyJob, point: StudyPoint) -> Scene:
     if hash_scene(job.path) != job.content:
-        raise StudyError(f"{job.path} changed while the study ran; start the study again, finished points that still hold are kept")
+        raise StudyError(
+            f"{job.path} changed while the study ran; start the study again, finished points that still hold are kept"
+        )
     return _load_point(job, point)
 
 
 def _element_kinds(scene: Scene) -> set[ElementKind]:
-    """What a point's components are made of; of those whose settings are chosen for an accuracy it is mostly that."""
+    """What a point's components are made of; of those whose settings are chosen for an accuracy it
+    is mostly that.
+    """
     parts = scene.machine.components.values()
     if scene.accuracy is not None:
         return {("elastic", "tet", 2)}
     return {
-        (part.fidelity, part.mesh.cells, part.mesh.order) if part.fidelity == "elastic" else (part.fidelity, "", 0)
+        (part.fidelity, part.mesh.cells, part.mesh.order)
+        if part.fidelity == "elastic"
+        else (part.fidelity, "", 0)
         for part in parts
     }
 
 
 @contextlib.contextmanager
 def _scratch_store(*, cold: bool) -> Iterator[tuple[Path, Store]]:
-    """A folder for a point's files, and the store it uses: the user's, or an empty one that is thrown away."""
+    """A folder for a point's files, and the store it uses: the user's, or an empty one that is
+    thrown away.
+    """
     with tempfile.TemporaryDirectory(prefix="headstock-study-") as folder:
-        yield Path(folder) / "out", Store(Path(folder) / "store") if cold else Store(default_store_root())
+        yield (
+            Path(folder) / "out",
+            Store(Path(folder) / "store") if cold else Store(default_store_root()),
+        )

@@ -1,4 +1,6 @@
-"""A study's records as a table, one row per point; and what three meshes say about an infinitely fine one: order and limit."""
+"""A study's records as a table, one row per point; and what three meshes say about an infinitely
+fine one: order and limit.
+"""
 
 import re
 import statistics
@@ -10,7 +12,13 @@ from scipy.optimize import brentq
 
 from headstock.scene.reading.files import TomlValue
 from headstock.scene.reading.units import DIMENSIONS, LENGTH, UnitError, parse_quantity
-from headstock.scene.reading.watch_paths import MEASURED_NAMES, Watched, WatchError, parse_watch, read_watch
+from headstock.scene.reading.watch_paths import (
+    MEASURED_NAMES,
+    Watched,
+    WatchError,
+    parse_watch,
+    read_watch,
+)
 from headstock.scene.studies import Study, StudyFamily, show_value
 from headstock.studies.parameters.records import StudyRecord
 
@@ -54,7 +62,8 @@ def extrapolate_values(sizes: Sequence[float], values: Sequence[float]) -> Extra
     Raises:
         ValueError: There are fewer than three sizes, or two are equal.
 
-    Source: Richardson (1911); Roache (1994) for sizes that do not halve: ``f = f0 + c h^p`` through three points.
+    Source: Richardson (1911); Roache (1994) for sizes that do not halve: ``f = f0 + c h^p`` through
+    three points.
     """
     if len(set(sizes)) != len(values) or len(values) < LEAST_SIZES:
         raise ValueError(f"an order takes at least {LEAST_SIZES} meshes of different sizes")
@@ -64,17 +73,30 @@ def extrapolate_values(sizes: Sequence[float], values: Sequence[float]) -> Extra
     if max(abs(first), abs(last)) <= UNCHANGED * max(abs(f3), 1e-300):
         return Extrapolation(None, None, f3, "does not depend on the mesh size")
     if last == 0.0 or first / last <= 0.0:
-        return Extrapolation(None, None, f3, "not monotone: the last two changes have different signs")
+        return Extrapolation(
+            None, None, f3, "not monotone: the last two changes have different signs"
+        )
 
     def excess(order: float) -> float:
         return float((coarse**order - middle**order) / (middle**order - fine**order) - first / last)
 
     if excess(SMALLEST_ORDER) >= 0.0:
-        return Extrapolation(None, None, f3, "not converging: the last change is not smaller than the one before")
+        return Extrapolation(
+            None, None, f3, "not converging: the last change is not smaller than the one before"
+        )
     if excess(LARGEST_ORDER) <= 0.0:
-        return Extrapolation(None, None, f3, f"changes fall faster than any order up to {LARGEST_ORDER:g}: too coarse to tell")
+        return Extrapolation(
+            None,
+            None,
+            f3,
+            f"changes fall faster than any order up to {LARGEST_ORDER:g}: too coarse to tell",
+        )
     order = float(brentq(excess, SMALLEST_ORDER, LARGEST_ORDER, xtol=1e-12))
-    remark = "" if order >= TRUSTED_ORDER else f"an order below {TRUSTED_ORDER:g}: too coarse to trust the limit"
+    remark = (
+        ""
+        if order >= TRUSTED_ORDER
+        else f"an order below {TRUSTED_ORDER:g}: too coarse to trust the limit"
+    )
     return Extrapolation(order, f3 - last / ((middle / fine) ** order - 1.0), f3, remark)
 
 
@@ -143,15 +165,22 @@ def tabulate_study(study: Study, records: Sequence[StudyRecord]) -> StudyTable:
 
 @dataclass(frozen=True)
 class VariedNumbers:
-    """The values of a varied key as numbers: one per row of a table (None where a row has not the key), and their SI unit."""
+    """The values of a varied key as numbers: one per row of a table (None where a row has not the
+    key), and their SI unit.
+    """
 
     unit: str
     values: tuple[float | None, ...]
 
 
 def varied_numbers(table: StudyTable, key: str) -> VariedNumbers | None:
-    """The values of a varied key as numbers in SI; None where some are no single number, or their units differ in kind."""
-    read = [_read_number(row.record.varied[key]) if key in row.record.varied else _ABSENT for row in table.rows]
+    """The values of a varied key as numbers in SI; None where some are no single number, or their
+    units differ in kind.
+    """
+    read = [
+        _read_number(row.record.varied[key]) if key in row.record.varied else _ABSENT
+        for row in table.rows
+    ]
     units = {item.unit for item in read if item is not None and item.value is not None}
     if None in read or len(units) != 1:
         return None
@@ -178,7 +207,9 @@ def _read_number(value: TomlValue) -> _Number | None:
 
 
 def median_seconds(record: StudyRecord, name: str = "seconds") -> tuple[float, float] | None:
-    """Median and spread (largest less smallest) of the repeats of a point [s]; None for a point that was not finished."""
+    """Median and spread (largest less smallest) of the repeats of a point [s]; None for a point
+    that was not finished.
+    """
     repeats = record.seconds if name == "seconds" else record.cpu_seconds
     return (statistics.median(repeats), max(repeats) - min(repeats)) if repeats else None
 
@@ -204,7 +235,9 @@ def _make_row(study: Study, record: StudyRecord) -> StudyRow:
     return StudyRow(record, values, tuple(problems))
 
 
-def _size_series(study: Study, columns: Sequence[str], rows: Sequence[StudyRow]) -> list[SizeSeries]:
+def _size_series(
+    study: Study, columns: Sequence[str], rows: Sequence[StudyRow]
+) -> list[SizeSeries]:
     found: list[SizeSeries] = []
     for family in study.families:
         own = [row for row in rows if row.record.family == family.name]
@@ -216,13 +249,16 @@ def _size_series(study: Study, columns: Sequence[str], rows: Sequence[StudyRow])
                 series
                 for group in groups.values()
                 for column in columns
-                if column not in MEASURED_NAMES and (series := _make_series(column, key, family, group))
+                if column not in MEASURED_NAMES
+                and (series := _make_series(column, key, family, group))
             ]
     return found
 
 
 def _size_keys(family: StudyFamily) -> list[str]:
-    """Mesh sizes that are varied by themselves; of sizes that are varied together in proportion, and with nothing else, the first."""
+    """Mesh sizes that are varied by themselves; of sizes that are varied together in proportion,
+    and with nothing else, the first.
+    """
     keys = [key for key in family.vary if MESH_SIZE.fullmatch(key)]
     if not family.pairwise:
         return keys
@@ -235,16 +271,33 @@ def _size_keys(family: StudyFamily) -> list[str]:
 
 
 def _others(row: StudyRow, family: StudyFamily, key: str) -> dict[str, TomlValue]:
-    return {} if family.pairwise else {other: value for other, value in row.record.varied.items() if other != key}
+    return (
+        {}
+        if family.pairwise
+        else {other: value for other, value in row.record.varied.items() if other != key}
+    )
 
 
-def _make_series(column: str, key: str, family: StudyFamily, group: Sequence[StudyRow]) -> SizeSeries | None:
+def _make_series(
+    column: str, key: str, family: StudyFamily, group: Sequence[StudyRow]
+) -> SizeSeries | None:
     # counts (dofs, stages) are whole numbers and converge to nothing
-    pairs = {_read_size(row.record.varied[key]): value for row in group if isinstance(value := row.values.get(column), float)}
+    pairs = {
+        _read_size(row.record.varied[key]): value
+        for row in group
+        if isinstance(value := row.values.get(column), float)
+    }
     if len(pairs) < LEAST_SIZES:
         return None
     sizes, values = tuple(pairs), tuple(pairs.values())
-    return SizeSeries(column, family.name, _others(group[0], family, key), sizes, values, extrapolate_values(sizes, values))
+    return SizeSeries(
+        column,
+        family.name,
+        _others(group[0], family, key),
+        sizes,
+        values,
+        extrapolate_values(sizes, values),
+    )
 
 
 def _read_size(value: TomlValue) -> float:
@@ -252,7 +305,9 @@ def _read_size(value: TomlValue) -> float:
 
 
 def shorten_columns(columns: Sequence[str]) -> dict[str, str]:
-    """A short heading for each column: the last names of its path, as many as tell it from the others."""
+    """A short heading for each column: the last names of its path, as many as tell it from the
+    others.
+    """
     short: dict[str, str] = {}
     for column in columns:
         parts = column.split(".")

@@ -1,1 +1,3 @@
-"""The sweeps of a scene, many poses of one machine: runs, journals, results, files, array jobs of Slurm. Never a change of the machine itself."""
+"""The sweeps of a scene, many poses of one machine: runs, journals, results, files, array jobs of
+Slurm. Never a change of the machine itself.
+"""

@@ -1,4 +1,6 @@
-"""The one file of a sweep's results, ``sweep.h5``: the same bytes however often the sweep was interrupted."""
+"""The one file of a sweep's results, ``sweep.h5``: the same bytes however often the sweep was
+interrupted.
+"""
 
 import io
 from collections.abc import Sequence
@@ -17,7 +19,9 @@ from headstock.scene.studies import SweepKind
 from headstock.studies.sweeps.journals import FIGURES, PoseState
 from headstock.studies.sweeps.results import PointMap, SampledErrors, SweepResults
 
-type Numbers = float | None | Sequence[Numbers]  # nested like the dimensions of an array, None for NaN
+type Numbers = (
+    float | None | Sequence[Numbers]
+)  # nested like the dimensions of an array, None for NaN
 
 SWEEP_FILE = "sweep.h5"
 FORMAT, VERSION = "headstock sweep", 1
@@ -52,14 +56,21 @@ def write_sweep(folder: Path, results: SweepResults) -> None:
 def _fill(file: h5py.File, results: SweepResults) -> None:
     sweep = results.sweep
     file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
-    file.attrs["name"], file.attrs["sweep"], file.attrs["kind"] = results.name, sweep.name, sweep.kind
+    file.attrs["name"], file.attrs["sweep"], file.attrs["kind"] = (
+        results.name,
+        sweep.name,
+        sweep.kind,
+    )
     file.attrs["key"] = results.key
     file["axes"], file["units"] = _words(sweep.axes), _words(sweep.units)
     file["shape"], file["positions"] = np.array(sweep.shape), sweep.positions
     file["states"], file["errors"] = _words(results.states), _words(results.errors)
     if results.modes is not None and results.tracked is not None:
         group = file.create_group("modal")
-        group["frequencies_hz"], group["rigid_count"] = results.modes.frequencies_hz, results.modes.rigid
+        group["frequencies_hz"], group["rigid_count"] = (
+            results.modes.frequencies_hz,
+            results.modes.rigid,
+        )
         group["shapes"] = results.shapes
         tracked = group.create_group("tracked")
         tracked["frequencies_hz"], tracked["index"] = results.frequencies_hz, results.tracked.index
@@ -79,7 +90,10 @@ def _fill(file: h5py.File, results: SweepResults) -> None:
 def _fill_point(group: h5py.Group, point: PointMap) -> None:
     group["compliance"], group["largest"] = point.compliance, point.largest
     group["direction"], group["ratio"] = point.direction, point.ratio
-    group["weakest"], group["weakest_share"] = _words([name for names in point.links for name in names], (-1, 3)), point.link_shares
+    group["weakest"], group["weakest_share"] = (
+        _words([name for names in point.links for name in names], (-1, 3)),
+        point.link_shares,
+    )
 
 
 def _words(words: tuple[str, ...] | list[str], shape: tuple[int, ...] = (-1,)) -> object:
@@ -87,7 +101,9 @@ def _words(words: tuple[str, ...] | list[str], shape: tuple[int, ...] = (-1,)) -
 
 
 class SampleSummary(TypedDict):
-    """Errors in a pose: of modes by their number [Hz], of compliances by point and direction x, y, z."""
+    """Errors in a pose: of modes by their number [Hz], of compliances by point and direction x, y,
+    z.
+    """
 
     pose: int
     error_hz: dict[str, float | None]
@@ -122,7 +138,9 @@ class SweptAxes(TypedDict):
 
 
 class SweepSummary(SweptAxes):
-    """The content of ``sweep.json``; the first dimension of numbers is the pose, errors have its number as key."""
+    """The content of ``sweep.json``; the first dimension of numbers is the pose, errors have its
+    number as key.
+    """
 
     name: str
     sweep: str
@@ -168,18 +186,26 @@ def summarise_sweep(results: SweepResults) -> SweepSummary:
         "torn": 0 if results.tracked is None else results.tracked.torn,
         "static": {name: _summarise_point(point) for name, point in results.points.items()},
         "condition_number": None if results.condition is None else _nulls(results.condition),
-        "frf": {" ".join(port): _summarise_figures(values) for port, values in results.figures.items()},
+        "frf": {
+            " ".join(port): _summarise_figures(values) for port, values in results.figures.items()
+        },
         "warnings": list(results.warnings),
     }
 
 
 def _summarise_errors(sample: SampledErrors) -> SampleSummary:
-    every = [*sample.modes.values(), *(error for errors in sample.points.values() for error in errors.values())]
+    every = [
+        *sample.modes.values(),
+        *(error for errors in sample.points.values() for error in errors.values()),
+    ]
     return {
         "pose": sample.pose,
         "error_hz": {str(mode + 1): error.total for mode, error in sample.modes.items()},
         "error_um_per_kN": {
-            name: {direction: None if error.total is None else UM_PER_KN * error.total for direction, error in errors.items()}
+            name: {
+                direction: None if error.total is None else UM_PER_KN * error.total
+                for direction, error in errors.items()
+            }
             for name, errors in sample.points.items()
         },
         "error_left_out": sorted({words for error in every for words in error.left_out}),
@@ -188,7 +214,10 @@ def _summarise_errors(sample: SampledErrors) -> SampleSummary:
 
 def _list_crossings(results: SweepResults) -> list[CrossingSummary]:
     found = {} if results.tracked is None else results.tracked.crossings
-    return [{"modes": [one + 1, other + 1], "between_neighbours": count} for (one, other), count in found.items()]
+    return [
+        {"modes": [one + 1, other + 1], "between_neighbours": count}
+        for (one, other), count in found.items()
+    ]
 
 
 def _summarise_point(point: PointMap) -> PointMapSummary:
@@ -205,7 +234,10 @@ def _summarise_point(point: PointMap) -> PointMapSummary:
 def _summarise_figures(values: FloatArray) -> dict[str, Numbers]:
     scales = {"worst_real": UM_PER_KN, "chatter_stiffness": N_PER_UM, "softest": N_PER_UM}
     suffix = {"worst_real": "_um_per_kN", "chatter_stiffness": "_N_per_um", "softest": "_N_per_um"}
-    return {name + suffix.get(name, ""): _nulls(scales.get(name, 1.0) * values[:, column]) for column, name in enumerate(FIGURES)}
+    return {
+        name + suffix.get(name, ""): _nulls(scales.get(name, 1.0) * values[:, column])
+        for column, name in enumerate(FIGURES)
+    }
 
 
 def _nulls(values: FloatArray) -> Numbers:

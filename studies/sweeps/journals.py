@@ -1,6 +1,8 @@
-"""Journals of a sweep: finished poses, each appended whole, so that a sweep that was killed goes on where it was.
+"""Journals of a sweep: finished poses, each appended whole, so that a sweep that was killed goes on
+where it was.
 
-Every process writes a journal of its own and reads those of all. A result is a line of JSON about arrays, then the arrays; no pickle.
+Every process writes a journal of its own and reads those of all. A result is a line of JSON about
+arrays, then the arrays; no pickle.
 """
 
 import contextlib
@@ -41,17 +43,21 @@ class PoseResult:
 
     Attributes:
         positions: ``(k,)`` of the sweep's axes [m, rad].
-        state: ``failed`` when anything asked for could not be computed; ``unreachable`` when a mechanism cannot take the pose.
+        state: ``failed`` when anything asked for could not be computed; ``unreachable`` when a
+            mechanism cannot take the pose.
         error: Why.
-        frequencies_hz: ``(m,)`` rising, a few more than asked for, so that modes can be followed from pose to pose.
+        frequencies_hz: ``(m,)`` rising, a few more than asked for, so that modes can be followed
+            from pose to pose.
         wanted: How many of them the scene asks for.
         rigid_count: How many of them are rigid-body modes.
         shapes: ``(d, m)`` mass-normalised, dofs of every component in its own axes.
         compliance: ``(p, 3, 3)`` of each point [m/N], machine axes.
-        links: Part that gives most of the compliance in x, y, z at each point, ``3 p`` names, empty where nothing gives way.
+        links: Part that gives most of the compliance in x, y, z at each point, ``3 p`` names, empty
+            where nothing gives way.
         link_shares: ``(3 p,)`` its share.
         condition: ``(0 or 1,)`` condition number of a mechanism.
-        figures: ``(q, f)`` of the frequency response, per input port and as ``FIGURES`` names them; NaN where there is none.
+        figures: ``(q, f)`` of the frequency response, per input port and as ``FIGURES`` names them;
+            NaN where there is none.
     """
 
     positions: FloatArray
@@ -98,7 +104,12 @@ def decode_result(content: bytes) -> PoseResult:
         values: dict[str, Any] = {}
         for name, hint in typing.get_type_hints(PoseResult).items():
             value = head[name]
-            if isinstance(value, list) and value[:1] and value[0] in KINDS and hint is not tuple[str, ...]:
+            if (
+                isinstance(value, list)
+                and value[:1]
+                and value[0] in KINDS
+                and hint is not tuple[str, ...]
+            ):
                 kind, *shape = value
                 count = math.prod(shape)
                 value = np.frombuffer(content, dtype=kind, count=count, offset=place).reshape(shape)
@@ -131,7 +142,8 @@ def open_journal(folder: Path, key: str, name: str) -> Journal:
 
 
 def read_journals(folder: Path, key: str) -> dict[bytes, PoseResult]:
-    """Finished poses by the bytes of their positions; a pose that succeeded in one journal counts before one that failed.
+    """Finished poses by the bytes of their positions; a pose that succeeded in one journal counts
+    before one that failed.
 
     Raises:
         OutputError: A journal cannot be read, or is a file that Headstock did not write.

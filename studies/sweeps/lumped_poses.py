@@ -17,7 +17,12 @@ from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
-from headstock.solvers.mechanisms.modes import SmallMotions, linearise_poses, mark_motion, solve_pose_modes
+from headstock.solvers.mechanisms.modes import (
+    SmallMotions,
+    linearise_poses,
+    mark_motion,
+    solve_pose_modes,
+)
 from headstock.studies.sweeps.journals import PoseResult
 from headstock.studies.sweeps.machine_poses import POSE_ERRORS, count_wanted, list_figures
 
@@ -46,10 +51,14 @@ class LumpedPoses:
 def share_mechanism(parts: MachineParts, superelements: Mapping[str, Superelement]) -> LumpedPoses:
     """What all poses of the mechanism of a scene share."""
     own = {name: component.placement for name, component in parts.plan.components.items()}
-    return LumpedPoses(parts, scene_mechanism(parts), build_mechanism(parts, superelements), superelements, own)
+    return LumpedPoses(
+        parts, scene_mechanism(parts), build_mechanism(parts, superelements), superelements, own
+    )
 
 
-def solve_lumped_poses(shared: LumpedPoses, poses: list[Pose], positions: FloatArray) -> list[PoseResult]:
+def solve_lumped_poses(
+    shared: LumpedPoses, poses: list[Pose], positions: FloatArray
+) -> list[PoseResult]:
     """What the scene asks for in many poses.
 
     Args:
@@ -58,18 +67,26 @@ def solve_lumped_poses(shared: LumpedPoses, poses: list[Pose], positions: FloatA
         positions: The same as ``(n, k)``, for the results.
     """
     tools = [tool_pose(shared.mechanism, pose.positions) for pose in poses]
-    survey = survey_tool_poses(shared.mechanism.mounted, np.array([t[0] for t in tools]), np.array([t[1] for t in tools]))
+    survey = survey_tool_poses(
+        shared.mechanism.mounted, np.array([t[0] for t in tools]), np.array([t[1] for t in tools])
+    )
     taken = survey.within & np.isfinite(survey.condition)
-    solved = iter(_solve_taken(shared, survey.states[taken], positions[taken]) if taken.any() else [])
+    solved = iter(
+        _solve_taken(shared, survey.states[taken], positions[taken]) if taken.any() else []
+    )
     results = []
     for number, pose in enumerate(poses):
         if not taken[number]:
-            results.append(PoseResult(positions[number], "unreachable", _why_not(shared.mechanism, pose)))
+            results.append(
+                PoseResult(positions[number], "unreachable", _why_not(shared.mechanism, pose))
+            )
             continue
         found = replace(next(solved), condition=np.array([survey.condition[number]]))
         if shared.parts.scene.analyses.frf is not None:
             try:
-                figures = list_figures(place_pose(shared.parts, pose, shared.model, shared.superelements))
+                figures = list_figures(
+                    place_pose(shared.parts, pose, shared.model, shared.superelements)
+                )
                 found = replace(found, figures=figures)
             except POSE_ERRORS as error:
                 found = replace(found, state="failed", error=f"frf analysis: {error}")
@@ -77,8 +94,12 @@ def solve_lumped_poses(shared: LumpedPoses, poses: list[Pose], positions: FloatA
     return results
 
 
-def _solve_taken(shared: LumpedPoses, states: FloatArray, positions: FloatArray) -> list[PoseResult]:
-    """Modes and compliances in poses that the mechanism can take, ``(n, s)`` states and ``(n, k)`` positions."""
+def _solve_taken(
+    shared: LumpedPoses, states: FloatArray, positions: FloatArray
+) -> list[PoseResult]:
+    """Modes and compliances in poses that the mechanism can take, ``(n, s)`` states and ``(n, k)``
+    positions.
+    """
     analyses = shared.parts.scene.analyses
     motions = linearise_poses(shared.model, states)
     found = [PoseResult(place) for place in positions]
@@ -97,46 +118,72 @@ def _solve_taken(shared: LumpedPoses, states: FloatArray, positions: FloatArray)
         ]
     if analyses.static is not None:
         turn = shared.mechanism.mounted.mounting.rotation
-        rows = [turn @ _point_motion(shared, motions, shared.parts.scene.machine.points[name].tool) for name in analyses.static.at]
+        rows = [
+            turn @ _point_motion(shared, motions, shared.parts.scene.machine.points[name].tool)
+            for name in analyses.static.at
+        ]
         # (n, p, 3, c): motion of each point in machine axes per compliant coordinate
         moved = np.stack(rows, axis=1)
-        stretches = np.swapaxes(np.linalg.solve(motions.total_stiffness[:, None], np.swapaxes(moved, -1, -2)), -1, -2)
+        stretches = np.swapaxes(
+            np.linalg.solve(motions.total_stiffness[:, None], np.swapaxes(moved, -1, -2)), -1, -2
+        )
         compliance = stretches @ np.swapaxes(moved, -1, -2)
-        names, shares = _weakest_parts(shared, states, stretches**2 * motions.stiffness[:, None, None, :])
+        names, shares = _weakest_parts(
+            shared, states, stretches**2 * motions.stiffness[:, None, None, :]
+        )
         found = [
-            replace(result, compliance=compliance[number], links=tuple(names[number]), link_shares=shares[number])
+            replace(
+                result,
+                compliance=compliance[number],
+                links=tuple(names[number]),
+                link_shares=shares[number],
+            )
             for number, result in enumerate(found)
         ]
     return found
 
 
 def _point_motion(shared: LumpedPoses, motions: SmallMotions, end: JointEnd) -> FloatArray:
-    """``(n, 3, c)`` translation of an interface per compliant coordinate, ground frame of the chains."""
+    """``(n, 3, c)`` translation of an interface per compliant coordinate, ground frame of the
+    chains.
+    """
     name, interface = end.component or "", end.interface or ""
     mark, own = shared.mechanism.carries[name], shared.own[name]
-    local = own.origin + own.rotation @ shared.superelements[name].attachments[interface].frame.origin
+    local = (
+        own.origin + own.rotation @ shared.superelements[name].attachments[interface].frame.origin
+    )
     place = shared.model.mechanism.marks.index(mark)
     arm = motions.kinematics.placement.rotations[:, place] @ local
     motion = mark_motion(shared.model, motions, mark)
-    return np.asarray(motion[:, :3] + np.cross(motion[:, 3:], arm[:, :, None], axisa=1, axisb=1, axisc=1))
+    return np.asarray(
+        motion[:, :3] + np.cross(motion[:, 3:], arm[:, :, None], axisa=1, axisb=1, axisc=1)
+    )
 
 
-def _weakest_parts(shared: LumpedPoses, states: FloatArray, energies: FloatArray) -> tuple[list[list[str]], FloatArray]:
-    """Part with most of the strain energy ``(n, p, 3, c)`` of each unit force: names and shares, ``3 p`` per pose."""
+def _weakest_parts(
+    shared: LumpedPoses, states: FloatArray, energies: FloatArray
+) -> tuple[list[list[str]], FloatArray]:
+    """Part with most of the strain energy ``(n, p, 3, c)`` of each unit force: names and shares,
+    ``3 p`` per pose.
+    """
     springs, lengths = shared.mechanism.springs, shared.model.springs.length
     if springs is None:
         raise ValueError("a lumped mechanism needs springs")
     labels = [f"{leg}.{part}" for leg in LEGS for part in SPRING_PARTS]
     parts = np.zeros((*energies.shape[:3], len(labels)))
     for number in range(len(LEGS)):
-        series = np.array([series_parts(springs, float(state[lengths[2 * number]])) for state in states])
+        series = np.array(
+            [series_parts(springs, float(state[lengths[2 * number]])) for state in states]
+        )
         share = (series / series.sum(axis=1, keepdims=True))[:, None, None, :]
         first = len(SPRING_PARTS) * number
         parts[..., first : first + len(SPRING_PARTS)] = energies[..., 2 * number + 1, None] * share
         parts[..., first] += energies[..., 2 * number]
     parts = (parts / parts.sum(axis=-1, keepdims=True)).reshape(len(states), -1, len(labels))
     best = np.argmax(np.round(parts, 9), axis=-1)
-    return [[labels[index] for index in row] for row in best], np.take_along_axis(parts, best[..., None], axis=-1)[..., 0]
+    return [[labels[index] for index in row] for row in best], np.take_along_axis(
+        parts, best[..., None], axis=-1
+    )[..., 0]
 
 
 def _why_not(mechanism: SceneMechanism, pose: Pose) -> str:

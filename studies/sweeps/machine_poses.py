@@ -23,7 +23,8 @@ from headstock.scene.requests import ModalRequest
 from headstock.solvers.linear.modal_analysis import solve_lowest_modes
 from headstock.studies.sweeps.journals import FIGURES, PoseResult
 
-# modes beyond those asked for, so that one that leaves the range in a neighbouring pose can be followed
+# modes beyond those asked for, so that one that leaves the range in a neighbouring pose can be
+# followed
 EXTRA_SHARE, EXTRA_LEAST, EXTRA_REACH = 0.25, 3, 1.15
 # an error in one pose is that pose's result
 POSE_ERRORS = (HeadstockError, ValueError, np.linalg.LinAlgError)
@@ -47,12 +48,16 @@ class MachinePoses:
 def share_machine(parts: MachineParts, superelements: Mapping[str, Superelement]) -> MachinePoses:
     """What all poses of the machine of a scene share."""
     static, frf = parts.scene.analyses.static, parts.scene.analyses.frf
-    ports = {*(() if static is None else static.at), *(name for name, _ in (() if frf is None else frf.inputs + frf.outputs))}
+    ports = {
+        *(() if static is None else static.at),
+        *(name for name, _ in (() if frf is None else frf.inputs + frf.outputs)),
+    }
     return MachinePoses(parts, superelements, CouplingMemo(ports))
 
 
 def solve_machine_pose(shared: MachinePoses, pose: Pose, positions: FloatArray) -> PoseResult:
-    """Couple in a pose and compute what the scene asks for; what cannot be computed is said in the result.
+    """Couple in a pose and compute what the scene asks for; what cannot be computed is said in the
+    result.
 
     Args:
         shared: What all poses share.
@@ -78,7 +83,11 @@ def solve_machine_pose(shared: MachinePoses, pose: Pose, positions: FloatArray) 
 
 def modes_to_solve(request: ModalRequest) -> tuple[int | None, float | None]:
     """Count and highest frequency to solve for so that the modes asked for can be followed."""
-    count = None if request.count is None else request.count + max(EXTRA_LEAST, round(EXTRA_SHARE * request.count))
+    count = (
+        None
+        if request.count is None
+        else request.count + max(EXTRA_LEAST, round(EXTRA_SHARE * request.count))
+    )
     return count, None if request.up_to_hz is None else EXTRA_REACH * request.up_to_hz
 
 
@@ -90,9 +99,14 @@ def count_wanted(request: ModalRequest, frequencies_hz: FloatArray, rigid_count:
         frequencies_hz: ``(m,)`` rising [Hz].
         rigid_count: How many of them are rigid-body modes, which a highest frequency keeps.
     """
-    wanted = len(frequencies_hz) if request.count is None else min(request.count, len(frequencies_hz))
+    wanted = (
+        len(frequencies_hz) if request.count is None else min(request.count, len(frequencies_hz))
+    )
     if request.up_to_hz is not None:
-        wanted = min(wanted, max(rigid_count, int(np.searchsorted(frequencies_hz, request.up_to_hz, side="right"))))
+        wanted = min(
+            wanted,
+            max(rigid_count, int(np.searchsorted(frequencies_hz, request.up_to_hz, side="right"))),
+        )
     return wanted
 
 
@@ -100,7 +114,13 @@ def _find_condition(shared: MachinePoses, pose: Pose) -> FloatArray:
     mechanism = shared.parts.scene.mechanism
     if mechanism is None:
         return np.zeros(0)
-    return np.array([describe_state(mechanism, pose.name, solve_pose(mechanism, pose.positions)).condition_number])
+    return np.array(
+        [
+            describe_state(
+                mechanism, pose.name, solve_pose(mechanism, pose.positions)
+            ).condition_number
+        ]
+    )
 
 
 def _add_points(model: CoupledPose, found: PoseResult) -> PoseResult:
@@ -108,7 +128,9 @@ def _add_points(model: CoupledPose, found: PoseResult) -> PoseResult:
     if request is None:
         return found
     budgets = [point_budget(model.coupled, name) for name in request.at]
-    links = [_largest_family(budget.shares[direction]) for budget in budgets for direction in DIRECTIONS]
+    links = [
+        _largest_family(budget.shares[direction]) for budget in budgets for direction in DIRECTIONS
+    ]
     return replace(
         found,
         compliance=np.array([budget.compliance[:3, :3] for budget in budgets]),
@@ -118,7 +140,9 @@ def _add_points(model: CoupledPose, found: PoseResult) -> PoseResult:
 
 
 def _largest_family(shares: Mapping[str, float]) -> tuple[str, float]:
-    """The part with most of a compliance, carriages of one guide and the like taken together; empty where nothing gives way."""
+    """The part with most of a compliance, carriages of one guide and the like taken together; empty
+    where nothing gives way.
+    """
     families: dict[str, list[str]] = {}
     for name in sorted(shares):
         families.setdefault(split_number(name)[0], []).append(name)
@@ -149,10 +173,16 @@ def _add_modes(model: CoupledPose, found: PoseResult) -> PoseResult:
 
 
 def _add_response(model: CoupledPose, found: PoseResult) -> PoseResult:
-    return found if model.parts.scene.analyses.frf is None else replace(found, figures=list_figures(model))
+    return (
+        found
+        if model.parts.scene.analyses.frf is None
+        else replace(found, figures=list_figures(model))
+    )
 
 
 def list_figures(model: PoseModel) -> FloatArray:
-    """What the frequency response in a pose says about cutting, ``(ports, f)`` as ``FIGURES`` names it, NaN where it says nothing."""
+    """What the frequency response in a pose says about cutting, ``(ports, f)`` as ``FIGURES`` names
+    it, NaN where it says nothing.
+    """
     ports = respond(model, judged=False).answer.figures
     return np.array([[getattr(port, name) for name in FIGURES] for port in ports], dtype=float)

@@ -1,4 +1,6 @@
-"""Results of a sweep as arrays over its poses, with the names of its tracked modes and the errors in the pose nearest to the middle."""
+"""Results of a sweep as arrays over its poses, with the names of its tracked modes and the errors
+in the pose nearest to the middle.
+"""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -20,7 +22,12 @@ from headstock.scene.requests import Analyses, ModalRequest
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Sweep, describe_positions, sweep_neighbours, sweep_pose
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.mode_tracking import SweptModes, TrackedModes, track_modes, tracked_frequencies
+from headstock.solvers.linear.mode_tracking import (
+    SweptModes,
+    TrackedModes,
+    track_modes,
+    tracked_frequencies,
+)
 from headstock.solvers.second_order import Port
 from headstock.studies.sweeps.journals import FIGURES, PoseResult, PoseState, SingleArray
 
@@ -78,7 +85,8 @@ class SweepResults:
         condition: ``(n,)`` condition number of a mechanism; None for other machines.
         figures: Input port to ``(n, f)``, as ``FIGURES`` names them.
         warnings: For the user.
-        mode_names: Of the tracked modes, as they are called in one pose; empty where they were not named.
+        mode_names: Of the tracked modes, as they are called in one pose; empty where they were not
+            named.
         sampled_errors: In the poses in which modes got their names.
     """
 
@@ -111,7 +119,12 @@ class SweepResults:
 
 
 def collect_results(
-    scene: Scene, sweep: Sweep, found: Sequence[PoseResult], superelements: Mapping[str, Superelement], *, key: str
+    scene: Scene,
+    sweep: Sweep,
+    found: Sequence[PoseResult],
+    superelements: Mapping[str, Superelement],
+    *,
+    key: str,
 ) -> SweepResults:
     """Arrays over all poses from the results of each, modes followed from pose to pose.
 
@@ -144,14 +157,19 @@ def collect_results(
         modes=modes,
         tracked=tracked,
         shapes=shapes,
-        points={name: _map_point(found, place) for place, name in enumerate(() if static is None else static.at)},
+        points={
+            name: _map_point(found, place)
+            for place, name in enumerate(() if static is None else static.at)
+        },
         condition=conditions[:, 0] if conditions.shape[1] else None,
         figures={port: _figures(found, place) for place, port in enumerate(ports)},
     )
 
 
 def weigh_shapes(shapes: SingleArray, superelements: Mapping[str, Superelement]) -> SingleArray:
-    """Shapes ``(n, d, m)`` times the root of the mass matrix: their scalar products are the kinetic energy they share."""
+    """Shapes ``(n, d, m)`` times the root of the mass matrix: their scalar products are the kinetic
+    energy they share.
+    """
     weighed = np.empty_like(shapes)
     first = 0
     for part in superelements.values():
@@ -164,7 +182,9 @@ def weigh_shapes(shapes: SingleArray, superelements: Mapping[str, Superelement])
 
 
 class PrincipalCompliance(NamedTuple):
-    """Largest motion per unit force ``(n,)`` [m/N], the force's direction ``(n, 3)`` and largest over smallest ``(n,)``."""
+    """Largest motion per unit force ``(n,)`` [m/N], the force's direction ``(n, 3)`` and largest
+    over smallest ``(n,)``.
+    """
 
     largest: FloatArray
     direction: FloatArray
@@ -174,7 +194,8 @@ class PrincipalCompliance(NamedTuple):
 def principal_compliance(compliance: FloatArray) -> PrincipalCompliance:
     """Largest and smallest of the directions in which force and motion are parallel.
 
-    The eigenvectors of the symmetric ``(n, 3, 3)`` are the directions in which force and motion are parallel.
+    The eigenvectors of the symmetric ``(n, 3, 3)`` are the directions in which force and motion are
+    parallel.
     """
     known = np.isfinite(compliance).all(axis=(1, 2))
     largest, ratio = np.full(len(compliance), np.nan), np.full(len(compliance), np.nan)
@@ -194,21 +215,40 @@ def principal_compliance(compliance: FloatArray) -> PrincipalCompliance:
 def _map_point(found: Sequence[PoseResult], place: int) -> PointMap:
     known = [len(result.compliance) > place for result in found]
     blank = np.full((3, 3), np.nan)
-    compliance = np.array([result.compliance[place] if has else blank for result, has in zip(found, known, strict=True)])
+    compliance = np.array(
+        [
+            result.compliance[place] if has else blank
+            for result, has in zip(found, known, strict=True)
+        ]
+    )
     span = slice(3 * place, 3 * place + 3)
-    links = tuple(result.links[span] if has else ("", "", "") for result, has in zip(found, known, strict=True))
-    shares = np.array([result.link_shares[span] if has else np.full(3, np.nan) for result, has in zip(found, known, strict=True)])
+    links = tuple(
+        result.links[span] if has else ("", "", "")
+        for result, has in zip(found, known, strict=True)
+    )
+    shares = np.array(
+        [
+            result.link_shares[span] if has else np.full(3, np.nan)
+            for result, has in zip(found, known, strict=True)
+        ]
+    )
     principal = principal_compliance(compliance)
-    return PointMap(compliance, principal.largest, principal.direction, principal.ratio, links, shares)
+    return PointMap(
+        compliance, principal.largest, principal.direction, principal.ratio, links, shares
+    )
 
 
 def _figures(found: Sequence[PoseResult], place: int) -> FloatArray:
     blank = np.full(len(FIGURES), np.nan)
-    return np.array([result.figures[place] if len(result.figures) > place else blank for result in found])
+    return np.array(
+        [result.figures[place] if len(result.figures) > place else blank for result in found]
+    )
 
 
 def _stack_shapes(found: Sequence[PoseResult]) -> SingleArray:
-    rows, columns = (max((result.shapes.shape[axis] for result in found), default=0) for axis in (0, 1))
+    rows, columns = (
+        max((result.shapes.shape[axis] for result in found), default=0) for axis in (0, 1)
+    )
     shapes = np.zeros((len(found), rows, columns), dtype=np.float32)
     for number, result in enumerate(found):
         if result.shapes.size:
@@ -225,7 +265,8 @@ def _pad(rows: Sequence[FloatArray]) -> FloatArray:
 
 
 def name_tracked_modes(parts: MachineParts, results: SweepResults) -> SweepResults:
-    """The results with a name per tracked mode, and the errors of its frequency and of the compliances in the pose it was named in.
+    """The results with a name per tracked mode, and the errors of its frequency and of the
+    compliances in the pose it was named in.
 
     Args:
         parts: Of the machine.
@@ -243,8 +284,16 @@ def name_tracked_modes(parts: MachineParts, results: SweepResults) -> SweepResul
         if here:
             found, points = name_pose_modes(parts, results, int(number), with_static=not samples)
             names |= {int(mode): found.mode_names[index[number, mode]] for mode in here}
-            errors = {int(mode): found.errors[index[number, mode]] for mode in here if index[number, mode] >= found.rigid_count}
-            samples.append(SampledErrors(int(number), errors, {name: point.errors for name, point in points.items()}))
+            errors = {
+                int(mode): found.errors[index[number, mode]]
+                for mode in here
+                if index[number, mode] >= found.rigid_count
+            }
+            samples.append(
+                SampledErrors(
+                    int(number), errors, {name: point.errors for name, point in points.items()}
+                )
+            )
         if len(names) == index.shape[1]:
             break
     ordered = tuple(names[mode] for mode in range(index.shape[1]))
@@ -260,12 +309,22 @@ def name_pose_modes(
         parts: Of the machine.
         results: Of the sweep.
         number: Of the pose.
-        with_static: Compute the compliances that are swept, too; empty where the machine moves freely.
+        with_static: Compute the compliances that are swept, too; empty where the machine moves
+            freely.
     """
-    pose = dataclasses.replace(sweep_pose(results.sweep, number), name=describe_positions(results.sweep, number))
-    request = ModalRequest(count=0 if results.modes is None else int(np.isfinite(results.modes.frequencies_hz[number]).sum()))
+    pose = dataclasses.replace(
+        sweep_pose(results.sweep, number), name=describe_positions(results.sweep, number)
+    )
+    request = ModalRequest(
+        count=0
+        if results.modes is None
+        else int(np.isfinite(results.modes.frequencies_hz[number]).sum())
+    )
     static = parts.scene.analyses.static if with_static else None
-    alone = dataclasses.replace(parts, scene=dataclasses.replace(parts.scene, analyses=Analyses(modal=request, static=static)))
+    alone = dataclasses.replace(
+        parts,
+        scene=dataclasses.replace(parts.scene, analyses=Analyses(modal=request, static=static)),
+    )
     model: PoseModel
     if parts.scene.is_lumped:
         superelements = parts.superelements
@@ -274,6 +333,8 @@ def name_pose_modes(
         model = couple_pose(alone, pose)
     modes = solve_pose_modes(model, request).answer
     try:
-        return modes, {name: model.solve_point(name).answer for name in (() if static is None else static.at)}
+        return modes, {
+            name: model.solve_point(name).answer for name in (() if static is None else static.at)
+        }
     except ModelError:
         return modes, {}

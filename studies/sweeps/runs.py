@@ -1,4 +1,6 @@
-"""Running a sweep: components reduced once, poses dealt out to the ranks in turn, each finished pose kept in a journal."""
+"""Running a sweep: components reduced once, poses dealt out to the ranks in turn, each finished
+pose kept in a journal.
+"""
 
 import dataclasses
 import hashlib
@@ -29,7 +31,12 @@ from headstock.scene.scene import Scene
 from headstock.scene.studies import Sweep, sweep_pose
 from headstock.solvers.ranks import share_from_root
 from headstock.studies.sweeps.journals import PoseResult, encode_result, open_journal, read_journals
-from headstock.studies.sweeps.lumped_poses import POSES_AT_ONCE, LumpedPoses, share_mechanism, solve_lumped_poses
+from headstock.studies.sweeps.lumped_poses import (
+    POSES_AT_ONCE,
+    LumpedPoses,
+    share_mechanism,
+    solve_lumped_poses,
+)
 from headstock.studies.sweeps.machine_poses import share_machine, solve_machine_pose
 
 # of no influence on what is found in a pose
@@ -40,7 +47,9 @@ POLL_SECONDS = 0.005
 
 @dataclass(frozen=True)
 class Part:
-    """Which share of the poses a job computes: the first of one unless it is one of several jobs."""
+    """Which share of the poses a job computes: the first of one unless it is one of several
+    jobs.
+    """
 
     number: int = 1
     of: int = 1
@@ -91,7 +100,9 @@ class SweepOutcome:
         """
         found = [result for result in self.results if result is not None]
         if len(found) < len(self.results):
-            raise OutputError(f"{len(self.results) - len(found)} of {len(self.results)} poses are not computed yet")
+            raise OutputError(
+                f"{len(self.results) - len(found)} of {len(self.results)} poses are not computed yet"
+            )
         return found
 
 
@@ -102,7 +113,9 @@ def select_analyses(scene: Scene) -> Scene:
 
 
 def sweep_key(scene: Scene) -> str:
-    """SHA-256 of everything a pose's result depends on but its positions: the scene, its files and this program."""
+    """SHA-256 of everything a pose's result depends on but its positions: the scene, its files and
+    this program.
+    """
     content = {
         "scene": {key: value for key, value in scene.raw.items() if key not in IRRELEVANT_SECTIONS},
         "files": dict(file_digests(scene.path.parent, scene.raw)),
@@ -112,11 +125,14 @@ def sweep_key(scene: Scene) -> str:
     return hashlib.sha256(canonical_json(content).encode()).hexdigest()
 
 
-def run_sweep(job: SweepJob, *, comm: MPI.Comm, observer: Observer = lambda record: None) -> SweepOutcome:
+def run_sweep(
+    job: SweepJob, *, comm: MPI.Comm, observer: Observer = lambda record: None
+) -> SweepOutcome:
     """Compute every pose that is in no journal yet; collective.
 
-    Poses are dealt out in turn, so that every rank gets some of each region, rank 0 too. An error in one pose is that pose's
-    result. What one rank raises ends the job through the caller (``comm.Abort``).
+    Poses are dealt out in turn, so that every rank gets some of each region, rank 0 too. An error
+    in one pose is that pose's result. What one rank raises ends the job through the caller
+    (``comm.Abort``).
 
     Args:
         job: The same on every rank.
@@ -132,7 +148,9 @@ def run_sweep(job: SweepJob, *, comm: MPI.Comm, observer: Observer = lambda reco
     parts, superelements = _make_components(job, comm, observer)
     mine = waiting[comm.rank :: comm.size]
     if mine:
-        with open_journal(job.folder, key, f"{job.part.number}of{job.part.of}-{comm.rank}") as journal:
+        with open_journal(
+            job.folder, key, f"{job.part.number}of{job.part.of}-{comm.rank}"
+        ) as journal:
             for result in _solve_poses(job, parts, superelements, mine):
                 journal.append(encode_result(result))
     _wait_for_all(comm)
@@ -144,12 +162,20 @@ def run_sweep(job: SweepJob, *, comm: MPI.Comm, observer: Observer = lambda reco
 def _find_waiting(job: SweepJob, key: str) -> list[int]:
     known = read_journals(job.folder, key)
     done = {name for name, result in known.items() if not (job.retry and result.state == "failed")}
-    waiting = [number for number, positions in enumerate(job.sweep.positions) if positions.tobytes() not in done]
+    waiting = [
+        number
+        for number, positions in enumerate(job.sweep.positions)
+        if positions.tobytes() not in done
+    ]
     return [number for number in waiting if number % job.part.of == job.part.number - 1]
 
 
-def _make_components(job: SweepJob, comm: MPI.Comm, observer: Observer) -> tuple[MachineParts, dict[str, Superelement]]:
-    """Reduce every component, or take it from the store; every rank gets all superelements, without what pictures need."""
+def _make_components(
+    job: SweepJob, comm: MPI.Comm, observer: Observer
+) -> tuple[MachineParts, dict[str, Superelement]]:
+    """Reduce every component, or take it from the store; every rank gets all superelements, without
+    what pictures need.
+    """
     state = RunState(job.scene, plan_scene(job.scene), comm, Store(default_store_root()))
     light = {
         name: dataclasses.replace(superelement, recovery=None)
@@ -164,7 +190,9 @@ def _solve_poses(
     if not job.scene.is_lumped:
         shared = share_machine(parts, superelements)
         for number in numbers:
-            yield solve_machine_pose(shared, sweep_pose(job.sweep, number), job.sweep.positions[number])
+            yield solve_machine_pose(
+                shared, sweep_pose(job.sweep, number), job.sweep.positions[number]
+            )
         return
     mechanism: LumpedPoses = share_mechanism(parts, superelements)
     for start in range(0, len(numbers), POSES_AT_ONCE):
@@ -174,7 +202,9 @@ def _solve_poses(
 
 
 def _wait_for_all(comm: MPI.Comm) -> None:
-    """Wait until every rank has come here, asleep: a barrier would spin and take a core from those that still compute."""
+    """Wait until every rank has come here, asleep: a barrier would spin and take a core from those
+    that still compute.
+    """
     request = comm.Ibarrier()
     while not request.Test():
         time.sleep(POLL_SECONDS)

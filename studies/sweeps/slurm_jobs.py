@@ -1,4 +1,6 @@
-"""A sweep as an array job of Slurm: its script, what is on record of it, waiting for it, and which task lacks which poses."""
+"""A sweep as an array job of Slurm: its script, what is on record of it, waiting for it, and which
+task lacks which poses.
+"""
 
 import json
 import shlex
@@ -17,7 +19,8 @@ SCRIPT_FILE = "sweep.sbatch"
 FOLDER = "slurm"
 SUBMISSION_FILE = "submission.json"
 LOG_PATTERN = "%A_%a.log"
-# what a job takes along of the environment it is submitted from; all else is written out in the script
+# what a job takes along of the environment it is submitted from; all else is written out in the
+# script
 PASSED_ON = ("HOME", "USER", "LOGNAME", "PATH")
 WRITTEN_OUT = ("HEADSTOCK_STORE", "HEADSTOCK_PYTHON", "HEADSTOCK_PRIVATE_ROOT", "XDG_CACHE_HOME")
 COMPONENTS_TASK = 0
@@ -57,11 +60,13 @@ class ArrayJob:
     """Everything a job script is written from.
 
     Attributes:
-        launcher: ``headstock`` of the checkout that submits; it enters the private root on the node.
+        launcher: ``headstock`` of the checkout that submits; it enters the private root on the
+            node.
         scene: Scene file.
         sweep: Name in the scene.
         folder: Of the results.
-        key: Of everything a pose's result depends on: a task on a node that has another program or scene ends with an error.
+        key: Of everything a pose's result depends on: a task on a node that has another program or
+            scene ends with an error.
         options: Of the cluster.
         arguments: Further words of the command line: variant, overrides, retry.
         start_folder: Where the job starts.
@@ -103,11 +108,12 @@ class ScriptValueError(ValueError):
 
 
 def render_script(job: ArrayJob) -> str:
-    """The job script: the same for every array task, and for task 0, which only reduces the components.
+    """The job script: the same for every array task, and for task 0, which only reduces the
+    components.
 
     Raises:
-        ScriptValueError: A value holds a line end or another control character, or a path or a setting holds a quote: sbatch would
-            take what follows for lines or options of its own.
+        ScriptValueError: A value holds a line end or another control character, or a path or a
+            setting holds a quote: sbatch would take what follows for lines or options of its own.
     """
     _check_values(job)
     options = job.options
@@ -126,7 +132,15 @@ def render_script(job: ArrayJob) -> str:
     ]
     settings += [f"--partition={options.partition}"] if options.partition else []
     settings += [f"--time={options.time_limit}"] if options.time_limit else []
-    words = [str(job.launcher), "sweep", str(job.scene), job.sweep, "-o", str(job.folder), *job.arguments]
+    words = [
+        str(job.launcher),
+        "sweep",
+        str(job.scene),
+        job.sweep,
+        "-o",
+        str(job.folder),
+        *job.arguments,
+    ]
     words += ["--ranks", str(options.ranks), "--key", job.key]
     exports = {"HEADSTOCK_THREADS": "1", **job.environment}
     return "\n".join(
@@ -144,18 +158,33 @@ def render_script(job: ArrayJob) -> str:
 
 def _check_values(job: ArrayJob) -> None:
     options = job.options
-    settings = {"the folder of results": job.folder, "the current folder": job.start_folder, "the sweep's name": job.sweep}
+    settings = {
+        "the folder of results": job.folder,
+        "the current folder": job.start_folder,
+        "the sweep's name": job.sweep,
+    }
     settings |= {"--partition": options.partition or "", "--time": options.time_limit or ""}
-    words = {"the scene": job.scene, "the launcher": job.launcher, "the sweep's key": job.key, **job.environment}
+    words = {
+        "the scene": job.scene,
+        "the launcher": job.launcher,
+        "the sweep's key": job.key,
+        **job.environment,
+    }
     # quotes in these are the user's own, or are quoted for the shell
     words |= {f"--sbatch {number}": option for number, option in enumerate(options.extra, 1)}
-    words |= {f"argument {number} of the tasks": word for number, word in enumerate(job.arguments, 1)}
+    words |= {
+        f"argument {number} of the tasks": word for number, word in enumerate(job.arguments, 1)
+    }
     for what, value in {**settings, **words}.items():
         text = str(value)
         if printable(text) != text:
-            raise ScriptValueError(f"{what} {printable(text)!r} holds a control character, which has no place in a job script")
+            raise ScriptValueError(
+                f"{what} {printable(text)!r} holds a control character, which has no place in a job script"
+            )
         if what in settings and set(text) & QUOTES:
-            raise ScriptValueError(f"{what} {text!r} holds a quote, which has no place in the settings of a job script")
+            raise ScriptValueError(
+                f"{what} {text!r} holds a quote, which has no place in the settings of a job script"
+            )
 
 
 def task_of(number: int, tasks: int) -> int:
@@ -164,7 +193,8 @@ def task_of(number: int, tasks: int) -> int:
 
 
 def list_missing(sweep: Sweep, done: Collection[bytes], tasks: int) -> dict[int, list[int]]:
-    """Numbers of the poses that are not done, by array task; tasks that have done theirs are left out.
+    """Numbers of the poses that are not done, by array task; tasks that have done theirs are left
+    out.
 
     Args:
         sweep: Of the scene.
@@ -184,7 +214,9 @@ def write_submission(folder: Path, submission: Submission) -> None:
     Raises:
         OutputError: They cannot be written.
     """
-    write_output(folder / FOLDER / SUBMISSION_FILE, json.dumps(asdict(submission), indent=1).encode())
+    write_output(
+        folder / FOLDER / SUBMISSION_FILE, json.dumps(asdict(submission), indent=1).encode()
+    )
 
 
 def read_submission(folder: Path, key: str) -> Submission | None:
@@ -213,7 +245,9 @@ def is_waiting(states: Mapping[int, TaskState]) -> bool:
     return any(state.state not in ENDS for state in states.values())
 
 
-def wait_for_array(submission: Submission, on_change: Callable[[str], None]) -> dict[int, TaskState]:
+def wait_for_array(
+    submission: Submission, on_change: Callable[[str], None]
+) -> dict[int, TaskState]:
     """Wait until no task is in the queue or runs.
 
     Args:
@@ -260,7 +294,11 @@ def describe_states(states: Mapping[int, TaskState]) -> str:
 
 
 def describe_missing(
-    folder: Path, sweep: Sweep, submission: Submission, missing: Mapping[int, list[int]], states: Mapping[int, TaskState]
+    folder: Path,
+    sweep: Sweep,
+    submission: Submission,
+    missing: Mapping[int, list[int]],
+    states: Mapping[int, TaskState],
 ) -> str:
     """Which tasks lack which poses, how they ended and where they wrote why.
 
@@ -271,16 +309,22 @@ def describe_missing(
         missing: Task to the poses that it lacks.
         states: Task to how Slurm says it ended.
     """
-    lines = [f"{sum(len(poses) for poses in missing.values())} of {len(sweep.positions)} poses are not computed:"]
+    lines = [
+        f"{sum(len(poses) for poses in missing.values())} of {len(sweep.positions)} poses are not computed:"
+    ]
     if submission.components_job:
         log = log_file(folder, submission.components_job, COMPONENTS_TASK)
-        if submission.components_job and not any(log_file(folder, submission.job, task).exists() for task in missing):
+        if submission.components_job and not any(
+            log_file(folder, submission.job, task).exists() for task in missing
+        ):
             lines.append(f"  job {submission.components_job} (components){_describe_log(log)}")
     for task, poses in missing.items():
         state = states[task].state.lower() if task in states else "forgotten by Slurm"
         named = "; ".join(describe_positions(sweep, number) for number in poses[:POSES_NAMED])
         more = f" and {len(poses) - POSES_NAMED} more" if len(poses) > POSES_NAMED else ""
-        lines.append(f"  task {task} ({state}): {named}{more}{_describe_log(log_file(folder, submission.job, task))}")
+        lines.append(
+            f"  task {task} ({state}): {named}{more}{_describe_log(log_file(folder, submission.job, task))}"
+        )
     lines.append("finished poses are kept; the same command again submits only these tasks")
     return "\n".join(lines)
 

@@ -1,4 +1,6 @@
-"""Calling Slurm's programs: on PATH, or, from inside a private root, through the launcher that stayed outside."""
+"""Calling Slurm's programs: on PATH, or, from inside a private root, through the launcher that
+stayed outside.
+"""
 
 import itertools
 import os
@@ -85,12 +87,15 @@ def submit(script: Path, tasks: Collection[int], *, after: str = "") -> str:
 
 
 def read_states(job: str) -> dict[int, TaskState]:
-    """States of the array tasks of a job, ended ones among them for some minutes; empty when Slurm has forgotten the job.
+    """States of the array tasks of a job, ended ones among them for some minutes; empty when Slurm
+    has forgotten the job.
 
     Raises:
         SlurmError: Slurm does not answer.
     """
-    code, said, complaint = _call(["squeue", "--noheader", "--array", "--states=all", f"--jobs={job}", "--format=%K|%T|%r"])
+    code, said, complaint = _call(
+        ["squeue", "--noheader", "--array", "--states=all", f"--jobs={job}", "--format=%K|%T|%r"]
+    )
     if code and UNKNOWN_JOB in complaint:
         return {}
     if code:
@@ -118,7 +123,12 @@ def _call(words: Sequence[str]) -> _Reply:
         return _call_outside(Path(host), words)
     try:
         done = subprocess.run(
-            words, capture_output=True, text=True, errors="replace", timeout=TOOL_SECONDS, stdin=subprocess.DEVNULL
+            words,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=TOOL_SECONDS,
+            stdin=subprocess.DEVNULL,
         )
     except FileNotFoundError:
         return _Reply(NOT_FOUND, "", f"{words[0]}: not found")
@@ -137,5 +147,7 @@ def _call_outside(host: Path, words: Sequence[str]) -> _Reply:
         if time.monotonic() > end:
             return _Reply(1, "", f"no answer in {TOOL_SECONDS:.0f} s")
         time.sleep(POLL_SECONDS)
-    code, said, complaint = ((host / f"{name}.{kind}").read_text(errors="replace") for kind in ("code", "out", "err"))
+    code, said, complaint = (
+        (host / f"{name}.{kind}").read_text(errors="replace") for kind in ("code", "out", "err")
+    )
     return _Reply(int(code), said, complaint)

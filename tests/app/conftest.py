@@ -1,4 +1,6 @@
-"""The scene that tests of commands share: a rigid block on springs, solved in no time, with every kind of table a command asks for."""
+"""The scene that tests of commands share: a rigid block on springs, solved in no time, with every
+kind of table a command asks for.
+"""
 
 from pathlib import Path
 
@@ -51,7 +53,9 @@ bounds = ["5 N/um", "20 N/um"]
 
 @pytest.fixture
 def scene_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The block as ``block.toml``, ``targets.toml`` beside it for an identification, and a store of its own."""
+    """The block as ``block.toml``, ``targets.toml`` beside it for an identification, and a store of
+    its own.
+    """
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
     path = tmp_path / "block.toml"
     path.write_text(BLOCK)

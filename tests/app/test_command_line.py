@@ -1,4 +1,6 @@
-"""The command line answers quickly, tells what is wrong, and ends with the exit code it promises."""
+"""The command line answers quickly, tells what is wrong, and ends with the exit code it
+promises.
+"""
 
 import errno
 import json
@@ -21,34 +23,64 @@ HEAVY = ("dolfinx", "petsc4py", "slepc4py", "gmsh", "meshio", "pyvista", "matplo
 
 def run_program(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-P", "-m", "headstock.app.command_line", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, env={**os.environ, **variables})
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=120, env={**os.environ, **variables}
+    )
 
 
 def children_seconds() -> float:
-    """Processor time of all processes started and ended so far, which other load does not change."""
+    """Processor time of all processes started and ended so far, which other load does not
+    change.
+    """
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
 def test_help_imports_nothing_that_computes_and_lists_what_works() -> None:
-    listing = [sys.executable, "-P", "-X", "importtime", "-m", "headstock.app.command_line", "--help"]
+    listing = [
+        sys.executable,
+        "-P",
+        "-X",
+        "importtime",
+        "-m",
+        "headstock.app.command_line",
+        "--help",
+    ]
     result = subprocess.run(listing, capture_output=True, text=True, timeout=120)
     assert result.returncode == 0
-    imported = {line.rpartition("|")[2].strip().partition(".")[0] for line in result.stderr.splitlines()}
+    imported = {
+        line.rpartition("|")[2].strip().partition(".")[0] for line in result.stderr.splitlines()
+    }
     assert "typer" in imported
     assert not imported & {*HEAVY, "numpy", "scipy", "pydantic", "mpi4py"}
-    for command in ("check", "plan", "run", "study", "compare", "identify", "validate", "report", "doctor", "schema", "test"):
+    for command in (
+        "check",
+        "plan",
+        "run",
+        "study",
+        "compare",
+        "identify",
+        "validate",
+        "report",
+        "doctor",
+        "schema",
+        "test",
+    ):
         assert f"\n  {command} " in result.stdout
 
 
 @pytest.mark.parametrize("name", [(), ("run",), ("show",), ("sweep",)])
-def test_help_shows_brackets_as_they_are(name: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_shows_brackets_as_they_are(
+    name: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main([*name, "--help"]) == 0
     text = capsys.readouterr().out
     assert "\\" not in text and ("[required]" in text) == bool(name)
 
 
-def test_no_heavy_library_is_imported_by_check_plan_or_a_run_without_elastic_components(scene_file: Path, tmp_path: Path) -> None:
+def test_no_heavy_library_is_imported_by_check_plan_or_a_run_without_elastic_components(
+    scene_file: Path, tmp_path: Path
+) -> None:
     code = (
         "import sys; from headstock.app.command_line import main\n"
         f"assert main(['check', {str(scene_file)!r}]) == 0\n"
@@ -57,7 +89,9 @@ def test_no_heavy_library_is_imported_by_check_plan_or_a_run_without_elastic_com
         f"found = [name for name in {HEAVY!r} if name in sys.modules]\n"
         "assert not found, found\n"
     )
-    result = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=120)
+    result = subprocess.run(
+        [sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=120
+    )
     assert result.returncode == 0, result.stderr
 
 
@@ -71,16 +105,26 @@ def test_run_writes_results_summary_and_report_and_prints_stages(
     ]  # fmt: skip
     summary = json.loads((out / "summary.json").read_text())
     assert json.loads(copy.read_text()) == summary
-    assert [row["stage"] for row in summary["stages"]] == ["rigid", "couple", "static", "modal", "write"]
+    assert [row["stage"] for row in summary["stages"]] == [
+        "rigid",
+        "couple",
+        "static",
+        "modal",
+        "write",
+    ]
     assert summary["status"] == "done"
     assert summary["static"]["tcp"]["compliance_um_per_kN"][2][2] == pytest.approx(25.0, rel=1e-9)
     assert len(summary["modal"][0]["frequencies_hz"]) == 6
     printed = capsys.readouterr().out
-    assert all(f"  {stage} " in printed for stage in ("rigid", "couple", "static", "modal", "write"))
+    assert all(
+        f"  {stage} " in printed for stage in ("rigid", "couple", "static", "modal", "write")
+    )
     assert "µm/kN" in printed
 
 
-def test_the_printed_lines_fit_into_100_columns_without_a_terminal(scene_file: Path, tmp_path: Path) -> None:
+def test_the_printed_lines_fit_into_100_columns_without_a_terminal(
+    scene_file: Path, tmp_path: Path
+) -> None:
     result = run_program("run", str(scene_file), "-o", str(tmp_path / "out"))
     assert result.returncode == 0, result.stderr
     tables = [line for line in result.stdout.splitlines() if str(tmp_path) not in line]
@@ -90,7 +134,9 @@ def test_the_printed_lines_fit_into_100_columns_without_a_terminal(scene_file: P
 def test_the_second_run_of_an_unchanged_scene_takes_all_from_the_store_and_needs_no_heavy_library(
     scene_file: Path, tmp_path: Path
 ) -> None:
-    scene_file.write_text(scene_file.read_text().replace('fidelity = "rigid"', 'mesh = { size = "50 mm" }'))
+    scene_file.write_text(
+        scene_file.read_text().replace('fidelity = "rigid"', 'mesh = { size = "50 mm" }')
+    )
     assert main(["run", str(scene_file), "-o", str(tmp_path / "out")]) == 0
     code = (
         "import sys; from headstock.app.command_line import main\n"
@@ -99,7 +145,9 @@ def test_the_second_run_of_an_unchanged_scene_takes_all_from_the_store_and_needs
         "assert not found, found\n"
     )
     start = children_seconds()
-    result = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=120)
+    result = subprocess.run(
+        [sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=120
+    )
     assert children_seconds() - start < 3.0
     assert result.returncode == 0, result.stderr
     stages = json.loads((tmp_path / "out" / "summary.json").read_text())["stages"]
@@ -120,17 +168,27 @@ def test_a_free_slide_is_named_before_anything_is_computed_and_the_loads_that_do
     assert summary["status"] == "done"
     point = summary["static"]["tcp"]
     assert point["free_motions"] == ["X translation of block"]
-    assert [row[0] for row in point["compliance_um_per_kN"]] == point["compliance_um_per_kN"][0] == [None] * 3
+    assert (
+        [row[0] for row in point["compliance_um_per_kN"]]
+        == point["compliance_um_per_kN"][0]
+        == [None] * 3
+    )
     assert point["compliance_um_per_kN"][2][2] == pytest.approx(25.0)
     assert summary["modal"][0]["rigid_count"] == 1
-    assert len(summary["warnings"]) == 1 and "nothing holds X translation of block" in summary["warnings"][0]
+    assert (
+        len(summary["warnings"]) == 1
+        and "nothing holds X translation of block" in summary["warnings"][0]
+    )
 
 
 def test_a_machine_that_no_force_leaves_in_place_ends_with_1_names_what_is_free_and_still_shows_its_modes(
     scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene_file.write_text(
-        scene_file.read_text().replace('x = "10 N/um", ', "").replace('y = "10 N/um", ', "").replace('z = "40 N/um", ', "")
+        scene_file.read_text()
+        .replace('x = "10 N/um", ', "")
+        .replace('y = "10 N/um", ', "")
+        .replace('z = "40 N/um", ', "")
     )
     assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures"]) == 1
     printed = " ".join(capsys.readouterr().out.split())
@@ -144,7 +202,20 @@ def test_a_machine_that_no_force_leaves_in_place_ends_with_1_names_what_is_free_
 def test_plan_says_what_run_then_does(scene_file: Path, tmp_path: Path) -> None:
     planned, ran = tmp_path / "plan.json", tmp_path / "run.json"
     assert main(["plan", str(scene_file), "--json", str(planned)]) == 0
-    assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures", "--json", str(ran)]) == 0
+    assert (
+        main(
+            [
+                "run",
+                str(scene_file),
+                "-o",
+                str(tmp_path / "out"),
+                "--no-figures",
+                "--json",
+                str(ran),
+            ]
+        )
+        == 0
+    )
     keys = ("stage", "component", "pose", "reason")
     rows = [
         [{key: row[key] for key in keys} for row in content]
@@ -153,17 +224,44 @@ def test_plan_says_what_run_then_does(scene_file: Path, tmp_path: Path) -> None:
     assert rows[0] == rows[1]
 
 
-def test_an_analysis_can_be_chosen(scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures", "--analysis", "modal"]) == 0
+def test_an_analysis_can_be_chosen(
+    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        main(
+            [
+                "run",
+                str(scene_file),
+                "-o",
+                str(tmp_path / "out"),
+                "--no-figures",
+                "--analysis",
+                "modal",
+            ]
+        )
+        == 0
+    )
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["static"] == {}
-    assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--analysis", "transient"]) == 2
+    assert (
+        main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--analysis", "transient"]) == 2
+    )
     assert "it has: static, modal" in capsys.readouterr().err
 
 
 def test_an_override_changes_the_result(scene_file: Path, tmp_path: Path) -> None:
     assert (
-        main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures", "--set", 'joints.mount.stiffness.z="80 N/um"'])
+        main(
+            [
+                "run",
+                str(scene_file),
+                "-o",
+                str(tmp_path / "out"),
+                "--no-figures",
+                "--set",
+                'joints.mount.stiffness.z="80 N/um"',
+            ]
+        )
         == 0
     )
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
@@ -172,11 +270,17 @@ def test_an_override_changes_the_result(scene_file: Path, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("command", ["check", "plan", "run"])
 def test_a_bad_scene_ends_with_2_and_all_problems_and_touches_nothing(
-    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: str
+    scene_file: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    command: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     scene_file.write_text(
-        scene_file.read_text().replace("nu = 0.3", "nu = 0.6").replace('material = "steel"', 'material = "steal"')
+        scene_file.read_text()
+        .replace("nu = 0.3", "nu = 0.6")
+        .replace('material = "steel"', 'material = "steal"')
     )
     before = sorted(tmp_path.rglob("*"))
     assert main([command, str(scene_file)]) == 2
@@ -191,17 +295,33 @@ def test_a_segmented_scene_runs_and_one_that_cannot_be_segmented_ends_with_2_and
     scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     segmented, summary = "components.block.fidelity=segmented", tmp_path / "summary.json"
-    arguments = ["run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures", "--set", segmented]
+    arguments = [
+        "run",
+        str(scene_file),
+        "-o",
+        str(tmp_path / "out"),
+        "--no-figures",
+        "--set",
+        segmented,
+    ]
     assert main([*arguments, "--json", str(summary)]) == 0
     found = json.loads(summary.read_text())["components"]["block"]
     assert found["fidelity"] == "segmented" and found["full_dofs"] == 60
-    shutil.copy(Path(__file__).parents[2] / "machines" / "step_column.step", tmp_path / "block.step")
+    shutil.copy(
+        Path(__file__).parents[2] / "machines" / "step_column.step", tmp_path / "block.step"
+    )
     summary.unlink()
     for solid, reason in (
         ('{step = "block.step"}', "it is read from a file"),
-        ('{column = {size = ["100 mm", "100 mm", "100 mm"], wall = "5 mm", cap = "5 mm"}}', "its section changes along it"),
+        (
+            '{column = {size = ["100 mm", "100 mm", "100 mm"], wall = "5 mm", cap = "5 mm"}}',
+            "its section changes along it",
+        ),
     ):
-        assert main([*arguments, "--set", f"components.block.solid={solid}", "--json", str(summary)]) == 2
+        assert (
+            main([*arguments, "--set", f"components.block.solid={solid}", "--json", str(summary)])
+            == 2
+        )
         told = capsys.readouterr().err
         assert reason in told and 'write "elastic" or "rigid"' in told
         assert not summary.exists()
@@ -245,7 +365,9 @@ def test_bad_options_end_with_2_and_say_why(
     assert message in capsys.readouterr().err
 
 
-def test_named_errors_end_with_1_and_show_a_traceback_only_for_debugging(capsys: pytest.CaptureFixture[str]) -> None:
+def test_named_errors_end_with_1_and_show_a_traceback_only_for_debugging(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     def fail() -> int:
         raise HeadstockError("the residual is 1e-3; make the mesh finer")
 
@@ -267,7 +389,9 @@ def test_named_errors_end_with_1_and_show_a_traceback_only_for_debugging(capsys:
     ],
     ids=["python", "library", "system", "c++"],
 )
-def test_a_lack_of_memory_is_called_one_whoever_says_so(capsys: pytest.CaptureFixture[str], lack: Exception) -> None:
+def test_a_lack_of_memory_is_called_one_whoever_says_so(
+    capsys: pytest.CaptureFixture[str], lack: Exception
+) -> None:
     def fail() -> int:
         try:
             raise lack
@@ -286,13 +410,20 @@ def test_a_lack_of_memory_is_called_one_whoever_says_so(capsys: pytest.CaptureFi
     [
         (150, "this shell allows 0.146 GiB of address space (ulimit -v): allow at least 0.75 GiB"),
         (500, "this shell allows 0.488 GiB of address space (ulimit -v): allow at least 0.75 GiB"),
-        (770, "needed more memory than there is; this shell allows 0.752 GiB (ulimit -v): allow more, or write a larger mesh size"),
+        (
+            770,
+            "needed more memory than there is; this shell allows 0.752 GiB (ulimit -v): allow more, or write a larger mesh size",
+        ),
     ],
 )
 def test_a_run_without_memory_is_named_with_the_limit_of_the_shell(
     scene_file: Path, tmp_path: Path, megabytes: int, said: str
 ) -> None:
-    scene_file.write_text(scene_file.read_text().replace('fidelity = "rigid"', 'mesh = { size = "5 mm", cells = "hex" }'))
+    scene_file.write_text(
+        scene_file.read_text().replace(
+            'fidelity = "rigid"', 'mesh = { size = "5 mm", cells = "hex" }'
+        )
+    )
     program = f'ulimit -v {megabytes << 10}; HEADSTOCK_STORE="{tmp_path}/store" "{sys.executable}" -P -m headstock.app.command_line'
     done = run_in_shell(f'{program} run "{scene_file}" -o "{tmp_path}/out"')
     assert done.returncode == 1
@@ -311,10 +442,18 @@ def test_a_fault_of_the_program_is_called_one(capsys: pytest.CaptureFixture[str]
     assert "Traceback" not in message
 
 
-def test_brackets_in_names_are_no_markup(scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_brackets_in_names_are_no_markup(
+    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "[x].toml"
-    path.write_text(scene_file.read_text().replace("A block on springs", "[/red] a [bold]block[/nonsense]"))
-    for command in (["check", str(path)], ["plan", str(path)], ["run", str(path), "-o", str(tmp_path / "[/]"), "--no-figures"]):
+    path.write_text(
+        scene_file.read_text().replace("A block on springs", "[/red] a [bold]block[/nonsense]")
+    )
+    for command in (
+        ["check", str(path)],
+        ["plan", str(path)],
+        ["run", str(path), "-o", str(tmp_path / "[/]"), "--no-figures"],
+    ):
         assert main(command) == 0
         # a long path breaks the line
         assert "[/red] a [bold]block[/nonsense]" in " ".join(capsys.readouterr().out.split())
@@ -326,30 +465,48 @@ def test_brackets_in_names_are_no_markup(scene_file: Path, tmp_path: Path, capsy
         ("| true", 0, ""),
         (">&-", 0, ""),
         ("2>&-", 0, ""),
-        (">/dev/full", 1, "OutputError: what is printed cannot be written: No space left on device"),
+        (
+            ">/dev/full",
+            1,
+            "OutputError: what is printed cannot be written: No space left on device",
+        ),
     ],
 )
-def test_output_that_nobody_takes_is_no_fault_of_the_program(scene_file: Path, redirection: str, code: int, said: str) -> None:
+def test_output_that_nobody_takes_is_no_fault_of_the_program(
+    scene_file: Path, redirection: str, code: int, said: str
+) -> None:
     command = f'{{ "{sys.executable}" -P -m headstock.app.command_line schema; echo "code $?" >&3; }} {redirection}'
     variables = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    done = subprocess.run(["bash", "-c", f"exec 3>&2; {command}"], env=variables, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        ["bash", "-c", f"exec 3>&2; {command}"],
+        env=variables,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert f"code {code}" in done.stderr
     assert done.stderr.replace(f"code {code}", "").strip() == said
 
 
 def run_in_shell(command: str) -> subprocess.CompletedProcess[str]:
     variables = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    return subprocess.run(["bash", "-c", command], env=variables, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        ["bash", "-c", command], env=variables, capture_output=True, text=True, check=False
+    )
 
 
 def test_a_run_whose_reader_leaves_ends_with_its_results(scene_file: Path, tmp_path: Path) -> None:
     program = f'"{sys.executable}" -P -m headstock.app.command_line'
-    done = run_in_shell(f'{program} run "{scene_file}" -o "{tmp_path}/out" --no-figures | head -1; echo "code ${{PIPESTATUS[0]}}"')
+    done = run_in_shell(
+        f'{program} run "{scene_file}" -o "{tmp_path}/out" --no-figures | head -1; echo "code ${{PIPESTATUS[0]}}"'
+    )
     assert done.stdout.splitlines()[-1] == "code 0", done.stderr
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "done"
 
 
-def test_a_terminal_without_arrows_and_signs_is_told_all_the_same(scene_file: Path, tmp_path: Path) -> None:
+def test_a_terminal_without_arrows_and_signs_is_told_all_the_same(
+    scene_file: Path, tmp_path: Path
+) -> None:
     program = f'PYTHONIOENCODING=ascii "{sys.executable}" -P -m headstock.app.command_line'
     done = run_in_shell(f'{program} run "{scene_file}" -o "{tmp_path}/out" --no-figures')
     assert done.returncode == 0, done.stderr
@@ -357,7 +514,9 @@ def test_a_terminal_without_arrows_and_signs_is_told_all_the_same(scene_file: Pa
     assert "um/kN" in done.stdout
 
 
-def test_an_export_that_cannot_be_written_is_named(scene_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_export_that_cannot_be_written_is_named(
+    scene_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for path in (f"{scene_file}/x.h5", "/proc/x.h5"):
         assert main(["export", str(scene_file), "block", "-o", path]) == 1
         assert f"OutputError: {path} cannot be written" in capsys.readouterr().err
@@ -392,10 +551,21 @@ def test_report_is_written_again_from_the_files_of_a_run(scene_file: Path, tmp_p
     assert main(["report", str(tmp_path / "nothing")]) == 1
 
 
-def test_without_home_the_libraries_get_the_one_of_the_account(scene_file: Path, tmp_path: Path) -> None:
+def test_without_home_the_libraries_get_the_one_of_the_account(
+    scene_file: Path, tmp_path: Path
+) -> None:
     environment = {name: value for name, value in os.environ.items() if name != "HOME"}
     code = "import sys; from headstock.app.command_line import main; sys.exit(main(sys.argv[1:]))"
-    command = [sys.executable, "-P", "-c", code, "run", str(scene_file), "-o", str(tmp_path / "out")]
+    command = [
+        sys.executable,
+        "-P",
+        "-c",
+        code,
+        "run",
+        str(scene_file),
+        "-o",
+        str(tmp_path / "out"),
+    ]
     for home in ({}, {"HOME": ""}):
         done = subprocess.run(command, env=environment | home, capture_output=True, text=True)
         assert (done.returncode, done.stderr) == (0, ""), done.stderr

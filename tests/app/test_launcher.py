@@ -1,4 +1,6 @@
-"""The launcher, run under a plain shell with stand-ins for the tools that build and enter the private root."""
+"""The launcher, run under a plain shell with stand-ins for the tools that build and enter the
+private root.
+"""
 
 import os
 import shutil
@@ -19,7 +21,8 @@ TOOLS = """
     mkfifo setsid sh sha256sum sleep sort stat tail tar tr touch true uname
 """.split()  # noqa: SIM905
 
-# makes the tree that mmdebstrap would make: in the folder it is given, or as a tar stream for an ordinary user
+# makes the tree that mmdebstrap would make: in the folder it is given, or as a tar stream for an
+# ordinary user
 MMDEBSTRAP = """#!/bin/sh
 echo $$ >"{pid}"
 echo "$@" >>"{log}"
@@ -36,7 +39,9 @@ DF = '#!/bin/sh\nprintf "Filesystem 1024-blocks Used Available Capacity Mounted\
 
 
 class Host:
-    """A machine with just the tools put in its one folder of programs, and a copy of the launcher."""
+    """A machine with just the tools put in its one folder of programs, and a copy of the
+    launcher.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -59,11 +64,16 @@ class Host:
         (self.bin / tool).chmod(0o755)
 
     def mmdebstrap(self, *, seconds: float = 0.0, code: int = 0) -> None:
-        self.write("mmdebstrap", MMDEBSTRAP.format(log=self.log, pid=self.pid, seconds=seconds, code=code))
+        self.write(
+            "mmdebstrap", MMDEBSTRAP.format(log=self.log, pid=self.pid, seconds=seconds, code=code)
+        )
 
     def ordinary_user(self, *, subordinates: bool = True, namespaces: bool = True) -> None:
         """Run the launcher as somebody who is not root."""
-        self.write("id", f"#!/bin/sh\ncase $1 in -un) echo somebody ;; *) echo {os.geteuid() or 54321} ;; esac\n")
+        self.write(
+            "id",
+            f"#!/bin/sh\ncase $1 in -un) echo somebody ;; *) echo {os.geteuid() or 54321} ;; esac\n",
+        )
         self.write("newuidmap", "#!/bin/sh\n")
         self.write("getsubids", f"#!/bin/sh\nexit {0 if subordinates else 1}\n")
         self.write("unshare", f"#!/bin/sh\nexit {0 if namespaces else 1}\n")
@@ -71,7 +81,12 @@ class Host:
     def environment(self, **more: str) -> dict[str, str]:
         home = self.folder / "home of somebody"
         home.mkdir(exist_ok=True)
-        own = {"PATH": str(self.bin), "HOME": str(home), "XDG_CACHE_HOME": str(self.cache), "HEADSTOCK_PRIVATE_ROOT": "1"}
+        own = {
+            "PATH": str(self.bin),
+            "HOME": str(home),
+            "XDG_CACHE_HOME": str(self.cache),
+            "HEADSTOCK_PRIVATE_ROOT": "1",
+        }
         return own | more
 
     def start(self, *arguments: str, **more: str) -> "subprocess.Popen[str]":
@@ -82,7 +97,8 @@ class Host:
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
-            # a script that runs the tests in its background has them ignore interrupts, and a shell cannot undo that
+            # a script that runs the tests in its background has them ignore interrupts, and a shell
+            # cannot undo that
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
 
@@ -93,8 +109,12 @@ class Host:
         return len(self.log.read_text().splitlines()) if self.log.exists() else 0
 
 
-def run(command: list[str | Path], environment: Mapping[str, str], cwd: Path = ROOT) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(command, env=environment, cwd=cwd, capture_output=True, text=True, timeout=60, check=False)
+def run(
+    command: list[str | Path], environment: Mapping[str, str], cwd: Path = ROOT
+) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        command, env=environment, cwd=cwd, capture_output=True, text=True, timeout=60, check=False
+    )
 
 
 @pytest.fixture
@@ -103,7 +123,9 @@ def host(tmp_path: Path) -> Host:
 
 
 def dry(host: Host, *arguments: str, cwd: Path = ROOT, **more: str) -> list[str]:
-    done = run([ROOT / "headstock", *arguments], host.environment(HEADSTOCK_DRY_RUN="1", **more), cwd)
+    done = run(
+        [ROOT / "headstock", *arguments], host.environment(HEADSTOCK_DRY_RUN="1", **more), cwd
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
 
@@ -113,7 +135,11 @@ def binds(words: list[str], option: str = "--bind") -> set[tuple[str, str]]:
 
 
 def root_of(words: list[str]) -> str:
-    return next(source.removesuffix("/usr") for source, target in binds(words, "--ro-bind") if target == "/usr")
+    return next(
+        source.removesuffix("/usr")
+        for source, target in binds(words, "--ro-bind")
+        if target == "/usr"
+    )
 
 
 # ---- the command that is run ----
@@ -122,14 +148,33 @@ def root_of(words: list[str]) -> str:
 def test_a_command_becomes_a_call_of_the_program_inside_the_root(host: Host) -> None:
     words = dry(host, "run", "a scene.toml", "--set", "k=1 N/um")
     assert words[0] == "bwrap"
-    assert words[-8:] == ["/usr/bin/python3", "-P", "-m", "headstock.app.command_line", "run", "a scene.toml", "--set", "k=1 N/um"]
+    assert words[-8:] == [
+        "/usr/bin/python3",
+        "-P",
+        "-m",
+        "headstock.app.command_line",
+        "run",
+        "a scene.toml",
+        "--set",
+        "k=1 N/um",
+    ]
     assert host.roots() == []
 
 
-def test_top_folders_of_the_host_keep_their_names_and_those_of_the_root_are_its_own(host: Host) -> None:
+def test_top_folders_of_the_host_keep_their_names_and_those_of_the_root_are_its_own(
+    host: Host,
+) -> None:
     words = dry(host, "doctor")
     assert "/tmp" in {target for _, target in binds(words)}
-    assert {target for _, target in binds(words)} & {"/", "/usr", "/etc", "/bin", "/lib", "/var", "/run"} == set()
+    assert {target for _, target in binds(words)} & {
+        "/",
+        "/usr",
+        "/etc",
+        "/bin",
+        "/lib",
+        "/var",
+        "/run",
+    } == set()
     assert {target for _, target in binds(words, "--ro-bind")} >= {"/usr", "/etc"}
     closed = [words[at + 1] for at, word in enumerate(words) if word == "--remount-ro"]
     assert set(closed) >= {"/", "/var", "/run"}
@@ -145,7 +190,9 @@ def test_top_folders_of_the_host_keep_their_names_and_those_of_the_root_are_its_
         ["run", "/usr/local/etc/../src/scene.toml"],
     ],
 )
-def test_a_path_in_a_system_folder_is_bound_at_its_nearest_existing_parent(host: Host, arguments: list[str]) -> None:
+def test_a_path_in_a_system_folder_is_bound_at_its_nearest_existing_parent(
+    host: Host, arguments: list[str]
+) -> None:
     if not Path("/usr/local/src").is_dir() or not Path("/usr/local/etc").is_dir():
         pytest.skip("this system has no /usr/local/src")
     assert ("/usr/local/src", "/usr/local/src") in binds(dry(host, *arguments))
@@ -154,7 +201,9 @@ def test_a_path_in_a_system_folder_is_bound_at_its_nearest_existing_parent(host:
 def test_a_relative_path_that_leaves_the_working_folder_is_bound_too(host: Host) -> None:
     if not Path("/usr/local/src").is_dir() or not Path("/usr/local/etc").is_dir():
         pytest.skip("this system has no /usr/local/src")
-    assert ("/usr/local/src", "/usr/local/src") in binds(dry(host, "run", "../src/scene.toml", cwd=Path("/usr/local/etc")))
+    assert ("/usr/local/src", "/usr/local/src") in binds(
+        dry(host, "run", "../src/scene.toml", cwd=Path("/usr/local/etc"))
+    )
 
 
 def test_the_working_folder_keeps_its_name_even_with_spaces(host: Host, tmp_path: Path) -> None:
@@ -169,7 +218,14 @@ def test_ranks_are_started_by_mpirun_inside_the_root(host: Host, ranks: list[str
     words = dry(host, "run", "x.toml", *ranks)
     start = words.index("/usr/bin/mpirun")
     assert words[start + 1 : start + 6] == ["--oversubscribe", "--bind-to", "none", "-n", "3"]
-    assert words[start + 6 : start + 12] == ["/usr/bin/python3", "-P", "-m", "mpi4py", "-m", "headstock.app.command_line"]
+    assert words[start + 6 : start + 12] == [
+        "/usr/bin/python3",
+        "-P",
+        "-m",
+        "mpi4py",
+        "-m",
+        "headstock.app.command_line",
+    ]
     assert words[start + 12 :] == ["run", "x.toml", *ranks]
 
 
@@ -179,7 +235,9 @@ def test_ranks_of_a_job_on_a_cluster_are_left_to_the_job(host: Host) -> None:
         assert "/usr/bin/mpirun" not in dry(host, "sweep", "x.toml", "grid", *on, "--ranks=2")
 
 
-def test_slurm_runs_in_a_root_of_its_own_with_processes_and_a_host_name_of_its_own(host: Host) -> None:
+def test_slurm_runs_in_a_root_of_its_own_with_processes_and_a_host_name_of_its_own(
+    host: Host,
+) -> None:
     host.write("id", "#!/bin/sh\necho 0\n")
     usual, words = dry(host, "test", "-m", "faults"), dry(host, "test", "-m", "faults", SLURM_TESTS)
     assert root_of(usual) != root_of(words)
@@ -189,8 +247,15 @@ def test_slurm_runs_in_a_root_of_its_own_with_processes_and_a_host_name_of_its_o
     assert words[-3:] == ["-m", "faults", SLURM_TESTS]
 
 
-def test_the_root_with_slurm_is_built_once_and_entered_so_that_it_ends_with_the_launcher(host: Host) -> None:
-    for tool, text in (("id", "echo 0"), ("stat", "exit 0"), ("unshare", "exit 0"), ("setpriv", 'printf "%s\\n" "$@"')):
+def test_the_root_with_slurm_is_built_once_and_entered_so_that_it_ends_with_the_launcher(
+    host: Host,
+) -> None:
+    for tool, text in (
+        ("id", "echo 0"),
+        ("stat", "exit 0"),
+        ("unshare", "exit 0"),
+        ("setpriv", 'printf "%s\\n" "$@"'),
+    ):
         host.write(tool, f"#!/bin/sh\n{text}\n")
     inner = host.environment(OPENBLAS_CORETYPE="Haswell")
     found = [run([ROOT / "headstock", "test", SLURM_TESTS], inner) for _ in range(2)]
@@ -211,16 +276,23 @@ def test_slurm_is_not_started_by_an_ordinary_user(host: Host) -> None:
     assert host.builds() == 0
 
 
-@pytest.mark.parametrize("ranks", [["--ranks", "1"], ["--ranks", "many"], ["--ranks"], ["--ranks", "-2"], ["--ranks", "99999"]])
+@pytest.mark.parametrize(
+    "ranks",
+    [["--ranks", "1"], ["--ranks", "many"], ["--ranks"], ["--ranks", "-2"], ["--ranks", "99999"]],
+)
 def test_one_rank_or_nonsense_starts_no_mpirun(host: Host, ranks: list[str]) -> None:
     assert "/usr/bin/mpirun" not in dry(host, "run", "x.toml", *ranks)
 
 
 def test_within_an_mpirun_of_the_callers_no_second_one_is_started(host: Host) -> None:
-    assert "/usr/bin/mpirun" not in dry(host, "run", "x.toml", "--ranks", "2", OMPI_COMM_WORLD_SIZE="2")
+    assert "/usr/bin/mpirun" not in dry(
+        host, "run", "x.toml", "--ranks", "2", OMPI_COMM_WORLD_SIZE="2"
+    )
 
 
-def test_tests_run_in_the_project_with_workers_and_the_callers_arguments_last(host: Host, tmp_path: Path) -> None:
+def test_tests_run_in_the_project_with_workers_and_the_callers_arguments_last(
+    host: Host, tmp_path: Path
+) -> None:
     words = dry(host, "test", "-k", "two words", cwd=tmp_path)
     assert words[words.index("--chdir") + 1] == str(ROOT)
     assert words[words.index("pytest") - 3 :][:2] == ["/usr/bin/python3", "-P"]
@@ -233,8 +305,12 @@ def test_a_debugger_gets_no_workers(host: Host) -> None:
     assert words[words.index("-n") + 1] == "0"
 
 
-@pytest.mark.parametrize("arguments", [["exec"], ["exec", "--with"], ["exec", "--with", "nonsense", "true"]])
-def test_exec_without_a_command_or_with_an_unknown_group_says_what_to_write(host: Host, arguments: list[str]) -> None:
+@pytest.mark.parametrize(
+    "arguments", [["exec"], ["exec", "--with"], ["exec", "--with", "nonsense", "true"]]
+)
+def test_exec_without_a_command_or_with_an_unknown_group_says_what_to_write(
+    host: Host, arguments: list[str]
+) -> None:
     done = run([ROOT / "headstock", *arguments], host.environment())
     assert done.returncode == 1
     assert "headstock: " in done.stderr
@@ -271,9 +347,13 @@ def test_two_that_start_at_once_build_once(host: Host) -> None:
 
 
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130), (signal.SIGHUP, 143)], ids=["TERM", "INT", "HUP"]
+    ("number", "code"),
+    [(signal.SIGTERM, 143), (signal.SIGINT, 130), (signal.SIGHUP, 143)],
+    ids=["TERM", "INT", "HUP"],
 )
-def test_a_build_that_is_stopped_leaves_nothing_behind(host: Host, number: signal.Signals, code: int) -> None:
+def test_a_build_that_is_stopped_leaves_nothing_behind(
+    host: Host, number: signal.Signals, code: int
+) -> None:
     host.mmdebstrap(seconds=30)
     process = host.start("exec", "true")
     wait_for(lambda: host.builds() == 1)
@@ -314,7 +394,10 @@ def test_where_the_default_mirror_fails_the_one_of_the_hosts_apt_is_tried(host: 
     host.mmdebstrap(code=25)
     host.write("apt-get", "#!/bin/sh\n[ $1 = indextargets ] && echo http://mirror.example/debian\n")
     run([ROOT / "headstock", "exec", "true"], host.environment())
-    assert [line.endswith("deb http://mirror.example/debian trixie main") for line in host.log.read_text().splitlines()] == [
+    assert [
+        line.endswith("deb http://mirror.example/debian trixie main")
+        for line in host.log.read_text().splitlines()
+    ] == [
         False,
         True,
     ]
@@ -347,7 +430,9 @@ def test_an_ordinary_user_gets_the_root_through_a_tar_stream(host: Host) -> None
 
 
 @pytest.mark.parametrize("lacking", ["uidmap", "subordinates", "namespaces"])
-def test_what_an_ordinary_user_lacks_is_said_with_its_remedy_before_anything_is_built(host: Host, lacking: str) -> None:
+def test_what_an_ordinary_user_lacks_is_said_with_its_remedy_before_anything_is_built(
+    host: Host, lacking: str
+) -> None:
     host.ordinary_user(subordinates=lacking != "subordinates", namespaces=lacking != "namespaces")
     if lacking == "uidmap":
         (host.bin / "newuidmap").unlink()
@@ -369,9 +454,7 @@ def test_root_installs_missing_tools_by_itself(host: Host) -> None:
     host.write("id", "#!/bin/sh\necho 0\n")
     host.write("stat", "#!/bin/sh\n")
     tool = MMDEBSTRAP.format(log=host.log, pid=host.pid, seconds=0, code=0)
-    install = (
-        f'#!/bin/sh\n[ "$1" = install ] || exit 0\ncat >"{host.bin}/mmdebstrap" <<"E"\n{tool}E\nchmod +x "{host.bin}/mmdebstrap"\n'
-    )
+    install = f'#!/bin/sh\n[ "$1" = install ] || exit 0\ncat >"{host.bin}/mmdebstrap" <<"E"\n{tool}E\nchmod +x "{host.bin}/mmdebstrap"\n'
     host.write("apt-get", install)
     done = run([ROOT / "headstock", "exec", "true"], host.environment())
     assert done.returncode == 0, done.stderr
@@ -441,13 +524,17 @@ os.execvp(words[0], words)
 def entered(host: Host, tmp_path: Path) -> Host:
     """A host whose root has a shell, entered for real."""
     unshared = subprocess.run(
-        [sys.executable, "-c", "import os; os.unshare(os.CLONE_NEWUSER | os.CLONE_NEWNS)"], capture_output=True
+        [sys.executable, "-c", "import os; os.unshare(os.CLONE_NEWUSER | os.CLONE_NEWNS)"],
+        capture_output=True,
     )
     if unshared.returncode:
         pytest.skip("no namespaces here")
     (tmp_path / "stage").mkdir()
     packages = str(ROOT / ".typing")
-    host.write("bwrap", VIEW.format(python=sys.executable, packages=packages, stage=str(tmp_path / "stage")))
+    host.write(
+        "bwrap",
+        VIEW.format(python=sys.executable, packages=packages, stage=str(tmp_path / "stage")),
+    )
     done = run([ROOT / "headstock", "exec", "true"], host.environment(HEADSTOCK_ENTER="bwrap"))
     (root,) = (host.cache / "headstock").glob("root-*")
     for program in ("sh", "mkdir"):
@@ -465,11 +552,15 @@ def entered(host: Host, tmp_path: Path) -> Host:
     return host
 
 
-def write_inside(host: Host, path: str, cwd: Path, *, word: str = "{}", **more: str) -> "subprocess.CompletedProcess[str]":
+def write_inside(
+    host: Host, path: str, cwd: Path, *, word: str = "{}", **more: str
+) -> "subprocess.CompletedProcess[str]":
     """Write a file ``path`` from inside, the launcher having seen ``path`` as part of a word."""
     script = 'mkdir -p "${0%/*}" && echo inside >"$0"'
     environment = host.environment(HEADSTOCK_ENTER="bwrap", LD_LIBRARY_PATH="/usr/lib", **more)
-    return run([ROOT / "headstock", "exec", "sh", "-c", script, path, word.format(path)], environment, cwd)
+    return run(
+        [ROOT / "headstock", "exec", "sh", "-c", script, path, word.format(path)], environment, cwd
+    )
 
 
 @pytest.mark.parametrize(
@@ -484,7 +575,9 @@ def write_inside(host: Host, path: str, cwd: Path, *, word: str = "{}", **more: 
         ("{outside}/two words/x", "{outside}/two words/x"),
     ],
 )
-def test_what_is_written_inside_lies_on_the_host(entered: Host, tmp_path: Path, given: str, lies: str) -> None:
+def test_what_is_written_inside_lies_on_the_host(
+    entered: Host, tmp_path: Path, given: str, lies: str
+) -> None:
     outside = tmp_path / "outside"
     (outside / "here").mkdir(parents=True)
     (outside / "link").symlink_to("here")
@@ -493,7 +586,9 @@ def test_what_is_written_inside_lies_on_the_host(entered: Host, tmp_path: Path, 
     assert Path(lies.format(outside=outside)).read_text() == "inside\n"
 
 
-@pytest.mark.parametrize("folder", ["/newfolder", "/run", "/var", "/usr", "/etc", "/usr/lib", "/boot"])
+@pytest.mark.parametrize(
+    "folder", ["/newfolder", "/run", "/var", "/usr", "/etc", "/usr/lib", "/boot"]
+)
 def test_what_would_be_lost_is_refused(entered: Host, tmp_path: Path, folder: str) -> None:
     (root,) = (entered.cache / "headstock").glob("root-*")
     before = sorted(root.rglob("*"))
@@ -525,7 +620,10 @@ def test_a_root_that_changed_after_it_was_built_is_not_entered(host: Host) -> No
 # ---- what is believed ----
 
 
-@pytest.mark.parametrize("place", ["", "headstock", "headstock/entrance", "headstock/root-planted", "headstock/blas-planted"])
+@pytest.mark.parametrize(
+    "place",
+    ["", "headstock", "headstock/entrance", "headstock/root-planted", "headstock/blas-planted"],
+)
 def test_nothing_that_others_may_write_is_used(host: Host, place: str) -> None:
     target = host.cache / place
     if Path(place).suffix or "root" in place:
@@ -538,21 +636,32 @@ def test_nothing_that_others_may_write_is_used(host: Host, place: str) -> None:
     target.chmod(0o777)
     done = run([ROOT / "headstock", "exec", "true"], host.environment())
     assert (done.returncode, done.stdout) == (1, "")
-    assert f"{target} can be written by everybody: nothing in {host.cache}/headstock is used" in done.stderr
+    assert (
+        f"{target} can be written by everybody: nothing in {host.cache}/headstock is used"
+        in done.stderr
+    )
     assert "XDG_CACHE_HOME=/path" in done.stderr
     assert host.builds() == 0
 
 
-def test_a_link_in_a_folder_that_others_may_write_is_not_followed(host: Host, tmp_path: Path) -> None:
+def test_a_link_in_a_folder_that_others_may_write_is_not_followed(
+    host: Host, tmp_path: Path
+) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "open").mkdir()
     (tmp_path / "open").chmod(0o777)
     (tmp_path / "open" / "cache").symlink_to(tmp_path / "mine")
-    done = run([ROOT / "headstock", "exec", "true"], host.environment(XDG_CACHE_HOME=str(tmp_path / "open" / "cache")))
+    done = run(
+        [ROOT / "headstock", "exec", "true"],
+        host.environment(XDG_CACHE_HOME=str(tmp_path / "open" / "cache")),
+    )
     assert f"{tmp_path}/open can be written by everybody" in done.stderr
     # as the shared temporary folder, which keeps what is ours
     (tmp_path / "open").chmod(0o1777)
-    done = run([ROOT / "headstock", "exec", "true"], host.environment(XDG_CACHE_HOME=str(tmp_path / "open" / "cache")))
+    done = run(
+        [ROOT / "headstock", "exec", "true"],
+        host.environment(XDG_CACHE_HOME=str(tmp_path / "open" / "cache")),
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -561,7 +670,13 @@ def test_what_others_own_is_named_and_groups_of_one_member_are_not(host: Host) -
     way = "0 0 0 //\n0 1777 root /tmp\n1001 755 a /theirs\n0 777 root /open\n"
     script = f". {str(ROOT / 'environment/cache_folder.sh')!r}\nunmapped() {{ return 1; }}\nme=1000\nforeign_paths"
     host.write("id", "#!/bin/sh\necho a\n")
-    done = subprocess.run(["/bin/sh", "-c", script], env=host.environment(), input=lines + way, capture_output=True, text=True)
+    done = subprocess.run(
+        ["/bin/sh", "-c", script],
+        env=host.environment(),
+        input=lines + way,
+        capture_output=True,
+        text=True,
+    )
     assert done.stdout.splitlines() == [
         "/alien belongs to the account with number 1001",
         "/group can be written by the group b",
@@ -571,10 +686,19 @@ def test_what_others_own_is_named_and_groups_of_one_member_are_not(host: Host) -
     ]
 
 
-def test_without_home_the_folder_of_the_account_is_taken_and_never_a_shared_one(host: Host, tmp_path: Path) -> None:
+def test_without_home_the_folder_of_the_account_is_taken_and_never_a_shared_one(
+    host: Host, tmp_path: Path
+) -> None:
     home = tmp_path / "home of the account"
-    environment = {name: value for name, value in host.environment().items() if name not in {"HOME", "XDG_CACHE_HOME"}}
-    host.write("getent", f'#!/bin/sh\n[ "$1 $2" = "passwd {os.geteuid()}" ] && echo "a:x:1:1:A:{home}:/bin/sh"\n')
+    environment = {
+        name: value
+        for name, value in host.environment().items()
+        if name not in {"HOME", "XDG_CACHE_HOME"}
+    }
+    host.write(
+        "getent",
+        f'#!/bin/sh\n[ "$1 $2" = "passwd {os.geteuid()}" ] && echo "a:x:1:1:A:{home}:/bin/sh"\n',
+    )
     for unset in ({}, {"HOME": ""}):
         done = run([ROOT / "headstock", "exec", "true"], environment | unset)
         assert done.returncode == 0, done.stderr
@@ -583,28 +707,45 @@ def test_without_home_the_folder_of_the_account_is_taken_and_never_a_shared_one(
 
 
 def test_an_account_without_a_home_is_told_to_name_a_folder(host: Host) -> None:
-    environment = {name: value for name, value in host.environment().items() if name not in {"HOME", "XDG_CACHE_HOME"}}
+    environment = {
+        name: value
+        for name, value in host.environment().items()
+        if name not in {"HOME", "XDG_CACHE_HOME"}
+    }
     for tool in ("getent", "grep"):
         host.write(tool, "#!/bin/sh\nexit 2\n")
     done = run([ROOT / "headstock", "exec", "true"], environment)
     assert (done.returncode, done.stdout) == (1, "")
-    assert "HOME is not set and this account has no home folder: name a folder of your own with XDG_CACHE_HOME=/path" in done.stderr
-    assert run([ROOT / "headstock", "exec", "true"], environment | {"XDG_CACHE_HOME": str(host.cache)}).returncode == 0
+    assert (
+        "HOME is not set and this account has no home folder: name a folder of your own with XDG_CACHE_HOME=/path"
+        in done.stderr
+    )
+    assert (
+        run(
+            [ROOT / "headstock", "exec", "true"], environment | {"XDG_CACHE_HOME": str(host.cache)}
+        ).returncode
+        == 0
+    )
 
 
 # ---- choosing a Python ----
 
 
 def sourced(script: str, environment: Mapping[str, str]) -> "subprocess.CompletedProcess[str]":
-    setting = (
-        f'set -eu; project={str(ROOT)!r} cache="$XDG_CACHE_HOME/headstock" dry_run= me={os.geteuid()}\nsay() {{ echo "$*" >&2; }}\n'
+    setting = f'set -eu; project={str(ROOT)!r} cache="$XDG_CACHE_HOME/headstock" dry_run= me={os.geteuid()}\nsay() {{ echo "$*" >&2; }}\n'
+    parts = "".join(
+        f". {str(ROOT / 'environment' / name)!r}\n"
+        for name in ("find_python.sh", "build_root.sh", "settings.sh")
     )
-    parts = "".join(f". {str(ROOT / 'environment' / name)!r}\n" for name in ("find_python.sh", "build_root.sh", "settings.sh"))
     return run(["/bin/sh", "-c", setting + parts + script], environment)
 
 
-@pytest.mark.parametrize(("release", "code"), [("ID=debian\nVERSION_ID=13", 1), ('ID=debian\nVERSION_ID="14.1"', 1)])
-def test_a_debian_that_has_the_packages_gets_the_apt_line(host: Host, tmp_path: Path, release: str, code: int) -> None:
+@pytest.mark.parametrize(
+    ("release", "code"), [("ID=debian\nVERSION_ID=13", 1), ('ID=debian\nVERSION_ID="14.1"', 1)]
+)
+def test_a_debian_that_has_the_packages_gets_the_apt_line(
+    host: Host, tmp_path: Path, release: str, code: int
+) -> None:
     (tmp_path / "os-release").write_text(release + "\n")
     done = sourced(f"suggest_apt {str(tmp_path / 'os-release')!r}", host.environment())
     assert done.returncode == code
@@ -612,7 +753,13 @@ def test_a_debian_that_has_the_packages_gets_the_apt_line(host: Host, tmp_path: 
 
 
 @pytest.mark.parametrize(
-    "release", ["ID=debian\nVERSION_ID=12", "ID=debian\nNAME=testing", "ID=ubuntu\nVERSION_ID=24.04", "ID=arch"]
+    "release",
+    [
+        "ID=debian\nVERSION_ID=12",
+        "ID=debian\nNAME=testing",
+        "ID=ubuntu\nVERSION_ID=24.04",
+        "ID=arch",
+    ],
 )
 def test_other_systems_get_a_private_root(host: Host, tmp_path: Path, release: str) -> None:
     (tmp_path / "os-release").write_text(release + "\n")
@@ -620,10 +767,17 @@ def test_other_systems_get_a_private_root(host: Host, tmp_path: Path, release: s
     assert (done.returncode, done.stdout, done.stderr) == (0, "on\n", "")
 
 
-def test_a_python_that_fits_is_probed_once_and_again_after_it_changed(host: Host, tmp_path: Path) -> None:
+def test_a_python_that_fits_is_probed_once_and_again_after_it_changed(
+    host: Host, tmp_path: Path
+) -> None:
     (tmp_path / "dolfinx").mkdir()
-    host.write("python3", f'#!/bin/sh\necho probed >>"{tmp_path}/probes"\necho "{tmp_path}/dolfinx"\n')
-    assert sourced('probe_pythons; known_python; echo "$python"', host.environment()).stdout == f"{host.bin}/python3\n"
+    host.write(
+        "python3", f'#!/bin/sh\necho probed >>"{tmp_path}/probes"\necho "{tmp_path}/dolfinx"\n'
+    )
+    assert (
+        sourced('probe_pythons; known_python; echo "$python"', host.environment()).stdout
+        == f"{host.bin}/python3\n"
+    )
     assert sourced("known_python", host.environment()).returncode == 0
     os.utime(host.bin / "python3", (1, 1))
     assert sourced("known_python", host.environment()).returncode == 1
@@ -639,7 +793,9 @@ def test_the_python_that_runs_these_tests_passes_the_probe(host: Host) -> None:
 # ---- running on a Python that is there ----
 
 
-def direct(folder: Path, *arguments: str, cwd: Path = ROOT, **more: str) -> "subprocess.CompletedProcess[str]":
+def direct(
+    folder: Path, *arguments: str, cwd: Path = ROOT, **more: str
+) -> "subprocess.CompletedProcess[str]":
     passed = {key: value for key, value in os.environ.items() if key in {"PATH", "HOME"}}
     own = {"HEADSTOCK_PYTHON": sys.executable, "XDG_CACHE_HOME": str(folder / "cache")}
     return run([folder / "headstock", *arguments], passed | own | more, cwd)
@@ -670,7 +826,9 @@ def test_a_checkout_without_its_links_is_told_apart_from_a_fault(tmp_path: Path)
     assert "git config core.symlinks true" in done.stderr
 
 
-def test_where_the_users_cache_cannot_be_written_a_folder_of_their_own_takes_its_place(tmp_path: Path) -> None:
+def test_where_the_users_cache_cannot_be_written_a_folder_of_their_own_takes_its_place(
+    tmp_path: Path,
+) -> None:
     folder = clone(tmp_path / "clone")
     temporary = tmp_path / "tmp"
     temporary.mkdir()
@@ -691,18 +849,27 @@ def test_every_pip_package_is_pinned_to_a_version_and_its_hashes() -> None:
     lists = {path for path in (ROOT / "environment").glob("*.txt") if path.name != "packages.txt"}
     assert {path.stem for path in lists} >= {"lint", "tests", "benchmarks"}
     for path in lists:
-        lines = [line for line in path.read_text().replace("\\\n", " ").splitlines() if line and not line.startswith("#")]
+        lines = [
+            line
+            for line in path.read_text().replace("\\\n", " ").splitlines()
+            if line and not line.startswith("#")
+        ]
         assert lines, path
         for line in lines:
             package, *hashes = line.split()
             assert "==" in package
-            assert hashes and all(word.startswith("--hash=sha256:") and len(word) == 78 for word in hashes)
+            assert hashes and all(
+                word.startswith("--hash=sha256:") and len(word) == 78 for word in hashes
+            )
 
 
 def test_a_link_to_the_launcher_runs_the_clone_it_points_to(tmp_path: Path) -> None:
     folder = clone(tmp_path / "clone")
     (tmp_path / "linked").symlink_to(folder / "headstock")
-    done = run([tmp_path / "linked", "exec", "env"], {"PATH": os.environ["PATH"], "HEADSTOCK_PYTHON": sys.executable})
+    done = run(
+        [tmp_path / "linked", "exec", "env"],
+        {"PATH": os.environ["PATH"], "HEADSTOCK_PYTHON": sys.executable},
+    )
     assert f"PYTHONPATH={folder}/.typing\n" in done.stdout
 
 
@@ -736,11 +903,22 @@ def test_with_ranks_each_gets_one_thread_and_a_failing_rank_ends_the_job(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("given", "expected"), [({}, {"1", "2"}), ({"HEADSTOCK_THREADS": "5"}, {"5"}), ({"OMP_NUM_THREADS": "3"}, {"3"})]
+    ("given", "expected"),
+    [({}, {"1", "2"}), ({"HEADSTOCK_THREADS": "5"}, {"5"}), ({"OMP_NUM_THREADS": "3"}, {"3"})],
 )
-def test_threads_are_free_cores_up_to_two_unless_the_caller_says(tmp_path: Path, given: dict[str, str], expected: set[str]) -> None:
+def test_threads_are_free_cores_up_to_two_unless_the_caller_says(
+    tmp_path: Path, given: dict[str, str], expected: set[str]
+) -> None:
     folder = clone(tmp_path / "clone")
-    done = direct(folder, "exec", "sh", "-c", "echo $OMP_NUM_THREADS $OPENBLAS_NUM_THREADS", cwd=folder, **given)
+    done = direct(
+        folder,
+        "exec",
+        "sh",
+        "-c",
+        "echo $OMP_NUM_THREADS $OPENBLAS_NUM_THREADS",
+        cwd=folder,
+        **given,
+    )
     openmp, blas = done.stdout.split()
     assert openmp == blas
     assert openmp in expected
@@ -757,7 +935,9 @@ def test_a_clone_that_may_not_be_written_gets_its_bytecode_elsewhere(tmp_path: P
 
 
 def group_lives(leader: int) -> bool:
-    """Whether a process of the group still runs; one that ended and waits to be collected does not count."""
+    """Whether a process of the group still runs; one that ended and waits to be collected does not
+    count.
+    """
     for status in Path("/proc").glob("[0-9]*/stat"):
         try:
             state, _, group = status.read_text().rpartition(")")[2].split()[:3]

@@ -1,4 +1,6 @@
-"""No command writes over or removes what it did not write; running it again into the same place just works."""
+"""No command writes over or removes what it did not write; running it again into the same place
+just works.
+"""
 
 from pathlib import Path
 
@@ -50,14 +52,20 @@ def test_a_command_runs_again_into_its_folder_and_keeps_what_the_user_put_there(
     out = tmp_path / "out"
     assert call(text, scene_file, out=out) == 0
     folders = (out, *(path for path in out.iterdir() if path.is_dir()))
-    mine = [folder / f"mine.{suffix}" for folder in folders for suffix in ("csv", "png", "glb", "vtu", "h5", "journal")]
+    mine = [
+        folder / f"mine.{suffix}"
+        for folder in folders
+        for suffix in ("csv", "png", "glb", "vtu", "h5", "journal")
+    ]
     for path in mine:
         path.write_text("mine")
     assert call(text, scene_file, out=out) == 0
     assert [path.read_text() for path in mine] == ["mine"] * len(mine)
 
 
-@pytest.mark.parametrize(("text", "name"), [(text, name) for text, names in FOLDER_COMMANDS.items() for name in names])
+@pytest.mark.parametrize(
+    ("text", "name"), [(text, name) for text, names in FOLDER_COMMANDS.items() for name in names]
+)
 def test_a_file_of_the_user_with_a_fixed_name_is_refused_by_name_before_anything_is_computed(
     scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, name: str
 ) -> None:
@@ -83,7 +91,9 @@ def test_an_output_folder_that_is_a_link_is_refused(
     assert list((tmp_path / "mine").iterdir()) == []
 
 
-def test_a_run_does_not_write_or_remove_through_linked_parts_of_its_folder(scene_file: Path, tmp_path: Path) -> None:
+def test_a_run_does_not_write_or_remove_through_linked_parts_of_its_folder(
+    scene_file: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
     for part in ("tables", "figures", "modes"):
         mine = tmp_path / f"my {part}"
@@ -119,7 +129,10 @@ def test_a_command_writes_its_file_again_but_not_over_one_of_the_user(
 
 
 def test_a_validation_writes_its_figures_beside_those_of_the_user_and_not_through_a_link(
-    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    scene_file: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     shown = Target(1.0, "um/kN", float("nan"), "shown only")
     rows = [
@@ -128,14 +141,18 @@ def test_a_validation_writes_its_figures_beside_those_of_the_user_and_not_throug
         for kind in FIDELITIES
         for axis in "xyz"
     ]
-    monkeypatch.setattr("headstock.app.actions.validating.run_validation", lambda *args, **settings: rows)
+    monkeypatch.setattr(
+        "headstock.app.actions.validating.run_validation", lambda *args, **settings: rows
+    )
     out = tmp_path / "out"
     for _ in range(2):
         assert call("validate -o {out}", scene_file, out=out) == 0
         assert {path.name for path in out.iterdir()} == {LIST_FILE, f"{FIGURE_NAME}.png"}
     (out / f"{FIGURE_NAME}.png").write_text("mine")
     assert call("validate -o {out}", scene_file, out=out) == 0
-    assert (out / f"{FIGURE_NAME}.png").read_text() == "mine" and (out / f"{FIGURE_NAME}-2.png").stat().st_size > 1000
+    assert (out / f"{FIGURE_NAME}.png").read_text() == "mine" and (
+        out / f"{FIGURE_NAME}-2.png"
+    ).stat().st_size > 1000
     (tmp_path / "linked").symlink_to("out")
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     capsys.readouterr()
@@ -155,7 +172,9 @@ def test_a_new_scene_is_not_written_into_a_folder_that_exists_or_through_a_link(
     for folder in (mine, tmp_path / "linked", tmp_path / "nowhere"):
         assert call("new {out}", scene_file, out=folder) != 0
         assert "Traceback" not in capsys.readouterr().err
-    assert [path.name for path in mine.iterdir()] == ["scene.toml"] and (mine / "scene.toml").read_text() == "mine"
+    assert [path.name for path in mine.iterdir()] == ["scene.toml"] and (
+        mine / "scene.toml"
+    ).read_text() == "mine"
     assert not (tmp_path / "nothing").exists()
 
 

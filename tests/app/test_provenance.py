@@ -1,4 +1,6 @@
-"""Every result says where it comes from: scene, overrides, program, time, place; and `--version` says which program this is."""
+"""Every result says where it comes from: scene, overrides, program, time, place; and `--version`
+says which program this is.
+"""
 
 import hashlib
 import html
@@ -50,7 +52,19 @@ def require_origin_of_export(found: Mapping[str, object], scene: Path) -> None:
 
 def test_a_run_states_its_origin_in_summary_results_and_report(scene: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    words = ["run", str(scene), "-o", str(out), "--no-figures", "--variant", "heavy", "--set", OVERRIDE, "--analysis", "modal"]
+    words = [
+        "run",
+        str(scene),
+        "-o",
+        str(out),
+        "--no-figures",
+        "--variant",
+        "heavy",
+        "--set",
+        OVERRIDE,
+        "--analysis",
+        "modal",
+    ]
     assert main(words) == 0
     found = json.loads((out / "summary.json").read_text())["provenance"]
     require_origin(found, scene)
@@ -64,7 +78,10 @@ def test_a_run_states_its_origin_in_summary_results_and_report(scene: Path, tmp_
         assert group.attrs["scene_sha256"] == found["scene_sha256"]
         assert json.loads(group.attrs["overrides"]) == [OVERRIDE]
         assert json.loads(group.attrs["command"]) == words
-        assert {name: group.attrs[name] for name in ("variant", "version", "commit", "date", "host", "ranks")} == {
+        assert {
+            name: group.attrs[name]
+            for name in ("variant", "version", "commit", "date", "host", "ranks")
+        } == {
             name: found[name] for name in ("variant", "version", "commit", "date", "host", "ranks")
         }
     page = html.unescape((out / "report.html").read_text())
@@ -111,7 +128,13 @@ def test_results_of_every_command_state_their_origin_and_with_no_host_neither_ho
         assert ("host" in found) == ("command" in found) == (not extra)
     if page is not None:
         shown = html.unescape((out / page).read_text())
-        for fact in (found["scene_sha256"], found["commit"], found["date"], OVERRIDE, scene.read_text()):
+        for fact in (
+            found["scene_sha256"],
+            found["commit"],
+            found["date"],
+            OVERRIDE,
+            scene.read_text(),
+        ):
             assert fact in shown
         assert ("secret-host" in shown) == (not extra)
     if extra:
@@ -121,10 +144,27 @@ def test_results_of_every_command_state_their_origin_and_with_no_host_neither_ho
 
 
 @pytest.mark.parametrize("extra", [[], ["--no-host"]])
-def test_an_exported_model_states_its_origin_but_not_the_text_of_the_scene(scene: Path, tmp_path: Path, extra: list[str]) -> None:
+def test_an_exported_model_states_its_origin_but_not_the_text_of_the_scene(
+    scene: Path, tmp_path: Path, extra: list[str]
+) -> None:
     element, space = tmp_path / "block.h5", tmp_path / "block.mat"
     assert main(["export", str(scene), "block", "-o", str(element), "--set", OVERRIDE, *extra]) == 0
-    assert main(["export", str(scene), "--state-space", "500 Hz", "-o", str(space), "--set", OVERRIDE, *extra]) == 0
+    assert (
+        main(
+            [
+                "export",
+                str(scene),
+                "--state-space",
+                "500 Hz",
+                "-o",
+                str(space),
+                "--set",
+                OVERRIDE,
+                *extra,
+            ]
+        )
+        == 0
+    )
     with h5py.File(element) as file:
         stored = dict(file["provenance"].attrs)
     stored["overrides"] = json.loads(stored["overrides"])
@@ -140,7 +180,9 @@ def test_an_exported_model_states_its_origin_but_not_the_text_of_the_scene(scene
     assert read_superelement(element).mass_kg == pytest.approx(7.85)
 
 
-def test_version_prints_version_and_commit_and_computes_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+def test_version_prints_version_and_commit_and_computes_nothing(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["--version"]) == 0
     found = find_version()
     assert capsys.readouterr().out == f"headstock {found.version} (commit {found.commit})\n"
@@ -148,12 +190,16 @@ def test_version_prints_version_and_commit_and_computes_nothing(capsys: pytest.C
         "import sys; from headstock.app.command_line import main; main(['--version'])\n"
         "print([name for name in ('numpy', 'h5py', 'mpi4py', 'pydantic') if name in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=120
+    )
     assert done.stdout.splitlines()[1:] == ["[]"]
 
 
 @pytest.mark.parametrize("packed", [False, True])
-def test_the_commit_of_a_checkout_and_of_a_worktree_is_read_without_git(tmp_path: Path, packed: bool) -> None:
+def test_the_commit_of_a_checkout_and_of_a_worktree_is_read_without_git(
+    tmp_path: Path, packed: bool
+) -> None:
     commit = "0123456789abcdef" * 2 + "01234567"
     main_folder, tree = tmp_path / "main", tmp_path / "tree"
     linked = main_folder / ".git" / "worktrees" / "tree"
@@ -166,7 +212,9 @@ def test_the_commit_of_a_checkout_and_of_a_worktree_is_read_without_git(tmp_path
     for head in (main_folder / ".git" / "HEAD", linked / "HEAD"):
         head.write_text("ref: refs/heads/topic\n")
     if packed:
-        (main_folder / ".git" / "packed-refs").write_text(f"# pack-refs with: peeled\n{commit} refs/heads/topic\n")
+        (main_folder / ".git" / "packed-refs").write_text(
+            f"# pack-refs with: peeled\n{commit} refs/heads/topic\n"
+        )
     else:
         (main_folder / ".git" / "refs" / "heads").mkdir(parents=True)
         (main_folder / ".git" / "refs" / "heads" / "topic").write_text(f"{commit}\n")
@@ -181,7 +229,11 @@ def test_the_commit_of_a_checkout_and_of_a_worktree_is_read_without_git(tmp_path
     assert find_version(tree).commit == UNKNOWN
 
 
-def test_what_is_neither_checkout_nor_installed_is_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("headstock.pipeline.storage.provenance.DISTRIBUTION", "headstock-that-nobody-installs")
+def test_what_is_neither_checkout_nor_installed_is_unknown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "headstock.pipeline.storage.provenance.DISTRIBUTION", "headstock-that-nobody-installs"
+    )
     found = find_version(tmp_path)
     assert (found.version, found.commit) == (UNKNOWN, UNKNOWN)

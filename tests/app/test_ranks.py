@@ -56,8 +56,22 @@ sys.exit(main(sys.argv[1:]))
 def run_on_ranks(ranks: int, folder: Path, *program: str) -> subprocess.CompletedProcess[str]:
     mpirun = shutil.which("mpirun")
     assert mpirun is not None
-    variables = {**os.environ, "HEADSTOCK_STORE": str(folder / f"store{ranks}"), "OMP_NUM_THREADS": "1"}
-    command = [mpirun, "--oversubscribe", "--bind-to", "none", "-n", str(ranks), sys.executable, "-P", *program]
+    variables = {
+        **os.environ,
+        "HEADSTOCK_STORE": str(folder / f"store{ranks}"),
+        "OMP_NUM_THREADS": "1",
+    }
+    command = [
+        mpirun,
+        "--oversubscribe",
+        "--bind-to",
+        "none",
+        "-n",
+        str(ranks),
+        sys.executable,
+        "-P",
+        *program,
+    ]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, env=variables)
 
 
@@ -68,12 +82,25 @@ def scene_file(tmp_path: Path) -> Path:
     return path
 
 
-def test_what_is_wrong_with_a_scene_is_said_once_and_without_a_report_of_a_crash(scene_file: Path, tmp_path: Path) -> None:
+def test_what_is_wrong_with_a_scene_is_said_once_and_without_a_report_of_a_crash(
+    scene_file: Path, tmp_path: Path
+) -> None:
     scene_file.write_text(SCENE.replace('material = "steel"', 'material = "stel"'))
     start = Path(__file__).parents[2] / "environment" / "start_ranks.sh"
     mpirun = shutil.which("mpirun")
     assert mpirun is not None
-    ranks = [mpirun, "--oversubscribe", "--bind-to", "none", "-n", "2", sys.executable, "-P", "-m", "mpi4py"]
+    ranks = [
+        mpirun,
+        "--oversubscribe",
+        "--bind-to",
+        "none",
+        "-n",
+        "2",
+        sys.executable,
+        "-P",
+        "-m",
+        "mpi4py",
+    ]
     command = [
         "/bin/sh",
         str(start),
@@ -92,7 +119,9 @@ def test_what_is_wrong_with_a_scene_is_said_once_and_without_a_report_of_a_crash
     assert "prterun" not in done.stderr
 
 
-def test_frequencies_and_compliance_are_the_same_on_1_2_and_4_ranks(scene_file: Path, tmp_path: Path) -> None:
+def test_frequencies_and_compliance_are_the_same_on_1_2_and_4_ranks(
+    scene_file: Path, tmp_path: Path
+) -> None:
     summaries = []
     for ranks in (1, 2, 4):
         out = tmp_path / f"out{ranks}"
@@ -115,16 +144,24 @@ def test_frequencies_and_compliance_are_the_same_on_1_2_and_4_ranks(scene_file: 
         summaries.append(json.loads((out / "summary.json").read_text()))
     for other in summaries[1:]:
         assert not any(stage["cached"] for stage in other["stages"])
-        assert other["modal"][0]["frequencies_hz"] == pytest.approx(summaries[0]["modal"][0]["frequencies_hz"], rel=1e-8)
+        assert other["modal"][0]["frequencies_hz"] == pytest.approx(
+            summaries[0]["modal"][0]["frequencies_hz"], rel=1e-8
+        )
         for row, reference in zip(
-            other["static"]["tcp"]["compliance_6x6"], summaries[0]["static"]["tcp"]["compliance_6x6"], strict=True
+            other["static"]["tcp"]["compliance_6x6"],
+            summaries[0]["static"]["tcp"]["compliance_6x6"],
+            strict=True,
         ):
             assert row == pytest.approx(reference, rel=1e-8, abs=1e-8 * max(map(abs, reference)))
 
 
-def test_one_failing_rank_ends_the_job_with_an_error_and_no_file(scene_file: Path, tmp_path: Path) -> None:
+def test_one_failing_rank_ends_the_job_with_an_error_and_no_file(
+    scene_file: Path, tmp_path: Path
+) -> None:
     start = time.monotonic()
-    result = run_on_ranks(2, tmp_path, "-c", FAILING_RANK, "run", str(scene_file), "-o", str(tmp_path / "out"))
+    result = run_on_ranks(
+        2, tmp_path, "-c", FAILING_RANK, "run", str(scene_file), "-o", str(tmp_path / "out")
+    )
     assert time.monotonic() - start < 60.0
     assert result.returncode != 0
     assert "rank 1" in result.stderr and "cosmic ray" in result.stderr
@@ -133,7 +170,16 @@ def test_one_failing_rank_ends_the_job_with_an_error_and_no_file(scene_file: Pat
 
 def test_a_bad_scene_ends_all_ranks_with_2(scene_file: Path, tmp_path: Path) -> None:
     scene_file.write_text(SCENE.replace("nu = 0.3", "nu = 0.7"))
-    program = ("-m", "mpi4py", "-m", "headstock.app.command_line", "run", str(scene_file), "-o", str(tmp_path / "out"))
+    program = (
+        "-m",
+        "mpi4py",
+        "-m",
+        "headstock.app.command_line",
+        "run",
+        str(scene_file),
+        "-o",
+        str(tmp_path / "out"),
+    )
     result = run_on_ranks(2, tmp_path, *program)
     assert result.returncode == 2
     assert result.stderr.count("materials.steel.nu") == 1
@@ -145,7 +191,17 @@ def test_a_map_shared_out_over_ranks_is_that_of_one(tmp_path: Path) -> None:
     found = []
     for ranks in (1, 3):
         folder = tmp_path / str(ranks)
-        arguments = ("run", str(scene), "--analysis", "map", "--set", spans, "--no-figures", "-o", str(folder))
+        arguments = (
+            "run",
+            str(scene),
+            "--analysis",
+            "map",
+            "--set",
+            spans,
+            "--no-figures",
+            "-o",
+            str(folder),
+        )
         done = run_on_ranks(ranks, tmp_path, "-m", "headstock.app.command_line", *arguments)
         assert done.returncode == 0, done.stdout + done.stderr
         found.append(json.loads((folder / "summary.json").read_text())["map"])

@@ -1,1 +1,3 @@
-"""Faults on purpose: damaged files, full disks, kills, a disturbed Slurm; and the sample files other tests damage too. Never numbers."""
+"""Faults on purpose: damaged files, full disks, kills, a disturbed Slurm; and the sample files
+other tests damage too. Never numbers.
+"""

@@ -1,7 +1,9 @@
-"""Sweeps and studies whose disk fills up, and that go on when there is more room: nothing finished is lost, the end is that of an undisturbed one.
+"""Sweeps and studies whose disk fills up, and that go on when there is more room: nothing finished
+is lost, the end is that of an undisturbed one.
 
-One run after the other on a disk that fills up: a named error or a right result, and the old result as it was. Runs, sweeps and
-studies on a disk that fills up: a named error or a right result, nothing torn, nothing lost.
+One run after the other on a disk that fills up: a named error or a right result, and the old result
+as it was. Runs, sweeps and studies on a disk that fills up: a named error or a right result,
+nothing torn, nothing lost.
 """
 
 import os
@@ -35,11 +37,15 @@ TEMPORARY = "tmp"
 SHARED = ((), ("store",), ("store", TEMPORARY))
 RESUMED = ("sweep", "study", "sweep on 2 ranks")
 OLD = "old"
-# an elastic part, so that the store has something to keep; fewer poses; and another material for the result that was there before
+# an elastic part, so that the store has something to keep; fewer poses; and another material for
+# the result that was there before
 SCENE = (
     LONG_SCENE.replace('fidelity = "rigid"', 'mesh = { size = "75 mm" }')
     .replace('"200 mm", 500]', '"200 mm", 60]')
-    .replace("[6, 7, 8, 9, 10, 11, 12, 13]", '[6, 7, 8], "components.slide.mesh.size" = ["75 mm", "60 mm"]')
+    .replace(
+        "[6, 7, 8, 9, 10, 11, 12, 13]",
+        '[6, 7, 8], "components.slide.mesh.size" = ["75 mm", "60 mm"]',
+    )
     + f'[variants.{OLD}]\n"materials.steel.rho" = "7000 kg/m^3"\n'
 )
 # written while poses and points are finished, one whole record after the other
@@ -49,7 +55,8 @@ TIMED = ("points.jsonl", "study.csv", "study.json")
 EXTRA_ROOM = 0.5  # of what is needed, from one start of a trial to the next
 MOST_STARTS = 4
 Bytes = dict[str, bytes]
-# folder of scene and store, folder of results, kind, variant, environment; exit code and what was said on standard error
+# folder of scene and store, folder of results, kind, variant, environment; exit code and what was
+# said on standard error
 Start = Callable[[Path, Path, str, str | None, Mapping[str, str]], tuple[int, str]]
 # what fills its disk, in turn; the last on two ranks
 KINDS = ("run", *RESUMED)
@@ -61,7 +68,12 @@ def require_named(code: int, said: str) -> None:
     Raises:
         FaultError: It did not.
     """
-    if code != 1 or "Traceback" in said or "internal error" in said or not any(words in said for words in NAMED):
+    if (
+        code != 1
+        or "Traceback" in said
+        or "internal error" in said
+        or not any(words in said for words in NAMED)
+    ):
         raise FaultError(f"it ended with {code} and said: {said.strip()[-500:]}")
 
 
@@ -83,24 +95,37 @@ class RunTrials:
                 raise FaultError(f"an undisturbed run of {variant} ended with {code}: {said}")
             self._expected[variant] = read_numbers(places.results)
         folders = (places.results, places.store)
-        self._needed = sum(path.stat().st_size for folder in folders for path in folder.rglob("*") if path.is_file())
+        self._needed = sum(
+            path.stat().st_size
+            for folder in folders
+            for path in folder.rglob("*")
+            if path.is_file()
+        )
 
     def attempt(self, folder: Path, share: float, turn: int) -> str:
         """Run with a share of the room needed, in a folder of its own; how it ended, in words.
 
         Raises:
-            FaultError: An end without a named error, a changed old result, a temporary left behind, other numbers.
+            FaultError: An end without a named error, a changed old result, a temporary left behind,
+                other numbers.
         """
         shared = SHARED[turn % len(SHARED)]
-        # where temporary files are on the small disk, forms are compiled too: the compiler writes there
+        # where temporary files are on the small disk, forms are compiled too: the compiler writes
+        # there
         places = make_places(folder, cache=folder / "cache" if TEMPORARY in shared else None)
-        with limited_room(folder, ("results", *shared), limited_files=self._limited_files) as set_room:
+        with limited_room(
+            folder, ("results", *shared), limited_files=self._limited_files
+        ) as set_room:
             shutil.copytree(self._old, places.results, dirs_exist_ok=True)
             set_room(int(MOST_ROOM * share * self._needed))
             return self._judge(places)
 
     def _judge(self, places: Places) -> str:
-        before = {path.relative_to(self._old): path.read_bytes() for path in self._old.rglob("*") if path.is_file()}
+        before = {
+            path.relative_to(self._old): path.read_bytes()
+            for path in self._old.rglob("*")
+            if path.is_file()
+        }
         wanted = self._expected[VARIANTS[1]]
         code, said = finish_run(places, VARIANTS[1])
         if check_files(places.results):
@@ -126,7 +151,15 @@ class ResumeTrials:
         results: What an undisturbed one left.
     """
 
-    def __init__(self, root: Path, kind: str, *, limited_files: bool, scene: str = SCENE, start: Start | None = None) -> None:
+    def __init__(
+        self,
+        root: Path,
+        kind: str,
+        *,
+        limited_files: bool,
+        scene: str = SCENE,
+        start: Start | None = None,
+    ) -> None:
         """Leave both variants undisturbed once.
 
         Args:
@@ -139,7 +172,12 @@ class ResumeTrials:
         Raises:
             FaultError: One of them does not work.
         """
-        self._kind, self._limited_files, self._scene, self._run = kind, limited_files, scene, start or _run_process
+        self._kind, self._limited_files, self._scene, self._run = (
+            kind,
+            limited_files,
+            scene,
+            start or _run_process,
+        )
         self._old, self.results = root / "old", root / "results"
         root.mkdir(parents=True)
         for variant, folder in ((OLD, self._old), (None, self.results)):
@@ -152,45 +190,67 @@ class ResumeTrials:
         self._before = _read_files(self._old)
         self._growing = sum(len(content) for content in _read_growing(self.results).values())
         store = sum(path.stat().st_size for path in (root / "store").rglob("*.h5"))
-        self._needed = store + sum(path.stat().st_size for path in self.results.rglob("*") if path.is_file())
+        self._needed = store + sum(
+            path.stat().st_size for path in self.results.rglob("*") if path.is_file()
+        )
 
     def attempt(self, folder: Path, share: float, turn: int) -> str:
-        """Start with a share of the room needed, and again with more until it ends well; how it ended, in words.
+        """Start with a share of the room needed, and again with more until it ends well; how it
+        ended, in words.
 
         Raises:
-            FaultError: An end without a named error, a torn file, a finished pose or point lost, another content in the end.
+            FaultError: An end without a named error, a torn file, a finished pose or point lost,
+                another content in the end.
         """
         # Open MPI keeps files of its own where temporary files are
-        choices = SHARED if "ranks" not in self._kind else [names for names in SHARED if TEMPORARY not in names]
+        choices = (
+            SHARED
+            if "ranks" not in self._kind
+            else [names for names in SHARED if TEMPORARY not in names]
+        )
         shared = choices[turn % len(choices)]
         (folder / "store").mkdir(parents=True)
         (folder / TEMPORARY).mkdir()
         # every other disk is full while poses and points are finished, the others at any time
         room = int(share * (1.1 * self._growing if turn % 2 else MOST_ROOM * self._needed))
-        with limited_room(folder, ("results", *shared), limited_files=self._limited_files) as set_room:
+        with limited_room(
+            folder, ("results", *shared), limited_files=self._limited_files
+        ) as set_room:
             shutil.copytree(self._old, folder / "results", dirs_exist_ok=True)
             said_before: list[str] = []
             for start in range(MOST_STARTS):
                 last = start == MOST_STARTS - 1
                 set_room(None if last else room + int(start * EXTRA_ROOM * self._needed))
                 finished = _read_growing(folder / "results")
-                code, said = self._start(folder, folder / "results", None, own_cache=TEMPORARY in shared)
+                code, said = self._start(
+                    folder, folder / "results", None, own_cache=TEMPORARY in shared
+                )
                 self._check_remains(folder / "results", finished)
                 if code == 0:
                     self._require_whole(folder / "results")
-                    return f"the right result after {', '.join(said_before)}" if start else "enough room: the right result"
+                    return (
+                        f"the right result after {', '.join(said_before)}"
+                        if start
+                        else "enough room: the right result"
+                    )
                 require_named(code, said)
                 said_before.append(said.partition(":")[0].splitlines()[-1])
         raise FaultError("it ended with 1 and enough room")
 
-    def _start(self, root: Path, folder: Path, variant: str | None, *, own_cache: bool = False) -> tuple[int, str]:
+    def _start(
+        self, root: Path, folder: Path, variant: str | None, *, own_cache: bool = False
+    ) -> tuple[int, str]:
         (root / "scene.toml").write_text(self._scene)
         (root / TEMPORARY).mkdir(exist_ok=True)
-        places = {"TMPDIR": str(root / TEMPORARY)} | ({"XDG_CACHE_HOME": str(root / TEMPORARY / "cache")} if own_cache else {})
+        places = {"TMPDIR": str(root / TEMPORARY)} | (
+            {"XDG_CACHE_HOME": str(root / TEMPORARY / "cache")} if own_cache else {}
+        )
         return self._run(root, folder, self._kind, variant, places)
 
     def _check_remains(self, results: Path, finished: Bytes) -> None:
-        """Every file is whole, and the old or the new one; what was finished before the start is there still."""
+        """Every file is whole, and the old or the new one; what was finished before the start is
+        there still.
+        """
         for name, content in _read_files(results).items():
             if Path(name).name.startswith("."):
                 raise FaultError(f"a temporary stayed behind: {name}")
@@ -206,11 +266,15 @@ class ResumeTrials:
     def _require_whole(self, results: Path) -> None:
         found = _read_files(results)
         if found.keys() != self._expected.keys():
-            raise FaultError(f"other files than those of an undisturbed one: {sorted(found.keys() ^ self._expected.keys())}")
+            raise FaultError(
+                f"other files than those of an undisturbed one: {sorted(found.keys() ^ self._expected.keys())}"
+            )
         for name, content in self._expected.items():
             if name not in TIMED and found[name] != content:
                 raise FaultError(f"{name} differs from that of an undisturbed one")
-        if self._kind == "study" and (difference := find_difference(read_content(results), self._content)):
+        if self._kind == "study" and (
+            difference := find_difference(read_content(results), self._content)
+        ):
             raise FaultError(f"the content is not that of an undisturbed one: {difference}")
 
 
@@ -224,17 +288,26 @@ def _read_files(folder: Path) -> Bytes:
 
 
 def _read_growing(folder: Path) -> Bytes:
-    return {path.name: path.read_bytes() for suffix in GROWING for path in sorted(folder.rglob(f"*{suffix}"))}
+    return {
+        path.name: path.read_bytes()
+        for suffix in GROWING
+        for path in sorted(folder.rglob(f"*{suffix}"))
+    }
 
 
-def _run_process(root: Path, folder: Path, kind: str, variant: str | None, places: Mapping[str, str]) -> tuple[int, str]:
-    process = start_resumable(root, folder, kind, variant=variant, environment={**os.environ, **places})
+def _run_process(
+    root: Path, folder: Path, kind: str, variant: str | None, places: Mapping[str, str]
+) -> tuple[int, str]:
+    process = start_resumable(
+        root, folder, kind, variant=variant, environment={**os.environ, **places}
+    )
     said = wait_for_end(process)
     return process.returncode, said
 
 
 def fill_disks(runs: int, *, seed: int, root: Path, kinds: Sequence[str] = KINDS) -> Outcome:
-    """Work into a file system (tmpfs) with too little or just enough room left; where none can be made, with a file size limit.
+    """Work into a file system (tmpfs) with too little or just enough room left; where none can be
+    made, with a file size limit.
 
     Args:
         runs: How many.
@@ -268,7 +341,9 @@ def _fill_disks(root: Path, runs: int, seed: int, kinds: Sequence[str]) -> Outco
         # of each kind the room grows from trial to trial
         share = (turn + chance.random()) / -(-runs // len(kinds))
         try:
-            outcome.note_trial(f"{kind}: {trials[kind].attempt(root / f'trial-{trial}', share, turn)}")
+            outcome.note_trial(
+                f"{kind}: {trials[kind].attempt(root / f'trial-{trial}', share, turn)}"
+            )
         except FaultError as error:
             outcome.note_trial(f"{kind}: fault")
             outcome.faults.append(f"trial {trial + 1} ({kind}, {share:.3f} of all room): {error}")

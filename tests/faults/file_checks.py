@@ -1,4 +1,6 @@
-"""Whether the files a run leaves are whole: each kind by its own marks of an end, and by reading all that is in it."""
+"""Whether the files a run leaves are whole: each kind by its own marks of an end, and by reading
+all that is in it.
+"""
 
 import base64
 import binascii
@@ -19,14 +21,26 @@ from headstock.pipeline.storage.outputs import LIST_FILE
 
 PNG_START = b"\x89PNG\r\n\x1a\n"
 PAGE_START, PAGE_END = b"<!doctype html>", b"</script>\n</body>\n</html>"
-PAGE_MACHINE = re.compile(rb'<script type="application/json" id="machine-data">(.*?)</script>', re.DOTALL)
+PAGE_MACHINE = re.compile(
+    rb'<script type="application/json" id="machine-data">(.*?)</script>', re.DOTALL
+)
 PAGE_TABLE = re.compile(rb'href="data:text/csv;charset=utf-8;base64,([^"]*)"')
 # what a broken file makes the readers below raise
-TORN = (ValueError, OSError, KeyError, RuntimeError, ElementTree.ParseError, zlib.error, struct.error, csv.Error)
+TORN = (
+    ValueError,
+    OSError,
+    KeyError,
+    RuntimeError,
+    ElementTree.ParseError,
+    zlib.error,
+    struct.error,
+    csv.Error,
+)
 
 
 def check_files(folder: Path) -> list[str]:
-    """Check that every file below a folder is whole, as far as its kind shows; return the temporaries that were found.
+    """Check that every file below a folder is whole, as far as its kind shows; return the
+    temporaries that were found.
 
     Raises:
         FaultError: Names the torn file.
@@ -58,7 +72,9 @@ def check_file(path: Path) -> None:
 def _check_hdf5(content: bytes) -> None:
     # opening compares the size of the file with what its head says; reading covers every block
     with h5py.File(io.BytesIO(content), "r") as file:
-        file.visititems(lambda _, item: item[()] is None if isinstance(item, h5py.Dataset) else None)
+        file.visititems(
+            lambda _, item: item[()] is None if isinstance(item, h5py.Dataset) else None
+        )
 
 
 def _check_page(content: bytes) -> None:

@@ -1,6 +1,8 @@
-"""Mesh, superelement, STEP, force, path and target files damaged at random: read, or refused by name; the process that asks never falls.
+"""Mesh, superelement, STEP, force, path and target files damaged at random: read, or refused by
+name; the process that asks never falls.
 
-Small sound files of every kind a scene may refer to: a box of 10-node tets, its superelement, measured forces, a way of axes.
+Small sound files of every kind a scene may refer to: a box of 10-node tets, its superelement,
+measured forces, a way of axes.
 """
 
 import random
@@ -95,19 +97,54 @@ def box_mesh() -> ComponentMesh:
 def msh_text(mesh: ComponentMesh) -> str:
     """Text of a gmsh file of version 2.2."""
     nodes = [f"{i} {x!r} {y!r} {z!r}" for i, (x, y, z) in enumerate(_rows(mesh.points), 1)]
-    cells = [f"{i} 11 2 99 99 {' '.join(str(n + 1) for n in cell)}" for i, cell in enumerate(_rows(mesh.cells), 1)]
-    head = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "1", '3 99 "solid"', "$EndPhysicalNames"]
+    cells = [
+        f"{i} 11 2 99 99 {' '.join(str(n + 1) for n in cell)}"
+        for i, cell in enumerate(_rows(mesh.cells), 1)
+    ]
+    head = [
+        "$MeshFormat",
+        "2.2 0 8",
+        "$EndMeshFormat",
+        "$PhysicalNames",
+        "1",
+        '3 99 "solid"',
+        "$EndPhysicalNames",
+    ]
     return "\n".join(
-        [*head, "$Nodes", str(len(nodes)), *nodes, "$EndNodes", "$Elements", str(len(cells)), *cells, "$EndElements", ""]
+        [
+            *head,
+            "$Nodes",
+            str(len(nodes)),
+            *nodes,
+            "$EndNodes",
+            "$Elements",
+            str(len(cells)),
+            *cells,
+            "$EndElements",
+            "",
+        ]
     )
 
 
 def inp_text(mesh: ComponentMesh) -> str:
     """Text of an Abaqus deck."""
     nodes = [f"{i}, {x!r}, {y!r}, {z!r}" for i, (x, y, z) in enumerate(_rows(mesh.points), 1)]
-    cells = [f"{i}, {', '.join(str(cell[n] + 1) for n in TET10_ORDER)}" for i, cell in enumerate(_rows(mesh.cells), 1)]
+    cells = [
+        f"{i}, {', '.join(str(cell[n] + 1) for n in TET10_ORDER)}"
+        for i, cell in enumerate(_rows(mesh.cells), 1)
+    ]
     return "\n".join(
-        ["*Heading", "box", "*NODE, NSET=Nall", *nodes, "*Element, type=C3D10, elset=Eall", *cells, "*STEP", "*END STEP", ""]
+        [
+            "*Heading",
+            "box",
+            "*NODE, NSET=Nall",
+            *nodes,
+            "*Element, type=C3D10, elset=Eall",
+            *cells,
+            "*STEP",
+            "*END STEP",
+            "",
+        ]
     )
 
 
@@ -115,7 +152,10 @@ def bdf_text(mesh: ComponentMesh) -> str:
     """Text of a Nastran bulk data file."""
     lines = ["BEGIN BULK", "MAT1,1,2.1+11,,0.3"]
     for i, (x, y, z) in enumerate(_rows(mesh.points), 1):
-        lines += [f"{'GRID*':<8}{i:<16}{'':16}{x:<16.9e}{y:<16.9e}{'*':<8}".rstrip(), f"{'*':<8}{z:<16.9e}"]
+        lines += [
+            f"{'GRID*':<8}{i:<16}{'':16}{x:<16.9e}{y:<16.9e}{'*':<8}".rstrip(),
+            f"{'*':<8}{z:<16.9e}",
+        ]
     for i, cell in enumerate(_rows(mesh.cells), 1):
         fields = [str(i), "1", *(str(cell[n] + 1) for n in TET10_ORDER)]
         first, rest = fields[:LINE], fields[LINE:]
@@ -139,10 +179,16 @@ def path_text() -> str:
 
 
 def box_superelement() -> Superelement:
-    """A superelement of one interface and two modes of 100 and 200 Hz whose other numbers mean nothing."""
+    """A superelement of one interface and two modes of 100 and 200 Hz whose other numbers mean
+    nothing.
+    """
     numbers = np.arange(64.0).reshape(8, 8)
     numbers[6:, 6:] = np.diag(0.5 * (2.0 * np.pi * np.array([100.0, 200.0])) ** 2)
-    labels = (*(("foot", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")), ("mode", "1"), ("mode", "2"))
+    labels = (
+        *(("foot", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")),
+        ("mode", "1"),
+        ("mode", "2"),
+    )
     return Superelement(
         name="column",
         labels=labels,
@@ -172,7 +218,10 @@ def write_samples(folder: Path) -> dict[str, bytes]:
         "path.csv": path_text(),
     }
     write_superelement(folder / "sample.h5", box_superelement())
-    return {**{name: text.encode() for name, text in texts.items()}, "part.h5": (folder / "sample.h5").read_bytes()}
+    return {
+        **{name: text.encode() for name, text in texts.items()},
+        "part.h5": (folder / "sample.h5").read_bytes(),
+    }
 
 
 def _rows(array: Any) -> list[list[Any]]:
@@ -182,8 +231,9 @@ def _rows(array: Any) -> list[list[Any]]:
 def run_file_fuzz(runs: int, *, seed: int, root: Path) -> Outcome:
     """Read damaged files of each kind in turn.
 
-    A fault is anything but success or a named error, more than ``SECONDS_ALLOWED`` of processor time, or a process that grows beyond
-    ``MB_ALLOWED``. Readers of superelements, forces, paths and targets run in this process, the first once a child has survived the file.
+    A fault is anything but success or a named error, more than ``SECONDS_ALLOWED`` of processor
+    time, or a process that grows beyond ``MB_ALLOWED``. Readers of superelements, forces, paths and
+    targets run in this process, the first once a child has survived the file.
 
     Args:
         runs: How many files.
@@ -217,9 +267,12 @@ def run_file_fuzz(runs: int, *, seed: int, root: Path) -> Outcome:
         if seconds > SECONDS_ALLOWED:
             outcome.faults.append(f"file {number} ({kind}) took {seconds:.1f} s")
     outcome.peak_mb = _largest_child_mb()
-    # the largest of all children there ever were, each starting at the size of the process that forked it
+    # the largest of all children there ever were, each starting at the size of the process that
+    # forked it
     if outcome.peak_mb > max(MB_ALLOWED, earlier_mb, peak_memory_mb()):
-        outcome.faults.append(f"a reader grew to {outcome.peak_mb:.0f} MB, {MB_ALLOWED:.0f} are allowed")
+        outcome.faults.append(
+            f"a reader grew to {outcome.peak_mb:.0f} MB, {MB_ALLOWED:.0f} are allowed"
+        )
     return outcome
 
 
@@ -258,7 +311,10 @@ def _damage(kind: str, content: bytes, chance: random.Random) -> bytes:
 
 def _used_seconds() -> float:
     """Processor time of this process and of all children that ended."""
-    usages = (resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN))
+    usages = (
+        resource.getrusage(resource.RUSAGE_SELF),
+        resource.getrusage(resource.RUSAGE_CHILDREN),
+    )
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 

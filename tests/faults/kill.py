@@ -25,13 +25,15 @@ from faults.runs import (
 
 SETTLE_SECONDS = 10.0
 POLL_SECONDS = 0.0005
-# how the moment of a kill is chosen, in turn: at any time of a run, or while one of its files is being written
+# how the moment of a kill is chosen, in turn: at any time of a run, or while one of its files is
+# being written
 AIMS = ("any time", "any time", "while a file is written")
 FORMS_EVERY = 20  # this often the compiled forms are cleared too, since compiling takes long
 
 
 def kill_runs(runs: int, *, seed: int, root: Path) -> Outcome:
-    """Kill ``headstock run`` with signal 9 again and again; after each kill look at every file and let a run end.
+    """Kill ``headstock run`` with signal 9 again and again; after each kill look at every file and
+    let a run end.
 
     Args:
         runs: How many are killed.
@@ -68,7 +70,9 @@ def _undisturbed(places: Places) -> tuple[dict[str, Numbers], float]:
     for variant in VARIANTS:
         start = time.perf_counter()
         code, said = finish_run(places, variant)
-        seconds = time.perf_counter() - start  # the last one, with forms compiled and nothing stored
+        seconds = (
+            time.perf_counter() - start
+        )  # the last one, with forms compiled and nothing stored
         if code:
             raise FaultError(f"an undisturbed run of {variant} ended with {code}: {said}")
         expected[variant] = read_numbers(places.results)
@@ -92,7 +96,10 @@ def _kill_one(places: Places, variant: str, aim: str, seconds: float, chance: ra
 
 def _someone_writes(places: Places) -> bool:
     return any(
-        name.startswith(".") for folder in (places.results, places.store) for _, _, names in os.walk(folder) for name in names
+        name.startswith(".")
+        for folder in (places.results, places.store)
+        for _, _, names in os.walk(folder)
+        for name in names
     )
 
 
@@ -116,21 +123,31 @@ def check_remains(places: Places, expected: dict[str, Numbers]) -> None:
         FaultError: Names the file that is not.
     """
     check_files(places.results)
-    for numbers in (read_results(places.results / "results.h5"), read_summary_numbers(places.results / "summary.json")):
+    for numbers in (
+        read_results(places.results / "results.h5"),
+        read_summary_numbers(places.results / "summary.json"),
+    ):
         if not any(numbers.equal(known) for known in expected.values()):
             raise FaultError("a file holds numbers of neither variant")
 
 
 def _check_next(places: Places, variant: str, expected: Numbers) -> None:
-    """The next run ends well, gives the numbers of an undisturbed one, and clears what the killed one left."""
+    """The next run ends well, gives the numbers of an undisturbed one, and clears what the killed
+    one left.
+    """
     code, said = finish_run(places, variant)
     if code:
         raise FaultError(f"the next run ended with {code}: {said}")
     if not read_numbers(places.results).equal(expected):
         raise FaultError("the next run found other numbers")
     end = time.monotonic() + SETTLE_SECONDS
-    while left := check_files(places.results) + check_files(places.store) + _foreign_names(places.temporary):
-        # a picture that was being drawn when the run was killed may still be drawn, and cleared after that
+    while (
+        left := check_files(places.results)
+        + check_files(places.store)
+        + _foreign_names(places.temporary)
+    ):
+        # a picture that was being drawn when the run was killed may still be drawn, and cleared
+        # after that
         if time.monotonic() > end:
             raise FaultError(f"the next run left behind: {', '.join(left)}")
         time.sleep(0.1)

@@ -11,7 +11,25 @@ NASTY_VALUES = (
     '"1e-300 mm"', '"1e300 GPa"', '"0 mm"', '"rigid"', '"elastic"', '"average"', "10000000", "-9223372036854775808", '"segmented"',
     '"1 mm" # "', "'''\n'''", '"""\n"""', '"' + "a" * 5000 + '"', '"1 ' + "m*" * 3000 + 'm"', '"1 ' + "k" * 500 + 'm"', '"' + "9" * 390 + ' mm"',
 )  # fmt: skip
-CHARACTERS = ("", '"', "'", "[", "]", "{", "}", "=", ".", ",", "\n", "\t", "\0", "\\", "#", "é", "\U0001f600")
+CHARACTERS = (
+    "",
+    '"',
+    "'",
+    "[",
+    "]",
+    "{",
+    "}",
+    "=",
+    ".",
+    ",",
+    "\n",
+    "\t",
+    "\0",
+    "\\",
+    "#",
+    "é",
+    "\U0001f600",
+)
 _VALUE = re.compile(r"(?<== )[^=\n#]+|(?<=[\[,] )[^\],\n]+")
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _NUMBER = re.compile(rb"-?[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?")
@@ -58,7 +76,9 @@ def _replace_word(text: str, others: tuple[str, ...], chance: random.Random) -> 
 
 
 def _scale_number(text: str, _others: tuple[str, ...], chance: random.Random) -> str:
-    return _replace_match(re.compile(r"\d+"), text, f"{chance.randrange(10)}e{chance.randrange(-40, 40)}", chance)
+    return _replace_match(
+        re.compile(r"\d+"), text, f"{chance.randrange(10)}e{chance.randrange(-40, 40)}", chance
+    )
 
 
 def _drop_line(text: str, _others: tuple[str, ...], chance: random.Random) -> str:
@@ -69,10 +89,15 @@ def _drop_line(text: str, _others: tuple[str, ...], chance: random.Random) -> st
 
 
 def _insert_line(text: str, others: tuple[str, ...], chance: random.Random) -> str:
-    lines, source = text.splitlines(keepends=True), chance.choice((text, *others)).splitlines(keepends=True)
+    lines, source = (
+        text.splitlines(keepends=True),
+        chance.choice((text, *others)).splitlines(keepends=True),
+    )
     start = chance.randrange(len(source)) if source else 0
     place = chance.randint(0, len(lines))
-    return "".join([*lines[:place], *source[start : start + chance.choice((1, 1, 3, 10))], *lines[place:]])
+    return "".join(
+        [*lines[:place], *source[start : start + chance.choice((1, 1, 3, 10))], *lines[place:]]
+    )
 
 
 def _repeat_line(text: str, _others: tuple[str, ...], chance: random.Random) -> str:
@@ -80,7 +105,9 @@ def _repeat_line(text: str, _others: tuple[str, ...], chance: random.Random) -> 
     if not lines:
         return text
     place = chance.randrange(len(lines))
-    return "".join([*lines[:place], lines[place] * chance.choice((2, 50, 1000)), *lines[place + 1 :]])
+    return "".join(
+        [*lines[:place], lines[place] * chance.choice((2, 50, 1000)), *lines[place + 1 :]]
+    )
 
 
 def _change_characters(text: str, _others: tuple[str, ...], chance: random.Random) -> str:
@@ -148,7 +175,20 @@ def _move_span(content: bytes, chance: random.Random) -> bytes:
 def _lie_about_number(content: bytes, chance: random.Random) -> bytes:
     start = chance.randint(0, len(content)) if chance.random() < 0.7 else 0
     match = _NUMBER.search(content, start)
-    return content if match is None else content[: match.start()] + chance.choice(NASTY_NUMBERS) + content[match.end() :]
+    return (
+        content
+        if match is None
+        else content[: match.start()] + chance.choice(NASTY_NUMBERS) + content[match.end() :]
+    )
 
 
-_BYTE_CHANGES = (_flip_bits, _flip_bits, _truncate, _blank_span, _drop_span, _move_span, _lie_about_number, _lie_about_number)
+_BYTE_CHANGES = (
+    _flip_bits,
+    _flip_bits,
+    _truncate,
+    _blank_span,
+    _drop_span,
+    _move_span,
+    _lie_about_number,
+    _lie_about_number,
+)

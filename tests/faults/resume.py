@@ -1,4 +1,6 @@
-"""Sweeps and studies killed at random times and started again: they end with the content of one that was left alone."""
+"""Sweeps and studies killed at random times and started again: they end with the content of one
+that was left alone.
+"""
 
 import json
 import os
@@ -72,7 +74,9 @@ EQUAL, SINGLE = 1e-10, 1e-4  # of numbers, and of shapes in single precision
 Content = dict[str, Any]
 
 
-def kill_and_resume(runs: int, *, seed: int, root: Path, kinds: Sequence[str] = KINDS, scene: str = SCENE) -> Outcome:
+def kill_and_resume(
+    runs: int, *, seed: int, root: Path, kinds: Sequence[str] = KINDS, scene: str = SCENE
+) -> Outcome:
     """Kill a sweep or a study with signal 9 and start it again, until it ends; then begin anew.
 
     Args:
@@ -94,7 +98,9 @@ def kill_and_resume(runs: int, *, seed: int, root: Path, kinds: Sequence[str] = 
         folder = root / kind.replace(" ", "-")
         try:
             finished_before = _count_finished(folder)
-            ending = _kill_one(start_resumable(root, folder, kind), folder, chance.uniform(0.0, expected[kind][1]))
+            ending = _kill_one(
+                start_resumable(root, folder, kind), folder, chance.uniform(0.0, expected[kind][1])
+            )
             outcome.note_trial(f"{kind}: {ending}")
             if _count_finished(folder) < finished_before:
                 raise FaultError("finished ones were lost")
@@ -125,7 +131,10 @@ def read_content(folder: Path) -> Content:
     except (OSError, ValueError) as error:
         raise FaultError(f"{folder} is torn: {error}") from error
     kept: Content = {
-        record["key"]: json.dumps([record["status"], record["summary"]["modal"], record["summary"]["static"]]) for record in records
+        record["key"]: json.dumps(
+            [record["status"], record["summary"]["modal"], record["summary"]["static"]]
+        )
+        for record in records
     }
     return kept | {"rows": str(len(listing["rows"]))}
 
@@ -142,18 +151,28 @@ def _read_arrays(file: h5py.File) -> Content:
 
 
 def find_difference(found: Content, expected: Content) -> str:
-    """The first name whose content differs, by more than ``EQUAL`` of its largest number where it has numbers; empty for none."""
+    """The first name whose content differs, by more than ``EQUAL`` of its largest number where it
+    has numbers; empty for none.
+    """
     if found.keys() != expected.keys():
         return f"other names: {sorted(found.keys() ^ expected.keys())[:3]}"
     for name, value in expected.items():
         other = found[name]
-        if isinstance(value, str) or isinstance(other, str) or value.dtype.kind != "f" or np.shape(value) != np.shape(other):
+        if (
+            isinstance(value, str)
+            or isinstance(other, str)
+            or value.dtype.kind != "f"
+            or np.shape(value) != np.shape(other)
+        ):
             if not np.array_equal(value, other):
                 return f"{name} differs"
             continue
         limit = SINGLE if value.dtype == np.float32 else EQUAL
         error = np.abs(value - other) / max(float(np.nanmax(np.abs(value), initial=0.0)), 1e-300)
-        if not np.array_equal(np.isnan(value), np.isnan(other)) or np.nanmax(error, initial=0.0) > limit:
+        if (
+            not np.array_equal(np.isnan(value), np.isnan(other))
+            or np.nanmax(error, initial=0.0) > limit
+        ):
             return f"{name} differs by {np.nanmax(error, initial=0.0):.2g} of its largest number"
     return ""
 
@@ -179,11 +198,26 @@ def _finish(root: Path, folder: Path, kind: str, expected: Content) -> None:
 
 
 def start_resumable(
-    root: Path, folder: Path, kind: str, *, variant: str | None = None, environment: Mapping[str, str] = os.environ
+    root: Path,
+    folder: Path,
+    kind: str,
+    *,
+    variant: str | None = None,
+    environment: Mapping[str, str] = os.environ,
 ) -> "subprocess.Popen[str]":
-    """Start a sweep or a study of ``scene.toml`` in a folder, with the store beside it, as the leader of a process group."""
+    """Start a sweep or a study of ``scene.toml`` in a folder, with the store beside it, as the
+    leader of a process group.
+    """
     command = kind.split()[0]
-    program = [sys.executable, "-P", "-m", "headstock.app.command_line", command, str(root / "scene.toml"), NAMES[command]]
+    program = [
+        sys.executable,
+        "-P",
+        "-m",
+        "headstock.app.command_line",
+        command,
+        str(root / "scene.toml"),
+        NAMES[command],
+    ]
     program += ["--variant", variant] if variant else []
     if "ranks" in kind:
         program = ["mpirun", "--oversubscribe", "--bind-to", "none", "-n", "2", *program]
@@ -238,7 +272,10 @@ def _count_finished(folder: Path) -> int:
     try:
         if (folder / "points.jsonl").is_file():
             return (folder / "points.jsonl").read_bytes().count(b"\n")
-        return sum(len(read_journal(path, pose_form(_key_of(path)))) for path in folder.glob("poses/*.journal"))
+        return sum(
+            len(read_journal(path, pose_form(_key_of(path))))
+            for path in folder.glob("poses/*.journal")
+        )
     except OSError:
         return 0
 

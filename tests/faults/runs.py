@@ -1,4 +1,6 @@
-"""What the fault-injection tests share: a small elastic scene in two variants, its run as a process, the numbers it leaves, the tally."""
+"""What the fault-injection tests share: a small elastic scene in two variants, its run as a
+process, the numbers it leaves, the tally.
+"""
 
 import contextlib
 import dataclasses
@@ -128,13 +130,22 @@ class Numbers:
     frequencies_hz: FloatArray
 
     def equal(self, other: "Numbers") -> bool:
-        """Whether two runs found the same to ``EQUAL``, relative to the largest number of each kind."""
-        pairs = [(getattr(self, field.name), getattr(other, field.name)) for field in dataclasses.fields(self)]
-        return all(a.shape == b.shape and bool(np.all(np.abs(a - b) <= EQUAL * np.abs(b).max())) for a, b in pairs)
+        """Whether two runs found the same to ``EQUAL``, relative to the largest number of each
+        kind.
+        """
+        pairs = [
+            (getattr(self, field.name), getattr(other, field.name))
+            for field in dataclasses.fields(self)
+        ]
+        return all(
+            a.shape == b.shape and bool(np.all(np.abs(a - b) <= EQUAL * np.abs(b).max()))
+            for a, b in pairs
+        )
 
 
 def in_own_process[**P, T](work: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
-    """What a function returns in a new process, which has neither the threads nor the memory of this one.
+    """What a function returns in a new process, which has neither the threads nor the memory of
+    this one.
 
     Raises:
         BrokenProcessPool: The process ended otherwise.
@@ -154,7 +165,16 @@ def make_places(root: Path, *, cache: Path | None = None) -> Places:
 
 def start_run(places: Places, variant: str) -> "subprocess.Popen[str]":
     """Start ``headstock run`` of a variant as the leader of a process group."""
-    command = [sys.executable, "-P", "-m", "headstock.app.command_line", "run", str(places.scene), "-o", str(places.results)]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "headstock.app.command_line",
+        "run",
+        str(places.scene),
+        "-o",
+        str(places.results),
+    ]
     folders = {"HEADSTOCK_STORE": str(places.store), "TMPDIR": str(places.temporary)}
     if places.cache is not None:
         folders["XDG_CACHE_HOME"] = str(places.cache)
@@ -214,7 +234,9 @@ def read_results(path: Path) -> Numbers:
     try:
         with h5py.File(path, "r") as file:
             pose = next(iter(file["modal"]))
-            return Numbers(file[f"static/{pose}/tcp/compliance"][()], file[f"modal/{pose}/frequencies_hz"][()])
+            return Numbers(
+                file[f"static/{pose}/tcp/compliance"][()], file[f"modal/{pose}/frequencies_hz"][()]
+            )
     except (OSError, KeyError, RuntimeError) as error:
         raise FaultError(f"{path} is torn: {error}") from error
 

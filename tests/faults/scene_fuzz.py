@@ -1,4 +1,6 @@
-"""Scene files damaged at random: each loads, or is refused with a list of problems; none costs much time or memory."""
+"""Scene files damaged at random: each loads, or is refused with a list of problems; none costs much
+time or memory.
+"""
 
 import random
 import time
@@ -32,10 +34,11 @@ SETTINGS = (
 
 
 def run_scene_fuzz(runs: int, *, seed: int, root: Path) -> Outcome:
-    """Load and plan damaged copies of the shipped scenes, in child processes of ``CHUNK`` scenes each.
+    """Load and plan damaged copies of the shipped scenes, in child processes of ``CHUNK`` scenes
+    each.
 
-    A fault is anything but success or a named error, more than ``SECONDS_ALLOWED`` of processor time, or a process that grows beyond
-    ``MB_ALLOWED`` (interpreter and libraries included).
+    A fault is anything but success or a named error, more than ``SECONDS_ALLOWED`` of processor
+    time, or a process that grows beyond ``MB_ALLOWED`` (interpreter and libraries included).
 
     Args:
         runs: How many scenes.
@@ -57,7 +60,9 @@ def run_scene_fuzz(runs: int, *, seed: int, root: Path) -> Outcome:
         outcome.slowest_seconds = max(outcome.slowest_seconds, found.slowest_seconds)
         outcome.peak_mb = max(outcome.peak_mb, found.peak_mb)
     if outcome.peak_mb > MB_ALLOWED:
-        outcome.faults.append(f"a process grew to {outcome.peak_mb:.0f} MB, {MB_ALLOWED:.0f} are allowed")
+        outcome.faults.append(
+            f"a process grew to {outcome.peak_mb:.0f} MB, {MB_ALLOWED:.0f} are allowed"
+        )
     return outcome
 
 
@@ -89,9 +94,14 @@ def try_scene(path: Path, overrides: tuple[str, ...]) -> str:
         scene = load_scene(path, overrides=overrides)
     except SceneError as error:
         if not error.problems or len(str(error)) > 100_000:
-            raise FaultError(f"{len(error.problems)} problems in {len(str(error))} characters") from error
+            raise FaultError(
+                f"{len(error.problems)} problems in {len(str(error))} characters"
+            ) from error
         return "refused"
-    if any(isinstance(component.solid, StepFile | MeshFile) for component in scene.machine.components.values()):
+    if any(
+        isinstance(component.solid, StepFile | MeshFile)
+        for component in scene.machine.components.values()
+    ):
         return "loaded"
     try:
         plan_scene(scene)
@@ -113,7 +123,9 @@ def _fuzz(root: Path, seed: int, first: int, count: int) -> Outcome:
         except Exception as error:
             where = traceback.extract_tb(error.__traceback__)[-1]
             text = str(error)[:300]
-            outcome.faults.append(f"scene {number}: {type(error).__name__}: {text} ({Path(where.filename).name}:{where.lineno})")
+            outcome.faults.append(
+                f"scene {number}: {type(error).__name__}: {text} ({Path(where.filename).name}:{where.lineno})"
+            )
         seconds = time.process_time() - start
         if seconds > SECONDS_ALLOWED:
             outcome.faults.append(f"scene {number} took {seconds:.2f} s")

@@ -1,4 +1,6 @@
-"""Sweeps as array jobs of a real Slurm, some tasks put back into the queue, killed or cancelled: the file of a local sweep comes out."""
+"""Sweeps as array jobs of a real Slurm, some tasks put back into the queue, killed or cancelled:
+the file of a local sweep comes out.
+"""
 
 import contextlib
 import json
@@ -19,7 +21,12 @@ from headstock.pipeline.storage.provenance import PROJECT
 
 SCENE, SWEEP = PROJECT / "machines" / "three_axis.toml", "workspace"
 TASKS, RANKS = 3, 2
-ENDINGS = ("undisturbed", "one task put back into the queue", "one task killed", "one task cancelled")
+ENDINGS = (
+    "undisturbed",
+    "one task put back into the queue",
+    "one task killed",
+    "one task cancelled",
+)
 TIME_LIMIT, POLL_SECONDS, SETTLE_SECONDS = 1200.0, 0.02, 10.0
 # temporary files of the jobs, too, go where they end with the trials
 PASSED_ON = "--export=HOME,USER,LOGNAME,PATH,TMPDIR"
@@ -47,7 +54,15 @@ class SlurmPlaces:
 
     def start_sweep(self, folder: str) -> "subprocess.Popen[str]":
         """Start the sweep as an array job."""
-        options = ["--on", "slurm", "--tasks", str(TASKS), "--ranks", str(RANKS), f"--sbatch={PASSED_ON}"]
+        options = [
+            "--on",
+            "slurm",
+            "--tasks",
+            str(TASKS),
+            "--ranks",
+            str(RANKS),
+            f"--sbatch={PASSED_ON}",
+        ]
         return subprocess.Popen(
             [*sweep_words(self.root / folder), *options],
             env=self._environment(), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
@@ -55,7 +70,12 @@ class SlurmPlaces:
         )  # fmt: skip
 
     def _environment(self) -> dict[str, str]:
-        return {**os.environ, "HEADSTOCK_STORE": str(self.root / "store"), "HEADSTOCK_THREADS": "1", **self.variables}
+        return {
+            **os.environ,
+            "HEADSTOCK_STORE": str(self.root / "store"),
+            "HEADSTOCK_THREADS": "1",
+            **self.variables,
+        }
 
 
 def sweep_words(folder: Path) -> list[str]:
@@ -64,7 +84,8 @@ def sweep_words(folder: Path) -> list[str]:
 
 
 def disturb_slurm(runs: int, *, seed: int, root: Path) -> Outcome:
-    """Start Slurm, sweep on it again and again, hold each file against that of a local sweep, and stop Slurm.
+    """Start Slurm, sweep on it again and again, hold each file against that of a local sweep, and
+    stop Slurm.
 
     Args:
         runs: How many sweeps, of each kind in ``ENDINGS`` in turn.
@@ -89,7 +110,9 @@ def disturb_slurm(runs: int, *, seed: int, root: Path) -> Outcome:
                 outcome.note_trial("fault")
                 outcome.faults.append(f"trial {trial + 1}, {ending}: {error}")
         outcome.notes.append(places.run("sbatch", "--version").stdout.strip())
-    outcome.faults += [f"still running after Slurm was stopped: {name}" for name in _wait_for_leavers(before)]
+    outcome.faults += [
+        f"still running after Slurm was stopped: {name}" for name in _wait_for_leavers(before)
+    ]
     return outcome
 
 
@@ -125,11 +148,16 @@ def _sweep_once(places: SlurmPlaces, folder: str, ending: str, task: int) -> Non
     _compare(places, folder)
 
 
-def _disturb(places: SlurmPlaces, folder: str, process: "subprocess.Popen[str]", ending: str, task: int) -> None:
+def _disturb(
+    places: SlurmPlaces, folder: str, process: "subprocess.Popen[str]", ending: str, task: int
+) -> None:
     """Wait until a task has finished a pose, then end it before it has finished all."""
     journals = places.root / folder / "poses"
     end = time.monotonic() + TIME_LIMIT
-    while sum(path.stat().st_size > 1000 for path in journals.glob(f"*-{task}of{TASKS}-*.journal")) == 0:
+    while (
+        sum(path.stat().st_size > 1000 for path in journals.glob(f"*-{task}of{TASKS}-*.journal"))
+        == 0
+    ):
         if process.poll() is not None or time.monotonic() > end:
             raise FaultError(f"task {task} wrote no pose")
         time.sleep(POLL_SECONDS)
@@ -140,7 +168,9 @@ def _disturb(places: SlurmPlaces, folder: str, process: "subprocess.Popen[str]",
         return
     tool = "requeue" if ending == ENDINGS[1] else "cancel"
     job = f"{_job_number(places, folder)}_{task}"
-    done = places.run("scontrol", "requeue", job) if tool == "requeue" else places.run("scancel", job)
+    done = (
+        places.run("scontrol", "requeue", job) if tool == "requeue" else places.run("scancel", job)
+    )
     if done.returncode:
         raise FaultError(f"{tool} of {job}: {done.stderr.strip()}")
 
@@ -166,14 +196,18 @@ def _check_complaint(said: str, task: int) -> None:
 
 def _check_kept(places: SlurmPlaces, folder: str, task: int, *, requeued: bool) -> None:
     """The task that was begun twice computed only what it had not finished the first time."""
-    log = (places.root / folder / "slurm" / f"{_job_number(places, folder)}_{task}.log").read_text(errors="replace")
+    log = (places.root / folder / "slurm" / f"{_job_number(places, folder)}_{task}.log").read_text(
+        errors="replace"
+    )
     if requeued and "REQUEUE" not in log:
         raise FaultError(f"task {task} was not put back into the queue: {log[-1500:]}")
     computed = re.findall(rf"part {task} of {TASKS}: (\d+) poses? computed", log)
     with h5py.File(places.root / folder / FILES[0], "r") as file:
         share = len(range(task - 1, len(file["positions"]), TASKS))
     if not computed or not 0 < int(computed[-1]) < share:
-        raise FaultError(f"task {task} of {share} poses, begun again, did not go on where it was: {log[-1500:]}")
+        raise FaultError(
+            f"task {task} of {share} poses, begun again, did not go on where it was: {log[-1500:]}"
+        )
 
 
 def _complete(places: SlurmPlaces, folder: str, task: int) -> None:

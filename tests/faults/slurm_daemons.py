@@ -1,4 +1,6 @@
-"""A real Slurm of one node, started in a folder of its own and stopped: munged, slurmctld and slurmd."""
+"""A real Slurm of one node, started in a folder of its own and stopped: munged, slurmctld and
+slurmd.
+"""
 
 import contextlib
 import os
@@ -63,7 +65,10 @@ def run_slurm(folder: Path, *, cpus: int) -> Iterator[dict[str, str]]:
     """
     _write_settings(folder, cpus)
     variables = {"SLURM_CONF": str(folder / "slurm.conf")}
-    munge = [f"--{name}={folder}/munge.{name.removesuffix('-file')}" for name in ("key-file", "pid-file", "log-file", "seed-file")]
+    munge = [
+        f"--{name}={folder}/munge.{name.removesuffix('-file')}"
+        for name in ("key-file", "pid-file", "log-file", "seed-file")
+    ]
     commands = {
         "munged": ["munged", "--foreground", f"--socket={folder}/munge.socket", *munge],
         "slurmctld": ["slurmctld", "-D", "-i"],
@@ -74,7 +79,11 @@ def run_slurm(folder: Path, *, cpus: int) -> Iterator[dict[str, str]]:
         for name, words in commands.items():
             with (folder / f"{name}.out").open("wb") as output:
                 started[name] = subprocess.Popen(
-                    words, env={**os.environ, **variables}, stdin=subprocess.DEVNULL, stdout=output, stderr=output
+                    words,
+                    env={**os.environ, **variables},
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=output,
                 )
             if name == "munged":
                 _wait_until(folder, started, lambda: (folder / "munge.socket").exists())
@@ -90,7 +99,9 @@ def _write_settings(folder: Path, cpus: int) -> None:
         (folder / name).chmod(OPEN_FOLDER)
     host = socket.gethostname().partition(".")[0]
     ports = _free_ports(2)
-    settings = SETTINGS.format(host=host, folder=folder, cpus=cpus, controller_port=ports[0], node_port=ports[1])
+    settings = SETTINGS.format(
+        host=host, folder=folder, cpus=cpus, controller_port=ports[0], node_port=ports[1]
+    )
     (folder / "slurm.conf").write_text(settings)
     (folder / "cgroup.conf").write_text(CONTROL_GROUPS)
     key = folder / "munge.key"
@@ -117,7 +128,9 @@ def _node_is_idle(variables: dict[str, str]) -> bool:
     return done.returncode == 0 and done.stdout.strip() == "idle"
 
 
-def _wait_until(folder: Path, started: dict[str, "subprocess.Popen[bytes]"], is_ready: Callable[[], bool]) -> None:
+def _wait_until(
+    folder: Path, started: dict[str, "subprocess.Popen[bytes]"], is_ready: Callable[[], bool]
+) -> None:
     end = time.monotonic() + START_SECONDS
     while not is_ready():
         for name, process in started.items():

@@ -1,6 +1,8 @@
-"""A small file system for this process and its children, without being root (Linux user namespaces).
+"""A small file system for this process and its children, without being root (Linux user
+namespaces).
 
-Folders on a small disk whose free room is set; where no file system can be made, a limit on the size of each file instead.
+Folders on a small disk whose free room is set; where no file system can be made, a limit on the
+size of each file instead.
 """
 
 import contextlib
@@ -92,7 +94,9 @@ def limited_room(folder: Path, names: Sequence[str], *, limited_files: bool) -> 
             (folder / name).mkdir(exist_ok=True)
         before = resource.getrlimit(resource.RLIMIT_FSIZE)
         try:
-            yield lambda room: resource.setrlimit(resource.RLIMIT_FSIZE, (before[0] if room is None else room, before[1]))
+            yield lambda room: resource.setrlimit(
+                resource.RLIMIT_FSIZE, (before[0] if room is None else room, before[1])
+            )
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
         return

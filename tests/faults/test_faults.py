@@ -1,4 +1,6 @@
-"""Faults on purpose, often: ``./headstock test -m faults [--trials N] [--seed N]``; short versions are among the hard cases (H44 to H48)."""
+"""Faults on purpose, often: ``./headstock test -m faults [--trials N] [--seed N]``; short versions
+are among the hard cases (H44 to H48).
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -27,7 +29,10 @@ from faults.scene_fuzz import run_scene_fuzz
 def test_nothing_is_torn_wrong_or_left_behind(
     inject: Callable[..., Outcome], usual_trials: int, pytestconfig: pytest.Config, tmp_path: Path
 ) -> None:
-    trials, seed = pytestconfig.getoption("--trials") or usual_trials, pytestconfig.getoption("--seed")
+    trials, seed = (
+        pytestconfig.getoption("--trials") or usual_trials,
+        pytestconfig.getoption("--seed"),
+    )
     outcome = inject(trials, seed=seed, root=tmp_path)
     print(outcome)  # -rA shows it
     assert outcome.faults == []

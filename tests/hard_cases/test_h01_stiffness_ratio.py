@@ -1,4 +1,6 @@
-"""H01: bolts up to 1e14 times as stiff as air springs cost the lowest frequency no digit, and absurd ratios are warned of."""
+"""H01: bolts up to 1e14 times as stiff as air springs cost the lowest frequency no digit, and
+absurd ratios are warned of.
+"""
 
 import decimal
 import math
@@ -22,7 +24,10 @@ TURNED = Frame(np.array([0.3, -0.2, 0.5]), rotation_about(np.array([1.0, 2.0, -1
 
 def two_masses(ratio: float) -> tuple[dict[str, Superelement], Machine]:
     """Two bodies on a line: air spring to ground, bolt between; only z can move."""
-    bodies = [rigid_body("low", 100.0, {"a": (0, 0, 0), "b": (0, 0, 0)}), rigid_body("high", 50.0, {"a": (0, 0, 0)})]
+    bodies = [
+        rigid_body("low", 100.0, {"a": (0, 0, 0), "b": (0, 0, 0)}),
+        rigid_body("high", 50.0, {"a": (0, 0, 0)}),
+    ]
     held = (0, 1, 3, 4, 5)
     joints = [
         joint_between("air", "ground", "low.a", stiffness=(0, 0, AIR, 0, 0, 0), held=held),
@@ -41,32 +46,56 @@ def exact_two_masses(ratio: float) -> list[float]:
 
 
 def machine_on_air(ratio: float) -> tuple[dict[str, Superelement], Machine]:
-    """A block on four air springs that carries a second block on four corner bolts: stiff loops, six soft modes."""
-    corners = {f"c{i}": (x, y, 0.3) for i, (x, y) in enumerate([(-0.5, -0.4), (0.5, -0.4), (0.5, 0.4), (-0.5, 0.4)])}
+    """A block on four air springs that carries a second block on four corner bolts: stiff loops,
+    six soft modes.
+    """
+    corners = {
+        f"c{i}": (x, y, 0.3)
+        for i, (x, y) in enumerate([(-0.5, -0.4), (0.5, -0.4), (0.5, 0.4), (-0.5, 0.4)])
+    }
     base = rigid_body("base", 230.0, corners, inertia=(14.0, 21.0, 31.4), center=(0.0, 0.0, 0.15))
     top = rigid_body("top", 60.0, corners, inertia=(2.0, 3.0, 4.0), center=(0.1, 0.0, 0.5))
     joints = [
-        joint_between(f"air{i}", "ground", f"base.c{i}", stiffness=(1.2e4, 1.2e4, 1.8e4, 0, 0, 0), point=(x, y, 0.0))
+        joint_between(
+            f"air{i}",
+            "ground",
+            f"base.c{i}",
+            stiffness=(1.2e4, 1.2e4, 1.8e4, 0, 0, 0),
+            point=(x, y, 0.0),
+        )
         for i, (x, y, _) in enumerate(corners.values())
     ]
     bolt = 1.2e4 * ratio
-    joints += [joint_between(f"bolt{i}", f"base.c{i}", f"top.c{i}", stiffness=(bolt, bolt, 2 * bolt, 0, 0, 0)) for i in range(4)]
+    joints += [
+        joint_between(
+            f"bolt{i}", f"base.c{i}", f"top.c{i}", stiffness=(bolt, bolt, 2 * bolt, 0, 0, 0)
+        )
+        for i in range(4)
+    ]
     return lumped_machine([base, top], joints, {"tcp": ("top.c0", "ground")})
 
 
-def frequencies(parts: tuple[dict[str, Superelement], Machine], *, frame: Frame | None = None) -> FloatArray:
+def frequencies(
+    parts: tuple[dict[str, Superelement], Machine], *, frame: Frame | None = None
+) -> FloatArray:
     superelements, machine = parts
-    coupled = couple(superelements, machine if frame is None else orient_machine(machine, frame), HOME)
+    coupled = couple(
+        superelements, machine if frame is None else orient_machine(machine, frame), HOME
+    )
     return solve_modal(coupled.system).frequencies_hz
 
 
 @pytest.mark.parametrize("exponent", range(15))
 def test_both_frequencies_of_two_masses_are_exact_for_every_ratio(exponent: int) -> None:
-    np.testing.assert_allclose(frequencies(two_masses(10.0**exponent)), exact_two_masses(10.0**exponent), rtol=1e-12)
+    np.testing.assert_allclose(
+        frequencies(two_masses(10.0**exponent)), exact_two_masses(10.0**exponent), rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("exponent", range(6, 15))
-def test_soft_modes_of_a_machine_tend_to_those_with_rigid_bolts_and_lose_no_digits(exponent: int) -> None:
+def test_soft_modes_of_a_machine_tend_to_those_with_rigid_bolts_and_lose_no_digits(
+    exponent: int,
+) -> None:
     rigid = frequencies(machine_on_air(1e15))[:6]
     found = frequencies(machine_on_air(10.0**exponent))[:6]
     # a bolt R times stiffer than the springs changes f by at most 1/R

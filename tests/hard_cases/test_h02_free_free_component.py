@@ -1,4 +1,6 @@
-"""H02: a component that nothing holds: six rigid modes, and elastic ones that do not depend on any shift."""
+"""H02: a component that nothing holds: six rigid modes, and elastic ones that do not depend on any
+shift.
+"""
 
 import numpy as np
 import pytest
@@ -11,11 +13,17 @@ from common import make_box, make_component
 from headstock.geometry.frames import FloatArray
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.solvers.elastic.sturm_count import count_frequencies_below
-from headstock.validation.parts.component_models import FullModel, full_model, full_modes, rigid_frequencies
+from headstock.validation.parts.component_models import (
+    FullModel,
+    full_model,
+    full_modes,
+    rigid_frequencies,
+)
 
 COMM = MPI.COMM_SELF
 SIZE = (0.038, 0.1, 0.5)
-# of the first elastic eigenvalue; below them the shifted matrix of the other road is singular to working accuracy
+# of the first elastic eigenvalue; below them the shifted matrix of the other road is singular to
+# working accuracy
 SHIFTS = (1e-6, 1e-4, 1e-1, 1e2, 1e4)
 
 
@@ -26,12 +34,16 @@ def block() -> tuple[FullModel, FloatArray]:
     return model, full_modes(model, 6).frequencies_hz
 
 
-def test_rigid_motions_stay_five_decades_below_the_first_elastic_mode(block: tuple[FullModel, FloatArray]) -> None:
+def test_rigid_motions_stay_five_decades_below_the_first_elastic_mode(
+    block: tuple[FullModel, FloatArray],
+) -> None:
     model, elastic = block
     assert rigid_frequencies(model).max() < 1e-5 * elastic[0]
 
 
-def test_there_are_six_rigid_modes_and_no_more_below_the_first_elastic_one(block: tuple[FullModel, FloatArray]) -> None:
+def test_there_are_six_rigid_modes_and_no_more_below_the_first_elastic_one(
+    block: tuple[FullModel, FloatArray],
+) -> None:
     model, elastic = block
     held = np.zeros(model.operators.owned_dofs, dtype=bool)
     assert count_frequencies_below(model.operators, held, 0.999 * elastic[0]) == 6
@@ -55,7 +67,9 @@ def test_elastic_frequencies_equal_those_of_a_shifted_solve_over_ten_decades(
     np.testing.assert_allclose(shifted[6:], elastic, rtol=1e-6)
 
 
-def test_a_loose_component_reduces_to_its_rigid_motions_and_free_free_modes(block: tuple[FullModel, FloatArray]) -> None:
+def test_a_loose_component_reduces_to_its_rigid_motions_and_free_free_modes(
+    block: tuple[FullModel, FloatArray],
+) -> None:
     model, elastic = block
     element = reduce_elastic(make_component(modes=6, size=SIZE), model.mesh, comm=COMM)
     np.testing.assert_allclose(element.modal_frequencies_hz[:6], elastic, rtol=1e-9)

@@ -8,7 +8,11 @@ from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.machine.machine import Machine, Pose, orient_machine
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.body_motions import find_free_motions
-from headstock.reduction.motions.compliance_budget import find_weakest_link, point_budget, point_compliance
+from headstock.reduction.motions.compliance_budget import (
+    find_weakest_link,
+    point_budget,
+    point_compliance,
+)
 from headstock.reduction.motions.mode_naming import name_modes
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
@@ -22,10 +26,24 @@ COLUMN = (1e8, 2e8, 5e8, 2e6, 3e6, 1e6)
 ODD = Frame(np.array([3.0, -1.0, 2.0]), rotation_about(np.array([1.0, 2.0, 3.0]), 0.9))
 
 
-def machine_with_free(dofs: tuple[int, ...], held: tuple[int, ...] = ()) -> tuple[dict[str, Superelement], Machine]:
+def machine_with_free(
+    dofs: tuple[int, ...], held: tuple[int, ...] = ()
+) -> tuple[dict[str, Superelement], Machine]:
     """A bed on springs, a slider with a column on it; some dofs of the slider's guide are free."""
-    bed = rigid_body("bed", 300.0, {"foot": (0, 0, -0.4), "rail": (0, 0, 0)}, center=(0, 0, -0.2), inertia=(9, 10, 11))
-    slider = rigid_body("slider", 40.0, {"guide": (0, 0, 0), "top": (0, 0, 0.1)}, center=(0, 0, 0.05), inertia=(0.4, 0.5, 0.6))
+    bed = rigid_body(
+        "bed",
+        300.0,
+        {"foot": (0, 0, -0.4), "rail": (0, 0, 0)},
+        center=(0, 0, -0.2),
+        inertia=(9, 10, 11),
+    )
+    slider = rigid_body(
+        "slider",
+        40.0,
+        {"guide": (0, 0, 0), "top": (0, 0, 0.1)},
+        center=(0, 0, 0.05),
+        inertia=(0.4, 0.5, 0.6),
+    )
     column = two_node_body("column", 30.0, 0.5, COLUMN, placement=Frame(np.array([0.0, 0.0, 0.1])))
     spring = np.where(np.isin(range(6), [*dofs, *held]), 0.0, SPRING)
     joints = [
@@ -41,7 +59,9 @@ CASES = [(0,), (2,), (5,), (0, 1), (0, 1, 5), (0, 1, 2, 3), (0, 1, 2, 3, 4)]
 
 @pytest.mark.parametrize("frame", [Frame(), ODD], ids=["straight", "turned"])
 @pytest.mark.parametrize("dofs", CASES)
-def test_free_motions_are_counted_and_the_bed_does_not_move(dofs: tuple[int, ...], frame: Frame) -> None:
+def test_free_motions_are_counted_and_the_bed_does_not_move(
+    dofs: tuple[int, ...], frame: Frame
+) -> None:
     superelements, machine = machine_with_free(dofs)
     coupled = couple(superelements, orient_machine(machine, frame), HOME)
     motions = find_free_motions(coupled)
@@ -61,12 +81,18 @@ def test_rigid_modes_lie_far_below_the_first_elastic_one_and_leave_the_others_al
     assert soft.frequencies_hz[0] == pytest.approx(np.sqrt(1e-3 / 70.0) / (2 * np.pi), rel=0.2)
 
 
-def test_a_load_that_does_work_on_a_free_motion_is_refused_with_the_motions_and_bodies_named() -> None:
+def test_a_load_that_does_work_on_a_free_motion_is_refused_with_the_motions_and_bodies_named() -> (
+    None
+):
     coupled = couple(*machine_with_free((0, 1, 2, 5)), HOME)
     with pytest.raises(ModelError, match=r"4 rigid motion\(s\) are free") as caught:
         point_compliance(coupled, "tcp")
     assert "X translation of" in str(caught.value) and "C rotation of" in str(caught.value)
-    assert "slider" in str(caught.value) and "column" in str(caught.value) and "bed" not in str(caught.value)
+    assert (
+        "slider" in str(caught.value)
+        and "column" in str(caught.value)
+        and "bed" not in str(caught.value)
+    )
 
 
 @pytest.mark.parametrize("dofs", [(0,), (5,), (0, 5), (3,), (2, 4)])
@@ -102,7 +128,10 @@ def test_the_solver_alone_refuses_a_mechanism_too() -> None:
 def test_modes_go_on_and_name_the_free_motion() -> None:
     coupled = couple(*machine_with_free((0,)), HOME)
     names = name_modes(coupled, solve_modal(coupled.system)).names
-    assert names[0] == "free X translation of column + slider" or names[0] == "free X translation of slider + column"
+    assert (
+        names[0] == "free X translation of column + slider"
+        or names[0] == "free X translation of slider + column"
+    )
     assert not any(name.startswith("free") for name in names[1:])
 
 

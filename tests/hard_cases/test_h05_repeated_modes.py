@@ -33,11 +33,15 @@ def angle(model: FullModel, one: FloatArray, other: FloatArray) -> float:
     gram = np.linalg.inv(one.T @ basis) @ (basis.T @ other)
     rest = other - one @ gram
     sizes = np.sqrt(np.linalg.eigvalsh(rest.T @ model.operators.apply_mass(rest)).clip(0.0)[-1])
-    return float(sizes / np.sqrt(np.linalg.eigvalsh(other.T @ model.operators.apply_mass(other))[0]))
+    return float(
+        sizes / np.sqrt(np.linalg.eigvalsh(other.T @ model.operators.apply_mass(other))[0])
+    )
 
 
 def twins(frequencies: FloatArray) -> list[int]:
-    return [i for i in range(len(frequencies) - 1) if frequencies[i + 1] < frequencies[i] * (1.0 + 1e-4)]
+    return [
+        i for i in range(len(frequencies) - 1) if frequencies[i + 1] < frequencies[i] * (1.0 + 1e-4)
+    ]
 
 
 def test_twins_of_a_symmetric_mesh_are_not_split(column: tuple[FullModel, FullModes]) -> None:
@@ -48,7 +52,9 @@ def test_twins_of_a_symmetric_mesh_are_not_split(column: tuple[FullModel, FullMo
     assert max(split) < 1e-7
 
 
-def test_the_multiplicity_of_every_mode_is_that_of_a_sturm_count(column: tuple[FullModel, FullModes]) -> None:
+def test_the_multiplicity_of_every_mode_is_that_of_a_sturm_count(
+    column: tuple[FullModel, FullModes],
+) -> None:
     model, modes = column
     found = modes.frequencies_hz
     gaps = [i for i in range(1, len(found)) if found[i] > found[i - 1] * (1.0 + 1e-4)]
@@ -62,7 +68,9 @@ def test_twins_span_the_same_plane_in_another_solver(column: tuple[FullModel, Fu
     model, modes = column
     free = np.flatnonzero(~model.owned_held)
     stiffness = scipy.sparse.csc_matrix(model.operators.stiffness)[free][:, free]
-    mass = scipy.sparse.csc_matrix(scipy.sparse.kron(model.operators.scalar_mass, np.eye(3)))[free][:, free]
+    mass = scipy.sparse.csc_matrix(scipy.sparse.kron(model.operators.scalar_mass, np.eye(3)))[free][
+        :, free
+    ]
     start = np.random.default_rng(5).standard_normal(len(free))
     _, vectors = scipy.sparse.linalg.eigsh(stiffness, 12, mass, sigma=0.0, v0=start)
     other: FloatArray = np.zeros((model.operators.owned_dofs, 12))
@@ -80,16 +88,26 @@ def test_twins_span_the_same_plane_from_any_start(column: tuple[FullModel, FullM
     start = np.random.default_rng(99).standard_normal((model.operators.owned_dofs, 8))
     with ConstrainedSolver(model.operators, model.owned_held, np.zeros((len(start), 0))) as solver:
         again = lowest_eigenpairs(
-            solver.apply_inverse, model.operators.apply_mass, start, ModeTarget(count=8), comm=COMM, dimension=solver.free_total
+            solver.apply_inverse,
+            model.operators.apply_mass,
+            start,
+            ModeTarget(count=8),
+            comm=COMM,
+            dimension=solver.free_total,
         )
     pairs = [first for first in twins(modes.frequencies_hz) if first + 1 < 8]
     assert pairs
     for first in pairs:
-        assert angle(model, modes.shapes[:, first : first + 2], again.vectors[:, first : first + 2]) < 1e-6
+        assert (
+            angle(model, modes.shapes[:, first : first + 2], again.vectors[:, first : first + 2])
+            < 1e-6
+        )
 
 
 @pytest.mark.parametrize("multiplicity", [5, 7, 13])
-def test_a_mode_that_occurs_more_often_than_the_block_is_wide_is_found_completely(multiplicity: int) -> None:
+def test_a_mode_that_occurs_more_often_than_the_block_is_wide_is_found_completely(
+    multiplicity: int,
+) -> None:
     # a sphere has 5-fold modes and a cross of beams 7-fold ones; the block has 4 columns
     rng = np.random.default_rng(multiplicity)
     values = np.concatenate([[1.0], np.full(multiplicity, 2.0), np.linspace(3.0, 400.0, 300)])
@@ -98,7 +116,12 @@ def test_a_mode_that_occurs_more_often_than_the_block_is_wide_is_found_completel
     inverse = (turn / values) @ turn.T
     start = rng.standard_normal((size, 4))
     found = lowest_eigenpairs(
-        lambda x: inverse @ x, lambda x: x, start, ModeTarget(count=3 + multiplicity), comm=COMM, dimension=size
+        lambda x: inverse @ x,
+        lambda x: x,
+        start,
+        ModeTarget(count=3 + multiplicity),
+        comm=COMM,
+        dimension=size,
     ).values
     np.testing.assert_allclose(found[: 1 + multiplicity], values[: 1 + multiplicity], rtol=1e-9)
     np.testing.assert_allclose(found, values[: len(found)], rtol=1e-7)

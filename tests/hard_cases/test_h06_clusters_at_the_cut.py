@@ -28,7 +28,9 @@ def column() -> ComponentMesh:
 @pytest.fixture(scope="module")
 def reduce_to(column: ComponentMesh) -> ReduceTo:
     component = make_component({"foot": "rigid", "tip": "rigid"}, size=SIZE)
-    return lambda target: reduce_elastic(component, column, comm=COMM, request=ReductionRequest(target, recovery=False))
+    return lambda target: reduce_elastic(
+        component, column, comm=COMM, request=ReductionRequest(target, recovery=False)
+    )
 
 
 def receptance(element: Superelement, frequency_hz: float) -> FloatArray:

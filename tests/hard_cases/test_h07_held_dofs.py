@@ -1,4 +1,6 @@
-"""H07: held dofs are taken out, not kept with a one on the diagonal: they bring no modes of their own."""
+"""H07: held dofs are taken out, not kept with a one on the diagonal: they bring no modes of their
+own.
+"""
 
 import dataclasses
 
@@ -14,7 +16,11 @@ from headstock.validation.parts.component_models import FullModel, FullModes, fu
 COMM = MPI.COMM_SELF
 
 
-@pytest.fixture(scope="module", params=[2.1e11, 2.1e-2], ids=["steel", "a stiffness whose frequencies lie about 1 rad/s"])
+@pytest.fixture(
+    scope="module",
+    params=[2.1e11, 2.1e-2],
+    ids=["steel", "a stiffness whose frequencies lie about 1 rad/s"],
+)
 def block(request: pytest.FixtureRequest) -> tuple[FullModel, FullModes]:
     mesh = make_box((1, 1, 3), (0.1, 0.13, 0.4))
     held = np.repeat((mesh.points[:, 2] < 1e-9)[:, None], 3, axis=1)

@@ -1,4 +1,6 @@
-"""H10: distorted elements: MacNeal and Harder's slender beam with trapezoids and parallelograms; inverted ones are refused."""
+"""H10: distorted elements: MacNeal and Harder's slender beam with trapezoids and parallelograms;
+inverted ones are refused.
+"""
 
 from pathlib import Path
 
@@ -14,7 +16,12 @@ from headstock.meshing.component_mesh import CellKind
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.errors import MeshError
 from headstock.validation.parts.component_models import full_displacement, full_model
-from headstock.validation.parts.structured_meshes import integrate_over_cells, lattice_mesh, refine_lattice, write_lattice
+from headstock.validation.parts.structured_meshes import (
+    integrate_over_cells,
+    lattice_mesh,
+    refine_lattice,
+    write_lattice,
+)
 
 COMM = MPI.COMM_SELF
 LENGTH, DEPTH, WIDTH = 6.0, 0.2, 0.1
@@ -47,13 +54,17 @@ def tip_ratio(shape: str, kind: CellKind, direction: str) -> float:
     tip = np.flatnonzero(mesh.points[:, 0] > LENGTH - 1e-9)
     loads = np.zeros((len(mesh.points), 3))
     loads[tip, "xyz".index(direction)] = 1.0 / len(tip)
-    return float(full_displacement(model, loads)[tip, "xyz".index(direction)].mean() / THEORY[direction])
+    return float(
+        full_displacement(model, loads)[tip, "xyz".index(direction)].mean() / THEORY[direction]
+    )
 
 
 @pytest.mark.parametrize("direction", ["x", "y", "z"])
 @pytest.mark.parametrize("shape", ["regular", "trapezoid", "parallelogram"])
 @pytest.mark.parametrize("kind", ["hex27", "tet10"])
-def test_second_order_elements_reach_nine_tenths_of_theory_however_slanted(kind: CellKind, shape: str, direction: str) -> None:
+def test_second_order_elements_reach_nine_tenths_of_theory_however_slanted(
+    kind: CellKind, shape: str, direction: str
+) -> None:
     assert 0.9 < tip_ratio(shape, kind, direction) < 1.01
 
 
@@ -68,13 +79,19 @@ def test_mass_and_volume_of_slanted_elements_are_exact(kind: CellKind) -> None:
     assert mesh.quality.volume == pytest.approx(LENGTH * DEPTH * WIDTH, rel=1e-12)
     model = full_model(mesh, make_component().material, comm=COMM)
     assert model.operators.scalar_mass is not None
-    assert model.operators.scalar_mass.sum() == pytest.approx(7850.0 * LENGTH * DEPTH * WIDTH, rel=1e-12)
+    assert model.operators.scalar_mass.sum() == pytest.approx(
+        7850.0 * LENGTH * DEPTH * WIDTH, rel=1e-12
+    )
     moment = integrate_over_cells(mesh.points, mesh.cells, kind, lambda x: x[:, 0])
     assert moment == pytest.approx(LENGTH**2 / 2.0 * DEPTH * WIDTH, rel=1e-12)
 
 
-@pytest.mark.parametrize(("shift", "said"), [(1.1, "1 inverted"), (0.9995, "0 inverted")], ids=["inverted", "sliver"])
-def test_an_inverted_element_or_a_sliver_in_a_file_is_refused_and_named(tmp_path: Path, shift: float, said: str) -> None:
+@pytest.mark.parametrize(
+    ("shift", "said"), [(1.1, "1 inverted"), (0.9995, "0 inverted")], ids=["inverted", "sliver"]
+)
+def test_an_inverted_element_or_a_sliver_in_a_file_is_refused_and_named(
+    tmp_path: Path, shift: float, said: str
+) -> None:
     corners = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 3)] * 3, indexing="ij"), axis=-1)
     # one corner of the body pushed along an edge through its neighbour, or up to it
     corners[0, 0, 0, 0] = 0.5 * shift

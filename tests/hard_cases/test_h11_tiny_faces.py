@@ -1,4 +1,6 @@
-"""H11: tiny faces and edges in CAD: right within 0.1 %, or refused by name at once; never an endless mesh or a lost face."""
+"""H11: tiny faces and edges in CAD: right within 0.1 %, or refused by name at once; never an
+endless mesh or a lost face.
+"""
 
 import time
 from collections.abc import Callable, Iterator
@@ -41,8 +43,12 @@ def block() -> tuple[int, int]:
 
 
 def part(path: Path, faces: dict[str, str] | None = None, size: float | None = None) -> Component:
-    interfaces = {name: Interface(name, (Patch(face),)) for name, face in (faces or {"foot": "z-"}).items()}
-    return Component("part", StepFile(path), STEEL, interfaces=interfaces, mesh=MeshSettings(size=size))
+    interfaces = {
+        name: Interface(name, (Patch(face),)) for name, face in (faces or {"foot": "z-"}).items()
+    }
+    return Component(
+        "part", StepFile(path), STEEL, interfaces=interfaces, mesh=MeshSettings(size=size)
+    )
 
 
 def assert_faithful(component: Component) -> None:
@@ -58,7 +64,10 @@ def test_a_step_of_1e_5_of_the_size_is_refused_by_the_face_it_leaves(write_step:
     gmsh.model.occ.cut([block()], [(3, gmsh.model.occ.addBox(-1, -1, 39.999, 51, 62, 5))])
     path = write_step("step")
     start = time.perf_counter()
-    with pytest.raises(MeshError, match=r"too narrow for elements.*1 of 8 faces: face:\d \(0\.001 mm wide, 60 mm long\)"):
+    with pytest.raises(
+        MeshError,
+        match=r"too narrow for elements.*1 of 8 faces: face:\d \(0\.001 mm wide, 60 mm long\)",
+    ):
         mesh_component(part(path))
     assert time.perf_counter() - start < REFUSED_WITHIN
 
@@ -71,8 +80,12 @@ def test_a_hole_of_1e_5_of_the_size_is_left_out_of_the_mesh_and_named(write_step
 
 
 @pytest.mark.parametrize("depth", [0.5, 2.0])
-def test_a_small_blind_hole_is_meshed_faithfully_or_its_elements_are_named(write_step: Write, depth: float) -> None:
-    gmsh.model.occ.cut([block()], [(3, gmsh.model.occ.addCylinder(50, 30, 40 - depth, 0, 0, 2 * depth, 0.05))])
+def test_a_small_blind_hole_is_meshed_faithfully_or_its_elements_are_named(
+    write_step: Write, depth: float
+) -> None:
+    gmsh.model.occ.cut(
+        [block()], [(3, gmsh.model.occ.addCylinder(50, 30, 40 - depth, 0, 0, 2 * depth, 0.05))]
+    )
     component = part(write_step("blind"), {"foot": "z-", "top": "z+"})
     refusal = ""
     try:
@@ -97,12 +110,18 @@ def test_a_face_of_a_thousandth_of_the_length_keeps_its_facets_and_area(write_st
 
 
 def test_a_part_like_a_sieve_is_refused_with_numbers_before_meshing(write_step: Write) -> None:
-    holes = [(3, gmsh.model.occ.addCylinder(4 + 4 * i, 4 + 4 * j, -1, 0, 0, 42, 0.5)) for i in range(24) for j in range(14)]
+    holes = [
+        (3, gmsh.model.occ.addCylinder(4 + 4 * i, 4 + 4 * j, -1, 0, 0, 42, 0.5))
+        for i in range(24)
+        for j in range(14)
+    ]
     gmsh.model.occ.cut([block()], holes)
     component = part(write_step("sieve"), size=0.001)
     assert estimate_cells(component) > 3_000_000
     start = time.perf_counter()
-    with pytest.raises(MeshError, match=r"about .* cells, more than the budget of 3e\+06.*small holes and fillets"):
+    with pytest.raises(
+        MeshError, match=r"about .* cells, more than the budget of 3e\+06.*small holes and fillets"
+    ):
         mesh_component(component)
     assert time.perf_counter() - start < 2 * REFUSED_WITHIN
 

@@ -19,7 +19,9 @@ SIDE = np.array([0.1, 0.0, 0.5])
 
 
 def split_head(superelement: Superelement) -> Superelement:
-    """The same column with a third node ``side`` that rides rigidly on ``head``: six rows tie it, its matrices are shared out."""
+    """The same column with a third node ``side`` that rides rigidly on ``head``: six rows tie it,
+    its matrices are shared out.
+    """
     ride = np.zeros((18, 12))
     ride[:12] = np.eye(12)
     ride[12:, 6:] = rigid_transfer(np.array([0.0, 0.0, 0.5]), SIDE)
@@ -40,30 +42,44 @@ def split_head(superelement: Superelement) -> Superelement:
     )
 
 
-def machines() -> tuple[tuple[dict[str, Superelement], Machine], tuple[dict[str, Superelement], Machine]]:
+def machines() -> tuple[
+    tuple[dict[str, Superelement], Machine], tuple[dict[str, Superelement], Machine]
+]:
     component, merged = two_node_body("column", 40.0, 0.5, (1e8, 2e8, 5e8, 2e6, 3e6, 1e6))
-    one = dataclasses.replace(merged, attachments=merged.attachments | {"side": Attachment(1, Frame(SIDE))})
+    one = dataclasses.replace(
+        merged, attachments=merged.attachments | {"side": Attachment(1, Frame(SIDE))}
+    )
     joints = [
         joint_between("foot", "ground", "column.foot", stiffness=SPRING),
         joint_between("brace", "ground", "column.side", stiffness=SPRING),
     ]
     points = {"tcp": ("column.head", "ground")}
-    first, second = (lumped_machine([(component, part)], joints, points) for part in (one, split_head(merged)))
+    first, second = (
+        lumped_machine([(component, part)], joints, points) for part in (one, split_head(merged))
+    )
     return first, second
 
 
 def test_tied_nodes_equal_the_merged_node() -> None:
     merged, split = (couple(*parts, HOME) for parts in machines())
     assert len(split.system.labels) == len(merged.system.labels) == 12
-    np.testing.assert_allclose(solve_modal(split.system).frequencies_hz, solve_modal(merged.system).frequencies_hz, rtol=1e-10)
+    np.testing.assert_allclose(
+        solve_modal(split.system).frequencies_hz,
+        solve_modal(merged.system).frequencies_hz,
+        rtol=1e-10,
+    )
     expected = point_compliance(merged, "tcp")
-    np.testing.assert_allclose(point_compliance(split, "tcp"), expected, rtol=0.0, atol=1e-10 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        point_compliance(split, "tcp"), expected, rtol=0.0, atol=1e-10 * np.abs(expected).max()
+    )
 
 
 def test_rows_said_twice_are_counted_and_change_nothing() -> None:
     superelements, machine = machines()[1]
     part = superelements["column"]
-    doubled = dataclasses.replace(part, constraints=np.vstack([part.constraints, 3.0 * part.constraints]))
+    doubled = dataclasses.replace(
+        part, constraints=np.vstack([part.constraints, 3.0 * part.constraints])
+    )
     coupled = couple({"column": doubled}, machine, HOME)
     assert coupled.redundant_constraints == 6
     expected = solve_modal(couple(superelements, machine, HOME).system).frequencies_hz
@@ -73,11 +89,16 @@ def test_rows_said_twice_are_counted_and_change_nothing() -> None:
 @pytest.mark.parametrize("joined", ["head", "side"])
 def test_a_joint_at_either_of_two_tied_interfaces_acts_on_both(joined: str) -> None:
     _, (superelements, machine) = machines()
-    brace = joint_between("brace", "ground", f"column.{joined}", stiffness=SPRING, point=(0.0, 0.0, 0.5))
+    brace = joint_between(
+        "brace", "ground", f"column.{joined}", stiffness=SPRING, point=(0.0, 0.0, 0.5)
+    )
     parts = (superelements, dataclasses.replace(machine, joints=machine.joints | {"brace": brace}))
     (merged, merged_machine), _ = machines()
     other = dataclasses.replace(merged_machine, joints=merged_machine.joints | {"brace": brace})
     expected = point_compliance(couple(merged, other, HOME), "tcp")
     np.testing.assert_allclose(
-        point_compliance(couple(*parts, HOME), "tcp"), expected, rtol=0.0, atol=1e-10 * np.abs(expected).max()
+        point_compliance(couple(*parts, HOME), "tcp"),
+        expected,
+        rtol=0.0,
+        atol=1e-10 * np.abs(expected).max(),
     )

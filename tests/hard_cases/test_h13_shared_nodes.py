@@ -1,4 +1,6 @@
-"""H13: interfaces that overlap, cover each other or touch: tied, merged or dropped, and equal to the merged model."""
+"""H13: interfaces that overlap, cover each other or touch: tied, merged or dropped, and equal to
+the merged model.
+"""
 
 import dataclasses
 from collections.abc import Callable
@@ -22,7 +24,11 @@ SIZE = (0.2, 0.3, 0.4)
 
 def top(low: float, high: float) -> Callable[[FloatArray], BoolArray]:
     """Facets of the upper face between two heights of y."""
-    return lambda centers: (centers[:, 2] > SIZE[2] - 1e-9) & (centers[:, 1] > low * SIZE[1]) & (centers[:, 1] < high * SIZE[1])
+    return lambda centers: (
+        (centers[:, 2] > SIZE[2] - 1e-9)
+        & (centers[:, 1] > low * SIZE[1])
+        & (centers[:, 1] < high * SIZE[1])
+    )
 
 
 @pytest.fixture(scope="module")
@@ -40,13 +46,17 @@ def reduced(block: ComponentMesh) -> Callable[..., Superelement]:
     def reduce_with(couplings: dict[str, str], count: int = 6) -> Superelement:
         mesh = dataclasses.replace(block, patches={name: block.patches[name] for name in couplings})
         component = make_component(couplings, size=SIZE)
-        return reduce_elastic(component, mesh, comm=COMM, request=ReductionRequest(ModeTarget(count=count)))
+        return reduce_elastic(
+            component, mesh, comm=COMM, request=ReductionRequest(ModeTarget(count=count))
+        )
 
     return reduce_with
 
 
 def compliance(element: Superelement, name: str) -> FloatArray:
-    """Motion ``(6, 6)`` of an interface under unit loads on it, foot held, the superelement's own ties kept."""
+    """Motion ``(6, 6)`` of an interface under unit loads on it, foot held, the superelement's own
+    ties kept.
+    """
     size = len(element.stiffness)
     foot = element.attachments["foot"].node
     rows = [np.eye(size)[6 * foot : 6 * foot + 6], element.constraints]
@@ -63,7 +73,11 @@ def compliance(element: Superelement, name: str) -> FloatArray:
 def frequencies(element: Superelement) -> FloatArray:
     size = len(element.stiffness)
     _, values, vectors = np.linalg.svd(np.vstack([element.constraints, np.zeros((1, size))]))
-    basis = vectors[int((values > 1e-9 * values[0]).sum()) :].T if len(element.constraints) else np.eye(size)
+    basis = (
+        vectors[int((values > 1e-9 * values[0]).sum()) :].T
+        if len(element.constraints)
+        else np.eye(size)
+    )
     factor = np.linalg.inv(np.linalg.cholesky(basis.T @ element.mass @ basis))
     squares = np.linalg.eigvalsh(factor @ basis.T @ element.stiffness @ basis @ factor.T)
     return np.asarray(np.sqrt(np.abs(squares)) / (2.0 * np.pi))
@@ -107,15 +121,24 @@ def test_identical_averaging_patches_are_merged(reduced: Callable[..., Superelem
     assert_same(compliance(two, "again"), compliance(one, "all"))
 
 
-def test_a_mean_over_a_rigid_patch_is_the_patchs_own_motion(reduced: Callable[..., Superelement]) -> None:
+def test_a_mean_over_a_rigid_patch_is_the_patchs_own_motion(
+    reduced: Callable[..., Superelement],
+) -> None:
     two = reduced({"foot": "rigid", "left": "average", "all": "rigid"})
     one = reduced({"foot": "rigid", "all": "rigid"})
-    exact = moved(compliance(one, "all"), one.attachments["all"].frame.origin, two.attachments["left"].frame.origin)
+    exact = moved(
+        compliance(one, "all"),
+        one.attachments["all"].frame.origin,
+        two.attachments["left"].frame.origin,
+    )
     assert_same(compliance(two, "left"), exact)
 
 
-def test_rigid_patches_that_meet_in_an_edge_keep_the_hinge_between_them(reduced: Callable[..., Superelement]) -> None:
-    # top and side share the nodes of one edge along y: five of six relative motions are tied, the turn about the edge is free
+def test_rigid_patches_that_meet_in_an_edge_keep_the_hinge_between_them(
+    reduced: Callable[..., Superelement],
+) -> None:
+    # top and side share the nodes of one edge along y: five of six relative motions are tied, the
+    # turn about the edge is free
     hinged = reduced({"foot": "average", "all": "rigid", "side": "rigid"})
     assert np.linalg.matrix_rank(hinged.constraints, tol=1e-9) == 5
     hinge = np.zeros(6 * len(hinged.frames))
@@ -135,7 +158,8 @@ def test_a_curved_patch_over_two_faces_is_one_rigid_interface(
     foot, skew = (np.unique(block.patches[name]) for name in ("foot", "skew"))
     shared = np.intersect1d(foot, skew)
     assert len(shared) > 2
-    # the patch over the corner shares an edge with the foot: the body is held by it but for the turn about that edge
+    # the patch over the corner shares an edge with the foot: the body is held by it but for the
+    # turn about that edge
     assert np.linalg.matrix_rank(element.constraints, tol=1e-9) == 5
     place = element.frames[element.attachments["skew"].node].origin
     center = block.points[foot].mean(axis=0)
@@ -146,16 +170,27 @@ def test_a_curved_patch_over_two_faces_is_one_rigid_interface(
     free[np.union1d(foot, skew)] = False
     inner, outer = np.repeat(free, 3), np.repeat(~free, 3)
     answer = turn.ravel()
-    answer[inner] = -np.linalg.solve(stiffness[np.ix_(inner, inner)], stiffness[np.ix_(inner, outer)] @ answer[outer])
+    answer[inner] = -np.linalg.solve(
+        stiffness[np.ix_(inner, inner)], stiffness[np.ix_(inner, outer)] @ answer[outer]
+    )
     dofs = np.zeros(12)
     node = element.attachments["skew"].node
-    dofs[6 * node : 6 * node + 6] = [*np.cross([0.0, 1.0, 0.0], place - [SIZE[0], 0.0, 0.0]), 0.0, 1.0, 0.0]
+    dofs[6 * node : 6 * node + 6] = [
+        *np.cross([0.0, 1.0, 0.0], place - [SIZE[0], 0.0, 0.0]),
+        0.0,
+        1.0,
+        0.0,
+    ]
     assert center[2] == 0.0
     assert dofs @ element.stiffness @ dofs == pytest.approx(answer @ stiffness @ answer, rel=1e-10)
 
 
-def test_means_over_two_halves_and_over_the_whole_depend_on_each_other(reduced: Callable[..., Superelement]) -> None:
-    three = reduced({"foot": "rigid", "low_half": "average", "high_half": "average", "all": "average"})
+def test_means_over_two_halves_and_over_the_whole_depend_on_each_other(
+    reduced: Callable[..., Superelement],
+) -> None:
+    three = reduced(
+        {"foot": "rigid", "low_half": "average", "high_half": "average", "all": "average"}
+    )
     one = reduced({"foot": "rigid", "all": "average"})
     assert np.linalg.matrix_rank(three.constraints, tol=1e-9) > 0
     assert_same(compliance(three, "all"), compliance(one, "all"), 1e-9)
@@ -163,24 +198,31 @@ def test_means_over_two_halves_and_over_the_whole_depend_on_each_other(reduced: 
     assert_same(compliance(three, "low_half"), compliance(halves, "low_half"), 1e-9)
 
 
-def test_overlapping_averaging_patches_stay_independent(reduced: Callable[..., Superelement]) -> None:
+def test_overlapping_averaging_patches_stay_independent(
+    reduced: Callable[..., Superelement],
+) -> None:
     two = reduced({"foot": "rigid", "left": "average", "right": "average"})
     alone = reduced({"foot": "rigid", "left": "average"})
     assert len(two.constraints) == 0
     assert_same(compliance(two, "left"), compliance(alone, "left"), 1e-9)
 
 
-def test_a_mean_that_overlaps_a_rigid_patch_is_still_the_mean(reduced: Callable[..., Superelement], block: ComponentMesh) -> None:
+def test_a_mean_that_overlaps_a_rigid_patch_is_still_the_mean(
+    reduced: Callable[..., Superelement], block: ComponentMesh
+) -> None:
     two = reduced({"foot": "rigid", "left": "rigid", "all": "average"})
     alone = reduced({"foot": "rigid", "left": "rigid"})
     assert_same(compliance(two, "left"), compliance(alone, "left"), 1e-9)
-    # any motion of the dofs gives the points of the face displacements whose mean is the interface's own motion
+    # any motion of the dofs gives the points of the face displacements whose mean is the
+    # interface's own motion
     place = two.attachments["all"].node
     dofs = np.random.default_rng(2).standard_normal(len(two.stiffness))
     patch = measure_patch(block, "all")
     points = (3 * patch.nodes[:, None] + np.arange(3)).ravel()
     np.testing.assert_allclose(
-        patch.average_operator().T @ (present(two.recovery).basis @ dofs)[points], dofs[6 * place : 6 * place + 6], rtol=1e-8
+        patch.average_operator().T @ (present(two.recovery).basis @ dofs)[points],
+        dofs[6 * place : 6 * place + 6],
+        rtol=1e-8,
     )
 
 
@@ -190,5 +232,9 @@ def test_a_face_of_the_whole_and_a_part_of_it_both_rigid_are_one(
 ) -> None:
     two = reduced({"foot": "rigid"} | dict.fromkeys(order, "rigid"))
     one = reduced({"foot": "rigid", "all": "rigid"})
-    exact = moved(compliance(one, "all"), one.attachments["all"].frame.origin, two.attachments["left"].frame.origin)
+    exact = moved(
+        compliance(one, "all"),
+        one.attachments["all"].frame.origin,
+        two.attachments["left"].frame.origin,
+    )
     assert_same(compliance(two, "left"), exact)

@@ -1,4 +1,6 @@
-"""H15: a patch on a line has no rotation about it: that rotation is held and named, everything else is right."""
+"""H15: a patch on a line has no rotation about it: that rotation is held and named, everything else
+is right.
+"""
 
 import dataclasses
 from collections.abc import Callable
@@ -21,7 +23,10 @@ SIZE = (0.2, 0.2, 0.4)
 MODES = ReductionRequest(ModeTarget(count=4))
 LINES: dict[str, tuple[Callable[[FloatArray], BoolArray], tuple[float, float, float]]] = {
     "along an edge": (lambda p: (p[:, 2] > SIZE[2] - 1e-9) & (p[:, 0] < 1e-9), (0.0, 1.0, 0.0)),
-    "across a face": (lambda p: (p[:, 2] > SIZE[2] - 1e-9) & (np.abs(p[:, 0] - p[:, 1]) < 1e-9), (1.0, 1.0, 0.0)),
+    "across a face": (
+        lambda p: (p[:, 2] > SIZE[2] - 1e-9) & (np.abs(p[:, 0] - p[:, 1]) < 1e-9),
+        (1.0, 1.0, 0.0),
+    ),
 }
 
 
@@ -31,14 +36,20 @@ def line(request: pytest.FixtureRequest) -> tuple[ComponentMesh, IntArray, Float
     mesh = make_box((2, 2, 3), SIZE, {"foot": "z-"})
     nodes = np.flatnonzero(chosen(mesh.points))
     assert len(nodes) == 5
-    mesh = dataclasses.replace(mesh, patches=mesh.patches | {"line": np.repeat(nodes[:, None], 9, axis=1)})
+    mesh = dataclasses.replace(
+        mesh, patches=mesh.patches | {"line": np.repeat(nodes[:, None], 9, axis=1)}
+    )
     return mesh, nodes, np.array(axis) / np.linalg.norm(axis)
 
 
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
-def test_a_line_is_refused_unless_forced(line: tuple[ComponentMesh, IntArray, FloatArray], coupling: CouplingKind) -> None:
+def test_a_line_is_refused_unless_forced(
+    line: tuple[ComponentMesh, IntArray, FloatArray], coupling: CouplingKind
+) -> None:
     with pytest.raises(ModelError, match="line of component body is a point or a line"):
-        reduce_elastic(make_component({"foot": "rigid", "line": coupling}), line[0], comm=COMM, request=MODES)
+        reduce_elastic(
+            make_component({"foot": "rigid", "line": coupling}), line[0], comm=COMM, request=MODES
+        )
 
 
 @pytest.mark.parametrize("coupling", ["rigid!", "average!"])
@@ -46,7 +57,9 @@ def test_the_rotation_about_the_line_is_held_and_named(
     line: tuple[ComponentMesh, IntArray, FloatArray], coupling: CouplingKind
 ) -> None:
     mesh, _, axis = line
-    element = reduce_elastic(make_component({"foot": "rigid", "line": coupling}), mesh, comm=COMM, request=MODES)
+    element = reduce_elastic(
+        make_component({"foot": "rigid", "line": coupling}), mesh, comm=COMM, request=MODES
+    )
     node = element.attachments["line"].node
     turn = np.zeros(len(element.stiffness))
     turn[6 * node + 3 : 6 * node + 6] = axis
@@ -61,9 +74,13 @@ def test_the_rotation_about_the_line_is_held_and_named(
     assert direction in said or opposite.replace("-0.000", "+0.000") in said or opposite in said
 
 
-def test_the_other_five_motions_are_those_of_a_rigid_line(line: tuple[ComponentMesh, IntArray, FloatArray], dense: Dense) -> None:
+def test_the_other_five_motions_are_those_of_a_rigid_line(
+    line: tuple[ComponentMesh, IntArray, FloatArray], dense: Dense
+) -> None:
     mesh, nodes, axis = line
-    element = reduce_elastic(make_component({"foot": "rigid", "line": "rigid!"}), mesh, comm=COMM, request=MODES)
+    element = reduce_elastic(
+        make_component({"foot": "rigid", "line": "rigid!"}), mesh, comm=COMM, request=MODES
+    )
     stiffness, _ = dense.pencil(mesh, make_component().material)
     center = mesh.points[nodes].mean(axis=0)
     across = np.linalg.svd(axis[None])[2][1:]
@@ -90,7 +107,12 @@ def test_a_mean_over_a_line_yields_finite_motions_softer_than_the_rigid_line(
 ) -> None:
     mesh, _, _ = line
     rigid, average = (
-        reduce_elastic(make_component({"foot": "rigid", "line": f"{coupling}!"}), mesh, comm=COMM, request=MODES)
+        reduce_elastic(
+            make_component({"foot": "rigid", "line": f"{coupling}!"}),
+            mesh,
+            comm=COMM,
+            request=MODES,
+        )
         for coupling in ("rigid", "average")
     )
     node = rigid.attachments["line"].node
@@ -102,8 +124,12 @@ def test_a_mean_over_a_line_yields_finite_motions_softer_than_the_rigid_line(
     assert np.linalg.eigvalsh(soft - stiff).min() > -1e-9 * np.abs(stiff).max()
 
 
-def test_a_body_that_hangs_on_a_line_alone_is_named_as_free(line: tuple[ComponentMesh, IntArray, FloatArray]) -> None:
+def test_a_body_that_hangs_on_a_line_alone_is_named_as_free(
+    line: tuple[ComponentMesh, IntArray, FloatArray],
+) -> None:
     mesh, _, _ = line
     mesh = dataclasses.replace(mesh, patches={"line": mesh.patches["line"]})
-    with pytest.raises(ModelError, match="1 rigid motions of the component are held by no interface"):
+    with pytest.raises(
+        ModelError, match="1 rigid motions of the component are held by no interface"
+    ):
         reduce_elastic(make_component({"line": "rigid!"}), mesh, comm=COMM, request=MODES)

@@ -1,4 +1,6 @@
-"""H15 (coupling side): the rotation of a line-like interface about its line belongs to no motion of its component."""
+"""H15 (coupling side): the rotation of a line-like interface about its line belongs to no motion of
+its component.
+"""
 
 import dataclasses
 
@@ -19,22 +21,34 @@ SPRING = (2e7, 3e7, 5e7, 1e6, 2e6, 3e6)
 HINGED = (1e8, 2e8, 5e8, 0.0, 3e6, 1e6)
 
 
-def hinged_column(axis: tuple[float, float, float] = (1.0, 0.0, 0.0)) -> tuple[Component, Superelement]:
-    """A column whose head is a line along an axis: it feels no rotation about it, and says so by a row."""
+def hinged_column(
+    axis: tuple[float, float, float] = (1.0, 0.0, 0.0),
+) -> tuple[Component, Superelement]:
+    """A column whose head is a line along an axis: it feels no rotation about it, and says so by a
+    row.
+    """
     component, part = two_node_body("column", 40.0, 0.5, SPRING)
     axis = np.array(axis) / np.linalg.norm(axis)
     blind = np.eye(12)
     blind[9:, 9:] -= np.outer(axis, axis)
     row = np.concatenate([np.zeros(9), axis])[None]
     return component, dataclasses.replace(
-        part, stiffness=blind @ part.stiffness @ blind, mass=blind @ part.mass @ blind, constraints=row, supported=True
+        part,
+        stiffness=blind @ part.stiffness @ blind,
+        mass=blind @ part.mass @ blind,
+        constraints=row,
+        supported=True,
     )
 
 
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (1.0, 2.0, -0.5)])
-def test_a_rotation_that_nothing_feels_or_holds_leaves_no_singular_dof(axis: tuple[float, float, float]) -> None:
+def test_a_rotation_that_nothing_feels_or_holds_leaves_no_singular_dof(
+    axis: tuple[float, float, float],
+) -> None:
     joints = [joint_between("foot", "ground", "column.foot", stiffness=SPRING)]
-    coupled = couple(*lumped_machine([hinged_column(axis)], joints, {"tcp": ("column.head", "ground")}), HOME)
+    coupled = couple(
+        *lumped_machine([hinged_column(axis)], joints, {"tcp": ("column.head", "ground")}), HOME
+    )
     assert len(coupled.system.labels) == 11
     assert find_free_motions(coupled) == ()
     modal = solve_modal(coupled.system)
@@ -43,7 +57,9 @@ def test_a_rotation_that_nothing_feels_or_holds_leaves_no_singular_dof(axis: tup
 
 
 def test_a_body_joined_rigidly_to_a_line_may_turn_about_it() -> None:
-    head = rigid_body("head", 5.0, {"seat": (0, 0, 0.5)}, center=(0, 0, 0.5), inertia=(0.1, 0.1, 0.1))
+    head = rigid_body(
+        "head", 5.0, {"seat": (0, 0, 0.5)}, center=(0, 0, 0.5), inertia=(0.1, 0.1, 0.1)
+    )
     joints = [
         joint_between("foot", "ground", "column.foot", stiffness=SPRING),
         joint_between("weld", "column.head", "head.seat", held=range(6)),
@@ -54,7 +70,9 @@ def test_a_body_joined_rigidly_to_a_line_may_turn_about_it() -> None:
 
 
 def test_a_body_sprung_to_a_line_keeps_only_the_springs_the_line_can_carry() -> None:
-    head = rigid_body("head", 5.0, {"seat": (0, 0, 0.5)}, center=(0, 0, 0.5), inertia=(0.1, 0.1, 0.1))
+    head = rigid_body(
+        "head", 5.0, {"seat": (0, 0, 0.5)}, center=(0, 0, 0.5), inertia=(0.1, 0.1, 0.1)
+    )
     joints = [
         joint_between("foot", "ground", "column.foot", stiffness=SPRING),
         joint_between("neck", "column.head", "head.seat", stiffness=HINGED),

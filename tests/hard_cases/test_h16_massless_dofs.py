@@ -17,12 +17,16 @@ HOME = Pose("home")
 SPRING = np.array([2e7, 3e7, 5e7, 1e6, 2e6, 3e6])
 
 
-def random_system(size: int, massless: int, *, seed: int = 0, turned: bool = False) -> SecondOrderSystem:
+def random_system(
+    size: int, massless: int, *, seed: int = 0, turned: bool = False
+) -> SecondOrderSystem:
     generator = np.random.default_rng(seed)
     factor = generator.normal(size=(size, size))
     stiffness = 1e6 * (factor @ factor.T + np.eye(size))
     inner = generator.normal(size=(size - massless, size - massless))
-    mass = scipy.linalg.block_diag(np.zeros((massless, massless)), inner @ inner.T + np.eye(size - massless))
+    mass = scipy.linalg.block_diag(
+        np.zeros((massless, massless)), inner @ inner.T + np.eye(size - massless)
+    )
     if turned:
         rotation = np.linalg.qr(generator.normal(size=(size, size)))[0]
         stiffness, mass = (rotation @ matrix @ rotation.T for matrix in (stiffness, mass))
@@ -35,16 +39,22 @@ def guyan(system: SecondOrderSystem, massless: int) -> FloatArray:
     condensed = k[massless:, massless:] - k[massless:, :massless] @ np.linalg.solve(
         k[:massless, :massless], k[:massless, massless:]
     )
-    return np.asarray(np.sqrt(scipy.linalg.eigvalsh(0.5 * (condensed + condensed.T), m)) / (2.0 * np.pi))
+    return np.asarray(
+        np.sqrt(scipy.linalg.eigvalsh(0.5 * (condensed + condensed.T), m)) / (2.0 * np.pi)
+    )
 
 
 @pytest.mark.parametrize("massless", [1, 3, 8])
-def test_finite_frequencies_equal_the_guyan_condensed_system_and_infinite_ones_are_counted(massless: int) -> None:
+def test_finite_frequencies_equal_the_guyan_condensed_system_and_infinite_ones_are_counted(
+    massless: int,
+) -> None:
     system = random_system(12, massless)
     modal = solve_modal(system)
     assert modal.infinite_count == massless
     np.testing.assert_allclose(modal.frequencies_hz, guyan(system, massless), rtol=1e-10)
-    np.testing.assert_allclose(modal.shapes.T @ system.mass @ modal.shapes, np.eye(12 - massless), atol=1e-9)
+    np.testing.assert_allclose(
+        modal.shapes.T @ system.mass @ modal.shapes, np.eye(12 - massless), atol=1e-9
+    )
 
 
 def test_a_mass_matrix_that_is_singular_in_a_skew_direction_gives_the_same() -> None:
@@ -73,16 +83,32 @@ def test_a_massless_link_between_two_bodies_is_two_springs_in_series() -> None:
 def test_a_rotation_without_inertia_is_condensed() -> None:
     point = rigid_body("point", 10.0, {"seat": (0, 0, -0.2)}, inertia=(0, 0, 0))
     modal = solve_modal(
-        couple(*lumped_machine([point], [joint_between("a", "ground", "point.seat", stiffness=SPRING)]), HOME).system
+        couple(
+            *lumped_machine(
+                [point], [joint_between("a", "ground", "point.seat", stiffness=SPRING)]
+            ),
+            HOME,
+        ).system
     )
     assert modal.infinite_count == 3
-    flexibility = [1 / SPRING[0] + 0.04 / SPRING[4], 1 / SPRING[1] + 0.04 / SPRING[3], 1 / SPRING[2]]
-    np.testing.assert_allclose(modal.frequencies_hz, np.sort(np.sqrt(0.1 / np.array(flexibility)) / (2 * np.pi)), rtol=1e-12)
+    flexibility = [
+        1 / SPRING[0] + 0.04 / SPRING[4],
+        1 / SPRING[1] + 0.04 / SPRING[3],
+        1 / SPRING[2],
+    ]
+    np.testing.assert_allclose(
+        modal.frequencies_hz,
+        np.sort(np.sqrt(0.1 / np.array(flexibility)) / (2 * np.pi)),
+        rtol=1e-12,
+    )
 
 
 def test_a_motion_with_neither_mass_nor_stiffness_is_refused() -> None:
     system = random_system(5, 0)
-    mass, stiffness = scipy.linalg.block_diag(system.mass, 0.0), scipy.linalg.block_diag(system.stiffness, 0.0)
+    mass, stiffness = (
+        scipy.linalg.block_diag(system.mass, 0.0),
+        scipy.linalg.block_diag(system.stiffness, 0.0),
+    )
     with pytest.raises(ModelError, match="neither mass nor stiffness"):
         solve_modal(SecondOrderSystem(mass, None, stiffness, {}, {}, ("q",) * 6))
 

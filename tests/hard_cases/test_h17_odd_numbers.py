@@ -1,4 +1,6 @@
-"""H17 (numerical side): zero springs are no springs; negative and non-finite numbers never reach a result."""
+"""H17 (numerical side): zero springs are no springs; negative and non-finite numbers never reach a
+result.
+"""
 
 import dataclasses
 
@@ -21,7 +23,9 @@ SPRING = np.array([2e7, 3e7, 5e7, 1e6, 2e6, 3e6])
 
 def block(*joints: Joint) -> tuple[dict[str, Superelement], Machine]:
     body = rigid_body("block", 20.0, {"foot": (0, 0, -0.1), "top": (0, 0, 0.2)})
-    return lumped_machine([body], [joint_between("foot", "ground", "block.foot", stiffness=SPRING), *joints])
+    return lumped_machine(
+        [body], [joint_between("foot", "ground", "block.foot", stiffness=SPRING), *joints]
+    )
 
 
 def test_a_spring_of_zero_stiffness_equals_no_spring() -> None:
@@ -40,13 +44,21 @@ def test_a_joint_stiffness_that_is_not_finite_is_refused_by_name(value: float) -
 
 
 def test_a_negative_spring_within_a_stable_machine_is_subtracted() -> None:
-    found = couple(*block(joint_between("minus", "ground", "block.foot", stiffness=-0.5 * SPRING)), HOME)
-    half = couple(*block(joint_between("minus", "ground", "block.foot", stiffness=np.zeros(6))), HOME)
-    np.testing.assert_allclose(found.system.stiffness, 0.5 * half.system.stiffness, rtol=1e-13, atol=1e-6)
+    found = couple(
+        *block(joint_between("minus", "ground", "block.foot", stiffness=-0.5 * SPRING)), HOME
+    )
+    half = couple(
+        *block(joint_between("minus", "ground", "block.foot", stiffness=np.zeros(6))), HOME
+    )
+    np.testing.assert_allclose(
+        found.system.stiffness, 0.5 * half.system.stiffness, rtol=1e-13, atol=1e-6
+    )
 
 
 def test_a_machine_made_unstable_by_a_negative_spring_is_refused() -> None:
-    coupled = couple(*block(joint_between("minus", "ground", "block.foot", stiffness=-2.0 * SPRING)), HOME)
+    coupled = couple(
+        *block(joint_between("minus", "ground", "block.foot", stiffness=-2.0 * SPRING)), HOME
+    )
     for solve in (solve_modal, lambda system: solve_static(system, np.ones(6))):
         with pytest.raises(ModelError, match="unstable"):
             solve(coupled.system)
@@ -58,7 +70,9 @@ def test_a_system_with_values_that_are_not_finite_is_refused(field: str, value: 
     matrices = {"mass": np.eye(3), "stiffness": np.eye(3)}
     matrices[field] = matrices[field] * 1.0
     matrices[field][1, 1] = value
-    system = SecondOrderSystem(matrices["mass"], None, matrices["stiffness"], {}, {}, ("a", "b", "c"))
+    system = SecondOrderSystem(
+        matrices["mass"], None, matrices["stiffness"], {}, {}, ("a", "b", "c")
+    )
     with pytest.raises(ModelError, match="not finite"):
         solve_modal(system)
 

@@ -1,4 +1,6 @@
-"""H17 (scene side): odd numbers are refused with their line before anything is assembled; what is accepted is finite."""
+"""H17 (scene side): odd numbers are refused with their line before anything is assembled; what is
+accepted is finite.
+"""
 
 import dataclasses
 import math
@@ -32,12 +34,17 @@ def test_an_odd_stiffness_is_refused_at_its_line(tmp_path: Path, value: str) -> 
     with pytest.raises(SceneError) as caught:
         load(tmp_path, SCENE + JOINT, value)
     problems = caught.value.problems
-    assert all("scene.toml:" in problem.place and problem.key.startswith("joints.odd") for problem in problems)
+    assert all(
+        "scene.toml:" in problem.place and problem.key.startswith("joints.odd")
+        for problem in problems
+    )
 
 
 @pytest.mark.parametrize("key", ['E = "210 GPa"', 'rho = "7850 kg/m^3"'])
 @pytest.mark.parametrize("number", ["0", "-1", "nan", "inf", "1e400", "-0"])
-def test_a_material_without_a_positive_finite_number_is_refused(tmp_path: Path, key: str, number: str) -> None:
+def test_a_material_without_a_positive_finite_number_is_refused(
+    tmp_path: Path, key: str, number: str
+) -> None:
     name, _, unit = key.replace('"', "").split(" ", 2)[0], None, key.rsplit(" ", 1)[1].rstrip('"')
     with pytest.raises(SceneError, match=rf"materials\.steel\.{name}"):
         load(tmp_path, SCENE.replace(key, f'{name} = "{number} {unit}"'), "")

@@ -27,10 +27,16 @@ Both = tuple[tuple[Superelement, FullModes], tuple[Superelement, FullModes]]
 
 @pytest.fixture(scope="module", params=["rigid", "average"])
 def both(request: pytest.FixtureRequest) -> Both:
-    def reduced(material: Material, scale: float, pressure: float) -> tuple[Superelement, FullModes]:
+    def reduced(
+        material: Material, scale: float, pressure: float
+    ) -> tuple[Superelement, FullModes]:
         mesh = make_box((1, 2, 6), SIZE, GROUPS, kind="tet10")
         volume = mesh.quality.volume * scale**3
-        mesh = dataclasses.replace(mesh, points=mesh.points * scale, quality=dataclasses.replace(mesh.quality, volume=volume))
+        mesh = dataclasses.replace(
+            mesh,
+            points=mesh.points * scale,
+            quality=dataclasses.replace(mesh.quality, volume=volume),
+        )
         component = make_component(
             {"foot": request.param, "tip": request.param},
             material=material,
@@ -47,9 +53,15 @@ def both(request: pytest.FixtureRequest) -> Both:
 
 def test_natural_frequencies_are_equal(both: Both, dense: Dense) -> None:
     (metres, free_metres), (millimetres, free_millimetres) = both
-    np.testing.assert_allclose(free_millimetres.frequencies_hz, free_metres.frequencies_hz, rtol=1e-9)
-    np.testing.assert_allclose(millimetres.modal_frequencies_hz, metres.modal_frequencies_hz, rtol=1e-9)
-    found, exact = (dense.frequencies(element.stiffness, element.mass)[6:] for element in (millimetres, metres))
+    np.testing.assert_allclose(
+        free_millimetres.frequencies_hz, free_metres.frequencies_hz, rtol=1e-9
+    )
+    np.testing.assert_allclose(
+        millimetres.modal_frequencies_hz, metres.modal_frequencies_hz, rtol=1e-9
+    )
+    found, exact = (
+        dense.frequencies(element.stiffness, element.mass)[6:] for element in (millimetres, metres)
+    )
     np.testing.assert_allclose(found, exact, rtol=1e-9)
 
 
@@ -95,4 +107,6 @@ def test_mass_centre_and_inertia_are_the_same_quantities(
     (metres, _), (millimetres, _) = both
     assert millimetres.mass_kg * 1e3 == pytest.approx(metres.mass_kg, rel=1e-12)
     np.testing.assert_allclose(millimetres.center_of_mass / 1e3, metres.center_of_mass, rtol=1e-11)
-    np.testing.assert_allclose(millimetres.inertia * 1e-3, metres.inertia, rtol=1e-9, atol=1e-9 * metres.inertia.max())
+    np.testing.assert_allclose(
+        millimetres.inertia * 1e-3, metres.inertia, rtol=1e-9, atol=1e-9 * metres.inertia.max()
+    )

@@ -9,7 +9,15 @@ import pytest
 from mpi4py import MPI
 
 from common import Dense, make_box, make_component
-from headstock.geometry.parts.components import CellShape, Component, CouplingKind, Interface, Material, MeshSettings, Patch
+from headstock.geometry.parts.components import (
+    CellShape,
+    Component,
+    CouplingKind,
+    Interface,
+    Material,
+    MeshSettings,
+    Patch,
+)
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.components.meshing import mesh_component
 from headstock.reduction.components.elastic import reduce_elastic
@@ -24,17 +32,30 @@ STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 SIZE = np.array([0.4, 0.7, 1.0])
 SIZES = [1e-6, 1e-3, 1e4]
 WANTED = ReductionRequest(ModeTarget(count=8), recovery=False)
-ReduceAt = tuple[Callable[[float], Superelement], Superelement]  # a body of any length, and that of 1 m
+ReduceAt = tuple[
+    Callable[[float], Superelement], Superelement
+]  # a body of any length, and that of 1 m
 
 
 def meshed(length: float, coupling: CouplingKind, cells: CellShape) -> Component:
     width, depth, height = (float(f"{side * length:.12g}") for side in SIZE)
     pad = Patch("z+", "rect", (0.0, 0.0, 0.0), (0.2 * length, 0.2 * length))
-    interfaces = {"foot": Interface("foot", (Patch("z-"),), coupling), "pad": Interface("pad", (pad,), coupling)}
-    return Component("body", Box((width, depth, height)), STEEL, interfaces=interfaces, mesh=MeshSettings(0.25 * length, 2, cells))
+    interfaces = {
+        "foot": Interface("foot", (Patch("z-"),), coupling),
+        "pad": Interface("pad", (pad,), coupling),
+    }
+    return Component(
+        "body",
+        Box((width, depth, height)),
+        STEEL,
+        interfaces=interfaces,
+        mesh=MeshSettings(0.25 * length, 2, cells),
+    )
 
 
-@pytest.fixture(scope="module", params=[("rigid", "tet"), ("average", "hex")], ids=["rigid tet", "average hex"])
+@pytest.fixture(
+    scope="module", params=[("rigid", "tet"), ("average", "hex")], ids=["rigid tet", "average hex"]
+)
 def reduce_at(request: pytest.FixtureRequest) -> ReduceAt:
     @functools.cache
     def reduce_size(length: float) -> Superelement:
@@ -45,11 +66,15 @@ def reduce_at(request: pytest.FixtureRequest) -> ReduceAt:
 
 
 @pytest.mark.parametrize("length", SIZES)
-def test_frequencies_go_with_one_over_length(reduce_at: ReduceAt, dense: Dense, length: float) -> None:
+def test_frequencies_go_with_one_over_length(
+    reduce_at: ReduceAt, dense: Dense, length: float
+) -> None:
     reduce_size, unit = reduce_at
     element = reduce_size(length)
     check_superelement(element)
-    np.testing.assert_allclose(element.modal_frequencies_hz * length, unit.modal_frequencies_hz, rtol=1e-8)
+    np.testing.assert_allclose(
+        element.modal_frequencies_hz * length, unit.modal_frequencies_hz, rtol=1e-8
+    )
     found, exact = (dense.frequencies(e.stiffness, e.mass)[6:] for e in (element, unit))
     np.testing.assert_allclose(found * length, exact, rtol=1e-8)
 
@@ -75,11 +100,17 @@ def test_an_offset_of_ten_kilometres_changes_frequencies_by_less_than_a_milliont
     mesh = make_box((2, 2, 3), tuple(SIZE), {"foot": "z-", "tip": "z+"}, kind="tet10")
     far = dataclasses.replace(mesh, points=mesh.points + np.array([shift, -shift, 0.5 * shift]))
     component = make_component({"foot": coupling, "tip": coupling}, size=tuple(SIZE))
-    near_element, far_element = (reduce_elastic(component, m, comm=COMM, request=WANTED) for m in (mesh, far))
-    np.testing.assert_allclose(far_element.modal_frequencies_hz, near_element.modal_frequencies_hz, rtol=1e-6)
+    near_element, far_element = (
+        reduce_elastic(component, m, comm=COMM, request=WANTED) for m in (mesh, far)
+    )
+    np.testing.assert_allclose(
+        far_element.modal_frequencies_hz, near_element.modal_frequencies_hz, rtol=1e-6
+    )
     found, exact = (dense.frequencies(e.stiffness, e.mass)[6:] for e in (far_element, near_element))
     np.testing.assert_allclose(found, exact, rtol=1e-6)
-    free_near, free_far = (full_modes(full_model(m, STEEL, comm=COMM), 4).frequencies_hz for m in (mesh, far))
+    free_near, free_far = (
+        full_modes(full_model(m, STEEL, comm=COMM), 4).frequencies_hz for m in (mesh, far)
+    )
     np.testing.assert_allclose(free_far, free_near, rtol=1e-6)
 
 
@@ -88,6 +119,10 @@ def test_mass_and_inertia_do_not_cancel_ten_kilometres_away(coupling: CouplingKi
     mesh = make_box((2, 2, 3), tuple(SIZE), {"foot": "z-", "tip": "z+"}, kind="tet10")
     far = dataclasses.replace(mesh, points=mesh.points + np.array([1e4, -1e4, 5e3]))
     component = make_component({"foot": coupling, "tip": coupling}, size=tuple(SIZE))
-    near_element, far_element = (reduce_elastic(component, m, comm=COMM, request=WANTED) for m in (mesh, far))
+    near_element, far_element = (
+        reduce_elastic(component, m, comm=COMM, request=WANTED) for m in (mesh, far)
+    )
     check_superelement(far_element)
-    np.testing.assert_allclose(far_element.inertia, near_element.inertia, rtol=1e-6, atol=1e-6 * near_element.inertia.max())
+    np.testing.assert_allclose(
+        far_element.inertia, near_element.inertia, rtol=1e-6, atol=1e-6 * near_element.inertia.max()
+    )

@@ -1,4 +1,6 @@
-"""H21: all fixed-interface modes kept is the full model, none is Guyan's, and statics are exact for any number."""
+"""H21: all fixed-interface modes kept is the full model, none is Guyan's, and statics are exact for
+any number.
+"""
 
 import numpy as np
 import pytest
@@ -30,11 +32,23 @@ def block(dense: Dense) -> tuple[ComponentMesh, FloatArray, FloatArray]:
 
 
 def reduced(
-    mesh: ComponentMesh, couplings: tuple[str, str], count: int, loads: tuple[Load, ...] = (), *, gravity: bool = False
+    mesh: ComponentMesh,
+    couplings: tuple[str, str],
+    count: int,
+    loads: tuple[Load, ...] = (),
+    *,
+    gravity: bool = False,
 ) -> Superelement:
     foot, tip = couplings
     component = make_component({"foot": foot, "tip": tip}, size=SIZE)
-    return reduce_elastic(component, mesh, (), loads, comm=COMM, request=ReductionRequest(ModeTarget(count=count), gravity=gravity))
+    return reduce_elastic(
+        component,
+        mesh,
+        (),
+        loads,
+        comm=COMM,
+        request=ReductionRequest(ModeTarget(count=count), gravity=gravity),
+    )
 
 
 def assert_spectrum(found: FloatArray, exact: FloatArray, tolerance: float) -> None:
@@ -54,12 +68,17 @@ def test_all_modes_between_rigid_faces_are_the_full_model(
     assert element.cutoff_hz == np.inf
 
 
-@pytest.mark.parametrize("couplings", [("average", "average"), ("rigid", "average")], ids=["average", "mixed"])
+@pytest.mark.parametrize(
+    "couplings", [("average", "average"), ("rigid", "average")], ids=["average", "mixed"]
+)
 def test_all_modes_behind_averaging_faces_are_the_full_model(
     block: tuple[ComponentMesh, FloatArray, FloatArray], dense: Dense, couplings: tuple[str, str]
 ) -> None:
     mesh, stiffness, mass = block
-    basis, _ = dense.rigid_map(mesh, [name for name, kind in zip(("foot", "tip"), couplings, strict=True) if kind == "rigid"])
+    basis, _ = dense.rigid_map(
+        mesh,
+        [name for name, kind in zip(("foot", "tip"), couplings, strict=True) if kind == "rigid"],
+    )
     exact = dense.frequencies(basis.T @ stiffness @ basis, basis.T @ mass @ basis)
     element = reduced(mesh, couplings, ALL)
     assert_spectrum(dense.frequencies(element.stiffness, element.mass), exact, 1e-9)
@@ -77,7 +96,9 @@ def test_no_modes_between_rigid_faces_are_guyans_condensation(
     assert np.abs(element.stiffness - guyan_stiffness).max() < 1e-10 * np.abs(guyan_stiffness).max()
     assert np.abs(element.mass - guyan_mass).max() < 1e-10 * np.abs(guyan_mass).max()
     exact = dense.frequencies(guyan_stiffness, guyan_mass)
-    np.testing.assert_allclose(dense.frequencies(element.stiffness, element.mass)[6:], exact[6:], rtol=1e-10)
+    np.testing.assert_allclose(
+        dense.frequencies(element.stiffness, element.mass)[6:], exact[6:], rtol=1e-10
+    )
 
 
 @pytest.mark.parametrize("count", [0, 1, 7, 30])
@@ -89,14 +110,19 @@ def test_statics_at_the_interfaces_are_those_of_the_full_model_for_any_count(
     # foot held as it is coupled, unit forces and moments on the tip
     element = reduced(mesh, ("rigid", coupling), count)
     rows = {name: slice(6 * a.node, 6 * a.node + 6) for name, a in element.attachments.items()}
-    free = np.r_[np.arange(*rows["tip"].indices(len(element.stiffness))), np.arange(12, len(element.stiffness))]
+    free = np.r_[
+        np.arange(*rows["tip"].indices(len(element.stiffness))),
+        np.arange(12, len(element.stiffness)),
+    ]
     found = np.linalg.inv(element.stiffness[np.ix_(free, free)])[:6, :6]
     exact = tip_compliance(mesh, stiffness, coupling)
     scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
     assert (np.abs(found - exact) / scale).max() < 1e-9
 
 
-def tip_compliance(mesh: ComponentMesh, stiffness: FloatArray, coupling: CouplingKind) -> FloatArray:
+def tip_compliance(
+    mesh: ComponentMesh, stiffness: FloatArray, coupling: CouplingKind
+) -> FloatArray:
     """Compliance of the tip by a saddle-point system on the whole model, the foot's points held."""
     tip = np.unique(mesh.patches["tip"])
     free = np.repeat(mesh.points[:, 2] > 1e-9, 3)
@@ -104,7 +130,11 @@ def tip_compliance(mesh: ComponentMesh, stiffness: FloatArray, coupling: Couplin
     arms = mesh.points[tip] - center
     rigid = np.zeros((3 * len(tip), 6))
     for row, (x, y, z) in enumerate(arms):
-        rigid[3 * row : 3 * row + 3] = [[1, 0, 0, 0, z, -y], [0, 1, 0, -z, 0, x], [0, 0, 1, y, -x, 0]]
+        rigid[3 * row : 3 * row + 3] = [
+            [1, 0, 0, 0, z, -y],
+            [0, 1, 0, -z, 0, x],
+            [0, 0, 1, y, -x, 0],
+        ]
     dofs = (3 * tip[:, None] + np.arange(3)).ravel()
     if coupling == "rigid":
         basis = np.zeros((len(free), int(free.sum()) - len(dofs) + 6))
@@ -124,7 +154,9 @@ def tip_compliance(mesh: ComponentMesh, stiffness: FloatArray, coupling: Couplin
 
 
 def consistent_weights(places: FloatArray) -> FloatArray:
-    """``integral N_i N_j dA`` over the one biquadratic facet of the tip, as a product of line integrals."""
+    """``integral N_i N_j dA`` over the one biquadratic facet of the tip, as a product of line
+    integrals.
+    """
     order = np.lexsort((places[:, 1], places[:, 0]))
     line = np.array([[4, 2, -1], [2, 16, 2], [-1, 2, 4]]) / 30.0
     result = np.zeros((9, 9))
@@ -163,13 +195,20 @@ def test_loads_on_the_body_move_every_point_as_in_the_full_model_for_any_count(
         held = slice(6 * element.attachments["foot"].node, 6 * element.attachments["foot"].node + 6)
         active = np.setdiff1d(np.arange(len(element.stiffness)), np.arange(held.start, held.stop))
         answer = np.zeros(len(element.stiffness))
-        answer[active] = np.linalg.solve(element.stiffness[np.ix_(active, active)], element.loads[name].vector[active])
-        found = present(element.recovery).basis @ answer + present(element.loads[name].particular).ravel()
+        answer[active] = np.linalg.solve(
+            element.stiffness[np.ix_(active, active)], element.loads[name].vector[active]
+        )
+        found = (
+            present(element.recovery).basis @ answer
+            + present(element.loads[name].particular).ravel()
+        )
         assert np.abs(found - exact).max() < 1e-9 * np.abs(exact).max(), name
 
 
 def surface_load(mesh: ComponentMesh, group: str, traction: list[float]) -> FloatArray:
-    """Consistent nodal forces of a uniform traction on rectangular biquadratic facets: Simpson's weights times the area."""
+    """Consistent nodal forces of a uniform traction on rectangular biquadratic facets: Simpson's
+    weights times the area.
+    """
     simpson = np.array([1.0, 1, 1, 1, 4, 4, 4, 4, 16]) / 36.0
     force = np.zeros((len(mesh.points), 3))
     for facet in mesh.patches[group]:
@@ -179,12 +218,22 @@ def surface_load(mesh: ComponentMesh, group: str, traction: list[float]) -> Floa
     return force.ravel()
 
 
-def test_a_static_reduction_needs_no_mass(block: tuple[ComponentMesh, FloatArray, FloatArray]) -> None:
+def test_a_static_reduction_needs_no_mass(
+    block: tuple[ComponentMesh, FloatArray, FloatArray],
+) -> None:
     mesh, _, _ = block
-    element = reduce_elastic(make_component({"foot": "rigid", "tip": "rigid"}), mesh, comm=COMM, request=ReductionRequest())
+    element = reduce_elastic(
+        make_component({"foot": "rigid", "tip": "rigid"}),
+        mesh,
+        comm=COMM,
+        request=ReductionRequest(),
+    )
     assert not element.mass.any()
     assert element.stiffness.shape == (12, 12)
     with_mass = reduced(mesh, ("rigid", "rigid"), 3)
     np.testing.assert_allclose(
-        element.stiffness, with_mass.stiffness[:12, :12], rtol=1e-12, atol=1e-12 * np.abs(element.stiffness).max()
+        element.stiffness,
+        with_mass.stiffness[:12, :12],
+        rtol=1e-12,
+        atol=1e-12 * np.abs(element.stiffness).max(),
     )

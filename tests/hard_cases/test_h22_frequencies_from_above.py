@@ -19,12 +19,19 @@ FLOOR = 1e-7
 
 
 @pytest.fixture(scope="module", params=["rigid", "average"])
-def frequencies(request: pytest.FixtureRequest, dense: Dense) -> tuple[list[FloatArray], FloatArray]:
+def frequencies(
+    request: pytest.FixtureRequest, dense: Dense
+) -> tuple[list[FloatArray], FloatArray]:
     mesh = make_box((1, 2, 8), SIZE, {"foot": "z-", "tip": "z+"}, kind="tet10")
     component = make_component({"foot": request.param, "tip": request.param}, size=SIZE)
 
     def reduced(count: int) -> FloatArray:
-        element = reduce_elastic(component, mesh, comm=COMM, request=ReductionRequest(ModeTarget(count=count), recovery=False))
+        element = reduce_elastic(
+            component,
+            mesh,
+            comm=COMM,
+            request=ReductionRequest(ModeTarget(count=count), recovery=False),
+        )
         return dense.frequencies(element.stiffness, element.mass)[6:]
 
     ladder = [reduced(count) for count in COUNTS]
@@ -35,7 +42,9 @@ def frequencies(request: pytest.FixtureRequest, dense: Dense) -> tuple[list[Floa
     return ladder, full
 
 
-def test_every_reduced_frequency_lies_above_the_full_one(frequencies: tuple[list[FloatArray], FloatArray]) -> None:
+def test_every_reduced_frequency_lies_above_the_full_one(
+    frequencies: tuple[list[FloatArray], FloatArray],
+) -> None:
     ladder, full = frequencies
     for found in ladder:
         shared = min(len(found), len(full))
@@ -43,7 +52,9 @@ def test_every_reduced_frequency_lies_above_the_full_one(frequencies: tuple[list
         assert (found[:shared] >= full[:shared] * (1.0 - FLOOR)).all()
 
 
-def test_frequencies_fall_with_every_mode_kept(frequencies: tuple[list[FloatArray], FloatArray]) -> None:
+def test_frequencies_fall_with_every_mode_kept(
+    frequencies: tuple[list[FloatArray], FloatArray],
+) -> None:
     ladder, _ = frequencies
     for coarse, fine in pairwise(ladder):
         shared = min(len(coarse), len(fine))
@@ -51,6 +62,8 @@ def test_frequencies_fall_with_every_mode_kept(frequencies: tuple[list[FloatArra
         assert (fine[:shared] <= coarse[:shared] * (1.0 + FLOOR)).all()
 
 
-def test_forty_modes_bring_the_first_ten_within_a_percent(frequencies: tuple[list[FloatArray], FloatArray]) -> None:
+def test_forty_modes_bring_the_first_ten_within_a_percent(
+    frequencies: tuple[list[FloatArray], FloatArray],
+) -> None:
     ladder, full = frequencies
     assert np.abs(ladder[-1][:10] / full[:10] - 1.0).max() < 1e-2

@@ -32,7 +32,9 @@ def element(request: pytest.FixtureRequest) -> Superelement:
     return reduce_elastic(component, mesh, comm=COMM, request=ReductionRequest(ModeTarget(count=9)))
 
 
-def motions_about(element: Superelement, origin: FloatArray | tuple[float, float, float]) -> FloatArray:
+def motions_about(
+    element: Superelement, origin: FloatArray | tuple[float, float, float]
+) -> FloatArray:
     rows = [rigid_transfer(np.asarray(origin), frame.origin) for frame in element.frames]
     return np.vstack([*rows, np.zeros((element.modal_count, 6))])
 
@@ -50,7 +52,9 @@ def test_mass_centre_and_inertia_are_those_of_the_block_about_any_point(
     mass = DENSITY * math.prod(SIZE)
     arm = 0.5 * np.array(SIZE) - origin
     squares = np.array(SIZE) ** 2
-    inertia = mass * (np.diag(squares.sum() - squares) / 12.0 + arm @ arm * np.eye(3) - np.outer(arm, arm))
+    inertia = mass * (
+        np.diag(squares.sum() - squares) / 12.0 + arm @ arm * np.eye(3) - np.outer(arm, arm)
+    )
     wanted = np.zeros((6, 6))
     wanted[:3, :3], wanted[3:, 3:] = mass * np.eye(3), inertia
     static = mass * np.array([[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]])
@@ -64,14 +68,18 @@ def test_the_stated_mass_properties_are_those_of_the_block(element: Superelement
     squares = np.array(SIZE) ** 2
     assert element.mass_kg == pytest.approx(mass, rel=1e-12)
     np.testing.assert_allclose(element.center_of_mass, 0.5 * np.array(SIZE), rtol=1e-11)
-    np.testing.assert_allclose(element.inertia, mass * np.diag(squares.sum() - squares) / 12.0, rtol=1e-9, atol=1e-9 * mass)
+    np.testing.assert_allclose(
+        element.inertia, mass * np.diag(squares.sum() - squares) / 12.0, rtol=1e-9, atol=1e-9 * mass
+    )
 
 
 def test_shapes_recovered_from_a_rigid_motion_are_rigid(element: Superelement) -> None:
     motions = motions_about(element, (0.0, 0.0, 0.0))
     points = present(element.recovery).points
     turned = (present(element.recovery).basis @ motions[:, 5]).reshape(-1, 3)
-    np.testing.assert_allclose(turned, np.column_stack([-points[:, 1], points[:, 0], 0.0 * points[:, 2]]), atol=1e-10)
+    np.testing.assert_allclose(
+        turned, np.column_stack([-points[:, 1], points[:, 0], 0.0 * points[:, 2]]), atol=1e-10
+    )
 
 
 def test_the_superelement_passes_its_own_checks(element: Superelement) -> None:

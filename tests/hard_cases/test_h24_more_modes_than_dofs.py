@@ -1,4 +1,6 @@
-"""H24: more modes wanted than there are interior dofs, every point in an interface, no interior at all."""
+"""H24: more modes wanted than there are interior dofs, every point in an interface, no interior at
+all.
+"""
 
 import numpy as np
 import pytest
@@ -20,7 +22,9 @@ SIZE = (0.1, 0.13, 0.2)
 
 
 def reduced(mesh: ComponentMesh, component: Component, count: int) -> Superelement:
-    return reduce_elastic(component, mesh, comm=COMM, request=ReductionRequest(ModeTarget(count=count)))
+    return reduce_elastic(
+        component, mesh, comm=COMM, request=ReductionRequest(ModeTarget(count=count))
+    )
 
 
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
@@ -47,15 +51,21 @@ def test_two_patches_that_hold_every_point_leave_no_modes(count: int) -> None:
     assert element.modal_count == 0
     assert element.cutoff_hz == np.inf
     check_superelement(element)
-    # one straight element between two plates: the uniform strain state is exact where Poisson's effect is held
+    # one straight element between two plates: the uniform strain state is exact where Poisson's
+    # effect is held
     young, poisson = 2.1e11, 0.3
     confined = young * (1.0 - poisson) / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
-    assert element.stiffness[2, 2] == pytest.approx(confined * SIZE[0] * SIZE[1] / SIZE[2], rel=1e-10)
+    assert element.stiffness[2, 2] == pytest.approx(
+        confined * SIZE[0] * SIZE[1] / SIZE[2], rel=1e-10
+    )
 
 
 def test_one_rigid_interface_over_every_point_is_a_rigid_body() -> None:
-    mesh = make_box((1, 1, 1), SIZE, {"all": lambda centers: np.ones(len(centers), dtype=bool)}, kind="tet10")
-    # the block's middle is the only point that is not on its surface; straight tets of the lattice have a node there
+    mesh = make_box(
+        (1, 1, 1), SIZE, {"all": lambda centers: np.ones(len(centers), dtype=bool)}, kind="tet10"
+    )
+    # the block's middle is the only point that is not on its surface; straight tets of the lattice
+    # have a node there
     element = reduced(mesh, make_component({"all": "rigid"}, size=SIZE), 100)
     assert element.modal_count == 3
     assert np.abs(element.stiffness[:6, :6]).max() < 1e-9 * 2.1e11

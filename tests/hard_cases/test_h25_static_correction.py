@@ -1,4 +1,6 @@
-"""H25: at 0 Hz stands the static compliance, however few modes are kept; what a plain modal sum lacks is told."""
+"""H25: at 0 Hz stands the static compliance, however few modes are kept; what a plain modal sum
+lacks is told.
+"""
 
 import numpy as np
 import pytest
@@ -30,18 +32,29 @@ def a_machine() -> SecondOrderSystem:
     head = rigid_body("head", 12.0, {"seat": (0, 0, 0), "tool": (0.2, 0.0, -0.1)})
     joints = [
         joint_between("mounts", "ground", "base.low", stiffness=(1e4, 1e4, 3e4, 2e3, 2e3, 1e3)),
-        joint_between("bolts", "base.top", "column.foot", stiffness=(1e10, 1e10, 1e10, 1e8, 1e8, 1e8)),
-        joint_between("guide", "column.head", "head.seat", stiffness=(5e7, 5e7, 8e7, 1e5, 2e5, 1e5)),
+        joint_between(
+            "bolts", "base.top", "column.foot", stiffness=(1e10, 1e10, 1e10, 1e8, 1e8, 1e8)
+        ),
+        joint_between(
+            "guide", "column.head", "head.seat", stiffness=(5e7, 5e7, 8e7, 1e5, 2e5, 1e5)
+        ),
     ]
-    return couple(*lumped_machine([base, column, head], joints, {"tcp": ("head.tool", "base.top")}), Pose("home")).system
+    return couple(
+        *lumped_machine([base, column, head], joints, {"tcp": ("head.tool", "base.top")}),
+        Pose("home"),
+    ).system
 
 
 @pytest.mark.parametrize("count", range(1, 6))
-def test_the_plain_sum_of_a_beam_misses_what_theory_says_and_the_corrected_one_nothing(count: int) -> None:
+def test_the_plain_sum_of_a_beam_misses_what_theory_says_and_the_corrected_one_nothing(
+    count: int,
+) -> None:
     coordinates = present(to_modal_coordinates(cantilever_system(BEAM, 60), [TIP], [TIP]))
     kept = keep_modes(coordinates, count)
     assert kept.elastic[0, 0] == pytest.approx(1.0 / 3.0, rel=1e-9)
-    assert 1.0 - kept.residual[0, 0] / kept.elastic[0, 0] == pytest.approx(FRACTIONS[count - 1], abs=1e-6)
+    assert 1.0 - kept.residual[0, 0] / kept.elastic[0, 0] == pytest.approx(
+        FRACTIONS[count - 1], abs=1e-6
+    )
     at_rest = sum_over_modes(kept).evaluate(np.array([VERY_LOW]))[0, 0, 0]
     assert at_rest == pytest.approx(1.0 / 3.0, rel=1e-9)
 
@@ -59,8 +72,13 @@ def test_the_correction_makes_the_kept_range_right_too() -> None:
 def test_the_response_of_a_machine_at_rest_is_its_static_compliance() -> None:
     system = a_machine()
     ports = [("tcp", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")]
-    static = output_rows(system, ports) @ solve_static(system, input_columns(system, ports)).displacements
+    static = (
+        output_rows(system, ports)
+        @ solve_static(system, input_columns(system, ports)).displacements
+    )
     for damped in (system, add_modal_damping(system, [0.03])):
         found = solve_frf(damped, np.array([0.0, 1e-7]), inputs=ports, outputs=ports).receptance
         np.testing.assert_array_equal(found[0], static)
-        np.testing.assert_allclose(found[1].real, static, rtol=1e-8, atol=1e-8 * np.abs(static).max())
+        np.testing.assert_allclose(
+            found[1].real, static, rtol=1e-8, atol=1e-8 * np.abs(static).max()
+        )

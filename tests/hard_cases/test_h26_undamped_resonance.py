@@ -1,10 +1,17 @@
-"""H26: an undamped response exactly on a resonance has no value and says so; beside it every digit counts."""
+"""H26: an undamped response exactly on a resonance has no value and says so; beside it every digit
+counts.
+"""
 
 import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf, refine_grid, solve_frf
+from headstock.solvers.linear.frequency_response import (
+    evaluate_frf,
+    prepare_frf,
+    refine_grid,
+    solve_frf,
+)
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
 
@@ -13,7 +20,9 @@ PORT = ("mass", "x")
 
 def oscillator(hz: float, mass: float = 3.0) -> SecondOrderSystem:
     row: dict[tuple[str, str], FloatArray] = {PORT: np.ones(1)}
-    return SecondOrderSystem(np.eye(1) * mass, None, np.eye(1) * mass * (2.0 * np.pi * hz) ** 2, row, row, ("q",))
+    return SecondOrderSystem(
+        np.eye(1) * mass, None, np.eye(1) * mass * (2.0 * np.pi * hz) ** 2, row, row, ("q",)
+    )
 
 
 @pytest.mark.parametrize("hz", [1.3, 80.0, 12345.6])
@@ -51,4 +60,6 @@ def test_the_adaptive_grid_keeps_off_undamped_resonances() -> None:
     found = evaluate_frf(model, grid)
     # 80 Hz is a point of the even grid
     assert found.singular.sum() == 1 and np.isfinite(found.receptance[~found.singular]).all()
-    assert np.abs(np.delete(grid, np.flatnonzero(grid == 80.0)) / 80.0 - 1.0).min() == pytest.approx(1.25e-7, rel=1e-2)
+    assert np.abs(
+        np.delete(grid, np.flatnonzero(grid == 80.0)) / 80.0 - 1.0
+    ).min() == pytest.approx(1.25e-7, rel=1e-2)

@@ -1,4 +1,6 @@
-"""H27: a peak a millionth as wide as its frequency is found in place and height, whatever grid was asked for."""
+"""H27: a peak a millionth as wide as its frequency is found in place and height, whatever grid was
+asked for.
+"""
 
 import dataclasses
 
@@ -6,7 +8,12 @@ import numpy as np
 import pytest
 
 from headstock.solvers.linear.damped_modes import solve_damped
-from headstock.solvers.linear.frequency_response import evaluate_frf, find_stability_figures, prepare_frf, refine_grid
+from headstock.solvers.linear.frequency_response import (
+    evaluate_frf,
+    find_stability_figures,
+    prepare_frf,
+    refine_grid,
+)
 from headstock.solvers.second_order import SecondOrderSystem
 
 PORT = ("end", "x")
@@ -14,9 +21,13 @@ SIZE = 6
 
 
 def chain(zeta: float) -> SecondOrderSystem:
-    """Masses in a row, each on a spring and a damper of its own to ground, so that damping couples the modes."""
+    """Masses in a row, each on a spring and a damper of its own to ground, so that damping couples
+    the modes.
+    """
     springs = 1e6 * np.linspace(1.0, 3.0, SIZE)
-    stiffness = np.diag(springs) + 4e6 * (2.0 * np.eye(SIZE) - np.eye(SIZE, k=1) - np.eye(SIZE, k=-1))
+    stiffness = np.diag(springs) + 4e6 * (
+        2.0 * np.eye(SIZE) - np.eye(SIZE, k=1) - np.eye(SIZE, k=-1)
+    )
     row = {PORT: np.eye(SIZE)[-1]}
     dampers = 2.0 * zeta * np.diag(np.linspace(0.5, 1.5, SIZE)) * np.sqrt(4e6)
     return SecondOrderSystem(np.eye(SIZE), dampers, stiffness, row, row, ("q",) * SIZE)
@@ -24,7 +35,9 @@ def chain(zeta: float) -> SecondOrderSystem:
 
 @pytest.mark.parametrize("zeta", [1e-6, 1e-4, 1e-2])
 @pytest.mark.parametrize("points", [11, 97])
-def test_every_peak_stands_where_its_complex_mode_says_and_as_high(zeta: float, points: int) -> None:
+def test_every_peak_stands_where_its_complex_mode_says_and_as_high(
+    zeta: float, points: int
+) -> None:
     system = chain(zeta)
     model = prepare_frf(system, inputs=[PORT], outputs=[PORT])
     assert model.form.evaluate(np.ones(1)).shape == (1, 1, 1)

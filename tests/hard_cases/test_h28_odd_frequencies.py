@@ -1,4 +1,6 @@
-"""H28: zero, negative and absurdly high frequencies: statics or "free body", the conjugate, and inertia."""
+"""H28: zero, negative and absurdly high frequencies: statics or "free body", the conjugate, and
+inertia.
+"""
 
 import dataclasses
 from collections.abc import Iterator
@@ -21,11 +23,17 @@ SPRING = (5e7, 6e7, 8e7, 1e5, 2e5, 1e5)
 
 
 def two_bodies(*, grounded: bool) -> SecondOrderSystem:
-    base = rigid_body("base", 80.0, {"low": (0, 0, 0), "top": (0.1, 0.2, 0.3)}, inertia=(3.0, 4.0, 5.0))
-    head = rigid_body("head", 12.0, {"seat": (0, 0, 0), "tool": (0.2, 0.1, -0.1)}, inertia=(0.3, 0.2, 0.1))
+    base = rigid_body(
+        "base", 80.0, {"low": (0, 0, 0), "top": (0.1, 0.2, 0.3)}, inertia=(3.0, 4.0, 5.0)
+    )
+    head = rigid_body(
+        "head", 12.0, {"seat": (0, 0, 0), "tool": (0.2, 0.1, -0.1)}, inertia=(0.3, 0.2, 0.1)
+    )
     joints = [joint_between("guide", "base.top", "head.seat", stiffness=SPRING)]
     if grounded:
-        joints.append(joint_between("mounts", "ground", "base.low", stiffness=(1e6, 1e6, 3e6, 2e5, 2e5, 1e5)))
+        joints.append(
+            joint_between("mounts", "ground", "base.low", stiffness=(1e6, 1e6, 3e6, 2e5, 2e5, 1e5))
+        )
     points = {"tcp": ("head.tool", "base.top"), "tool": ("head.tool", "ground")}
     return couple(*lumped_machine([base, head], joints, points), Pose("home")).system
 
@@ -34,7 +42,10 @@ def dampings(system: SecondOrderSystem) -> Iterator[tuple[str, SecondOrderSystem
     lines = np.random.default_rng(1).standard_normal((len(system.mass), 3))
     yield "modal", add_modal_damping(system, [0.02])
     yield "coupled", dataclasses.replace(system, damping=100.0 * lines @ lines.T)
-    yield "structural", dataclasses.replace(system, hysteretic=0.03 * system.stiffness + 1e4 * lines @ lines.T)
+    yield (
+        "structural",
+        dataclasses.replace(system, hysteretic=0.03 * system.stiffness + 1e4 * lines @ lines.T),
+    )
 
 
 PORTS = [(place, dof) for place in ("tcp", "tool") for dof in ("x", "y", "z")]
@@ -57,7 +68,9 @@ def test_a_conjugate_is_what_the_equations_of_a_negative_frequency_give() -> Non
     rows = np.array([system.outputs[port] for port in PORTS])
     dynamic = system.stiffness - omega**2 * system.mass + 1j * omega * present(system.damping)
     found = solve_frf(system, np.array([-40.0]), inputs=PORTS, outputs=PORTS).receptance[0]
-    np.testing.assert_allclose(found, rows @ np.linalg.solve(dynamic, rows.T), rtol=1e-8, atol=1e-12 * np.abs(found).max())
+    np.testing.assert_allclose(
+        found, rows @ np.linalg.solve(dynamic, rows.T), rtol=1e-8, atol=1e-12 * np.abs(found).max()
+    )
 
 
 @pytest.mark.parametrize("name", ["modal", "coupled", "structural"])
@@ -77,8 +90,11 @@ def test_a_machine_that_floats_answers_between_tool_and_work_and_is_named_free_e
     assert not found.free_body[0, inner, inner].any() and not found.free_body[1].any()
     assert found.free_body[0, outer, outer].any(axis=1).all()
     assert np.isfinite(found.receptance[0, inner, inner]).all()
-    # the work carries its share of the inertia, so that the gap does not open as under a static force on a held base
-    np.testing.assert_allclose(found.receptance[0, inner, inner], found.receptance[1, inner, inner], rtol=1e-6)
+    # the work carries its share of the inertia, so that the gap does not open as under a static
+    # force on a held base
+    np.testing.assert_allclose(
+        found.receptance[0, inner, inner], found.receptance[1, inner, inner], rtol=1e-6
+    )
     assert np.isnan(found.receptance[found.free_body]).all()
 
 

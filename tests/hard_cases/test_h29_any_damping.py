@@ -25,7 +25,9 @@ SPEED = np.sqrt(210e9 / 7850.0)
 IMPEDANCE = ROD.area * np.sqrt(210e9 * 7850.0)
 
 
-def plain_system(mass: FloatArray, damping: FloatArray | None, stiffness: FloatArray) -> SecondOrderSystem:
+def plain_system(
+    mass: FloatArray, damping: FloatArray | None, stiffness: FloatArray
+) -> SecondOrderSystem:
     return SecondOrderSystem(mass, damping, stiffness, {}, {}, ("q",) * len(mass))
 
 
@@ -42,17 +44,26 @@ def test_only_the_diagonal_of_the_damping_would_give_other_poles() -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10**6), st.floats(0.0, 1e4))
-def test_conjugates_are_exact_overdamped_roots_are_kept_and_nothing_grows(seed: int, strength: float) -> None:
+def test_conjugates_are_exact_overdamped_roots_are_kept_and_nothing_grows(
+    seed: int, strength: float
+) -> None:
     random = np.random.default_rng(seed)
     factor, lines = random.standard_normal((4, 4)), random.standard_normal((4, 2))
-    system = plain_system(np.diag(random.uniform(0.5, 5.0, 4)), strength * lines @ lines.T, 1e6 * (factor @ factor.T + np.eye(4)))
+    system = plain_system(
+        np.diag(random.uniform(0.5, 5.0, 4)),
+        strength * lines @ lines.T,
+        1e6 * (factor @ factor.T + np.eye(4)),
+    )
     found = solve_damped(system)
     pairs, real = int((found.frequencies_hz > 0.0).sum()), int((found.frequencies_hz == 0.0).sum())
     assert 2 * pairs + real == 8
     assert found.poles.real.max() <= 1e-9 * np.abs(found.poles).max()
     assert (found.poles[found.frequencies_hz == 0.0].imag == 0.0).all()
     # the poles are those of the characteristic polynomial: their sum is the trace, minus M^-1 C
-    total = 2.0 * found.poles[found.frequencies_hz > 0.0].real.sum() + found.poles[found.frequencies_hz == 0.0].real.sum()
+    total = (
+        2.0 * found.poles[found.frequencies_hz > 0.0].real.sum()
+        + found.poles[found.frequencies_hz == 0.0].real.sum()
+    )
     expected = -np.trace(np.linalg.solve(system.mass, present(system.damping)))
     assert total == pytest.approx(expected, rel=1e-6, abs=1e-6 * np.abs(found.poles).max())
 
@@ -71,7 +82,8 @@ def test_a_dashpot_of_the_rod_s_impedance_swallows_every_wave() -> None:
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 2.0, 10.0])
 def test_another_dashpot_reflects_as_the_difference_of_impedances_says(share: float) -> None:
-    # standing waves with one loss per round trip: exp(2 s L / c) = (1 - share) / (1 + share) at a free tip
+    # standing waves with one loss per round trip: exp(2 s L / c) = (1 - share) / (1 + share) at a
+    # free tip
     system = rod_system(ROD, 60, clamped=False, end_dashpot=share * IMPEDANCE)
     poles = solve_damped(system).poles
     decay = SPEED / (2.0 * ROD.length) * np.log(abs((1.0 - share) / (1.0 + share)))

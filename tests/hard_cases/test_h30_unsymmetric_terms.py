@@ -18,11 +18,15 @@ PORTS = [("disk", "rx"), ("disk", "ry")]
 
 
 def rotor(spin: float, *, damping: float = 0.0, circulation: float = 0.0) -> SecondOrderSystem:
-    """A disk that tilts on springs and spins: polar inertia 2, diametral 1, tilting stiffness 1e4."""
+    """A disk that tilts on springs and spins: polar inertia 2, diametral 1, tilting stiffness
+    1e4.
+    """
     gyro = 2.0 * spin * np.array([[0.0, 1.0], [-1.0, 0.0]])
     stiffness = 1e4 * np.eye(2) + circulation * np.array([[0.0, 1.0], [-1.0, 0.0]])
     rows = {port: np.eye(2)[i] for i, port in enumerate(PORTS)}
-    return SecondOrderSystem(np.eye(2), gyro + damping * np.eye(2), stiffness, rows, rows, ("rx", "ry"))
+    return SecondOrderSystem(
+        np.eye(2), gyro + damping * np.eye(2), stiffness, rows, rows, ("rx", "ry")
+    )
 
 
 def whirl(spin: float) -> FloatArray:
@@ -44,9 +48,13 @@ def test_the_response_of_a_spinning_disk_is_not_reciprocal() -> None:
     assert found.method == "direct"
     for hz, value in zip(frequencies, found.receptance, strict=True):
         omega = 2.0 * np.pi * hz
-        expected = np.linalg.inv(system.stiffness - omega**2 * system.mass + 1j * omega * system.damping)
+        expected = np.linalg.inv(
+            system.stiffness - omega**2 * system.mass + 1j * omega * system.damping
+        )
         np.testing.assert_allclose(value, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
-    assert abs(found.receptance[1, 0, 1] + found.receptance[1, 1, 0]) < 1e-12 * abs(found.receptance[1, 0, 1])
+    assert abs(found.receptance[1, 0, 1] + found.receptance[1, 1, 0]) < 1e-12 * abs(
+        found.receptance[1, 0, 1]
+    )
 
 
 def test_circulating_forces_make_one_whirl_grow_and_it_is_seen() -> None:
@@ -54,9 +62,15 @@ def test_circulating_forces_make_one_whirl_grow_and_it_is_seen() -> None:
     found = solve_damped(system)
     exact = np.roots([1.0, 2.0, 1e4 + 500.0j])
     expected = sorted({complex(root.real, abs(root.imag)) for root in exact}, key=abs)
-    np.testing.assert_allclose(found.poles[np.argsort(np.abs(found.poles))], np.array(expected), rtol=1e-9)
+    np.testing.assert_allclose(
+        found.poles[np.argsort(np.abs(found.poles))], np.array(expected), rtol=1e-9
+    )
     assert found.damping_ratios.min() < 0.0
-    np.testing.assert_allclose(np.sort(find_poles(system).real), np.sort(np.concatenate([exact.real, exact.real])), rtol=1e-8)
+    np.testing.assert_allclose(
+        np.sort(find_poles(system).real),
+        np.sort(np.concatenate([exact.real, exact.real])),
+        rtol=1e-8,
+    )
 
 
 def test_a_symmetric_solver_refuses_what_is_not() -> None:
@@ -73,7 +87,9 @@ def test_the_test_is_as_sharp_as_it_says(share: float, symmetric: bool) -> None:
 
 def test_a_feedback_force_makes_the_road_general_even_without_dampers() -> None:
     system = rotor(0.0)
-    fed_back = dataclasses.replace(system, damping=None, stiffness=system.stiffness + np.array([[0.0, 300.0], [0.0, 0.0]]))
+    fed_back = dataclasses.replace(
+        system, damping=None, stiffness=system.stiffness + np.array([[0.0, 300.0], [0.0, 0.0]])
+    )
     found = solve_frf(fed_back, np.array([3.0]), inputs=PORTS, outputs=PORTS)
     expected = np.linalg.inv(fed_back.stiffness - (6.0 * np.pi) ** 2 * np.eye(2))
     np.testing.assert_allclose(found.receptance[0], expected, rtol=1e-12)

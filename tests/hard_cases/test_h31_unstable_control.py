@@ -1,4 +1,6 @@
-"""H31: control that makes a motion grow is reported from its poles, before any time run, with a gain that would do."""
+"""H31: control that makes a motion grow is reported from its poles, before any time run, with a
+gain that would do.
+"""
 
 import dataclasses
 import math
@@ -31,16 +33,21 @@ def test_a_stable_loop_is_not_refused() -> None:
 
 
 def test_a_position_gain_that_is_too_high_is_named_with_the_largest_that_is_stable() -> None:
-    system, train = make_drive(MASSES, soft_with(position_gain=500.0, velocity_gain=1e5, encoder="scale"))
+    system, train = make_drive(
+        MASSES, soft_with(position_gain=500.0, velocity_gain=1e5, encoder="scale")
+    )
     with pytest.raises(
-        UnstableControlError, match=r"control of axis X is unstable: a motion at .* Hz grows .* largest stable kv"
+        UnstableControlError,
+        match=r"control of axis X is unstable: a motion at .* Hz grows .* largest stable kv",
     ) as caught:
         require_stable(system, [train])
     growing = find_loop_poles(close_loops(system, [train]))
     assert caught.value.frequency_hz == pytest.approx(growing.frequencies_hz[growing.growing()[0]])
     largest = present(find_largest_gain(system, [train], "X", scale_position_gain))
     for factor, stable in ((0.999, True), (1.001, False)):
-        changed = dataclasses.replace(train, control=scale_position_gain(train.control, factor * largest))
+        changed = dataclasses.replace(
+            train, control=scale_position_gain(train.control, factor * largest)
+        )
         assert (not len(find_loop_poles(close_loops(system, [changed])).growing())) == stable
 
 
@@ -57,11 +64,16 @@ def test_the_largest_stable_kv_of_a_rigid_axis_is_that_of_rouths_criterion() -> 
 
 def test_a_velocity_gain_that_no_kv_helps_is_named() -> None:
     system, train = make_drive(MASSES, soft_with(velocity_gain=2e6, dead_time=1e-3))
-    with pytest.raises(UnstableControlError, match="velocity loop is so by itself: the largest stable velocity_gain"):
+    with pytest.raises(
+        UnstableControlError,
+        match="velocity loop is so by itself: the largest stable velocity_gain",
+    ):
         require_stable(system, [train])
     largest = present(find_largest_gain(system, [train], "X", scale_velocity_gain))
     for factor, stable in ((0.999, True), (1.001, False)):
-        changed = dataclasses.replace(train, control=scale_velocity_gain(train.control, factor * largest))
+        changed = dataclasses.replace(
+            train, control=scale_velocity_gain(train.control, factor * largest)
+        )
         assert (not len(find_loop_poles(close_loops(system, [changed])).growing())) == stable
 
 
@@ -79,7 +91,13 @@ def test_an_undamped_motion_that_control_does_not_reach_is_not_called_unstable()
     ports = {port: np.append(row, 0.0) for port, row in system.outputs.items()}
     loads = {port: np.append(row, 0.0) for port, row in system.inputs.items()}
     apart = dataclasses.replace(
-        system, mass=wide[0], damping=None, stiffness=wide[1], inputs=loads, outputs=ports, labels=(*system.labels, "apart")
+        system,
+        mass=wide[0],
+        damping=None,
+        stiffness=wide[1],
+        inputs=loads,
+        outputs=ports,
+        labels=(*system.labels, "apart"),
     )
     poles = require_stable(apart, [train])
     assert np.abs(poles.frequencies_hz - math.sqrt(1e5) / (2.0 * math.pi)).min() < 1e-6

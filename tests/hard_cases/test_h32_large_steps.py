@@ -1,4 +1,6 @@
-"""H32: steps far longer than the shortest period: nothing blows up, nothing rings that should not, energy stays."""
+"""H32: steps far longer than the shortest period: nothing blows up, nothing rings that should not,
+energy stays.
+"""
 
 import numpy as np
 import pytest
@@ -25,7 +27,9 @@ def space_of(system: SecondOrderSystem) -> StateSpace:
 
 
 @pytest.mark.parametrize("stiff", [1e9, 1e12])
-def test_resolved_modes_are_right_at_steps_ten_times_the_shortest_period_and_longer(stiff: float) -> None:
+def test_resolved_modes_are_right_at_steps_ten_times_the_shortest_period_and_longer(
+    stiff: float,
+) -> None:
     system = chain(stiff)
     modes = solve_modal(system)
     step = 1.0 / modes.frequencies_hz[1] / 20.0
@@ -54,7 +58,12 @@ def test_energy_neither_grows_nor_falls_over_a_million_steps(angle: float) -> No
 def test_with_coupled_damping_energy_never_grows_at_any_step() -> None:
     system = chain(1e8)
     system = SecondOrderSystem(
-        system.mass, np.diag([3.0, 0.0, 0.0]), system.stiffness, system.inputs, system.outputs, system.labels
+        system.mass,
+        np.diag([3.0, 0.0, 0.0]),
+        system.stiffness,
+        system.inputs,
+        system.outputs,
+        system.labels,
     )
     space = space_of(system)
     assert space.pairs is None

@@ -20,7 +20,9 @@ BEAM = PrismaticBeam(0.5, 0.1, 0.038, Material("steel", 210e9, 0.3, 7850.0))
 STATIC = BEAM.length**3 / (3.0 * BEAM.bending_stiffness)
 
 
-def deviation(shape: Callable[[FloatArray], FloatArray], periods: int, zeta: float, steps_per_period: float) -> float:
+def deviation(
+    shape: Callable[[FloatArray], FloatArray], periods: int, zeta: float, steps_per_period: float
+) -> float:
     """Largest distance from the static path over the final static deflection."""
     system = cantilever_system(BEAM, 12)
     period = 1.0 / solve_modal(system).frequencies_hz[0]
@@ -37,11 +39,15 @@ def soft_ramp(s: FloatArray) -> FloatArray:
 @pytest.mark.parametrize(("periods", "tolerance"), [(100, 1e-3), (1000, 1e-4)])
 @pytest.mark.parametrize("zeta", [0.0, 0.02])
 @pytest.mark.parametrize("steps_per_period", [7.3, 2.31])
-def test_a_slow_ramp_is_the_static_path(periods: int, tolerance: float, zeta: float, steps_per_period: float) -> None:
+def test_a_slow_ramp_is_the_static_path(
+    periods: int, tolerance: float, zeta: float, steps_per_period: float
+) -> None:
     assert deviation(soft_ramp, periods, zeta, steps_per_period) < tolerance
 
 
 @pytest.mark.parametrize("periods", [100, 1000])
 def test_a_ramp_with_a_corner_rings_as_much_as_a_corner_must(periods: int) -> None:
     # one mass: sin(omega t) / (omega T); the first mode has 97 % of the tip's compliance
-    assert deviation(lambda s: s, periods, 0.0, 24.7) == pytest.approx(0.971 / (2.0 * np.pi * periods), rel=0.02)
+    assert deviation(lambda s: s, periods, 0.0, 24.7) == pytest.approx(
+        0.971 / (2.0 * np.pi * periods), rel=0.02
+    )

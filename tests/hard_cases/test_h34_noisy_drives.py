@@ -33,7 +33,9 @@ def gaps(machine: Tripteor, drive: PathDrive, step: float) -> tuple[FloatArray, 
 
 
 def share_above(values: FloatArray, step: float, hz: float) -> float:
-    """Content above a frequency over the whole, both as root mean square, offset and trend taken out."""
+    """Content above a frequency over the whole, both as root mean square, offset and trend taken
+    out.
+    """
     line = np.linspace(0.0, 1.0, len(values))[:, None]
     flat = values - values[0] - line * (values[-1] - values[0])
     spectrum = np.abs(np.fft.rfft(flat * np.hanning(len(flat))[:, None], axis=0)) ** 2
@@ -41,7 +43,9 @@ def share_above(values: FloatArray, step: float, hz: float) -> float:
     return float(np.sqrt(spectrum[high].sum() / spectrum[1:].sum()))
 
 
-def test_smoothed_measurements_give_a_motion_without_noise(machine: Tripteor, clean: PathDrive) -> None:
+def test_smoothed_measurements_give_a_motion_without_noise(
+    machine: Tripteor, clean: PathDrive
+) -> None:
     times = np.arange(0.0, SPAN + 0.5 * RATE, RATE, dtype=np.float64)
     measured = clean.at(times).position
     measured[:, :3] += NOISE * np.random.default_rng(34).normal(size=(len(times), 3))
@@ -64,5 +68,8 @@ def test_twice_differenced_measurements_would_be_noise(clean: PathDrive) -> None
     differenced = np.diff(noisy, 2, axis=0) / RATE**2
     smooth = smooth_samples(times, noisy, 0.02)(times, nu=2)
     inner = slice(50, -50)
-    wrong, right = (np.std(found - exact.acceleration[inner, :3]) for found in (differenced[49:-49], smooth[inner]))
+    wrong, right = (
+        np.std(found - exact.acceleration[inner, :3])
+        for found in (differenced[49:-49], smooth[inner])
+    )
     assert wrong > 2.0 and right < 0.05 * wrong

@@ -1,9 +1,15 @@
-"""H35: constraints of an index-3 solution must not drift; ten thousand steps are in test_mechanism_cases.py, a million a command."""
+"""H35: constraints of an index-3 solution must not drift; ten thousand steps are in
+test_mechanism_cases.py, a million a command.
+"""
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme, MotionState, integrate_motion
+from headstock.solvers.mechanisms.generalized_alpha import (
+    AlphaScheme,
+    MotionState,
+    integrate_motion,
+)
 from headstock.solvers.mechanisms.motion import ConstrainedMotion, PartitionedMotion
 from headstock.solvers.mechanisms.partitioning import Drive
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
@@ -22,7 +28,10 @@ def test_positions_velocities_and_energy_stay_with_drives_at_rest() -> None:
     def no_force(time: float) -> FloatArray:
         return np.zeros(3)
 
-    reduced, full = PartitionedMotion(model, still, no_force, start), ConstrainedMotion(model, still, no_force)
+    reduced, full = (
+        PartitionedMotion(model, still, no_force, start),
+        ConstrainedMotion(model, still, no_force),
+    )
     give = np.array([0.0, 4e-5, 0.0, 5e-5, 0.0, -6e-5])
     first = reduced.at(0.0, give, np.zeros(6))
     begun = full.start(0.0, first.state[full.free], first.rates[full.free])
@@ -32,7 +41,9 @@ def test_positions_velocities_and_energy_stay_with_drives_at_rest() -> None:
         nonlocal position, velocity
         position = max(position, float(np.abs(full.residual(state)[1]).max()))
         dynamics, _, _ = full.evaluate(state)
-        velocity = max(velocity, float(np.abs(dynamics.closures[:, full.free] @ state.velocity).max()))
+        velocity = max(
+            velocity, float(np.abs(dynamics.closures[:, full.free] @ state.velocity).max())
+        )
         if round(state.time / 4e-5) % 20 == 0:
             energy.append(reduced.energy(state.time, state.position[-6:], state.velocity[-6:]))
 

@@ -1,4 +1,6 @@
-"""H36: a start that does not meet the closures is projected and reported; a jump of the load leaves no spike."""
+"""H36: a start that does not meet the closures is projected and reported; a jump of the load leaves
+no spike.
+"""
 
 import numpy as np
 import pytest
@@ -22,10 +24,14 @@ def machine() -> Tripteor:
 def problem(machine: Tripteor) -> ConstrainedMotion:
     driven = machine.poses["config_1"][machine.model.mechanism.driven_slice]
     rest = np.zeros_like(driven)
-    return ConstrainedMotion(machine.model, lambda time: Drive(driven, rest, rest), lambda time: np.zeros(3))
+    return ConstrainedMotion(
+        machine.model, lambda time: Drive(driven, rest, rest), lambda time: np.zeros(3)
+    )
 
 
-def test_a_wrong_start_is_projected_and_the_correction_reported(machine: Tripteor, problem: ConstrainedMotion) -> None:
+def test_a_wrong_start_is_projected_and_the_correction_reported(
+    machine: Tripteor, problem: ConstrainedMotion
+) -> None:
     exact = machine.poses["config_1"][problem.free]
     wrong, speed = exact.copy(), np.zeros_like(exact)
     wrong[:9] += 1e-3
@@ -38,7 +44,9 @@ def test_a_wrong_start_is_projected_and_the_correction_reported(machine: Tripteo
     assert np.abs(dynamics.closures[:, problem.free] @ start.velocity).max() < 1e-14
 
 
-def test_a_projected_start_leaves_no_spike_in_the_accelerations(machine: Tripteor, problem: ConstrainedMotion) -> None:
+def test_a_projected_start_leaves_no_spike_in_the_accelerations(
+    machine: Tripteor, problem: ConstrainedMotion
+) -> None:
     wrong = machine.poses["config_1"][problem.free].copy()
     wrong[:9] += 1e-3
     start, _ = project_start(problem, 0.0, wrong, np.zeros_like(wrong))
@@ -55,12 +63,16 @@ def test_a_start_too_far_from_the_closures_is_refused(machine: Tripteor) -> None
     driven = machine.poses["config_1"][machine.model.mechanism.driven_slice].copy()
     driven[:3] = 0.05, 3.0, 0.05
     rest = np.zeros_like(driven)
-    far = ConstrainedMotion(machine.model, lambda time: Drive(driven, rest, rest), lambda time: np.zeros(3))
+    far = ConstrainedMotion(
+        machine.model, lambda time: Drive(driven, rest, rest), lambda time: np.zeros(3)
+    )
     with pytest.raises(ClosureError, match="Exechon"):
         project_start(far, 0.0, machine.poses["config_1"][far.free], np.zeros(15))
 
 
-def test_a_jump_of_the_force_swings_to_twice_its_static_answer_and_no_further(machine: Tripteor) -> None:
+def test_a_jump_of_the_force_swings_to_twice_its_static_answer_and_no_further(
+    machine: Tripteor,
+) -> None:
     path, _ = square_path(SquareContour(0.2, (0.0, 0.0), 0.2, 0.01, 0.02, 5.0 / 60.0, 0.01))
     nodes = np.linspace(0.0, 0.1, 26, dtype=np.float64)
     drive = follow_path(machine.scene.mounted, nodes, path.at(nodes), machine.scene.tool)
@@ -68,7 +80,10 @@ def test_a_jump_of_the_force_swings_to_twice_its_static_answer_and_no_further(ma
     motion = linear_motion(machine.model, drive, times, np.array([0.02]))
     force = np.zeros((len(times), 3))
     force[times >= 0.03] = 500.0, 0.0, 0.0
-    moved = march_linear(motion, motion.load + motion.tool_load(force)).give - march_linear(motion, motion.load).give
+    moved = (
+        march_linear(motion, motion.load + motion.tool_load(force)).give
+        - march_linear(motion, motion.load).give
+    )
     static = motion.tool_load(force)[-1] / motion.stiffness[-1]
     axial = np.abs(static) > 0.05 * np.abs(static).max()
     assert not moved[times < 0.03].any()

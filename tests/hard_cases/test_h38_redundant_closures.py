@@ -1,8 +1,10 @@
-"""H38: over-constrained mechanisms: the rank is found, no freedom is lost, and joint forces are called not unique.
+"""H38: over-constrained mechanisms: the rank is found, no freedom is lost, and joint forces are
+called not unique.
 
-Ranks depend on where a loop is cut. Bricard's six hinges: 6 closures of rank 5 with all six angles, 5 of rank 4 when cut at a hinge
-whose angle is no coordinate. The Exechon: 12 loop equations of rank 10 in 13 joints, 9 of rank 9 with the common axis shared and
-the redundant ones left out. One freedom, and three, either way.
+Ranks depend on where a loop is cut. Bricard's six hinges: 6 closures of rank 5 with all six angles,
+5 of rank 4 when cut at a hinge whose angle is no coordinate. The Exechon: 12 loop equations of rank
+10 in 13 joints, 9 of rank 9 with the common axis shared and the redundant ones left out. One
+freedom, and three, either way.
 """
 
 import numpy as np
@@ -11,8 +13,20 @@ import pytest
 from headstock.geometry.errors import SingularPoseError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import closure_residual, find_mobility
-from headstock.geometry.mechanisms.exechon import ExechonDimensions, exechon_mechanism, platform_states
-from headstock.geometry.mechanisms.mechanism import Alignment, ChainItem, Mark, Mechanism, Meeting, shift, turn
+from headstock.geometry.mechanisms.exechon import (
+    ExechonDimensions,
+    exechon_mechanism,
+    platform_states,
+)
+from headstock.geometry.mechanisms.mechanism import (
+    Alignment,
+    ChainItem,
+    Mark,
+    Mechanism,
+    Meeting,
+    shift,
+    turn,
+)
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
 from headstock.solvers.mechanisms.motion import ConstrainedMotion
 from headstock.solvers.mechanisms.partitioning import Drive
@@ -22,18 +36,24 @@ EXECHON = ExechonDimensions((-0.57, 0.57, 0.73), (-0.22, 0.22, 0.20), wrist=(0.0
 
 
 def bricard() -> Mechanism:
-    """Six bars of 1 m along the edges of a cube, each hinge square to both bars (Bricard 1897), cut open at its last hinge."""
+    """Six bars of 1 m along the edges of a cube, each hinge square to both bars (Bricard 1897), cut
+    open at its last hinge.
+    """
     chain = (
         turn("z", "t1"), shift("x", 1.0), turn("x", QUARTER), turn("z", "t2"), shift("x", 1.0), turn("x", -QUARTER), turn("z", "t3"),
         shift("x", 1.0), turn("x", QUARTER), turn("z", "t4"), shift("x", 1.0), turn("x", -QUARTER), turn("z", "t5"), shift("x", 1.0),
         turn("x", QUARTER), turn("z", "t6"), shift("x", 1.0), turn("x", -QUARTER), Mark("end"),
     )  # fmt: skip
     start = (Mark("start"),)
-    return Mechanism("Bricard", (chain, start), (Meeting("end", "start"), Alignment("end", "start")), ())
+    return Mechanism(
+        "Bricard", (chain, start), (Meeting("end", "start"), Alignment("end", "start")), ()
+    )
 
 
 def close_bricard() -> FloatArray:
-    """Angles of the threefold form: equal at every other hinge, with ``cos a + cos b + cos a cos b = 0`` of the closed loop."""
+    """Angles of the threefold form: equal at every other hinge, with ``cos a + cos b + cos a cos b
+    = 0`` of the closed loop.
+    """
     mechanism = bricard()
     rng, best = np.random.default_rng(0), None
     for _ in range(200):
@@ -44,7 +64,9 @@ def close_bricard() -> FloatArray:
                 return np.asarray(closure_residual(mechanism, np.tile(pair, 3)))
 
             value = residual(angles)
-            slope = np.stack([(residual(angles + 1e-7 * e) - value) / 1e-7 for e in np.eye(2)], axis=1)
+            slope = np.stack(
+                [(residual(angles + 1e-7 * e) - value) / 1e-7 for e in np.eye(2)], axis=1
+            )
             angles = angles - np.linalg.lstsq(slope, value, rcond=1e-8)[0]
         if np.abs(residual(angles)).max() < 1e-13 and np.abs(np.sin(angles)).min() > 0.2:
             best = np.tile(angles, 3)
@@ -88,19 +110,33 @@ def test_an_exechon_with_all_twelve_loop_equations_has_two_too_many() -> None:
         shift("x", base[2]), turn("x", "a1"), turn("y", "a2"), turn("z", "a3"), shift("z", "q3"), turn("y", "ps3"),
         shift("x", -platform[2]), Mark("platform_3"),
     )  # fmt: skip
-    closures = tuple(kind("platform_1", f"platform_{leg}") for leg in (2, 3) for kind in (Meeting, Alignment))
-    mechanism = Mechanism("Exechon, every joint", (leg(1), leg(2), third), closures, ("q1", "q2", "q3"))
+    closures = tuple(
+        kind("platform_1", f"platform_{leg}") for leg in (2, 3) for kind in (Meeting, Alignment)
+    )
+    mechanism = Mechanism(
+        "Exechon, every joint", (leg(1), leg(2), third), closures, ("q1", "q2", "q3")
+    )
     solved = platform_states(EXECHON, np.array([-0.2, 0.1, 1.1]))
     known = dict(zip(exechon_mechanism(EXECHON).coordinates, solved, strict=True))
-    state = np.array([known["phi"] if name.startswith("phi") else known[name] for name in mechanism.coordinates])
+    state = np.array(
+        [known["phi"] if name.startswith("phi") else known[name] for name in mechanism.coordinates]
+    )
     assert np.abs(closure_residual(mechanism, state)).max() < 1e-14
     mobility = find_mobility(mechanism, state)
     # 13 joints, 12 loop equations of rank 10: three freedoms, over-constrained twice, as published
-    assert (len(state), mobility.closures, mobility.rank, mobility.freedom, mobility.redundant) == (13, 12, 10, 3, 2)
+    assert (len(state), mobility.closures, mobility.rank, mobility.freedom, mobility.redundant) == (
+        13,
+        12,
+        10,
+        3,
+        2,
+    )
 
 
 def parallelogram(*, flexible: bool) -> CompliantMechanism:
-    """A coupler on three equal parallel cranks: the third crank is one too many, unless it can stretch."""
+    """A coupler on three equal parallel cranks: the third crank is one too many, unless it can
+    stretch.
+    """
     chains = []
     for number, place in enumerate((0.0, 0.5, 1.0), 1):
         give = (shift("y", f"d{number}"),) if flexible else ()
@@ -125,9 +161,13 @@ def parallelogram(*, flexible: bool) -> CompliantMechanism:
     compliant = ("d1", "d2", "d3") if flexible else ()
     mechanism = Mechanism("three cranks", tuple(chains), closures, ("u",), compliant)
     count = len(compliant)
-    springs = LumpedSprings(np.full(count, 1e-7), np.zeros(count), np.zeros(count, dtype=np.intp), compliant)
+    springs = LumpedSprings(
+        np.full(count, 1e-7), np.zeros(count), np.zeros(count, dtype=np.intp), compliant
+    )
     body = MechanismBody("coupler", "c1", 10.0, np.array([0.5, 0.0, 0.0]), np.diag([0.0, 0.0, 1.0]))
-    return CompliantMechanism(mechanism, (body,), springs, tool="c1", gravity=np.array([0.0, -9.81, 0.0]))
+    return CompliantMechanism(
+        mechanism, (body,), springs, tool="c1", gravity=np.array([0.0, -9.81, 0.0])
+    )
 
 
 def no_drive(time: float) -> Drive:
@@ -136,7 +176,12 @@ def no_drive(time: float) -> Drive:
 
 def test_rigid_parallel_cranks_keep_their_freedom_and_their_forces_are_called_not_unique() -> None:
     model = parallelogram(flexible=False)
-    state = np.array([0.0 if name == "u" else 0.3 if name.startswith("t") else -0.3 for name in model.mechanism.coordinates])
+    state = np.array(
+        [
+            0.0 if name == "u" else 0.3 if name.startswith("t") else -0.3
+            for name in model.mechanism.coordinates
+        ]
+    )
     mobility = find_mobility(model.mechanism, state)
     # the crank and the driven slide
     assert (mobility.freedom, mobility.redundant) == (2, 1)
@@ -148,7 +193,10 @@ def test_rigid_parallel_cranks_keep_their_freedom_and_their_forces_are_called_no
 def test_cranks_that_stretch_share_the_load_in_one_way_only() -> None:
     model = parallelogram(flexible=True)
     state = np.array(
-        [0.3 if name.startswith("t") else -0.3 if name.startswith("s") else -1e-4 for name in model.mechanism.coordinates]
+        [
+            0.3 if name.startswith("t") else -0.3 if name.startswith("s") else -1e-4
+            for name in model.mechanism.coordinates
+        ]
     )
     problem = ConstrainedMotion(model, no_drive, lambda time: np.zeros(3))
     start = problem.start(0.0, state[problem.free], np.zeros(len(state) - 1))

@@ -1,4 +1,6 @@
-"""H40: a sweep over 1000 poses in which modes cross: curves keep their mode, and a pose that lacks one result is seen."""
+"""H40: a sweep over 1000 poses in which modes cross: curves keep their mode, and a pose that lacks
+one result is seen.
+"""
 
 from pathlib import Path
 
@@ -80,7 +82,9 @@ def run(path: Path, name: str) -> SweepResults:
     scene = load_scene(path)
     job = SweepJob(select_analyses(scene), scene.sweeps[name], path.parent)
     outcome = run_sweep(job, comm=MPI.COMM_SELF)
-    return collect_results(job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key)
+    return collect_results(
+        job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key
+    )
 
 
 def screw_frequency(places: FloatArray) -> FloatArray:
@@ -93,11 +97,17 @@ def screw_frequency(places: FloatArray) -> FloatArray:
 def test_over_1000_poses_each_curve_is_one_closed_form_from_end_to_end(scene_file: Path) -> None:
     results = run(scene_file, "travel")
     places = results.sweep.positions[:, 0]
-    along, across = screw_frequency(places), np.full(len(places), np.sqrt(LATERAL / MASS) / (2.0 * np.pi))
+    along, across = (
+        screw_frequency(places),
+        np.full(len(places), np.sqrt(LATERAL / MASS) / (2.0 * np.pi)),
+    )
     assert (along[0] > across[0]) and (along[-1] < across[-1])
     found = results.frequencies_hz
     assert found.shape == (1000, 2)
-    deviations = [[np.abs(found[:, column] / curve - 1.0).max() for column in range(2)] for curve in (along, across)]
+    deviations = [
+        [np.abs(found[:, column] / curve - 1.0).max() for column in range(2)]
+        for curve in (along, across)
+    ]
     assert min(deviations[0]) < 1e-9
     assert min(deviations[1]) < 1e-9
     assert results.tracked is not None
@@ -110,11 +120,16 @@ def test_over_1000_poses_each_curve_is_one_closed_form_from_end_to_end(scene_fil
 
 
 def test_a_pose_that_lacks_one_result_fails_the_sweep_by_name(
-    scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    scene_file: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     calls: list[int] = []
 
-    def fail_in_the_third(system: SecondOrderSystem, *, count: int | None = None, up_to_hz: float | None = None) -> ModalResult:
+    def fail_in_the_third(
+        system: SecondOrderSystem, *, count: int | None = None, up_to_hz: float | None = None
+    ) -> ModalResult:
         calls.append(1)
         if len(calls) == 3:
             raise ConvergenceError("LAPACK gave up")
@@ -139,5 +154,8 @@ def test_a_carriage_that_would_leave_its_rail_is_refused_before_anything_is_comp
     longer = 'sweeps.few.axes={ X = ["-400 mm", "420 mm", 5] }'
     assert main(["sweep", str(scene_file), "few", "-o", str(out), "--set", longer]) == 2
     said = capsys.readouterr().err
-    assert "in pose X 420 mm the carriage of joint carriage (80 mm long) hangs 10 mm over the end of rail bed.rail" in said
+    assert (
+        "in pose X 420 mm the carriage of joint carriage (80 mm long) hangs 10 mm over the end of rail bed.rail"
+        in said
+    )
     assert not out.exists()

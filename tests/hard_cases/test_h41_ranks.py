@@ -1,4 +1,6 @@
-"""H41: the same machine on 1 to 4 ranks, also with a mesh of one cell: nothing is counted twice, nothing changes its order."""
+"""H41: the same machine on 1 to 4 ranks, also with a mesh of one cell: nothing is counted twice,
+nothing changes its order.
+"""
 
 import os
 import shutil
@@ -100,9 +102,26 @@ def solve_on(ranks: int, folder: Path) -> dict[str, FloatArray]:
         pytest.skip("there is no mpirun here")
     scene, out = folder / "scene.toml", folder / f"out{ranks}"
     scene.write_text(SCENE)
-    variables = {**os.environ, "HEADSTOCK_STORE": str(folder / f"store{ranks}"), "OMP_NUM_THREADS": "1"}
-    command = [mpirun, "--oversubscribe", "--bind-to", "none", "-n", str(ranks), sys.executable, "-P", "-c", PROGRAM]
-    done = subprocess.run([*command, str(scene), str(out)], env=variables, capture_output=True, text=True, timeout=120)
+    variables = {
+        **os.environ,
+        "HEADSTOCK_STORE": str(folder / f"store{ranks}"),
+        "OMP_NUM_THREADS": "1",
+    }
+    command = [
+        mpirun,
+        "--oversubscribe",
+        "--bind-to",
+        "none",
+        "-n",
+        str(ranks),
+        sys.executable,
+        "-P",
+        "-c",
+        PROGRAM,
+    ]
+    done = subprocess.run(
+        [*command, str(scene), str(out)], env=variables, capture_output=True, text=True, timeout=120
+    )
     assert done.returncode == 0, done.stderr[-3000:]
     with np.load(out / "found.npz") as file:
         return dict(file)
@@ -120,7 +139,12 @@ def test_one_to_four_ranks_give_one_answer_although_the_mesh_has_one_cell(tmp_pa
         assert np.abs(found["compliance"] - alone["compliance"]).max() < 1e-9 * scale
         # the grid refines itself around the resonances, so it is compared where it does not
         even = np.isclose(alone["response_hz"] % 50.0, 0.0, atol=1e-8)
-        response = np.array([np.interp(alone["response_hz"][even], found["response_hz"], part) for part in _parts(found)])
+        response = np.array(
+            [
+                np.interp(alone["response_hz"][even], found["response_hz"], part)
+                for part in _parts(found)
+            ]
+        )
         wanted = np.array([part[even] for part in _parts(alone)])
         assert np.abs(response - wanted).max() < 1e-8 * np.abs(wanted).max()
         assert np.nanmax(np.abs(found["figures"] / alone["figures"] - 1.0)) < 1e-8

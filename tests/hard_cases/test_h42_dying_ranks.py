@@ -1,4 +1,6 @@
-"""H42: a rank that dies or raises in the middle of a sweep ends the job soon; no half file, and no finished pose is lost."""
+"""H42: a rank that dies or raises in the middle of a sweep ends the job soon; no half file, and no
+finished pose is lost.
+"""
 
 import os
 import shutil
@@ -42,13 +44,28 @@ def sweep_on_two_ranks(folder: Path, program: str) -> subprocess.CompletedProces
     if mpirun is None:
         pytest.skip("there is no mpirun here")
     variables = {**os.environ, "HEADSTOCK_STORE": str(folder / "store"), "OMP_NUM_THREADS": "1"}
-    command = [mpirun, "--oversubscribe", "--bind-to", "none", "-n", "2", sys.executable, "-P", "-c", program]
+    command = [
+        mpirun,
+        "--oversubscribe",
+        "--bind-to",
+        "none",
+        "-n",
+        "2",
+        sys.executable,
+        "-P",
+        "-c",
+        program,
+    ]
     arguments = ["sweep", str(SCENE), "line", "-o", str(folder / "out")]
-    return subprocess.run([*command, *arguments], env=variables, capture_output=True, text=True, timeout=60)
+    return subprocess.run(
+        [*command, *arguments], env=variables, capture_output=True, text=True, timeout=60
+    )
 
 
 @pytest.mark.parametrize("fault", list(FAULTS))
-def test_a_rank_that_fails_ends_the_job_without_a_half_file_and_keeps_finished_poses(tmp_path: Path, fault: str) -> None:
+def test_a_rank_that_fails_ends_the_job_without_a_half_file_and_keeps_finished_poses(
+    tmp_path: Path, fault: str
+) -> None:
     start = time.monotonic()
     ended = sweep_on_two_ranks(tmp_path, PROGRAM.format(fault=FAULTS[fault]))
     assert time.monotonic() - start < 60.0

@@ -1,4 +1,6 @@
-"""H44: a run killed at any time leaves whole files, and the next run finds what an undisturbed one finds."""
+"""H44: a run killed at any time leaves whole files, and the next run finds what an undisturbed one
+finds.
+"""
 
 import random
 import shutil
@@ -11,7 +13,15 @@ import pytest
 from faults import kill
 from faults.kill import check_remains, kill_runs
 from faults.resume import SCENE, kill_and_resume
-from faults.runs import FaultError, Numbers, Places, finish_run, make_places, read_numbers, wait_for_end
+from faults.runs import (
+    FaultError,
+    Numbers,
+    Places,
+    finish_run,
+    make_places,
+    read_numbers,
+    wait_for_end,
+)
 from headstock.pipeline.storage.outputs import LIST_FILE
 
 KINDS = {".h5", ".json", ".html", ".png", ".glb", ".vtu", ".csv"}
@@ -30,17 +40,28 @@ def test_ten_killed_runs_leave_no_torn_file_and_the_next_run_is_right(tmp_path: 
     outcome = kill_runs(10, seed=44, root=tmp_path)
     assert outcome.faults == []
     assert outcome.trials == 10
-    assert sum(count for ending, count in outcome.happened.items() if ending.startswith("killed")) >= 8
+    assert (
+        sum(count for ending, count in outcome.happened.items() if ending.startswith("killed")) >= 8
+    )
 
 
-def test_every_file_of_a_run_is_known_as_torn_when_its_end_is_missing(finished: tuple[Places, dict[str, Numbers]]) -> None:
+def test_every_file_of_a_run_is_known_as_torn_when_its_end_is_missing(
+    finished: tuple[Places, dict[str, Numbers]],
+) -> None:
     places, expected = finished
     check_remains(places, expected)
     chance, kinds = random.Random(44), set()
-    for path in sorted(path for path in places.results.rglob("*") if path.is_file() and path.name != LIST_FILE):
+    for path in sorted(
+        path for path in places.results.rglob("*") if path.is_file() and path.name != LIST_FILE
+    ):
         whole = path.read_bytes()
         kinds.add(path.suffix)
-        for length in (0, 1, len(whole) - 2, *(chance.randrange(len(whole) - 1) for _ in range(CUTS))):
+        for length in (
+            0,
+            1,
+            len(whole) - 2,
+            *(chance.randrange(len(whole) - 1) for _ in range(CUTS)),
+        ):
             if path.suffix == ".csv" and whole[:length].endswith(b"\n"):
                 continue  # a table without its last lines looks like a whole one
             path.write_bytes(whole[:length])
@@ -55,7 +76,8 @@ def test_what_does_not_end_is_killed_with_its_children_and_is_a_fault() -> None:
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     with pytest.raises(FaultError, match=r"did not end in 0.2 s"):
         wait_for_end(process, seconds=0.2)
-    # its child, which holds the same pipe, is gone too: else reading to the pipe's end would have taken 300 s
+    # its child, which holds the same pipe, is gone too: else reading to the pipe's end would have
+    # taken 300 s
     assert process.returncode == -signal.SIGKILL
 
 
@@ -97,7 +119,9 @@ def test_torn_files_wrong_numbers_and_temporaries_of_killed_runs_are_reported(
         name = next(spoils)
         if name == "numbers":
             summary = places.results / "summary.json"
-            summary.write_text(summary.read_text().replace('"frequencies_hz": [', '"frequencies_hz": [1.0, '))
+            summary.write_text(
+                summary.read_text().replace('"frequencies_hz": [', '"frequencies_hz": [1.0, ')
+            )
         elif name != "nothing":
             path = places.results / name
             path.write_bytes(path.read_bytes()[:-100])
@@ -107,13 +131,22 @@ def test_torn_files_wrong_numbers_and_temporaries_of_killed_runs_are_reported(
     monkeypatch.setattr(kill, "finish_run", finish)
     outcome = kill_runs(5, seed=1, root=tmp_path)
     told = " | ".join(outcome.faults)
-    assert [fault.partition(":")[0] for fault in outcome.faults] == ["kill 1", "kill 2", "kill 3", "kill 4"], told
-    for number, name in enumerate(("results.h5", "summary.json", "report.html", "numbers of neither variant")):
+    assert [fault.partition(":")[0] for fault in outcome.faults] == [
+        "kill 1",
+        "kill 2",
+        "kill 3",
+        "kill 4",
+    ], told
+    for number, name in enumerate(
+        ("results.h5", "summary.json", "report.html", "numbers of neither variant")
+    ):
         assert name in outcome.faults[number]
 
 
 def test_sweeps_and_studies_killed_once_end_as_undisturbed_ones(tmp_path: Path) -> None:
-    short = SCENE.replace('"200 mm", 500]', '"200 mm", 200]').replace("[6, 7, 8, 9, 10, 11, 12, 13]", "[6, 7, 8, 9]")
+    short = SCENE.replace('"200 mm", 500]', '"200 mm", 200]').replace(
+        "[6, 7, 8, 9, 10, 11, 12, 13]", "[6, 7, 8, 9]"
+    )
     # the seed ends both in their last third
     outcome = kill_and_resume(2, seed=105, root=tmp_path, kinds=("sweep", "study"), scene=short)
     assert outcome.faults == []

@@ -1,4 +1,6 @@
-"""H45: a disk that is full, read-only or failing ends a run with a named error and leaves the old result (errors of fsync: test_atomic_files)."""
+"""H45: a disk that is full, read-only or failing ends a run with a named error and leaves the old
+result (errors of fsync: test_atomic_files).
+"""
 
 import contextlib
 import io
@@ -20,19 +22,25 @@ from headstock.pipeline.storage.provenance import SceneChoice
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 LIGHT_SCENE = (
-    SCENE.replace('"200 mm", 500]', '"200 mm", 8]').replace("[6, 7, 8, 9, 10, 11, 12, 13]", "[3, 4, 5]")
+    SCENE.replace('"200 mm", 500]', '"200 mm", 8]').replace(
+        "[6, 7, 8, 9, 10, 11, 12, 13]", "[3, 4, 5]"
+    )
     + f'[variants.{OLD}]\n"materials.steel.rho" = "7000 kg/m^3"\n'
 )
 
 
-def test_three_runs_on_a_small_disk_end_right_or_with_a_named_error_and_the_old_result(tmp_path: Path) -> None:
+def test_three_runs_on_a_small_disk_end_right_or_with_a_named_error_and_the_old_result(
+    tmp_path: Path,
+) -> None:
     outcome = fill_disks(3, seed=5, root=tmp_path, kinds=("run",))
     assert outcome.faults == []
     assert outcome.trials == 3
     assert any(ending.startswith("run: exit 1") for ending in outcome.happened)
 
 
-def start_here(root: Path, folder: Path, kind: str, variant: str | None, _: Mapping[str, str]) -> tuple[int, str]:
+def start_here(
+    root: Path, folder: Path, kind: str, variant: str | None, _: Mapping[str, str]
+) -> tuple[int, str]:
     """A sweep or a study in this process, as the command line starts it."""
     scene, said = root / "scene.toml", io.StringIO()
 
@@ -48,11 +56,15 @@ def start_here(root: Path, folder: Path, kind: str, variant: str | None, _: Mapp
 
 
 @pytest.fixture(scope="module", params=["sweep", "study"])
-def trials(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ResumeTrials]:
+def trials(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[ResumeTrials]:
     root = tmp_path_factory.mktemp("trials")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HEADSTOCK_STORE", str(root / "store"))
-        yield ResumeTrials(root / "sound", request.param, limited_files=True, scene=LIGHT_SCENE, start=start_here)
+        yield ResumeTrials(
+            root / "sound", request.param, limited_files=True, scene=LIGHT_SCENE, start=start_here
+        )
 
 
 def test_a_full_disk_ends_a_sweep_or_study_by_name_and_it_goes_on_to_the_result_of_an_undisturbed_one(
@@ -65,7 +77,9 @@ def test_a_full_disk_ends_a_sweep_or_study_by_name_and_it_goes_on_to_the_result_
 
 
 @pytest.mark.parametrize("trials", ["study"], indirect=True)
-def test_a_trial_tells_what_a_full_disk_must_not_do(trials: ResumeTrials, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_trial_tells_what_a_full_disk_must_not_do(
+    trials: ResumeTrials, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     results = trials.results
 
     def attempt(name: str, change: Callable[[Path], tuple[int, str]]) -> str:

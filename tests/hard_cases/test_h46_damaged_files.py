@@ -1,4 +1,6 @@
-"""H46: damaged, truncated and lying files are refused by name within 10 s and 1 GiB, and never end the process that asks."""
+"""H46: damaged, truncated and lying files are refused by name within 10 s and 1 GiB, and never end
+the process that asks.
+"""
 
 import time
 from pathlib import Path
@@ -35,7 +37,9 @@ def test_forty_damaged_files_are_read_or_refused_by_name(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("count", ["1000000000000", "-1", "99999999999999999999", "nan", "0", "46"])
 @pytest.mark.parametrize("section", ["$Nodes", "$Elements"])
-def test_a_gmsh_file_that_lies_about_its_counts_is_refused(tmp_path: Path, section: str, count: str) -> None:
+def test_a_gmsh_file_that_lies_about_its_counts_is_refused(
+    tmp_path: Path, section: str, count: str
+) -> None:
     sound = msh_text(box_mesh())
     head, _, rest = sound.partition(f"{section}\n")
     text = f"{head}{section}\n{count}\n{rest.split(chr(10), 1)[1]}"
@@ -57,7 +61,9 @@ def test_a_gmsh_file_that_lies_about_its_counts_is_refused(tmp_path: Path, secti
     ],
     ids=["nan", "missing node", "unknown type", "collapsed element", "endless set", "include"],
 )
-def test_an_abaqus_deck_that_contradicts_itself_is_refused(tmp_path: Path, old: str, new: str, fragment: str) -> None:
+def test_an_abaqus_deck_that_contradicts_itself_is_refused(
+    tmp_path: Path, old: str, new: str, fragment: str
+) -> None:
     sound = inp_text(box_mesh())
     assert old in sound
     start = time.monotonic()

@@ -1,4 +1,6 @@
-"""H46: a superelement file that reaches for other files, or whose numbers or names cannot be true, is refused by name before it is used."""
+"""H46: a superelement file that reaches for other files, or whose numbers or names cannot be true,
+is refused by name before it is used.
+"""
 
 import hashlib
 import os
@@ -15,8 +17,19 @@ from headstock.geometry.frames import Frame
 from headstock.pipeline.results.files import read_view
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.pipeline.storage.records import RecordError, require_plain
-from headstock.pipeline.storage.superelements import parse_superelement, read_superelement, write_superelement
-from headstock.reduction.superelement import Attachment, ErrorEstimates, Recovery, StaticLoad, Superelement, Truncation
+from headstock.pipeline.storage.superelements import (
+    parse_superelement,
+    read_superelement,
+    write_superelement,
+)
+from headstock.reduction.superelement import (
+    Attachment,
+    ErrorEstimates,
+    Recovery,
+    StaticLoad,
+    Superelement,
+    Truncation,
+)
 
 SECRET = b"TOPSECRET-PASSWORD-1234567890-abcdefghijklmnopqrstuvwxyz-ABCDEFGHIJ\n"
 FREQUENCIES = np.array([100.0, 200.0])
@@ -24,11 +37,17 @@ Change = Callable[[h5py.File, Path], None]
 
 
 def bar() -> Superelement:
-    """A bar of 2 kg from 0 to 1 m along z with one interface at its foot and two modes; its numbers agree with each other."""
+    """A bar of 2 kg from 0 to 1 m along z with one interface at its foot and two modes; its numbers
+    agree with each other.
+    """
     square = (2.0 * np.pi * FREQUENCIES) ** 2
     stiffness, mass = np.zeros((8, 8)), np.eye(8)
     stiffness[6:, 6:] = np.diag(square)
-    labels = (*(("foot", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")), ("mode", "1"), ("mode", "2"))
+    labels = (
+        *(("foot", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")),
+        ("mode", "1"),
+        ("mode", "2"),
+    )
     part = np.outer(np.arange(1.0, 7.0), np.arange(1.0, 7.0))
     points = np.array([[0.0, 0, 0], [0.1, 0.1, 0.5], [0.05, 0, 1.0]])
     return Superelement(
@@ -48,7 +67,9 @@ def bar() -> Superelement:
         inertia=np.eye(3),
         loads={"push": StaticLoad(np.ones(8), np.ones(9))},
         warnings=("wobbles ± 3 µm → look",),
-        errors=ErrorEstimates(truncation=Truncation(part / 4e6, part / 16e12, 4e6), missing_energy=np.eye(8)),
+        errors=ErrorEstimates(
+            truncation=Truncation(part / 4e6, part / 16e12, 4e6), missing_energy=np.eye(8)
+        ),
     )
 
 
@@ -69,7 +90,9 @@ def external(name: str, shape: tuple[int, ...], kind: str, target: str, size: in
     def change(file: h5py.File, folder: Path) -> None:
         if name in file:
             del file[name]
-        file.create_dataset(name, shape=shape, dtype=kind, external=[(str(folder / target), 0, size)])
+        file.create_dataset(
+            name, shape=shape, dtype=kind, external=[(str(folder / target), 0, size)]
+        )
 
     return change
 
@@ -155,25 +178,46 @@ REACHING: dict[str, tuple[Change, str]] = {
     "soft link": (link("inertia", h5py.SoftLink("/mass")), "is a link"),
     "group in itself": (twice, "there twice"),
     "filter of a plug-in": (packed, "packed by filters"),
-    "compound": (put("center_of_mass", np.zeros(3, dtype=[("a", "f8"), ("b", "f8")])), "values of type"),
+    "compound": (
+        put("center_of_mass", np.zeros(3, dtype=[("a", "f8"), ("b", "f8")])),
+        "values of type",
+    ),
     "references": (refer, "values of type"),
-    "words of any length": (put("warnings", np.array(["a"], dtype=h5py.string_dtype())), "values of type"),
+    "words of any length": (
+        put("warnings", np.array(["a"], dtype=h5py.string_dtype())),
+        "values of type",
+    ),
     "a type of its own": (put("unread", np.dtype("f8")), "neither a group nor a data set"),
     "attribute array": (attribute("mass_kg", np.ones(3)), "one number or word"),
     "attribute of references": (refer_beside, "one number or word"),
 }
 LYING: dict[str, tuple[Change, str]] = {
-    "negative missing energy": (scale(-1.0, "errors/missing_energy"), "missing_energy has a negative direction"),
-    "one negative missing energy": (entry("errors/missing_energy", (7, 7), -1.0), "missing_energy has a negative direction"),
-    "unsymmetric missing energy": (entry("errors/missing_energy", (0, 1), 0.5), "missing_energy is not symmetric"),
+    "negative missing energy": (
+        scale(-1.0, "errors/missing_energy"),
+        "missing_energy has a negative direction",
+    ),
+    "one negative missing energy": (
+        entry("errors/missing_energy", (7, 7), -1.0),
+        "missing_energy has a negative direction",
+    ),
+    "unsymmetric missing energy": (
+        entry("errors/missing_energy", (0, 1), 0.5),
+        "missing_energy is not symmetric",
+    ),
     "an error made small": (attribute("mesh_safety", 0.01, "errors"), "mesh_safety is 0.01"),
     "a safety that is none": (attribute("mesh_safety", np.nan, "errors"), "mesh_safety is nan"),
     "negative truncation": (
         scale(-1.0, "errors/truncation/first", "errors/truncation/second"),
         "truncation/first has a negative direction",
     ),
-    "negative second moment": (scale(-1.0, "errors/truncation/second"), "truncation/second has a negative direction"),
-    "second moment too large": (scale(2.0, "errors/truncation/second"), "larger than truncation/first allows"),
+    "negative second moment": (
+        scale(-1.0, "errors/truncation/second"),
+        "truncation/second has a negative direction",
+    ),
+    "second moment too large": (
+        scale(2.0, "errors/truncation/second"),
+        "larger than truncation/first allows",
+    ),
     "no truncation limit": (attribute("limit", np.nan, "errors/truncation"), "truncation/limit"),
     "cut-off NaN": (attribute("cutoff_hz", np.nan), "cutoff_hz is nan"),
     "negative cut-off": (attribute("cutoff_hz", -1.0), "cutoff_hz is -1"),
@@ -181,23 +225,41 @@ LYING: dict[str, tuple[Change, str]] = {
     "endless mass": (attribute("mass_kg", np.inf), "mass_kg is inf"),
     "residual NaN": (attribute("residual", np.nan), "residual is nan"),
     "negative dofs": (attribute("full_dofs", -9), "full_dofs is -9"),
-    "other frequencies": (scale(3.0, "modal_frequencies_hz"), "says 300 Hz where stiffness and mass have 100 Hz"),
+    "other frequencies": (
+        scale(3.0, "modal_frequencies_hz"),
+        "says 300 Hz where stiffness and mass have 100 Hz",
+    ),
     "a softened mode": (entry("stiffness", (7, 7), 1.0), "modal_frequencies_hz says"),
     "half the stiffness": (scale(0.5, "stiffness"), "modal_frequencies_hz says"),
     "twice the mass": (scale(2.0, "mass"), "modal_frequencies_hz says"),
-    "negative modal mass": (entry("mass", (7, 7), -1.0), "the mass of its modal dofs is not positive"),
+    "negative modal mass": (
+        entry("mass", (7, 7), -1.0),
+        "the mass of its modal dofs is not positive",
+    ),
     "of another version": (attribute("version", 1), "its version is 1, 2 is read; export it again"),
-    "moved interface": (put("attachments/foot/frame/origin", np.array([0.0, 0, 5])), "interface 'foot' lies outside the body"),
+    "moved interface": (
+        put("attachments/foot/frame/origin", np.array([0.0, 0, 5])),
+        "interface 'foot' lies outside the body",
+    ),
     "moved node": (put("frames/0/origin", np.array([0.0, 9, 0])), "node 0 lies outside the body"),
     "stretched frame": (put("attachments/foot/frame/rotation", 2.0 * np.eye(3)), "orthonormal"),
-    "mirrored frame": (put("attachments/foot/frame/rotation", np.diag([1.0, 1, -1])), "right-handed"),
+    "mirrored frame": (
+        put("attachments/foot/frame/rotation", np.diag([1.0, 1, -1])),
+        "right-handed",
+    ),
     "frame without numbers": (put("attachments/foot/frame/origin", np.full(3, np.nan)), "finite"),
-    "load of another part": (put("loads/push/particular", np.ones(12)), "loads/push/particular has shape"),
+    "load of another part": (
+        put("loads/push/particular", np.ones(12)),
+        "loads/push/particular has shape",
+    ),
     "points in a plane": (put("recovery/points", np.ones((3, 2))), "recovery/points has shape"),
     "no such node": (attribute("node", 7, "attachments/foot"), "sits on node 7"),
 }
 NAMED: dict[str, tuple[Change, str]] = {
-    "page in a name": (rename("attachments/foot", "attachments/%3Cimg src=x onerror=alert(1)%3E"), "is no name"),
+    "page in a name": (
+        rename("attachments/foot", "attachments/%3Cimg src=x onerror=alert(1)%3E"),
+        "is no name",
+    ),
     "script in the part's name": (attribute("name", "<script>alert(1)</script>"), "is no name"),
     "folders in a name": (rename("loads/push", "loads/a%0Ab"), "is no name"),
     "title of the terminal": (attribute("name", "\x1b]0;x\x07"), "is no name"),
@@ -205,18 +267,25 @@ NAMED: dict[str, tuple[Change, str]] = {
     "endless name": (attribute("name", "a" * 1000), "is no name"),
     "label": (put("labels", np.array([[b"foot", b"\x1b[2J"]] * 8)), "is no name"),
     "labels that are no pairs": (put("labels", np.array([[b"foot"]] * 8)), "pairs of words"),
-    "warning": (put("warnings", np.array([b"\x1b]0;PWN\x07\x1b[2J\nheadstock: all fine"])), "control characters"),
+    "warning": (
+        put("warnings", np.array([b"\x1b]0;PWN\x07\x1b[2J\nheadstock: all fine"])),
+        "control characters",
+    ),
     "free dof": (put("free_dofs", np.array([b"a\x00\x1bb"])), "is no name"),
 }
 
 
 @pytest.mark.process
 def test_the_file_before_it_is_changed_is_accepted(tmp_path: Path) -> None:
-    assert read_superelement(hostile(tmp_path, lambda file, folder: None)).warnings == bar().warnings
+    assert (
+        read_superelement(hostile(tmp_path, lambda file, folder: None)).warnings == bar().warnings
+    )
 
 
 @pytest.mark.parametrize("name", REACHING)
-def test_a_file_that_reaches_for_others_or_holds_odd_types_is_refused_before_any_value_is_read(tmp_path: Path, name: str) -> None:
+def test_a_file_that_reaches_for_others_or_holds_odd_types_is_refused_before_any_value_is_read(
+    tmp_path: Path, name: str
+) -> None:
     change, message = REACHING[name]
     path = hostile(tmp_path, change)
     with h5py.File(path, "r") as file, pytest.raises(RecordError, match=message):
@@ -227,7 +296,9 @@ def test_a_file_that_reaches_for_others_or_holds_odd_types_is_refused_before_any
 
 
 @pytest.mark.parametrize("name", [*LYING, *NAMED])
-def test_a_file_whose_numbers_or_names_cannot_be_true_is_refused_by_name(tmp_path: Path, name: str) -> None:
+def test_a_file_whose_numbers_or_names_cannot_be_true_is_refused_by_name(
+    tmp_path: Path, name: str
+) -> None:
     change, message = {**LYING, **NAMED}[name]
     path = hostile(tmp_path, change)
     with path.open("rb") as content, pytest.raises(RecordError, match=message) as caught:
@@ -250,7 +321,9 @@ def test_results_of_strangers_show_no_other_files_in_a_report(tmp_path: Path) ->
         file.attrs["format"] = "headstock results"
         file["view"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/")
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    (tmp_path / "summary.json").write_text(f'{{"files": {{"results.h5": {{"sha256": "{digest}"}}}}}}')
+    (tmp_path / "summary.json").write_text(
+        f'{{"files": {{"results.h5": {{"sha256": "{digest}"}}}}}}'
+    )
     with pytest.raises(OutputError, match="is a link"):
         read_view(tmp_path)
 

@@ -1,4 +1,6 @@
-"""H47: what the store holds is believed only when it is whole and its key says the same of everything (more in test_store)."""
+"""H47: what the store holds is believed only when it is whole and its key says the same of
+everything (more in test_store).
+"""
 
 import dataclasses
 from pathlib import Path
@@ -13,14 +15,23 @@ from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.storage import content_keys
 from headstock.pipeline.storage.content_keys import mesh_key, superelement_key
-from headstock.pipeline.storage.store import USER_BLOCK, Store, entry_path, read_entry, seal_entry, write_entry
+from headstock.pipeline.storage.store import (
+    USER_BLOCK,
+    Store,
+    entry_path,
+    read_entry,
+    seal_entry,
+    write_entry,
+)
 from headstock.reduction.superelement import Superelement
 
 KEY = "cd" + 62 * "1"
 COLUMN = Component("column", Box((0.1, 0.1, 0.5)), Material("steel", 2.1e11, 0.3, 7850.0))
 
 
-def test_another_version_of_a_library_or_of_our_own_code_is_another_key(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_version_of_a_library_or_of_our_own_code_is_another_key(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def keys() -> tuple[str, str]:
         return mesh_key(COLUMN, (), ()), superelement_key(COLUMN, (), ())
 
@@ -53,7 +64,11 @@ def test_an_entry_copied_over_another_is_not_delivered(tmp_path: Path) -> None:
     place.write_bytes(entry_path(store, "superelement", other).read_bytes())
     read = read_entry(store, KEY, Superelement)
     assert read.value is None
-    assert read.warning is not None and "holds another entry" in read.warning and "computed anew" in read.warning
+    assert (
+        read.warning is not None
+        and "holds another entry" in read.warning
+        and "computed anew" in read.warning
+    )
     write_entry(store, KEY, box_superelement())
     assert read_entry(store, KEY, Superelement).warning is None
 
@@ -61,7 +76,9 @@ def test_an_entry_copied_over_another_is_not_delivered(tmp_path: Path) -> None:
 def test_a_key_that_is_rewritten_inside_an_entry_is_noticed(tmp_path: Path) -> None:
     store, other = Store(tmp_path), "ef" + 62 * "2"
     write_entry(store, other, box_superelement())
-    forged = entry_path(store, "superelement", other).read_bytes().replace(other.encode(), KEY.encode())
+    forged = (
+        entry_path(store, "superelement", other).read_bytes().replace(other.encode(), KEY.encode())
+    )
     place = entry_path(store, "superelement", KEY)
     place.parent.mkdir(parents=True)
     place.write_bytes(forged)

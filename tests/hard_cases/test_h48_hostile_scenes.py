@@ -1,4 +1,6 @@
-"""H48: no scene file, however made, costs more than a second or 256 MiB, or ends in anything but a list of problems."""
+"""H48: no scene file, however made, costs more than a second or 256 MiB, or ends in anything but a
+list of problems.
+"""
 
 import json
 import os
@@ -29,14 +31,24 @@ HOSTILE: dict[str, Callable[[], str]] = {
     "dotted key": lambda: ".".join("a" * 100_000) + " = 1",
     "a million keys": lambda: "".join(f"k{i}=1\n" for i in range(100_000)),
     "unknown keys": lambda: SCENE + "[limits]\n" + repeat(15_000, "k{i} = 1\n"),
-    "many variants": lambda: SCENE + repeat(4000, '[variants.v{i}]\n"components.column.fidelity" = "rigid"\n'),
-    "large variant": lambda: SCENE + "[variants.v]\n" + repeat(8000, '"components.column.interfaces.i{i}.face" = "z+"\n'),
-    "nested variants": lambda: SCENE.replace("[variants", "[poses") + "[variants]\n" + repeat(3000, 'v{i} = {{ "a.b" = {{}} }}\n'),
+    "many variants": lambda: (
+        SCENE + repeat(4000, '[variants.v{i}]\n"components.column.fidelity" = "rigid"\n')
+    ),
+    "large variant": lambda: (
+        SCENE + "[variants.v]\n" + repeat(8000, '"components.column.interfaces.i{i}.face" = "z+"\n')
+    ),
+    "nested variants": lambda: (
+        SCENE.replace("[variants", "[poses")
+        + "[variants]\n"
+        + repeat(3000, 'v{i} = {{ "a.b" = {{}} }}\n')
+    ),
     "unknown names": lambda: SCENE + repeat(3000, JOINT),
     "floating parts": lambda: SCENE + repeat(1500, PART),
     "ribs": lambda: SCENE.replace(COLUMN, RIBS),
     "poses": lambda: SCENE + repeat(15_000, "[poses.p{i}]\n"),
-    "units": lambda: SCENE + repeat(3000, '[loads.l{i}]\nat="column.tip"\nforce=["1 N^{i}","0 N","0 N"]\n'),
+    "units": lambda: (
+        SCENE + repeat(3000, '[loads.l{i}]\nat="column.tip"\nforce=["1 N^{i}","0 N","0 N"]\n')
+    ),
     "long unit": lambda: SCENE.replace("40 mm", "4 " + "m*" * 5000 + "m"),
     "huge power": lambda: SCENE.replace("40 mm", "4 m**9**9**9"),
     "huge integer": lambda: SCENE.replace("modes = 8", "modes = " + "9" * 4000),
@@ -45,7 +57,8 @@ HOSTILE: dict[str, Callable[[], str]] = {
     "duplicate keys": lambda: SCENE + '[materials.steel]\nE = "1 GPa"\n',
     "python tag": lambda: SCENE + 'x = !!python/object/apply:os.system ["true"]\n',
 }
-# one process loads the libraries; each scene has a copy of it for itself, whose memory counts from there
+# one process loads the libraries; each scene has a copy of it for itself, whose memory counts from
+# there
 TRY = """
 import json, os, sys, time
 from pathlib import Path
@@ -65,15 +78,26 @@ MEANT_TO_LOAD = {"many variants", "large variant"}
 
 @pytest.fixture(scope="module")
 def answers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[str, float, float]]:
-    """How each scene ended, its processor time [s] and the peak of its memory [MiB]; nothing where its process died."""
+    """How each scene ended, its processor time [s] and the peak of its memory [MiB]; nothing where
+    its process died.
+    """
     folder = tmp_path_factory.mktemp("hostile")
     paths = {str(folder / f"{number}.toml"): name for number, name in enumerate(HOSTILE)}
     for path, name in paths.items():
         Path(path).write_text(HOSTILE[name]())
     variables = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    done = subprocess.run([sys.executable, "-c", TRY, *paths], env=variables, capture_output=True, text=True, timeout=600)
+    done = subprocess.run(
+        [sys.executable, "-c", TRY, *paths],
+        env=variables,
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
     assert done.returncode == 0, done.stderr
-    return {paths[path]: (ending, seconds, peak) for path, ending, seconds, peak in map(json.loads, done.stdout.splitlines())}
+    return {
+        paths[path]: (ending, seconds, peak)
+        for path, ending, seconds, peak in map(json.loads, done.stdout.splitlines())
+    }
 
 
 @pytest.mark.parametrize("name", HOSTILE)

@@ -1,4 +1,6 @@
-"""H49: nothing outside the scene's folder is read, and nothing but regular files of moderate size."""
+"""H49: nothing outside the scene's folder is read, and nothing but regular files of moderate
+size.
+"""
 
 import os
 import re
@@ -18,7 +20,9 @@ from headstock.scene.scene import Scene
 # a mesh of a file takes no size, and that problem is not to hide another one
 PLAIN_SCENE = SCENE.replace('mesh = { size = "20 mm" }\n', "")
 SOLID = 'solid = { box = ["40 mm", "60 mm", "200 mm"] }'
-ESCAPE = re.compile(r"\\[unt]")  # meant as an escape of TOML; other backslashes stand for themselves
+ESCAPE = re.compile(
+    r"\\[unt]"
+)  # meant as an escape of TOML; other backslashes stand for themselves
 ATTACKS = [
     # up and out
     "../secret.msh", "../../secret.msh", "./../secret.msh", "parts/../../secret.msh", "parts/./../../secret.msh", "parts//..//../secret.msh",
@@ -45,7 +49,10 @@ def folder(tmp_path: Path) -> Iterator[Path]:
     (folder / "parts").mkdir(parents=True)
     for path in (
         tmp_path / "secret.msh",
-        *(folder / f"own.{kind}" for kind in ("msh", "geo", "msh.geo", "GEO", "py", "so", "pickle", "txt")),
+        *(
+            folder / f"own.{kind}"
+            for kind in ("msh", "geo", "msh.geo", "GEO", "py", "so", "pickle", "txt")
+        ),
     ):
         path.write_text("$MeshFormat\n")
     for name, target in {
@@ -81,7 +88,10 @@ def test_the_list_holds_at_least_fifty_different_attacks() -> None:
     assert len(set(ATTACKS)) == len(ATTACKS) >= 50
 
 
-@pytest.mark.parametrize("name", [attack if ESCAPE.search(attack) else attack.replace("\\", "\\\\") for attack in ATTACKS])
+@pytest.mark.parametrize(
+    "name",
+    [attack if ESCAPE.search(attack) else attack.replace("\\", "\\\\") for attack in ATTACKS],
+)
 def test_an_attack_is_refused(folder: Path, name: str) -> None:
     with pytest.raises(SceneError) as caught:
         load(folder, name)
@@ -90,10 +100,14 @@ def test_an_attack_is_refused(folder: Path, name: str) -> None:
 
 @pytest.mark.parametrize("kind", ["step", "mesh", "superelement"])
 @pytest.mark.parametrize("name", ["../secret", "/etc/secret", "link", "pipe"])
-def test_every_kind_of_file_is_guarded_also_when_it_is_set_on_the_command_line(folder: Path, kind: str, name: str) -> None:
+def test_every_kind_of_file_is_guarded_also_when_it_is_set_on_the_command_line(
+    folder: Path, kind: str, name: str
+) -> None:
     suffix = {"step": ".step", "mesh": ".msh", "superelement": ".h5"}[kind]
     with pytest.raises(SceneError):
-        load(folder, "own.msh", overrides=(f'components.column.solid={{{kind} = "{name}{suffix}"}}',))
+        load(
+            folder, "own.msh", overrides=(f'components.column.solid={{{kind} = "{name}{suffix}"}}',)
+        )
 
 
 def test_the_same_file_under_its_own_name_is_found(folder: Path) -> None:
@@ -103,13 +117,17 @@ def test_the_same_file_under_its_own_name_is_found(folder: Path) -> None:
     assert load(folder, "inside.msh").machine.components["column"].solid == found
 
 
-def test_a_file_beyond_the_size_cap_is_refused_with_its_size(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_beyond_the_size_cap_is_refused_with_its_size(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(scene_files, "MAX_REFERENCED_BYTES", 5)
     with pytest.raises(SceneError, match=r"'own.msh' is larger than"):
         load(folder, "own.msh")
 
 
-@pytest.mark.parametrize("name", ["../x", "a/b", "..", "a\\u0000", "a b", "\\n", "é", "-x", "a" * 65, "<script>"])
+@pytest.mark.parametrize(
+    "name", ["../x", "a/b", "..", "a\\u0000", "a b", "\\n", "é", "-x", "a" * 65, "<script>"]
+)
 @pytest.mark.parametrize("section", ["components", "poses", "points", "joints", "variants"])
 def test_names_that_might_become_file_names_hold_nothing_but_letters_digits_and_lines(
     folder: Path, section: str, name: str

@@ -1,4 +1,6 @@
-"""H50: nothing a user, a colleague or a working folder hands in is run as code (compiled forms: test_form_cache; scripts: H49)."""
+"""H50: nothing a user, a colleague or a working folder hands in is run as code (compiled forms:
+test_form_cache; scripts: H49).
+"""
 
 import ast
 import pickle
@@ -21,7 +23,17 @@ ROOT = Path(__file__).resolve().parents[2]
 LINKS = sorted((ROOT / ".typing" / "headstock").iterdir())
 SOURCES = [path for link in LINKS for path in sorted(link.resolve().rglob("*.py"))]
 RUNNERS = {"eval", "exec", "compile", "__import__", "execfile", "input"}
-READERS = {"pickle", "cPickle", "marshal", "shelve", "dill", "cloudpickle", "joblib", "yaml", "xmlrpc"}
+READERS = {
+    "pickle",
+    "cPickle",
+    "marshal",
+    "shelve",
+    "dill",
+    "cloudpickle",
+    "joblib",
+    "yaml",
+    "xmlrpc",
+}
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 SCRIPT = 'SystemCall "touch {mark}";\nPoint(1) = {{0,0,0}};\n'
 
@@ -44,7 +56,13 @@ def test_a_module_runs_no_text_and_unpacks_no_objects(path: Path) -> None:
             called = node.func.id if isinstance(node.func, ast.Name) else ""
             assert called not in RUNNERS
             attribute = node.func.attr if isinstance(node.func, ast.Attribute) else ""
-            assert attribute not in {"system", "popen", "parse_expression", "sympify", "read_pickle"}
+            assert attribute not in {
+                "system",
+                "popen",
+                "parse_expression",
+                "sympify",
+                "read_pickle",
+            }
             given = {keyword.arg: keyword.value for keyword in node.keywords}
             for name in {"shell", "allow_pickle"} & given.keys():
                 value = given[name]
@@ -53,7 +71,11 @@ def test_a_module_runs_no_text_and_unpacks_no_objects(path: Path) -> None:
 
 
 def _is_numpy(function: ast.expr) -> bool:
-    return isinstance(function, ast.Attribute) and isinstance(function.value, ast.Name) and function.value.id in {"np", "numpy"}
+    return (
+        isinstance(function, ast.Attribute)
+        and isinstance(function.value, ast.Name)
+        and function.value.id in {"np", "numpy"}
+    )
 
 
 @pytest.mark.parametrize(
@@ -72,7 +94,9 @@ def test_a_quantity_is_a_number_and_a_unit_and_no_expression(text: str) -> None:
 @pytest.mark.process
 @pytest.mark.parametrize("suffix", [".msh", ".step"])
 @pytest.mark.parametrize("head", ["", "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n", "ISO-10303-21;\n"])
-def test_a_gmsh_script_under_another_name_is_not_run(tmp_path: Path, suffix: str, head: str) -> None:
+def test_a_gmsh_script_under_another_name_is_not_run(
+    tmp_path: Path, suffix: str, head: str
+) -> None:
     mark = tmp_path / "mark"
     path = tmp_path / f"part{suffix}"
     path.write_text(head + SCRIPT.format(mark=mark))
@@ -84,7 +108,9 @@ def test_a_gmsh_script_under_another_name_is_not_run(tmp_path: Path, suffix: str
 
 
 @pytest.mark.process
-def test_a_configuration_of_gmsh_in_the_working_folder_or_home_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_configuration_of_gmsh_in_the_working_folder_or_home_is_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     mark = tmp_path / "mark"
     for name in (".gmshrc", ".gmsh-options"):
         (tmp_path / name).write_text(SCRIPT.format(mark=mark))
@@ -106,7 +132,10 @@ class Bomb:
 @pytest.mark.process
 def test_objects_packed_into_a_superelement_file_stay_packed(tmp_path: Path) -> None:
     packed = np.frombuffer(pickle.dumps(Bomb()), dtype=np.uint8)
-    kinds = (("void", np.void(packed.tobytes())), ("words", np.array([b"a", b"b"], dtype=h5py.special_dtype(vlen=bytes))))
+    kinds = (
+        ("void", np.void(packed.tobytes())),
+        ("words", np.array([b"a", b"b"], dtype=h5py.special_dtype(vlen=bytes))),
+    )
     for name, kind in kinds:
         path = tmp_path / f"{name}.h5"
         write_superelement(path, box_superelement())

@@ -1,4 +1,6 @@
-"""H51: what would not fit into time or memory is refused in under a second of processor time, with the numbers, before anything is meshed."""
+"""H51: what would not fit into time or memory is refused in under a second of processor time, with
+the numbers, before anything is meshed.
+"""
 
 import time
 from pathlib import Path
@@ -35,7 +37,9 @@ def plan(folder: Path, text: str) -> Plan:
 def test_a_billion_elements_are_refused_within_a_second_of_processor_time_with_their_number(
     tmp_path: Path, size: str, cells: str, fragment: str
 ) -> None:
-    text = SCENE.replace('mesh = { size = "20 mm" }', f'mesh = {{ size = "{size}", cells = "{cells}" }}')
+    text = SCENE.replace(
+        'mesh = { size = "20 mm" }', f'mesh = {{ size = "{size}", cells = "{cells}" }}'
+    )
     start = time.process_time()
     with pytest.raises(BudgetError, match=fragment) as caught:
         plan(tmp_path, text)
@@ -61,7 +65,9 @@ def test_a_billion_modes_are_refused_by_the_schema(tmp_path: Path, line: str, co
 
 
 @pytest.mark.parametrize("line", ["modes = 8", "count = 4"])
-def test_ten_million_modes_are_refused_by_the_memory_they_would_take(tmp_path: Path, line: str) -> None:
+def test_ten_million_modes_are_refused_by_the_memory_they_would_take(
+    tmp_path: Path, line: str
+) -> None:
     text = SCENE.replace(line, f"{line.split()[0]} = 10000000")
     if line.startswith("count"):
         text = text.replace("reduction = { modes = 8 }", "")
@@ -71,7 +77,9 @@ def test_ten_million_modes_are_refused_by_the_memory_they_would_take(tmp_path: P
 
 def test_a_billion_positions_of_a_sweep_are_refused(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="10000000"):
-        plan(tmp_path, f'{SCENE}{AXIS}[sweeps.all]\naxes = {{ X = ["0 mm", "1 mm", 1000000000] }}\n')
+        plan(
+            tmp_path, f'{SCENE}{AXIS}[sweeps.all]\naxes = {{ X = ["0 mm", "1 mm", 1000000000] }}\n'
+        )
 
 
 def test_limits_of_the_scene_come_first(tmp_path: Path) -> None:

@@ -1,4 +1,6 @@
-"""H52: frequencies above the reach of a reduction or of a mesh carry a warning, and no error estimate where there is no bound."""
+"""H52: frequencies above the reach of a reduction or of a mesh carry a warning, and no error
+estimate where there is no bound.
+"""
 
 import math
 from collections.abc import Callable
@@ -49,13 +51,19 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int, int], R
 
     def go(size: str, modes: int, count: int) -> Results:
         path: Path = folder / "scene.toml"
-        path.write_text(SCENE.replace("SIZE", size).replace("MODES", str(modes)).replace("COUNT", str(count)))
-        return run_scene(load_scene(path), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+        path.write_text(
+            SCENE.replace("SIZE", size).replace("MODES", str(modes)).replace("COUNT", str(count))
+        )
+        return run_scene(
+            load_scene(path), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store")
+        )
 
     return go
 
 
-def test_frequencies_beyond_the_modes_kept_have_a_warning_and_no_estimate(run: Callable[[str, int, int], Results]) -> None:
+def test_frequencies_beyond_the_modes_kept_have_a_warning_and_no_estimate(
+    run: Callable[[str, int, int], Results],
+) -> None:
     results = run("25 mm", 3, 9)
     (modes,), cutoff = results.modal, results.components["strip"].cutoff_hz
     beyond = modes.frequencies_hz > cutoff
@@ -79,10 +87,16 @@ def test_within_the_modes_kept_nothing_is_said(run: Callable[[str, int, int], Re
     results = run("25 mm", 24, 5)
     errors = results.modal[0].error_hz
     assert len(errors) == 5 and all(error is not None for error in errors)
-    assert not [text for text in results.warnings if "fixed-interface modes" in text or "nodes of its mesh" in text]
+    assert not [
+        text
+        for text in results.warnings
+        if "fixed-interface modes" in text or "nodes of its mesh" in text
+    ]
 
 
-def test_waves_shorter_than_six_nodes_are_told_with_their_length(run: Callable[[str, int, int], Results]) -> None:
+def test_waves_shorter_than_six_nodes_are_told_with_their_length(
+    run: Callable[[str, int, int], Results],
+) -> None:
     results = run("100 mm", 12, 8)
     (warning,) = [text for text in results.warnings if "nodes of its mesh" in text]
     assert "'strip'" in warning and "too high" in warning
@@ -92,17 +106,22 @@ def test_waves_shorter_than_six_nodes_are_told_with_their_length(run: Callable[[
 
 
 def test_the_wave_of_a_thin_strip_is_that_of_its_eigenfrequency() -> None:
-    # half a wave of a simply supported plate that bends cylindrically: f = pi/2 sqrt(D / rho h) / L^2
+    # half a wave of a simply supported plate that bends cylindrically: f = pi/2 sqrt(D / rho h) /
+    # L^2
     steel = Material("steel", 2.1e11, 0.3, 7850.0)
     rigidity = 2.1e11 * 0.008**3 / (12.0 * (1.0 - 0.09))
     hz = math.pi / 2.0 * math.sqrt(rigidity / (7850.0 * 0.008)) / 0.4**2
     strip = Component("strip", Box((0.4, 0.04, 0.008)), steel)
     assert shortest_wave(strip, 0.008, hz) == pytest.approx(0.8, rel=1e-12)
-    assert shortest_wave(strip, 10.0, 1e4) == pytest.approx(math.sqrt(2.1e11 / 2.6 / 7850.0) / 1e4, rel=1e-12)
+    assert shortest_wave(strip, 10.0, 1e4) == pytest.approx(
+        math.sqrt(2.1e11 / 2.6 / 7850.0) / 1e4, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize(("length", "width", "step"), [(0.4, 0.04, 0.01), (0.4, 0.4, 0.02)])
-def test_nodes_along_a_wall_are_as_far_apart_as_in_its_mesh(length: float, width: float, step: float) -> None:
+def test_nodes_along_a_wall_are_as_far_apart_as_in_its_mesh(
+    length: float, width: float, step: float
+) -> None:
     nodes = round(length / step) * round(width / step) * 3
     assert node_spacing(nodes, length * width * 0.008, 0.008) == pytest.approx(step, rel=0.02)
 
@@ -113,10 +132,16 @@ def sheet(tmp_path_factory: pytest.TempPathFactory) -> Sheet:
 
     def go(size: str, cells: str) -> tuple[FloatArray, list[str]]:
         path: Path = folder / "scene.toml"
-        text = SCENE.replace('"400 mm", "40 mm", "8 mm"', '"200 mm", "60 mm", "0.4 mm"').replace('"hex"', f'"{cells}"')
+        text = SCENE.replace('"400 mm", "40 mm", "8 mm"', '"200 mm", "60 mm", "0.4 mm"').replace(
+            '"hex"', f'"{cells}"'
+        )
         path.write_text(text.replace("SIZE", size).replace("MODES", "12").replace("COUNT", "2"))
-        results = run_scene(load_scene(path), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
-        return results.modal[0].frequencies_hz, [text for text in results.warnings if "lock" in text]
+        results = run_scene(
+            load_scene(path), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store")
+        )
+        return results.modal[0].frequencies_hz, [
+            text for text in results.warnings if "lock" in text
+        ]
 
     return go
 

@@ -1,4 +1,6 @@
-"""Short ladders of the two beams that ship: the rungs that decide what the fidelity ladder must show."""
+"""Short ladders of the two beams that ship: the rungs that decide what the fidelity ladder must
+show.
+"""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -54,8 +56,12 @@ def short_study(study: Study, rungs: Rungs) -> Study:
     for family in study.families:
         if family.name in rungs:
             (key,) = [key for key in family.vary if key != "variant"]
-            assert set(rungs[family.name]) <= set(family.vary[key]), "the shipped ladder has these rungs"
-            families.append(dataclasses.replace(family, vary={**family.vary, key: tuple(rungs[family.name])}))
+            assert set(rungs[family.name]) <= set(family.vary[key]), (
+                "the shipped ladder has these rungs"
+            )
+            families.append(
+                dataclasses.replace(family, vary={**family.vary, key: tuple(rungs[family.name])})
+            )
     return dataclasses.replace(study, families=tuple(families), cold=False, repeats=1)
 
 
@@ -64,7 +70,12 @@ def climb(name: str, rungs: Rungs, folder: Path, scene_file: Path | None = None)
     scene = load_scene(path)
     study = short_study(scene.studies["ladder"], rungs)
     job = StudyJob(
-        path, study, scene.raw, hash_scene(path), measure=partial(measure_beam, present(study.reference)), measure_name="short"
+        path,
+        study,
+        scene.raw,
+        hash_scene(path),
+        measure=partial(measure_beam, present(study.reference)),
+        measure_name="short",
     )
     records = run_study(job, folder, comm=MPI.COMM_WORLD)
     assert [record.error for record in records if record.status == "failed"] == []
@@ -83,7 +94,11 @@ def fixed_beam(tmp_path_factory: pytest.TempPathFactory) -> Ladder:
 
 
 def verdicts(ladder: Ladder, figure: int, models: str) -> dict[str, bool]:
-    return {claim.text: claim.held for claim in judge_ladder(*ladder) if claim.figure == figure and claim.models == models}
+    return {
+        claim.text: claim.held
+        for claim in judge_ladder(*ladder)
+        if claim.figure == figure and claim.models == models
+    }
 
 
 def test_the_segmented_cantilever_meets_the_paper_s_static_limits_and_does_not_get_worse(
@@ -97,7 +112,9 @@ def test_the_segmented_cantilever_meets_the_paper_s_static_limits_and_does_not_g
     }
 
 
-def test_what_is_left_of_the_segmented_cantilever_s_deviation_is_shear(cantilever: tuple[LadderBeam, list[LadderPoint]]) -> None:
+def test_what_is_left_of_the_segmented_cantilever_s_deviation_is_shear(
+    cantilever: tuple[LadderBeam, list[LadderPoint]],
+) -> None:
     rungs = pick_rungs(*cantilever, "static", "segmented")
     names = list(rungs.points[0].values)
     assert worst_of(deviations(rungs, names)).quantity == "dy(Fy)"
@@ -123,7 +140,9 @@ def test_second_order_elements_come_within_3_per_mille_of_converged_3d_elasticit
     assert [claim.held for claim in own] == [True, True], [claim.decides for claim in own]
 
 
-def test_linear_elements_fail_in_bending_and_in_torsion(cantilever: tuple[LadderBeam, list[LadderPoint]]) -> None:
+def test_linear_elements_fail_in_bending_and_in_torsion(
+    cantilever: tuple[LadderBeam, list[LadderPoint]],
+) -> None:
     for kind in ("tet4", "hex8"):
         rungs = pick_rungs(*cantilever, "static", kind)
         assert all(d.value < -0.10 for d in deviations(rungs, ["dx(Fx)", "dx(Mb)", "dx(Mc)"])), kind
@@ -131,14 +150,18 @@ def test_linear_elements_fail_in_bending_and_in_torsion(cantilever: tuple[Ladder
     assert torsion.value > 0.10
 
 
-def test_every_mode_of_the_paper_is_found_by_its_shape(cantilever: tuple[LadderBeam, list[LadderPoint]]) -> None:
+def test_every_mode_of_the_paper_is_found_by_its_shape(
+    cantilever: tuple[LadderBeam, list[LadderPoint]],
+) -> None:
     for kind in ("segmented", "hex27"):
         finest = pick_rungs(*cantilever, "modal", kind).points[-1]
         assert list(finest.values) == ["X1", "Y1", "X2", "T1", "Y2", "X3"]
         assert min(finest.macs.values()) > 0.98
 
 
-def test_the_segmented_fixed_beam_meets_the_paper_s_limits(fixed_beam: tuple[LadderBeam, list[LadderPoint]]) -> None:
+def test_the_segmented_fixed_beam_meets_the_paper_s_limits(
+    fixed_beam: tuple[LadderBeam, list[LadderPoint]],
+) -> None:
     found = verdicts(fixed_beam, 11, "segmented")
     assert found["dx within 10 % from nDOF 90"]
     assert found["dx and dz within 3 % above nDOF 300"]
@@ -148,7 +171,9 @@ def test_the_segmented_fixed_beam_meets_the_paper_s_limits(fixed_beam: tuple[Lad
     }
 
 
-def test_linear_elements_fail_for_the_fixed_beam_by_more_than_70_per_cent(fixed_beam: tuple[LadderBeam, list[LadderPoint]]) -> None:
+def test_linear_elements_fail_for_the_fixed_beam_by_more_than_70_per_cent(
+    fixed_beam: tuple[LadderBeam, list[LadderPoint]],
+) -> None:
     shifts = ["dx(Fx), h_F = 0", "dx(Fx), h_F = 100 mm"]
     for kind in ("tet4", "hex8"):
         found = deviations(pick_rungs(*fixed_beam, "static", kind), shifts)
@@ -160,13 +185,19 @@ def test_the_fixed_beam_s_torsion_is_20_per_cent_off_its_analytic_value_with_any
     fixed_beam: tuple[LadderBeam, list[LadderPoint]],
 ) -> None:
     for kind in ("hex8", "hex27"):
-        assert all(d.value > 0.20 for d in deviations(pick_rungs(*fixed_beam, "modal", kind), ["T1"]))
-    finest = deviations(pick_rungs(*fixed_beam, "modal", "hex27"), ["X1", "T1", "X2"], against="solid")
+        assert all(
+            d.value > 0.20 for d in deviations(pick_rungs(*fixed_beam, "modal", kind), ["T1"])
+        )
+    finest = deviations(
+        pick_rungs(*fixed_beam, "modal", "hex27"), ["X1", "T1", "X2"], against="solid"
+    )
     assert abs(worst_of(finest).value) < 0.03
 
 
 def test_a_scene_that_is_not_the_beam_is_refused_with_what_it_should_be(tmp_path: Path) -> None:
     path = tmp_path / "cantilever.toml"
-    path.write_text((MACHINES / "cantilever.toml").read_text().replace('"38 mm", "100 mm"', '"40 mm", "100 mm"'))
+    path.write_text(
+        (MACHINES / "cantilever.toml").read_text().replace('"38 mm", "100 mm"', '"40 mm", "100 mm"')
+    )
     with pytest.raises(LadderError, match="38 x 100 x 500 mm"):
         climb("cantilever", {"static_segmented": [2]}, tmp_path, path)

@@ -1,4 +1,6 @@
-"""Two real parts from STEP: their modes are held against finer meshes, full models, another geometry and beam theory."""
+"""Two real parts from STEP: their modes are held against finer meshes, full models, another
+geometry and beam theory.
+"""
 
 import importlib.util
 from collections.abc import Iterator
@@ -10,7 +12,14 @@ import pytest
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Component, Material, MeshSettings, Patch, ReductionSettings, Support
+from headstock.geometry.parts.components import (
+    Component,
+    Material,
+    MeshSettings,
+    Patch,
+    ReductionSettings,
+    Support,
+)
 from headstock.geometry.parts.solids import HollowColumn, Solid, StepFile
 from headstock.meshing.components.cad_survey import CadSurvey, survey_step
 from headstock.meshing.components.meshing import describe_component, mesh_component
@@ -29,7 +38,9 @@ FINE_COLUMN_HZ = (222.86, 245.04)
 FINE_SUPPORT_HZ = 4344.1
 
 
-def clamped(solid: Solid, material: Material, size: float, modes: int) -> tuple[Component, tuple[Support, ...]]:
+def clamped(
+    solid: Solid, material: Material, size: float, modes: int
+) -> tuple[Component, tuple[Support, ...]]:
     settings = {"mesh": MeshSettings(size=size), "reduction": ReductionSettings(modes=modes)}
     component = Component("part", solid, material, **settings)  # type: ignore[arg-type]
     return component, (Support("foot", "part", (Patch("z-"),), ("x", "y", "z")),)
@@ -47,7 +58,9 @@ def column_hz() -> FloatArray:
     return cantilever_frequencies(StepFile(MACHINES / "step_column.step"), CAST_IRON, 0.08, 2)[:2]
 
 
-def test_the_columns_frequencies_are_those_of_a_fine_mesh_within_half_a_percent_and_not_below(column_hz: FloatArray) -> None:
+def test_the_columns_frequencies_are_those_of_a_fine_mesh_within_half_a_percent_and_not_below(
+    column_hz: FloatArray,
+) -> None:
     assert column_hz == pytest.approx(FINE_COLUMN_HZ, rel=5e-3)
     assert (column_hz > np.array(FINE_COLUMN_HZ) * (1.0 - 1e-4)).all()
 
@@ -62,7 +75,9 @@ def test_the_column_bends_as_beam_theory_says(column_hz: FloatArray) -> None:
     length, outer, wall, rib = 0.86, 0.3, 0.022, 0.016
     clear = outer - 2 * wall
     bay = (clear - rib) / 2
-    second_moment_y = outer**4 / 12 - 2 * (clear * bay**3 / 12 + clear * bay * ((bay + rib) / 2) ** 2)
+    second_moment_y = outer**4 / 12 - 2 * (
+        clear * bay**3 / 12 + clear * bay * ((bay + rib) / 2) ** 2
+    )
     second_moment_x = outer**4 / 12 - 2 * bay * clear**3 / 12
     mass_per_length = CAST_IRON.density * describe_component(
         clamped(StepFile(MACHINES / "step_column.step"), CAST_IRON, 0.08, 2)[0]
@@ -70,7 +85,11 @@ def test_the_column_bends_as_beam_theory_says(column_hz: FloatArray) -> None:
     shear_modulus = CAST_IRON.youngs_modulus / (2 * (1 + CAST_IRON.poisson_ratio))
     expected = []
     for second_moment, webs in ((second_moment_y, 2 * wall), (second_moment_x, 2 * wall + rib)):
-        bending = 1.8751**2 / (2 * np.pi * length**2) * np.sqrt(CAST_IRON.youngs_modulus * second_moment / mass_per_length)
+        bending = (
+            1.8751**2
+            / (2 * np.pi * length**2)
+            * np.sqrt(CAST_IRON.youngs_modulus * second_moment / mass_per_length)
+        )
         shearing = np.sqrt(shear_modulus * webs * outer / mass_per_length) / (4 * length)
         expected.append((bending**-2 + shearing**-2) ** -0.5)  # Dunkerley (1894)
     assert column_hz == pytest.approx(expected, rel=0.12)
@@ -112,7 +131,9 @@ def test_the_machines_rail_faces_are_the_pads(tmp_path: Path) -> None:
 
 @pytest.fixture
 def generator(tmp_path: Path) -> Iterator[Path]:
-    spec = importlib.util.spec_from_file_location("step_column_part", MACHINES / "step_column_part.py")
+    spec = importlib.util.spec_from_file_location(
+        "step_column_part", MACHINES / "step_column_part.py"
+    )
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -125,4 +146,6 @@ def generator(tmp_path: Path) -> Iterator[Path]:
 def test_the_generator_makes_the_committed_part(generator: Path, survey: CadSurvey) -> None:
     made, kept = survey_step(StepFile(generator)), survey
     assert [face.kind for face in made.faces] == [face.kind for face in kept.faces]
-    assert [face.area for face in made.faces] == pytest.approx([face.area for face in kept.faces], rel=1e-9)
+    assert [face.area for face in made.faces] == pytest.approx(
+        [face.area for face in kept.faces], rel=1e-9
+    )

@@ -19,25 +19,36 @@ MEASURED = {"config_1": (46.2, 71.3), "config_2": (49.4, 71.3), "config_3": (39.
 @pytest.fixture(scope="module")
 def summary(tmp_path_factory: pytest.TempPathFactory) -> RunSummary:
     folder = tmp_path_factory.mktemp("tripteor")
-    written = summarise(run_scene(keep_analyses(load_scene(SCENE, variant="lumped"), WANTED), folder, comm=MPI.COMM_SELF))
+    written = summarise(
+        run_scene(
+            keep_analyses(load_scene(SCENE, variant="lumped"), WANTED), folder, comm=MPI.COMM_SELF
+        )
+    )
     assert json.loads((folder / "summary.json").read_text())["modal"] == written["modal"]
     return written
 
 
-def test_one_parameter_set_meets_the_measured_modes_in_three_configurations(summary: RunSummary) -> None:
+def test_one_parameter_set_meets_the_measured_modes_in_three_configurations(
+    summary: RunSummary,
+) -> None:
     found = {modes["pose_name"]: modes["frequencies_hz"][:2] for modes in summary["modal"]}
     assert set(found) == set(MEASURED)
     for name, measured in MEASURED.items():
         assert np.allclose(found[name], measured, rtol=0.01, atol=0.0)
 
 
-def test_the_third_leg_carries_the_first_mode_and_the_others_the_second(summary: RunSummary) -> None:
+def test_the_third_leg_carries_the_first_mode_and_the_others_the_second(
+    summary: RunSummary,
+) -> None:
     assert len(summary["modal"]) == len(MEASURED)
     for modes in summary["modal"]:
         first, second = modes["energy_share"][:2]
         assert 0.6 < first["leg_3"] < 0.7 and second["leg_1"] + second["leg_2"] > 0.97
         assert sum(first.values()) == pytest.approx(1.0)
-        assert "swings about the common axis" in modes["mode_names"][0] and "tilts" in modes["mode_names"][1]
+        assert (
+            "swings about the common axis" in modes["mode_names"][0]
+            and "tilts" in modes["mode_names"][1]
+        )
         assert sum(modes["kinetic_share"][0].values()) == pytest.approx(1.0)
 
 
@@ -48,24 +59,50 @@ def test_static_stiffness_and_condition_number_are_told_for_each_pose(summary: R
     }
     assert np.allclose(stiffness["config_1"], [30.3, 30.7, 21.9], atol=0.1)
     assert np.allclose(stiffness["config_3"], [26.3, 24.1, 15.6], atol=0.1)
-    assert all(sum(shares.values()) == pytest.approx(1.0) for shares in summary["static"]["tcp"]["budget"].values())
+    assert all(
+        sum(shares.values()) == pytest.approx(1.0)
+        for shares in summary["static"]["tcp"]["budget"].values()
+    )
     assert all(3.0 < pose["condition_number"] < 5.0 for pose in summary["mechanism"].values())
     assert summary["mechanism"]["config_2"]["coordinates"]["q2"] == pytest.approx(0.786, abs=5e-4)
 
 
-def test_mass_and_stiffness_times_the_same_factor_leave_every_frequency(summary: RunSummary, tmp_path: Path) -> None:
-    names = ("sleeve_1", "sleeve_2", "sleeve_3", "beam_1", "beam_2", "beam_3", "platform", "wrist", "spindle")
+def test_mass_and_stiffness_times_the_same_factor_leave_every_frequency(
+    summary: RunSummary, tmp_path: Path
+) -> None:
+    names = (
+        "sleeve_1",
+        "sleeve_2",
+        "sleeve_3",
+        "beam_1",
+        "beam_2",
+        "beam_3",
+        "platform",
+        "wrist",
+        "spindle",
+    )
     masses = {name: fact["mass_kg"] for name, fact in summary["components"].items()}
     settings = [f'components.{name}.mass="{2.0 * masses[name]!r} kg"' for name in names]
-    settings += ['mechanism.springs={joint = "550 N/um", drive = "750 N/um", screw = "824 MN"}', 'analyses.modal.poses="config_2"']
+    settings += [
+        'mechanism.springs={joint = "550 N/um", drive = "750 N/um", screw = "824 MN"}',
+        'analyses.modal.poses="config_2"',
+    ]
     heavier = summarise(
-        run_scene(keep_analyses(load_scene(SCENE, variant="lumped", overrides=settings), WANTED), tmp_path, comm=MPI.COMM_SELF)
+        run_scene(
+            keep_analyses(load_scene(SCENE, variant="lumped", overrides=settings), WANTED),
+            tmp_path,
+            comm=MPI.COMM_SELF,
+        )
     )
     alike = next(modes for modes in summary["modal"] if modes["pose_name"] == "config_2")
-    assert np.allclose(heavier["modal"][0]["frequencies_hz"], alike["frequencies_hz"], rtol=1e-12, atol=0.0)
+    assert np.allclose(
+        heavier["modal"][0]["frequencies_hz"], alike["frequencies_hz"], rtol=1e-12, atol=0.0
+    )
 
 
-def test_components_on_joints_with_springs_at_the_leg_tips_are_the_lumped_model(summary: RunSummary, tmp_path: Path) -> None:
+def test_components_on_joints_with_springs_at_the_leg_tips_are_the_lumped_model(
+    summary: RunSummary, tmp_path: Path
+) -> None:
     scene = keep_analyses(load_scene(SCENE, variant="components"), WANTED)
     found = summarise(run_scene(scene, tmp_path, comm=MPI.COMM_SELF))
     for ours, lumped in zip(found["modal"], summary["modal"], strict=True):
@@ -75,7 +112,10 @@ def test_components_on_joints_with_springs_at_the_leg_tips_are_the_lumped_model(
         expected = np.array(points["tcp"]["compliance_6x6"])
         coupled = np.array(found["static_poses"][pose]["tcp"]["compliance_6x6"])
         assert np.abs(coupled - expected).max() < 1e-9 * np.abs(expected).max()
-        moved, right = (np.array(each["displacement"], dtype=float) for each in (found["static_poses"][pose]["tcp"], points["tcp"]))
+        moved, right = (
+            np.array(each["displacement"], dtype=float)
+            for each in (found["static_poses"][pose]["tcp"], points["tcp"])
+        )
         assert np.allclose(moved, right, rtol=1e-8, atol=1e-15)
     assert found["mechanism"] == summary["mechanism"]
     # the tripod is held twice over-constrained, as its mobility says

@@ -1,4 +1,6 @@
-"""The Tripteor with elastic legs; legs as segments here, as finite elements in ``headstock validate tripteor``."""
+"""The Tripteor with elastic legs; legs as segments here, as finite elements in ``headstock validate
+tripteor``.
+"""
 
 from pathlib import Path
 
@@ -36,15 +38,21 @@ def frequencies(tripteor: LeggedTripteor, pose: str, count: int = 6) -> FloatArr
 
 
 @pytest.mark.parametrize("pose", MEASURED)
-def test_the_first_four_modes_with_elastic_legs_are_the_measured_ones_within_a_tenth(elastic: LeggedTripteor, pose: str) -> None:
+def test_the_first_four_modes_with_elastic_legs_are_the_measured_ones_within_a_tenth(
+    elastic: LeggedTripteor, pose: str
+) -> None:
     found = frequencies(elastic, pose)
     assert np.abs(found[:4] / MEASURED[pose] - 1.0).max() < 0.08
     assert 48.0 < found[1] < 58.0 and 85.0 < found[3] < 100.0 and found[4] > MEASURED[pose][3]
 
 
 @pytest.mark.parametrize("pose", MEASURED)
-def test_beam_elements_in_a_model_of_their_own_give_the_same_frequencies(elastic: LeggedTripteor, pose: str) -> None:
-    assert np.allclose(frequencies(elastic, pose), solve_beams(elastic, pose, 6), rtol=3e-4, atol=0.0)
+def test_beam_elements_in_a_model_of_their_own_give_the_same_frequencies(
+    elastic: LeggedTripteor, pose: str
+) -> None:
+    assert np.allclose(
+        frequencies(elastic, pose), solve_beams(elastic, pose, 6), rtol=3e-4, atol=0.0
+    )
 
 
 def test_legs_and_joints_ten_thousand_times_as_stiff_leave_the_lumped_model() -> None:
@@ -59,13 +67,19 @@ def test_legs_and_joints_ten_thousand_times_as_stiff_leave_the_lumped_model() ->
         assert 0.08 < np.abs(frequencies(stiffer, pose) / right - 1.0)[3] / off[3] < 0.12
 
 
-def test_a_softer_second_road_is_seen(elastic: LeggedTripteor, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_softer_second_road_is_seen(
+    elastic: LeggedTripteor, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(
         tripteor_legs,
         "solve_tripod",
-        lambda *parts, frame_stiffness, count: solve_tripod(*parts, frame_stiffness=0.99 * frame_stiffness, count=count),
+        lambda *parts, frame_stiffness, count: solve_tripod(
+            *parts, frame_stiffness=0.99 * frame_stiffness, count=count
+        ),
     )
-    assert not np.allclose(frequencies(elastic, "config_1"), solve_beams(elastic, "config_1", 6), rtol=3e-4, atol=0.0)
+    assert not np.allclose(
+        frequencies(elastic, "config_1"), solve_beams(elastic, "config_1", 6), rtol=3e-4, atol=0.0
+    )
 
 
 def test_legs_alone_do_not_do_and_a_frame_that_sways_does() -> None:
@@ -80,7 +94,9 @@ def test_a_run_names_the_pose_and_damps_legs_that_end_in_nodes_without_mass(tmp_
         'analyses.static.poses=["config_2"]',
         *(f"components.beam_{i}.segments.count=6" for i in (1, 2, 3)),
     ]
-    scene = keep_analyses(load_scene(SCENE, variant="elastic_legs+segmented", overrides=settings), ("static", "modal"))
+    scene = keep_analyses(
+        load_scene(SCENE, variant="elastic_legs+segmented", overrides=settings), ("static", "modal")
+    )
     summary = summarise(run_scene(scene, tmp_path, comm=MPI.COMM_SELF))
     (modes,) = summary["modal"]
     assert modes["pose_name"] == "config_2" and np.allclose(
@@ -88,5 +104,7 @@ def test_a_run_names_the_pose_and_damps_legs_that_end_in_nodes_without_mass(tmp_
     )
     assert "bend" in modes["mode_names"][0] and "columns" in modes["mode_names"][1]
     assert all(sum(shares.values()) == pytest.approx(1.0) for shares in modes["energy_share"])
-    stiffness = 1e3 / np.diag(np.array(summary["static"]["tcp"]["compliance_um_per_kN"], dtype=float))
+    stiffness = 1e3 / np.diag(
+        np.array(summary["static"]["tcp"]["compliance_um_per_kN"], dtype=float)
+    )
     assert (stiffness > 10.0).all() and (stiffness < 80.0).all()

@@ -11,7 +11,13 @@ Patches = Patch | tuple[Patch, ...]
 
 @pytest.fixture
 def make_component() -> Callable[..., Component]:
-    def make(solid: Solid, patches: dict[str, Patches] | None = None, *, force: bool = False, **mesh: object) -> Component:
+    def make(
+        solid: Solid,
+        patches: dict[str, Patches] | None = None,
+        *,
+        force: bool = False,
+        **mesh: object,
+    ) -> Component:
         interfaces = {
             name: Interface(name, patch if isinstance(patch, tuple) else (patch,), force=force)
             for name, patch in (patches or {}).items()

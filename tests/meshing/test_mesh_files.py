@@ -1,4 +1,6 @@
-"""Imported meshes, each written by an independent writer from the same box or tube and read back."""
+"""Imported meshes, each written by an independent writer from the same box or tube and read
+back.
+"""
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator
@@ -20,16 +22,23 @@ pytestmark = pytest.mark.process
 
 Make = Callable[..., Component]
 SIZE = (0.03, 0.02, 0.05)
-# gmsh position of the node that each format puts in this place, corners left out, written down from the formats' manuals:
-# Abaqus C3D10 and Nastran CTETRA: 12 23 31 14 24 34; gmsh: 01 12 20 30 23 13
+# gmsh position of the node that each format puts in this place, corners left out, written down from
+# the formats' manuals: Abaqus C3D10 and Nastran CTETRA: 12 23 31 14 24 34; gmsh: 01 12 20 30 23 13
 TET10_TAIL = [4, 5, 6, 7, 9, 8]
 # Abaqus C3D20: 12 23 34 41 56 67 78 85 15 26 37 48; gmsh: 01 03 04 12 15 23 26 37 45 47 56 67
 ABAQUS_HEX20_TAIL = [8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15]
 # Nastran CHEXA: 12 23 34 41 15 26 37 48 56 67 78 85
 NASTRAN_HEX20_TAIL = [8, 11, 13, 9, 10, 12, 14, 15, 16, 18, 19, 17]
-# Abaqus C3D27: centre, then faces 1234, 5678, 1265, 2376, 3487, 4158; gmsh: 0321 0154 0473 1265 2376 4567 centre
+# Abaqus C3D27: centre, then faces 1234, 5678, 1265, 2376, 3487, 4158; gmsh: 0321 0154 0473 1265
+# 2376 4567 centre
 ABAQUS_HEX27_TAIL = [*ABAQUS_HEX20_TAIL, 26, 20, 25, 21, 23, 24, 22]
-ABAQUS_TYPES = {"tet4": "C3D4", "tet10": "C3D10", "hex8": "C3D8R", "hex20": "C3D20R", "hex27": "C3D27"}
+ABAQUS_TYPES = {
+    "tet4": "C3D4",
+    "tet10": "C3D10",
+    "hex8": "C3D8R",
+    "hex20": "C3D20R",
+    "hex27": "C3D27",
+}
 GMSH_TYPES = {"tet4": 4, "tet10": 11, "hex8": 5, "hex20": 17, "hex27": 12}
 GMSH_FACETS = {"tet4": 2, "tet10": 9, "hex8": 3, "hex20": 16, "hex27": 10}
 
@@ -50,9 +59,13 @@ def wrapped(numbers: Iterable[int], per_line: int = 16) -> str:
 
 def write_inp(path: Path, mesh: ComponentMesh, extra: str = "") -> None:
     lines = ["** comment", "*Heading", "box, in metres", "*NODE, NSET=Nall"]
-    lines += [f"{i}, {', '.join(repr(float(x)) for x in point)}" for i, point in numbered(mesh.points, 11)]
+    lines += [
+        f"{i}, {', '.join(repr(float(x)) for x in point)}" for i, point in numbered(mesh.points, 11)
+    ]
     lines.append(f"*Element, type={ABAQUS_TYPES[mesh.kind]}, elset=Eall")
-    lines += [wrapped([i, *(cell[abaqus_order(mesh.kind)] + 11)]) for i, cell in numbered(mesh.cells, 101)]
+    lines += [
+        wrapped([i, *(cell[abaqus_order(mesh.kind)] + 11)]) for i, cell in numbered(mesh.cells, 101)
+    ]
     path.write_text("\n".join(lines) + "\n" + extra + "*STEP\n*STATIC\n*END STEP\n")
 
 
@@ -62,25 +75,48 @@ def write_bdf(path: Path, mesh: ComponentMesh) -> None:
     name = "CTETRA" if mesh.kind.startswith("tet") else "CHEXA"
     lines = ["SOL 101", "CEND", "BEGIN BULK", "MAT1,1,2.1+11,,0.3"]
     for i, (x, y, z) in numbered(mesh.points):
-        lines += [f"{'GRID*':<8}{i:<16}{'':16}{x:<16.9e}{y:<16.9e}{'*':<8}".rstrip(), f"{'*':<8}{z:<16.9e}"]
+        lines += [
+            f"{'GRID*':<8}{i:<16}{'':16}{x:<16.9e}{y:<16.9e}{'*':<8}".rstrip(),
+            f"{'*':<8}{z:<16.9e}",
+        ]
     for i, cell in numbered(mesh.cells):
         fields = [str(i), "1", *(str(node + 1) for node in cell[order])]
         rows = [fields[start : start + 8] for start in range(0, len(fields), 8)]
         for k, row in enumerate(rows):
             head, tail = name if k == 0 else "+", "+" if k + 1 < len(rows) else ""
-            lines.append((f"{head:<8}" + "".join(f"{field:<8}" for field in row)).ljust(72 if tail else 0) + tail)
+            lines.append(
+                (f"{head:<8}" + "".join(f"{field:<8}" for field in row)).ljust(72 if tail else 0)
+                + tail
+            )
     path.write_text("\n".join([*lines, "ENDDATA", ""]))
 
 
 def write_msh(path: Path, mesh: ComponentMesh, sets: dict[str, IntArray]) -> None:
     names = ['3 99 "solid"', *(f'2 {i} "{name}"' for i, name in enumerate(sets, 1))]
-    rows = [(GMSH_FACETS[mesh.kind], i, facet) for i, facets in enumerate(sets.values(), 1) for facet in facets]
+    rows = [
+        (GMSH_FACETS[mesh.kind], i, facet)
+        for i, facets in enumerate(sets.values(), 1)
+        for facet in facets
+    ]
     rows += [(GMSH_TYPES[mesh.kind], 99, cell) for cell in mesh.cells]
-    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(names)), *names, "$EndPhysicalNames"]
+    lines = [
+        "$MeshFormat",
+        "2.2 0 8",
+        "$EndMeshFormat",
+        "$PhysicalNames",
+        str(len(names)),
+        *names,
+        "$EndPhysicalNames",
+    ]
     lines += ["$Nodes", str(len(mesh.points))]
-    lines += [f"{i} {' '.join(repr(float(x)) for x in point)}" for i, point in numbered(mesh.points)]
+    lines += [
+        f"{i} {' '.join(repr(float(x)) for x in point)}" for i, point in numbered(mesh.points)
+    ]
     lines += ["$EndNodes", "$Elements", str(len(rows))]
-    lines += [f"{i} {kind} 2 {tag} {tag} {' '.join(str(n + 1) for n in nodes)}" for i, (kind, tag, nodes) in enumerate(rows, 1)]
+    lines += [
+        f"{i} {kind} 2 {tag} {tag} {' '.join(str(n + 1) for n in nodes)}"
+        for i, (kind, tag, nodes) in enumerate(rows, 1)
+    ]
     path.write_text("\n".join([*lines, "$EndElements", ""]))
 
 
@@ -89,7 +125,9 @@ def box_mesh(make_component: Make) -> Callable[[CellKind], ComponentMesh]:
     def make(kind: CellKind) -> ComponentMesh:
         order = 1 if kind in ("tet4", "hex8") else 2
         patches = {"bottom": Patch("z-"), "top": Patch("z+")}
-        mesh = mesh_component(make_component(Box(SIZE), patches, size=0.02, order=order, cells=kind[:3]))
+        mesh = mesh_component(
+            make_component(Box(SIZE), patches, size=0.02, order=order, cells=kind[:3])
+        )
         if kind != "hex20":
             return mesh
         used = np.unique(mesh.cells[:, :20])
@@ -97,7 +135,11 @@ def box_mesh(make_component: Make) -> Callable[[CellKind], ComponentMesh]:
         place[used] = np.arange(len(used))
         patches_20 = {name: place[facets[:, :8]] for name, facets in mesh.patches.items()}
         return dataclasses.replace(
-            mesh, points=mesh.points[used], cells=place[mesh.cells[:, :20]], kind="hex20", patches=patches_20
+            mesh,
+            points=mesh.points[used],
+            cells=place[mesh.cells[:, :20]],
+            kind="hex20",
+            patches=patches_20,
         )
 
     return make
@@ -113,29 +155,48 @@ def write_any(path: Path, mesh: ComponentMesh) -> None:
 
 
 EVERY_KIND = ["tet4", "tet10", "hex8", "hex20", "hex27"]
-WRITABLE = [(kind, suffix) for suffix in (".msh", ".inp", ".bdf") for kind in EVERY_KIND if (kind, suffix) != ("hex27", ".bdf")]
+WRITABLE = [
+    (kind, suffix)
+    for suffix in (".msh", ".inp", ".bdf")
+    for kind in EVERY_KIND
+    if (kind, suffix) != ("hex27", ".bdf")
+]
 
 
 @pytest.mark.parametrize(("kind", "suffix"), WRITABLE)
 def test_mesh_files_come_back_node_for_node(
-    make_component: Make, box_mesh: Callable[[CellKind], ComponentMesh], tmp_path: Path, kind: CellKind, suffix: str
+    make_component: Make,
+    box_mesh: Callable[[CellKind], ComponentMesh],
+    tmp_path: Path,
+    kind: CellKind,
+    suffix: str,
 ) -> None:
     mesh = box_mesh(kind)
     write_any(tmp_path / f"box{suffix}", mesh)
-    component = make_component(MeshFile(tmp_path / f"box{suffix}"), {"foot": Patch("z-"), "side": Patch("x+")})
+    component = make_component(
+        MeshFile(tmp_path / f"box{suffix}"), {"foot": Patch("z-"), "side": Patch("x+")}
+    )
     back = mesh_component(component)
     # 20-node hexes are completed by face and body centres; the file's own nodes stay first
     assert back.kind == ("hex27" if kind == "hex20" else kind)
     assert np.allclose(
-        back.points[back.cells[:, : mesh.cells.shape[1]]], mesh.points[mesh.cells], atol=1e-9 if suffix == ".bdf" else 0.0, rtol=0
+        back.points[back.cells[:, : mesh.cells.shape[1]]],
+        mesh.points[mesh.cells],
+        atol=1e-9 if suffix == ".bdf" else 0.0,
+        rtol=0,
     )
-    assert back.quality.minimum_scaled_jacobian == pytest.approx(mesh.quality.minimum_scaled_jacobian, rel=1e-6)
+    assert back.quality.minimum_scaled_jacobian == pytest.approx(
+        mesh.quality.minimum_scaled_jacobian, rel=1e-6
+    )
     volume, center, inertia = integrate_mesh(back.points, back.cells, back.kind)
     mass = np.prod(SIZE)
     assert volume == pytest.approx(mass, rel=1e-7)
     assert np.allclose(center, [0, 0, 0.025], atol=1e-9)
     assert np.allclose(
-        inertia, mass / 12 * np.diag([0.02**2 + 0.05**2, 0.03**2 + 0.05**2, 0.03**2 + 0.02**2]), rtol=1e-6, atol=1e-13
+        inertia,
+        mass / 12 * np.diag([0.02**2 + 0.05**2, 0.03**2 + 0.05**2, 0.03**2 + 0.02**2]),
+        rtol=1e-6,
+        atol=1e-13,
     )
     areas, _ = patch_moments(back.points, back.patches)
     assert areas["foot"] == pytest.approx(0.03 * 0.02, rel=1e-7)
@@ -143,7 +204,9 @@ def test_mesh_files_come_back_node_for_node(
 
 
 @pytest.mark.parametrize("suffix", [".msh", ".inp", ".bdf"])
-def test_curved_tets_keep_their_curvature(make_component: Make, tmp_path: Path, suffix: str) -> None:
+def test_curved_tets_keep_their_curvature(
+    make_component: Make, tmp_path: Path, suffix: str
+) -> None:
     mesh = mesh_component(make_component(Tube(0.04, 0.02, 0.03), {"o": Patch("outer")}, size=0.01))
     write_any(tmp_path / f"tube{suffix}", mesh)
     found = describe_component(make_component(MeshFile(tmp_path / f"tube{suffix}")))
@@ -167,7 +230,9 @@ def test_physical_surfaces_of_msh_files_are_sets(
 ) -> None:
     mesh = box_mesh("tet10")
     write_msh(tmp_path / "box.msh", mesh, mesh.patches)
-    back = mesh_component(make_component(MeshFile(tmp_path / "box.msh"), {"a": Patch("set:top"), "b": Patch("z+")}))
+    back = mesh_component(
+        make_component(MeshFile(tmp_path / "box.msh"), {"a": Patch("set:top"), "b": Patch("z+")})
+    )
     assert np.array_equal(back.patches["a"], back.patches["b"])
     with pytest.raises(MeshError, match=r"no set 'roof'.*set:bottom, set:top"):
         mesh_component(make_component(MeshFile(tmp_path / "box.msh"), {"a": Patch("set:roof")}))
@@ -175,16 +240,25 @@ def test_physical_surfaces_of_msh_files_are_sets(
 
 @pytest.mark.parametrize("kind", ["tet10", "hex20"])
 def test_abaqus_surfaces_and_sets_select_the_same_face(
-    make_component: Make, box_mesh: Callable[[CellKind], ComponentMesh], tmp_path: Path, kind: CellKind
+    make_component: Make,
+    box_mesh: Callable[[CellKind], ComponentMesh],
+    tmp_path: Path,
+    kind: CellKind,
 ) -> None:
     mesh = box_mesh(kind)
     corners = 3 if kind == "tet10" else 4
     top = {frozenset(facet[:corners].tolist()) for facet in mesh.patches["top"]}
     # faces S1.. in the numbering of the Abaqus manual
-    tet_faces, hex_faces = ["123", "142", "243", "341"], ["1234", "5876", "1562", "2673", "3784", "4851"]
+    tet_faces, hex_faces = (
+        ["123", "142", "243", "341"],
+        ["1234", "5876", "1562", "2673", "3784", "4851"],
+    )
     faces = [[int(c) - 1 for c in face] for face in (tet_faces if corners == 3 else hex_faces)]
     members = [
-        (i, s) for i, cell in numbered(mesh.cells, 101) for s, face in enumerate(faces, 1) if frozenset(cell[face].tolist()) in top
+        (i, s)
+        for i, cell in numbered(mesh.cells, 101)
+        for s, face in enumerate(faces, 1)
+        if frozenset(cell[face].tolist()) in top
     ]
     assert len(members) == len(top)
     extra = "*SURFACE, NAME=Lid, TYPE=ELEMENT\n" + "".join(f"{i}, S{s}\n" for i, s in members)
@@ -192,8 +266,18 @@ def test_abaqus_surfaces_and_sets_select_the_same_face(
     extra += "*NSET, NSET=Again\nLidNodes\n*SURFACE, TYPE=NODE, NAME=ns\nagain,\n"
     extra += f"*ELSET, ELSET=Some, GENERATE\n101, {100 + len(mesh.cells)}, 1\n"
     write_inp(tmp_path / "box.inp", mesh, extra)
-    names = {"top": "z+", "surface": "set:lid", "nodes": "set:LIDNODES", "again": "set:again", "ns": "set:NS"}
-    back = mesh_component(make_component(MeshFile(tmp_path / "box.inp"), {name: Patch(face) for name, face in names.items()}))
+    names = {
+        "top": "z+",
+        "surface": "set:lid",
+        "nodes": "set:LIDNODES",
+        "again": "set:again",
+        "ns": "set:NS",
+    }
+    back = mesh_component(
+        make_component(
+            MeshFile(tmp_path / "box.inp"), {name: Patch(face) for name, face in names.items()}
+        )
+    )
     for name in names:
         assert np.array_equal(back.patches[name], back.patches["top"])
 
@@ -205,24 +289,40 @@ def test_imprints_on_mesh_files_take_the_facets_inside(
     write_inp(tmp_path / "box.inp", mesh)
     half = Patch("z+", "rect", (0.0075, 0.0, 9.0), (0.015, 0.02))
     back = mesh_component(
-        make_component(MeshFile(tmp_path / "box.inp"), {"half": half, "disk": Patch("z+", "disk", (0, 0, 0), (0.012,))})
+        make_component(
+            MeshFile(tmp_path / "box.inp"),
+            {"half": half, "disk": Patch("z+", "disk", (0, 0, 0), (0.012,))},
+        )
     )
     areas, centroids = patch_moments(back.points, back.patches)
     assert areas["half"] == pytest.approx(0.015 * 0.02, rel=1e-9)
     assert np.allclose(centroids["half"], [0.0075, 0.0, 0.05], atol=1e-9)
-    assert areas["disk"] == pytest.approx(4 * 0.005**2, rel=1e-9)  # of 24 facets the four whose middles lie within 6 mm
+    assert areas["disk"] == pytest.approx(
+        4 * 0.005**2, rel=1e-9
+    )  # of 24 facets the four whose middles lie within 6 mm
 
 
 def test_h12_points_lines_and_single_facets_are_refused_unless_forced(
     make_component: Make, box_mesh: Callable[[CellKind], ComponentMesh], tmp_path: Path
 ) -> None:
     mesh = mesh_component(make_component(Box(SIZE), size=0.005, cells="hex"))
-    edge = np.flatnonzero((mesh.points[:, 2] == 0.05) & (mesh.points[:, 0] == mesh.points[:, 0].min())) + 11
-    write_inp(tmp_path / "box.inp", mesh, f"*NSET, NSET=edge\n{wrapped(edge, 8)}\n*NSET, NSET=point\n{edge[0]}\n")
+    edge = (
+        np.flatnonzero((mesh.points[:, 2] == 0.05) & (mesh.points[:, 0] == mesh.points[:, 0].min()))
+        + 11
+    )
+    write_inp(
+        tmp_path / "box.inp",
+        mesh,
+        f"*NSET, NSET=edge\n{wrapped(edge, 8)}\n*NSET, NSET=point\n{edge[0]}\n",
+    )
     for name in ("edge", "point"):
         with pytest.raises(MeshError, match=r"depends on the mesh.*force"):
-            mesh_component(make_component(MeshFile(tmp_path / "box.inp"), {"a": Patch(f"set:{name}")}))
-        forced = mesh_component(make_component(MeshFile(tmp_path / "box.inp"), {"a": Patch(f"set:{name}")}, force=True))
+            mesh_component(
+                make_component(MeshFile(tmp_path / "box.inp"), {"a": Patch(f"set:{name}")})
+            )
+        forced = mesh_component(
+            make_component(MeshFile(tmp_path / "box.inp"), {"a": Patch(f"set:{name}")}, force=True)
+        )
         assert len(np.unique(forced.patches["a"])) == (len(edge) if name == "edge" else 1)
     single = Patch("z+", "rect", (0.0025, 0.0025, 0.0), (0.006, 0.003))
     with pytest.raises(MeshError, match="single facet of a larger face"):
@@ -248,9 +348,16 @@ def test_h04_disconnected_meshes_are_refused_with_the_number_of_parts(
         mesh_component(make_component(MeshFile(tmp_path / "parts.inp"), {"foot": Patch("z-")}))
 
 
-@pytest.mark.parametrize(("kind", "push"), [("hex8", 2.0), ("hex27", 2.0), ("tet4", 2.0), ("tet10", 2.0), ("hex8", 0.9999)])
+@pytest.mark.parametrize(
+    ("kind", "push"),
+    [("hex8", 2.0), ("hex27", 2.0), ("tet4", 2.0), ("tet10", 2.0), ("hex8", 0.9999)],
+)
 def test_h10_inverted_and_degenerate_elements_are_named(
-    make_component: Make, box_mesh: Callable[[CellKind], ComponentMesh], tmp_path: Path, kind: CellKind, push: float
+    make_component: Make,
+    box_mesh: Callable[[CellKind], ComponentMesh],
+    tmp_path: Path,
+    kind: CellKind,
+    push: float,
 ) -> None:
     mesh = box_mesh(kind)
     points = mesh.points.copy()
@@ -266,7 +373,9 @@ def test_h10_distorted_but_valid_hexes_are_accepted(make_component: Make, tmp_pa
     points = mesh.points.copy()
     points[:, 0] += 2.0 * points[:, 1] * np.cos(np.pi * points[:, 0])
     write_inp(tmp_path / "trapezoids.inp", dataclasses.replace(mesh, points=points))
-    back = mesh_component(make_component(MeshFile(tmp_path / "trapezoids.inp"), {"foot": Patch("y-")}))
+    back = mesh_component(
+        make_component(MeshFile(tmp_path / "trapezoids.inp"), {"foot": Patch("y-")})
+    )
     assert 0.3 < back.quality.minimum_scaled_jacobian < 1.0
 
 
@@ -276,20 +385,36 @@ DECK = "*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n5,1,1,0\n6,1,1,1\n7,0,1,1\n8,
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
-        ("a.inp", DECK + "*ELEMENT, TYPE=C3D4\n1,1,2,3,4\n*ELEMENT, TYPE=C3D8\n2,1,2,5,3,4,8,6,7\n", "2 kinds of solid cells"),
+        (
+            "a.inp",
+            DECK + "*ELEMENT, TYPE=C3D4\n1,1,2,3,4\n*ELEMENT, TYPE=C3D8\n2,1,2,5,3,4,8,6,7\n",
+            "2 kinds of solid cells",
+        ),
         ("a.inp", DECK + "*ELEMENT, TYPE=C3D6\n1,1,2,3,4,5,6\n", "C3D6"),
         ("a.inp", DECK + "*ELEMENT, TYPE=QX99\n1,1,2,3,4\n", "QX99"),
         ("a.inp", DECK + "*ELEMENT, TYPE=C3D4\n1,1,2,3,99\n", "node 99"),
         ("a.inp", DECK + "*ELEMENT, TYPE=C3D4\n1,1,2,3\n", "C3D4 needs 4 nodes"),
         ("a.inp", DECK, "no solid cells"),
-        ("a.inp", DECK.replace("2,1,0,0", "2,nan,0,0") + "*ELEMENT, TYPE=C3D4\n1,1,2,3,4\n", "finite"),
+        (
+            "a.inp",
+            DECK.replace("2,1,0,0", "2,nan,0,0") + "*ELEMENT, TYPE=C3D4\n1,1,2,3,4\n",
+            "finite",
+        ),
         ("a.inp", DECK.replace("2,1,0,0", "2,one,0,0"), "a.inp:1"),
         ("a.inp", "*INCLUDE, INPUT=/etc/passwd\n" + DECK, "INCLUDE is not supported"),
         ("a.bdf", "CEND\nBEGIN BULK\nGRID,1,,0.,0.,0.\nENDDATA\n", "a.bdf"),
         ("a.bdf", "nothing\n", "a.bdf"),
-        ("a.bdf", "CEND\n  include '/etc/passwd'\nBEGIN BULK\nENDDATA\n", "a.bdf:2: INCLUDE is not supported"),
+        (
+            "a.bdf",
+            "CEND\n  include '/etc/passwd'\nBEGIN BULK\nENDDATA\n",
+            "a.bdf:2: INCLUDE is not supported",
+        ),
         ("a.msh", 'SystemCall "touch pwned";\n', "not a gmsh mesh"),
-        ("a.msh", "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n1000000000000\n1 0 0 0\n$EndNodes\n", "a.msh|memory|ended"),
+        (
+            "a.msh",
+            "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n1000000000000\n1 0 0 0\n$EndNodes\n",
+            "a.msh|memory|ended",
+        ),
         ("a.stl", "solid\n", "end in .msh"),
     ],
 )

@@ -10,7 +10,12 @@ from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.cad_survey import survey_step
 from headstock.meshing.components.finishing import patch_moments
-from headstock.meshing.components.meshing import describe_component, estimate_cells, estimate_mesh, mesh_component
+from headstock.meshing.components.meshing import (
+    describe_component,
+    estimate_cells,
+    estimate_mesh,
+    mesh_component,
+)
 from headstock.meshing.elements.quality import scaled_jacobians
 from headstock.meshing.errors import MeshError
 from headstock.meshing.step_units import doubt_size, read_length_unit
@@ -32,7 +37,9 @@ def kernel() -> Iterator[None]:
 
 
 def add_drilled_block() -> None:
-    """A block of 60 x 40 x 20 with holes that leave walls of 0.3: coarse curved elements invert there."""
+    """A block of 60 x 40 x 20 with holes that leave walls of 0.3: coarse curved elements invert
+    there.
+    """
     occ = gmsh.model.occ
     block = occ.addBox(0, 0, 0, 60, 40, 20)
     holes = [(3, occ.addCylinder(15, y, -1, 0, 0, 22, 6)) for y in (6.3, 20, 33.7)]
@@ -58,8 +65,12 @@ def pair(tmp_path: Path, kernel: None) -> Path:
     return tmp_path / "pair.step"
 
 
-def test_inverted_curved_elements_are_repaired_and_counted(make_component: Make, drilled: Path) -> None:
-    mesh = mesh_component(make_component(StepFile(drilled), {"foot": Patch("z-"), "bore": Patch("face:7")}, size=0.01))
+def test_inverted_curved_elements_are_repaired_and_counted(
+    make_component: Make, drilled: Path
+) -> None:
+    mesh = mesh_component(
+        make_component(StepFile(drilled), {"foot": Patch("z-"), "bore": Patch("face:7")}, size=0.01)
+    )
     assert mesh.quality.repaired > 5
     assert mesh.quality.minimum_scaled_jacobian >= 1e-3
     assert not mesh.straight
@@ -92,7 +103,9 @@ def test_step_file_is_described_in_metres(make_component: Make, drilled: Path) -
     assert found.center[1] == pytest.approx(0.02, rel=1e-9)
 
 
-def test_file_in_inches_is_read_in_inches(make_component: Make, drilled: Path, tmp_path: Path) -> None:
+def test_file_in_inches_is_read_in_inches(
+    make_component: Make, drilled: Path, tmp_path: Path
+) -> None:
     text = drilled.read_text()
     assert text.count("SI_UNIT(.MILLI.,.METRE.)") == 1
     number = text[: text.index("SI_UNIT(.MILLI.,.METRE.)")].rsplit("#", 1)[1].split("=")[0].strip()
@@ -110,8 +123,12 @@ def test_file_in_inches_is_read_in_inches(make_component: Make, drilled: Path, t
 
 
 def test_solid_is_chosen_by_number(make_component: Make, pair: Path) -> None:
-    assert describe_component(make_component(StepFile(pair, 1))).volume == pytest.approx(1e-6, rel=1e-9)
-    assert describe_component(make_component(StepFile(pair, 2))).volume == pytest.approx(2e-6, rel=1e-9)
+    assert describe_component(make_component(StepFile(pair, 1))).volume == pytest.approx(
+        1e-6, rel=1e-9
+    )
+    assert describe_component(make_component(StepFile(pair, 2))).volume == pytest.approx(
+        2e-6, rel=1e-9
+    )
 
 
 def test_solid_is_chosen_by_name(make_component: Make, pair: Path) -> None:
@@ -120,10 +137,14 @@ def test_solid_is_chosen_by_name(make_component: Make, pair: Path) -> None:
     assert "2 solids" in str(caught.value)
     assert "1 to 2, without names" in str(caught.value)
     # the translator numbers the products that nobody named
-    pair.write_text(re.sub(r"'Open CASCADE STEP translator [\d.]+ [\d.]*2'", "'right half'", pair.read_text()))
+    pair.write_text(
+        re.sub(r"'Open CASCADE STEP translator [\d.]+ [\d.]*2'", "'right half'", pair.read_text())
+    )
     with pytest.raises(MeshError, match="2: right half"):
         describe_component(make_component(StepFile(pair)))
-    assert describe_component(make_component(StepFile(pair, "right half"))).volume == pytest.approx(2e-6, rel=1e-9)
+    assert describe_component(make_component(StepFile(pair, "right half"))).volume == pytest.approx(
+        2e-6, rel=1e-9
+    )
     with pytest.raises(MeshError, match="0 solids named 'middle'"):
         describe_component(make_component(StepFile(pair, "middle")))
     with pytest.raises(MeshError, match="no solid number 3"):
@@ -132,19 +153,25 @@ def test_solid_is_chosen_by_name(make_component: Make, pair: Path) -> None:
 
 def test_imprints_work_on_step_faces(make_component: Make, drilled: Path) -> None:
     disk = Patch("x+", "disk", (0.06, 0.02, 0.01), (0.008,))
-    mesh = mesh_component(make_component(StepFile(drilled), {"pad": disk, "end": Patch("x+")}, size=0.01))
+    mesh = mesh_component(
+        make_component(StepFile(drilled), {"pad": disk, "end": Patch("x+")}, size=0.01)
+    )
     areas, centroids = patch_moments(mesh.points, mesh.patches)
     assert areas["pad"] == pytest.approx(np.pi * 0.004**2, rel=1e-3)
     assert np.allclose(centroids["pad"], [0.06, 0.02, 0.01], atol=1e-6)
     assert areas["end"] == pytest.approx(0.04 * 0.02, rel=1e-9)
 
 
-def test_estimate_for_a_step_file_is_right_within_a_factor_of_two(make_component: Make, drilled: Path) -> None:
+def test_estimate_for_a_step_file_is_right_within_a_factor_of_two(
+    make_component: Make, drilled: Path
+) -> None:
     component = make_component(StepFile(drilled), {"foot": Patch("z-")}, size=0.004)
     assert 0.5 < estimate_cells(component) / len(mesh_component(component).cells) < 2.0
 
 
-def test_h11_step_mesh_beyond_the_budget_is_refused_before_meshing(make_component: Make, drilled: Path) -> None:
+def test_h11_step_mesh_beyond_the_budget_is_refused_before_meshing(
+    make_component: Make, drilled: Path
+) -> None:
     with pytest.raises(MeshError, match=r"more than the budget.*mesh size of"):
         mesh_component(make_component(StepFile(drilled), {"foot": Patch("z-")}, size=1e-5))
 
@@ -157,7 +184,9 @@ def test_h11_step_mesh_beyond_the_budget_is_refused_before_meshing(make_componen
         (b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n", ""),
     ],
 )
-def test_files_that_are_no_solid_are_refused(make_component: Make, tmp_path: Path, content: bytes | None, words: str) -> None:
+def test_files_that_are_no_solid_are_refused(
+    make_component: Make, tmp_path: Path, content: bytes | None, words: str
+) -> None:
     path = tmp_path / "part.step"
     if content is not None:
         path.write_bytes(content)
@@ -165,7 +194,9 @@ def test_files_that_are_no_solid_are_refused(make_component: Make, tmp_path: Pat
         describe_component(make_component(StepFile(path)))
 
 
-def test_file_of_surfaces_only_is_refused(make_component: Make, tmp_path: Path, kernel: None) -> None:
+def test_file_of_surfaces_only_is_refused(
+    make_component: Make, tmp_path: Path, kernel: None
+) -> None:
     gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
     gmsh.model.occ.synchronize()
     gmsh.write(str(tmp_path / "sheet.step"))
@@ -177,9 +208,13 @@ SUPPORT = Path(__file__).parent.parent / "data" / "support.step"
 COLUMN = Path(__file__).parent.parent.parent / "machines" / "step_column.step"
 
 
-def test_a_part_from_solidworks_is_meshed_with_its_inverted_elements_repaired_and_counted(make_component: Make) -> None:
+def test_a_part_from_solidworks_is_meshed_with_its_inverted_elements_repaired_and_counted(
+    make_component: Make,
+) -> None:
     bounding_box = 0.0685  # the mesh of a 25th of it has inverted elements as gmsh leaves it
-    component = make_component(StepFile(SUPPORT), {"foot": Patch("z-"), "top": Patch("z+")}, size=bounding_box / 25)
+    component = make_component(
+        StepFile(SUPPORT), {"foot": Patch("z-"), "top": Patch("z+")}, size=bounding_box / 25
+    )
     mesh = mesh_component(component)
     assert mesh.quality.repaired > 0
     assert mesh.quality.minimum_scaled_jacobian >= 1e-3
@@ -189,8 +224,12 @@ def test_a_part_from_solidworks_is_meshed_with_its_inverted_elements_repaired_an
     assert areas == pytest.approx(mesh.quality.cad_areas, rel=1e-3)
 
 
-def test_a_cast_column_with_227_faces_is_meshed_within_the_default_budget(make_component: Make) -> None:
-    component = make_component(StepFile(COLUMN), {"foot": Patch("z-"), "rail": Patch("face:115")}, size=0.05)
+def test_a_cast_column_with_227_faces_is_meshed_within_the_default_budget(
+    make_component: Make,
+) -> None:
+    component = make_component(
+        StepFile(COLUMN), {"foot": Patch("z-"), "rail": Patch("face:115")}, size=0.05
+    )
     estimate = estimate_cells(component)
     mesh = mesh_component(component)
     assert 0.5 < estimate / len(mesh.cells) < 2.0
@@ -220,7 +259,9 @@ def test_a_survey_lists_every_face_with_area_and_outward_normal(drilled: Path) -
     bores = [face for face in survey.faces if face.kind == "cylinder"]
     assert [face.radius for face in bores] == pytest.approx([0.006] * 3, rel=1e-6)
     assert all(face.hollow for face in bores)
-    assert sorted(face.axis_point[1] for face in bores) == pytest.approx([0.0063, 0.02, 0.0337], rel=1e-6)
+    assert sorted(face.axis_point[1] for face in bores) == pytest.approx(
+        [0.0063, 0.02, 0.0337], rel=1e-6
+    )
     assert sum(face.area for face in bores) == pytest.approx(3 * 2 * np.pi * 0.006 * 0.02, rel=1e-6)
 
 
@@ -228,7 +269,9 @@ def test_triangles_of_a_survey_close_the_part(drilled: Path) -> None:
     survey = survey_step(StepFile(drilled))
     a, b, c = (survey.points[survey.triangles[:, i]] for i in range(3))
     volume = float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
-    polygon = 1.0 - 12 / (2 * np.pi) * np.sin(2 * np.pi / 12)  # what an inscribed 12-gon leaves of a hole's circle
+    polygon = 1.0 - 12 / (2 * np.pi) * np.sin(
+        2 * np.pi / 12
+    )  # what an inscribed 12-gon leaves of a hole's circle
     assert BLOCK_VOLUME < volume < BLOCK_VOLUME + polygon * HOLE_AREA * 20e-9
     assert set(survey.owners) == {face.number for face in survey.faces}
 
@@ -238,7 +281,10 @@ def test_triangles_of_a_survey_close_the_part(drilled: Path) -> None:
     [
         ("( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) )", "mm"),
         ("( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT($,.METRE.) )", "m"),
-        ("( CONVERSION_BASED_UNIT('INCH',#2) LENGTH_UNIT() NAMED_UNIT(#3) ); #4 = SI_UNIT(.MILLI.,.METRE.)", "inch"),
+        (
+            "( CONVERSION_BASED_UNIT('INCH',#2) LENGTH_UNIT() NAMED_UNIT(#3) ); #4 = SI_UNIT(.MILLI.,.METRE.)",
+            "inch",
+        ),
     ],
 )
 def test_the_unit_of_a_header_is_named(tmp_path: Path, unit: str, name: str) -> None:
@@ -247,7 +293,10 @@ def test_the_unit_of_a_header_is_named(tmp_path: Path, unit: str, name: str) -> 
     assert read_length_unit(path) == name
 
 
-@pytest.mark.parametrize(("diameter", "likely"), [(12e6, "12 m if the numbers are in µm"), (1e-5, "m if the numbers are in m")])
+@pytest.mark.parametrize(
+    ("diameter", "likely"),
+    [(12e6, "12 m if the numbers are in µm"), (1e-5, "m if the numbers are in m")],
+)
 def test_a_part_of_kilometres_or_nanometres_is_refused_as_a_slip_of_units(
     tmp_path: Path, kernel: None, diameter: float, likely: str
 ) -> None:
@@ -260,9 +309,13 @@ def test_a_part_of_kilometres_or_nanometres_is_refused_as_a_slip_of_units(
     assert likely in str(error.value)
 
 
-def test_a_part_in_inches_that_reads_as_5_m_is_doubted_with_what_it_would_be_in_mm(tmp_path: Path) -> None:
+def test_a_part_in_inches_that_reads_as_5_m_is_doubted_with_what_it_would_be_in_mm(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "part.step"
-    path.write_text("ISO-10303-21;\n#1 = ( CONVERSION_BASED_UNIT('INCH',#2) LENGTH_UNIT() NAMED_UNIT(#3) );\n")
+    path.write_text(
+        "ISO-10303-21;\n#1 = ( CONVERSION_BASED_UNIT('INCH',#2) LENGTH_UNIT() NAMED_UNIT(#3) );\n"
+    )
     doubt = doubt_size(path, 5.08)
     assert doubt is not None
     assert "reads as 5.08 m long" in doubt
@@ -273,7 +326,9 @@ def test_a_part_in_inches_that_reads_as_5_m_is_doubted_with_what_it_would_be_in_
 
 @pytest.fixture
 def stepped(tmp_path: Path, kernel: None) -> Path:
-    """A block of 60 x 40 x 20 on whose top a tool has left a step of 54 µm: five faces, four of them as narrow."""
+    """A block of 60 x 40 x 20 on whose top a tool has left a step of 54 µm: five faces, four of
+    them as narrow.
+    """
     occ = gmsh.model.occ
     occ.cut([(3, occ.addBox(0, 0, 0, 60, 40, 20))], [(3, occ.addBox(20, 10, 19.946, 15, 10, 1))])
     occ.synchronize()
@@ -281,20 +336,32 @@ def stepped(tmp_path: Path, kernel: None) -> Path:
     return tmp_path / "stepped.step"
 
 
-def test_a_step_of_54_um_is_left_out_of_the_mesh_and_its_faces_are_named(make_component: Make, stepped: Path) -> None:
+def test_a_step_of_54_um_is_left_out_of_the_mesh_and_its_faces_are_named(
+    make_component: Make, stepped: Path
+) -> None:
     left_out = mesh_component(make_component(StepFile(stepped), {"foot": Patch("z-")}, size=0.03))
     (remark,) = left_out.quality.remarks
     assert "5 of 11 faces (face:" in remark and "left out" in remark and "mesh.smallest" in remark
     assert left_out.quality.volume == pytest.approx(60 * 40 * 20e-9, rel=1e-9)
     assert left_out.quality.minimum_scaled_jacobian > 0.1
-    kept = mesh_component(make_component(StepFile(stepped), {"foot": Patch("z-")}, size=0.03, smallest=1e-3))
+    kept = mesh_component(
+        make_component(StepFile(stepped), {"foot": Patch("z-")}, size=0.03, smallest=1e-3)
+    )
     assert not any("left out" in remark for remark in kept.quality.remarks)
     assert kept.quality.volume == pytest.approx((60 * 40 * 20 - 15 * 10 * 0.054) * 1e-9, rel=1e-9)
 
 
-def test_a_narrow_feature_that_an_interface_names_stays(make_component: Make, stepped: Path) -> None:
-    floor = next(face for face in survey_step(StepFile(stepped)).faces if face.area == pytest.approx(15 * 10e-6, rel=1e-6))
-    mesh = mesh_component(make_component(StepFile(stepped), {"floor": Patch(f"face:{floor.number}")}, size=0.03))
+def test_a_narrow_feature_that_an_interface_names_stays(
+    make_component: Make, stepped: Path
+) -> None:
+    floor = next(
+        face
+        for face in survey_step(StepFile(stepped)).faces
+        if face.area == pytest.approx(15 * 10e-6, rel=1e-6)
+    )
+    mesh = mesh_component(
+        make_component(StepFile(stepped), {"floor": Patch(f"face:{floor.number}")}, size=0.03)
+    )
     assert mesh.quality.cad_areas["floor"] == pytest.approx(15 * 10e-6, rel=1e-9)
 
 
@@ -304,7 +371,11 @@ def perforated(tmp_path: Path, kernel: None) -> Path:
     occ = gmsh.model.occ
     corners = [occ.addPoint(x, y, 0) for x, y in ((0, 0), (300, 0), (300, 200), (0, 200))]
     outline = occ.addCurveLoop([occ.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)])
-    holes = [occ.addCurveLoop([occ.addCircle(20 + 23.6 * i, 18 + 23.4 * j, 0, 2)]) for i in range(12) for j in range(8)]
+    holes = [
+        occ.addCurveLoop([occ.addCircle(20 + 23.6 * i, 18 + 23.4 * j, 0, 2)])
+        for i in range(12)
+        for j in range(8)
+    ]
     occ.extrude([(2, occ.addPlaneSurface([outline, *holes]))], 0, 0, 10)
     occ.synchronize()
     gmsh.write(str(tmp_path / "perforated.step"))
@@ -320,7 +391,9 @@ def test_the_dofs_of_a_plate_with_many_small_holes_are_foreseen_within_a_factor_
     assert 0.5 < estimate.cells / len(mesh.cells) < 2.0
 
 
-def test_a_budget_that_is_exceeded_names_faces_and_the_key_that_helps(make_component: Make, perforated: Path) -> None:
+def test_a_budget_that_is_exceeded_names_faces_and_the_key_that_helps(
+    make_component: Make, perforated: Path
+) -> None:
     with pytest.raises(MeshError, match=r"mesh\.smallest"):
         mesh_component(make_component(StepFile(perforated), {"foot": Patch("x-")}, size=0.0004))
 
@@ -330,7 +403,12 @@ DOCUMENT = f"#9000 = DOCUMENT_FILE({OTHER},{OTHER},$,#9001,'',$);\n#9001 = DOCUM
 
 
 @pytest.mark.parametrize(
-    "keyword", ["PRODUCT_DEFINITION_WITH_ASSOCIATED_DOCUMENTS", "product_definition_with_associated_documents\n ", "PDWAD"]
+    "keyword",
+    [
+        "PRODUCT_DEFINITION_WITH_ASSOCIATED_DOCUMENTS",
+        "product_definition_with_associated_documents\n ",
+        "PDWAD",
+    ],
 )
 def test_a_part_defined_with_documents_is_refused_before_the_kernel_opens_them(
     make_component: Make, drilled: Path, keyword: str
@@ -341,12 +419,15 @@ def test_a_part_defined_with_documents_is_refused_before_the_kernel_opens_them(
     text = text.replace(product, f"{keyword}('design','',#6,#9,(#9000))")
     drilled.write_text(text.replace("ENDSEC;\nEND-ISO", DOCUMENT + "ENDSEC;\nEND-ISO"))
     with pytest.raises(
-        MeshError, match=rf"drilled\.step:\d+ refers to other files \({keyword.strip().upper()}\), and these are never"
+        MeshError,
+        match=rf"drilled\.step:\d+ refers to other files \({keyword.strip().upper()}\), and these are never",
     ):
         describe_component(make_component(StepFile(drilled)))
 
 
-def test_a_document_beside_a_part_is_refused_only_where_it_is_a_file(make_component: Make, drilled: Path) -> None:
+def test_a_document_beside_a_part_is_refused_only_where_it_is_a_file(
+    make_component: Make, drilled: Path
+) -> None:
     text = drilled.read_text()
     reference = "#9002 = APPLIED_DOCUMENT_REFERENCE(#9000,'',(#5));\n"
     drilled.write_text(text.replace("ENDSEC;\nEND-ISO", DOCUMENT + reference + "ENDSEC;\nEND-ISO"))
@@ -354,4 +435,6 @@ def test_a_document_beside_a_part_is_refused_only_where_it_is_a_file(make_compon
         describe_component(make_component(StepFile(drilled)))
     paper = "#9000 = DOCUMENT('drawing','PDWAD of DOCUMENT_FILE',$,#9001);\n#9001 = DOCUMENT_TYPE('');\n"
     drilled.write_text(text.replace("ENDSEC;\nEND-ISO", paper + reference + "ENDSEC;\nEND-ISO"))
-    assert describe_component(make_component(StepFile(drilled))).volume == pytest.approx(BLOCK_VOLUME, rel=1e-9)
+    assert describe_component(make_component(StepFile(drilled))).volume == pytest.approx(
+        BLOCK_VOLUME, rel=1e-9
+    )

@@ -1,4 +1,6 @@
-"""The same machine in other units, turned as a whole, or with another store gives the same answers."""
+"""The same machine in other units, turned as a whole, or with another store gives the same
+answers.
+"""
 
 from pathlib import Path
 
@@ -79,7 +81,9 @@ def _run(folder: Path, text: str) -> Results:
     folder.mkdir()
     scene = folder / "machine.toml"
     scene.write_text(text)
-    return run_scene(load_scene(scene), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+    return run_scene(
+        load_scene(scene), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store")
+    )
 
 
 @pytest.fixture(scope="module")
@@ -98,13 +102,18 @@ def test_mm_t_s_gives_the_same_answers_to_1e_9(tmp_path: Path, upright: Results)
     assert np.abs(found - given).max() <= 1e-9 * np.abs(given).max()
 
 
-@pytest.mark.parametrize(("axis", "degrees"), [((1.0, 0.0, 0.0), 90.0), ((0.3, -0.8, 0.5), 37.0), ((1.0, 1.0, 1.0), 251.0)])
+@pytest.mark.parametrize(
+    ("axis", "degrees"),
+    [((1.0, 0.0, 0.0), 90.0), ((0.3, -0.8, 0.5), 37.0), ((1.0, 1.0, 1.0), 251.0)],
+)
 def test_a_machine_turned_as_a_whole_keeps_its_frequencies_and_turns_its_compliance(
     tmp_path: Path, upright: Results, axis: tuple[float, float, float], degrees: float
 ) -> None:
     turn = f'orientation = {{ at = ["1 m", "-2 m", "0.5 m"], rotate = {{ axis = {list(axis)}, angle = "{degrees} deg" }} }}'
     turned = _run(tmp_path / "turned", SI.replace("ORIENTATION", turn))
-    assert turned.modal[0].frequencies_hz == pytest.approx(upright.modal[0].frequencies_hz, rel=1e-9)
+    assert turned.modal[0].frequencies_hz == pytest.approx(
+        upright.modal[0].frequencies_hz, rel=1e-9
+    )
     rotation = rotate_dofs(rotation_about(np.array(axis), np.radians(degrees)))
     expected = rotation @ upright.static["reference"]["tcp"].compliance @ rotation.T
     found = turned.static["reference"]["tcp"].compliance

@@ -43,7 +43,10 @@ from headstock.scene.requests import Analyses, ModalRequest, StaticRequest
 from headstock.scene.scene import Scene
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
-INTERFACES = {"foot": Interface("foot", (Patch("z-"),)), "tip": Interface("tip", (Patch("z+"),), coupling="average")}
+INTERFACES = {
+    "foot": Interface("foot", (Patch("z-"),)),
+    "tip": Interface("tip", (Patch("z+"),), coupling="average"),
+}
 SPRING = np.diag([1e8, 1e8, 2e8, 1e6, 1e6, 1e6])
 
 
@@ -65,12 +68,28 @@ def make_scene(*, static: bool = True, modal: bool = True) -> Scene:
     column = dataclasses.replace(column, placement=Frame(np.array([0.0, 0.0, 0.1])))
     joints = {
         "mount": Joint("mount", (JointEnd(), JointEnd("base", "foot")), "spring", stiffness=SPRING),
-        "guide": Joint("guide", (JointEnd("base", "tip"), JointEnd("column", "foot")), "spring", stiffness=SPRING),
+        "guide": Joint(
+            "guide",
+            (JointEnd("base", "tip"), JointEnd("column", "foot")),
+            "spring",
+            stiffness=SPRING,
+        ),
     }
     points = {"tcp": Point("tcp", JointEnd("column", "tip"), JointEnd())}
     machine = Machine("machine", {"base": base, "column": column}, joints, points)
-    analyses = Analyses(StaticRequest(("tcp",)) if static else None, ModalRequest(count=8) if modal else None)
-    return Scene("machine", Path("machine.toml"), machine, {"reference": Pose("reference")}, analyses, frozenset(), (), {})
+    analyses = Analyses(
+        StaticRequest(("tcp",)) if static else None, ModalRequest(count=8) if modal else None
+    )
+    return Scene(
+        "machine",
+        Path("machine.toml"),
+        machine,
+        {"reference": Pose("reference")},
+        analyses,
+        frozenset(),
+        (),
+        {},
+    )
 
 
 def change_machine(scene: Scene, **changes: Any) -> Scene:
@@ -90,7 +109,9 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         return recorded
 
     monkeypatch.setattr(component_stages, "mesh_component", record("mesh", mesh_component))
-    monkeypatch.setattr(elastic_reduction, "reduce_elastic", record("reduce", elastic_reduction.reduce_elastic))
+    monkeypatch.setattr(
+        elastic_reduction, "reduce_elastic", record("reduce", elastic_reduction.reduce_elastic)
+    )
     return made
 
 
@@ -103,7 +124,9 @@ def frequencies(results: Results) -> Any:
 
 
 @pytest.mark.parametrize(("static", "modal"), [(True, True), (True, False), (False, True)])
-def test_what_ran_equals_what_was_planned(tmp_path: Path, calls: list[str], static: bool, modal: bool) -> None:
+def test_what_ran_equals_what_was_planned(
+    tmp_path: Path, calls: list[str], static: bool, modal: bool
+) -> None:
     scene = make_scene(static=static, modal=modal)
     results = run(scene, tmp_path)
     assert tuple(record.stage for record in results.stages) == plan_scene(scene).stages
@@ -127,14 +150,27 @@ def test_a_segmented_component_is_not_meshed_moves_as_the_elastic_one_and_its_pi
     tmp_path: Path, calls: list[str]
 ) -> None:
     scene = make_scene()
-    column = dataclasses.replace(scene.machine.components["column"], fidelity="segmented", segments=SegmentSettings(6))
-    segmented = run(change_machine(scene, components={**scene.machine.components, "column": column}), tmp_path)
+    column = dataclasses.replace(
+        scene.machine.components["column"], fidelity="segmented", segments=SegmentSettings(6)
+    )
+    segmented = run(
+        change_machine(scene, components={**scene.machine.components, "column": column}), tmp_path
+    )
     assert calls == []
-    assert [record.stage.kind for record in segmented.stages if record.stage.component == "column"] == ["segment"]
+    assert [
+        record.stage.kind for record in segmented.stages if record.stage.component == "column"
+    ] == ["segment"]
     elastic = run(scene, tmp_path)
     np.testing.assert_allclose(frequencies(segmented)[:6], frequencies(elastic)[:6], rtol=0.02)
-    skin, shifts = segmented.view.skins["column"], segmented.view.poses["reference"].shifts["column"]
-    bending = next(i for i, share in enumerate(segmented.modal[0].energy_share) if share.get("column", 0.0) > 0.2)
+    skin, shifts = (
+        segmented.view.skins["column"],
+        segmented.view.poses["reference"].shifts["column"],
+    )
+    bending = next(
+        i
+        for i, share in enumerate(segmented.modal[0].energy_share)
+        if share.get("column", 0.0) > 0.2
+    )
     rigid = rigid_map(skin.points, np.zeros(3))
     shape = shifts[bending].ravel()
     left = shape - rigid @ np.linalg.lstsq(rigid, shape)[0]
@@ -145,15 +181,24 @@ def test_a_segmented_component_is_not_meshed_moves_as_the_elastic_one_and_its_pi
     assert steps.max() < 4.0 * steps.mean()
 
 
-def test_a_static_run_computes_no_modes_and_no_mass_and_still_reports_the_mass(tmp_path: Path) -> None:
+def test_a_static_run_computes_no_modes_and_no_mass_and_still_reports_the_mass(
+    tmp_path: Path,
+) -> None:
     results = run(make_scene(modal=False), tmp_path)
     assert results.components["column"].reduced_dofs == 12
     assert results.components["column"].mass_kg == pytest.approx(7850 * 0.05 * 0.05 * 0.2, rel=1e-9)
 
 
 def test_static_compliance_does_not_depend_on_the_modes_that_are_kept(tmp_path: Path) -> None:
-    alone, with_modes = (run(make_scene(modal=modal), tmp_path).static["reference"]["tcp"] for modal in (False, True))
-    np.testing.assert_allclose(alone.compliance, with_modes.compliance, rtol=1e-9, atol=1e-9 * np.abs(alone.compliance).max())
+    alone, with_modes = (
+        run(make_scene(modal=modal), tmp_path).static["reference"]["tcp"] for modal in (False, True)
+    )
+    np.testing.assert_allclose(
+        alone.compliance,
+        with_modes.compliance,
+        rtol=1e-9,
+        atol=1e-9 * np.abs(alone.compliance).max(),
+    )
 
 
 def test_the_budget_of_every_direction_sums_to_one_and_names_all_parts(tmp_path: Path) -> None:
@@ -173,17 +218,23 @@ def test_every_mode_has_a_name_and_energy_shares(tmp_path: Path) -> None:
         assert sum(shares.values()) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_an_unchanged_scene_is_not_meshed_or_reduced_again_and_comes_out_the_same(tmp_path: Path, calls: list[str]) -> None:
+def test_an_unchanged_scene_is_not_meshed_or_reduced_again_and_comes_out_the_same(
+    tmp_path: Path, calls: list[str]
+) -> None:
     first = run(make_scene(), tmp_path)
     calls.clear()
     second = run(make_scene(), tmp_path)
     assert calls == []
-    assert [record.cached for record in second.stages if record.stage.kind in {"mesh", "reduce"}] == [True, True]
+    assert [
+        record.cached for record in second.stages if record.stage.kind in {"mesh", "reduce"}
+    ] == [True, True]
     np.testing.assert_array_equal(frequencies(second), frequencies(first))
     np.testing.assert_array_equal(second.modal[0].shapes, first.modal[0].shapes)
 
 
-def test_another_joint_stiffness_or_place_needs_no_reduction(tmp_path: Path, calls: list[str]) -> None:
+def test_another_joint_stiffness_or_place_needs_no_reduction(
+    tmp_path: Path, calls: list[str]
+) -> None:
     scene = make_scene()
     first = run(scene, tmp_path)
     calls.clear()
@@ -200,7 +251,10 @@ def test_changing_one_component_reduces_only_that_one(tmp_path: Path, calls: lis
     run(scene, tmp_path)
     assert calls == ["mesh base", "reduce base", "mesh column", "reduce column"]
     calls.clear()
-    column = dataclasses.replace(scene.machine.components["column"], material=dataclasses.replace(STEEL, youngs_modulus=100e9))
+    column = dataclasses.replace(
+        scene.machine.components["column"],
+        material=dataclasses.replace(STEEL, youngs_modulus=100e9),
+    )
     run(change_machine(scene, components={**scene.machine.components, "column": column}), tmp_path)
     # its mesh is the old one: the material plays no part in it
     assert calls == ["reduce column"]
@@ -208,15 +262,24 @@ def test_changing_one_component_reduces_only_that_one(tmp_path: Path, calls: lis
 
 def test_equal_components_are_reduced_once(tmp_path: Path, calls: list[str]) -> None:
     scene = make_scene()
-    twin = dataclasses.replace(scene.machine.components["column"], name="twin", placement=Frame(np.array([1.0, 0.0, 0.1])))
-    joint = Joint("twin_foot", (JointEnd("base", "tip"), JointEnd("twin", "foot")), "spring", stiffness=SPRING)
-    machine = {"components": {**scene.machine.components, "twin": twin}, "joints": {**scene.machine.joints, "twin_foot": joint}}
+    twin = dataclasses.replace(
+        scene.machine.components["column"], name="twin", placement=Frame(np.array([1.0, 0.0, 0.1]))
+    )
+    joint = Joint(
+        "twin_foot", (JointEnd("base", "tip"), JointEnd("twin", "foot")), "spring", stiffness=SPRING
+    )
+    machine = {
+        "components": {**scene.machine.components, "twin": twin},
+        "joints": {**scene.machine.joints, "twin_foot": joint},
+    }
     results = run(change_machine(scene, **machine), tmp_path)
     assert calls == ["mesh column", "reduce column"]
     assert set(results.components) == {"base", "column", "twin"}
 
 
-def test_a_damaged_store_entry_is_computed_anew_with_a_warning(tmp_path: Path, calls: list[str]) -> None:
+def test_a_damaged_store_entry_is_computed_anew_with_a_warning(
+    tmp_path: Path, calls: list[str]
+) -> None:
     first = run(make_scene(), tmp_path)
     calls.clear()
     (entry,) = (tmp_path / "store" / "reducedcomponent").rglob("*.h5")
@@ -237,7 +300,9 @@ def test_a_store_that_cannot_be_written_costs_no_result(tmp_path: Path) -> None:
     assert any("cannot be written" in warning for warning in results.warnings)
 
 
-def test_an_imported_superelement_gives_what_the_component_itself_gives(tmp_path: Path, calls: list[str]) -> None:
+def test_an_imported_superelement_gives_what_the_component_itself_gives(
+    tmp_path: Path, calls: list[str]
+) -> None:
     scene = make_scene()
     direct = run(scene, tmp_path)
     calls.clear()
@@ -246,7 +311,9 @@ def test_an_imported_superelement_gives_what_the_component_itself_gives(tmp_path
     write_superelement(tmp_path / "column.h5", reduced)
     calls.clear()
     imported = dataclasses.replace(column, solid=SuperelementFile(tmp_path / "column.h5"))
-    results = run(change_machine(scene, components={**scene.machine.components, "column": imported}), tmp_path)
+    results = run(
+        change_machine(scene, components={**scene.machine.components, "column": imported}), tmp_path
+    )
     assert calls == []
     np.testing.assert_allclose(frequencies(results), frequencies(direct), rtol=1e-9)
     assert results.components["column"].fidelity == "superelement"
@@ -259,7 +326,9 @@ def slide_freely(scene: Scene, directions: Sequence[int]) -> Scene:
     return change_machine(scene, joints={**scene.machine.joints, "mount": slide})
 
 
-def test_a_mechanism_is_refused_by_the_static_analysis_and_shown_by_the_modal_one(tmp_path: Path) -> None:
+def test_a_mechanism_is_refused_by_the_static_analysis_and_shown_by_the_modal_one(
+    tmp_path: Path,
+) -> None:
     results = run(slide_freely(make_scene(), [0, 1, 2]), tmp_path)
     assert results.static == {}
     assert len(results.failures) == 1 and "static" in results.failures[0]
@@ -272,19 +341,34 @@ def test_the_displacement_under_a_load_that_does_work_on_a_free_motion_fails_and
 ) -> None:
     scene = slide_freely(make_scene(modal=False), [0])
     results = {}
-    for axis, vector in {"x": (100.0, 0.0, 0.0, 0.0, 0.0, 0.0), "y": (0.0, 100.0, 0.0, 0.0, 0.0, 0.0)}.items():
+    for axis, vector in {
+        "x": (100.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        "y": (0.0, 100.0, 0.0, 0.0, 0.0, 0.0),
+    }.items():
         force = Load("push", "column", "force", interface="tip", vector=vector)
         results[axis] = run(change_machine(scene, loads={"push": force}), tmp_path / axis)
     along, across = (results[axis].static["reference"]["tcp"] for axis in "xy")
     assert "X translation of" in results["x"].failures[0] and along.displacement is None
-    assert not results["y"].failures and across.displacement is not None and np.isnan(across.displacement[0])
-    np.testing.assert_allclose(across.displacement[1:], 100.0 * across.compliance[1:, 1], rtol=1e-9, atol=1e-15)
-    assert along.compliance[1, 1] == across.compliance[1, 1] > 0.0 and np.isnan(along.compliance[0]).all()
+    assert (
+        not results["y"].failures
+        and across.displacement is not None
+        and np.isnan(across.displacement[0])
+    )
+    np.testing.assert_allclose(
+        across.displacement[1:], 100.0 * across.compliance[1:, 1], rtol=1e-9, atol=1e-15
+    )
+    assert (
+        along.compliance[1, 1] == across.compliance[1, 1] > 0.0
+        and np.isnan(along.compliance[0]).all()
+    )
 
 
 def test_gravity_sags_the_machine_as_its_weight_on_its_mount(tmp_path: Path) -> None:
     scene = dataclasses.replace(make_scene(modal=False), effects=frozenset({"gravity"}))
-    rigid = {name: dataclasses.replace(part, fidelity="rigid") for name, part in scene.machine.components.items()}
+    rigid = {
+        name: dataclasses.replace(part, fidelity="rigid")
+        for name, part in scene.machine.components.items()
+    }
     point = run(change_machine(scene, components=rigid), tmp_path).static["reference"]["tcp"]
     weights = [7850 * 0.05 * 0.05 * height * 9.80665 for height in (0.1, 0.2)]
     assert point.displacement is not None
@@ -292,13 +376,21 @@ def test_gravity_sags_the_machine_as_its_weight_on_its_mount(tmp_path: Path) -> 
 
 
 def test_a_static_force_moves_the_point_by_its_compliance(tmp_path: Path) -> None:
-    force = Load("push", "column", "force", interface="tip", vector=(100.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    point = run(change_machine(make_scene(modal=False), loads={"push": force}), tmp_path).static["reference"]["tcp"]
+    force = Load(
+        "push", "column", "force", interface="tip", vector=(100.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    )
+    point = run(change_machine(make_scene(modal=False), loads={"push": force}), tmp_path).static[
+        "reference"
+    ]["tcp"]
     assert point.displacement is not None
-    np.testing.assert_allclose(point.displacement, 100.0 * point.compliance[:, 0], rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(
+        point.displacement, 100.0 * point.compliance[:, 0], rtol=1e-9, atol=1e-15
+    )
 
 
-def test_a_failing_stage_leaves_earlier_results_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_stage_leaves_earlier_results_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run(make_scene(), tmp_path)
     before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
 
@@ -309,15 +401,23 @@ def test_a_failing_stage_leaves_earlier_results_alone(tmp_path: Path, monkeypatc
     scene = make_scene()
     column = dataclasses.replace(scene.machine.components["column"], mesh=MeshSettings(size=0.04))
     with pytest.raises(HeadstockError, match="no mesh today"):
-        run(change_machine(scene, components={**scene.machine.components, "column": column}), tmp_path)
+        run(
+            change_machine(scene, components={**scene.machine.components, "column": column}),
+            tmp_path,
+        )
     assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
 
 
 def test_frequencies_beyond_the_reach_of_the_kept_modes_are_warned_of(tmp_path: Path) -> None:
     scene = make_scene()
-    column = dataclasses.replace(scene.machine.components["column"], reduction=ReductionSettings(modes=1))
+    column = dataclasses.replace(
+        scene.machine.components["column"], reduction=ReductionSettings(modes=1)
+    )
     analyses = Analyses(modal=ModalRequest(count=13))
-    scene = dataclasses.replace(change_machine(scene, components={**scene.machine.components, "column": column}), analyses=analyses)
+    scene = dataclasses.replace(
+        change_machine(scene, components={**scene.machine.components, "column": column}),
+        analyses=analyses,
+    )
     assert any("complete up to" in warning for warning in run(scene, tmp_path).warnings)
     assert not any("complete up to" in warning for warning in run(make_scene(), tmp_path).warnings)
 
@@ -335,19 +435,27 @@ def test_stages_are_reported_as_they_end_with_their_cost(tmp_path: Path) -> None
     assert all(record.seconds >= 0.0 and record.peak_rss_mb > 10.0 for record in results.stages)
 
 
-# mode shapes are searched to 1e-7 (frequencies to its square), the first mode left out, which is the cut-off, to 1e-3 (1e-6), and
-# error estimates are summed in single precision
+# mode shapes are searched to 1e-7 (frequencies to its square), the first mode left out, which is
+# the cut-off, to 1e-3 (1e-6), and error estimates are summed in single precision
 SHAPES, NEXT_MODE = 1e-6, 1e-5
 
 
 def ask(scene: Scene, **changes: Any) -> Scene:
     """The scene with other reduction settings of its column, ``gravity`` or ``static_only``."""
     effects = frozenset({"gravity"}) if changes.pop("gravity", False) else frozenset[str]()
-    analyses = Analyses(scene.analyses.static, None) if changes.pop("static_only", False) else scene.analyses
+    analyses = (
+        Analyses(scene.analyses.static, None)
+        if changes.pop("static_only", False)
+        else scene.analyses
+    )
     column = scene.machine.components["column"]
     # not square: the shapes of repeated modes are any combination of each other
-    column = dataclasses.replace(column, solid=Box((0.05, 0.04, 0.2)), reduction=ReductionSettings(**changes))
-    scene = change_machine(scene, components={**scene.machine.components, "column": column}, gravity=(0.0, 0.0, -9.81))
+    column = dataclasses.replace(
+        column, solid=Box((0.05, 0.04, 0.2)), reduction=ReductionSettings(**changes)
+    )
+    scene = change_machine(
+        scene, components={**scene.machine.components, "column": column}, gravity=(0.0, 0.0, -9.81)
+    )
     return dataclasses.replace(scene, effects=effects, analyses=analyses)
 
 
@@ -365,7 +473,9 @@ def assert_same_numbers(one: Any, other: Any, path: str = "superelement") -> Non
     if dataclasses.is_dataclass(one):
         for field in dataclasses.fields(one):
             if field.name != "residual":  # of the solves behind it
-                assert_same_numbers(getattr(one, field.name), getattr(other, field.name), f"{path}.{field.name}")
+                assert_same_numbers(
+                    getattr(one, field.name), getattr(other, field.name), f"{path}.{field.name}"
+                )
     elif isinstance(one, dict):
         assert sorted(one) == sorted(other), path
         for key in one:
@@ -402,7 +512,9 @@ RICH = {"modes": 14, "gravity": True, "verify": True}
     ],
     ids=lambda wanted: " ".join(f"{key}={value}" for key, value in wanted.items()),
 )
-def test_a_richer_stored_superelement_serves_as_if_reduced_for_the_poorer_request(tmp_path: Path, poorer: dict[str, Any]) -> None:
+def test_a_richer_stored_superelement_serves_as_if_reduced_for_the_poorer_request(
+    tmp_path: Path, poorer: dict[str, Any]
+) -> None:
     scene = make_scene()
     column_of(ask(scene, **RICH), tmp_path / "one")
     served, cached = column_of(ask(scene, **poorer), tmp_path / "one")
@@ -412,21 +524,32 @@ def test_a_richer_stored_superelement_serves_as_if_reduced_for_the_poorer_reques
     np.testing.assert_allclose(served.modal_frequencies_hz, cold.modal_frequencies_hz, rtol=1e-10)
     boundary = slice(0, cold.boundary_size)
     for one, other in ((cold.stiffness, served.stiffness), (cold.mass, served.mass)):
-        np.testing.assert_allclose(other[boundary, boundary], one[boundary, boundary], rtol=0.0, atol=1e-12 * one.max())
+        np.testing.assert_allclose(
+            other[boundary, boundary], one[boundary, boundary], rtol=0.0, atol=1e-12 * one.max()
+        )
 
 
 @pytest.mark.parametrize(
     "richer",
-    [{"modes": 8}, {"modes_to_hz": 1.5e4}, {"modes": 5, "gravity": True}, {"modes": 5, "verify": True}],
+    [
+        {"modes": 8},
+        {"modes_to_hz": 1.5e4},
+        {"modes": 5, "gravity": True},
+        {"modes": 5, "verify": True},
+    ],
     ids=lambda wanted: " ".join(f"{key}={value}" for key, value in wanted.items()),
 )
-def test_a_poorer_stored_superelement_does_not_serve(tmp_path: Path, richer: dict[str, Any]) -> None:
+def test_a_poorer_stored_superelement_does_not_serve(
+    tmp_path: Path, richer: dict[str, Any]
+) -> None:
     scene = make_scene()
     column_of(ask(scene, modes=5), tmp_path)
     assert not column_of(ask(scene, **richer), tmp_path)[1]
 
 
-def test_a_stored_superelement_serves_no_other_body_and_no_other_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stored_superelement_serves_no_other_body_and_no_other_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scene = make_scene()
     column_of(ask(scene, **RICH), tmp_path)
     heavier = dataclasses.replace(scene.machine.components["column"], mass=9.0)
@@ -436,7 +559,9 @@ def test_a_stored_superelement_serves_no_other_body_and_no_other_code(tmp_path: 
     assert not column_of(ask(scene, modes=3), tmp_path)[1]
 
 
-def test_a_run_without_its_frequency_response_reduces_nothing_anew(tmp_path: Path, calls: list[str]) -> None:
+def test_a_run_without_its_frequency_response_reduces_nothing_anew(
+    tmp_path: Path, calls: list[str]
+) -> None:
     """As in ``compare --set analyses.frf=false``; the modes are those that a cold run finds."""
     scene = make_scene()
     rich = ask(scene, modes_to_hz=2.3e4)
@@ -444,8 +569,16 @@ def test_a_run_without_its_frequency_response_reduces_nothing_anew(tmp_path: Pat
     calls.clear()
     after = run(ask(scene, modes=5), tmp_path)
     assert calls == []
-    assert [record.cached for record in after.stages if record.stage.component == "column"] == [True, True]
+    assert [record.cached for record in after.stages if record.stage.component == "column"] == [
+        True,
+        True,
+    ]
     cold = run(ask(scene, modes=5), tmp_path / "cold")
     np.testing.assert_allclose(frequencies(after)[6:], frequencies(cold)[6:], rtol=1e-10)
     compliance = after.static["reference"]["tcp"].compliance
-    np.testing.assert_allclose(compliance, cold.static["reference"]["tcp"].compliance, rtol=0.0, atol=1e-10 * compliance.max())
+    np.testing.assert_allclose(
+        compliance,
+        cold.static["reference"]["tcp"].compliance,
+        rtol=0.0,
+        atol=1e-10 * compliance.max(),
+    )

@@ -57,7 +57,10 @@ def test_an_exported_superelement_gives_the_same_machine(tmp_path: Path) -> None
     first = run_scene(scene, tmp_path / "a", comm=MPI.COMM_SELF, store=store)
     second = run_scene(load_scene(imported), tmp_path / "b", comm=MPI.COMM_SELF, store=store)
     assert second.modal[0].frequencies_hz == pytest.approx(first.modal[0].frequencies_hz, rel=1e-12)
-    bounds = [[present(error.shares[REDUCTION]) for error in results.modal[0].errors] for results in (first, second)]
+    bounds = [
+        [present(error.shares[REDUCTION]) for error in results.modal[0].errors]
+        for results in (first, second)
+    ]
     assert bounds[1] == pytest.approx(bounds[0], rel=1e-6) and bounds[0][-1] > 0.0
     given, found = (results.static["reference"]["tcp"].compliance for results in (first, second))
     assert np.abs(found - given).max() <= 1e-12 * np.abs(given).max()
@@ -67,7 +70,13 @@ def test_a_component_that_does_not_exist_is_named(tmp_path: Path) -> None:
     scene_file = tmp_path / "elastic.toml"
     scene_file.write_text(SCENE.replace("SOLID", ELASTIC))
     with pytest.raises(ModelError, match="no component 'colum'; components: column"):
-        export_superelement(load_scene(scene_file), "colum", tmp_path / "x.h5", comm=MPI.COMM_SELF, store=Store(tmp_path / "s"))
+        export_superelement(
+            load_scene(scene_file),
+            "colum",
+            tmp_path / "x.h5",
+            comm=MPI.COMM_SELF,
+            store=Store(tmp_path / "s"),
+        )
 
 
 def test_a_rail_and_its_stations_go_through_a_file(tmp_path: Path) -> None:
@@ -85,11 +94,14 @@ def test_a_rail_and_its_stations_go_through_a_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(present(found.errors.truncation).first, truncation.first)
     wrong = dataclasses.replace(truncation, second=truncation.second[:-1])
     write_superelement(
-        tmp_path / "wrong.h5", dataclasses.replace(element, errors=dataclasses.replace(element.errors, truncation=wrong))
+        tmp_path / "wrong.h5",
+        dataclasses.replace(element, errors=dataclasses.replace(element.errors, truncation=wrong)),
     )
     with pytest.raises(RecordError, match="truncation/second has shape"):
         read_superelement(tmp_path / "wrong.h5")
     short = dataclasses.replace(element.rails["rail"], control=element.rails["rail"].control[:-4])
     write_superelement(tmp_path / "short.h5", dataclasses.replace(element, rails={"rail": short}))
-    with pytest.raises(RecordError, match=r"rails/rail/control has shape \(20, 30\), \(24, 30\) fits"):
+    with pytest.raises(
+        RecordError, match=r"rails/rail/control has shape \(20, 30\), \(24, 30\) fits"
+    ):
         read_superelement(tmp_path / "short.h5")

@@ -13,7 +13,15 @@ from common import Dense, make_box
 from headstock.geometry.frames import Frame, rigid_transfer, rotation_about
 from headstock.geometry.machine.joints import Axis, Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
-from headstock.geometry.parts.components import Component, Fidelity, Interface, Material, Patch, RailSettings, SegmentSettings
+from headstock.geometry.parts.components import (
+    Component,
+    Fidelity,
+    Interface,
+    Material,
+    Patch,
+    RailSettings,
+    SegmentSettings,
+)
 from headstock.geometry.parts.mass_properties import closed_form_properties
 from headstock.geometry.parts.solids import Box, Tube
 from headstock.meshing.component_mesh import ComponentMesh
@@ -44,7 +52,12 @@ def rail_interface(stations: int = STATIONS) -> Interface:
 def bar(fidelity: Fidelity, *, segments: int = 10) -> Component:
     interfaces = {"end": Interface("end", (Patch("x-"),)), "rail": rail_interface()}
     return Component(
-        "bar", Box((LENGTH, WIDTH, HEIGHT)), STEEL, interfaces=interfaces, fidelity=fidelity, segments=SegmentSettings(segments)
+        "bar",
+        Box((LENGTH, WIDTH, HEIGHT)),
+        STEEL,
+        interfaces=interfaces,
+        fidelity=fidelity,
+        segments=SegmentSettings(segments),
     )
 
 
@@ -57,7 +70,9 @@ def reduce_bar(fidelity: Fidelity, *, segments: int = 10) -> Superelement:
 
 @pytest.fixture(scope="module")
 def mesh() -> ComponentMesh:
-    """A bar from the origin to x = 0.6 whose foot x = 0 is an interface and whose upper side is a rail."""
+    """A bar from the origin to x = 0.6 whose foot x = 0 is an interface and whose upper side is a
+    rail.
+    """
     return make_box((6, 2, 1), (LENGTH, WIDTH, HEIGHT), {"end": "x-", "rail": "z+"})
 
 
@@ -81,7 +96,9 @@ def test_a_rigid_motion_of_the_body_is_the_same_motion_of_every_carriage(
     beside = rail.center.copy()
     beside[0] = place
     found = carriage_rows(rail, place, length) @ rigid_motions(element, np.array([0.1, -0.2, 0.3]))
-    np.testing.assert_allclose(found, rigid_transfer(np.array([0.1, -0.2, 0.3]), beside), atol=2e-10)
+    np.testing.assert_allclose(
+        found, rigid_transfer(np.array([0.1, -0.2, 0.3]), beside), atol=2e-10
+    )
 
 
 def test_a_superelement_with_a_rail_passes_its_check(element: Superelement) -> None:
@@ -98,11 +115,15 @@ def test_stations_have_four_dofs_each_and_are_named(elastic: Superelement) -> No
 def test_compliance_under_a_carriage_is_that_of_the_whole_mesh_at_any_place(
     mesh: ComponentMesh, elastic: Superelement, dense: Dense, place: float
 ) -> None:
-    """The full mesh under the tractions the carriage makes, with no reduction and no constraint in between."""
+    """The full mesh under the tractions the carriage makes, with no reduction and no constraint in
+    between.
+    """
     stiffness, _ = dense.pencil(mesh, STEEL)
     fit = fit_rail("bar", rail_interface(), measure_patch(mesh, "rail"))
     dofs = (3 * fit.patch.nodes[:, None] + np.arange(3)).ravel()
-    rows = carriage_rows(dataclasses.replace(elastic.rails["rail"], control=np.eye(4 * STATIONS)), place, 0.16)
+    rows = carriage_rows(
+        dataclasses.replace(elastic.rails["rail"], control=np.eye(4 * STATIONS)), place, 0.16
+    )
     seen = np.zeros((6, 3 * len(mesh.points)))
     seen[:, dofs] = rows @ fit.operator.T
     held = np.unique(mesh.patches["end"])
@@ -115,7 +136,9 @@ def test_compliance_under_a_carriage_is_that_of_the_whole_mesh_at_any_place(
 
 
 def test_what_a_carriage_sees_is_smooth_across_the_stations() -> None:
-    """Third differences of every row are bounded by the third derivative between two stations: no jump, no kink."""
+    """Third differences of every row are bounded by the third derivative between two stations: no
+    jump, no kink.
+    """
     rail = Rail(0, np.zeros(3), 0.0, 1.0, place_knots(0.0, 1.0, 8), np.eye(32))
     step = 1e-3
     places = np.arange(0.1, 0.9, step)
@@ -133,7 +156,13 @@ def test_a_carriage_takes_the_mean_and_the_slope_of_the_motion_under_it() -> Non
     place, length = 0.437, 0.21
     nodes, weights = np.polynomial.legendre.leggauss(40)
     # split at the knots, where the spline is not smooth
-    edges = np.concatenate([[place - length / 2], [k for k in knots if abs(k - place) < length / 2], [place + length / 2]])
+    edges = np.concatenate(
+        [
+            [place - length / 2],
+            [k for k in knots if abs(k - place) < length / 2],
+            [place + length / 2],
+        ]
+    )
     low, high = edges[:-1, None], edges[1:, None]
     x = (0.5 * (low + high) + 0.5 * (high - low) * nodes).ravel()
     w = (0.5 * (high - low) * weights).ravel()
@@ -144,10 +173,15 @@ def test_a_carriage_takes_the_mean_and_the_slope_of_the_motion_under_it() -> Non
     np.testing.assert_allclose(found[4:], [-slope[2], slope[1]], rtol=1e-10)
 
 
-def test_averaging_over_the_stations_leaves_the_mean_of_parabolas_and_the_slope_of_cubics(elastic: Superelement) -> None:
+def test_averaging_over_the_stations_leaves_the_mean_of_parabolas_and_the_slope_of_cubics(
+    elastic: Superelement,
+) -> None:
     rail = dataclasses.replace(elastic.rails["rail"], control=np.eye(4 * STATIONS))
     middle = 0.5 * (rail.low + rail.high)
-    for power, expected in ((2, [0.05**2 + 0.2**2 / 12.0, 2.0 * 0.05]), (3, [None, 3.0 * 0.05**2 + 3.0 * 0.2**2 / 20.0])):
+    for power, expected in (
+        (2, [0.05**2 + 0.2**2 / 12.0, 2.0 * 0.05]),
+        (3, [None, 3.0 * 0.05**2 + 3.0 * 0.2**2 / 20.0]),
+    ):
         sites = station_points(rail.knots, rail.center, rail.axis)[:, 0]
         values = np.zeros((STATIONS, 4))
         values[:, 1] = make_interp_spline(sites, (sites - middle) ** power, t=rail.knots, k=3).c
@@ -157,7 +191,9 @@ def test_averaging_over_the_stations_leaves_the_mean_of_parabolas_and_the_slope_
 
 
 def cantilever_compliance(reach: float, length: float) -> float:
-    """Mean deflection of a cantilever over a carriage under a load of 1 N spread evenly over it (Timoshenko 1921)."""
+    """Mean deflection of a cantilever over a carriage under a load of 1 N spread evenly over it
+    (Timoshenko 1921).
+    """
     area, second, shear = WIDTH * HEIGHT, WIDTH * HEIGHT**3 / 12.0, STEEL.youngs_modulus / 2.6
     # two rules of different order: no node falls on the kink of the Green's function
     (a, wa), (b, wb) = (np.polynomial.legendre.leggauss(count) for count in (40, 41))
@@ -177,13 +213,18 @@ def test_a_segmented_bar_bends_under_a_carriage_as_a_cantilever_does() -> None:
         errors = []
         for place in np.linspace(-0.1, 0.24, 15):
             rows = carriage_rows(part.rails["rail"], float(place), 0.1)[:, free]
-            errors.append((rows @ flexibility @ rows.T)[2, 2] / cantilever_compliance(place + LENGTH / 2, 0.1) - 1.0)
+            errors.append(
+                (rows @ flexibility @ rows.T)[2, 2] / cantilever_compliance(place + LENGTH / 2, 0.1)
+                - 1.0
+            )
         worst.append(np.abs(errors).max())
     assert worst[2] < 2e-4
     assert worst[1] < 0.5 * worst[0] and worst[2] < 0.5 * worst[1]
 
 
-def sliding_machine(fidelity: Fidelity, block: float = CARRIAGE, turn: Frame | None = None) -> Machine:
+def sliding_machine(
+    fidelity: Fidelity, block: float = CARRIAGE, turn: Frame | None = None
+) -> Machine:
     place = turn or Frame()
     base = dataclasses.replace(bar(fidelity), placement=place)
     up = Frame(place.origin + place.rotation @ np.array([0.0, 0.0, HEIGHT]), place.rotation)
@@ -212,17 +253,24 @@ def slide_body(machine: Machine) -> Superelement:
 
 
 @pytest.mark.parametrize("place", [-0.2, 0.0, 0.13])
-def test_on_a_rigid_body_a_rail_is_a_fixed_interface_wherever_the_carriage_stands(place: float) -> None:
+def test_on_a_rigid_body_a_rail_is_a_fixed_interface_wherever_the_carriage_stands(
+    place: float,
+) -> None:
     machine = sliding_machine("rigid")
     area = Patch("z+", "rect", (place, 0.0, 0.0), (CARRIAGE, WIDTH))
     base = dataclasses.replace(
-        machine.components["bar"], interfaces={"end": bar("rigid").interfaces["end"], "rail": Interface("rail", (area,))}
+        machine.components["bar"],
+        interfaces={"end": bar("rigid").interfaces["end"], "rail": Interface("rail", (area,))},
     )
     fixed = dataclasses.replace(
         machine,
         components=machine.components | {"bar": base},
         joints=machine.joints
-        | {"guide": dataclasses.replace(machine.joints["guide"], ends=machine.joints["guide"].ends[::-1], length=None)},
+        | {
+            "guide": dataclasses.replace(
+                machine.joints["guide"], ends=machine.joints["guide"].ends[::-1], length=None
+            )
+        },
     )
     properties = closed_form_properties(base)
     assert properties is not None
@@ -231,21 +279,33 @@ def test_on_a_rigid_body_a_rail_is_a_fixed_interface_wherever_the_carriage_stand
     with_rail = couple({"bar": reduce_bar("rigid"), "slide": slide}, machine, pose).system
     without = couple({"bar": reduce_rigid(base, properties), "slide": slide}, fixed, pose).system
     np.testing.assert_allclose(
-        solve_modal(with_rail, count=6).frequencies_hz, solve_modal(without, count=6).frequencies_hz, rtol=1e-9
+        solve_modal(with_rail, count=6).frequencies_hz,
+        solve_modal(without, count=6).frequencies_hz,
+        rtol=1e-9,
     )
 
 
 @pytest.mark.parametrize("fidelity", ["segmented", "elastic"])
-def test_a_machine_with_a_rail_answers_the_same_when_it_is_turned(fidelity: Fidelity, elastic: Superelement) -> None:
-    shift = 0.5 * LENGTH if fidelity == "elastic" else 0.0  # the structured mesh begins at the origin
+def test_a_machine_with_a_rail_answers_the_same_when_it_is_turned(
+    fidelity: Fidelity, elastic: Superelement
+) -> None:
+    shift = (
+        0.5 * LENGTH if fidelity == "elastic" else 0.0
+    )  # the structured mesh begins at the origin
     frame = Frame(np.array([1.0, -2.0, 0.5]), rotation_about(np.array([1.0, 2.0, -0.5]), 1.1))
     part = elastic if fidelity == "elastic" else reduce_bar("segmented")
     found = []
     for turn in (Frame(), frame):
         machine = sliding_machine(fidelity, turn=turn)
-        coupled = couple({"bar": part, "slide": slide_body(machine)}, machine, Pose("p", {"X": 0.17 + shift}))
+        coupled = couple(
+            {"bar": part, "slide": slide_body(machine)}, machine, Pose("p", {"X": 0.17 + shift})
+        )
         ports = np.column_stack([coupled.system.inputs["tcp", dof] for dof in "xyz"])
-        compliance = turn.rotation.T @ (ports.T @ solve_static(coupled.system, ports).displacements) @ turn.rotation
+        compliance = (
+            turn.rotation.T
+            @ (ports.T @ solve_static(coupled.system, ports).displacements)
+            @ turn.rotation
+        )
         found.append(compliance)
     np.testing.assert_allclose(found[1], found[0], rtol=1e-8, atol=1e-9 * np.abs(found[0]).max())
 
@@ -253,7 +313,10 @@ def test_a_machine_with_a_rail_answers_the_same_when_it_is_turned(fidelity: Fide
 def test_a_carriage_that_leaves_its_rail_is_named_with_the_joint() -> None:
     machine = sliding_machine("rigid")
     parts = {"bar": reduce_bar("rigid"), "slide": slide_body(machine)}
-    with pytest.raises(ModelError, match=r"joint 'guide': rail bar.rail: a carriage of 150 mm at 235 mm hangs 10 mm over the end"):
+    with pytest.raises(
+        ModelError,
+        match=r"joint 'guide': rail bar.rail: a carriage of 150 mm at 235 mm hangs 10 mm over the end",
+    ):
         couple(parts, machine, Pose("far", {"X": 0.235}))
     with pytest.raises(ModelError, match=r"a carriage of 700 mm does not fit on a rail of 600 mm"):
         couple(parts, sliding_machine("rigid", block=0.7), Pose("home"))
@@ -264,7 +327,9 @@ def test_a_carriage_without_a_length_is_refused() -> None:
     joints = machine.joints | {"guide": dataclasses.replace(machine.joints["guide"], length=None)}
     with pytest.raises(ModelError, match=r"joint 'guide': a carriage on a rail needs its length"):
         couple(
-            {"bar": reduce_bar("rigid"), "slide": slide_body(machine)}, dataclasses.replace(machine, joints=joints), Pose("home")
+            {"bar": reduce_bar("rigid"), "slide": slide_body(machine)},
+            dataclasses.replace(machine, joints=joints),
+            Pose("home"),
         )
 
 
@@ -274,22 +339,32 @@ def test_a_rail_across_the_segments_is_refused() -> None:
     component = dataclasses.replace(component, interfaces={"rail": across})
     properties = closed_form_properties(component)
     assert properties is not None
-    with pytest.raises(ModelError, match=r"rail bar.rail runs along y, across its segments; write segments = \{ along = \"y\" \}"):
+    with pytest.raises(
+        ModelError,
+        match=r"rail bar.rail runs along y, across its segments; write segments = \{ along = \"y\" \}",
+    ):
         reduce_segmented(component, properties)
 
 
 def test_stations_too_few_for_a_carriage_are_refused_with_a_remedy(elastic: Superelement) -> None:
-    with pytest.raises(ModelError, match=r"9 stations are too few for a carriage of 100 mm on a rail of 600 mm.*take at least 12"):
+    with pytest.raises(
+        ModelError,
+        match=r"9 stations are too few for a carriage of 100 mm on a rail of 600 mm.*take at least 12",
+    ):
         carriage_rows(elastic.rails["rail"], 0.3, 0.1)
 
 
 def test_more_stations_than_the_mesh_can_tell_apart_are_refused(mesh: ComponentMesh) -> None:
-    with pytest.raises(ModelError, match=r"too few points along rail rail to tell its 40 stations apart"):
+    with pytest.raises(
+        ModelError, match=r"too few points along rail rail to tell its 40 stations apart"
+    ):
         fit_rail("bar", rail_interface(40), measure_patch(mesh, "rail"))
 
 
 def test_stations_that_a_mesh_barely_tells_apart_are_refused(mesh: ComponentMesh) -> None:
-    """Thirteen points along the rail for thirteen intervals can be solved for, with any answer between the points."""
+    """Thirteen points along the rail for thirteen intervals can be solved for, with any answer
+    between the points.
+    """
     fit_rail("bar", rail_interface(13), measure_patch(mesh, "rail"))
     with pytest.raises(ModelError, match=r"too few points along rail rail"):
         fit_rail("bar", rail_interface(16), measure_patch(mesh, "rail"))
@@ -299,13 +374,20 @@ def test_stations_that_a_mesh_barely_tells_apart_are_refused(mesh: ComponentMesh
 def test_a_segmented_screw_is_as_stiff_along_and_about_itself_as_its_shaft_wherever_the_nut_stands(
     segments: int, allowed: float
 ) -> None:
-    """The mean motion of a nut of length L under an even load, a from the bearing: (a - L / 6) / EA, and the same over GJ."""
+    """The mean motion of a nut of length L under an even load, a from the bearing: (a - L / 6) /
+    EA, and the same over GJ.
+    """
     interfaces = {
         "end": Interface("end", (Patch("z-"),)),
         "shaft": Interface("shaft", (Patch("outer"),), "average", rail=RailSettings("z", 4)),
     }
     screw = Component(
-        "screw", Tube(0.028, 0.0, 0.9), STEEL, interfaces=interfaces, fidelity="segmented", segments=SegmentSettings(segments)
+        "screw",
+        Tube(0.028, 0.0, 0.9),
+        STEEL,
+        interfaces=interfaces,
+        fidelity="segmented",
+        segments=SegmentSettings(segments),
     )
     properties = closed_form_properties(screw)
     assert properties is not None

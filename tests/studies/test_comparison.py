@@ -1,4 +1,6 @@
-"""Variants of a small machine side by side: the same modes in one row, what a variant lacks is missing, costs are counted."""
+"""Variants of a small machine side by side: the same modes in one row, what a variant lacks is
+missing, costs are counted.
+"""
 
 from pathlib import Path
 
@@ -68,7 +70,9 @@ def scene(tmp_path: Path) -> Path:
 
 def solve(scene: Path, name: str) -> VariantSolution:
     choice = choose_variants(scene, (name,))[0]
-    solution = solve_variant(scene, choice, pose=None, comm=MPI.COMM_SELF, store=Store(scene.parent / "store"))
+    solution = solve_variant(
+        scene, choice, pose=None, comm=MPI.COMM_SELF, store=Store(scene.parent / "store")
+    )
     assert solution is not None
     return solution
 
@@ -77,7 +81,9 @@ def compare(scene: Path, *names: str) -> Comparison:
     return compare_variants([solve(scene, name) for name in names], scene="column")
 
 
-def test_modes_of_two_fidelities_stand_in_one_row_and_a_rigid_column_lacks_what_bends(scene: Path) -> None:
+def test_modes_of_two_fidelities_stand_in_one_row_and_a_rigid_column_lacks_what_bends(
+    scene: Path,
+) -> None:
     found = compare(scene, "R", "S", "E")
     assert found.reference == "E" and list(found.solutions) == ["R", "S", "E"]
     rows = [row for row in found.rows if row.origin == "E"][:9]
@@ -85,7 +91,9 @@ def test_modes_of_two_fidelities_stand_in_one_row_and_a_rigid_column_lacks_what_
         assert row.cells["S"].correlation is not None and row.cells["S"].correlation > 0.95
         assert row.cells["S"].deviation == pytest.approx(0.0, abs=0.03)
     bending = [row for row in rows if "column bend" in row.name]
-    assert bending and all("R" not in row.cells or (row.cells["R"].correlation or 0.0) < 0.9 for row in bending)
+    assert bending and all(
+        "R" not in row.cells or (row.cells["R"].correlation or 0.0) < 0.9 for row in bending
+    )
     # two rigid bodies held together have six modes and no more
     assert sum("R" not in row.cells for row in rows) >= 3
 
@@ -96,7 +104,9 @@ def test_every_mode_of_every_variant_is_in_one_row_and_in_one_only(scene: Path) 
         numbers = [row.cells[name].index for row in found.rows if name in row.cells]
         assert len(numbers) == len(set(numbers))
         assert set(range(solution.wanted)) <= set(numbers)
-    assert [row.frequency_hz for row in found.rows] == sorted(row.frequency_hz for row in found.rows)
+    assert [row.frequency_hz for row in found.rows] == sorted(
+        row.frequency_hz for row in found.rows
+    )
 
 
 def test_a_variant_held_against_itself_deviates_by_nothing(scene: Path) -> None:
@@ -115,12 +125,16 @@ def test_the_summary_is_strict_json_with_every_variant_in_every_row(scene: Path)
     dump_json(summary)
     assert all(list(row["variants"]) == ["E", "R"] for row in summary["modes"])
     variant = summary["variants"]["R"]
-    assert variant["fidelity"] == {"block": "rigid", "column": "rigid"} and variant["full_dofs"] == 12
+    assert (
+        variant["fidelity"] == {"block": "rigid", "column": "rigid"} and variant["full_dofs"] == 12
+    )
     assert set(variant["static"]["tcp"]["weak_link"].values()) == {None}, (
         "nothing but the mount gives way: there is no weakest part among one"
     )
     link = present(summary["variants"]["E"]["static"]["tcp"]["weak_link"]["x"])
-    assert link["name"] in ("mount", "column") and 0.5 < link["share"] < 1.0, "the larger of two shares"
+    assert link["name"] in ("mount", "column") and 0.5 < link["share"] < 1.0, (
+        "the larger of two shares"
+    )
     softer = present(summary["variants"]["E"]["static"]["tcp"]["compliance_um_per_kN"][0][0])
     assert softer > present(variant["static"]["tcp"]["compliance_um_per_kN"][0][0])
 
@@ -148,25 +162,39 @@ def test_a_mechanism_is_told_and_its_modes_are_compared_all_the_same(scene: Path
     scene.write_text(SCENE.replace('horizontal = "60 N/um"', 'horizontal = "0 N/um"'))
     solution = solve(scene, "R")
     compliance = solution.points["tcp"].compliance
-    assert np.isnan(compliance[0, 0]) and compliance[2, 2] > 0.0, "loads along the free motions have no answer, others have theirs"
+    assert np.isnan(compliance[0, 0]) and compliance[2, 2] > 0.0, (
+        "loads along the free motions have no answer, others have theirs"
+    )
     assert compare_variants([solution], scene="column").rows
 
 
 def test_the_scene_as_written_is_left_out_where_a_variant_is_the_same(scene: Path) -> None:
     assert [choice.name for choice in choose_variants(scene)] == ["as written", "E", "S", "R"]
-    scene.write_text(SCENE.replace('mesh = { size = "40 mm", cells = "hex" }', 'fidelity = "elastic"'))
+    scene.write_text(
+        SCENE.replace('mesh = { size = "40 mm", cells = "hex" }', 'fidelity = "elastic"')
+    )
     assert [choice.name for choice in choose_variants(scene)] == ["E", "S", "R"]
 
 
 def test_each_variant_is_taken_with_every_fidelity_asked_for(scene: Path) -> None:
     fidelities: list[Fidelity] = ["segmented", "elastic"]
     choices = choose_variants(scene, ("E", "R", "S+E"), fidelities=fidelities)
-    assert [choice.name for choice in choices] == ["E segmented", "E elastic", "R", "S+E segmented", "S+E elastic"]
+    assert [choice.name for choice in choices] == [
+        "E segmented",
+        "E elastic",
+        "R",
+        "S+E segmented",
+        "S+E elastic",
+    ]
     assert choices[0].overrides == ("components.column.fidelity=segmented",)
 
 
-def test_the_problems_of_all_variants_are_told_at_once_before_anything_is_computed(scene: Path) -> None:
-    hollow = 'solid = { column = { size = ["40 mm", "60 mm", "500 mm"], wall = "4 mm", cap = "4 mm" } }'
+def test_the_problems_of_all_variants_are_told_at_once_before_anything_is_computed(
+    scene: Path,
+) -> None:
+    hollow = (
+        'solid = { column = { size = ["40 mm", "60 mm", "500 mm"], wall = "4 mm", cap = "4 mm" } }'
+    )
     solid = 'solid = { box = ["40 mm", "60 mm", "500 mm"] }'
     scene.write_text(SCENE.replace(solid, hollow).replace(', cells = "hex"', ""))
     with pytest.raises(SceneError) as caught:

@@ -12,14 +12,24 @@ from headstock.pipeline.results.estimates import show_share
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
-from headstock.studies.effects import Change, EffectTrial, compare_answers, list_answers, rank_trials, try_effects
+from headstock.studies.effects import (
+    Change,
+    EffectTrial,
+    compare_answers,
+    list_answers,
+    rank_trials,
+    try_effects,
+)
 
 SCENE = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"
 EMPTY = sketch(RunSummary, {"modal": [], "static": {}})
 
 
 def modal(*frequencies: float) -> RunSummary:
-    return sketch(RunSummary, {"modal": [{"pose_name": "p", "frequencies_hz": [0.0, *frequencies]}], "static": {}})
+    return sketch(
+        RunSummary,
+        {"modal": [{"pose_name": "p", "frequencies_hz": [0.0, *frequencies]}], "static": {}},
+    )
 
 
 def test_a_frequency_is_held_against_itself_and_a_vector_against_its_largest_entry() -> None:
@@ -27,10 +37,15 @@ def test_a_frequency_is_held_against_itself_and_a_vector_against_its_largest_ent
     assert (change.answer, change.without, change.present) == ("frequencies", 50.0, 51.5)
     assert change.share == pytest.approx(1.5 / 51.5)
     first, second = (
-        sketch(RunSummary, {"modal": [], "static": {"tcp": {"compliance_um_per_kN": [[x, 0.0], [0.0, 1e-9 * x]]}}})
+        sketch(
+            RunSummary,
+            {"modal": [], "static": {"tcp": {"compliance_um_per_kN": [[x, 0.0], [0.0, 1e-9 * x]]}}},
+        )
         for x in (10.0, 11.0)
     )
-    vector = next(change for change in compare_answers(first, second) if change.answer == "static compliance")
+    vector = next(
+        change for change in compare_answers(first, second) if change.answer == "static compliance"
+    )
     assert vector.share == pytest.approx(1.0 / 11.0) and vector.without == 10.0
     assert list_answers(modal(50.0))["frequencies"]["pose p"].tolist() == [50.0]
 
@@ -46,10 +61,20 @@ def test_an_answer_that_only_one_run_has_is_a_change_of_all_of_it() -> None:
     (True, 0.3, "keep it"), (False, 2e-4, "rightly left out"), (False, 0.3, "name it"),
 ])  # fmt: skip
 def test_advice_follows_from_what_is_moved(named: bool, share: float, advice: str) -> None:
-    trial = EffectTrial("coriolis", named, (Change("contour gap", share, "face 1", 10.0, 10.0 * (1.0 + share)),), 10.0, 6.2, 0.05)
+    trial = EffectTrial(
+        "coriolis",
+        named,
+        (Change("contour gap", share, "face 1", 10.0, 10.0 * (1.0 + share)),),
+        10.0,
+        6.2,
+        0.05,
+    )
     assert trial.advice == advice
     if share:
-        assert tell_trial(trial) == f"coriolis: {show_share(share)} of contour gap, 38 % of run time: {advice}"
+        assert (
+            tell_trial(trial)
+            == f"coriolis: {show_share(share)} of contour gap, 38 % of run time: {advice}"
+        )
 
 
 def test_an_effect_that_moves_nothing_still_says_what_it_cost() -> None:
@@ -63,21 +88,41 @@ def test_time_within_the_noise_is_no_cost() -> None:
     change = Change("contour gap", 0.1, "face 1", 1.0, 1.1)
     assert EffectTrial("damping", True, (change,), 10.0, 9.0, 0.2).time_share == 0.0
     assert EffectTrial("damping", True, (change,), 10.0, 5.0, 0.2).time_share == 0.5
-    assert [show_share(share) for share in (0.0, 2e-6, 2e-4, 0.123, 1.0)] == ["0 %", "2e-04 %", "0.02 %", "12 %", "100 %"]
+    assert [show_share(share) for share in (0.0, 2e-6, 2e-4, 0.123, 1.0)] == [
+        "0 %",
+        "2e-04 %",
+        "0.02 %",
+        "12 %",
+        "100 %",
+    ]
 
 
 def test_every_effect_is_tried_and_the_strongest_comes_first(tmp_path: Path) -> None:
-    plan = SceneChoice(SCENE, "lumped", ('analyses.static.poses="config_2"', 'analyses.map.sweep="plane"'), ("static",))
+    plan = SceneChoice(
+        SCENE,
+        "lumped",
+        ('analyses.static.poses="config_2"', 'analyses.map.sweep="plane"'),
+        ("static",),
+    )
     trials = {trial.effect: trial for trial in try_effects(plan, Store(tmp_path))}
     gravity = trials["gravity"]
-    assert gravity.named and gravity.changes[0].answer == "displacement under loads" and gravity.changes[0].without == 0.0
+    assert (
+        gravity.named
+        and gravity.changes[0].answer == "displacement under loads"
+        and gravity.changes[0].without == 0.0
+    )
     assert gravity.changes[0].present is not None and gravity.changes[0].present < -50.0
-    assert trials["coriolis"].largest == 0.0 and "describe one in [drives.NAME]" in trials["friction"].obstacle
+    assert (
+        trials["coriolis"].largest == 0.0
+        and "describe one in [drives.NAME]" in trials["friction"].obstacle
+    )
     ranked = [trial.effect for trial in rank_trials(list(trials.values()))]
     assert ranked[0] == "gravity" and trials[ranked[-1]].obstacle
 
 
-def test_the_command_refuses_what_it_cannot_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_refuses_what_it_cannot_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["effects", str(SCENE), "--analysis", "frf"]) == 2
     assert "has no [analyses.frf]" in capsys.readouterr().err
     assert main(["effects", str(tmp_path / "none.toml")]) == 2
@@ -88,7 +133,16 @@ def test_the_command_writes_what_it_prints(
 ) -> None:
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
     target = tmp_path / "effects.json"
-    arguments = ["effects", str(SCENE), "--analysis", "static", "--set", 'analyses.static.poses="config_1"', "--json", str(target)]
+    arguments = [
+        "effects",
+        str(SCENE),
+        "--analysis",
+        "static",
+        "--set",
+        'analyses.static.poses="config_1"',
+        "--json",
+        str(target),
+    ]
     assert main(arguments) == 0
     printed = capsys.readouterr().out
     assert "gravity: 100 % of displacement under loads" in printed

@@ -5,7 +5,14 @@ from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
 from headstock.validation import case_registry
-from headstock.validation.case_registry import CASES, Case, UnknownCaseError, group_names, run_validation, select_cases
+from headstock.validation.case_registry import (
+    CASES,
+    Case,
+    UnknownCaseError,
+    group_names,
+    run_validation,
+    select_cases,
+)
 from headstock.validation.references.rows import ValidationRow, judge_bound
 
 
@@ -21,31 +28,45 @@ def test_no_name_selects_everything_and_a_group_its_cases() -> None:
 
 
 def test_a_case_named_twice_runs_once() -> None:
-    assert [case.name for case in select_cases(["torsion-constant", "beams", "Torsion-Constant"])].count("torsion-constant") == 1
+    assert [
+        case.name for case in select_cases(["torsion-constant", "beams", "Torsion-Constant"])
+    ].count("torsion-constant") == 1
 
 
 def test_an_unknown_name_is_refused_with_a_suggestion_and_the_list() -> None:
-    with pytest.raises(UnknownCaseError, match=r"'beems' \(did you mean 'beams'\?\).*torsion-constant"):
+    with pytest.raises(
+        UnknownCaseError, match=r"'beems' \(did you mean 'beams'\?\).*torsion-constant"
+    ):
         run_validation(["beams", "beems"], comm=MPI.COMM_SELF)
 
 
 def test_the_closed_form_cases_all_pass() -> None:
-    names = [case.name for case in CASES if case.name.endswith("-theory") or case.name == "torsion-constant"]
+    names = [
+        case.name
+        for case in CASES
+        if case.name.endswith("-theory") or case.name == "torsion-constant"
+    ]
     rows = run_validation(names, comm=MPI.COMM_SELF)
     assert len(rows) > 50
     assert [row for row in rows if not row.passed] == []
 
 
-def test_a_case_that_breaks_leaves_a_failed_row_and_the_others_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_case_that_breaks_leaves_a_failed_row_and_the_others_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def breaks(comm: MPI.Comm) -> list[ValidationRow]:
         raise HeadstockError("no convergence")
 
     def works(comm: MPI.Comm) -> list[ValidationRow]:
         return [judge_bound("works", "q", 0.0, 1.0)]
 
-    monkeypatch.setattr(case_registry, "CASES", (Case("breaks", "g", "", breaks), Case("works", "g", "", works)))
+    monkeypatch.setattr(
+        case_registry, "CASES", (Case("breaks", "g", "", breaks), Case("works", "g", "", works))
+    )
     seen: list[str] = []
-    rows = run_validation([], comm=MPI.COMM_SELF, on_case=lambda case, found: seen.append(case.name))
+    rows = run_validation(
+        [], comm=MPI.COMM_SELF, on_case=lambda case, found: seen.append(case.name)
+    )
     assert [(row.case, row.passed) for row in rows] == [("breaks", False), ("works", True)]
     assert "no convergence" in rows[0].note
     assert seen == ["breaks", "works"]

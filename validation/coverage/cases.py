@@ -1,4 +1,5 @@
-"""How often what stands behind ± covers the truth, over parts of many kinds: the ± of meshes, curved faces and modes left out.
+"""How often what stands behind ± covers the truth, over parts of many kinds: the ± of meshes,
+curved faces and modes left out.
 
 What stands behind ± on one part of the suite, beside the truth from a far finer mesh.
 """
@@ -34,7 +35,11 @@ from headstock.reduction.estimates.mesh_errors import (
     frequency_shape_errors,
     meshed_parts,
 )
-from headstock.reduction.estimates.response_errors import ErrorSources, bound_response_errors, project_response
+from headstock.reduction.estimates.response_errors import (
+    ErrorSources,
+    bound_response_errors,
+    project_response,
+)
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.requests import ReductionRequest
@@ -46,18 +51,25 @@ from headstock.solvers.second_order import ComplexArray, Port, input_columns, ou
 from headstock.validation.coverage.parts import PRODUCT, CoveragePart, draw_part
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
 
-WATCHED, PARTNERS = 8, 14  # modes of a judged mesh, and of the true one among which theirs are sought
+WATCHED, PARTNERS = (
+    8,
+    14,
+)  # modes of a judged mesh, and of the true one among which theirs are sought
 JUDGED_MODES, TRUE_MODES = 24, 40  # fixed-interface modes kept
 LOSS_FACTOR = 0.03
 LINES = 150
 PORTS: tuple[Port, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
 VISIBLE = 1e-2  # 40 dB below the highest peak
-# the error of a true mesh is known within this share of its estimate: estimates came out 0.7 to 1.9 times the true errors
+# the error of a true mesh is known within this share of its estimate: estimates came out 0.7 to 1.9
+# times the true errors
 UNSURE = 0.5
 SURE = 0.1  # of ±: what may be unknown of a truth that is to judge it
-JUDGED_LINES = 0.5  # of the visible lines of a response: with fewer that are sure enough it is set aside
+JUDGED_LINES = (
+    0.5  # of the visible lines of a response: with fewer that are sure enough it is set aside
+)
 CASE, SMOKE = "coverage", "coverage-smoke"
-# factors were fitted on the first parts; the others were drawn and kept apart before that, a product's part joined them
+# factors were fitted on the first parts; the others were drawn and kept apart before that, a
+# product's part joined them
 CALIBRATION, HOLD_OUT = range(24), (*range(24, 48), PRODUCT)
 SMOKE_PARTS = (8, 15)
 COVERED = 0.95
@@ -77,8 +89,8 @@ class PartCoverage:
         errors: ``(n,)`` true errors over the number.
         estimates: ``(n,)`` what stands behind ±, over the number; NaN for ``± ?``.
         unsure: ``(n,)`` how well the truth is known, over the number.
-        lines: ``(m,)`` per frequency response the share that is covered of its visible lines whose truth is sure enough; NaN where
-            that are too few.
+        lines: ``(m,)`` per frequency response the share that is covered of its visible lines whose
+            truth is sure enough; NaN where that are too few.
         failure: What ended the computation of a mesh, empty for nothing.
     """
 
@@ -94,7 +106,9 @@ class PartCoverage:
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """A part on one mesh: numbers, their mesh errors as estimated without safety, and all that stands behind ±."""
+    """A part on one mesh: numbers, their mesh errors as estimated without safety, and all that
+    stands behind ±.
+    """
 
     modes: ModeSet
     places: BodyPlaces
@@ -105,11 +119,17 @@ class _Solved:
 
 
 def cover_part(seed: int) -> PartCoverage:
-    """The numbers of a seed, from the store where they are there: a suite that was stopped goes on."""
+    """The numbers of a seed, from the store where they are there: a suite that was stopped goes
+    on.
+    """
     store = Store(default_store_root())
     packages = (headstock.geometry, headstock.meshing, headstock.solvers, headstock.reduction)
     files = (Path(__file__), Path(__file__).with_name("parts.py"))
-    words = [*(code_fingerprint(package) for package in packages), *(file.read_text() for file in files), str(seed)]
+    words = [
+        *(code_fingerprint(package) for package in packages),
+        *(file.read_text() for file in files),
+        str(seed),
+    ]
     key = hashlib.sha256("\0".join(words).encode()).hexdigest()
     known = read_entry(store, key, PartCoverage).value
     if known is not None:
@@ -137,10 +157,18 @@ def measure_part(part: CoveragePart) -> PartCoverage:
             failures.append(f"{type(error).__name__}: {error}")
     rows = np.concatenate([np.zeros((4, 0)), *tables], axis=1)
     covered = np.concatenate([np.zeros(0), *lines])
-    return PartCoverage(part.seed, part.kind, rows[0], rows[1], rows[2], rows[3], covered, "; ".join(failures))
+    return PartCoverage(
+        part.seed, part.kind, rows[0], rows[1], rows[2], rows[3], covered, "; ".join(failures)
+    )
 
 
-def _solve(part: CoveragePart, settings: MeshSettings, modes: int, watched: int, places: BodyPlaces | None = None) -> _Solved:
+def _solve(
+    part: CoveragePart,
+    settings: MeshSettings,
+    modes: int,
+    watched: int,
+    places: BodyPlaces | None = None,
+) -> _Solved:
     body = dataclasses.replace(part.machine.components["part"], mesh=settings)
     request = ReductionRequest(ModeTarget(count=modes))
     element = reduce_elastic(body, mesh_component(body), comm=MPI.COMM_SELF, request=request)
@@ -151,35 +179,62 @@ def _solve(part: CoveragePart, settings: MeshSettings, modes: int, watched: int,
     budget = point_budget(coupled, "tcp")
     energies = compliance_mesh_errors(coupled, budget.displacements)["part"]
     covering, soft = frequency_mesh_errors(coupled, found)["part"], np.diag(energies)[:3]
-    shape = frequency_shape_errors(coupled, found), compliance_shape_errors(coupled, budget.displacements)
+    shape = (
+        frequency_shape_errors(coupled, found),
+        compliance_shape_errors(coupled, budget.displacements),
+    )
     nothing = np.zeros(len(found.frequencies_hz))
     bounds = bound_frequency_errors(coupled.system, truncated_parts(coupled), found).bounds_hz
     return _Solved(
         ModeSet(found.frequencies_hz, field, found.rigid_count),
         places,
         np.diag(budget.compliance)[:3],
-        (np.asarray(covering / element.errors.mesh_safety + 0.5 * bounds), np.asarray(soft / element.errors.mesh_safety)),
-        (covering + shape[0].get("part", nothing) + bounds, np.asarray(soft + shape[1].get("part", np.zeros(6))[:3])),
+        (
+            np.asarray(covering / element.errors.mesh_safety + 0.5 * bounds),
+            np.asarray(soft / element.errors.mesh_safety),
+        ),
+        (
+            covering + shape[0].get("part", nothing) + bounds,
+            np.asarray(soft + shape[1].get("part", np.zeros(6))[:3]),
+        ),
         coupled,
     )
 
 
 def _compare(judged: _Solved, truth: _Solved) -> FloatArray:
-    """Rows ``(4, n)``: compliance or not, true error, estimate and what is not known of the truth, over the number."""
+    """Rows ``(4, n)``: compliance or not, true error, estimate and what is not known of the truth,
+    over the number.
+    """
     columns = []
     for pair in pair_modes(judged.modes, truth.modes):
         if pair.first >= judged.modes.rigid_count:
-            value, plain = float(judged.modes.frequencies_hz[pair.first]), float(truth.plain[0][pair.second])
+            value, plain = (
+                float(judged.modes.frequencies_hz[pair.first]),
+                float(truth.plain[0][pair.second]),
+            )
             right = float(truth.modes.frequencies_hz[pair.second]) - plain
-            columns.append([0.0, abs(value - right) / value, judged.total[0][pair.first] / value, UNSURE * plain / value])
+            columns.append(
+                [
+                    0.0,
+                    abs(value - right) / value,
+                    judged.total[0][pair.first] / value,
+                    UNSURE * plain / value,
+                ]
+            )
     for axis, value in enumerate(judged.compliances):
         right, plain = truth.compliances[axis] + truth.plain[1][axis], truth.plain[1][axis]
-        columns.append([1.0, abs(value - right) / value, judged.total[1][axis] / value, UNSURE * plain / value])
+        columns.append(
+            [1.0, abs(value - right) / value, judged.total[1][axis] / value, UNSURE * plain / value]
+        )
     return np.array(columns).T
 
 
-def _cover_lines(coupled: CoupledMachine, grid: FloatArray, right: ComplexArray, doubt: FloatArray) -> FloatArray:
-    """Share of the visible and sure lines whose error is covered, ``(3,)`` along each load; empty where nothing is known."""
+def _cover_lines(
+    coupled: CoupledMachine, grid: FloatArray, right: ComplexArray, doubt: FloatArray
+) -> FloatArray:
+    """Share of the visible and sure lines whose error is covered, ``(3,)`` along each load; empty
+    where nothing is known.
+    """
     found, total = _respond(coupled, grid)
     if not np.isfinite(total).any():
         return np.zeros(0)
@@ -190,20 +245,33 @@ def _cover_lines(coupled: CoupledMachine, grid: FloatArray, right: ComplexArray,
     return np.where(judged.sum(axis=0) >= JUDGED_LINES * visible.sum(axis=0), shares, np.nan)
 
 
-def _respond(coupled: CoupledMachine, grid: FloatArray, *, finer: bool = False) -> tuple[ComplexArray, FloatArray]:
-    """Receptances along x, y and z ``(n, 3)``, as computed or as finer meshes would have them, and what stands behind ±."""
+def _respond(
+    coupled: CoupledMachine, grid: FloatArray, *, finer: bool = False
+) -> tuple[ComplexArray, FloatArray]:
+    """Receptances along x, y and z ``(n, 3)``, as computed or as finer meshes would have them, and
+    what stands behind ±.
+    """
     modes = solve_modal(coupled.system)
-    lossy = dataclasses.replace(coupled.system, damping=None, hysteretic=LOSS_FACTOR * coupled.system.stiffness)
+    lossy = dataclasses.replace(
+        coupled.system, damping=None, hysteretic=LOSS_FACTOR * coupled.system.stiffness
+    )
     ports = (input_columns(lossy, PORTS), output_rows(lossy, PORTS))
     meshed = meshed_parts(coupled)
     if finer:  # as estimated, without what covers the doubt
         element = coupled.layout.superelements["part"]
-        plain = {name: np.asarray(each.energy / element.errors.mesh_safety) for name, each in meshed.items()}
-        meshed = {name: dataclasses.replace(each, energy=plain[name]) for name, each in meshed.items()}
+        plain = {
+            name: np.asarray(each.energy / element.errors.mesh_safety)
+            for name, each in meshed.items()
+        }
+        meshed = {
+            name: dataclasses.replace(each, energy=plain[name]) for name, each in meshed.items()
+        }
     sources = ErrorSources(truncated_parts(coupled), meshed, {"part": LOSS_FACTOR})
     space = project_response(lossy, sources, modes, ports, float(grid.max()))
     errors = bound_response_errors(space, grid)
-    found = evaluate_frf(prepare_frf(lossy, inputs=PORTS, outputs=PORTS, modes=modes), grid).receptance
+    found = evaluate_frf(
+        prepare_frf(lossy, inputs=PORTS, outputs=PORTS, modes=modes), grid
+    ).receptance
     total = errors.bounds
     for sizes in (errors.mesh_sizes, errors.face_sizes):
         total = total + (0.0 if sizes is None else sizes)
@@ -213,8 +281,13 @@ def _respond(coupled: CoupledMachine, grid: FloatArray, *, finer: bool = False) 
 
 
 def check_coverage() -> list[ValidationRow]:
-    """Coverage of frequencies, compliances and frequency responses on the parts that factors were fitted on, and on the others."""
-    return [*_judge(CASE, "fitted on", _cover(CALIBRATION)), *_judge(CASE, "held out", _cover(HOLD_OUT))]
+    """Coverage of frequencies, compliances and frequency responses on the parts that factors were
+    fitted on, and on the others.
+    """
+    return [
+        *_judge(CASE, "fitted on", _cover(CALIBRATION)),
+        *_judge(CASE, "held out", _cover(HOLD_OUT)),
+    ]
 
 
 def check_coverage_smoke() -> list[ValidationRow]:
@@ -244,7 +317,13 @@ def _judge(case: str, what: str, parts: Sequence[PartCoverage]) -> list[Validati
     lines = np.concatenate(responses)
     set_aside = sum(len(part.lines) for part in parts) - len(lines)
     rows = [
-        judge_bound(case, f"{what}: share of numbers that ± does not cover", 1.0 - float(numbers.mean()), 1.0 - COVERED, note),
+        judge_bound(
+            case,
+            f"{what}: share of numbers that ± does not cover",
+            1.0 - float(numbers.mean()),
+            1.0 - COVERED,
+            note,
+        ),
         show(
             case,
             f"{what}: coverage by part, mean",
@@ -252,7 +331,12 @@ def _judge(case: str, what: str, parts: Sequence[PartCoverage]) -> list[Validati
             "-",
             f"least {shares.min():.2f}; {_by_kind(parts, covered)}",
         ),
-        show(case, f"{what}: parts with 95 % of their numbers covered", float((shares >= COVERED).mean()), "-"),
+        show(
+            case,
+            f"{what}: parts with 95 % of their numbers covered",
+            float((shares >= COVERED).mean()),
+            "-",
+        ),
         judge_bound(
             case,
             f"{what}: ± over true error, median",
@@ -287,4 +371,8 @@ def _by_kind(parts: Sequence[PartCoverage], covered: Sequence[FloatArray]) -> st
     found: dict[str, list[FloatArray]] = {}
     for part, own in zip(parts, covered, strict=True):
         found.setdefault(part.kind, []).append(own)
-    return ", ".join(f"{kind} {np.concatenate(own).mean():.2f}" for kind, own in found.items() if len(np.concatenate(own)))
+    return ", ".join(
+        f"{kind} {np.concatenate(own).mean():.2f}"
+        for kind, own in found.items()
+        if len(np.concatenate(own))
+    )

@@ -12,7 +12,14 @@ import numpy as np
 
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point
-from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, ReductionSettings
+from headstock.geometry.parts.components import (
+    Component,
+    Interface,
+    Material,
+    MeshSettings,
+    Patch,
+    ReductionSettings,
+)
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, StepFile, Tube
 
 MATERIALS = (
@@ -36,7 +43,8 @@ class CoveragePart:
     Attributes:
         seed: What it was drawn from.
         kind: Kind of part.
-        machine: The part alone, named ``part``, held at ``foot`` and loaded at ``tip`` (point ``tcp``).
+        machine: The part alone, named ``part``, held at ``foot`` and loaded at ``tip`` (point
+            ``tcp``).
         meshes: Settings that are judged, from coarse to finer.
         truth: Settings far finer.
     """
@@ -90,12 +98,25 @@ def draw_part(seed: int, folder: Path) -> CoveragePart:
         "foot": Interface("foot", drawn.foot, "rigid" if random.random() < 0.6 else "average"),
         "tip": Interface("tip", drawn.tip, "average" if random.random() < 0.7 else "rigid"),
     }
-    part = Component("part", drawn.solid, material, interfaces=interfaces, reduction=ReductionSettings(modes=0))
+    part = Component(
+        "part", drawn.solid, material, interfaces=interfaces, reduction=ReductionSettings(modes=0)
+    )
     held = random.random() < 0.75
     ends = (JointEnd(), JointEnd("part", "foot"))
-    stiffness = material.youngs_modulus * drawn.extent * np.diag([1.0, 1.0, 2.0, *[drawn.extent**2] * 3])
-    joint = Joint(CLAMP, ends, "rigid", held=HELD) if held else Joint(CLAMP, ends, "spring", stiffness=stiffness)
-    machine = Machine(kind, {"part": part}, {CLAMP: joint}, {"tcp": Point("tcp", JointEnd("part", "tip"), JointEnd())})
+    stiffness = (
+        material.youngs_modulus * drawn.extent * np.diag([1.0, 1.0, 2.0, *[drawn.extent**2] * 3])
+    )
+    joint = (
+        Joint(CLAMP, ends, "rigid", held=HELD)
+        if held
+        else Joint(CLAMP, ends, "spring", stiffness=stiffness)
+    )
+    machine = Machine(
+        kind,
+        {"part": part},
+        {CLAMP: joint},
+        {"tcp": Point("tcp", JointEnd("part", "tip"), JointEnd())},
+    )
     scatter = float(random.uniform(0.85, 1.2))
     meshes = tuple(
         MeshSettings(
@@ -133,17 +154,28 @@ def _block(random: Random, file: Path) -> _Drawn:
     """A block that stands on its foot, sometimes loaded at a patch of its side."""
     x, y, z = _range(random, 0.06, 0.15), _range(random, 0.06, 0.2), _range(random, 0.2, 0.6)
     side = (_rect("x+", (x / 2, 0.0, 0.8 * z), (0.5 * y, 0.15 * z)),)
-    return _Drawn(Box((x, y, z)), _whole("z-"), _whole("z+") if random.random() < 0.5 else side, _diagonal(x, y, z))
+    return _Drawn(
+        Box((x, y, z)),
+        _whole("z-"),
+        _whole("z+") if random.random() < 0.5 else side,
+        _diagonal(x, y, z),
+    )
 
 
 def _hex_block(random: Random, file: Path) -> _Drawn:
-    return dataclasses.replace(_block(random, file), tip=_whole("z+"), hex=True, shares=(0.16, 0.09))
+    return dataclasses.replace(
+        _block(random, file), tip=_whole("z+"), hex=True, shares=(0.16, 0.09)
+    )
 
 
 def _linear_block(random: Random, file: Path) -> _Drawn:
     """First-order elements, hexahedra or tetrahedra."""
     return dataclasses.replace(
-        _block(random, file), tip=_whole("z+"), shares=(0.05, 0.035), order=1, hex=bool(random.random() < 0.5)
+        _block(random, file),
+        tip=_whole("z+"),
+        shares=(0.05, 0.035),
+        order=1,
+        hex=bool(random.random() < 0.5),
     )
 
 
@@ -152,7 +184,12 @@ def _sheet(random: Random, file: Path) -> _Drawn:
     x, y = _range(random, 0.2, 0.5), _range(random, 0.08, 0.25)
     thick = x / _range(random, 15.0, 40.0)
     return _Drawn(
-        Box((x, y, round(thick, 5))), _whole("x-"), _whole("x+"), _diagonal(x, y), fine=0.025, hex=bool(random.random() < 0.5)
+        Box((x, y, round(thick, 5))),
+        _whole("x-"),
+        _whole("x+"),
+        _diagonal(x, y),
+        fine=0.025,
+        hex=bool(random.random() < 0.5),
     )
 
 
@@ -160,15 +197,38 @@ def _plate(random: Random, file: Path) -> _Drawn:
     """A plate on four feet, loaded in its middle."""
     x, y, z = _range(random, 0.3, 0.6), _range(random, 0.2, 0.4), _range(random, 0.012, 0.03)
     foot = _range(random, 0.04, 0.06)
-    feet = tuple(_rect("z-", (a * 0.4 * x, b * 0.38 * y, 0.0), (foot, foot)) for a in (-1, 1) for b in (-1, 1))
-    return _Drawn(Box((x, y, z)), feet, (_rect("z+", (0.1 * x, 0.0, z), (0.07, 0.06)),), _diagonal(x, y))
+    feet = tuple(
+        _rect("z-", (a * 0.4 * x, b * 0.38 * y, 0.0), (foot, foot))
+        for a in (-1, 1)
+        for b in (-1, 1)
+    )
+    return _Drawn(
+        Box((x, y, z)), feet, (_rect("z+", (0.1 * x, 0.0, z), (0.07, 0.06)),), _diagonal(x, y)
+    )
 
 
 def _ribbed_plate(random: Random, file: Path) -> _Drawn:
     x, y, z = _range(random, 0.3, 0.6), _range(random, 0.2, 0.4), _range(random, 0.012, 0.025)
-    solid = Plate((x, y, z), _range(random, 0.03, 0.07), _range(random, 0.01, 0.018), ribs_x=2, ribs_y=int(random.integers(2, 4)))
-    feet = tuple(_rect("z-", (a * 0.4 * x, b * 0.38 * y, 0.0), (0.05, 0.04)) for a in (-1, 1) for b in (-1, 1))
-    return _Drawn(solid, feet, (_rect("z-", (0.0, 0.0, 0.0), (0.08, 0.06)),), _diagonal(x, y), (0.1, 0.06), 0.035)
+    solid = Plate(
+        (x, y, z),
+        _range(random, 0.03, 0.07),
+        _range(random, 0.01, 0.018),
+        ribs_x=2,
+        ribs_y=int(random.integers(2, 4)),
+    )
+    feet = tuple(
+        _rect("z-", (a * 0.4 * x, b * 0.38 * y, 0.0), (0.05, 0.04))
+        for a in (-1, 1)
+        for b in (-1, 1)
+    )
+    return _Drawn(
+        solid,
+        feet,
+        (_rect("z-", (0.0, 0.0, 0.0), (0.08, 0.06)),),
+        _diagonal(x, y),
+        (0.1, 0.06),
+        0.035,
+    )
 
 
 def _column(random: Random, file: Path) -> _Drawn:
@@ -185,14 +245,23 @@ def _column(random: Random, file: Path) -> _Drawn:
 def _cored_column(random: Random, file: Path) -> _Drawn:
     """One with round core holes through its ribs and caps."""
     x, y, z = _range(random, 0.15, 0.25), _range(random, 0.18, 0.3), _range(random, 0.35, 0.6)
-    solid = HollowColumn((x, y, z), 0.014, 0.016, 0.012, ribs_z=1, core_hole=_range(random, 0.05, 0.09))
+    solid = HollowColumn(
+        (x, y, z), 0.014, 0.016, 0.012, ribs_z=1, core_hole=_range(random, 0.05, 0.09)
+    )
     return _Drawn(solid, _whole("z-"), _whole("z+"), _diagonal(x, y, z), (0.1, 0.07), 0.04)
 
 
 def _tube(random: Random, file: Path) -> _Drawn:
     outer, length = _range(random, 0.06, 0.15), _range(random, 0.15, 0.5)
     inner = round(outer * _range(random, 0.3, 0.85), 5) if random.random() < 0.8 else 0.0
-    return _Drawn(Tube(outer, inner, length), _whole("z-"), _whole("z+"), _diagonal(outer, outer, length), (0.1, 0.06), 0.03)
+    return _Drawn(
+        Tube(outer, inner, length),
+        _whole("z-"),
+        _whole("z+"),
+        _diagonal(outer, outer, length),
+        (0.1, 0.06),
+        0.03,
+    )
 
 
 def _round_step(random: Random, file: Path) -> _Drawn:
@@ -203,10 +272,21 @@ def _round_step(random: Random, file: Path) -> _Drawn:
         _write(file, "ball", radius=radius, height=_range(random, 1.2, 1.6) * radius)
         return _Drawn(StepFile(file), _whole("z-"), _whole("z+"), 3.0 * radius, (0.12, 0.08), 0.045)
     if choice == 1:
-        sizes = {"height": _range(random, 0.15, 0.3), "radius": radius, "top": 0.7 * radius, "bore": 0.4 * radius}
+        sizes = {
+            "height": _range(random, 0.15, 0.3),
+            "radius": radius,
+            "top": 0.7 * radius,
+            "bore": 0.4 * radius,
+        }
         _write(file, "cone", **sizes)
         return _Drawn(StepFile(file), _whole("z-"), _whole("z+"), 3.0 * radius, (0.12, 0.08), 0.045)
-    _write(file, "elbow", bend=_range(random, 2.2, 4.0) * radius, radius=radius, bore=_range(random, 0.5, 0.85) * radius)
+    _write(
+        file,
+        "elbow",
+        bend=_range(random, 2.2, 4.0) * radius,
+        radius=radius,
+        bore=_range(random, 0.5, 0.85) * radius,
+    )
     return _Drawn(StepFile(file), _whole("z+"), _whole("x-"), 3.0 * radius, (0.12, 0.08), 0.045)
 
 
@@ -230,7 +310,14 @@ def _milled_step(random: Random, file: Path) -> _Drawn:
 def _product(random: Random, file: Path) -> _Drawn:
     """A machined bracket, screwed down at its flange and loaded in the bore of its bearing."""
     bore = (Patch("face:12"), Patch("face:22"))
-    return _Drawn(StepFile(BRACKET), _whole("z+"), bore, _diagonal(0.0685, 0.0404, 0.0331), (0.08, 0.055), 0.02)
+    return _Drawn(
+        StepFile(BRACKET),
+        _whole("z+"),
+        bore,
+        _diagonal(0.0685, 0.0404, 0.0331),
+        (0.08, 0.055),
+        0.02,
+    )
 
 
 def _graded_block(random: Random, file: Path) -> _Drawn:
@@ -257,5 +344,12 @@ KINDS: dict[str, Callable[[Random, Path], _Drawn]] = {
 def _write(file: Path, kind: str, **sizes: float) -> None:
     """Write a curved solid; sizes in metres."""
     scaled = json.dumps({name: 1e3 * size for name, size in sizes.items()})
-    command = [sys.executable, "-m", "headstock.meshing.cad.curved_samples", kind, scaled, str(file)]
+    command = [
+        sys.executable,
+        "-m",
+        "headstock.meshing.cad.curved_samples",
+        kind,
+        scaled,
+        str(file),
+    ]
     subprocess.run(command, check=True, capture_output=True)

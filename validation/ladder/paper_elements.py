@@ -1,10 +1,13 @@
-"""Finite elements as the paper seems to have used them: linear hexahedra with bending shapes, one through the thickness.
+"""Finite elements as the paper seems to have used them: linear hexahedra with bending shapes, one
+through the thickness.
 
-Each direction gets a shape ``1 - xi^2`` of its own in each element, condensed out of its stiffness; on rectangular bricks this is
-exact in pure bending. The mass is that of the plain element. Commercial programs have such elements, Headstock has not.
+Each direction gets a shape ``1 - xi^2`` of its own in each element, condensed out of its stiffness;
+on rectangular bricks this is exact in pure bending. The mass is that of the plain element.
+Commercial programs have such elements, Headstock has not.
 
-The paper names neither its elements nor its meshes. These give every statement it makes on figures 7, 9 and 14, which plain linear
-elements do not: dx(Mc) stays more than 10 % off since one element across the section cannot warp as the section does.
+The paper names neither its elements nor its meshes. These give every statement it makes on figures
+7, 9 and 14, which plain linear elements do not: dx(Mc) stays more than 10 % off since one element
+across the section cannot warp as the section does.
 
 Source: Wilson, Taylor, Doherty and Ghaboussi (1973), Incompatible displacement models.
 """
@@ -23,13 +26,28 @@ from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import IntArray
 from headstock.validation.ladder.points import LadderPoint, cantilever_displacements
 from headstock.validation.ladder.references import LadderBeam
-from headstock.validation.ladder.theory_shapes import find_theory_shapes, read_shape, section_motions
+from headstock.validation.ladder.theory_shapes import (
+    find_theory_shapes,
+    read_shape,
+    section_motions,
+)
 
 CORNERS = np.array(
-    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=float
+    [
+        [-1, -1, -1],
+        [1, -1, -1],
+        [1, 1, -1],
+        [-1, 1, -1],
+        [-1, -1, 1],
+        [1, -1, 1],
+        [1, 1, 1],
+        [-1, 1, 1],
+    ],
+    dtype=float,
 )
 GAUSS = 1.0 / np.sqrt(3.0)
-# rows of the strain: xx yy zz xy yz zx, each with the displacement component and the derivative it takes
+# rows of the strain: xx yy zz xy yz zx, each with the displacement component and the derivative it
+# takes
 STRAINS = (((0, 0),), ((1, 1),), ((2, 2),), ((0, 1), (1, 0)), ((1, 2), (2, 1)), ((2, 0), (0, 2)))
 COLUMN_GRIDS = tuple((1, 1, count) for count in (2, 3, 4, 8, 16, 32, 80))
 FIXED_GRIDS = tuple((1, 3 * count, count) for count in (1, 2, 3, 4, 5, 6, 8, 12))
@@ -52,7 +70,9 @@ class BrickModel:
     mass: scipy.sparse.csr_matrix
 
 
-def brick_model(sides: tuple[float, float, float], counts: tuple[int, int, int], material: Material) -> BrickModel:
+def brick_model(
+    sides: tuple[float, float, float], counts: tuple[int, int, int], material: Material
+) -> BrickModel:
     """A box from ``(-x/2, -y/2, -z/2)``, cut into bricks.
 
     Args:
@@ -60,7 +80,10 @@ def brick_model(sides: tuple[float, float, float], counts: tuple[int, int, int],
         counts: Bricks along x, y and z.
         material: Isotropic.
     """
-    axes = [side * (np.arange(count + 1) / count - 0.5) for side, count in zip(sides, counts, strict=True)]
+    axes = [
+        side * (np.arange(count + 1) / count - 0.5)
+        for side, count in zip(sides, counts, strict=True)
+    ]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     cells = _number_cells(counts)
     brick = np.array(sides) / np.array(counts)
@@ -69,13 +92,17 @@ def brick_model(sides: tuple[float, float, float], counts: tuple[int, int, int],
     size = 3 * len(points)
     matrices = (brick_stiffness(brick, material), brick_mass(brick, material))
     stiffness, mass = (
-        scipy.sparse.csr_matrix((np.tile(matrix.ravel(), len(cells)), (rows, columns)), shape=(size, size)) for matrix in matrices
+        scipy.sparse.csr_matrix(
+            (np.tile(matrix.ravel(), len(cells)), (rows, columns)), shape=(size, size)
+        )
+        for matrix in matrices
     )
     return BrickModel(points, stiffness, mass)
 
 
 def brick_stiffness(brick: FloatArray, material: Material, *, bending: bool = True) -> FloatArray:
-    """Stiffness ``(24, 24)`` of one rectangular brick [N/m], with its bending shapes condensed out or without them.
+    """Stiffness ``(24, 24)`` of one rectangular brick [N/m], with its bending shapes condensed out
+    or without them.
 
     Args:
         brick: ``(3,)`` sides [m].
@@ -90,7 +117,9 @@ def brick_stiffness(brick: FloatArray, material: Material, *, bending: bool = Tr
         whole += strain.T @ elastic @ strain * float(np.prod(half))
     if not bending:
         return whole[:24, :24]
-    return np.asarray(whole[:24, :24] - whole[:24, 24:] @ np.linalg.solve(whole[24:, 24:], whole[24:, :24]))
+    return np.asarray(
+        whole[:24, :24] - whole[:24, 24:] @ np.linalg.solve(whole[24:, 24:], whole[24:, :24])
+    )
 
 
 def brick_mass(brick: FloatArray, material: Material) -> FloatArray:
@@ -99,7 +128,9 @@ def brick_mass(brick: FloatArray, material: Material) -> FloatArray:
     for place in itertools.product((-GAUSS, GAUSS), repeat=3):
         shapes = np.prod((1.0 + CORNERS * place) / 2.0, axis=1)
         scalar += np.outer(shapes, shapes)
-    return np.asarray(np.kron(scalar * material.density * float(np.prod(np.asarray(brick) / 2.0)), np.eye(3)))
+    return np.asarray(
+        np.kron(scalar * material.density * float(np.prod(np.asarray(brick) / 2.0)), np.eye(3))
+    )
 
 
 def solve_held(model: BrickModel, held: IntArray, loads: FloatArray) -> FloatArray:
@@ -112,7 +143,9 @@ def solve_held(model: BrickModel, held: IntArray, loads: FloatArray) -> FloatArr
     """
     free = _free_dofs(model, held)
     found = np.zeros_like(loads)
-    found[free] = scipy.sparse.linalg.splu(model.stiffness[free][:, free].tocsc()).solve(loads[free])
+    found[free] = scipy.sparse.linalg.splu(model.stiffness[free][:, free].tocsc()).solve(
+        loads[free]
+    )
     return found
 
 
@@ -133,7 +166,9 @@ def held_modes(model: BrickModel, held: IntArray, count: int) -> tuple[FloatArra
         values, vectors = scipy.linalg.eigh(stiffness.toarray(), mass.toarray())
         values, vectors = values[:count], vectors[:, :count]
     else:
-        values, vectors = scipy.sparse.linalg.eigsh(stiffness.tocsc(), k=count, M=mass.tocsc(), sigma=0.0, tol=1e-12)
+        values, vectors = scipy.sparse.linalg.eigsh(
+            stiffness.tocsc(), k=count, M=mass.tocsc(), sigma=0.0, tol=1e-12
+        )
     order = np.argsort(values)
     shapes = np.zeros((3 * len(model.points), len(order)))
     shapes[free] = vectors[:, order]
@@ -141,12 +176,16 @@ def held_modes(model: BrickModel, held: IntArray, count: int) -> tuple[FloatArra
 
 
 def _free_dofs(model: BrickModel, held: IntArray) -> IntArray:
-    return np.setdiff1d(np.arange(3 * len(model.points)), (3 * np.asarray(held)[:, None] + np.arange(3)).ravel())
+    return np.setdiff1d(
+        np.arange(3 * len(model.points)), (3 * np.asarray(held)[:, None] + np.arange(3)).ravel()
+    )
 
 
 def _number_cells(counts: tuple[int, int, int]) -> IntArray:
     """Corner nodes ``(n, 8)`` in the order of ``CORNERS``."""
-    starts = np.stack(np.meshgrid(*(np.arange(count) for count in counts), indexing="ij"), axis=-1).reshape(-1, 3)
+    starts = np.stack(
+        np.meshgrid(*(np.arange(count) for count in counts), indexing="ij"), axis=-1
+    ).reshape(-1, 3)
     index = starts[:, None, :] + ((CORNERS + 1.0) / 2.0).astype(np.int64)[None]
     _, second, third = (count + 1 for count in counts)
     return np.asarray((index[..., 0] * second + index[..., 1]) * third + index[..., 2])
@@ -165,7 +204,9 @@ def _strain_rows(place: FloatArray, half: FloatArray) -> FloatArray:
     sides = (1.0 + CORNERS * place) / 2.0
     gradients = np.zeros((11, 3))
     for axis in range(3):
-        gradients[:8, axis] = CORNERS[:, axis] / 2.0 * np.prod(np.delete(sides, axis, axis=1), axis=1) / half[axis]
+        gradients[:8, axis] = (
+            CORNERS[:, axis] / 2.0 * np.prod(np.delete(sides, axis, axis=1), axis=1) / half[axis]
+        )
         gradients[8 + axis, axis] = -2.0 * place[axis] / half[axis]
     rows = np.zeros((6, 11, 3))
     for row, parts in enumerate(STRAINS):
@@ -175,14 +216,20 @@ def _strain_rows(place: FloatArray, half: FloatArray) -> FloatArray:
 
 
 def paper_points(beam: LadderBeam) -> list[LadderPoint]:
-    """Models of a beam by the paper's elements; static ones of the cantilever only, as the fixed beam's mesh is not known."""
+    """Models of a beam by the paper's elements; static ones of the cantilever only, as the fixed
+    beam's mesh is not known.
+    """
     column = beam.ends == "clamped-free"
     found: list[LadderPoint] = []
     for grid in COLUMN_GRIDS if column else FIXED_GRIDS:
         model = brick_model(beam.size, grid, beam.material)
         ndof = 3 * len(model.points)
         if column:
-            found.append(LadderPoint("wilson8", ndof, "static", _static_values(beam, model), {}, math.nan, math.nan))
+            found.append(
+                LadderPoint(
+                    "wilson8", ndof, "static", _static_values(beam, model), {}, math.nan, math.nan
+                )
+            )
         values, macs = _modal_values(beam, model)
         found.append(LadderPoint("wilson8", ndof, "modal", values, macs, math.nan, math.nan))
     return found
@@ -195,7 +242,9 @@ def _held_nodes(beam: LadderBeam, model: BrickModel) -> IntArray:
 
 
 def _static_values(beam: LadderBeam, model: BrickModel) -> dict[str, float]:
-    """Unit forces and moments on the top face, spread evenly over its nodes, and the mean motion of that face."""
+    """Unit forces and moments on the top face, spread evenly over its nodes, and the mean motion of
+    that face.
+    """
     top = np.flatnonzero(model.points[:, 2] > 0.5 * beam.size[2] - ON_FACE)
     mean = np.linalg.pinv(rigid_map(model.points[top], model.points[top].mean(axis=0)))
     loads = np.zeros((3 * len(model.points), 6))
@@ -207,9 +256,13 @@ def _static_values(beam: LadderBeam, model: BrickModel) -> dict[str, float]:
 def _modal_values(beam: LadderBeam, model: BrickModel) -> tuple[dict[str, float], dict[str, float]]:
     frequencies, shapes = held_modes(model, _held_nodes(beam, model), MODES)
     half = 0.5 * beam.size[beam.axis]
-    sections = section_motions(model.points, shapes, axis=beam.axis, span=(-half, half), sides=beam.size)
+    sections = section_motions(
+        model.points, shapes, axis=beam.axis, span=(-half, half), sides=beam.size
+    )
     names = [name for name, reference in beam.references.items() if reference.group == "modal"]
-    paired = find_theory_shapes(sections, tuple(read_shape(name, beam.axis) for name in names), beam.ends)
+    paired = find_theory_shapes(
+        sections, tuple(read_shape(name, beam.axis) for name in names), beam.ends
+    )
     return (
         {name: float(frequencies[mode.index]) for name, mode in paired.items()},
         {name: mode.mac for name, mode in paired.items()},

@@ -1,4 +1,6 @@
-"""What results of a scene say about a beam of the paper, and their deviations from the references along a fidelity ladder."""
+"""What results of a scene say about a beam of the paper, and their deviations from the references
+along a fidelity ladder.
+"""
 
 import dataclasses
 import math
@@ -16,8 +18,20 @@ from headstock.pipeline.results.results import Results
 from headstock.scene.scene import Scene
 from headstock.studies.parameters.records import Measured, StudyRecord
 from headstock.studies.parameters.tables import median_seconds
-from headstock.validation.ladder.references import FORCE, MOMENT, OFFSET, UM, Group, LadderBeam, ladder_beam
-from headstock.validation.ladder.theory_shapes import find_theory_shapes, read_shape, section_motions
+from headstock.validation.ladder.references import (
+    FORCE,
+    MOMENT,
+    OFFSET,
+    UM,
+    Group,
+    LadderBeam,
+    ladder_beam,
+)
+from headstock.validation.ladder.theory_shapes import (
+    find_theory_shapes,
+    read_shape,
+    section_motions,
+)
 
 LadderKind = Literal["segmented", "tet4", "hex8", "tet10", "hex27", "wilson8"]
 KINDS: tuple[LadderKind, ...] = ("segmented", "tet4", "hex8", "tet10", "hex27", "wilson8")
@@ -36,7 +50,8 @@ class LadderPoint:
     """A model of a beam.
 
     Attributes:
-        kind: Segmented bodies, or the finite elements; ``wilson8`` are the paper's own, which Headstock has not.
+        kind: Segmented bodies, or the finite elements; ``wilson8`` are the paper's own, which
+            Headstock has not.
         ndof: As the paper counts: 6 per segment, 3 per node.
         group: Static or modal.
         values: By quantity [um, Hz]; a mode that no shape of the model resembles is missing.
@@ -69,12 +84,18 @@ def measure_beam(reference: str, scene: Scene, results: Results) -> Measured:
     component = _check_beam(beam, scene)
     facts = results.components[component.name]
     mesh = component.mesh
-    kind = component.fidelity if component.fidelity != "elastic" else f"{mesh.cells}{_nodes(mesh.cells, mesh.order)}"
+    kind = (
+        component.fidelity
+        if component.fidelity != "elastic"
+        else f"{mesh.cells}{_nodes(mesh.cells, mesh.order)}"
+    )
     values: dict[str, float] = {}
     macs: dict[str, float] = {}
     if results.static:
         values = (
-            _cantilever_statics(scene, results) if beam.ends == "clamped-free" else _fixed_beam_statics(component, scene, results)
+            _cantilever_statics(scene, results)
+            if beam.ends == "clamped-free"
+            else _fixed_beam_statics(component, scene, results)
         )
     if results.modal:
         modal, macs = _beam_modes(beam, component, results)
@@ -83,7 +104,9 @@ def measure_beam(reference: str, scene: Scene, results: Results) -> Measured:
 
 
 def collect_points(beam: LadderBeam, records: Sequence[StudyRecord]) -> list[LadderPoint]:
-    """The rungs of a ladder from a study's records; a point with static and modal results is two rungs, a failed one is none."""
+    """The rungs of a ladder from a study's records; a point with static and modal results is two
+    rungs, a failed one is none.
+    """
     found: list[LadderPoint] = []
     for record in records:
         seconds, cpu = median_seconds(record), median_seconds(record, "cpu_seconds")
@@ -91,12 +114,22 @@ def collect_points(beam: LadderBeam, records: Sequence[StudyRecord]) -> list[Lad
             continue
         measured = record.measured
         for group in ("static", "modal"):
-            own = {name: value for name, value in measured["values"].items() if beam.references[name].group == group}
+            own = {
+                name: value
+                for name, value in measured["values"].items()
+                if beam.references[name].group == group
+            }
             if own:
                 macs = measured["macs"] if group == "modal" else {}
                 found.append(
                     LadderPoint(
-                        cast(LadderKind, measured["kind"]), measured["ndof"], cast(Group, group), own, macs, seconds[0], cpu[0]
+                        cast(LadderKind, measured["kind"]),
+                        measured["ndof"],
+                        cast(Group, group),
+                        own,
+                        macs,
+                        seconds[0],
+                        cpu[0],
                     )
                 )
     return found
@@ -110,8 +143,14 @@ def _check_beam(beam: LadderBeam, scene: Scene) -> Component:
     """The one component of a scene, which must be the beam."""
     components = list(scene.machine.components.values())
     solid = components[0].solid
-    right = isinstance(solid, Box) and len(components) == 1 and np.allclose(solid.size, beam.size, rtol=SAME, atol=0.0)
-    own, wanted = (dataclasses.astuple(material)[1:] for material in (components[0].material, beam.material))
+    right = (
+        isinstance(solid, Box)
+        and len(components) == 1
+        and np.allclose(solid.size, beam.size, rtol=SAME, atol=0.0)
+    )
+    own, wanted = (
+        dataclasses.astuple(material)[1:] for material in (components[0].material, beam.material)
+    )
     if not right or not np.allclose(own, wanted, rtol=SAME, atol=0.0):
         sides = " x ".join(f"{1e3 * side:g}" for side in beam.size)
         raise LadderError(
@@ -128,7 +167,9 @@ def _cantilever_statics(scene: Scene, results: Results) -> dict[str, float]:
 
 
 def cantilever_displacements(compliance: FloatArray) -> dict[str, float]:
-    """Displacements [um] under the paper's loads by the compliance ``(6, 6)`` of the top face [m/N, 1/N, 1/(N m)]."""
+    """Displacements [um] under the paper's loads by the compliance ``(6, 6)`` of the top face [m/N,
+    1/N, 1/(N m)].
+    """
     c = np.abs(compliance) * UM
     half = ladder_beam("kono-cantilever").size[1] / 2.0
     return {
@@ -160,7 +201,9 @@ def _fixed_beam_statics(component: Component, scene: Scene, results: Results) ->
     return found
 
 
-def _beam_modes(beam: LadderBeam, component: Component, results: Results) -> tuple[dict[str, float], dict[str, float]]:
+def _beam_modes(
+    beam: LadderBeam, component: Component, results: Results
+) -> tuple[dict[str, float], dict[str, float]]:
     """Frequencies of the modes the paper names, found by their shapes, and how alike those are."""
     modes = results.modal[0]
     pose = results.view.poses[modes.pose.name]
@@ -173,7 +216,9 @@ def _beam_modes(beam: LadderBeam, component: Component, results: Results) -> tup
         sides=beam.size,
     )
     names = [name for name, reference in beam.references.items() if reference.group == "modal"]
-    paired = find_theory_shapes(sections, tuple(read_shape(name, beam.axis) for name in names), beam.ends)
+    paired = find_theory_shapes(
+        sections, tuple(read_shape(name, beam.axis) for name in names), beam.ends
+    )
     frequencies = {name: float(modes.frequencies_hz[mode.index]) for name, mode in paired.items()}
     return frequencies, {name: mode.mac for name, mode in paired.items()}
 
@@ -202,7 +247,9 @@ class Rungs:
     @property
     def figure(self) -> int:
         """Number of the paper's figure."""
-        return self.beam.figures[(0 if self.kinds == ("segmented",) else 1) + (0 if self.group == "static" else 2)]
+        return self.beam.figures[
+            (0 if self.kinds == ("segmented",) else 1) + (0 if self.group == "static" else 2)
+        ]
 
 
 @dataclass(frozen=True)
@@ -218,7 +265,9 @@ class Deviation:
         return f"{self.quantity} {100 * self.value:+.3g} % at nDOF {self.point.ndof} ({self.point.kind})"
 
 
-def pick_rungs(beam: LadderBeam, points: Sequence[LadderPoint], group: Group, *kinds: LadderKind) -> Rungs:
+def pick_rungs(
+    beam: LadderBeam, points: Sequence[LadderPoint], group: Group, *kinds: LadderKind
+) -> Rungs:
     """The models of some kinds, by rising nDOF.
 
     Args:
@@ -227,24 +276,32 @@ def pick_rungs(beam: LadderBeam, points: Sequence[LadderPoint], group: Group, *k
         group: Static or modal.
         kinds: Segmented, or kinds of elements.
     """
-    own = sorted((point for point in points if point.group == group and point.kind in kinds), key=lambda point: point.ndof)
+    own = sorted(
+        (point for point in points if point.group == group and point.kind in kinds),
+        key=lambda point: point.ndof,
+    )
     return Rungs(beam, kinds, group, tuple(own))
 
 
-def deviations(rungs: Rungs, quantities: Sequence[str], *, above: float = 0.0, against: Against = "analytic") -> list[Deviation]:
+def deviations(
+    rungs: Rungs, quantities: Sequence[str], *, above: float = 0.0, against: Against = "analytic"
+) -> list[Deviation]:
     """Every deviation of some quantities in models of at least so many dofs.
 
     Args:
         rungs: Models by rising nDOF.
         quantities: Names of the quantities; those that a model has not are left out.
         above: Least nDOF.
-        against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D elasticity.
+        against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D
+            elasticity.
 
     Returns:
         Value over reference less one [-], with its quantity and model.
     """
     return [
-        Deviation(point.values[name] / reference_value(rungs.beam, name, against) - 1.0, name, point)
+        Deviation(
+            point.values[name] / reference_value(rungs.beam, name, against) - 1.0, name, point
+        )
         for point in rungs.points
         if point.ndof >= above
         for name in quantities
@@ -258,7 +315,8 @@ def reference_value(beam: LadderBeam, quantity: str, against: Against) -> float:
     Args:
         beam: With references by quantity.
         quantity: Name of the quantity.
-        against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D elasticity.
+        against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D
+            elasticity.
     """
     value: float = getattr(beam.references[quantity], against)
     return value
@@ -278,7 +336,8 @@ def worst_by_ndof(
         rungs: Models by rising nDOF.
         quantities: Names of the quantities.
         above: Least nDOF.
-        against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D elasticity.
+        against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D
+            elasticity.
     """
     grouped: dict[int, list[Deviation]] = {}
     for deviation in deviations(rungs, quantities, above=above, against=against):
@@ -286,14 +345,18 @@ def worst_by_ndof(
     return {ndof: worst_of(found) for ndof, found in grouped.items()}
 
 
-def ndof_within(rungs: Rungs, quantities: Sequence[str], limit: float, *, against: Against = "analytic") -> int | None:
-    """Smallest nDOF from which on every deviation is within a limit; None where the largest model is outside.
+def ndof_within(
+    rungs: Rungs, quantities: Sequence[str], limit: float, *, against: Against = "analytic"
+) -> int | None:
+    """Smallest nDOF from which on every deviation is within a limit; None where the largest model
+    is outside.
 
     Args:
         rungs: Models by rising nDOF.
         quantities: Names of the quantities.
         limit: Largest relative deviation [-].
-        against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D elasticity.
+        against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D
+            elasticity.
     """
     enough: int | None = None
     for ndof, worst in reversed(worst_by_ndof(rungs, quantities, against=against).items()):

@@ -1,4 +1,6 @@
-"""References of the two beams of Kono et al.: the paper's closed forms, the same with shear, and converged 3D elasticity."""
+"""References of the two beams of Kono et al.: the paper's closed forms, the same with shear, and
+converged 3D elasticity.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -15,7 +17,12 @@ from headstock.validation.references.bending import (
     timoshenko_frequencies,
 )
 from headstock.validation.references.prismatic_beams import EndConditions, turn_section
-from headstock.validation.references.torsion import axial_extension, cantilever_twist, fixed_beam_twist, torsional_frequencies
+from headstock.validation.references.torsion import (
+    axial_extension,
+    cantilever_twist,
+    fixed_beam_twist,
+    torsional_frequencies,
+)
 from headstock.validation.references.values import reference_case
 
 FORCE, MOMENT, OFFSET = 1e3, 1.0, 0.1  # N, N m, m
@@ -61,7 +68,8 @@ class LadderBeam:
         ends: How they are held.
         material: Of the references.
         references: By quantity, in the paper's order.
-        figures: Numbers of the paper's figures: segmented static, FEM static, segmented modal, FEM modal.
+        figures: Numbers of the paper's figures: segmented static, FEM static, segmented modal, FEM
+            modal.
     """
 
     name: str
@@ -82,8 +90,18 @@ def cantilever_references() -> dict[str, LadderReference]:
     moment_y, moment_x = (cantilever_moment_deflection(beam, MOMENT) for beam in (wide, thin))
     extension = axial_extension(thin, FORCE)
     static = [
-        ("dx(Fx)", cantilever_force_deflection(thin, FORCE), cantilever_shear_deflection(thin, FORCE), CLAMP),
-        ("dy(Fy)", cantilever_force_deflection(wide, FORCE), cantilever_shear_deflection(wide, FORCE), SHEAR),
+        (
+            "dx(Fx)",
+            cantilever_force_deflection(thin, FORCE),
+            cantilever_shear_deflection(thin, FORCE),
+            CLAMP,
+        ),
+        (
+            "dy(Fy)",
+            cantilever_force_deflection(wide, FORCE),
+            cantilever_shear_deflection(wide, FORCE),
+            SHEAR,
+        ),
         ("dz(Fz)", extension, extension, CLAMP),
         ("dy(Ma)", moment_y, moment_y, CLAMP),
         ("dx(Mb)", moment_x, moment_x, CLAMP),
@@ -97,7 +115,10 @@ def cantilever_references() -> dict[str, LadderReference]:
         euler_bernoulli_frequencies(thin, "clamped-free", 3),
         euler_bernoulli_frequencies(wide, "clamped-free", 2),
     )
-    deep_x, deep_y = timoshenko_frequencies(thin, "clamped-free", 3), timoshenko_frequencies(wide, "clamped-free", 2)
+    deep_x, deep_y = (
+        timoshenko_frequencies(thin, "clamped-free", 3),
+        timoshenko_frequencies(wide, "clamped-free", 2),
+    )
     torsion = float(torsional_frequencies(thin, "clamped-free", 1)[0])
     modal = [
         ("X1", slender_x[0], deep_x[0], CLAMP),
@@ -107,11 +128,15 @@ def cantilever_references() -> dict[str, LadderReference]:
         ("Y2", slender_y[1], deep_y[1], SHEAR_AND_ROTARY),
         ("X3", slender_x[2], deep_x[2], SHEAR_AND_ROTARY),
     ]
-    return _by_name(found + _modal_references(modal, list(reference_case("seed-cantilever").values.values())))
+    return _by_name(
+        found + _modal_references(modal, list(reference_case("seed-cantilever").values.values()))
+    )
 
 
 def fixed_beam_references() -> dict[str, LadderReference]:
-    """A force at and above the middle of the front face, and three modes, of the beam clamped at both ends."""
+    """A force at and above the middle of the front face, and three modes, of the beam clamped at
+    both ends.
+    """
     flat = FIXED_BEAM
     bending, sheared = fixed_beam_deflection(flat, FORCE), fixed_beam_shear_deflection(flat, FORCE)
     twist = fixed_beam_twist(flat, FORCE * OFFSET)
@@ -125,13 +150,31 @@ def fixed_beam_references() -> dict[str, LadderReference]:
         (above, bending + high, sheared + high, solid["dx patch average, h_F=100mm"], both),
         ("dz(Fx), h_F = 100 mm", tilt, tilt, solid["|dz| patch average, h_F=100mm"], WARPING),
         (f"{at}, back face", bending, sheared, solid["dx back face, h_F=0"], wide),
-        (f"{above}, back face", bending + high, sheared + high, solid["dx back face, h_F=100mm"], both),
+        (
+            f"{above}, back face",
+            bending + high,
+            sheared + high,
+            solid["dx back face, h_F=100mm"],
+            both,
+        ),
     ]
-    found = [LadderReference(name, "static", UM * a, UM * b, c, note) for name, a, b, c, note in static]
-    slender, deep = euler_bernoulli_frequencies(flat, "clamped-clamped", 2), timoshenko_frequencies(flat, "clamped-clamped", 2)
+    found = [
+        LadderReference(name, "static", UM * a, UM * b, c, note) for name, a, b, c, note in static
+    ]
+    slender, deep = (
+        euler_bernoulli_frequencies(flat, "clamped-clamped", 2),
+        timoshenko_frequencies(flat, "clamped-clamped", 2),
+    )
     torsion = float(torsional_frequencies(flat, "clamped-clamped", 1)[0])
-    modal = [("X1", slender[0], deep[0], wide), ("T1", torsion, torsion, WARPING), ("X2", slender[1], deep[1], wide)]
-    return _by_name(found + _modal_references(modal, list(reference_case("seed-fixed-beam").values.values())[:3]))
+    modal = [
+        ("X1", slender[0], deep[0], wide),
+        ("T1", torsion, torsion, WARPING),
+        ("X2", slender[1], deep[1], wide),
+    ]
+    return _by_name(
+        found
+        + _modal_references(modal, list(reference_case("seed-fixed-beam").values.values())[:3])
+    )
 
 
 def ladder_beam(name: str) -> LadderBeam:
@@ -142,7 +185,14 @@ def ladder_beam(name: str) -> LadderBeam:
     """
     return {
         "kono-cantilever": LadderBeam(
-            name, "cantilever", (0.038, 0.1, 0.5), 2, "clamped-free", STEEL, cantilever_references(), (6, 7, 8, 9)
+            name,
+            "cantilever",
+            (0.038, 0.1, 0.5),
+            2,
+            "clamped-free",
+            STEEL,
+            cantilever_references(),
+            (6, 7, 8, 9),
         ),
         "kono-fixed-beam": LadderBeam(
             name,
@@ -157,7 +207,9 @@ def ladder_beam(name: str) -> LadderBeam:
     }[name]
 
 
-def _modal_references(modal: list[tuple[str, float, float, str]], solid: list[float]) -> list[LadderReference]:
+def _modal_references(
+    modal: list[tuple[str, float, float, str]], solid: list[float]
+) -> list[LadderReference]:
     return [
         LadderReference(name, "modal", float(analytic), float(beam), right, note)
         for (name, analytic, beam, note), right in zip(modal, solid, strict=True)

@@ -1,4 +1,6 @@
-"""Which mode of a beam model is which: paired with the shapes of beam theory by MAC, whatever order they come in."""
+"""Which mode of a beam model is which: paired with the shapes of beam theory by MAC, whatever order
+they come in.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -40,9 +42,11 @@ class SectionMotions:
 
     Attributes:
         places: ``(n,)`` of the sections along the beam, 0 to 1.
-        motions: ``(m, n, 6)`` rigid motion of each section in each mode: displacement, and rotation times ``length`` [m].
+        motions: ``(m, n, 6)`` rigid motion of each section in each mode: displacement, and rotation
+            times ``length`` [m].
         length: Length of the beam [m].
-        gyration: ``(6,)`` weight of each motion in the kinetic energy: 1, and radius of gyration over length.
+        gyration: ``(6,)`` weight of each motion in the kinetic energy: 1, and radius of gyration
+            over length.
         axis: Direction of the beam, 0..2.
     """
 
@@ -62,7 +66,12 @@ class PairedMode:
 
 
 def section_motions(
-    points: FloatArray, displacements: FloatArray, *, axis: int, span: tuple[float, float], sides: tuple[float, float, float]
+    points: FloatArray,
+    displacements: FloatArray,
+    *,
+    axis: int,
+    span: tuple[float, float],
+    sides: tuple[float, float, float],
 ) -> SectionMotions:
     """Rigid motions of a beam's sections that fit its modes best, slice by slice.
 
@@ -80,20 +89,38 @@ def section_motions(
     for label in range(int(labels.max()) + 1):
         rows = np.flatnonzero(labels == label)
         center = points[rows].mean(axis=0)
-        fit = np.linalg.pinv(rigid_map(points[rows], center)) @ displacements[:, rows].reshape(len(displacements), -1).T
+        fit = (
+            np.linalg.pinv(rigid_map(points[rows], center))
+            @ displacements[:, rows].reshape(len(displacements), -1).T
+        )
         places.append(float(along[rows].mean()))
         motions.append(fit.T * np.repeat([1.0, length], 3))
     squares = np.array(sides) ** 2 / 12.0
-    radii = np.sqrt([squares.sum() - squares[axis] if turn == axis else squares[3 - axis - turn] for turn in range(3)])
-    return SectionMotions(np.array(places), np.stack(motions, axis=1), length, np.concatenate([np.ones(3), radii / length]), axis)
+    radii = np.sqrt(
+        [
+            squares.sum() - squares[axis] if turn == axis else squares[3 - axis - turn]
+            for turn in range(3)
+        ]
+    )
+    return SectionMotions(
+        np.array(places),
+        np.stack(motions, axis=1),
+        length,
+        np.concatenate([np.ones(3), radii / length]),
+        axis,
+    )
 
 
-def find_theory_shapes(sections: SectionMotions, shapes: tuple[NamedShape, ...], ends: EndConditions) -> dict[str, PairedMode]:
-    """The mode of the model that each mode of theory goes with: the most alike pair first, then the most alike of what is left.
+def find_theory_shapes(
+    sections: SectionMotions, shapes: tuple[NamedShape, ...], ends: EndConditions
+) -> dict[str, PairedMode]:
+    """The mode of the model that each mode of theory goes with: the most alike pair first, then the
+    most alike of what is left.
 
-    A mode of the model goes with one shape only; shapes that nothing left resembles are missing: a model with few sections does not
-    have them. The largest sum of MACs would be wrong here: it gives a first mode away to a third one that looks like it in a coarse
-    model, and takes an overtone in its place.
+    A mode of the model goes with one shape only; shapes that nothing left resembles are missing: a
+    model with few sections does not have them. The largest sum of MACs would be wrong here: it
+    gives a first mode away to a third one that looks like it in a coarse model, and takes an
+    overtone in its place.
 
     Args:
         sections: Motions of the beam's sections in each mode of the model.
@@ -106,7 +133,9 @@ def find_theory_shapes(sections: SectionMotions, shapes: tuple[NamedShape, ...],
     Source: Allemang (2003) for the MAC.
     """
     weighted = (sections.motions * sections.gyration).reshape(len(sections.motions), -1)
-    wanted = np.array([(_theory_motions(sections, shape, ends) * sections.gyration).ravel() for shape in shapes])
+    wanted = np.array(
+        [(_theory_motions(sections, shape, ends) * sections.gyration).ravel() for shape in shapes]
+    )
     macs = correlate_modes(wanted.T, weighted.T)
     found: dict[str, PairedMode] = {}
     while macs.size and macs.max() >= LEAST_MAC:
@@ -117,10 +146,14 @@ def find_theory_shapes(sections: SectionMotions, shapes: tuple[NamedShape, ...],
 
 
 def _slice_labels(along: FloatArray) -> IntArray:
-    """Which section each point belongs to: points at the same place where there are few places, else equal slices."""
+    """Which section each point belongs to: points at the same place where there are few places,
+    else equal slices.
+    """
     ordered = np.unique(np.round(along / SAME_PLACE)) * SAME_PLACE
     labels = (
-        np.searchsorted(ordered, along - SAME_PLACE) if len(ordered) <= SLICES else (along * SLICES).astype(int).clip(0, SLICES - 1)
+        np.searchsorted(ordered, along - SAME_PLACE)
+        if len(ordered) <= SLICES
+        else (along * SLICES).astype(int).clip(0, SLICES - 1)
     )
     return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.int64)
 

@@ -1,1 +1,3 @@
-"""Coupled serial machines against monolithic models, estimates, other integrators and measurements. Never closed loops."""
+"""Coupled serial machines against monolithic models, estimates, other integrators and measurements.
+Never closed loops.
+"""

@@ -1,4 +1,6 @@
-"""Scenes that choose their own meshes for a stated accuracy, compared with far finer ones; and the estimates behind the choice."""
+"""Scenes that choose their own meshes for a stated accuracy, compared with far finer ones; and the
+estimates behind the choice.
+"""
 
 import dataclasses
 import resource
@@ -33,23 +35,42 @@ MACHINES = {
     "STEP bracket": PROJECT / "tests" / "data" / "support.toml",
 }
 COLUMN = {"size": "9 mm", "cells": "hex"}
-# meshes several times finer than those that are chosen for 1 %, and modes that leave out nothing of it
+# meshes several times finer than those that are chosen for 1 %, and modes that leave out nothing of
+# it
 FINE: dict[str, dict[str, Any]] = {
-    "cantilever": {"components.column.mesh": COLUMN, "components.column.reduction": {"modes_to": "25 kHz"}},
+    "cantilever": {
+        "components.column.mesh": COLUMN,
+        "components.column.reduction": {"modes_to": "25 kHz"},
+    },
     "fixed beam": {
-        "components.beam.mesh": {"size": "14 mm", "across_patches": 24, "growth": 0.25, "rim_size": "0.9 mm"},
+        "components.beam.mesh": {
+            "size": "14 mm",
+            "across_patches": 24,
+            "growth": 0.25,
+            "rim_size": "0.9 mm",
+        },
         "components.beam.reduction": {"modes_to": "16 kHz"},
     },
     "three-axis machine": {
         "components.column_left.mesh": COLUMN,
         "components.column_right.mesh": COLUMN,
-        "components.y_base.mesh": {"size": "14 mm", "across_patches": 20, "growth": 0.25, "rim_size": "1.2 mm"},
+        "components.y_base.mesh": {
+            "size": "14 mm",
+            "across_patches": 20,
+            "growth": 0.25,
+            "rim_size": "1.2 mm",
+        },
         "components.column_left.reduction": {"modes_to": "3 kHz"},
         "components.column_right.reduction": {"modes_to": "3 kHz"},
         "components.y_base.reduction": {"modes_to": "3 kHz"},
     },
     "STEP column": {
-        "components.column.mesh": {"size": "20 mm", "across_patches": 24, "growth": 0.22, "rim_size": "2.5 mm"},
+        "components.column.mesh": {
+            "size": "20 mm",
+            "across_patches": 24,
+            "growth": 0.22,
+            "rim_size": "2.5 mm",
+        },
         "components.column.reduction": {"modes_to": "5 kHz"},
     },
     "STEP bracket": {
@@ -71,12 +92,19 @@ LARGEST_FACTOR = 3.0
 
 def check_beam_accuracy(comm: MPI.Comm) -> list[ValidationRow]:
     """The seed's column with 3 %, 1 % and 0.1 % asked for, its fixed beam with 1 %."""
-    return [*_check_accuracy("cantilever", (0.03, 0.01, 0.001), comm), *_check_accuracy("fixed beam", (0.01,), comm)]
+    return [
+        *_check_accuracy("cantilever", (0.03, 0.01, 0.001), comm),
+        *_check_accuracy("fixed beam", (0.01,), comm),
+    ]
 
 
 def check_machine_accuracy(comm: MPI.Comm) -> list[ValidationRow]:
     """The three-axis machine and two STEP parts with 1 % asked for."""
-    return [row for name in ("three-axis machine", "STEP column", "STEP bracket") for row in _check_accuracy(name, (0.01,), comm)]
+    return [
+        row
+        for name in ("three-axis machine", "STEP column", "STEP bracket")
+        for row in _check_accuracy(name, (0.01,), comm)
+    ]
 
 
 def _check_accuracy(name: str, shares: Sequence[float], comm: MPI.Comm) -> list[ValidationRow]:
@@ -92,7 +120,14 @@ def _check_accuracy(name: str, shares: Sequence[float], comm: MPI.Comm) -> list[
             off = float(np.abs(_numbers(results) / exact - 1.0).max())
             what = f"{name}: largest error of {len(exact)} frequencies and compliances, {100.0 * share:g} % asked"
             rows.append(judge_bound("stated-accuracy", what, off, share, _chosen(results)))
-            rows.append(show("stated-accuracy", f"{name}: processor time, {100.0 * share:g} % asked", seconds, "s"))
+            rows.append(
+                show(
+                    "stated-accuracy",
+                    f"{name}: processor time, {100.0 * share:g} % asked",
+                    seconds,
+                    "s",
+                )
+            )
     return list(comm.bcast(rows, root=0))
 
 
@@ -107,7 +142,10 @@ def check_mesh_estimates(comm: MPI.Comm) -> list[ValidationRow]:
     exact = _numbers(_run(load_scene(CANTILEVER, values=FINE["cantilever"]), comm))
     found, true = [], []
     for mesh in SWEEP:
-        values: TomlTable = {"components.column.mesh": mesh, "components.column.reduction": {"modes": 30}}
+        values: TomlTable = {
+            "components.column.mesh": mesh,
+            "components.column.reduction": {"modes": 30},
+        }
         results = _run(load_scene(CANTILEVER, values=values), comm)
         if comm.rank == 0:
             # frequencies come out too high, compliances too small
@@ -136,13 +174,19 @@ def check_mesh_estimates(comm: MPI.Comm) -> list[ValidationRow]:
 
 def _run(scene: Scene, comm: MPI.Comm) -> Results:
     with tempfile.TemporaryDirectory(prefix="headstock-accuracy-") as folder:
-        return run_scene(scene, Path(folder) / "out", comm=comm, store=Store(Path(folder) / "store"))
+        return run_scene(
+            scene, Path(folder) / "out", comm=comm, store=Store(Path(folder) / "store")
+        )
 
 
 def _numbers(results: Results) -> FloatArray:
     """Frequencies and compliances along x, y and z; empty on other ranks than the first."""
     parts: list[Any] = [modes.frequencies_hz[modes.rigid_count :] for modes in results.modal]
-    parts += [np.diag(point.compliance)[:3] for points in results.static.values() for point in points.values()]
+    parts += [
+        np.diag(point.compliance)[:3]
+        for points in results.static.values()
+        for point in points.values()
+    ]
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
@@ -151,7 +195,10 @@ def _estimates(results: Results) -> FloatArray:
     parts: list[float] = []
     for modes in results.modal:
         pairs = zip(modes.errors, modes.frequencies_hz, strict=True)
-        parts += [(error.shares.get(DISCRETISATION) or 0.0) / hz for error, hz in list(pairs)[modes.rigid_count :]]
+        parts += [
+            (error.shares.get(DISCRETISATION) or 0.0) / hz
+            for error, hz in list(pairs)[modes.rigid_count :]
+        ]
     for points in results.static.values():
         for point in points.values():
             sizes = zip(point.errors.values(), np.diag(point.compliance)[:3], strict=True)

@@ -1,4 +1,6 @@
-"""Table 3, the measured shapes and figures 17 and 18 of Kono et al. by the calibrated three-axis machine."""
+"""Table 3, the measured shapes and figures 17 and 18 of Kono et al. by the calibrated three-axis
+machine.
+"""
 
 import dataclasses
 from collections.abc import Mapping
@@ -22,7 +24,15 @@ from headstock.validation.machines.axis_kit_models import (
     KitWorkshop,
     MeasuredMode,
 )
-from headstock.validation.references.rows import SHOWN_ONLY, Target, ValidationRow, judge, judge_bound, show, verdict
+from headstock.validation.references.rows import (
+    SHOWN_ONLY,
+    Target,
+    ValidationRow,
+    judge,
+    judge_bound,
+    show,
+    verdict,
+)
 
 CASE = "axis-construction-kit"
 FIDELITIES: tuple[KitFidelity, ...] = ("segmented", "elastic")
@@ -36,9 +46,15 @@ KitModels = Mapping[tuple[str, KitFidelity], KitModel]
 
 
 def check_axis_kit(comm: MPI.Comm) -> list[ValidationRow]:
-    """Everything the paper prints of its machine, for five variants at two fidelities with one set of parameters."""
+    """Everything the paper prints of its machine, for five variants at two fidelities with one set
+    of parameters.
+    """
     workshop = KitWorkshop(comm)
-    models = {(variant, fidelity): workshop.solve(variant, fidelity) for fidelity in FIDELITIES for variant in VARIANTS}
+    models = {
+        (variant, fidelity): workshop.solve(variant, fidelity)
+        for fidelity in FIDELITIES
+        for variant in VARIANTS
+    }
     rows = judge_table_3({variant: models[variant, "segmented"] for variant in TABLE_3})
     rows += judge_fidelities(models)
     rows += show_shapes(models["YCE", "segmented"])
@@ -47,7 +63,9 @@ def check_axis_kit(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def match_table_3(variant: str, model: KitModel) -> tuple[int, ...]:
-    """Index of the mode that meets each listed one of a variant; measured mode 9 moves the Y-slider along Y."""
+    """Index of the mode that meets each listed one of a variant; measured mode 9 moves the Y-slider
+    along Y.
+    """
     penalty = np.zeros((len(TABLE_3[variant]), len(model.frequencies_hz)))
     if variant in MODE_9:
         along = np.abs(model.motions["y_slider"][:3])
@@ -56,68 +74,118 @@ def match_table_3(variant: str, model: KitModel) -> tuple[int, ...]:
 
 
 def judge_table_3(models: Mapping[str, KitModel]) -> list[ValidationRow]:
-    """The 22 frequencies of the paper's own rigid and segmented models, and the modes below 300 Hz that it does not list."""
+    """The 22 frequencies of the paper's own rigid and segmented models, and the modes below 300 Hz
+    that it does not list.
+    """
     rows: list[ValidationRow] = []
     for variant, model in models.items():
         listed = TABLE_3[variant]
         met = match_table_3(variant, model)
         for number, (index, right) in enumerate(zip(met, listed, strict=True), start=1):
             target = Target(right, "Hz", TABLE_TOLERANCE, "published")
-            rows.append(judge(CASE, f"{variant} segmented: f{number}", model.frequencies_hz[index], target))
-        extra = [f for index, f in enumerate(model.frequencies_hz) if index not in met and f < LISTED_TO_HZ]
+            rows.append(
+                judge(CASE, f"{variant} segmented: f{number}", model.frequencies_hz[index], target)
+            )
+        extra = [
+            f
+            for index, f in enumerate(model.frequencies_hz)
+            if index not in met and f < LISTED_TO_HZ
+        ]
         note = ", ".join(f"{f:.1f} Hz" for f in extra)
-        rows.append(judge_bound(CASE, f"{variant} segmented: modes below 300 Hz not listed", float(len(extra)), MOST_EXTRA, note))
+        rows.append(
+            judge_bound(
+                CASE,
+                f"{variant} segmented: modes below 300 Hz not listed",
+                float(len(extra)),
+                MOST_EXTRA,
+                note,
+            )
+        )
     return rows
 
 
 def judge_fidelities(models: KitModels) -> list[ValidationRow]:
-    """Finite elements against segments, mode by mode as MAC pairs them, and against the paper's finite elements; YE as predicted."""
+    """Finite elements against segments, mode by mode as MAC pairs them, and against the paper's
+    finite elements; YE as predicted.
+    """
     rows: list[ValidationRow] = []
     for variant in ("CE", "YE", "YCE"):
         coarse, fine = models[variant, "segmented"], models[variant, "elastic"]
-        listed = match_table_3(variant, coarse) if variant in TABLE_3 else range(len(coarse.frequencies_hz))
+        listed = (
+            match_table_3(variant, coarse)
+            if variant in TABLE_3
+            else range(len(coarse.frequencies_hz))
+        )
         partners = {pair.first: pair for pair in pair_fidelities(coarse, fine)}
         for number, index in enumerate(listed, start=1):
             if index not in partners or coarse.frequencies_hz[index] > LISTED_TO_HZ:
                 continue
             pair = partners[index]
-            target = Target(float(coarse.frequencies_hz[index]), "Hz", FIDELITY_TOLERANCE, "segmented")
+            target = Target(
+                float(coarse.frequencies_hz[index]), "Hz", FIDELITY_TOLERANCE, "segmented"
+            )
             note = f"MAC {pair.correlation:.2f}" + ("" if variant in TABLE_3 else ", predicted")
-            rows.append(judge(CASE, f"{variant} FE: f{number}", fine.frequencies_hz[pair.second], target, note))
+            rows.append(
+                judge(
+                    CASE, f"{variant} FE: f{number}", fine.frequencies_hz[pair.second], target, note
+                )
+            )
     fine = models["YCE", "elastic"]
     met = match_frequencies(np.log(fine.frequencies_hz), np.log(TABLE_3_FEM))
     for number, (index, right) in enumerate(zip(met, TABLE_3_FEM, strict=True), 1):
         target = Target(right, "Hz", FEM_TOLERANCE, "published FEM")
-        rows.append(judge(CASE, f"YCE FE against the paper's FEM: f{number}", fine.frequencies_hz[index], target))
+        rows.append(
+            judge(
+                CASE,
+                f"YCE FE against the paper's FEM: f{number}",
+                fine.frequencies_hz[index],
+                target,
+            )
+        )
     return rows
 
 
 def pair_fidelities(coarse: KitModel, fine: KitModel) -> tuple[ModePair, ...]:
     """Modes of two models of one variant that are the same."""
-    return pair_modes(ModeSet(coarse.frequencies_hz, coarse.field), ModeSet(fine.frequencies_hz, fine.field))
+    return pair_modes(
+        ModeSet(coarse.frequencies_hz, coarse.field), ModeSet(fine.frequencies_hz, fine.field)
+    )
 
 
 def show_shapes(model: KitModel) -> list[ValidationRow]:
-    """The measured modes beside those of YCE that the paper pairs with them: how far off, and which described motions they make."""
+    """The measured modes beside those of YCE that the paper pairs with them: how far off, and which
+    described motions they make.
+    """
     rows: list[ValidationRow] = []
     met = match_table_3("YCE", model)
     for mode in MEASURED_MODES:
         if mode.paired is None:
             continue
         index = met[mode.paired - 1]
-        missing = find_missing_motions(mode, {name: motion[:, index] for name, motion in model.motions.items()})
-        note = f"{mode.words}: " + ("as described" if not missing else "not seen: " + ", ".join(missing))
+        missing = find_missing_motions(
+            mode, {name: motion[:, index] for name, motion in model.motions.items()}
+        )
+        note = f"{mode.words}: " + (
+            "as described" if not missing else "not seen: " + ", ".join(missing)
+        )
         target = Target(mode.frequency_hz, "Hz", float("nan"), SHOWN_ONLY)
-        rows.append(judge(CASE, f"measured mode {mode.number}", model.frequencies_hz[index], target, note))
+        rows.append(
+            judge(CASE, f"measured mode {mode.number}", model.frequencies_hz[index], target, note)
+        )
     return rows
 
 
 def find_missing_motions(mode: MeasuredMode, motions: Mapping[str, FloatArray]) -> list[str]:
-    """Described motions that a mode does not make: the bodies move against each other, or in the wrong sense."""
+    """Described motions that a mode does not make: the bodies move against each other, or in the
+    wrong sense.
+    """
     missing: list[str] = []
     senses: dict[str, float] = {}
     for motion in mode.motions:
-        signs = {float(np.sign(motions[body][DIRECTIONS.index(motion.direction)])) for body in motion.bodies}
+        signs = {
+            float(np.sign(motions[body][DIRECTIONS.index(motion.direction)]))
+            for body in motion.bodies
+        }
         sense = motion.sense * signs.pop() if len(signs) == 1 else 0.0
         if sense == 0.0 or senses.setdefault(motion.direction, sense) != sense:
             missing.append(f"{motion.direction} of {' + '.join(motion.bodies)}")
@@ -136,15 +204,26 @@ def compliance_name(variant: str, fidelity: str, axis: str) -> str:
 
 
 def judge_compliances(models: KitModels) -> list[ValidationRow]:
-    """Sizes of dz per force beside the measured ones; the fit's 151 um/kN is for YCE, everything else is predicted."""
+    """Sizes of dz per force beside the measured ones; the fit's 151 um/kN is for YCE, everything
+    else is predicted.
+    """
     rows: list[ValidationRow] = []
     for fidelity in FIDELITIES:
         for variant in VARIANTS:
             for axis, value in zip("xyz", models[variant, fidelity].compliance, strict=True):
                 fitted = variant == "YCE" and axis == "z"
-                tolerance, kind = (COMPLIANCE_TOLERANCE, "measured") if fitted else (float("nan"), SHOWN_ONLY)
+                tolerance, kind = (
+                    (COMPLIANCE_TOLERANCE, "measured") if fitted else (float("nan"), SHOWN_ONLY)
+                )
                 target = Target(MEASURED_COMPLIANCE[axis], "um/kN", tolerance, kind)
-                rows.append(judge(CASE, compliance_name(variant, fidelity, axis), abs(UM_PER_KN * value), target))
+                rows.append(
+                    judge(
+                        CASE,
+                        compliance_name(variant, fidelity, axis),
+                        abs(UM_PER_KN * value),
+                        target,
+                    )
+                )
     return rows
 
 
@@ -159,26 +238,50 @@ def show_claims(models: KitModels) -> list[ValidationRow]:
     for fidelity in FIDELITIES:
         for axis in "xy":
             worst = float(np.abs(deviations[fidelity, axis]).max())
-            rows.append(_claim(f"{WORDS[fidelity]}: dz/F{axis} deviates by more than 50 %", worst, worst > 0.5))
+            rows.append(
+                _claim(
+                    f"{WORDS[fidelity]}: dz/F{axis} deviates by more than 50 %", worst, worst > 0.5
+                )
+            )
         spread = {axis: float(np.ptp(deviations[fidelity, axis])) for axis in "xyz"}
-        rows.append(_claim(f"{WORDS[fidelity]}: variants differ by more than 100 % in dz/Fx", spread["x"], spread["x"] > 1.0))
+        rows.append(
+            _claim(
+                f"{WORDS[fidelity]}: variants differ by more than 100 % in dz/Fx",
+                spread["x"],
+                spread["x"] > 1.0,
+            )
+        )
         rows += [
-            _claim(f"{WORDS[fidelity]}: variants differ by less than 50 % in dz/F{axis}", spread[axis], spread[axis] < 0.5)
+            _claim(
+                f"{WORDS[fidelity]}: variants differ by less than 50 % in dz/F{axis}",
+                spread[axis],
+                spread[axis] < 0.5,
+            )
             for axis in "yz"
         ]
-    gap = {axis: np.abs(deviations["elastic", axis] - deviations["segmented", axis]) for axis in "xyz"}
+    gap = {
+        axis: np.abs(deviations["elastic", axis] - deviations["segmented", axis]) for axis in "xyz"
+    }
     elastic = float(gap["x"][[VARIANTS.index("YE"), VARIANTS.index("YCE")]].min())
-    rows.append(_claim("FE and segments differ by about 45 % in dz/Fx of YE and YCE", elastic, 0.35 <= elastic <= 0.55))
+    rows.append(
+        _claim(
+            "FE and segments differ by about 45 % in dz/Fx of YE and YCE",
+            elastic,
+            0.35 <= elastic <= 0.55,
+        )
+    )
     others = max(float(gap["x"][:3].max()), float(gap["y"].max()), float(gap["z"].max()))
     rows.append(_claim("FE and segments differ by less than 15 % elsewhere", others, others < 0.15))
     return [*rows, claim_similar_modes(models)]
 
 
 def claim_similar_modes(models: KitModels) -> ValidationRow:
-    """What section 4.2 says of the four variants besides YCE: frequencies and shapes by both fidelities are similar.
+    """What section 4.2 says of the four variants besides YCE: frequencies and shapes by both
+    fidelities are similar.
 
-    Modes below 300 Hz, paired by shape; R and BE have no elastic body and agree of themselves. Similar: every mode has a partner,
-    within ``FIDELITY_TOLERANCE`` in frequency and with a MAC of at least ``SIMILAR_MAC``.
+    Modes below 300 Hz, paired by shape; R and BE have no elastic body and agree of themselves.
+    Similar: every mode has a partner, within ``FIDELITY_TOLERANCE`` in frequency and with a MAC of
+    at least ``SIMILAR_MAC``.
     """
     worst, least, alone = 0.0, 1.0, []
     for variant in VARIANTS[:-1]:
@@ -189,11 +292,16 @@ def claim_similar_modes(models: KitModels) -> ValidationRow:
             if pair is None:
                 alone.append(f"{variant} {coarse.frequencies_hz[index]:.1f} Hz")
                 continue
-            worst = max(worst, abs(float(fine.frequencies_hz[pair.second] / coarse.frequencies_hz[index]) - 1.0))
+            worst = max(
+                worst,
+                abs(float(fine.frequencies_hz[pair.second] / coarse.frequencies_hz[index]) - 1.0),
+            )
             least = min(least, pair.correlation)
     held = not alone and worst < FIDELITY_TOLERANCE and least >= SIMILAR_MAC
     row = _claim("modes of R, BE, CE and YE are similar with FE and segments", worst, held)
-    note = f"{row.note}: least MAC {least:.2f}" + (f", without a partner {', '.join(alone)}" if alone else "")
+    note = f"{row.note}: least MAC {least:.2f}" + (
+        f", without a partner {', '.join(alone)}" if alone else ""
+    )
     return dataclasses.replace(row, note=note)
 
 

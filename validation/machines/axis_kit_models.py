@@ -1,4 +1,6 @@
-"""The calibrated three-axis machine of Kono, Lorenzer, Weikert and Wegener (section 4, tables 2 and 3), segmented and with finite elements."""
+"""The calibrated three-axis machine of Kono, Lorenzer, Weikert and Wegener (section 4, tables 2 and
+3), segmented and with finite elements.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -25,17 +27,31 @@ from headstock.solvers.linear.static_response import solve_static
 
 Direction = Literal["X", "Y", "Z", "A", "B", "C"]
 VARIANTS = ("R", "BE", "CE", "YE", "YCE")
-# table 3, Axis Construction Kit: all natural frequencies below 300 Hz [Hz] but those of the machine on its air springs
+# table 3, Axis Construction Kit: all natural frequencies below 300 Hz [Hz] but those of the machine
+# on its air springs
 TABLE_3: dict[str, tuple[float, ...]] = {
     "R": (146.0, 233.0, 254.0, 302.0),
     "BE": (78.6, 146.0, 239.0, 249.0, 288.0),
     "CE": (84.5, 145.0, 225.0, 236.0, 254.0, 297.0),
     "YCE": (76.9, 143.0, 150.0, 160.0, 237.0, 247.0, 272.0),
 }
-# which of them the authors put beside measured mode 9, the Y-translation of the sliders: a number of table 3, from 1
+# which of them the authors put beside measured mode 9, the Y-translation of the sliders: a number
+# of table 3, from 1
 MODE_9 = {"R": 4, "BE": 5, "YCE": 7}
-TABLE_3_FEM = (78.2, 144.0, 153.0, 172.0, 237.0, 250.0, 276.0)  # YCE with the finite element method [Hz]
-MEASURED_COMPLIANCE = {"x": 9.3, "y": 11.5, "z": 151.0}  # size of dz per force along each axis [um/kN]
+TABLE_3_FEM = (
+    78.2,
+    144.0,
+    153.0,
+    172.0,
+    237.0,
+    250.0,
+    276.0,
+)  # YCE with the finite element method [Hz]
+MEASURED_COMPLIANCE = {
+    "x": 9.3,
+    "y": 11.5,
+    "z": 151.0,
+}  # size of dz per force along each axis [um/kN]
 LISTED_TO_HZ = 300.0
 SCENE = PROJECT / "machines" / "three_axis.toml"
 KitFidelity = Literal["segmented", "elastic"]
@@ -45,7 +61,9 @@ SEARCHED_TO_HZ = 1.1 * LISTED_TO_HZ  # the paper lists 302 Hz
 
 @dataclass(frozen=True)
 class Motion:
-    """Bodies that move alike; ``sense`` -1: against those of the first motion of the mode with a sense."""
+    """Bodies that move alike; ``sense`` -1: against those of the first motion of the mode with a
+    sense.
+    """
 
     bodies: tuple[str, ...]
     direction: Direction
@@ -61,7 +79,8 @@ class MeasuredMode:
         frequency_hz: Measured [Hz].
         words: Its description, shortened.
         motions: The description as motions of bodies.
-        paired: The YCE mode that the authors put beside it (from 1 in table 3), None where there is none.
+        paired: The YCE mode that the authors put beside it (from 1 in table 3), None where there is
+            none.
     """
 
     number: int
@@ -108,7 +127,8 @@ class KitModel:
         frequencies_hz: ``(m,)`` above the air springs.
         field: ``(k, m)`` mode shapes at places that all models share, weighted by mass.
         motions: Rigid part of each body's motion ``(6, m)`` at its centre of mass, machine axes.
-        compliance: dz at the sensor, relative to the X-slider, per force along x, y, z at the tool post's corner, Y at 30 mm [m/N].
+        compliance: dz at the sensor, relative to the X-slider, per force along x, y, z at the tool
+            post's corner, Y at 30 mm [m/N].
     """
 
     frequencies_hz: FloatArray
@@ -127,11 +147,21 @@ class KitWorkshop:
     _places: dict[str, BodyPlaces] = field(default_factory=dict)
 
     def solve(self, variant: str, fidelity: KitFidelity) -> KitModel:
-        """Modes at Y = 0 and compliances at Y = 30 mm of a variant whose elastic bodies are segmented or finite elements."""
-        name = "+".join(["calibrated", *(["segmented"] if fidelity == "segmented" else []), variant])
+        """Modes at Y = 0 and compliances at Y = 30 mm of a variant whose elastic bodies are
+        segmented or finite elements.
+        """
+        name = "+".join(
+            ["calibrated", *(["segmented"] if fidelity == "segmented" else []), variant]
+        )
         meshes = ("column_left", "column_right", "y_base") if self.mesh_size else ()
-        scene = load_scene(SCENE, variant=name, overrides=[f"components.{part}.mesh.size={self.mesh_size}" for part in meshes])
-        parts = {key: self._reduce(component) for key, component in scene.machine.components.items()}
+        scene = load_scene(
+            SCENE,
+            variant=name,
+            overrides=[f"components.{part}.mesh.size={self.mesh_size}" for part in meshes],
+        )
+        parts = {
+            key: self._reduce(component) for key, component in scene.machine.components.items()
+        }
         for key, part in parts.items():
             self._places.setdefault(key, choose_places(part))
         coupled = couple(parts, scene.machine, scene.poses["reference"])
@@ -141,7 +171,9 @@ class KitWorkshop:
             frequencies_hz=modal.frequencies_hz[modal.frequencies_hz > FLOOR_HZ],
             field=machine_field(coupled, self._places, shapes),
             motions=_body_motions(coupled, shapes),
-            compliance=_measure_compliance(couple(parts, scene.machine, scene.poses["measured"]), scene.machine),
+            compliance=_measure_compliance(
+                couple(parts, scene.machine, scene.poses["measured"]), scene.machine
+            ),
         )
 
     def _reduce(self, component: Component) -> Superelement:
@@ -152,7 +184,9 @@ class KitWorkshop:
 
     def _reduce_anew(self, component: Component) -> Superelement:
         if component.fidelity == "elastic":
-            mesh = self.comm.bcast(mesh_component(component) if self.comm.rank == 0 else None, root=0)
+            mesh = self.comm.bcast(
+                mesh_component(component) if self.comm.rank == 0 else None, root=0
+            )
             return reduce_elastic(component, mesh, comm=self.comm)
         reduce = reduce_segmented if component.fidelity == "segmented" else reduce_rigid
         return reduce(component, describe_component(component))
@@ -170,4 +204,6 @@ def _measure_compliance(coupled: CoupledMachine, machine: Machine) -> FloatArray
     if not {"tcp", "push"} <= set(machine.points):
         raise ValueError("the scene has no points tcp and push")
     forces = np.column_stack([coupled.system.inputs["push", axis] for axis in "xyz"])
-    return np.asarray(coupled.system.outputs["tcp", "z"] @ solve_static(coupled.system, forces).displacements)
+    return np.asarray(
+        coupled.system.outputs["tcp", "z"] @ solve_static(coupled.system, forces).displacements
+    )

@@ -1,12 +1,16 @@
-"""Drives: a motor and a load against closed forms, a sampled controller step by step, and friction against hand calculation.
+"""Drives: a motor and a load against closed forms, a sampled controller step by step, and friction
+against hand calculation.
 
-A motor that drives a load through a spring and a damper: everything about it in closed form, derived by hand.
+A motor that drives a load through a spring and a damper: everything about it in closed form,
+derived by hand.
 
-With ``Z = m2 s^2 + d s + k`` and ``N = d s + k`` the load follows the motor as ``x2 = N / Z x1``, and the motor a force as
+With ``Z = m2 s^2 + d s + k`` and ``N = d s + k`` the load follows the motor as ``x2 = N / Z x1``,
+and the motor a force as
 
     x1 = Z / (s^2 (m1 m2 s^2 + (m1 + m2) (d s + k))) F
 
-The controller ``F = kp (1 + 1 / (T_n s)) (kv (x_set - x_measured) + f_v s x_set - s x1) exp(-s T)`` leads to the polynomials below.
+The controller ``F = kp (1 + 1 / (T_n s)) (kv (x_set - x_measured) + f_v s x_set - s x1) exp(-s T)``
+leads to the polynomials below.
 """
 
 import math
@@ -18,11 +22,20 @@ from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
-from headstock.solvers.control.drive_loops import ENCODER, ClosedLoop, close_loops, find_velocity_lag
+from headstock.solvers.control.drive_loops import (
+    ENCODER,
+    ClosedLoop,
+    close_loops,
+    find_velocity_lag,
+)
 from headstock.solvers.control.drive_trains import MOTOR, DriveTrain, free_motors
 from headstock.solvers.control.driven_motion import DrivenMotion, solve_motion
 from headstock.solvers.control.friction_loop import friction_ports
-from headstock.solvers.control.stability import find_largest_gain, find_loop_poles, scale_position_gain
+from headstock.solvers.control.stability import (
+    find_largest_gain,
+    find_loop_poles,
+    scale_position_gain,
+)
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.time_response import solve_time_response
 from headstock.solvers.second_order import ComplexArray, Port, SecondOrderSystem
@@ -77,7 +90,12 @@ def make_drive(
     one: FloatArray = np.ones(1)
     row: dict[Port, FloatArray] = {LOAD: one}
     held = SecondOrderSystem(
-        masses.load * np.eye(1), masses.damping * np.eye(1), masses.stiffness * np.eye(1), row, dict(row), ("load",)
+        masses.load * np.eye(1),
+        masses.damping * np.eye(1),
+        masses.stiffness * np.eye(1),
+        row,
+        dict(row),
+        ("load",),
     )
     train = DriveTrain(
         name="X",
@@ -98,25 +116,34 @@ def make_drive(
 
 
 def characteristic(masses: TwoMasses, control: AxisControl) -> tuple[FloatArray, FloatArray]:
-    """Two polynomials in s, lowest power first: the closed loop's is the first plus the second times ``exp(-s T)``."""
+    """Two polynomials in s, lowest power first: the closed loop's is the first plus the second
+    times ``exp(-s T)``.
+    """
     poly = np.polynomial.polynomial
     shaft = np.array([masses.stiffness, masses.damping])
     load = np.array([*shaft, masses.load])
     total = masses.motor + masses.load
-    plant = np.array([0.0, 0.0, 0.0, total * shaft[0], total * shaft[1], masses.motor * masses.load])
+    plant = np.array(
+        [0.0, 0.0, 0.0, total * shaft[0], total * shaft[1], masses.motor * masses.load]
+    )
     seen = load if control.encoder == "motor" else shaft
     inner = poly.polyadd(control.position_gain * seen, poly.polymulx(load))
-    return plant, np.asarray(control.velocity_gain * poly.polymul([1.0 / control.integral_time, 1.0], inner))
+    return plant, np.asarray(
+        control.velocity_gain * poly.polymul([1.0 / control.integral_time, 1.0], inner)
+    )
 
 
 def closed_loop_poles(masses: TwoMasses, control: AxisControl) -> ComplexArray:
     """Roots of the characteristic polynomial without dead time [rad/s]."""
     plant, fed = characteristic(masses, control)
-    return np.asarray(np.polynomial.polynomial.polyroots(np.polynomial.polynomial.polyadd(plant, fed)) + 0j)
+    return np.asarray(
+        np.polynomial.polynomial.polyroots(np.polynomial.polynomial.polyadd(plant, fed)) + 0j
+    )
 
 
 def delayed_pole(masses: TwoMasses, control: AxisControl, start: complex) -> complex:
-    """The exact pole with dead time next to a start, by Newton's method on the quasi-polynomial [rad/s].
+    """The exact pole with dead time next to a start, by Newton's method on the quasi-polynomial
+    [rad/s].
 
     Args:
         masses: Motor, load and what is between them.
@@ -130,7 +157,10 @@ def delayed_pole(masses: TwoMasses, control: AxisControl, start: complex) -> com
     for _ in range(50):
         delay = np.exp(-s * late)
         value = poly.polyval(s, plant) + delay * poly.polyval(s, fed)
-        step = value / (poly.polyval(s, slope) + delay * (poly.polyval(s, fed_slope) - late * poly.polyval(s, fed)))
+        step = value / (
+            poly.polyval(s, slope)
+            + delay * (poly.polyval(s, fed_slope) - late * poly.polyval(s, fed))
+        )
         s = complex(s - step)
         if abs(step) < 1e-13 * abs(s):
             break
@@ -138,10 +168,14 @@ def delayed_pole(masses: TwoMasses, control: AxisControl, start: complex) -> com
 
 
 def set_point_response(masses: TwoMasses, control: AxisControl) -> tuple[FloatArray, FloatArray]:
-    """Numerator and denominator, lowest power first, of load position over set position, without dead time."""
+    """Numerator and denominator, lowest power first, of load position over set position, without
+    dead time.
+    """
     poly = np.polynomial.polynomial
     plant, fed = characteristic(masses, control)
-    ahead = poly.polymul([1.0 / control.integral_time, 1.0], [control.position_gain, control.velocity_feed_forward])
+    ahead = poly.polymul(
+        [1.0 / control.integral_time, 1.0], [control.position_gain, control.velocity_feed_forward]
+    )
     numerator = poly.polymul(control.velocity_gain * ahead, [masses.stiffness, masses.damping])
     return np.asarray(numerator), np.asarray(poly.polyadd(plant, fed))
 
@@ -157,7 +191,9 @@ def step_response(masses: TwoMasses, control: AxisControl, times: FloatArray) ->
     poly = np.polynomial.polynomial
     numerator, denominator = set_point_response(masses, control)
     poles = poly.polyroots(denominator)
-    residues = poly.polyval(poles, numerator) / (poles * poly.polyval(poles, poly.polyder(denominator)))
+    residues = poly.polyval(poles, numerator) / (
+        poles * poly.polyval(poles, poly.polyder(denominator))
+    )
     return np.asarray(1.0 + (residues * np.exp(np.outer(times, poles))).sum(axis=1).real)
 
 
@@ -167,7 +203,9 @@ STICKING = TwoMasses(motor=1e5, load=10.0, stiffness=1e5, damping=0.0)
 
 
 def check_two_masses(comm: MPI.Comm) -> list[ValidationRow]:
-    """Natural frequencies, closed-loop poles, lag and step response of a motor that drives a load."""
+    """Natural frequencies, closed-loop poles, lag and step response of a motor that drives a
+    load.
+    """
     system, train = make_drive(MASSES, CONTROL)
     free = float(solve_modal(system).frequencies_hz[1])
     held, _ = make_drive(TwoMasses(motor=1e12), CONTROL)
@@ -175,23 +213,48 @@ def check_two_masses(comm: MPI.Comm) -> list[ValidationRow]:
     loop = close_loops(system, [train], outputs=[LOAD])
     lag = find_velocity_lag(loop, "X")[0]
     rows = [
-        judge("two-mass-drive", "frequency, motor held", locked, Target(MASSES.locked_hz, "Hz", EXACT, "closed form")),
-        judge("two-mass-drive", "frequency, motor free", free, Target(MASSES.free_hz, "Hz", EXACT, "closed form")),
-        judge("two-mass-drive", "lag at 1 m/s", lag, Target(1.0 / CONTROL.position_gain, "m", EXACT, "closed form"), "v / kv"),
+        judge(
+            "two-mass-drive",
+            "frequency, motor held",
+            locked,
+            Target(MASSES.locked_hz, "Hz", EXACT, "closed form"),
+        ),
+        judge(
+            "two-mass-drive",
+            "frequency, motor free",
+            free,
+            Target(MASSES.free_hz, "Hz", EXACT, "closed form"),
+        ),
+        judge(
+            "two-mass-drive",
+            "lag at 1 m/s",
+            lag,
+            Target(1.0 / CONTROL.position_gain, "m", EXACT, "closed form"),
+            "v / kv",
+        ),
     ]
-    rows += [_judge_poles("motor encoder", CONTROL), _judge_poles("linear scale", AxisControl(40.0, 2e4, 0.02, encoder="scale"))]
+    rows += [
+        _judge_poles("motor encoder", CONTROL),
+        _judge_poles("linear scale", AxisControl(40.0, 2e4, 0.02, encoder="scale")),
+    ]
     late = AxisControl(40.0, 2e4, 0.02, dead_time=1.5 * CYCLE)
     rows.append(_judge_poles("dead time of 375 µs", late))
     loads = np.zeros((5001, 3))
     loads[:, 0] = 1.0
     found = solve_time_response(loop.space, loads, 1e-4)
     error = float(np.abs(found.outputs[:, 0] - step_response(MASSES, CONTROL, found.times)).max())
-    rows.append(judge_bound("two-mass-drive", "step response, largest error", error, EXACT, "residues at the poles"))
+    rows.append(
+        judge_bound(
+            "two-mass-drive", "step response, largest error", error, EXACT, "residues at the poles"
+        )
+    )
     return [*rows, _judge_largest_gain()]
 
 
 def check_sampled_control(comm: MPI.Comm) -> list[ValidationRow]:
-    """A controller that samples, computes for a cycle and holds its force, as difference equations, beside its dead time."""
+    """A controller that samples, computes for a cycle and holds its force, as difference equations,
+    beside its dead time.
+    """
     late = AxisControl(40.0, 2e4, 0.02, dead_time=1.5 * CYCLE)
     system, train = make_drive(MASSES, late)
     model = find_loop_poles(close_loops(system, [train])).poles
@@ -200,37 +263,71 @@ def check_sampled_control(comm: MPI.Comm) -> list[ValidationRow]:
     for pole in model[np.abs(model) * CYCLE < 0.5]:
         apart = float(np.abs(stepwise - pole).min()) / abs(pole)
         name = f"{abs(pole) / (2.0 * math.pi):.3g} Hz: distance of both poles over their size"
-        rows.append(judge_bound("sampled-control", name, apart, 1e-2, "1.5 cycles of 250 µs as a dead time"))
+        rows.append(
+            judge_bound("sampled-control", name, apart, 1e-2, "1.5 cycles of 250 µs as a dead time")
+        )
     return rows
 
 
 def check_friction(comm: MPI.Comm) -> list[ValidationRow]:
-    """What dry friction does to a P controller, and a load that sticks and slips; with the balance of energy."""
+    """What dry friction does to a P controller, and a load that sticks and slips; with the balance
+    of energy.
+    """
     offset, energy = _settled_offset()
     amplitude, period, balance = _stick_and_slip()
     rise = (DRY.breakaway - DRY.coulomb) / STICKING.stiffness
     omega = math.sqrt(STICKING.stiffness / STICKING.load)
-    # friction falls from breakaway to sliding at once: sticking until the spring holds the breakaway force, then a swing
+    # friction falls from breakaway to sliding at once: sticking until the spring holds the
+    # breakaway force, then a swing
     slip = (2.0 * math.pi - 2.0 * math.atan(rise * omega / PULL)) / omega
     swing = 2.0 * math.hypot(rise, PULL / omega)
     lag = 0.05 / 40.0 + 50.0 / (2e4 * 40.0)
     note = "by hand for friction that falls at once"
     return [
-        judge("drive-friction", "lag of a P controller", offset, Target(lag, "m", EXACT, "closed form"), "v / kv + F / (kp kv)"),
+        judge(
+            "drive-friction",
+            "lag of a P controller",
+            offset,
+            Target(lag, "m", EXACT, "closed form"),
+            "v / kv + F / (kp kv)",
+        ),
         judge_bound("drive-friction", "energy balance, sliding", energy, ENERGY_LIMIT),
-        judge("drive-friction", "stick-slip period", period, Target(2.0 * rise / PULL + slip, "s", 1e-2, "closed form"), note),
-        judge("drive-friction", "stick-slip swing of the spring", amplitude, Target(swing, "m", 1e-2, "closed form"), note),
-        judge_bound("drive-friction", "energy balance, sticking and slipping", balance, ENERGY_LIMIT),
+        judge(
+            "drive-friction",
+            "stick-slip period",
+            period,
+            Target(2.0 * rise / PULL + slip, "s", 1e-2, "closed form"),
+            note,
+        ),
+        judge(
+            "drive-friction",
+            "stick-slip swing of the spring",
+            amplitude,
+            Target(swing, "m", 1e-2, "closed form"),
+            note,
+        ),
+        judge_bound(
+            "drive-friction", "energy balance, sticking and slipping", balance, ENERGY_LIMIT
+        ),
     ]
 
 
 def sampled_poles(control: AxisControl, cycle: float) -> ComplexArray:
-    """Poles ``ln z / T`` of the two masses under a controller of difference equations: plant exact, forces held, one cycle late."""
+    """Poles ``ln z / T`` of the two masses under a controller of difference equations: plant exact,
+    forces held, one cycle late.
+    """
     m1, m2, k, d = MASSES.motor, MASSES.load, MASSES.stiffness, MASSES.damping
     a = np.array(
-        [[0.0, 1.0, 0.0, 0.0], [-k / m1, -d / m1, k / m1, d / m1], [0.0, 0.0, 0.0, 1.0], [k / m2, d / m2, -k / m2, -d / m2]]
+        [
+            [0.0, 1.0, 0.0, 0.0],
+            [-k / m1, -d / m1, k / m1, d / m1],
+            [0.0, 0.0, 0.0, 1.0],
+            [k / m2, d / m2, -k / m2, -d / m2],
+        ]
     )
-    held = scipy.linalg.expm(cycle * np.block([[a, np.array([[0.0], [1.0 / m1], [0.0], [0.0]])], [np.zeros((1, 5))]]))
+    held = scipy.linalg.expm(
+        cycle * np.block([[a, np.array([[0.0], [1.0 / m1], [0.0], [0.0]])], [np.zeros((1, 5))]])
+    )
     kv, kp = control.position_gain, control.velocity_gain
     # states: plant, integral of the velocity error (trapezoidal), force that acts in this cycle
     error = np.array([-kv, -1.0, 0.0, 0.0])
@@ -243,12 +340,16 @@ def sampled_poles(control: AxisControl, cycle: float) -> ComplexArray:
 
 
 def _judge_poles(name: str, control: AxisControl) -> ValidationRow:
-    """The largest distance of a pole from its closed form, over its size; real poles beyond a dead time's reach are left out."""
+    """The largest distance of a pole from its closed form, over its size; real poles beyond a dead
+    time's reach are left out.
+    """
     system, train = make_drive(MASSES, control)
     found = find_loop_poles(close_loops(system, [train])).poles
     if control.dead_time:
         found = found[np.abs(found) * control.dead_time < 1.0]
-        right: ComplexArray = np.array([delayed_pole(MASSES, control, complex(pole)) for pole in found])
+        right: ComplexArray = np.array(
+            [delayed_pole(MASSES, control, complex(pole)) for pole in found]
+        )
     else:
         every = closed_loop_poles(MASSES, control)
         right = np.array([every[int(np.argmin(np.abs(every - pole)))] for pole in found])
@@ -257,19 +358,27 @@ def _judge_poles(name: str, control: AxisControl) -> ValidationRow:
 
 
 def _judge_largest_gain() -> ValidationRow:
-    """Routh: ``M s^3 + kp s^2 + kp (kv + 1/Tn) s + kp kv / Tn`` is stable while ``kp (kv + 1/Tn) > M kv / Tn``."""
+    """Routh: ``M s^3 + kp s^2 + kp (kv + 1/Tn) s + kp kv / Tn`` is stable while ``kp (kv + 1/Tn) >
+    M kv / Tn``.
+    """
     rigid = TwoMasses(stiffness=1e13, damping=1e9)
     control = AxisControl(position_gain=500.0, velocity_gain=8e3, integral_time=0.01)
     system, train = make_drive(rigid, control)
     found = find_largest_gain(system, [train], "X", scale_position_gain) or math.nan
     rate = 1.0 / control.integral_time
-    expected = control.velocity_gain * rate / ((rigid.motor + rigid.load) * rate - control.velocity_gain)
+    expected = (
+        control.velocity_gain * rate / ((rigid.motor + rigid.load) * rate - control.velocity_gain)
+    )
     target = Target(expected, "1/s", 1e-3, "closed form")
-    return judge("two-mass-drive", "largest stable kv", found * control.position_gain, target, "Routh")
+    return judge(
+        "two-mass-drive", "largest stable kv", found * control.position_gain, target, "Routh"
+    )
 
 
 def _settled_offset() -> tuple[float, float]:
-    """Lag at constant speed of a P controller against Coulomb friction, and the error of the energy balance."""
+    """Lag at constant speed of a P controller against Coulomb friction, and the error of the energy
+    balance.
+    """
     law = GuideFriction(coulomb=50.0, breakaway=50.0, smoothing=1e-5)
     system, train = make_drive(MASSES, AxisControl(40.0, 2e4), law)
     loop = close_loops(system, [train], inputs=friction_ports((train,)), outputs=[LOAD])
@@ -279,7 +388,9 @@ def _settled_offset() -> tuple[float, float]:
 
 def _stick_and_slip() -> tuple[float, float, float]:
     """Swing of the spring, period, and error of the energy balance."""
-    control = AxisControl(500.0, 1e8, velocity_feed_forward=1.0, acceleration_feed_forward=STICKING.motor)
+    control = AxisControl(
+        500.0, 1e8, velocity_feed_forward=1.0, acceleration_feed_forward=STICKING.motor
+    )
     system, train = make_drive(STICKING, control, DRY)
     loop = close_loops(system, [train], inputs=friction_ports((train,)), outputs=[LOAD])
     times = np.asarray(np.linspace(0.0, WATCHED, 20001), dtype=float)
@@ -288,7 +399,9 @@ def _stick_and_slip() -> tuple[float, float, float]:
     late = times > SETTLED
     middle = 0.5 * (stretch[late].max() + stretch[late].min())
     place = np.flatnonzero((stretch[:-1] > middle) & (stretch[1:] <= middle) & late[:-1])
-    falls = times[place] + (times[1] - times[0]) * (stretch[place] - middle) / (stretch[place] - stretch[place + 1])
+    falls = times[place] + (times[1] - times[0]) * (stretch[place] - middle) / (
+        stretch[place] - stretch[place + 1]
+    )
     return float(np.ptp(stretch[late])), float(np.diff(falls).mean()), found.energy.error
 
 

@@ -1,4 +1,6 @@
-"""Error estimates against true errors: reduced machines of very different components by number of modes, and their unreduced models."""
+"""Error estimates against true errors: reduced machines of very different components by number of
+modes, and their unreduced models.
+"""
 
 import dataclasses
 from collections.abc import Callable
@@ -11,7 +13,14 @@ from mpi4py import MPI
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
-from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch, ReductionSettings, Support
+from headstock.geometry.parts.components import (
+    Component,
+    Interface,
+    MeshSettings,
+    Patch,
+    ReductionSettings,
+    Support,
+)
 from headstock.geometry.parts.solids import HollowColumn, Plate, Solid
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.meshing import describe_component, mesh_component
@@ -34,7 +43,13 @@ from headstock.validation.machines.monolithic_machines import (
     monolithic_machine,
     view_carriages,
 )
-from headstock.validation.parts.closed_form_cases import COLUMN_SIZE, STEEL, column, face_interface, mesh_settings
+from headstock.validation.parts.closed_form_cases import (
+    COLUMN_SIZE,
+    STEEL,
+    column,
+    face_interface,
+    mesh_settings,
+)
 from headstock.validation.parts.component_models import full_model, full_modes, held_by
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
 
@@ -48,7 +63,8 @@ SHIFT_HZ = 20.0
 COVERED = 0.95  # share of the true errors that an estimate must not be below
 LARGEST_MEDIAN = 10.0  # times too large in the median
 LEAST_CORRELATION = 0.8
-RESOLVED = 3e-8  # relative: the unreduced three-axis machine comes out 1.3e-8 off throughout, beside its air springs
+# relative: the unreduced three-axis machine comes out 1.3e-8 off throughout, beside its air springs
+RESOLVED = 3e-8
 CLEAR = 1e-6  # and above which a ratio of errors means something
 
 
@@ -66,7 +82,11 @@ class Specimen:
     def rigid(self) -> dict[str, Superelement]:
         """Superelements of the components that are not meshed."""
         parts = self.machine.components
-        return {name: reduce_rigid(part, describe_component(part)) for name, part in parts.items() if name not in self.meshes}
+        return {
+            name: reduce_rigid(part, describe_component(part))
+            for name, part in parts.items()
+            if name not in self.meshes
+        }
 
 
 def unreduced(specimen: Specimen) -> MonolithicMachine:
@@ -74,18 +94,25 @@ def unreduced(specimen: Specimen) -> MonolithicMachine:
     machine, pose, meshes = specimen.machine, specimen.pose, specimen.meshes
     if not any(joint.length for joint in machine.joints.values()):
         return monolithic_machine(machine, meshes, pose)
-    return monolithic_machine(fix_carriages(machine, pose), meshes, pose, views=view_carriages(machine, meshes, pose))
+    return monolithic_machine(
+        fix_carriages(machine, pose), meshes, pose, views=view_carriages(machine, meshes, pose)
+    )
 
 
 def keep_fewer(element: Superelement, count: int) -> Superelement:
-    """The superelement as it would have been with fewer modes, and the moments of those it leaves out then.
+    """The superelement as it would have been with fewer modes, and the moments of those it leaves
+    out then.
 
-    Unlike ``trim_superelement`` it cuts through clusters of close frequencies: the estimates must hold for such a basis too.
+    Unlike ``trim_superelement`` it cuts through clusters of close frequencies: the estimates must
+    hold for such a basis too.
     """
     boundary, size = element.boundary_size, element.boundary_size + count
     if element.errors.truncation is None or count >= element.modal_count:
         return element
-    left, squares = element.mass[:boundary, size:], (2.0 * np.pi * element.modal_frequencies_hz[count:]) ** 2
+    left, squares = (
+        element.mass[:boundary, size:],
+        (2.0 * np.pi * element.modal_frequencies_hz[count:]) ** 2,
+    )
     first = element.errors.truncation.first + (left / squares) @ left.T
     second = element.errors.truncation.second + (left / squares**2) @ left.T
     limit = float(squares[0]) if count else lowest_participating(first, second)
@@ -99,15 +126,22 @@ def keep_fewer(element: Superelement, count: int) -> Superelement:
         modal_frequencies_hz=element.modal_frequencies_hz[:count],
         cutoff_hz=float(element.modal_frequencies_hz[count]) if count else 0.0,
         errors=dataclasses.replace(element.errors, truncation=Truncation(first, second, limit)),
-        rails={name: dataclasses.replace(rail, control=rail.control[:, :size]) for name, rail in element.rails.items()},
+        rails={
+            name: dataclasses.replace(rail, control=rail.control[:, :size])
+            for name, rail in element.rails.items()
+        },
     )
 
 
 def clamped_beam() -> Specimen:
     """The seed's column on a stiff clamp, rigid faces."""
-    interfaces = {name: face_interface(name, face, "rigid") for name, face in (("foot", "z-"), ("tip", "z+"))}
+    interfaces = {
+        name: face_interface(name, face, "rigid") for name, face in (("foot", "z-"), ("tip", "z+"))
+    }
     part = column(mesh_settings("tet10", 0.025), interfaces)
-    return _specimen("beam", {"column": part}, {"clamp": _spring("clamp", "column.foot", CLAMP)}, "column.tip")
+    return _specimen(
+        "beam", {"column": part}, {"clamp": _spring("clamp", "column.foot", CLAMP)}, "column.tip"
+    )
 
 
 def patched_column() -> Specimen:
@@ -115,21 +149,42 @@ def patched_column() -> Specimen:
     size = (0.20, 0.24, 0.70)
     interfaces = {
         "foot": Interface("foot", (Patch("z-"),), "average"),
-        "rail": Interface("rail", (Patch("x+", "rect", (size[0] / 2, 0.06, 0.55), (0.05, 0.08)),), "average"),
-        "other": Interface("other", (Patch("x+", "rect", (size[0] / 2, -0.06, 0.55), (0.05, 0.08)),), "average"),
-        "screw": Interface("screw", (Patch("y+", "disk", (0.0, size[1] / 2, 0.35), (0.06,)),), "rigid"),
+        "rail": Interface(
+            "rail", (Patch("x+", "rect", (size[0] / 2, 0.06, 0.55), (0.05, 0.08)),), "average"
+        ),
+        "other": Interface(
+            "other", (Patch("x+", "rect", (size[0] / 2, -0.06, 0.55), (0.05, 0.08)),), "average"
+        ),
+        "screw": Interface(
+            "screw", (Patch("y+", "disk", (0.0, size[1] / 2, 0.35), (0.06,)),), "rigid"
+        ),
     }
     part = _component("column", HollowColumn(size, 0.012, 0.015, 0.01, ribs_z=2), interfaces, 0.05)
-    joints = {"base": _spring("base", "column.foot", MOUNT), "drive": _spring("drive", "column.screw", 0.2 * MOUNT)}
+    joints = {
+        "base": _spring("base", "column.foot", MOUNT),
+        "drive": _spring("drive", "column.screw", 0.2 * MOUNT),
+    }
     return _specimen("hollow column", {"column": part}, joints, "column.rail")
 
 
 def ribbed_plate() -> Specimen:
     """A ribbed plate on four rigid feet, seen at a disk in its middle."""
-    corners = {"foot_1": (0.24, 0.16), "foot_2": (-0.24, 0.16), "foot_3": (-0.24, -0.16), "foot_4": (0.24, -0.16)}
-    interfaces = {name: Interface(name, (Patch("z-", "disk", (x, y, 0.0), (0.05,)),), "rigid") for name, (x, y) in corners.items()}
-    interfaces["table"] = Interface("table", (Patch("z-", "disk", (0.0, 0.0, 0.0), (0.08,)),), "average")
-    part = _component("plate", Plate((0.6, 0.4, 0.02), 0.05, 0.015, ribs_x=2, ribs_y=3), interfaces, 0.05)
+    corners = {
+        "foot_1": (0.24, 0.16),
+        "foot_2": (-0.24, 0.16),
+        "foot_3": (-0.24, -0.16),
+        "foot_4": (0.24, -0.16),
+    }
+    interfaces = {
+        name: Interface(name, (Patch("z-", "disk", (x, y, 0.0), (0.05,)),), "rigid")
+        for name, (x, y) in corners.items()
+    }
+    interfaces["table"] = Interface(
+        "table", (Patch("z-", "disk", (0.0, 0.0, 0.0), (0.08,)),), "average"
+    )
+    part = _component(
+        "plate", Plate((0.6, 0.4, 0.02), 0.05, 0.015, ribs_x=2, ribs_y=3), interfaces, 0.05
+    )
     joints = {name: _spring(name, f"plate.{name}", MOUNT) for name in corners}
     return _specimen("ribbed plate", {"plate": part}, joints, "plate.table")
 
@@ -137,29 +192,47 @@ def ribbed_plate() -> Specimen:
 def free_pair() -> Specimen:
     """Two of the seed's columns, one on the other, with nothing to hold them: six rigid motions."""
     lower = column(
-        mesh_settings("hex27", 0.05), {"foot": face_interface("foot", "z-", "rigid"), "top": face_interface("top", "z+", "average")}
+        mesh_settings("hex27", 0.05),
+        {
+            "foot": face_interface("foot", "z-", "rigid"),
+            "top": face_interface("top", "z+", "average"),
+        },
     )
     upper = dataclasses.replace(
         column(
             mesh_settings("hex27", 0.05),
-            {"bottom": face_interface("bottom", "z-", "average"), "tip": face_interface("tip", "z+", "rigid")},
+            {
+                "bottom": face_interface("bottom", "z-", "average"),
+                "tip": face_interface("tip", "z+", "rigid"),
+            },
         ),
         name="upper",
     )
-    placed = dataclasses.replace(upper, placement=dataclasses.replace(upper.placement, origin=np.array([0.0, 0.0, COLUMN_SIZE[2]])))
+    placed = dataclasses.replace(
+        upper,
+        placement=dataclasses.replace(upper.placement, origin=np.array([0.0, 0.0, COLUMN_SIZE[2]])),
+    )
     ends = (JointEnd("column", "top"), JointEnd("upper", "bottom"))
     joints = {"bolt": Joint("bolt", ends, "spring", stiffness=0.2 * CLAMP)}
     return _specimen("free pair", {"column": lower, "upper": placed}, joints, "upper.tip")
 
 
 def cast_column() -> Specimen:
-    """The shipped column from a STEP file alone, held at its foot by a support; averaging patches for rails and screw."""
+    """The shipped column from a STEP file alone, held at its foot by a support; averaging patches
+    for rails and screw.
+    """
     part = load_scene(MACHINES / "step_column.toml").machine.components["column"]
-    patches = {name: interface for name, interface in part.interfaces.items() if interface.coupling == "average"}
+    patches = {
+        name: interface
+        for name, interface in part.interfaces.items()
+        if interface.coupling == "average"
+    }
     part = dataclasses.replace(part, interfaces=patches)
     support = Support("foot", "column", (Patch("z-"),), ("x", "y", "z"))
     machine = Machine("STEP column", {"column": part}, supports={"foot": support})
-    return Specimen("STEP column", machine, Pose("reference"), {"column": mesh_component(part, (support,))}, "")
+    return Specimen(
+        "STEP column", machine, Pose("reference"), {"column": mesh_component(part, (support,))}, ""
+    )
 
 
 def guideway() -> Specimen:
@@ -172,12 +245,26 @@ def three_axis() -> Specimen:
     return _shipped("three-axis machine", "three_axis.toml", None)
 
 
-SPECIMENS: tuple[Callable[[], Specimen], ...] = (clamped_beam, patched_column, ribbed_plate, free_pair, guideway, three_axis)
+SPECIMENS: tuple[Callable[[], Specimen], ...] = (
+    clamped_beam,
+    patched_column,
+    ribbed_plate,
+    free_pair,
+    guideway,
+    three_axis,
+)
 
 
 def _component(name: str, solid: Solid, interfaces: dict[str, Interface], size: float) -> Component:
     settings = MeshSettings(size=size, order=2, cells="tet")
-    return Component(name, solid, STEEL, interfaces=interfaces, mesh=settings, reduction=ReductionSettings(modes=0))
+    return Component(
+        name,
+        solid,
+        STEEL,
+        interfaces=interfaces,
+        mesh=settings,
+        reduction=ReductionSettings(modes=0),
+    )
 
 
 def _spring(name: str, end: str, stiffness: FloatArray) -> Joint:
@@ -185,7 +272,9 @@ def _spring(name: str, end: str, stiffness: FloatArray) -> Joint:
     return Joint(name, (JointEnd(), JointEnd(component, interface)), "spring", stiffness=stiffness)
 
 
-def _specimen(name: str, parts: dict[str, Component], joints: dict[str, Joint], tool: str) -> Specimen:
+def _specimen(
+    name: str, parts: dict[str, Component], joints: dict[str, Joint], tool: str
+) -> Specimen:
     component, interface = tool.split(".")
     points = {"tcp": Point("tcp", JointEnd(component, interface), JointEnd())}
     meshes = {key: mesh_component(part) for key, part in parts.items()}
@@ -194,13 +283,25 @@ def _specimen(name: str, parts: dict[str, Component], joints: dict[str, Joint], 
 
 def _shipped(name: str, file: str, pose: str | None) -> Specimen:
     scene = load_scene(MACHINES / file)
-    meshes = {key: mesh_component(part) for key, part in scene.machine.components.items() if part.fidelity == "elastic"}
-    return Specimen(name, scene.machine, scene.poses[pose] if pose else next(iter(scene.poses.values())), meshes, "tcp")
+    meshes = {
+        key: mesh_component(part)
+        for key, part in scene.machine.components.items()
+        if part.fidelity == "elastic"
+    }
+    return Specimen(
+        name,
+        scene.machine,
+        scene.poses[pose] if pose else next(iter(scene.poses.values())),
+        meshes,
+        "tcp",
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorPairs:
-    """True errors and their estimates, relative to the value, ``(n,)`` each; NaN where no estimate was given."""
+    """True errors and their estimates, relative to the value, ``(n,)`` each; NaN where no estimate
+    was given.
+    """
 
     true: FloatArray
     estimated: FloatArray
@@ -217,7 +318,9 @@ class ErrorPairs:
 
 
 def check_frequency_estimates() -> list[ValidationRow]:
-    """Bounds of the reduction error of natural frequencies over machines of six kinds and numbers of modes from none to forty."""
+    """Bounds of the reduction error of natural frequencies over machines of six kinds and numbers
+    of modes from none to forty.
+    """
     rows: list[ValidationRow] = []
     found = []
     for make in SPECIMENS:
@@ -233,25 +336,37 @@ def check_step_estimates() -> list[ValidationRow]:
     """The same for a column from a STEP file with 195 000 dofs, against modes of the whole mesh."""
     rows: list[ValidationRow] = []
     specimen = cast_column()
-    part, mesh, supports = specimen.machine.components["column"], specimen.meshes["column"], specimen.machine.supports
-    whole = full_model(mesh, part.material, comm=MPI.COMM_SELF, held=held_by(mesh, tuple(supports.values())))
+    part, mesh, supports = (
+        specimen.machine.components["column"],
+        specimen.meshes["column"],
+        specimen.machine.supports,
+    )
+    whole = full_model(
+        mesh, part.material, comm=MPI.COMM_SELF, held=held_by(mesh, tuple(supports.values()))
+    )
     pairs = compare_frequencies(specimen, full_modes(whole, WATCHED).frequencies_hz)
     rows = [report_coverage(CASE, specimen.name, pairs), *judge_pairs(CASE, specimen.name, pairs)]
     return rows
 
 
 def compare_frequencies(specimen: Specimen, exact: FloatArray) -> ErrorPairs:
-    """True and estimated errors of the lowest elastic frequencies of a machine for every number of modes."""
+    """True and estimated errors of the lowest elastic frequencies of a machine for every number of
+    modes.
+    """
     whole = reduce_specimen(specimen, max(MODE_COUNTS))
     pairs = []
     for count in MODE_COUNTS:
-        parts = {name: keep_fewer(element, count) for name, element in whole.items()} | specimen.rigid
+        parts = {
+            name: keep_fewer(element, count) for name, element in whole.items()
+        } | specimen.rigid
         coupled = couple(parts, specimen.machine, specimen.pose)
         modes = solve_modal(coupled.system, count=min(WATCHED, len(coupled.system.mass)))
         errors = bound_frequency_errors(coupled.system, truncated_parts(coupled), modes)
         kept = slice(modes.rigid_count, len(modes.frequencies_hz))
         right = exact[: len(modes.frequencies_hz)][kept]
-        pairs.append(ErrorPairs(modes.frequencies_hz[kept] / right - 1.0, errors.bounds_hz[kept] / right))
+        pairs.append(
+            ErrorPairs(modes.frequencies_hz[kept] / right - 1.0, errors.bounds_hz[kept] / right)
+        )
     return join_pairs(pairs)
 
 
@@ -266,16 +381,23 @@ def reduce_specimen(specimen: Specimen, count: int) -> dict[str, Superelement]:
 
 
 def reference_frequencies(model: MonolithicMachine, count: int) -> FloatArray:
-    """The lowest natural frequencies [Hz] of an unreduced machine, by shift and invert below them all."""
+    """The lowest natural frequencies [Hz] of an unreduced machine, by shift and invert below them
+    all.
+    """
     if model.constraints.shape[0]:
         return monolithic_frequencies(model, count, shift_hz=SHIFT_HZ)
     shift = -((2.0 * np.pi * SHIFT_HZ) ** 2)
-    return lowest_frequencies(model, factorise(model.stiffness - shift * model.mass), count, shift=shift)
+    return lowest_frequencies(
+        model, factorise(model.stiffness - shift * model.mass), count, shift=shift
+    )
 
 
 def join_pairs(parts: list[ErrorPairs]) -> ErrorPairs:
     """All of them together."""
-    return ErrorPairs(np.concatenate([part.true for part in parts]), np.concatenate([part.estimated for part in parts]))
+    return ErrorPairs(
+        np.concatenate([part.true for part in parts]),
+        np.concatenate([part.estimated for part in parts]),
+    )
 
 
 def judge_pairs(case: str, what: str, pairs: ErrorPairs) -> list[ValidationRow]:
@@ -292,11 +414,22 @@ def judge_pairs(case: str, what: str, pairs: ErrorPairs) -> list[ValidationRow]:
     correlation = float(scipy.stats.spearmanr(pairs.true[clear], pairs.estimated[clear]).statistic)
     note = f"{given.sum()} of {len(given)} have an estimate"
     return [
-        judge_bound(case, f"{what}: share of true errors above their estimate", missed, 1.0 - COVERED, note),
         judge_bound(
-            case, f"{what}: estimate over true error, median", ratio, LARGEST_MEDIAN, f"{clear.sum()} errors above {CLEAR:g}"
+            case, f"{what}: share of true errors above their estimate", missed, 1.0 - COVERED, note
         ),
-        judge(case, f"{what}: rank correlation", correlation, Target(1.0, "-", 1.0 - LEAST_CORRELATION, "identity")),
+        judge_bound(
+            case,
+            f"{what}: estimate over true error, median",
+            ratio,
+            LARGEST_MEDIAN,
+            f"{clear.sum()} errors above {CLEAR:g}",
+        ),
+        judge(
+            case,
+            f"{what}: rank correlation",
+            correlation,
+            Target(1.0, "-", 1.0 - LEAST_CORRELATION, "identity"),
+        ),
     ]
 
 
@@ -313,4 +446,10 @@ def report_coverage(case: str, name: str, pairs: ErrorPairs) -> ValidationRow:
     ratios = pairs.estimated[clear] / pairs.true[clear]
     low, middle, high = np.quantile(ratios, [0.1, 0.5, 0.9]) if len(ratios) else (np.nan,) * 3
     note = f"{given.sum()} of {len(given)} with an estimate; estimate over true {low:.2f} .. {middle:.2f} .. {high:.2f}"
-    return show(case, f"{name}: share covered", covered, "-", f"{note} (10, 50, 90 %); true up to {pairs.true[given].max():.2g}")
+    return show(
+        case,
+        f"{name}: share covered",
+        covered,
+        "-",
+        f"{note} (10, 50, 90 %); true up to {pairs.true[given].max():.2g}",
+    )

@@ -1,4 +1,6 @@
-"""Known stiffnesses of a small machine found again from noisy frequencies and compliances: errors, intervals, and what data cannot see."""
+"""Known stiffnesses of a small machine found again from noisy frequencies and compliances: errors,
+intervals, and what data cannot see.
+"""
 
 import dataclasses
 import tempfile
@@ -11,7 +13,11 @@ from mpi4py import MPI
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.storage.store import Store
 from headstock.scene.reading.units import DIMENSIONS, parse_quantity
-from headstock.studies.identification.identification import Identification, identify, prepare_problem
+from headstock.studies.identification.identification import (
+    Identification,
+    identify,
+    prepare_problem,
+)
 from headstock.studies.identification.problem import FitPoint, FitProblem, evaluate
 from headstock.studies.identification.target_files import load_targets
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
@@ -82,17 +88,25 @@ def prepare_text(folder: Path, targets: str) -> FitProblem:
 
 def solve_truth(problem: FitProblem, truth: Mapping[str, float]) -> FitPoint:
     """The machine with true values, SI, by parameter."""
-    return evaluate(problem, problem.coordinates([truth[parameter.name] for parameter in problem.parameters]))
+    return evaluate(
+        problem, problem.coordinates([truth[parameter.name] for parameter in problem.parameters])
+    )
 
 
 def true_values() -> dict[str, float]:
     """True stiffnesses, SI."""
-    return {name: parse_quantity(f"{value!r} {unit}", *DIMENSIONS).value for name, (_, value, unit) in STIFFNESSES.items()}
+    return {
+        name: parse_quantity(f"{value!r} {unit}", *DIMENSIONS).value
+        for name, (_, value, unit) in STIFFNESSES.items()
+    }
 
 
 def solve_measured(folder: Path) -> FitPoint:
     """The machine with its true stiffnesses in every case that is measured."""
-    blank = write_cases([np.asarray(np.arange(10.0, 10.0 + FREQUENCIES))] * len(MEASURED), [np.full(3, 1e-9)] * len(MEASURED))
+    blank = write_cases(
+        [np.asarray(np.arange(10.0, 10.0 + FREQUENCIES))] * len(MEASURED),
+        [np.full(3, 1e-9)] * len(MEASURED),
+    )
     return solve_truth(prepare_text(folder, blank + write_parameters()), true_values())
 
 
@@ -105,7 +119,9 @@ def measure(truth: FitPoint, seed: int, noise: float) -> str:
         noise: Standard deviation, relative.
     """
     rng = np.random.default_rng(seed)
-    frequencies = [_disturb(state.frequencies_hz[:FREQUENCIES], noise, rng) for state in truth.states]
+    frequencies = [
+        _disturb(state.frequencies_hz[:FREQUENCIES], noise, rng) for state in truth.states
+    ]
     compliances = [_disturb(state.compliances, noise, rng) for state in truth.states]
     return write_cases(frequencies, compliances)
 
@@ -117,12 +133,16 @@ def _disturb(values: FloatArray, noise: float, rng: np.random.Generator) -> Floa
 def write_cases(frequencies_hz: Sequence[FloatArray], compliances: Sequence[FloatArray]) -> str:
     """Cases with frequencies [Hz] and compliances at the tool in x, y, z [m/N]."""
     text = ""
-    for (name, (variant, pose)), frequencies, values in zip(MEASURED.items(), frequencies_hz, compliances, strict=True):
+    for (name, (variant, pose)), frequencies, values in zip(
+        MEASURED.items(), frequencies_hz, compliances, strict=True
+    ):
         entries = ", ".join(
             f'{{ point = "tcp", motion = "{axis}", force = "{axis}", value = "{1e9 * value!r} um/kN" }}'
             for axis, value in zip("xyz", map(float, values), strict=True)
         )
-        head = f'[cases.{name}]\npose = "{pose}"\n' + (f'variant = "{variant}"\n' if variant else "")
+        head = f'[cases.{name}]\npose = "{pose}"\n' + (
+            f'variant = "{variant}"\n' if variant else ""
+        )
         text += f"{head}frequencies = {write_frequencies(frequencies)}\ncompliances = [{entries}]\n"
     return text
 
@@ -141,7 +161,9 @@ def judge_seeds(folder: Path, seeds: Sequence[int]) -> list[ValidationRow]:
     for found in fit_seeds(folder, seeds):
         truth = true_values()
         errors.append([item.value / truth[item.parameter.name] - 1.0 for item in found.parameters])
-        inside.append([item.low <= truth[item.parameter.name] <= item.high for item in found.parameters])
+        inside.append(
+            [item.low <= truth[item.parameter.name] <= item.high for item in found.parameters]
+        )
         evaluations += sum(record.evaluations for record in found.starts)
         noise.append(found.statistics.noise or 0.0)
     size = np.abs(np.array(errors))
@@ -149,30 +171,66 @@ def judge_seeds(folder: Path, seeds: Sequence[int]) -> list[ValidationRow]:
     count = f"{size.shape[1]} stiffnesses, {len(size)} seeds"
     return [
         judge_bound(CASE, f"{count}: largest error", float(size.max()), ERROR_LIMIT, "1 % noise"),
-        show(CASE, f"{count}: root mean square of the errors", float(np.sqrt((size**2).mean())), "-"),
-        judge(CASE, f"{count}: share of 95 % intervals that hold the truth", float(covered.mean()), COVERAGE, "at least 0.90"),
-        judge(CASE, f"{count}: the same for the parameter that fares worst", float(covered.mean(axis=0).min()), COVERAGE),
-        judge(CASE, "noise found over noise put in, mean", float(np.mean(noise)), Target(1.0, "-", 0.1, "identity")),
+        show(
+            CASE, f"{count}: root mean square of the errors", float(np.sqrt((size**2).mean())), "-"
+        ),
+        judge(
+            CASE,
+            f"{count}: share of 95 % intervals that hold the truth",
+            float(covered.mean()),
+            COVERAGE,
+            "at least 0.90",
+        ),
+        judge(
+            CASE,
+            f"{count}: the same for the parameter that fares worst",
+            float(covered.mean(axis=0).min()),
+            COVERAGE,
+        ),
+        judge(
+            CASE,
+            "noise found over noise put in, mean",
+            float(np.mean(noise)),
+            Target(1.0, "-", 0.1, "identity"),
+        ),
         show(CASE, "evaluations of the machine per fit", evaluations / len(size), "-"),
     ]
 
 
 def fit_seeds(folder: Path, seeds: Sequence[int]) -> list[Identification]:
-    """The eight stiffnesses fitted to data with the noise of each seed; components are reduced once."""
+    """The eight stiffnesses fitted to data with the noise of each seed; components are reduced
+    once.
+    """
     truth = solve_measured(folder)
     problem = prepare_text(folder, measure(truth, 0, NOISE) + write_parameters())
-    return [identify(_with_data(folder, problem, measure(truth, seed, NOISE)), f"seed {seed}") for seed in seeds]
+    return [
+        identify(_with_data(folder, problem, measure(truth, seed, NOISE)), f"seed {seed}")
+        for seed in seeds
+    ]
 
 
 def judge_blindness(folder: Path) -> list[ValidationRow]:
-    """Two springs of which only the sum is felt, and a place that hardly matters: both are named."""
+    """Two springs of which only the sum is felt, and a place that hardly matters: both are
+    named.
+    """
     others = {name: value for name, value in true_values().items() if name != "feet_z"}
     text = measure(solve_measured(folder), 0, NOISE) + write_parameters(others) + BLIND
     found = identify(prepare_text(folder, text), "blind")
-    blind = {name: abs(share) for direction in found.statistics.blind for name, share in direction.entries[:1]}
+    blind = {
+        name: abs(share)
+        for direction in found.statistics.blind
+        for name, share in direction.entries[:1]
+    }
     names = [item.parameter.name for item in found.parameters]
-    springs = next(dict(direction.entries) for direction in found.statistics.blind if "pad_z" in dict(direction.entries))
-    stiffness = {name: found.values[name] * (1.0 if name == "feet_z" else -1.0) for name in ("feet_z", "pad_z")}
+    springs = next(
+        dict(direction.entries)
+        for direction in found.statistics.blind
+        if "pad_z" in dict(direction.entries)
+    )
+    stiffness = {
+        name: found.values[name] * (1.0 if name == "feet_z" else -1.0)
+        for name in ("feet_z", "pad_z")
+    }
     # in logarithms the sum stays when d(ln a) : d(ln b) = 1 / a : -1 / b
     expected = np.array([1.0 / stiffness["feet_z"], 1.0 / stiffness["pad_z"]])
     direction = np.array([springs.get("feet_z", 0.0), springs.get("pad_z", 0.0)])
@@ -181,8 +239,19 @@ def judge_blindness(folder: Path) -> list[ValidationRow]:
     seen = {name: float(found.parameters[names.index(name)].seen) for name in names}
     return [
         judge(CASE, SPRINGS_ALONG, along, Target(1.0, "-", 1e-2, "closed form")),
-        judge(CASE, "two springs side by side: sum", total / 1e6, Target(SUM, "N/um", 0.05, "identity")),
-        judge_bound(CASE, "a place that hardly matters: share the data see", seen["bolt_height"], 0.5, "named as unobservable"),
+        judge(
+            CASE,
+            "two springs side by side: sum",
+            total / 1e6,
+            Target(SUM, "N/um", 0.05, "identity"),
+        ),
+        judge_bound(
+            CASE,
+            "a place that hardly matters: share the data see",
+            seen["bolt_height"],
+            0.5,
+            "named as unobservable",
+        ),
         judge(CASE, PLACE_SHARE, blind.get("bolt_height", 0.0), Target(1.0, "-", 0.05, "identity")),
     ]
 
@@ -192,5 +261,8 @@ def _with_data(folder: Path, problem: FitProblem, cases: str) -> FitProblem:
     path = folder / "targets.toml"
     path.write_text(cases + write_parameters())
     task = load_targets(path, folder / "machine.toml").task
-    models = [dataclasses.replace(model, case=case) for model, case in zip(problem.cases, task.cases, strict=True)]
+    models = [
+        dataclasses.replace(model, case=case)
+        for model, case in zip(problem.cases, task.cases, strict=True)
+    ]
     return dataclasses.replace(problem, cases=tuple(models))

@@ -1,4 +1,6 @@
-"""Shipped machines against unreduced finite element models of themselves: the three-axis machine, and a table along its guideway."""
+"""Shipped machines against unreduced finite element models of themselves: the three-axis machine,
+and a table along its guideway.
+"""
 
 import time
 from collections.abc import Mapping
@@ -39,7 +41,8 @@ RIPPLE = 5e-4
 MACHINES = PROJECT / "machines"
 FREQUENCY_COUNT = 14
 SHIFT_HZ = 20.0
-# compliance is exact in a Craig-Bampton model; frequencies carry its truncation, far above their range here
+# compliance is exact in a Craig-Bampton model; frequencies carry its truncation, far above their
+# range here
 COMPLIANCE_TOLERANCE = 1e-6
 FREQUENCY_TOLERANCE = 1e-3
 KIND = "monolithic FE"
@@ -48,11 +51,18 @@ Answer = tuple[FloatArray, FloatArray]  # compliance along x, y, z [m/N]; ten fr
 
 
 def check_three_axis_machine(comm: MPI.Comm) -> list[ValidationRow]:
-    """Compliance at the TCP and natural frequencies in every pose of the scene, reduced and unreduced."""
+    """Compliance at the TCP and natural frequencies in every pose of the scene, reduced and
+    unreduced.
+    """
     scene = load_scene(MACHINES / "three_axis.toml")
     machine = scene.machine
-    elastic = {name: part for name, part in machine.components.items() if part.fidelity == "elastic"}
-    meshes = comm.bcast({name: mesh_component(part) for name, part in elastic.items()} if comm.rank == 0 else None, root=0)
+    elastic = {
+        name: part for name, part in machine.components.items() if part.fidelity == "elastic"
+    }
+    meshes = comm.bcast(
+        {name: mesh_component(part) for name, part in elastic.items()} if comm.rank == 0 else None,
+        root=0,
+    )
     reduced = reduce_parts(machine, meshes, comm)
     rows: list[ValidationRow] = []
     for pose in scene.poses.values():
@@ -60,7 +70,8 @@ def check_three_axis_machine(comm: MPI.Comm) -> list[ValidationRow]:
         ports = [("tcp", dof) for dof in DOF_NAMES]
         inputs = np.column_stack([coupled.system.inputs[port] for port in ports])
         compliance = (
-            np.vstack([coupled.system.outputs[port] for port in ports]) @ solve_static(coupled.system, inputs).displacements
+            np.vstack([coupled.system.outputs[port] for port in ports])
+            @ solve_static(coupled.system, inputs).displacements
         )
         frequencies = solve_modal(coupled.system, count=FREQUENCY_COUNT).frequencies_hz
         if comm.rank == 0:
@@ -72,7 +83,11 @@ def check_three_axis_machine(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def _compare(
-    pose: str, compliance: FloatArray, expected: FloatArray, frequencies: FloatArray, references: FloatArray
+    pose: str,
+    compliance: FloatArray,
+    expected: FloatArray,
+    frequencies: FloatArray,
+    references: FloatArray,
 ) -> list[ValidationRow]:
     case = "three-axis-machine"
     rows = [
@@ -83,22 +98,30 @@ def _compare(
         for i in range(3) for j in range(i + 1)
     ]  # fmt: skip
     rows += [
-        judge(case, f"{pose}: f{number}", value, Target(float(right), "Hz", FREQUENCY_TOLERANCE, KIND))
+        judge(
+            case, f"{pose}: f{number}", value, Target(float(right), "Hz", FREQUENCY_TOLERANCE, KIND)
+        )
         for number, (value, right) in enumerate(zip(frequencies, references, strict=True), start=1)
     ]
     return rows
 
 
 def check_guideway() -> list[ValidationRow]:
-    """Compliance and frequencies at 50 places against fresh meshes, at 8 against the same mesh; ripple; what a pose costs."""
+    """Compliance and frequencies at 50 places against fresh meshes, at 8 against the same mesh;
+    ripple; what a pose costs.
+    """
     machine = load_scene(SCENE).machine
     mesh = mesh_component(machine.components["bed"])
     parts = reduce_parts(machine, {"bed": mesh}, MPI.COMM_SELF)
-    ripple = judge_bound(GUIDEWAY, "ripple of ten frequencies over the stations", find_ripple(machine, parts), RIPPLE)
+    ripple = judge_bound(
+        GUIDEWAY, "ripple of ten frequencies over the stations", find_ripple(machine, parts), RIPPLE
+    )
     return [*_compare_meshes(machine, mesh, parts), ripple, *_measure_cost(machine, parts)]
 
 
-def reduce_parts(machine: Machine, meshes: Mapping[str, ComponentMesh], comm: MPI.Comm) -> dict[str, Superelement]:
+def reduce_parts(
+    machine: Machine, meshes: Mapping[str, ComponentMesh], comm: MPI.Comm
+) -> dict[str, Superelement]:
     """Superelements of meshed components, and of the others from their mass properties; collective.
 
     Args:
@@ -107,13 +130,16 @@ def reduce_parts(machine: Machine, meshes: Mapping[str, ComponentMesh], comm: MP
         comm: Ranks; collective.
     """
     return {
-        name: reduce_elastic(part, meshes[name], comm=comm) if name in meshes else reduce_rigid(part, describe_component(part))
+        name: reduce_elastic(part, meshes[name], comm=comm)
+        if name in meshes
+        else reduce_rigid(part, describe_component(part))
         for name, part in machine.components.items()
     }
 
 
 def answer_reduced(machine: Machine, parts: dict[str, Superelement], place: float) -> Answer:
-    """Compliances along x, y and z at the TCP [m/N] and lowest frequencies [Hz] of the coupled superelements.
+    """Compliances along x, y and z at the TCP [m/N] and lowest frequencies [Hz] of the coupled
+    superelements.
 
     Args:
         machine: With an axis X along the rails.
@@ -142,7 +168,9 @@ def answer_same_mesh(machine: Machine, mesh: ComponentMesh, place: float) -> Ans
 
 
 def answer_fresh_mesh(machine: Machine, place: float) -> Answer:
-    """The same on a mesh of its own, with an evenly averaging patch imprinted under every carriage."""
+    """The same on a mesh of its own, with an evenly averaging patch imprinted under every
+    carriage.
+    """
     pose = Pose("p", {"X": place})
     fixed = fix_carriages(machine, pose)
     model = monolithic_machine(fixed, {"bed": mesh_component(fixed.components["bed"])}, pose)
@@ -156,7 +184,8 @@ def relative_errors(found: Answer, expected: Answer) -> FloatArray:
 
 
 def find_ripple(machine: Machine, parts: dict[str, Superelement], samples: int = 41) -> float:
-    """Largest relative departure of a frequency from a quartic in the position, over two spline intervals around the middle [-].
+    """Largest relative departure of a frequency from a quartic in the position, over two spline
+    intervals around the middle [-].
 
     Args:
         machine: With an axis X along the rails.
@@ -171,22 +200,44 @@ def find_ripple(machine: Machine, parts: dict[str, Superelement], samples: int =
     return float(np.abs(rest / frequencies).max())
 
 
-def _compare_meshes(machine: Machine, mesh: ComponentMesh, parts: dict[str, Superelement]) -> list[ValidationRow]:
+def _compare_meshes(
+    machine: Machine, mesh: ComponentMesh, parts: dict[str, Superelement]
+) -> list[ValidationRow]:
     fresh, same, apart = [], [], []
     for index, place in enumerate(np.linspace(-REACH, REACH, POSITIONS)):
-        found, expected = answer_reduced(machine, parts, float(place)), answer_fresh_mesh(machine, float(place))
+        found, expected = (
+            answer_reduced(machine, parts, float(place)),
+            answer_fresh_mesh(machine, float(place)),
+        )
         fresh.append(relative_errors(found, expected))
         if index % (POSITIONS // SAME_MESH_POSITIONS) == 0:
             alike = answer_same_mesh(machine, mesh, float(place))
             same.append(relative_errors(found, alike))
             apart.append(relative_errors(alike, expected))
     rows = []
-    for name, errors in (("same mesh, same weight", np.array(same)), ("fresh mesh, even patch", np.array(fresh))):
+    for name, errors in (
+        ("same mesh, same weight", np.array(same)),
+        ("fresh mesh, even patch", np.array(fresh)),
+    ):
         for what, part in (("compliance", errors[:, :3]), ("frequencies", errors[:, 3:])):
             note = f"{len(errors)} places"
-            rows.append(judge_bound(GUIDEWAY, f"{what}, {name}: largest", float(part.max()), LARGEST, note))
-            rows.append(judge_bound(GUIDEWAY, f"{what}, {name}: median", float(np.median(part)), MEDIAN, note))
-    rows.append(show(GUIDEWAY, "between the two unreduced models: largest", float(np.max(apart)), "-", "what mesh and weight make"))
+            rows.append(
+                judge_bound(GUIDEWAY, f"{what}, {name}: largest", float(part.max()), LARGEST, note)
+            )
+            rows.append(
+                judge_bound(
+                    GUIDEWAY, f"{what}, {name}: median", float(np.median(part)), MEDIAN, note
+                )
+            )
+    rows.append(
+        show(
+            GUIDEWAY,
+            "between the two unreduced models: largest",
+            float(np.max(apart)),
+            "-",
+            "what mesh and weight make",
+        )
+    )
     return rows
 
 
@@ -198,6 +249,14 @@ def _measure_cost(machine: Machine, parts: dict[str, Superelement]) -> list[Vali
         answer_reduced(machine, parts, float(place))
     seconds = 1000.0 * (time.process_time() - start) / len(places)
     return [
-        show(GUIDEWAY, "reduced dofs", float(sum(len(part.labels) for part in parts.values())), "-"),
-        show(GUIDEWAY, "1000 poses: couple, compliance, ten modes", seconds, "s", "CPU; half of it on two cores"),
+        show(
+            GUIDEWAY, "reduced dofs", float(sum(len(part.labels) for part in parts.values())), "-"
+        ),
+        show(
+            GUIDEWAY,
+            "1000 poses: couple, compliance, ten modes",
+            seconds,
+            "s",
+            "CPU; half of it on two cores",
+        ),
     ]

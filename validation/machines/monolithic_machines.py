@@ -1,9 +1,11 @@
-"""A whole machine as one unreduced finite element model: an independent method for what coupled superelements give.
+"""A whole machine as one unreduced finite element model: an independent method for what coupled
+superelements give.
 
-Nothing of the reduction or the coupling is used: elastic components keep every node, rigid joints become Lagrange multipliers,
-and frequencies come from a sparse shift-and-invert search.
+Nothing of the reduction or the coupling is used: elastic components keep every node, rigid joints
+become Lagrange multipliers, and frequencies come from a sparse shift-and-invert search.
 
-A machine on rails with its carriages fixed where they stand in a pose: what an unreduced model can take.
+A machine on rails with its carriages fixed where they stand in a pose: what an unreduced model can
+take.
 """
 
 import dataclasses
@@ -49,7 +51,9 @@ class BodyModel:
 
 @dataclass(frozen=True, eq=False)
 class InterfaceView:
-    """What an interface sees of a mesh: its motion ``(6, 3 n_points)`` and its origin ``(3,)``, component frame."""
+    """What an interface sees of a mesh: its motion ``(6, 3 n_points)`` and its origin ``(3,)``,
+    component frame.
+    """
 
     rows: csr_matrix
     origin: FloatArray
@@ -57,7 +61,9 @@ class InterfaceView:
 
 @dataclass(frozen=True, eq=False)
 class MonolithicMachine:
-    """Stiffness, mass and constraint rows of the whole machine, and the relative motion at each point ``(6, n)``."""
+    """Stiffness, mass and constraint rows of the whole machine, and the relative motion at each
+    point ``(6, n)``.
+    """
 
     stiffness: csr_matrix
     mass: csr_matrix
@@ -66,7 +72,11 @@ class MonolithicMachine:
 
 
 def monolithic_machine(
-    machine: Machine, meshes: Mapping[str, ComponentMesh], pose: Pose, *, views: Mapping[str, InterfaceView] | None = None
+    machine: Machine,
+    meshes: Mapping[str, ComponentMesh],
+    pose: Pose,
+    *,
+    views: Mapping[str, InterfaceView] | None = None,
 ) -> MonolithicMachine:
     """Assemble a machine whose elastic components have the given meshes; supports are not treated.
 
@@ -74,7 +84,8 @@ def monolithic_machine(
         machine: Its joints between fixed interfaces.
         meshes: By component.
         pose: Axis positions.
-        views: By ``component.interface`` on an elastic component, in place of what its patch and coupling say.
+        views: By ``component.interface`` on an elastic component, in place of what its patch and
+            coupling say.
 
     Raises:
         ValueError: The machine has supports.
@@ -83,7 +94,9 @@ def monolithic_machine(
         raise ValueError("the monolithic model takes machines without supports")
     placements = place_components(machine, pose)
     bodies = {
-        name: _elastic_body(component, meshes[name], views or {}) if component.fidelity == "elastic" else _rigid_body(component)
+        name: _elastic_body(component, meshes[name], views or {})
+        if component.fidelity == "elastic"
+        else _rigid_body(component)
         for name, component in machine.components.items()
     }
     starts = np.cumsum(np.array([0, *(body.mass.shape[0] for body in bodies.values())]))
@@ -96,8 +109,13 @@ def monolithic_machine(
         stiffness = stiffness + relative.T @ scipy.sparse.csr_matrix(joint.stiffness) @ relative
         if joint.held:
             rows.append(relative[list(joint.held)])
-    constraints = scipy.sparse.vstack(rows, format="csr") if rows else csr_matrix((0, int(starts[-1])))
-    points = {name: model.relative_motion(point.tool, point.work) for name, point in machine.points.items()}
+    constraints = (
+        scipy.sparse.vstack(rows, format="csr") if rows else csr_matrix((0, int(starts[-1])))
+    )
+    points = {
+        name: model.relative_motion(point.tool, point.work)
+        for name, point in machine.points.items()
+    }
     mass = scipy.sparse.block_diag([body.mass for body in bodies.values()], format="csr")
     return MonolithicMachine(stiffness, mass, constraints, points)
 
@@ -113,17 +131,21 @@ def monolithic_compliance(model: MonolithicMachine, point: str) -> FloatArray:
 
 
 def monolithic_frequencies(model: MonolithicMachine, count: int, *, shift_hz: float) -> FloatArray:
-    """The lowest natural frequencies [Hz] ``(count,)``, found around a shift below them that hits none.
+    """The lowest natural frequencies [Hz] ``(count,)``, found around a shift below them that hits
+    none.
 
     Args:
         model: The whole machine, without supports.
         count: How many.
-        shift_hz: Magnitude of the shift ``-(2 pi f)^2`` [Hz]: below zero, so that it hits no eigenvalue, rigid-body modes included.
+        shift_hz: Magnitude of the shift ``-(2 pi f)^2`` [Hz]: below zero, so that it hits no
+            eigenvalue, rigid-body modes included.
     """
     border = model.constraints.shape[0]
     mass = scipy.sparse.block_diag([model.mass, csr_matrix((border, border))], format="csc")
     shift = -((2.0 * np.pi * shift_hz) ** 2)
-    values = eigsh(_bordered(model).tocsc(), k=count, M=mass, sigma=shift, tol=1e-12, return_eigenvectors=False)
+    values = eigsh(
+        _bordered(model).tocsc(), k=count, M=mass, sigma=shift, tol=1e-12, return_eigenvectors=False
+    )
     return np.asarray(np.sqrt(np.abs(np.sort(values))) / (2.0 * np.pi))
 
 
@@ -137,9 +159,20 @@ class _Ports:
     """Motions of interfaces and points in terms of all dofs of the machine."""
 
     def __init__(
-        self, machine: Machine, bodies: dict[str, BodyModel], placements: dict[str, Frame], columns: dict[str, int], size: int
+        self,
+        machine: Machine,
+        bodies: dict[str, BodyModel],
+        placements: dict[str, Frame],
+        columns: dict[str, int],
+        size: int,
     ) -> None:
-        self._machine, self._bodies, self._placements, self._columns, self._size = machine, bodies, placements, columns, size
+        self._machine, self._bodies, self._placements, self._columns, self._size = (
+            machine,
+            bodies,
+            placements,
+            columns,
+            size,
+        )
 
     def relative_motion(self, tool: JointEnd, work: JointEnd) -> csr_matrix:
         place = self._origin(tool)
@@ -150,71 +183,118 @@ class _Ports:
         assert host.component is not None
         place = self._origin(host)
         if joint.point is not None:
-            resting, moved = self._machine.components[host.component].placement, self._placements[host.component]
-            place = moved.origin + moved.rotation @ (resting.rotation.T @ (joint.point - resting.origin))
-        carried = self._placements[host.component].rotation @ self._machine.components[host.component].placement.rotation.T
+            resting, moved = (
+                self._machine.components[host.component].placement,
+                self._placements[host.component],
+            )
+            place = moved.origin + moved.rotation @ (
+                resting.rotation.T @ (joint.point - resting.origin)
+            )
+        carried = (
+            self._placements[host.component].rotation
+            @ self._machine.components[host.component].placement.rotation.T
+        )
         turn = csr_matrix(rotate_dofs((carried @ joint.rotation).T))
-        return turn @ (self._motion_at(joint.ends[1], place) - self._motion_at(joint.ends[0], place))
+        return turn @ (
+            self._motion_at(joint.ends[1], place) - self._motion_at(joint.ends[0], place)
+        )
 
     def _origin(self, end: JointEnd) -> FloatArray:
         if end.component is None or end.interface is None:
             raise ValueError("a tool end or joint point cannot be ground alone")
         frame = self._placements[end.component]
-        return np.asarray(frame.origin + frame.rotation @ self._bodies[end.component].origins[end.interface])
+        return np.asarray(
+            frame.origin + frame.rotation @ self._bodies[end.component].origins[end.interface]
+        )
 
     def _motion_at(self, end: JointEnd, place: FloatArray) -> csr_matrix:
         if end.component is None or end.interface is None:
             return csr_matrix((6, self._size))
         body, start = self._bodies[end.component], self._columns[end.component]
         turn = rotate_dofs(self._placements[end.component].rotation)
-        own = csr_matrix(rigid_transfer(self._origin(end), place) @ turn) @ body.motions[end.interface]
+        own = (
+            csr_matrix(rigid_transfer(self._origin(end), place) @ turn)
+            @ body.motions[end.interface]
+        )
         after = self._size - start - own.shape[1]
-        return scipy.sparse.hstack([csr_matrix((6, start)), own, csr_matrix((6, after))], format="csr")
+        return scipy.sparse.hstack(
+            [csr_matrix((6, start)), own, csr_matrix((6, after))], format="csr"
+        )
 
 
 def _rigid_body(component: Component) -> BodyModel:
     properties = describe_component(component)
-    density = component.material.density if component.mass is None else component.mass / properties.volume
+    density = (
+        component.material.density if component.mass is None else component.mass / properties.volume
+    )
     mass = np.zeros((6, 6))
     mass[:3, :3] = density * properties.volume * np.eye(3)
     mass[3:, 3:] = density * properties.inertia
     origins = {name: np.asarray(properties.patch_centroids[name]) for name in component.interfaces}
-    motions = {name: csr_matrix(rigid_transfer(properties.center, origin)) for name, origin in origins.items()}
+    motions = {
+        name: csr_matrix(rigid_transfer(properties.center, origin))
+        for name, origin in origins.items()
+    }
     return BodyModel(csr_matrix((6, 6)), csr_matrix(mass), motions, origins)
 
 
-def _elastic_body(component: Component, mesh: ComponentMesh, views: Mapping[str, InterfaceView]) -> BodyModel:
-    operators = assemble_elasticity(mesh, scaled_material(component, mesh), comm=MPI.COMM_SELF, with_mass=True)
+def _elastic_body(
+    component: Component, mesh: ComponentMesh, views: Mapping[str, InterfaceView]
+) -> BodyModel:
+    operators = assemble_elasticity(
+        mesh, scaled_material(component, mesh), comm=MPI.COMM_SELF, with_mass=True
+    )
     order = (3 * operators.nodes[:, None] + np.arange(3)).ravel()
     to_mesh = csr_matrix((np.ones(len(order)), (order, np.arange(len(order)))))
     stiffness = to_mesh @ csr_matrix(operators.stiffness) @ to_mesh.T
     mass = to_mesh @ csr_matrix(scipy.sparse.kron(operators.scalar_mass, np.eye(3))) @ to_mesh.T
-    seen = {name: views[f"{component.name}.{name}"] for name in component.interfaces if f"{component.name}.{name}" in views}
+    seen = {
+        name: views[f"{component.name}.{name}"]
+        for name in component.interfaces
+        if f"{component.name}.{name}" in views
+    }
     patches = {name: measure_patch(mesh, name) for name in component.interfaces if name not in seen}
-    rigid = [name for name, interface in component.interfaces.items() if interface.coupling == "rigid" and name not in seen]
+    rigid = [
+        name
+        for name, interface in component.interfaces.items()
+        if interface.coupling == "rigid" and name not in seen
+    ]
     basis, starts = _rigid_patch_basis(mesh, [patches[name] for name in rigid])
     motions = {}
     for name, patch in patches.items():
         if name in rigid:
             start = starts[rigid.index(name)]
-            motions[name] = csr_matrix((np.ones(6), (np.arange(6), start + np.arange(6))), shape=(6, basis.shape[1]))
+            motions[name] = csr_matrix(
+                (np.ones(6), (np.arange(6), start + np.arange(6))), shape=(6, basis.shape[1])
+            )
         else:
             dofs = (3 * patch.nodes[:, None] + np.arange(3)).ravel()
             motions[name] = csr_matrix(patch.average_operator().T) @ basis[dofs]
     origins = {name: patch.centroid for name, patch in patches.items()}
     motions |= {name: csr_matrix(view.rows) @ basis for name, view in seen.items()}
     origins |= {name: view.origin for name, view in seen.items()}
-    return BodyModel(csr_matrix(basis.T @ stiffness @ basis), csr_matrix(basis.T @ mass @ basis), motions, origins)
+    return BodyModel(
+        csr_matrix(basis.T @ stiffness @ basis),
+        csr_matrix(basis.T @ mass @ basis),
+        motions,
+        origins,
+    )
 
 
-def _rigid_patch_basis(mesh: ComponentMesh, patches: list[MeshPatch]) -> tuple[csr_matrix, list[int]]:
-    """Displacements of all mesh points ``(3 n, m)`` in terms of the free ones and 6 dofs per rigid patch."""
+def _rigid_patch_basis(
+    mesh: ComponentMesh, patches: list[MeshPatch]
+) -> tuple[csr_matrix, list[int]]:
+    """Displacements of all mesh points ``(3 n, m)`` in terms of the free ones and 6 dofs per rigid
+    patch.
+    """
     total = 3 * len(mesh.points)
     free = np.ones(total, dtype=bool)
     for patch in patches:
         free[(3 * patch.nodes[:, None] + np.arange(3)).ravel()] = False
     kept = np.flatnonzero(free)
-    parts = [csr_matrix((np.ones(len(kept)), (kept, np.arange(len(kept)))), shape=(total, len(kept)))]
+    parts = [
+        csr_matrix((np.ones(len(kept)), (kept, np.arange(len(kept)))), shape=(total, len(kept)))
+    ]
     starts: list[int] = []
     for patch in patches:
         starts.append(len(kept) + 6 * len(starts))
@@ -226,19 +306,35 @@ def _rigid_patch_basis(mesh: ComponentMesh, patches: list[MeshPatch]) -> tuple[c
 
 
 def fix_carriages(machine: Machine, pose: Pose) -> Machine:
-    """Every carriage on an evenly averaging patch of its own under it, and every screw with the stiffness it has in the pose."""
+    """Every carriage on an evenly averaging patch of its own under it, and every screw with the
+    stiffness it has in the pose.
+    """
     carriages = {carriage.joint: carriage for carriage in place_carriages(machine, pose)}
     components = dict(machine.components)
     for name, component in machine.components.items():
-        fixed = {key: interface for key, interface in component.interfaces.items() if interface.rail is None}
-        own = {c.joint: _patch_under(machine, c) for c in carriages.values() if c.rail.component == name}
+        fixed = {
+            key: interface
+            for key, interface in component.interfaces.items()
+            if interface.rail is None
+        }
+        own = {
+            c.joint: _patch_under(machine, c)
+            for c in carriages.values()
+            if c.rail.component == name
+        }
         components[name] = dataclasses.replace(component, interfaces=fixed | own)
-    joints = {name: _fix_joint(machine, joint, carriages.get(name), pose) for name, joint in machine.joints.items()}
+    joints = {
+        name: _fix_joint(machine, joint, carriages.get(name), pose)
+        for name, joint in machine.joints.items()
+    }
     return dataclasses.replace(machine, components=components, joints=joints)
 
 
-def view_carriages(machine: Machine, meshes: Mapping[str, ComponentMesh], pose: Pose) -> dict[str, InterfaceView]:
-    """Motion that every carriage takes from a mesh on which only the rails are patches, weighted as in the reduced model.
+def view_carriages(
+    machine: Machine, meshes: Mapping[str, ComponentMesh], pose: Pose
+) -> dict[str, InterfaceView]:
+    """Motion that every carriage takes from a mesh on which only the rails are patches, weighted as
+    in the reduced model.
 
     Args:
         machine: With carriages on rails.
@@ -267,7 +363,9 @@ def view_carriages(machine: Machine, meshes: Mapping[str, ComponentMesh], pose: 
     return views
 
 
-def solve_monolithic(model: MonolithicMachine, point: str, count: int) -> tuple[FloatArray, FloatArray]:
+def solve_monolithic(
+    model: MonolithicMachine, point: str, count: int
+) -> tuple[FloatArray, FloatArray]:
     """Compliance at a point and the lowest frequencies of a supported machine without constraints.
 
     Args:
@@ -285,16 +383,22 @@ def solve_monolithic(model: MonolithicMachine, point: str, count: int) -> tuple[
         raise ValueError("this method takes machines whose joints are all springs")
     rows = model.points[point]
     factor = factorise(model.stiffness)
-    return np.asarray(rows @ factor.solve(rows.T.toarray())), lowest_frequencies(model, factor, count)
+    return np.asarray(rows @ factor.solve(rows.T.toarray())), lowest_frequencies(
+        model, factor, count
+    )
 
 
 def factorise(matrix: csr_matrix) -> SuperLU:
-    """Factors of a symmetric matrix that needs no pivoting, in an ordering for symmetric matrices."""
+    """Factors of a symmetric matrix that needs no pivoting, in an ordering for symmetric
+    matrices.
+    """
     options = {"SymmetricMode": True}
     return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
 
 
-def lowest_frequencies(model: MonolithicMachine, factor: SuperLU, count: int, *, shift: float = 0.0) -> FloatArray:
+def lowest_frequencies(
+    model: MonolithicMachine, factor: SuperLU, count: int, *, shift: float = 0.0
+) -> FloatArray:
     """The lowest natural frequencies [Hz] ``(count,)`` of a machine without constraints.
 
     Args:
@@ -305,13 +409,17 @@ def lowest_frequencies(model: MonolithicMachine, factor: SuperLU, count: int, *,
     """
     inverse = LinearOperator(model.stiffness.shape, matvec=factor.solve, dtype=float)
     stiffness, mass = model.stiffness.tocsc(), model.mass.tocsc()
-    values = eigsh(stiffness, k=count, M=mass, sigma=shift, OPinv=inverse, tol=1e-12, return_eigenvectors=False)
+    values = eigsh(
+        stiffness, k=count, M=mass, sigma=shift, OPinv=inverse, tol=1e-12, return_eigenvectors=False
+    )
     return np.asarray(np.sqrt(np.abs(np.sort(values))) / (2.0 * np.pi))
 
 
 def _patch_under(machine: Machine, carriage: Carriage) -> Interface:
     """The rail's strip cut to the carriage's length: a rect on the same face."""
-    interface = machine.components[str(carriage.rail.component)].interfaces[str(carriage.rail.interface)]
+    interface = machine.components[str(carriage.rail.component)].interfaces[
+        str(carriage.rail.interface)
+    ]
     (patch,) = interface.patches
     if interface.rail is None or patch.shape != "strip":
         raise ValueError("rails of this method are strips")
@@ -320,19 +428,28 @@ def _patch_under(machine: Machine, carriage: Carriage) -> Interface:
     center[axis] = carriage.place
     in_plane = [i for i in range(3) if i != "xyz".index(patch.face[0])]
     size = tuple(carriage.length if i == axis else patch.size[0] for i in in_plane)
-    return Interface(carriage.joint, (Patch(patch.face, "rect", (center[0], center[1], center[2]), size),), "average")
+    return Interface(
+        carriage.joint,
+        (Patch(patch.face, "rect", (center[0], center[1], center[2]), size),),
+        "average",
+    )
 
 
 def _fix_joint(machine: Machine, joint: Joint, carriage: Carriage | None, pose: Pose) -> Joint:
     if carriage is not None:
-        ends = tuple(JointEnd(end.component, joint.name) if end == carriage.rail else end for end in joint.ends)
+        ends = tuple(
+            JointEnd(end.component, joint.name) if end == carriage.rail else end
+            for end in joint.ends
+        )
         return dataclasses.replace(joint, ends=(ends[0], ends[1]), length=None)
     if joint.screw is None:
         return joint
     first, second = (_place_interface(machine, end, pose) for end in joint.ends)
     distance = abs(float((first - second) @ joint.rotation[:, 0]))
     stiffness = np.array(joint.stiffness)
-    stiffness[0, 0] = 1.0 / (1.0 / stiffness[0, 0] + 1.0 / joint.screw.bearing + distance / joint.screw.axial)
+    stiffness[0, 0] = 1.0 / (
+        1.0 / stiffness[0, 0] + 1.0 / joint.screw.bearing + distance / joint.screw.axial
+    )
     return dataclasses.replace(joint, stiffness=stiffness, screw=None)
 
 
@@ -340,4 +457,7 @@ def _place_interface(machine: Machine, end: JointEnd, pose: Pose) -> FloatArray:
     """Middle ``(3,)`` of an interface in the machine frame in a pose [m]."""
     component = machine.components[str(end.component)]
     frame = place_components(machine, pose)[component.name]
-    return np.asarray(frame.origin + frame.rotation @ describe_component(component).patch_centroids[str(end.interface)])
+    return np.asarray(
+        frame.origin
+        + frame.rotation @ describe_component(component).patch_centroids[str(end.interface)]
+    )

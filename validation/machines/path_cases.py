@@ -1,9 +1,11 @@
-"""Second roads to the deviation from a path: absolute coordinates, every pose coupled anew, and integrators of others.
+"""Second roads to the deviation from a path: absolute coordinates, every pose coupled anew, and
+integrators of others.
 
-Nothing is shared with the first road behind the joints' springs and the components' matrices: no coordinates about the travelling
-machine, no common shapes, no modes, no exact steps.
+Nothing is shared with the first road behind the joints' springs and the components' matrices: no
+coordinates about the travelling machine, no common shapes, no modes, no exact steps.
 
-The path test of Kono et al., section 4.3: the X-axis moves 80 mm at two feeds, and the tool leaves the line in z.
+The path test of Kono et al., section 4.3: the X-axis moves 80 mm at two feeds, and the tool leaves
+the line in z.
 """
 
 import itertools
@@ -18,7 +20,12 @@ from mpi4py import MPI
 from scipy.integrate import solve_ivp
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.machine import Machine, MachinePath, place_components, travel_directions
+from headstock.geometry.machine.machine import (
+    Machine,
+    MachinePath,
+    place_components,
+    travel_directions,
+)
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.results.answers import find_answers
 from headstock.pipeline.results.path import PathResult
@@ -49,9 +56,16 @@ from headstock.validation.references.rows import ValidationRow, judge_bound, sho
 SCENE = PROJECT / "machines" / "three_axis.toml"
 HELD_TOLERANCE = 1e-9
 CASE = "path-test"
-VARIANTS = {"BE": "calibrated+BE", "BE with drives": "calibrated+BE+controlled", "YCE": "calibrated+segmented+YCE"}
+VARIANTS = {
+    "BE": "calibrated+BE",
+    "BE with drives": "calibrated+BE+controlled",
+    "YCE": "calibrated+segmented+YCE",
+}
 BAND = (0.1, 1.0)  # what the project asks of the deviation around the ramps [um]
-PAPER = {"accelerating": "paper: about 0.5 um measured, 0.4 computed", "decelerating": "paper: about 0.1 um measured, 0.2 computed"}
+PAPER = {
+    "accelerating": "paper: about 0.5 um measured, 0.4 computed",
+    "decelerating": "paper: about 0.1 um measured, 0.2 computed",
+}
 MICRO = 1e6
 WINDOW, SPACING, STEP = 0.15, 5e-5, 4e-4
 ROADS_TOLERANCE = 1e-4
@@ -65,7 +79,8 @@ class AbsoluteMachine:
         mass: ``(n, n)``.
         places: ``(k,)`` at which it was coupled [m].
         stiffnesses: ``(k, n, n)``.
-        pulls: ``(k, n)`` force per metre of travel that the set point puts on the springs: stiffness times rigid travel.
+        pulls: ``(k, n)`` force per metre of travel that the set point puts on the springs:
+            stiffness times rigid travel.
         rows: ``(k, p, n)`` motion at the outputs.
         drift: ``(k, p)`` that part of it per metre which is the travel itself.
     """
@@ -77,7 +92,9 @@ class AbsoluteMachine:
     rows: FloatArray
     drift: FloatArray
 
-    def between(self, name: Literal["stiffnesses", "pulls", "rows", "drift"], position: float) -> FloatArray:
+    def between(
+        self, name: Literal["stiffnesses", "pulls", "rows", "drift"], position: float
+    ) -> FloatArray:
         """A table at a position [m], linear between the places."""
         values: FloatArray = getattr(self, name)
         number = int(np.clip(np.searchsorted(self.places, position) - 1, 0, len(self.places) - 2))
@@ -87,7 +104,11 @@ class AbsoluteMachine:
 
 
 def _place_absolutely(
-    parts: Mapping[str, Superelement], machine: Machine, path: MachinePath, outputs: tuple[Port, ...], places: FloatArray
+    parts: Mapping[str, Superelement],
+    machine: Machine,
+    path: MachinePath,
+    outputs: tuple[Port, ...],
+    places: FloatArray,
 ) -> AbsoluteMachine:
     """Couple a machine anew at every place; held motions must be the same all along the path.
 
@@ -109,30 +130,58 @@ def _place_absolutely(
             stacked[own, own], total[own, own] = matrices.stiffnesses[name], matrices.masses[name]
             if name in directions:
                 along = frames[name].rotation.T @ directions[name]
-                travel[own] = turn_dofs(part, frames[name]).T @ rigid_motions(part, part.center_of_mass)[:, :3] @ along
+                travel[own] = (
+                    turn_dofs(part, frames[name]).T
+                    @ rigid_motions(part, part.center_of_mass)[:, :3]
+                    @ along
+                )
         for spring in place_joints(machine, layout):
-            if spring.held and np.abs(spring.rows[list(spring.held)] @ basis).max() > HELD_TOLERANCE:
-                raise ModelError(f"joint {spring.name!r} holds other motions along the path; this road cannot follow it")
+            if (
+                spring.held
+                and np.abs(spring.rows[list(spring.held)] @ basis).max() > HELD_TOLERANCE
+            ):
+                raise ModelError(
+                    f"joint {spring.name!r} holds other motions along the path; this road cannot follow it"
+                )
             stacked += spring.rows.T @ spring.stiffness @ spring.rows
         seen = np.array(
-            [point_rows(layout, machine.points[name])[["x", "y", "z", "rx", "ry", "rz"].index(dof)] for name, dof in outputs]
+            [
+                point_rows(layout, machine.points[name])[
+                    ["x", "y", "z", "rx", "ry", "rz"].index(dof)
+                ]
+                for name, dof in outputs
+            ]
         )
         mass = basis.T @ total @ basis
         stiffnesses.append(basis.T @ stacked @ basis)
         pulls.append(basis.T @ stacked @ travel)
         rows.append(seen @ basis)
         drift.append(seen @ travel)
-    return AbsoluteMachine(mass, places, np.array(stiffnesses), np.array(pulls), rows=np.array(rows), drift=np.array(drift))
+    return AbsoluteMachine(
+        mass,
+        places,
+        np.array(stiffnesses),
+        np.array(pulls),
+        rows=np.array(rows),
+        drift=np.array(drift),
+    )
 
 
-def _integrate_absolutely(machine: AbsoluteMachine, move: SetPoint, times: FloatArray, tolerance: float) -> FloatArray:
-    """Deviation ``(n, p)`` at times [s] by Dormand and Prince's method of order 8 (SciPy), from break to break."""
+def _integrate_absolutely(
+    machine: AbsoluteMachine, move: SetPoint, times: FloatArray, tolerance: float
+) -> FloatArray:
+    """Deviation ``(n, p)`` at times [s] by Dormand and Prince's method of order 8 (SciPy), from
+    break to break.
+    """
     count = len(machine.mass)
     inverse = np.linalg.inv(machine.mass)
 
     def slope(time: float, state: FloatArray) -> FloatArray:
         position = _stand(move, time)
-        force = position * machine.between("pulls", position) - machine.between("stiffnesses", position) @ state[:count]
+        force = (
+            position * machine.between("pulls", position)
+            - machine.between("stiffnesses", position) @ state[:count]
+        )
         return np.concatenate([state[count:], inverse @ force])
 
     state, found = np.zeros(2 * count), np.zeros((len(times), count))
@@ -145,7 +194,9 @@ def _integrate_absolutely(machine: AbsoluteMachine, move: SetPoint, times: Float
     return _deviate(machine, move, times, found)
 
 
-def _deviate(machine: AbsoluteMachine, move: SetPoint, times: FloatArray, displacements: FloatArray) -> FloatArray:
+def _deviate(
+    machine: AbsoluteMachine, move: SetPoint, times: FloatArray, displacements: FloatArray
+) -> FloatArray:
     """What the outputs see of absolute displacements ``(n, m)``, less the travel itself."""
     places = [_stand(move, float(time)) for time in times]
     return np.array(
@@ -171,15 +222,22 @@ def _stand(move: SetPoint, time: float) -> float:
 def check_path_test() -> list[ValidationRow]:
     """Deviation in z at both feeds with variants BE and YCE, and how it grows with the feed.
 
-    Figure 20 of the paper is BE with drives and control; ours are assumed but for the leads of the screws, and their pose is frozen.
+    Figure 20 of the paper is BE with drives and control; ours are assumed but for the leads of the
+    screws, and their pose is frozen.
     """
-    return [row for name, variant in VARIANTS.items() for row in _judge_variant(name, run_path(variant))]
+    return [
+        row for name, variant in VARIANTS.items() for row in _judge_variant(name, run_path(variant))
+    ]
 
 
 def check_path_roads() -> list[ValidationRow]:
-    """Variant BE over its first ramp: carried modes and exact steps against absolute coordinates coupled anew and another integrator."""
+    """Variant BE over its first ramp: carried modes and exact steps against absolute coordinates
+    coupled anew and another integrator.
+    """
     first, second, frozen = compare_roads()
-    apart, kept = (float(np.abs(other - second).max() / np.abs(second).max()) for other in (first, frozen))
+    apart, kept = (
+        float(np.abs(other - second).max() / np.abs(second).max()) for other in (first, frozen)
+    )
     return [
         judge_bound("path-roads", "z of the TCP, two roads", apart, ROADS_TOLERANCE),
         show("path-roads", "z of the TCP, pose of the start kept", kept, "-"),
@@ -190,7 +248,9 @@ def run_path(variant: str) -> PathResult:
     """The path analysis of the shipped scene in a variant."""
     scene = keep_analyses(load_scene(SCENE, variant=variant), ["path"])
     with tempfile.TemporaryDirectory() as folder:
-        results = run_scene(scene, Path(folder) / "results", comm=MPI.COMM_SELF, store=Store(Path(folder) / "store"))
+        results = run_scene(
+            scene, Path(folder) / "results", comm=MPI.COMM_SELF, store=Store(Path(folder) / "store")
+        )
     (found,) = find_answers(results.answers, PathResult)
     return found
 
@@ -199,8 +259,19 @@ def _judge_variant(name: str, found: PathResult) -> list[ValidationRow]:
     slow, fast = found.runs
     count = int(0.4 * found.sampling_hz)
     rows = []
-    kept = np.abs(fast.curves.frozen[:count] - 5.0 * slow.curves.frozen[:count]).max() / np.abs(fast.curves.frozen[:count]).max()
-    rows.append(judge_bound(CASE, f"{name}: 3000 less five times 600 mm/min, pose kept", float(kept), 1e-6, "linear: 0 to 0.4 s"))
+    kept = (
+        np.abs(fast.curves.frozen[:count] - 5.0 * slow.curves.frozen[:count]).max()
+        / np.abs(fast.curves.frozen[:count]).max()
+    )
+    rows.append(
+        judge_bound(
+            CASE,
+            f"{name}: 3000 less five times 600 mm/min, pose kept",
+            float(kept),
+            1e-6,
+            "linear: 0 to 0.4 s",
+        )
+    )
     for number, zone in enumerate(("accelerating", "decelerating")):
         figures = fast.figures[0][number]
         peak, ramp = abs(MICRO * figures.peak), abs(MICRO * figures.ramp_peak)
@@ -212,9 +283,20 @@ def _judge_variant(name: str, found: PathResult) -> list[ValidationRow]:
             )
         )  # fmt: skip
         rows.append(show(CASE, f"{name}: largest deviation during the ramp, {zone}", ramp, "um"))
-        rows.append(show(CASE, f"{name}: quasi-static part, {zone}", abs(MICRO * figures.quasi_static), "um"))
+        rows.append(
+            show(
+                CASE, f"{name}: quasi-static part, {zone}", abs(MICRO * figures.quasi_static), "um"
+            )
+        )
         rows.append(show(CASE, f"{name}: ringing, {zone}", MICRO * figures.dynamic, "um"))
-        rows.append(show(CASE, f"{name}: pose kept, {zone}", abs(MICRO * fast.frozen_figures[0][number].peak), "um"))
+        rows.append(
+            show(
+                CASE,
+                f"{name}: pose kept, {zone}",
+                abs(MICRO * fast.frozen_figures[0][number].peak),
+                "um",
+            )
+        )
         rows.append(
             show(
                 CASE,
@@ -230,13 +312,18 @@ def _judge_variant(name: str, found: PathResult) -> list[ValidationRow]:
 
 
 def compare_roads() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Deviation in z ``(n,)`` over the first ramp, undamped: by this program, by the second road, and in the pose of the start."""
+    """Deviation in z ``(n,)`` over the first ramp, undamped: by this program, by the second road,
+    and in the pose of the start.
+    """
     scene = load_scene(SCENE, variant=VARIANTS["BE"])
     request = keep_analyses(scene, ["path"]).analyses.path
     if request is None:
         raise ValueError("the scene has no path analysis")
     machine, path = scene.machine, request.path
-    parts = {name: reduce_rigid(part, describe_component(part)) for name, part in machine.components.items()}
+    parts = {
+        name: reduce_rigid(part, describe_component(part))
+        for name, part in machine.components.items()
+    }
     move = SetPoint(path.length, 0.05, Ramp("linear", 0.1))
     times = np.asarray(np.arange(0.0, WINDOW, STEP), dtype=float)
     model = PathModel(PATH_INPUT, request.outputs, 10.0, 1e5)
@@ -244,7 +331,11 @@ def compare_roads() -> tuple[FloatArray, FloatArray, FloatArray]:
     def place(position: float) -> PosedModes:
         coupled = couple(parts, machine, path.pose_at(position))
         system = undamped(coupled.system)
-        return stack_modes(add_path_input(system, coupled, travel_directions(machine, path)), solve_modal(system), coupled)
+        return stack_modes(
+            add_path_input(system, coupled, travel_directions(machine, path)),
+            solve_modal(system),
+            coupled,
+        )
 
     first = solve_varying_path(sample_system(place, path.length, model), move, times).total[:, 0]
     frozen = solve_path(place(0.0).system, model, move, times).total[:, 0]

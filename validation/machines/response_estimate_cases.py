@@ -1,4 +1,6 @@
-"""Error estimates of frequency responses against direct solves of unreduced machines and against far finer meshes."""
+"""Error estimates of frequency responses against direct solves of unreduced machines and against
+far finer meshes.
+"""
 
 import dataclasses
 from collections.abc import Sequence
@@ -21,7 +23,11 @@ from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.estimates.frequency_errors import truncated_parts
 from headstock.reduction.estimates.mesh_errors import meshed_parts
-from headstock.reduction.estimates.response_errors import ErrorSources, bound_response_errors, project_response
+from headstock.reduction.estimates.response_errors import (
+    ErrorSources,
+    bound_response_errors,
+    project_response,
+)
 from headstock.reduction.requests import ReductionRequest
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.elastic.block_lanczos import ModeTarget
@@ -55,7 +61,8 @@ RESPONSE_CASE = "response-estimates"
 MODE_COUNTS = (3, 6, 12, 24, 48)
 LOSS_FACTOR = 0.04
 WATCHED = 10
-# (place among the elastic frequencies, share of the way to the next): beside, on and between resonances
+# (place among the elastic frequencies, share of the way to the next): beside, on and between
+# resonances
 LINES = ((0, -0.5), (0, 0.0), (0, 0.02), (1, 0.5), (2, -0.03), (3, 0.01), (4, 0.4))
 PORTS: tuple[Port, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
 SPECIMENS = (clamped_beam, free_pair, patched_column, ribbed_plate, guideway)
@@ -89,7 +96,9 @@ MESHES = {
 
 
 def check_response_estimates() -> list[ValidationRow]:
-    """Bounds of the reduction error of nine responses per line on five machines, by number of modes."""
+    """Bounds of the reduction error of nine responses per line on five machines, by number of
+    modes.
+    """
     rows: list[ValidationRow] = []
     found = []
     for make in SPECIMENS:
@@ -102,25 +111,44 @@ def check_response_estimates() -> list[ValidationRow]:
 
 
 def compare_responses(specimen: Specimen, lines: tuple[tuple[int, float], ...]) -> ErrorPairs:
-    """True and estimated errors of nine entries per line, over the largest entry of the line, for every number of modes."""
+    """True and estimated errors of nine entries per line, over the largest entry of the line, for
+    every number of modes.
+    """
     model = unreduced(specimen)
     exact = reference_frequencies(model, WATCHED + 6)
     elastic = exact[exact > 1e-3 * exact[-1]]
-    places = np.array([elastic[k] + share * (elastic[k + 1] - elastic[k] if share > 0.0 else elastic[k]) for k, share in lines])
+    places = np.array(
+        [
+            elastic[k] + share * (elastic[k + 1] - elastic[k] if share > 0.0 else elastic[k])
+            for k, share in lines
+        ]
+    )
     whole = reduce_specimen(specimen, max(MODE_COUNTS))
     right = np.array([direct_response(model, hz) for hz in places])
     sizes = np.abs(right).max(axis=(1, 2), keepdims=True)
     pairs = []
     for count in MODE_COUNTS:
-        parts = {name: keep_fewer(element, count) for name, element in whole.items()} | specimen.rigid
+        parts = {
+            name: keep_fewer(element, count) for name, element in whole.items()
+        } | specimen.rigid
         coupled = couple(parts, specimen.machine, specimen.pose)
         modes = solve_modal(coupled.system)
-        lossy = dataclasses.replace(coupled.system, damping=None, hysteretic=LOSS_FACTOR * coupled.system.stiffness)
-        found = evaluate_frf(prepare_frf(lossy, inputs=PORTS, outputs=PORTS, modes=modes), places).receptance
+        lossy = dataclasses.replace(
+            coupled.system, damping=None, hysteretic=LOSS_FACTOR * coupled.system.stiffness
+        )
+        found = evaluate_frf(
+            prepare_frf(lossy, inputs=PORTS, outputs=PORTS, modes=modes), places
+        ).receptance
         ports = (input_columns(lossy, PORTS), output_rows(lossy, PORTS))
-        sources = ErrorSources(truncated_parts(coupled), loss_factors=dict.fromkeys(parts, LOSS_FACTOR))
-        errors = bound_response_errors(project_response(lossy, sources, modes, ports, float(places.max())), places)
-        pairs.append(ErrorPairs((np.abs(found - right) / sizes).ravel(), (errors.bounds / sizes).ravel()))
+        sources = ErrorSources(
+            truncated_parts(coupled), loss_factors=dict.fromkeys(parts, LOSS_FACTOR)
+        )
+        errors = bound_response_errors(
+            project_response(lossy, sources, modes, ports, float(places.max())), places
+        )
+        pairs.append(
+            ErrorPairs((np.abs(found - right) / sizes).ravel(), (errors.bounds / sizes).ravel())
+        )
     return join_pairs(pairs)
 
 
@@ -135,7 +163,9 @@ def direct_response(model: MonolithicMachine, hz: float) -> ComplexArray:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """Response of one mesh: nine entries per line, and the most negative real part at each port, with their errors."""
+    """Response of one mesh: nine entries per line, and the most negative real part at each port,
+    with their errors.
+    """
 
     lines: FrequencyResponse
     changes: FloatArray
@@ -144,10 +174,15 @@ class _Found:
 
 
 def check_mesh_response_estimates() -> list[ValidationRow]:
-    """Estimated against true errors of nine responses per line, and of the most negative real parts, over kinds and sizes of elements."""
+    """Estimated against true errors of nine responses per line, and of the most negative real
+    parts, over kinds and sizes of elements.
+    """
     rows: list[ValidationRow] = []
     parts = []
-    for machine in (dataclasses.replace(load_scene(CANTILEVER).machine, name="cantilever"), _hollow_column()):
+    for machine in (
+        dataclasses.replace(load_scene(CANTILEVER).machine, name="cantilever"),
+        _hollow_column(),
+    ):
         fine, meshes = MESHES[machine.name]
         parts.append(compare_meshes(machine, fine, meshes))
     for name, found in zip(MESHES, parts, strict=True):
@@ -157,8 +192,11 @@ def check_mesh_response_estimates() -> list[ValidationRow]:
     return rows
 
 
-def compare_meshes(machine: Machine, fine: MeshSettings, meshes: Sequence[MeshSettings]) -> dict[str, ErrorPairs]:
-    """True and estimated errors of lines, over the largest entry of a line, and of most negative real parts.
+def compare_meshes(
+    machine: Machine, fine: MeshSettings, meshes: Sequence[MeshSettings]
+) -> dict[str, ErrorPairs]:
+    """True and estimated errors of lines, over the largest entry of a line, and of most negative
+    real parts.
 
     Args:
         machine: Of one body.
@@ -168,28 +206,56 @@ def compare_meshes(machine: Machine, fine: MeshSettings, meshes: Sequence[MeshSe
     exact = _reduced(machine, fine)
     modes = solve_modal(exact.system, count=12)
     elastic = modes.frequencies_hz[modes.rigid_count :]
-    ends = [(elastic[k], elastic[k + 1] - elastic[k] if share > 0.0 else elastic[k], share) for k, share in LINES]
+    ends = [
+        (elastic[k], elastic[k + 1] - elastic[k] if share > 0.0 else elastic[k], share)
+        for k, share in LINES
+    ]
     places = np.array([0.0, *(start + share * width for start, width, share in ends)])
     right = _respond(exact, places)
     sizes = np.abs(right.lines.receptance).max(axis=(1, 2), keepdims=True)
     lines, direct, depths = [], [], []
     for mesh in meshes:
         found = _respond(_reduced(machine, mesh), places)
-        true, estimated = np.abs(found.lines.receptance - right.lines.receptance) / sizes, found.changes / sizes
+        true, estimated = (
+            np.abs(found.lines.receptance - right.lines.receptance) / sizes,
+            found.changes / sizes,
+        )
         along, foreseen = (np.diagonal(each, axis1=1, axis2=2) for each in (true, estimated))
         lines.append(ErrorPairs(true.ravel(), estimated.ravel()))
         direct.append(ErrorPairs(along.ravel(), foreseen.ravel()))
-        depths.append(ErrorPairs(np.abs(found.depths / right.depths - 1.0), np.abs(found.depth_errors / right.depths)))
-    return {"lines": join_pairs(lines), "lines along the load": join_pairs(direct), "most negative real part": join_pairs(depths)}
+        depths.append(
+            ErrorPairs(
+                np.abs(found.depths / right.depths - 1.0), np.abs(found.depth_errors / right.depths)
+            )
+        )
+    return {
+        "lines": join_pairs(lines),
+        "lines along the load": join_pairs(direct),
+        "most negative real part": join_pairs(depths),
+    }
 
 
 def _hollow_column() -> Machine:
     """Walls of 12 mm on a stiff spring."""
-    interfaces = {"foot": face_interface("foot", "z-", "rigid"), "tip": face_interface("tip", "z+", "average")}
+    interfaces = {
+        "foot": face_interface("foot", "z-", "rigid"),
+        "tip": face_interface("tip", "z+", "average"),
+    }
     solid = HollowColumn((0.20, 0.24, 0.70), 0.012, 0.015, 0.01, ribs_z=2)
-    column = Component("column", solid, STEEL, interfaces=interfaces, reduction=ReductionSettings(modes=0))
-    joints = {"clamp": Joint("clamp", (JointEnd(), JointEnd("column", "foot")), "spring", stiffness=0.2 * CLAMP)}
-    return Machine("hollow column", {"column": column}, joints, {"tcp": Point("tcp", JointEnd("column", "tip"), JointEnd())})
+    column = Component(
+        "column", solid, STEEL, interfaces=interfaces, reduction=ReductionSettings(modes=0)
+    )
+    joints = {
+        "clamp": Joint(
+            "clamp", (JointEnd(), JointEnd("column", "foot")), "spring", stiffness=0.2 * CLAMP
+        )
+    }
+    return Machine(
+        "hollow column",
+        {"column": column},
+        joints,
+        {"tcp": Point("tcp", JointEnd("column", "tip"), JointEnd())},
+    )
 
 
 def _reduced(machine: Machine, settings: MeshSettings) -> CoupledMachine:
@@ -202,20 +268,29 @@ def _reduced(machine: Machine, settings: MeshSettings) -> CoupledMachine:
 
 def _respond(coupled: CoupledMachine, places: FloatArray) -> _Found:
     modes = solve_modal(coupled.system)
-    lossy = dataclasses.replace(coupled.system, damping=None, hysteretic=LOSS_FACTOR * coupled.system.stiffness)
+    lossy = dataclasses.replace(
+        coupled.system, damping=None, hysteretic=LOSS_FACTOR * coupled.system.stiffness
+    )
     model = prepare_frf(lossy, inputs=PORTS, outputs=PORTS, modes=modes)
     ports = (input_columns(lossy, PORTS), output_rows(lossy, PORTS))
     sources = ErrorSources(meshed=meshed_parts(coupled), loss_factors={"column": LOSS_FACTOR})
     space = project_response(lossy, sources, modes, ports, REACH * places.max())
-    lines, grid = (evaluate_frf(model, hz) for hz in (places, np.linspace(0.0, REACH * places.max(), GRID)))
+    lines, grid = (
+        evaluate_frf(model, hz) for hz in (places, np.linspace(0.0, REACH * places.max(), GRID))
+    )
     errors = [bound_response_errors(space, response.frequencies_hz) for response in (lines, grid)]
-    changes = [np.zeros(lines.receptance.shape) if found.mesh is None else np.abs(found.mesh) for found in errors]
+    changes = [
+        np.zeros(lines.receptance.shape) if found.mesh is None else np.abs(found.mesh)
+        for found in errors
+    ]
     figures = []
     for number, port in enumerate(PORTS):
         real = grid.receptance[:, number, number].real
         deepest = int(np.argmin(real))
         hz = float(grid.frequencies_hz[deepest])
-        figures.append(PortFigures(port, None, float(real[deepest]), hz, None, None, None, "", None))
+        figures.append(
+            PortFigures(port, None, float(real[deepest]), hz, None, None, None, "", None)
+        )
     judged = add_figure_errors(tuple(figures), grid, ResponseEstimate(errors[1], space, ()))
     return _Found(
         lines,
@@ -233,8 +308,19 @@ def _judge(what: str, pairs: ErrorPairs) -> list[ValidationRow]:
     factor = Target(1.0, "-", LARGEST_FACTOR - 1.0, "converged 3D")
     note = f"effectivity {middle:.2f}; {clear.sum()} errors above {CLEAR:g}"
     return [
-        judge(CASE, f"{what}: estimated over true error, median, as a factor", max(middle, 1.0 / middle), factor, note),
-        judge(CASE, f"{what}: rank correlation", rank, Target(1.0, "-", 1.0 - LEAST_RANK, "converged 3D")),
+        judge(
+            CASE,
+            f"{what}: estimated over true error, median, as a factor",
+            max(middle, 1.0 / middle),
+            factor,
+            note,
+        ),
+        judge(
+            CASE,
+            f"{what}: rank correlation",
+            rank,
+            Target(1.0, "-", 1.0 - LEAST_RANK, "converged 3D"),
+        ),
     ]
 
 

@@ -1,9 +1,11 @@
-"""Rigid bodies in absolute coordinates, every joint a few scalar products that keep a value: a model without chains or angles.
+"""Rigid bodies in absolute coordinates, every joint a few scalar products that keep a value: a
+model without chains or angles.
 
-Each constraint and each spring is ``x . y = c(t)`` of two vectors that are body-fixed, fixed in space, prescribed in a body, or the
-difference of two points. Value, rate, Jacobian and bias follow from those of the vectors (de Jalón and Bayo 1994, ch. 2; Nikravesh
-1988). Accelerations and multipliers solve the index-1 equations ``[M G^T; G 0] [a; lam] = [f; -gamma]``. Written to check the
-chain model, so nothing of it is used here.
+Each constraint and each spring is ``x . y = c(t)`` of two vectors that are body-fixed, fixed in
+space, prescribed in a body, or the difference of two points. Value, rate, Jacobian and bias follow
+from those of the vectors (de Jalón and Bayo 1994, ch. 2; Nikravesh 1988). Accelerations and
+multipliers solve the index-1 equations ``[M G^T; G 0] [a; lam] = [f; -gamma]``. Written to check
+the chain model, so nothing of it is used here.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,7 +43,9 @@ class Reach:
 
 @dataclass(frozen=True, eq=False)
 class Product:
-    """``x . y = c(t)`` as a constraint; as a spring, its length; ``value`` gives c with its two derivatives."""
+    """``x . y = c(t)`` as a constraint; as a spring, its length; ``value`` gives c with its two
+    derivatives.
+    """
 
     first: Arrow | Reach
     second: Arrow
@@ -50,7 +54,9 @@ class Product:
 
 @dataclass(frozen=True, eq=False)
 class Spring:
-    """A linear spring along a product, its stiffness [N/m] a function of time, with a viscous damper [N s/m]."""
+    """A linear spring along a product, its stiffness [N/m] a function of time, with a viscous
+    damper [N s/m].
+    """
 
     product: Product
     stiffness: Callable[[float], float]
@@ -90,7 +96,9 @@ class AbsoluteState:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A vector in motion: value, rate, bias acceleration and Jacobian ``(3, 6 b)`` by all velocities."""
+    """A vector in motion: value, rate, bias acceleration and Jacobian ``(3, 6 b)`` by all
+    velocities.
+    """
 
     value: FloatArray
     rate: FloatArray
@@ -99,7 +107,9 @@ class Motion:
 
 
 class ScalarMotion(NamedTuple):
-    """A number in motion: value, rate, bias acceleration and Jacobian ``(6 b,)`` by all velocities."""
+    """A number in motion: value, rate, bias acceleration and Jacobian ``(6 b,)`` by all
+    velocities.
+    """
 
     value: float
     rate: float
@@ -138,7 +148,9 @@ class _Vectors:
 
     def of(self, item: Arrow | Reach) -> Motion:
         if id(item) not in self.known:
-            self.known[id(item)] = self._reach(item) if isinstance(item, Reach) else self._arrow(item)
+            self.known[id(item)] = (
+                self._reach(item) if isinstance(item, Reach) else self._arrow(item)
+            )
         return self.known[id(item)]
 
     def _arrow(self, item: Arrow) -> Motion:
@@ -165,7 +177,12 @@ class _Vectors:
 
     def _reach(self, item: Reach) -> Motion:
         end, start = self.point(item.end), self.point(item.start)
-        return Motion(end.value - start.value, end.rate - start.rate, end.bias - start.bias, end.jacobian - start.jacobian)
+        return Motion(
+            end.value - start.value,
+            end.rate - start.rate,
+            end.bias - start.bias,
+            end.jacobian - start.jacobian,
+        )
 
     def product(self, item: Product) -> ScalarMotion:
         """Motion of a scalar product."""
@@ -175,7 +192,9 @@ class _Vectors:
         return ScalarMotion(value, rate, bias, y.value @ x.jacobian + x.value @ y.jacobian)
 
 
-def solve_instant(system: AbsoluteSystem, time: float, state: AbsoluteState, force: FloatArray) -> AbsoluteSolution:
+def solve_instant(
+    system: AbsoluteSystem, time: float, state: AbsoluteState, force: FloatArray
+) -> AbsoluteSolution:
     """Accelerations and multipliers at an instant.
 
     Args:
@@ -204,12 +223,15 @@ def solve_instant(system: AbsoluteSystem, time: float, state: AbsoluteState, for
         multipliers=found[len(mass) :],
         violation=max(abs(row.value - c[0]) for row, c in zip(rows, wanted, strict=True)),
         stretch=np.array([row.value for row in lengths]),
-        stretch_acceleration=np.array([row.bias + row.jacobian @ found[: len(mass)] for row in lengths]),
+        stretch_acceleration=np.array(
+            [row.bias + row.jacobian @ found[: len(mass)] for row in lengths]
+        ),
     )
 
 
 def linearise_rest(system: AbsoluteSystem, state: AbsoluteState) -> tuple[FloatArray, FloatArray]:
-    """Mass and stiffness over the motions that the constraints leave, at a state of rest with unloaded springs.
+    """Mass and stiffness over the motions that the constraints leave, at a state of rest with
+    unloaded springs.
 
     A basis of those motions is the null space of the constraints' Jacobian.
     """
@@ -232,9 +254,14 @@ def _masses(system: AbsoluteSystem, state: AbsoluteState) -> tuple[FloatArray, F
         inertia = rotation @ system.inertia[body] @ rotation.T
         place = slice(6 * body, 6 * body + 3), slice(6 * body + 3, 6 * body + 6)
         mass[place[0], place[0]], mass[place[1], place[1]] = kilograms * np.eye(3), inertia
-        applied[place[0]], applied[place[1]] = kilograms * system.gravity, -_cross(spin, inertia @ spin)
+        applied[place[0]], applied[place[1]] = (
+            kilograms * system.gravity,
+            -_cross(spin, inertia @ spin),
+        )
     return mass, applied
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    return np.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )

@@ -1,4 +1,6 @@
-"""The Tripteor as bodies in absolute coordinates: sleeves, beams, platform, wrist and spindle on joints, springs at the leg tips."""
+"""The Tripteor as bodies in absolute coordinates: sleeves, beams, platform, wrist and spindle on
+joints, springs at the leg tips.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,16 +11,36 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import ExechonDimensions
 from headstock.solvers.mechanisms.dynamics import MechanismBody
 from headstock.solvers.mechanisms.motion import DriveLaw
-from headstock.validation.mechanisms.absolute_bodies import AbsoluteSystem, Arrow, Local, Product, Reach, Spring, fixed_local
+from headstock.validation.mechanisms.absolute_bodies import (
+    AbsoluteSystem,
+    Arrow,
+    Local,
+    Product,
+    Reach,
+    Spring,
+    fixed_local,
+)
 
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-BODY_NAMES = ("sleeve_1", "sleeve_2", "sleeve_3", "beam_1", "beam_2", "beam_3", "platform", "wrist", "spindle")
+BODY_NAMES = (
+    "sleeve_1",
+    "sleeve_2",
+    "sleeve_3",
+    "beam_1",
+    "beam_2",
+    "beam_3",
+    "platform",
+    "wrist",
+    "spindle",
+)
 PLATFORM, WRIST, SPINDLE = 6, 7, 8
 
 
 @dataclass(frozen=True, eq=False)
 class LegStiffness:
-    """Stiffness across a leg [N/m], and along it as compliance = constant + per_length times its length."""
+    """Stiffness across a leg [N/m], and along it as compliance = constant + per_length times its
+    length.
+    """
 
     across: float
     constant: float
@@ -26,14 +48,19 @@ class LegStiffness:
 
 
 def absolute_exechon(
-    dimensions: ExechonDimensions, bodies: dict[str, MechanismBody], legs: LegStiffness, drive: DriveLaw, gravity: FloatArray
+    dimensions: ExechonDimensions,
+    bodies: dict[str, MechanismBody],
+    legs: LegStiffness,
+    drive: DriveLaw,
+    gravity: FloatArray,
 ) -> AbsoluteSystem:
-    """Nine bodies with 54 velocities and 48 independent constraints: six motions are left, those of the springs.
+    """Nine bodies with 54 velocities and 48 independent constraints: six motions are left, those of
+    the springs.
 
     Args:
         dimensions: Of the Exechon.
-        bodies: By the names above; a leg's sleeve is given about its base joint, its beam about its tip, the platform about its
-            origin, wrist and spindle about the wrist centre.
+        bodies: By the names above; a leg's sleeve is given about its base joint, its beam about its
+            tip, the platform about its origin, wrist and spindle about the wrist centre.
         legs: The same for every leg.
         drive: Three lengths and two wrist angles at a time.
         gravity: ``(3,)`` in the base frame [m/s^2].
@@ -44,7 +71,10 @@ def absolute_exechon(
     springs = []
     for leg in range(3):
         across, along = builder.leg_springs(leg)
-        springs += [Spring(across, lambda time: legs.across), Spring(along, _axial(legs, drive, leg))]
+        springs += [
+            Spring(across, lambda time: legs.across),
+            Spring(along, _axial(legs, drive, leg)),
+        ]
     return AbsoluteSystem(
         mass=np.array([body.mass for body in ordered]),
         inertia=np.array([body.inertia for body in ordered]),
@@ -76,9 +106,12 @@ class _Builder:
             sleeve, beam = leg, 3 + leg
             center = self.point(sleeve, (0.0, 0.0, -self._offset(leg)))
             base = Arrow(None, fixed_local(self._base(leg)))
-            found += [Product(Reach(base, center), Arrow(None, fixed_local(axis))) for axis in (X, Y, Z)]
+            found += [
+                Product(Reach(base, center), Arrow(None, fixed_local(axis))) for axis in (X, Y, Z)
+            ]
             if leg < 2:
-                # universal joint: the second axis stays square to the common one; the offset turns with the first axis only
+                # universal joint: the second axis stays square to the common one; the offset turns
+                # with the first axis only
                 found.append(Product(arrow(sleeve, X), arrow(None, Y)))
             found += self._telescope(sleeve, beam, leg)
         found += self._platform_joint(0, X, ("position", "y", "z"))
@@ -89,7 +122,9 @@ class _Builder:
     def leg_springs(self, leg: int) -> tuple[Product, Product]:
         """Across the leg in its plane of motion, and along it."""
         reach = Reach(self.point(3 + leg, (0.0, 0.0, 0.0)), self._platform_point(leg))
-        return Product(reach, arrow(3 + leg, Y if leg < 2 else X)), Product(reach, arrow(3 + leg, Z))
+        return Product(reach, arrow(3 + leg, Y if leg < 2 else X)), Product(
+            reach, arrow(3 + leg, Z)
+        )
 
     def wrist_joints(self) -> list[Product]:
         """Wrist on the platform, spindle on the wrist, at prescribed angles."""
@@ -101,7 +136,9 @@ class _Builder:
             Product(arrow(WRIST, Z), arrow(PLATFORM, Y)),
             Product(arrow(WRIST, X), Arrow(PLATFORM, self._turning(3, (0, 1)))),
         ]
-        found += self._weld(self.point(WRIST, (0.0, 0.0, 0.0)), self.point(SPINDLE, (0.0, 0.0, 0.0)))
+        found += self._weld(
+            self.point(WRIST, (0.0, 0.0, 0.0)), self.point(SPINDLE, (0.0, 0.0, 0.0))
+        )
         return [
             *found,
             Product(arrow(SPINDLE, Y), arrow(WRIST, X)),
@@ -128,7 +165,11 @@ class _Builder:
 
         def length(time: float) -> tuple[float, float, float]:
             drive = self.drive(time)
-            return float(drive.position[leg]), float(drive.speed[leg]), float(drive.acceleration[leg])
+            return (
+                float(drive.position[leg]),
+                float(drive.speed[leg]),
+                float(drive.acceleration[leg]),
+            )
 
         return [
             Product(arrow(beam, X), arrow(sleeve, Y)),
@@ -140,7 +181,9 @@ class _Builder:
             Product(reach, arrow(sleeve, Z), length),
         ]
 
-    def _platform_joint(self, leg: int, axis: tuple[float, float, float], held: tuple[str, ...]) -> list[Product]:
+    def _platform_joint(
+        self, leg: int, axis: tuple[float, float, float], held: tuple[str, ...]
+    ) -> list[Product]:
         reach = Reach(self.point(3 + leg, (0.0, 0.0, 0.0)), self._platform_point(leg))
         directions = {"x": X, "y": Y, "z": Z}
         return [
@@ -154,13 +197,20 @@ class _Builder:
         return [Product(Reach(first, second), Arrow(None, fixed_local(axis))) for axis in (X, Y, Z)]
 
     def _turning(self, index: int, plane: tuple[int, int]) -> Local:
-        """Square to where the turned axis points: the second axis of a plane, turned by a driven angle."""
+        """Square to where the turned axis points: the second axis of a plane, turned by a driven
+        angle.
+        """
         first, second = (np.eye(3)[axis] for axis in plane)
 
         def local(time: float) -> tuple[FloatArray, FloatArray, FloatArray]:
             drive = self.drive(time)
-            angle, speed, change = (float(part[index]) for part in (drive.position, drive.speed, drive.acceleration))
-            along, square = np.cos(angle) * first + np.sin(angle) * second, np.cos(angle) * second - np.sin(angle) * first
+            angle, speed, change = (
+                float(part[index]) for part in (drive.position, drive.speed, drive.acceleration)
+            )
+            along, square = (
+                np.cos(angle) * first + np.sin(angle) * second,
+                np.cos(angle) * second - np.sin(angle) * first,
+            )
             return square, -speed * along, -change * along - speed**2 * square
 
         return local

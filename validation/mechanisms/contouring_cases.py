@@ -1,6 +1,8 @@
-"""Cutting on the lumped Tripteor: tool gap on each face of the contour of the paper (table 1, figures 5 to 9), and stability.
+"""Cutting on the lumped Tripteor: tool gap on each face of the contour of the paper (table 1,
+figures 5 to 9), and stability.
 
-Stability of regenerative cutting is checked by closed forms and by published cases with independent methods.
+Stability of regenerative cutting is checked by closed forms and by published cases with independent
+methods.
 """
 
 import dataclasses
@@ -43,7 +45,11 @@ FINER_UNTIL = 0.8  # the tool is well into face 1 then [s]
 LEG_STEPS = 8192
 # Insperger and Stepan (2004), Int. J. Numer. Meth. Eng. 61, 117-141, sec. 5: one mode, two teeth
 MASS, HZ, ZETA, CHIP, NORMAL, TEETH = 0.03993, 922.0, 0.011, 6e8, 2e8, 2
-TURNING = ((1.0213, 3), (1.0057, 1), (1.0471, 5))  # frequency of chatter over the natural one, waves between two cuts
+TURNING = (
+    (1.0213, 3),
+    (1.0057, 1),
+    (1.0471, 5),
+)  # frequency of chatter over the natural one, waves between two cuts
 MATHIEU = ((1.0, 0.05), (0.5, -0.1), (2.0, 0.2))  # parametric excitation, weight of the delay
 MARCHED_STEPS = 1600
 SLOTTING = ((5000.0, 0.2e-3), (5000.0, 1e-3), (15000.0, 1e-3))  # rpm, depth of cut [m]
@@ -55,11 +61,15 @@ def contour_request(material: str, model: str = "linear") -> ContouringRequest:
     if request is None:
         raise ValueError(f"{SCENE} has no contour")
     cut = dataclasses.replace(request.cut, coefficients=CUTTING_MATERIALS[material])
-    return dataclasses.replace(request, cut=cut, material=material, model="nonlinear" if model == "nonlinear" else "linear")
+    return dataclasses.replace(
+        request, cut=cut, material=material, model="nonlinear" if model == "nonlinear" else "linear"
+    )
 
 
 def check_contouring(comm: MPI.Comm) -> list[ValidationRow]:
-    """The whole contour, linear along the path, for two sets of coefficients; the orientation of x is assumed, so both are told."""
+    """The whole contour, linear along the path, for two sets of coefficients; the orientation of x
+    is assumed, so both are told.
+    """
     case, tripteor = "tripteor-contouring", load_tripteor()
     rows: list[ValidationRow] = []
     for material in ("al7075-t6", "al7075-t6-dry"):
@@ -68,36 +78,74 @@ def check_contouring(comm: MPI.Comm) -> list[ValidationRow]:
         seconds = time.process_time() - begun
         rows += _face_rows(case, material, run)
         rows += _leg_rows(case, material, tripteor, run)
-        rows.append(judge_bound(case, f"{material}: content above twice the highest mode", high_share(run), 0.01, "no filter"))
-        rows.append(judge_bound(case, f"{material}: linear contour, processor time [s]", seconds, 10.0, "the paper: 6 h"))
+        rows.append(
+            judge_bound(
+                case,
+                f"{material}: content above twice the highest mode",
+                high_share(run),
+                0.01,
+                "no filter",
+            )
+        )
+        rows.append(
+            judge_bound(
+                case,
+                f"{material}: linear contour, processor time [s]",
+                seconds,
+                10.0,
+                "the paper: 6 h",
+            )
+        )
     rows.append(_step_row(case, tripteor, "linear", FINER_UNTIL))
     sag = 1e6 * np.abs(run.sag[:, 0])
-    rows.append(show(case, "gravity sag along x, least", float(sag.min()), "um", "subtracted from every gap"))
-    rows.append(show(case, "gravity sag along x, most", float(sag.max()), "um", "subtracted from every gap"))
+    rows.append(
+        show(
+            case, "gravity sag along x, least", float(sag.min()), "um", "subtracted from every gap"
+        )
+    )
+    rows.append(
+        show(case, "gravity sag along x, most", float(sag.max()), "um", "subtracted from every gap")
+    )
     return rows
 
 
 def check_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
-    """The start of the contour by the full equations, beside the linear model, and what the whole would cost."""
+    """The start of the contour by the full equations, beside the linear model, and what the whole
+    would cost.
+    """
     case, tripteor = "tripteor-contouring-nonlinear", load_tripteor()
     linear = run_contour(tripteor.scene, tripteor.model, contour_request("al7075-t6"), until=SOME)
     begun = time.process_time()
-    full = run_contour(tripteor.scene, tripteor.model, contour_request("al7075-t6", "nonlinear"), until=SOME)
+    full = run_contour(
+        tripteor.scene, tripteor.model, contour_request("al7075-t6", "nonlinear"), until=SOME
+    )
     whole = (time.process_time() - begun) * 10.7 / SOME
     fine = _step_row(case, tripteor, "nonlinear", SOME)
     deflection = float(np.abs(full.gap + full.sag).max())
     share = float(np.abs(full.gap - linear.gap).max()) / deflection
     return [
         judge_bound(
-            case, "linear off the nonlinear motion of the tool, of its whole deflection", share, 0.01, "gravity sag included"
+            case,
+            "linear off the nonlinear motion of the tool, of its whole deflection",
+            share,
+            0.01,
+            "gravity sag included",
         ),
-        judge_bound(case, "nonlinear contour of 10.7 s, processor time scaled up [s]", whole, 300.0, "the paper: 6 h"),
+        judge_bound(
+            case,
+            "nonlinear contour of 10.7 s, processor time scaled up [s]",
+            whole,
+            300.0,
+            "the paper: 6 h",
+        ),
         fine,
     ]
 
 
 def check_whole_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
-    """The whole contour by the full equations: gap on each face, no filter, cost, and how far the linear model is off."""
+    """The whole contour by the full equations: gap on each face, no filter, cost, and how far the
+    linear model is off.
+    """
     case, material, tripteor = "tripteor-contour-whole", "al7075-t6", load_tripteor()
     linear = run_contour(tripteor.scene, tripteor.model, contour_request(material))
     begun = time.process_time()
@@ -107,9 +155,18 @@ def check_whole_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
     off = float(np.abs(full.gap - linear.gap).max())
     return [
         *_face_rows(case, f"nonlinear, {material}", full),
-        judge_bound(case, "content above twice the highest mode", high_share(full), 0.01, "no filter"),
-        judge_bound(case, "processor time of 10.7 s of motion [s]", seconds, 300.0, "the paper: 6 h"),
-        judge_bound(case, "linear off the nonlinear motion of the tool, of its whole deflection", off / deflection, 0.01),
+        judge_bound(
+            case, "content above twice the highest mode", high_share(full), 0.01, "no filter"
+        ),
+        judge_bound(
+            case, "processor time of 10.7 s of motion [s]", seconds, 300.0, "the paper: 6 h"
+        ),
+        judge_bound(
+            case,
+            "linear off the nonlinear motion of the tool, of its whole deflection",
+            off / deflection,
+            0.01,
+        ),
         show(case, "linear off the nonlinear gap, at most", 1e6 * off, "um"),
     ]
 
@@ -130,7 +187,15 @@ def _face_rows(case: str, material: str, run: ContourRun) -> list[ValidationRow]
             )
         )
     ratio = means[1] / means[0]
-    rows.append(show(case, f"{material}: face 3 over face 1, x as assumed", ratio, "-", "the paper: clearly larger on face 3"))
+    rows.append(
+        show(
+            case,
+            f"{material}: face 3 over face 1, x as assumed",
+            ratio,
+            "-",
+            "the paper: clearly larger on face 3",
+        )
+    )
     note = "the paper does not tell which way x points"
     rows.append(show(case, f"{material}: face 3 over face 1, x reversed", 1.0 / ratio, "-", note))
     return rows
@@ -141,9 +206,16 @@ def _step_row(case: str, tripteor: Tripteor, model: str, until: float) -> Valida
     request = contour_request("al7075-t6", model)
     coarse = run_contour(tripteor.scene, tripteor.model, request, until=until)
     finer = dataclasses.replace(request, steps_per_turn=FINER * request.steps_per_turn)
-    fine = run_contour(tripteor.scene, tripteor.model, finer, until=until).gap[::FINER][: len(coarse.gap)]
+    fine = run_contour(tripteor.scene, tripteor.model, finer, until=until).gap[::FINER][
+        : len(coarse.gap)
+    ]
     change = float(np.sqrt(((fine - coarse.gap) ** 2).mean() / (coarse.gap**2).mean()))
-    return judge_bound(case, f"{model}: change of the gap with {FINER} times as many steps, of its rms", change, 0.01)
+    return judge_bound(
+        case,
+        f"{model}: change of the gap with {FINER} times as many steps, of its rms",
+        change,
+        0.01,
+    )
 
 
 def _leg_rows(case: str, material: str, tripteor: Tripteor, run: ContourRun) -> list[ValidationRow]:
@@ -152,19 +224,44 @@ def _leg_rows(case: str, material: str, tripteor: Tripteor, run: ContourRun) -> 
     for face in (1, 3):
         places = np.flatnonzero(face_instants(run, face - 1))
         middle = (len(places) - LEG_STEPS) // 2
-        spans.append(float(np.ptp(leg_forces(tripteor.model, run, places[middle : middle + LEG_STEPS])[:, 0])))
-        rows = [show(case, f"{material}: force of leg 1 varies on face 3 by", spans[-1], "N", "peak to peak over 0.4 s")]
+        spans.append(
+            float(
+                np.ptp(leg_forces(tripteor.model, run, places[middle : middle + LEG_STEPS])[:, 0])
+            )
+        )
+        rows = [
+            show(
+                case,
+                f"{material}: force of leg 1 varies on face 3 by",
+                spans[-1],
+                "N",
+                "peak to peak over 0.4 s",
+            )
+        ]
     note = "claim: the torque of motor 1 varies more on face 3"
-    return [*rows, judge_bound(case, f"{material}: variation of leg 1 on face 1 over face 3", spans[0] / spans[1], 1.0, note)]
+    return [
+        *rows,
+        judge_bound(
+            case,
+            f"{material}: variation of leg 1 on face 1 over face 3",
+            spans[0] / spans[1],
+            1.0,
+            note,
+        ),
+    ]
 
 
 def check_stability_methods(comm: MPI.Comm, steps: int = MARCHED_STEPS) -> list[ValidationRow]:
-    """Multipliers on borders known in closed form, and of a published milling case by marching its equation in time."""
+    """Multipliers on borders known in closed form, and of a published milling case by marching its
+    equation in time.
+    """
     return [*_turning_rows(), *_mathieu_rows(), *_milling_rows(steps)]
 
 
 def check_contour_stability(comm: MPI.Comm) -> list[ValidationRow]:
-    """Depth of cut at which each face of the paper's block chatters: does regeneration single out face 3?"""
+    """Depth of cut at which each face of the paper's block chatters: does regeneration single out
+    face 3?
+    """
     case, tripteor = "tripteor-stability", load_tripteor()
     rows: list[ValidationRow] = []
     for material in ("al7075-t6", "al7075-t6-dry", "al6061-t6"):
@@ -173,15 +270,36 @@ def check_contour_stability(comm: MPI.Comm) -> list[ValidationRow]:
         for face in range(4):
             found = face_stability(tripteor.scene, tripteor.model, request, face)
             limits.append(1e3 * found.limit_depth)
-            note = "the paper cuts 10 mm: stable" if found.stable else "the paper cuts 10 mm: unstable"
-            rows.append(show(case, f"{material}: limit depth on face {face + 1}", limits[-1], "mm", note))
+            note = (
+                "the paper cuts 10 mm: stable" if found.stable else "the paper cuts 10 mm: unstable"
+            )
+            rows.append(
+                show(case, f"{material}: limit depth on face {face + 1}", limits[-1], "mm", note)
+            )
         tip = face_dynamics(tripteor.scene, tripteor.model, request, 2)
         second = (
-            1e3 * request.cut.axial_depth * single_frequency_limit(tip, milling_gains(request.cut, 96), request.cut.tooth_period)
+            1e3
+            * request.cut.axial_depth
+            * single_frequency_limit(tip, milling_gains(request.cut, 96), request.cut.tooth_period)
         )
         target = Target(second, "mm", 0.02, "single frequency")
-        rows.append(judge(case, f"{material}: limit depth on face 3, against a single frequency", limits[2], target))
-        rows.append(show(case, f"{material}: limit depth of face 3 over face 1", limits[2] / limits[0], "-", "no more than this"))
+        rows.append(
+            judge(
+                case,
+                f"{material}: limit depth on face 3, against a single frequency",
+                limits[2],
+                target,
+            )
+        )
+        rows.append(
+            show(
+                case,
+                f"{material}: limit depth of face 3 over face 1",
+                limits[2] / limits[0],
+                "-",
+                "no more than this",
+            )
+        )
     rows += _damping_rows(case)
     return rows
 
@@ -189,7 +307,11 @@ def check_contour_stability(comm: MPI.Comm) -> list[ValidationRow]:
 def one_mode() -> TipDynamics:
     """The single mode of the published case."""
     omega = 2.0 * np.pi * HZ
-    mass, damping, stiffness = MASS * np.eye(1), 2.0 * ZETA * omega * MASS * np.eye(1), MASS * omega**2 * np.eye(1)
+    mass, damping, stiffness = (
+        MASS * np.eye(1),
+        2.0 * ZETA * omega * MASS * np.eye(1),
+        MASS * omega**2 * np.eye(1),
+    )
     return tip_dynamics(mass, damping, stiffness, forced=np.eye(1))
 
 
@@ -197,11 +319,17 @@ def _slotting_gain(times: FloatArray, period: float, depth: float) -> FloatArray
     """``(n,)`` force per motion of two teeth in a full slot, up-milling [N/m]."""
     angle = np.pi * times / period
     # one of two teeth is in the cut at any time
-    return np.asarray(-depth * (CHIP * np.cos(angle % np.pi) + NORMAL * np.sin(angle % np.pi)) * np.sin(angle % np.pi))
+    return np.asarray(
+        -depth
+        * (CHIP * np.cos(angle % np.pi) + NORMAL * np.sin(angle % np.pi))
+        * np.sin(angle % np.pi)
+    )
 
 
 def _turning_rows() -> list[ValidationRow]:
-    """Constant engagement: on the border of the lobes the largest multiplier is one (Tobias; Altintas 2012, sec. 4.2)."""
+    """Constant engagement: on the border of the lobes the largest multiplier is one (Tobias;
+    Altintas 2012, sec. 4.2).
+    """
     case, tip, rows = "stability-closed-forms", one_mode(), []
     omega = 2.0 * np.pi * HZ
     for ratio, waves in TURNING:
@@ -210,25 +338,51 @@ def _turning_rows() -> list[ValidationRow]:
         gain = 0.5 / response.real  # negative: the force works against the motion
         # exp(-i omega T) = 1 - 1 / (gain response)
         period = (2.0 * np.pi * waves - float(np.angle(1.0 - 1.0 / (gain * response)))) / chatter
-        errors = [abs(largest_multiplier(tip, np.full((steps * waves, 1, 1), gain), period) - 1.0) for steps in (30, 60, 120)]
+        errors = [
+            abs(largest_multiplier(tip, np.full((steps * waves, 1, 1), gain), period) - 1.0)
+            for steps in (30, 60, 120)
+        ]
         name = f"turning at {ratio:g} times the natural frequency, {waves} waves"
         rows.append(judge_bound(case, f"{name}: multiplier off one", errors[-1], 1e-3))
-        rows.append(judge(case, f"{name}: order", float(np.log2(errors[-2] / errors[-1])), Target(2.0, "-", 0.1, "theory")))
+        rows.append(
+            judge(
+                case,
+                f"{name}: order",
+                float(np.log2(errors[-2] / errors[-1])),
+                Target(2.0, "-", 0.1, "theory"),
+            )
+        )
         factor = single_frequency_limit(tip, np.full((1, 1, 1), gain), period)
-        rows.append(judge(case, f"{name}: limit by a single frequency", factor, Target(1.0, "-", 1e-4, "closed form")))
+        rows.append(
+            judge(
+                case,
+                f"{name}: limit by a single frequency",
+                factor,
+                Target(1.0, "-", 1e-4, "closed form"),
+            )
+        )
     return rows
 
 
 def _mathieu_rows() -> list[ValidationRow]:
-    """``x'' + (delta + epsilon cos t) x = b x(t - 2 pi)``: borders by Mathieu's characteristic values (Insperger and Stepan 2002)."""
+    """``x'' + (delta + epsilon cos t) x = b x(t - 2 pi)``: borders by Mathieu's characteristic
+    values (Insperger and Stepan 2002).
+    """
     case, rows, steps = "stability-closed-forms", [], 300
     times = (np.arange(steps) + 0.5) * 2.0 * np.pi / steps
     for epsilon, weight in MATHIEU:
         for order, sign in ((0, 1.0), (1, -1.0)):
             delta = float(scipy.special.mathieu_a(order, 2.0 * epsilon)) / 4.0 + sign * weight
-            tip = TipDynamics(np.array([[0.0, 1.0], [-delta, 0.0]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]]), 1.0)
+            tip = TipDynamics(
+                np.array([[0.0, 1.0], [-delta, 0.0]]),
+                np.array([[0.0], [1.0]]),
+                np.array([[1.0, 0.0]]),
+                1.0,
+            )
             gains = (-epsilon * np.cos(times))[:, None, None]
-            found = floquet_multipliers(tip, gains, 2.0 * np.pi, past=np.full((steps, 1, 1), -weight))
+            found = floquet_multipliers(
+                tip, gains, 2.0 * np.pi, past=np.full((steps, 1, 1), -weight)
+            )
             off = float(np.abs(found - sign).min())
             name = f"delayed Mathieu equation, epsilon {epsilon:g}, b {weight:g}: a multiplier off {sign:+.0f}"
             rows.append(judge_bound(case, name, off, 1e-3))
@@ -236,12 +390,16 @@ def _mathieu_rows() -> list[ValidationRow]:
 
 
 def _milling_rows(steps: int) -> list[ValidationRow]:
-    """Largest multiplier by semi-discretisation and from the growth of a marched motion, both with so many steps per tooth."""
+    """Largest multiplier by semi-discretisation and from the growth of a marched motion, both with
+    so many steps per tooth.
+    """
     case, rows, allowed = "stability-published-milling", [], 5e-4 * (MARCHED_STEPS / steps) ** 2
     for rpm, depth in SLOTTING:
         period = 60.0 / (TEETH * rpm)
         fine = _slotting_gain((np.arange(steps * 8) + 0.5) * period / (steps * 8), period, depth)
-        found = largest_multiplier(one_mode(), fine.reshape(steps, 8).mean(axis=1)[:, None, None], period)
+        found = largest_multiplier(
+            one_mode(), fine.reshape(steps, 8).mean(axis=1)[:, None, None], period
+        )
         marched = _marched_multiplier(period, depth, steps)
         name = f"multiplier, slotting at {rpm:g} rpm, {1e3 * depth:g} mm"
         rows.append(judge(case, name, found, Target(marched, "-", allowed, "marched in time")))
@@ -272,7 +430,11 @@ def _marched_multiplier(period: float, depth: float, steps: int, turns: int = 60
     kick[1:40] = 1.0
     stiffness = np.zeros((len(times), 3, 3))
     stiffness[:, 0, 0] = _slotting_gain(times, period, depth)
-    moved = march_linear(motion, kick, regeneration=Regeneration(stiffness, steps)).give[:, 0].reshape(turns, steps)
+    moved = (
+        march_linear(motion, kick, regeneration=Regeneration(stiffness, steps))
+        .give[:, 0]
+        .reshape(turns, steps)
+    )
     before, now, after = moved[-3], moved[-2], moved[-1]
     first, second = np.linalg.lstsq(np.stack([now, before], axis=1), after, rcond=None)[0]
     return float(np.abs(np.roots([1.0, -first, -second])).max())
@@ -288,11 +450,23 @@ def _damping_rows(case: str) -> list[ValidationRow]:
             low, high = 0.0005, 0.03
             for _ in range(12):
                 zeta = 0.5 * (low + high)
-                tip = face_dynamics(tripteor.scene, tripteor.model, dataclasses.replace(request, damping_ratios=(zeta,)), face)
+                tip = face_dynamics(
+                    tripteor.scene,
+                    tripteor.model,
+                    dataclasses.replace(request, damping_ratios=(zeta,)),
+                    face,
+                )
                 stable = cut_multiplier(tip, request, request.cut.axial_depth) < 1.0
                 low, high = (low, zeta) if stable else (zeta, high)
             borders.append(0.5 * (low + high))
-            rows.append(show(case, f"{material}: damping below which face {face + 1} chatters", 100.0 * borders[-1], "%"))
+            rows.append(
+                show(
+                    case,
+                    f"{material}: damping below which face {face + 1} chatters",
+                    100.0 * borders[-1],
+                    "%",
+                )
+            )
         rows.append(
             show(
                 case,

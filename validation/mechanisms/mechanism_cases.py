@@ -1,4 +1,6 @@
-"""The mechanism's equations against complex steps, a published table, symmetry, limits and a model in absolute coordinates."""
+"""The mechanism's equations against complex steps, a published table, symmetry, limits and a model
+in absolute coordinates.
+"""
 
 import dataclasses
 from collections.abc import Callable
@@ -9,16 +11,46 @@ import scipy.linalg
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.closures import closure_bias, closure_residual, evaluate_kinematics
-from headstock.geometry.mechanisms.exechon import ASSEMBLIES, ExechonDimensions, platform_states, survey_tool_poses
+from headstock.geometry.mechanisms.closures import (
+    closure_bias,
+    closure_residual,
+    evaluate_kinematics,
+)
+from headstock.geometry.mechanisms.exechon import (
+    ASSEMBLIES,
+    ExechonDimensions,
+    platform_states,
+    survey_tool_poses,
+)
 from headstock.geometry.mechanisms.kinematics import cross, mark_bias, place_marks
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, evaluate_dynamics
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance
 from headstock.solvers.mechanisms.motion import ConstrainedMotion, DriveLaw, PartitionedMotion
-from headstock.solvers.mechanisms.partitioning import Drive, PartitionedDynamics, compose_state, driven_forces, partition_dynamics
-from headstock.validation.mechanisms.absolute_bodies import AbsoluteState, AbsoluteSystem, linearise_rest, solve_instant
-from headstock.validation.mechanisms.absolute_tripod import BODY_NAMES, LegStiffness, absolute_exechon
-from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor, plane_states, steady_force, swaying_drive
+from headstock.solvers.mechanisms.partitioning import (
+    Drive,
+    PartitionedDynamics,
+    compose_state,
+    driven_forces,
+    partition_dynamics,
+)
+from headstock.validation.mechanisms.absolute_bodies import (
+    AbsoluteState,
+    AbsoluteSystem,
+    linearise_rest,
+    solve_instant,
+)
+from headstock.validation.mechanisms.absolute_tripod import (
+    BODY_NAMES,
+    LegStiffness,
+    absolute_exechon,
+)
+from headstock.validation.mechanisms.tripteor_machine import (
+    Tripteor,
+    load_tripteor,
+    plane_states,
+    steady_force,
+    swaying_drive,
+)
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound
 from headstock.validation.references.values import reference_case
 
@@ -29,30 +61,44 @@ AMPLITUDE = 1e-6
 
 
 def check_mechanism_derivatives(comm: MPI.Comm) -> list[ValidationRow]:
-    """Closure and mark Jacobians, their bias and the inertial forces at a random open state, against the complex step."""
+    """Closure and mark Jacobians, their bias and the inertial forces at a random open state,
+    against the complex step.
+    """
     case, tripteor = "mechanism-derivatives", load_tripteor()
     mechanism, rng = tripteor.model.mechanism, np.random.default_rng(20100)
     state, rates = rng.normal(size=(2, len(mechanism.coordinates)))
-    found, weightless = evaluate_kinematics(mechanism, state), dataclasses.replace(tripteor.model, gravity=np.zeros(3))
+    found, weightless = (
+        evaluate_kinematics(mechanism, state),
+        dataclasses.replace(tripteor.model, gravity=np.zeros(3)),
+    )
     bias = closure_bias(mechanism, found.placement, mark_bias(found.placement, rates))
     inertial = -evaluate_dynamics(weightless, found, rates).load
     closures = _complex_step(lambda q: closure_residual(mechanism, q), state)
     marks = _complex_step(lambda q: place_marks(mechanism, q).positions, state)
     second = _complex_step(lambda q: evaluate_kinematics(mechanism, q).closures, state)
-    slope = _complex_step(lambda q: evaluate_dynamics(weightless, evaluate_kinematics(mechanism, q)).mass, state)
+    slope = _complex_step(
+        lambda q: evaluate_dynamics(weightless, evaluate_kinematics(mechanism, q)).mass, state
+    )
     # Lagrange: d/dt (M qd) - 1/2 d(qd M qd)/dq
-    lagrange = np.einsum("ijk,j,k->i", slope, rates, rates) - 0.5 * np.einsum("jki,j,k->i", slope, rates, rates)
+    lagrange = np.einsum("ijk,j,k->i", slope, rates, rates) - 0.5 * np.einsum(
+        "jki,j,k->i", slope, rates, rates
+    )
     compared = (
         ("closure Jacobian", found.closures, closures),
         ("Jacobian of bodies and tool", found.of_position, marks),
         ("closure bias", bias, np.einsum("ijk,j,k->i", second, rates, rates)),
         ("inertial forces", inertial, lagrange),
     )
-    return [judge_bound(case, f"{what}, relative", _relative(value, right), 1e-12) for what, value, right in compared]
+    return [
+        judge_bound(case, f"{what}, relative", _relative(value, right), 1e-12)
+        for what, value, right in compared
+    ]
 
 
 def check_inverse_kinematics(comm: MPI.Comm) -> list[ValidationRow]:
-    """The published 16 assemblies of an Exechon, three lengths each, as sets: the printed columns are permuted row by row."""
+    """The published 16 assemblies of an Exechon, three lengths each, as sets: the printed columns
+    are permuted row by row.
+    """
     case, reference = "exechon-inverse-kinematics", reference_case("exechon-inverse-kinematics")
     rows = []
     for (first, second), delta_a, delta_c in product(ASSEMBLIES, (1, -1), (1, -1)):
@@ -63,12 +109,21 @@ def check_inverse_kinematics(comm: MPI.Comm) -> list[ValidationRow]:
             platform_heights=(0.04, 0.023),
             wrist=(0.2828, -0.2),
         )
-        lengths = np.sort(platform_states(dimensions, np.array([0.02, 0.7, 1.02]), (first, second))[:3])
+        lengths = np.sort(
+            platform_states(dimensions, np.array([0.02, 0.7, 1.02]), (first, second))[:3]
+        )
         signs = "".join("+" if sign > 0 else "-" for sign in (delta_a, first, second, delta_c))
         for place, value in zip(("shortest", "middle", "longest"), lengths, strict=True):
             printed = reference.values[f"{signs} {place}"]
             unit = 1e-4 if printed < 1.0 else 1e-3
-            rows.append(judge(case, f"{signs} {place} leg", float(value), Target(printed, "m", unit / printed, "published")))
+            rows.append(
+                judge(
+                    case,
+                    f"{signs} {place} leg",
+                    float(value),
+                    Target(printed, "m", unit / printed, "published"),
+                )
+            )
     return rows
 
 
@@ -78,20 +133,29 @@ def check_mirror_symmetry(comm: MPI.Comm) -> list[ValidationRow]:
     rng = np.random.default_rng(5)
     points = rng.uniform([-0.35, -0.4, 0.1], [0.35, 0.4, 0.4], (50, 3))
     sides = [
-        survey_tool_poses(tripteor.scene.mounted, points * [1.0, sign, 1.0], tripteor.scene.tool).states for sign in (1.0, -1.0)
+        survey_tool_poses(
+            tripteor.scene.mounted, points * [1.0, sign, 1.0], tripteor.scene.tool
+        ).states
+        for sign in (1.0, -1.0)
     ]
     motions = [linearise_poses(tripteor.model, states) for states in sides]
     left, right = (solve_pose_modes(motion).frequencies_hz for motion in motions)
     flip = np.diag([1.0, -1.0, 1.0])
     stiff, mirrored = (tool_compliance(tripteor.model, motion)[..., :3, :3] for motion in motions)
     return [
-        judge_bound(case, "frequencies in 50 poses, relative", float(np.abs(left / right - 1.0).max()), 1e-9),
-        judge_bound(case, "compliance in 50 poses, relative", _relative(stiff, flip @ mirrored @ flip), 1e-9),
+        judge_bound(
+            case, "frequencies in 50 poses, relative", float(np.abs(left / right - 1.0).max()), 1e-9
+        ),
+        judge_bound(
+            case, "compliance in 50 poses, relative", _relative(stiff, flip @ mirrored @ flip), 1e-9
+        ),
     ]
 
 
 def check_limits(comm: MPI.Comm) -> list[ValidationRow]:
-    """The nonlinear equations at rest under a small force, and their frequencies by finite differences, against the linear model."""
+    """The nonlinear equations at rest under a small force, and their frequencies by finite
+    differences, against the linear model.
+    """
     case, tripteor = "linear-limits", load_tripteor()
     model = dataclasses.replace(tripteor.model, gravity=np.zeros(3))
     rows = []
@@ -100,15 +164,23 @@ def check_limits(comm: MPI.Comm) -> list[ValidationRow]:
         force = SMALL_FORCE * np.array([1.0, 0.7, -0.4])
         moved = _static_rest(model, state, force)
         linear = tool_compliance(model, motions)[:3, :3] @ force
-        rows.append(judge_bound(case, f"static limit in {name}, relative", _relative(moved, linear), 1e-6))
+        rows.append(
+            judge_bound(case, f"static limit in {name}, relative", _relative(moved, linear), 1e-6)
+        )
         frequencies = _swing_frequencies(model, state)
         expected = solve_pose_modes(motions).frequencies_hz
-        rows.append(judge_bound(case, f"modal limit in {name}, relative", _relative(frequencies, expected), 1e-6))
+        rows.append(
+            judge_bound(
+                case, f"modal limit in {name}, relative", _relative(frequencies, expected), 1e-6
+            )
+        )
     return rows
 
 
 def check_three_models(comm: MPI.Comm) -> list[ValidationRow]:
-    """Reduced ODE, full DAE and absolute coordinates in one violent instant; modes of the first and the last."""
+    """Reduced ODE, full DAE and absolute coordinates in one violent instant; modes of the first and
+    the last.
+    """
     case, tripteor = "three-models", load_tripteor()
     rows: list[ValidationRow] = []
     for name, start in tripteor.poses.items():
@@ -116,11 +188,20 @@ def check_three_models(comm: MPI.Comm) -> list[ValidationRow]:
     states = plane_states(tripteor, 4).reshape(16, -1)
     chains = solve_pose_modes(linearise_poses(tripteor.model, states)).frequencies_hz
     absolute = np.array([_absolute_frequencies(tripteor, state) for state in states])
-    rows.append(judge_bound(case, "modes over the plane, chains against absolute, relative", _relative(absolute, chains), 1e-8))
+    rows.append(
+        judge_bound(
+            case,
+            "modes over the plane, chains against absolute, relative",
+            _relative(absolute, chains),
+            1e-8,
+        )
+    )
     return rows
 
 
-def _compare_instant(case: str, tripteor: Tripteor, name: str, start: FloatArray) -> list[ValidationRow]:
+def _compare_instant(
+    case: str, tripteor: Tripteor, name: str, start: FloatArray
+) -> list[ValidationRow]:
     model = tripteor.model
     drive, rng = swaying_drive(start[model.mechanism.driven_slice]), np.random.default_rng(3)
     give, rates = 1e-4 * rng.normal(size=6), 1e-2 * rng.normal(size=6)
@@ -135,11 +216,16 @@ def _compare_instant(case: str, tripteor: Tripteor, name: str, start: FloatArray
     system = absolute_tripteor(tripteor, drive)
     state = absolute_state(tripteor, motion.state, motion.rates)
     found = solve_instant(system, INSTANT, state, force)
-    pushes = -found.multipliers[[row for row, item in enumerate(system.constraints) if item.value(INSTANT)[0] != 0.0]]
+    pushes = -found.multipliers[
+        [row for row, item in enumerate(system.constraints) if item.value(INSTANT)[0] != 0.0]
+    ]
     work = 0.5 * model.springs.stiffness_slope(motion.state[model.mechanism.driven_slice]) * give**2
     return [
         judge_bound(
-            case, f"accelerations, DAE against ODE, {name}, relative", _relative(instant.acceleration[-6:], accelerations), 1e-8
+            case,
+            f"accelerations, DAE against ODE, {name}, relative",
+            _relative(instant.acceleration[-6:], accelerations),
+            1e-8,
         ),
         judge_bound(
             case,
@@ -147,20 +233,34 @@ def _compare_instant(case: str, tripteor: Tripteor, name: str, start: FloatArray
             _relative(found.stretch_acceleration, accelerations),
             1e-8,
         ),
-        judge_bound(case, f"drive forces, DAE against ODE, {name}, relative", _relative(full.drives(instant), drives), 1e-8),
         judge_bound(
-            case, f"drive forces, absolute against ODE, {name}, relative", _relative(pushes + work[1::2], drives[:3]), 1e-8
+            case,
+            f"drive forces, DAE against ODE, {name}, relative",
+            _relative(full.drives(instant), drives),
+            1e-8,
         ),
-        judge_bound(case, f"joints open in absolute coordinates, {name} [m]", found.violation, 1e-12),
+        judge_bound(
+            case,
+            f"drive forces, absolute against ODE, {name}, relative",
+            _relative(pushes + work[1::2], drives[:3]),
+            1e-8,
+        ),
+        judge_bound(
+            case, f"joints open in absolute coordinates, {name} [m]", found.violation, 1e-12
+        ),
     ]
 
 
 def absolute_tripteor(tripteor: Tripteor, drive: DriveLaw) -> AbsoluteSystem:
     """The machine in absolute coordinates."""
     springs = tripteor.model.springs
-    legs = LegStiffness(1.0 / float(springs.constant[0]), float(springs.constant[1]), float(springs.per_length[1]))
+    legs = LegStiffness(
+        1.0 / float(springs.constant[0]), float(springs.constant[1]), float(springs.per_length[1])
+    )
     bodies = {body.name: body for body in tripteor.model.bodies}
-    return absolute_exechon(tripteor.scene.mounted.dimensions, bodies, legs, drive, tripteor.model.gravity)
+    return absolute_exechon(
+        tripteor.scene.mounted.dimensions, bodies, legs, drive, tripteor.model.gravity
+    )
 
 
 def absolute_state(tripteor: Tripteor, coordinates: FloatArray, rates: FloatArray) -> AbsoluteState:
@@ -176,8 +276,15 @@ def absolute_state(tripteor: Tripteor, coordinates: FloatArray, rates: FloatArra
     bodies = {body.name: body for body in tripteor.model.bodies}
     marks = [tripteor.model.mechanism.marks.index(bodies[name].mark) for name in BODY_NAMES]
     rotations, spins = placement.rotations[marks], moving.omega[marks]
-    arms = np.array([rotations[place] @ bodies[name].center for place, name in enumerate(BODY_NAMES)])
-    return AbsoluteState(placement.positions[marks] + arms, rotations, moving.velocity[marks] + cross(spins, arms), spins)
+    arms = np.array(
+        [rotations[place] @ bodies[name].center for place, name in enumerate(BODY_NAMES)]
+    )
+    return AbsoluteState(
+        placement.positions[marks] + arms,
+        rotations,
+        moving.velocity[marks] + cross(spins, arms),
+        spins,
+    )
 
 
 def _absolute_frequencies(tripteor: Tripteor, state: FloatArray) -> FloatArray:
@@ -185,15 +292,25 @@ def _absolute_frequencies(tripteor: Tripteor, state: FloatArray) -> FloatArray:
         rest = np.zeros(len(tripteor.model.mechanism.driven))
         return Drive(state[tripteor.model.mechanism.driven_slice], rest, rest)
 
-    mass, stiffness = linearise_rest(absolute_tripteor(tripteor, still), absolute_state(tripteor, state, np.zeros_like(state)))
-    return np.asarray(np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)) / (2.0 * np.pi))
+    mass, stiffness = linearise_rest(
+        absolute_tripteor(tripteor, still), absolute_state(tripteor, state, np.zeros_like(state))
+    )
+    return np.asarray(
+        np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)) / (2.0 * np.pi)
+    )
 
 
-def _at_rest(model: CompliantMechanism, state: FloatArray, give: FloatArray, force: FloatArray) -> PartitionedDynamics:
+def _at_rest(
+    model: CompliantMechanism, state: FloatArray, give: FloatArray, force: FloatArray
+) -> PartitionedDynamics:
     still = np.zeros(len(model.mechanism.driven))
-    closed, kinematics = compose_state(model.mechanism, state[model.mechanism.driven_slice], give, state)
+    closed, kinematics = compose_state(
+        model.mechanism, state[model.mechanism.driven_slice], give, state
+    )
     drive = Drive(closed[model.mechanism.driven_slice], still, still)
-    return partition_dynamics(model, closed, kinematics, drive, rates=np.zeros_like(give), force=force)
+    return partition_dynamics(
+        model, closed, kinematics, drive, rates=np.zeros_like(give), force=force
+    )
 
 
 def _static_rest(model: CompliantMechanism, state: FloatArray, force: FloatArray) -> FloatArray:
@@ -208,7 +325,9 @@ def _static_rest(model: CompliantMechanism, state: FloatArray, force: FloatArray
 
 
 def _swing_frequencies(model: CompliantMechanism, state: FloatArray) -> FloatArray:
-    """Frequencies of the nonlinear equations, from central differences of the accelerations about rest [Hz]."""
+    """Frequencies of the nonlinear equations, from central differences of the accelerations about
+    rest [Hz].
+    """
     size = len(model.mechanism.compliant)
     columns = []
     for index in range(size):

@@ -1,4 +1,6 @@
-"""Mechanisms in motion: energy, orders of both integrators, drift, three models on one path, and a swing through a singular pose (H37)."""
+"""Mechanisms in motion: energy, orders of both integrators, drift, three models on one path, and a
+swing through a singular pose (H37).
+"""
 
 import dataclasses
 from dataclasses import dataclass
@@ -13,12 +15,29 @@ from headstock.geometry.mechanisms.kinematics import place_marks
 from headstock.geometry.mechanisms.mechanism import Mechanism
 from headstock.geometry.mechanisms.platforms import planar_3rpr, planar_3rpr_state
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
-from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme, MotionState, integrate_motion
-from headstock.solvers.mechanisms.motion import ConstrainedMotion, PartitionedMotion, StartReport, project_start
+from headstock.solvers.mechanisms.generalized_alpha import (
+    AlphaScheme,
+    MotionState,
+    integrate_motion,
+)
+from headstock.solvers.mechanisms.motion import (
+    ConstrainedMotion,
+    PartitionedMotion,
+    StartReport,
+    project_start,
+)
 from headstock.solvers.mechanisms.partitioning import Drive
-from headstock.validation.mechanisms.absolute_bodies import AbsoluteState, AbsoluteSystem, solve_instant
+from headstock.validation.mechanisms.absolute_bodies import (
+    AbsoluteState,
+    AbsoluteSystem,
+    solve_instant,
+)
 from headstock.validation.mechanisms.mechanism_cases import absolute_state, absolute_tripteor
-from headstock.validation.mechanisms.tripteor_machine import load_tripteor, steady_force, swaying_drive
+from headstock.validation.mechanisms.tripteor_machine import (
+    load_tripteor,
+    steady_force,
+    swaying_drive,
+)
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
 
 EXACT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-16}
@@ -48,13 +67,19 @@ FULL_RUN = Run(0.01, (100, 200, 400, 800))
 
 
 def check_energy_balance(comm: MPI.Comm, run: Run = FULL_RUN) -> list[ValidationRow]:
-    """Energy gained is work put in, by a Runge-Kutta method of order 8 to its tolerance and by generalised-α to order 2."""
+    """Energy gained is work put in, by a Runge-Kutta method of order 8 to its tolerance and by
+    generalised-α to order 2.
+    """
     case, (motion, start) = "energy-balance", _moving(damped=True)
     reference = _reference(motion, start, run.span)
     gained = motion.energy(run.span, reference[:6], reference[6:12]) - motion.energy(0.0, *start)
     rows = [
-        show(case, "energy gained", gained, "J", "moving legs, force on the tool, gravity, damping"),
-        judge(case, "work put in, DOP853", float(reference[12]), Target(gained, "J", 1e-9, "identity")),
+        show(
+            case, "energy gained", gained, "J", "moving legs, force on the tool, gravity, damping"
+        ),
+        judge(
+            case, "work put in, DOP853", float(reference[12]), Target(gained, "J", 1e-9, "identity")
+        ),
     ]
     errors = [_energy_error(motion, start, run.span, count) for count in run.steps]
     rows += _order_rows(case, "energy mismatch, generalised-α", run, errors)
@@ -62,7 +87,9 @@ def check_energy_balance(comm: MPI.Comm, run: Run = FULL_RUN) -> list[Validation
 
 
 def check_integration_orders(comm: MPI.Comm, run: Run = FULL_RUN) -> list[ValidationRow]:
-    """Reduced ODE and index-3 DAE by generalised-α, both against the reduced ODE by a Runge-Kutta method of order 8."""
+    """Reduced ODE and index-3 DAE by generalised-α, both against the reduced ODE by a Runge-Kutta
+    method of order 8.
+    """
     case, (motion, start) = "integration-orders", _moving()
     reference = _reference(motion, start, run.span)[:6]
     scale = float(np.abs(reference).max())
@@ -75,7 +102,9 @@ def check_integration_orders(comm: MPI.Comm, run: Run = FULL_RUN) -> list[Valida
 
 
 def check_constraint_drift(comm: MPI.Comm, count: int = 10_000) -> list[ValidationRow]:
-    """Violation of positions and velocities over many steps of the index-3 DAE, at the step of the contouring runs."""
+    """Violation of positions and velocities over many steps of the index-3 DAE, at the step of the
+    contouring runs.
+    """
     case, (motion, start) = "constraint-drift", _moving()
     full, first = _full_problem(motion, start)
     seen: list[tuple[float, float]] = []
@@ -90,10 +119,32 @@ def check_constraint_drift(comm: MPI.Comm, count: int = 10_000) -> list[Validati
     integrate_motion(full, first, 48e-6, count, observe=observe)
     position, velocity = np.array(seen).T
     return [
-        judge_bound(case, f"largest position violation in {count} steps [m, rad]", float(position.max()), 1e-12),
-        judge_bound(case, "its mean in the second half over the first, less one", _growth(position), 0.5, "no growth"),
-        judge_bound(case, f"largest velocity violation in {count} steps [m/s, rad/s]", float(velocity.max()), 1e-5),
-        judge_bound(case, "its mean in the second half over the first, less one", _growth(velocity), 0.5, "no growth"),
+        judge_bound(
+            case,
+            f"largest position violation in {count} steps [m, rad]",
+            float(position.max()),
+            1e-12,
+        ),
+        judge_bound(
+            case,
+            "its mean in the second half over the first, less one",
+            _growth(position),
+            0.5,
+            "no growth",
+        ),
+        judge_bound(
+            case,
+            f"largest velocity violation in {count} steps [m/s, rad/s]",
+            float(velocity.max()),
+            1e-5,
+        ),
+        judge_bound(
+            case,
+            "its mean in the second half over the first, less one",
+            _growth(velocity),
+            0.5,
+            "no growth",
+        ),
     ]
 
 
@@ -103,12 +154,16 @@ def check_million_steps(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_common_path(comm: MPI.Comm) -> list[ValidationRow]:
-    """Reduced ODE and absolute coordinates integrated over the same time, both by a Runge-Kutta method of order 8."""
+    """Reduced ODE and absolute coordinates integrated over the same time, both by a Runge-Kutta
+    method of order 8.
+    """
     case, tripteor, span = "three-models-path", load_tripteor(), 0.01
     motion, start = _moving()
     reference = _reference(motion, start, span)
     coordinates = motion.at(span, reference[:6], reference[6:12]).state
-    tool = place_marks(motion.model.mechanism, coordinates).positions[motion.model.mechanism.marks.index("tcp")]
+    tool = place_marks(motion.model.mechanism, coordinates).positions[
+        motion.model.mechanism.marks.index("tcp")
+    ]
     system = absolute_tripteor(tripteor, motion.drive)
     first = motion.at(0.0, *start)
     found = _integrate_absolute(system, absolute_state(tripteor, first.state, first.rates), span)
@@ -118,7 +173,9 @@ def check_common_path(comm: MPI.Comm) -> list[ValidationRow]:
     stretch = solve_instant(system, span, found, np.zeros(3)).stretch
     return [
         judge_bound(case, "tool point after 10 ms [m]", float(np.abs(reached - tool).max()), 1e-10),
-        judge_bound(case, "compliances after 10 ms, relative", _relative(stretch, reference[:6]), 1e-8),
+        judge_bound(
+            case, "compliances after 10 ms, relative", _relative(stretch, reference[:6]), 1e-8
+        ),
     ]
 
 
@@ -126,7 +183,11 @@ def _moving(*, damped: bool = False) -> tuple[PartitionedMotion, tuple[FloatArra
     """The machine on swaying drives under a turning force, and a start off equilibrium."""
     tripteor = load_tripteor()
     coordinates = tripteor.poses[POSE]
-    model = dataclasses.replace(tripteor.model, damping=DAMPING * np.eye(6)) if damped else tripteor.model
+    model = (
+        dataclasses.replace(tripteor.model, damping=DAMPING * np.eye(6))
+        if damped
+        else tripteor.model
+    )
     drive = swaying_drive(coordinates[model.mechanism.driven_slice])
     motion = PartitionedMotion(model, drive, steady_force, coordinates)
     give: FloatArray = np.zeros(6)
@@ -137,37 +198,57 @@ def _moving(*, damped: bool = False) -> tuple[PartitionedMotion, tuple[FloatArra
     return motion, (give + np.array([0.0, 4e-5, 0.0, 5e-5, 0.0, -6e-5]), np.zeros(6))
 
 
-def _reference(motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], span: float) -> FloatArray:
+def _reference(
+    motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], span: float
+) -> FloatArray:
     first = np.concatenate([*start, [0.0]])
     done = scipy.integrate.solve_ivp(motion.state_rates, (0.0, span), first, **EXACT)
     return np.asarray(done.y[:, -1])
 
 
-def _march_reduced(motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], step: float, count: int) -> MotionState:
-    return integrate_motion(motion, motion.start(0.0, *start), step, count, observe=lambda state: None)
+def _march_reduced(
+    motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], step: float, count: int
+) -> MotionState:
+    return integrate_motion(
+        motion, motion.start(0.0, *start), step, count, observe=lambda state: None
+    )
 
 
-def _march_full(motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], step: float, count: int) -> MotionState:
+def _march_full(
+    motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], step: float, count: int
+) -> MotionState:
     full, first = _full_problem(motion, start)
     return integrate_motion(full, first, step, count, observe=lambda state: None)
 
 
-def _full_problem(motion: PartitionedMotion, start: tuple[FloatArray, FloatArray]) -> tuple[ConstrainedMotion, MotionState]:
+def _full_problem(
+    motion: PartitionedMotion, start: tuple[FloatArray, FloatArray]
+) -> tuple[ConstrainedMotion, MotionState]:
     full = ConstrainedMotion(motion.model, motion.drive, motion.force)
     begun = motion.at(0.0, *start)
     return full, full.start(0.0, begun.state[full.free], begun.rates[full.free])
 
 
-def _energy_error(motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], span: float, count: int) -> float:
+def _energy_error(
+    motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], span: float, count: int
+) -> float:
     """Energy gained less work put in, by the trapezoidal rule over the steps [J], relative."""
     powers: list[float] = []
 
     def observe(state: MotionState) -> None:
-        powers.append(float(motion.state_rates(state.time, np.concatenate([state.position, state.velocity, [0.0]]))[-1]))
+        powers.append(
+            float(
+                motion.state_rates(
+                    state.time, np.concatenate([state.position, state.velocity, [0.0]])
+                )[-1]
+            )
+        )
 
     first = motion.start(0.0, *start)
     observe(first)
-    last = integrate_motion(motion, first, span / count, count, observe=observe, scheme=AlphaScheme(1.0))
+    last = integrate_motion(
+        motion, first, span / count, count, observe=observe, scheme=AlphaScheme(1.0)
+    )
     gained = motion.energy(span, last.position, last.velocity) - motion.energy(0.0, *start)
     return abs(float(np.trapezoid(powers, dx=span / count)) - gained) / abs(gained)
 
@@ -178,13 +259,18 @@ def _order_rows(case: str, what: str, run: Run, errors: list[float]) -> list[Val
         for count, error in zip(run.steps, errors, strict=True)
     ]
     order = float(np.log2(errors[-2] / errors[-1]))
-    return [*rows, judge(case, f"{what}, order", order, Target(2.0, "-", 0.05, "theory"), "2.0, within 0.1")]
+    return [
+        *rows,
+        judge(case, f"{what}, order", order, Target(2.0, "-", 0.05, "theory"), "2.0, within 0.1"),
+    ]
 
 
 def _violations(full: ConstrainedMotion, state: MotionState) -> tuple[float, float]:
     dynamics, _, _ = full.evaluate(state)
     rates = np.concatenate([full.drive(state.time).speed, state.velocity])
-    return float(np.abs(full.residual(state)[1]).max()), float(np.abs(dynamics.closures @ rates).max())
+    return float(np.abs(full.residual(state)[1]).max()), float(
+        np.abs(dynamics.closures @ rates).max()
+    )
 
 
 def _growth(values: FloatArray) -> float:
@@ -198,7 +284,12 @@ def _integrate_absolute(system: AbsoluteSystem, start: AbsoluteState, span: floa
 
     def unpack(values: FloatArray) -> AbsoluteState:
         parts = np.split(values, np.cumsum([3 * count, 9 * count, 3 * count]))
-        return AbsoluteState(parts[0].reshape(-1, 3), parts[1].reshape(-1, 3, 3), parts[2].reshape(-1, 3), parts[3].reshape(-1, 3))
+        return AbsoluteState(
+            parts[0].reshape(-1, 3),
+            parts[1].reshape(-1, 3, 3),
+            parts[2].reshape(-1, 3),
+            parts[3].reshape(-1, 3),
+        )
 
     def rates(time: float, values: FloatArray) -> FloatArray:
         state = unpack(values)
@@ -207,8 +298,14 @@ def _integrate_absolute(system: AbsoluteSystem, start: AbsoluteState, span: floa
         parts = (state.velocity, np.swapaxes(turning, 1, 2), found.acceleration, found.spin_rate)
         return np.concatenate([part.ravel() for part in parts])
 
-    first = np.concatenate([part.ravel() for part in (start.place, start.rotation, start.velocity, start.spin)])
-    return unpack(scipy.integrate.solve_ivp(rates, (0.0, span), first, method="DOP853", rtol=1e-12, atol=1e-15).y[:, -1])
+    first = np.concatenate(
+        [part.ravel() for part in (start.place, start.rotation, start.velocity, start.spin)]
+    )
+    return unpack(
+        scipy.integrate.solve_ivp(
+            rates, (0.0, span), first, method="DOP853", rtol=1e-12, atol=1e-15
+        ).y[:, -1]
+    )
 
 
 def _relative(value: FloatArray, right: FloatArray) -> float:
@@ -234,7 +331,12 @@ class Passage:
 
 def planar_machine(stiffness: float) -> CompliantMechanism:
     """A heavy platform on three springs, singular where it is not turned."""
-    springs = LumpedSprings(np.full(3, 1.0 / stiffness), np.zeros(3), np.arange(3, dtype=np.intp), ("leg_1", "leg_2", "leg_3"))
+    springs = LumpedSprings(
+        np.full(3, 1.0 / stiffness),
+        np.zeros(3),
+        np.arange(3, dtype=np.intp),
+        ("leg_1", "leg_2", "leg_3"),
+    )
     body = MechanismBody("platform", "platform_1", MASS, inertia=np.diag([0.0, 0.0, INERTIA]))
     return CompliantMechanism(planar_mechanism(), (body,), springs, tool="platform_1")
 
@@ -250,14 +352,18 @@ def leg_length(angle: float) -> float:
 
 
 def check_singular_passage(comm: MPI.Comm, span: float = 20.0) -> list[ValidationRow]:
-    """Twenty seconds in steps of a millisecond, to and fro over the pose in which the legs do not hold the platform."""
+    """Twenty seconds in steps of a millisecond, to and fro over the pose in which the legs do not
+    hold the platform.
+    """
     case, found = "singular-passage", swing_through(span)
     crossings = float((np.diff(np.sign(found.angles)) != 0).sum())
     off = float(np.abs(found.energies / found.energies[0] - 1.0).max())
     return [
         show(case, "passages of the singular pose", crossings, "-", f"in {span:g} s"),
         judge_bound(case, f"energy off its start in {span:g} s, relative", off, 1e-3),
-        judge_bound(case, "largest violation of the closures [m, rad]", float(found.violations.max()), 1e-12),
+        judge_bound(
+            case, "largest violation of the closures [m, rad]", float(found.violations.max()), 1e-12
+        ),
     ]
 
 
@@ -265,7 +371,9 @@ def swing_through(span: float) -> Passage:
     """The full equations with multipliers, generalised-α without numerical damping."""
     model, mechanism = planar_machine(SOFT), planar_mechanism()
     lengths = np.full(3, leg_length(WELL))
-    problem = ConstrainedMotion(model, lambda time: Drive(lengths, np.zeros(3), np.zeros(3)), lambda time: np.zeros(3))
+    problem = ConstrainedMotion(
+        model, lambda time: Drive(lengths, np.zeros(3), np.zeros(3)), lambda time: np.zeros(3)
+    )
     given = planar_3rpr_state(BASE, PLATFORM, (0.0, 0.0), WELL)
     given[:3] = lengths
     closed, names = given[problem.free], model.mechanism.coordinates[3:]
@@ -284,9 +392,19 @@ def swing_through(span: float) -> Passage:
         rates = np.concatenate([np.zeros(3), state.velocity])
         stored = 0.5 * SOFT * float((coordinates[mechanism.compliant_slice] ** 2).sum())
         energy = 0.5 * float(rates @ dynamics.mass @ rates) + stored
-        open_by = float(np.abs(closure_residual(model.mechanism, coordinates, dynamics.placement)).max())
-        seen.append((float(state.position[names.index("th1")] + state.position[names.index("ps1")]), energy, open_by))
+        open_by = float(
+            np.abs(closure_residual(model.mechanism, coordinates, dynamics.placement)).max()
+        )
+        seen.append(
+            (
+                float(state.position[names.index("th1")] + state.position[names.index("ps1")]),
+                energy,
+                open_by,
+            )
+        )
 
-    integrate_motion(problem, start, STEP, round(span / STEP), observe=observe, scheme=AlphaScheme(1.0))
+    integrate_motion(
+        problem, start, STEP, round(span / STEP), observe=observe, scheme=AlphaScheme(1.0)
+    )
     angles, energies, violations = np.array(seen).T
     return Passage(angles, energies, violations, report)

@@ -1,7 +1,9 @@
-"""The tripod with elastic legs as a frame of beam elements, independent of superelements, rails and coupling.
+"""The tripod with elastic legs as a frame of beam elements, independent of superelements, rails and
+coupling.
 
-Every leg is a row of Timoshenko elements (Przemieniecki 1968, sections 5.6 and 11.4; Davis, Henshell and Warburton 1972 for the mass
-with shear), everything else is rigid. Joints are rows of constraints whose null space is taken by a singular value decomposition.
+Every leg is a row of Timoshenko elements (Przemieniecki 1968, sections 5.6 and 11.4; Davis,
+Henshell and Warburton 1972 for the mass with shear), everything else is rigid. Joints are rows of
+constraints whose null space is taken by a singular value decomposition.
 """
 
 from dataclasses import dataclass
@@ -17,12 +19,16 @@ from headstock.geometry.parts.solids import Tube
 FRAME, PLATFORM = slice(0, 6), slice(6, 12)
 ELEMENTS_PER_METRE = 20
 CARRIAGE_ELEMENTS = 8
-SIMPSON = np.array([1.0, *([4.0, 2.0] * (CARRIAGE_ELEMENTS // 2))[:-1], 1.0]) / (3.0 * CARRIAGE_ELEMENTS)
+SIMPSON = np.array([1.0, *([4.0, 2.0] * (CARRIAGE_ELEMENTS // 2))[:-1], 1.0]) / (
+    3.0 * CARRIAGE_ELEMENTS
+)
 
 
 @dataclass(frozen=True, eq=False)
 class RigidPart:
-    """A rigid body: mass [kg], centre of mass ``(3,)`` in the machine frame [m] and inertia ``(3, 3)`` about it in machine axes."""
+    """A rigid body: mass [kg], centre of mass ``(3,)`` in the machine frame [m] and inertia ``(3,
+    3)`` about it in machine axes.
+    """
 
     mass: float
     center: FloatArray
@@ -57,7 +63,12 @@ class ElasticLeg:
 
 
 def solve_tripod(
-    legs: tuple[ElasticLeg, ...], platform: tuple[RigidPart, ...], frame: RigidPart, *, frame_stiffness: FloatArray, count: int
+    legs: tuple[ElasticLeg, ...],
+    platform: tuple[RigidPart, ...],
+    frame: RigidPart,
+    *,
+    frame_stiffness: FloatArray,
+    count: int,
 ) -> FloatArray:
     """Lowest natural frequencies ``(count,)`` [Hz].
 
@@ -73,7 +84,9 @@ def solve_tripod(
     size = 12 + sum(6 + 6 * len(grid) for grid in grids)
     mass, stiffness = np.zeros((size, size)), np.zeros((size, size))
     mass[FRAME, FRAME] = _rigid_mass(frame, frame.center)
-    mass[PLATFORM, PLATFORM] = sum((_rigid_mass(part, origin) for part in platform), np.zeros((6, 6)))
+    mass[PLATFORM, PLATFORM] = sum(
+        (_rigid_mass(part, origin) for part in platform), np.zeros((6, 6))
+    )
     springy = np.isfinite(frame_stiffness)
     stiffness[range(3), range(3)] = np.where(springy, frame_stiffness, 0.0)
     rows = [np.eye(6, size)[[*np.flatnonzero(~springy), 3, 4, 5]]]
@@ -82,13 +95,21 @@ def solve_tripod(
         sleeve, nodes = slice(start, start + 6), slice(start + 6, start + 6 + 6 * len(grid))
         mass[sleeve, sleeve] = _rigid_mass(leg.sleeve, leg.base)
         mass[nodes, nodes], stiffness[nodes, nodes] = _leg_matrices(leg, grid)
-        rows += [_base_rows(leg, sleeve, size, frame.center), _slide_rows(leg, grid, size, sleeve=sleeve, nodes=nodes)]
+        rows += [
+            _base_rows(leg, sleeve, size, frame.center),
+            _slide_rows(leg, grid, size, sleeve=sleeve, nodes=nodes),
+        ]
         held, sprung = _tip_rows(leg, grid, nodes, size, origin)
         rows.append(held)
         stiffness += sprung.T @ (np.array(leg.springs)[:, None] * sprung)
         start = nodes.stop
     free = scipy.linalg.null_space(np.vstack(rows))
-    squares = scipy.linalg.eigh(free.T @ stiffness @ free, free.T @ mass @ free, eigvals_only=True, subset_by_index=(0, count - 1))
+    squares = scipy.linalg.eigh(
+        free.T @ stiffness @ free,
+        free.T @ mass @ free,
+        eigvals_only=True,
+        subset_by_index=(0, count - 1),
+    )
     return np.asarray(np.sqrt(squares) / (2.0 * np.pi))
 
 
@@ -103,7 +124,10 @@ def _leg_grid(leg: ElasticLeg) -> FloatArray:
     """Places of the nodes along the tube [m], with both ends of the sleeve among them."""
     length = leg.tube.solid.length if isinstance(leg.tube.solid, Tube) else 0.0
     low, high = _hold(leg)
-    before, after = (np.linspace(a, b, max(2, round(ELEMENTS_PER_METRE * (b - a)) + 1)) for a, b in ((0.0, low), (high, length)))
+    before, after = (
+        np.linspace(a, b, max(2, round(ELEMENTS_PER_METRE * (b - a)) + 1))
+        for a, b in ((0.0, low), (high, length))
+    )
     return np.concatenate([before[:-1], np.linspace(low, high, CARRIAGE_ELEMENTS + 1), after[1:]])
 
 
@@ -115,7 +139,11 @@ def _hold(leg: ElasticLeg) -> tuple[float, float]:
 def _leg_matrices(leg: ElasticLeg, grid: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mass and stiffness of a leg, dofs in machine axes."""
     bar = prismatic_bar(leg.tube.solid)
-    density = leg.tube.material.density if leg.tube.mass is None else leg.tube.mass / (bar.area * bar.length)
+    density = (
+        leg.tube.material.density
+        if leg.tube.mass is None
+        else leg.tube.mass / (bar.area * bar.length)
+    )
     size = 6 * len(grid)
     mass, stiffness = np.zeros((size, size)), np.zeros((size, size))
     for element, length in enumerate(np.diff(grid)):
@@ -127,8 +155,12 @@ def _leg_matrices(leg: ElasticLeg, grid: FloatArray) -> tuple[FloatArray, FloatA
     return turn.T @ mass @ turn, turn.T @ stiffness @ turn
 
 
-def _beam_element(part: Component, bar: PrismaticBar, density: float, length: float) -> tuple[FloatArray, FloatArray]:
-    """Consistent mass and stiffness ``(12, 12)`` of a round Timoshenko element along z, dofs x y z rx ry rz at each end."""
+def _beam_element(
+    part: Component, bar: PrismaticBar, density: float, length: float
+) -> tuple[FloatArray, FloatArray]:
+    """Consistent mass and stiffness ``(12, 12)`` of a round Timoshenko element along z, dofs x y z
+    rx ry rz at each end.
+    """
     young, nu = part.material.youngs_modulus, part.material.poisson_ratio
     shear, second = young / (2.0 * (1.0 + nu)), bar.second_moments[0]
     phi = 12.0 * young * second / (shear_coefficient(bar, nu) * shear * bar.area * length**2)
@@ -142,7 +174,12 @@ def _beam_element(part: Component, bar: PrismaticBar, density: float, length: fl
         mass[np.ix_(dofs, dofs)], stiffness[np.ix_(dofs, dofs)] = inertia * line, rigidity * rod
     bent = young * second / (length**3 * (1.0 + phi)) * _bending_stiffness(length, phi)
     moved = (
-        density * (bar.area * length * _bending_mass(length, phi) + second / length * _rotary_mass(length, phi)) / (1.0 + phi) ** 2
+        density
+        * (
+            bar.area * length * _bending_mass(length, phi)
+            + second / length * _rotary_mass(length, phi)
+        )
+        / (1.0 + phi) ** 2
     )
     # a slope of x along z is a turn about y, a slope of y one about -x
     for planes, sign in (((0, 4, 6, 10), 1.0), ((1, 3, 7, 9), -1.0)):
@@ -154,7 +191,14 @@ def _beam_element(part: Component, bar: PrismaticBar, density: float, length: fl
 
 def _bending_stiffness(h: float, phi: float) -> FloatArray:
     a, b = (4.0 + phi) * h**2, (2.0 - phi) * h**2
-    return np.array([[12, 6 * h, -12, 6 * h], [6 * h, a, -6 * h, b], [-12, -6 * h, 12, -6 * h], [6 * h, b, -6 * h, a]])
+    return np.array(
+        [
+            [12, 6 * h, -12, 6 * h],
+            [6 * h, a, -6 * h, b],
+            [-12, -6 * h, 12, -6 * h],
+            [6 * h, b, -6 * h, a],
+        ]
+    )
 
 
 def _bending_mass(h: float, p: float) -> FloatArray:
@@ -171,19 +215,28 @@ def _rotary_mass(h: float, p: float) -> FloatArray:
 
 
 def _base_rows(leg: ElasticLeg, sleeve: slice, size: int, frame_center: FloatArray) -> FloatArray:
-    """The sleeve's middle stays at the base joint of the frame; on a cross it does not turn about the normal of both axes."""
+    """The sleeve's middle stays at the base joint of the frame; on a cross it does not turn about
+    the normal of both axes.
+    """
     rows = np.zeros((3, size))
     rows[:, sleeve], rows[:, FRAME] = np.eye(3, 6), -rigid_transfer(frame_center, leg.base)[:3]
     if leg.second_axis is None:
         return rows
     normal = np.cross(leg.placement.rotation[:, 0], leg.second_axis)
     turned = np.zeros((1, size))
-    turned[0, sleeve.start + 3 : sleeve.stop], turned[0, FRAME.start + 3 : FRAME.stop] = normal, -normal
+    turned[0, sleeve.start + 3 : sleeve.stop], turned[0, FRAME.start + 3 : FRAME.stop] = (
+        normal,
+        -normal,
+    )
     return np.vstack([rows, turned])
 
 
-def _slide_rows(leg: ElasticLeg, grid: FloatArray, size: int, *, sleeve: slice, nodes: slice) -> FloatArray:
-    """The sleeve moves as the leg does in the mean over its length, and turns as the straight line that fits the leg best."""
+def _slide_rows(
+    leg: ElasticLeg, grid: FloatArray, size: int, *, sleeve: slice, nodes: slice
+) -> FloatArray:
+    """The sleeve moves as the leg does in the mean over its length, and turns as the straight line
+    that fits the leg best.
+    """
     inside = np.flatnonzero((grid >= _hold(leg)[0] - 1e-12) & (grid <= _hold(leg)[1] + 1e-12))
     arms = grid[inside] - grid[inside].mean()
     slopes = 12.0 * SIMPSON * arms / leg.carriage**2
@@ -200,8 +253,12 @@ def _slide_rows(leg: ElasticLeg, grid: FloatArray, size: int, *, sleeve: slice, 
     return rows
 
 
-def _tip_rows(leg: ElasticLeg, grid: FloatArray, nodes: slice, size: int, origin: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Relative motions of platform and leg at the platform joint, leg axes: those held ``(3, n)``, and across and along the leg."""
+def _tip_rows(
+    leg: ElasticLeg, grid: FloatArray, nodes: slice, size: int, origin: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Relative motions of platform and leg at the platform joint, leg axes: those held ``(3, n)``,
+    and across and along the leg.
+    """
     end = leg.placement.origin + leg.placement.rotation[:, 2] * grid[-1]
     turn = rotate_dofs(leg.placement.rotation.T)
     rows = np.zeros((6, size))

@@ -1,4 +1,6 @@
-"""The paper's Tripteor: measured modes and claims beside the lumped model and beside elastic legs, which independent methods check."""
+"""The paper's Tripteor: measured modes and claims beside the lumped model and beside elastic legs,
+which independent methods check.
+"""
 
 import dataclasses
 import time
@@ -16,9 +18,27 @@ from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.mode_pairing import correlate_modes
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance
-from headstock.validation.mechanisms.tripteor_legs import PLATFORM_PARTS, LeggedTripteor, load_legs, solve_beams
-from headstock.validation.mechanisms.tripteor_machine import PLANE_HALF, PLANE_HEIGHT, Tripteor, load_tripteor, plane_states
-from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show, verdict
+from headstock.validation.mechanisms.tripteor_legs import (
+    PLATFORM_PARTS,
+    LeggedTripteor,
+    load_legs,
+    solve_beams,
+)
+from headstock.validation.mechanisms.tripteor_machine import (
+    PLANE_HALF,
+    PLANE_HEIGHT,
+    Tripteor,
+    load_tripteor,
+    plane_states,
+)
+from headstock.validation.references.rows import (
+    Target,
+    ValidationRow,
+    judge,
+    judge_bound,
+    show,
+    verdict,
+)
 from headstock.validation.references.values import reference_case
 
 COMPLIANCES = Path(__file__).with_name("tripteor_compliances.toml")
@@ -26,7 +46,8 @@ POSES = ("config_1", "config_2", "config_3")
 HELD_OUT = "config_1"
 WITHIN = 0.10
 BANDS = {2: (48.0, 58.0), 4: (85.0, 100.0)}
-# the first three of the six lumped modes; the others are swings of the legs near 600 Hz, which legs 1e4 times as stiff still feel
+# the first three of the six lumped modes; the others are swings of the legs near 600 Hz, which legs
+# 1e4 times as stiff still feel
 PLATFORM_MODES = 3
 STIFF_WITHIN, SWING_WITHIN = 1e-3, 5e-3
 FE_WITHIN, BEAM_WITHIN = 5e-3, 5e-4
@@ -38,7 +59,9 @@ MAP_COUNT = 100
 
 
 def check_elastic_legs(comm: MPI.Comm) -> list[ValidationRow]:
-    """Four modes of the machine with segmented legs against the measured ones, and what was asked of them."""
+    """Four modes of the machine with segmented legs against the measured ones, and what was asked
+    of them.
+    """
     case, tripteor = "tripteor-elastic-legs", load_legs("elastic_legs+segmented")
     found = {pose: _solve(tripteor, pose) for pose in POSES}
     rows = []
@@ -46,58 +69,109 @@ def check_elastic_legs(comm: MPI.Comm) -> list[ValidationRow]:
         note = "held out" if pose == HELD_OUT else CALIBRATED
         for number, right in enumerate(_measured(pose), 1):
             target = Target(float(right), "Hz", WITHIN, "published")
-            rows.append(judge(case, f"{pose} f{number}, measured mode {number}", float(found[pose][number - 1]), target, note))
+            rows.append(
+                judge(
+                    case,
+                    f"{pose} f{number}, measured mode {number}",
+                    float(found[pose][number - 1]),
+                    target,
+                    note,
+                )
+            )
     for number, (low, high) in BANDS.items():
         inside = sum(low <= found[pose][number - 1] <= high for pose in POSES)
         wanted = Target(float(len(POSES)), "-", 0.0, "claim")
         rows.append(
-            judge(case, f"poses with f{number} between {low:g} and {high:g} Hz", float(inside), wanted, verdict(inside == 3))
+            judge(
+                case,
+                f"poses with f{number} between {low:g} and {high:g} Hz",
+                float(inside),
+                wanted,
+                verdict(inside == 3),
+            )
         )
     lumped = _lumped_frequencies()
     between = sum(bool(lumped[pose][0] < found[pose][1] < lumped[pose][1]) for pose in POSES)
     target = Target(float(len(POSES)), "-", 0.0, "claim")
-    rows.append(judge(case, "poses with f2 between both lumped modes", float(between), target, verdict(between == 3)))
+    rows.append(
+        judge(
+            case,
+            "poses with f2 between both lumped modes",
+            float(between),
+            target,
+            verdict(between == 3),
+        )
+    )
     further = sum(np.count_nonzero(found[pose][4:] < _measured(pose)[3]) for pose in POSES)
-    rows.append(judge_bound(case, "further modes below the fourth measured one", further, 0.5, "none was measured"))
+    rows.append(
+        judge_bound(
+            case, "further modes below the fourth measured one", further, 0.5, "none was measured"
+        )
+    )
     return rows + [row for pose in POSES for row in _likeness_rows(case, tripteor, pose)]
 
 
 def check_leg_roads(comm: MPI.Comm) -> list[ValidationRow]:
-    """Finite-element and segmented legs against beam elements in a model of their own; stiff legs against the lumped model."""
+    """Finite-element and segmented legs against beam elements in a model of their own; stiff legs
+    against the lumped model.
+    """
     case, rows = "tripteor-leg-roads", []
-    segmented, meshed, stiff = (load_legs(name) for name in ("elastic_legs+segmented", "elastic_legs", "stiff_legs+segmented"))
+    segmented, meshed, stiff = (
+        load_legs(name)
+        for name in ("elastic_legs+segmented", "elastic_legs", "stiff_legs+segmented")
+    )
     lumped = _lumped_frequencies()
     for pose in POSES:
         beams = solve_beams(segmented, pose, COUNT)
-        for name, tripteor, bound in (("finite elements", meshed, FE_WITHIN), ("20 segments", segmented, BEAM_WITHIN)):
+        for name, tripteor, bound in (
+            ("finite elements", meshed, FE_WITHIN),
+            ("20 segments", segmented, BEAM_WITHIN),
+        ):
             error = _largest(_solve(tripteor, pose) / beams)
-            rows.append(judge_bound(case, f"{pose}: {COUNT} modes, {name} off beam elements by", error, bound))
+            rows.append(
+                judge_bound(
+                    case, f"{pose}: {COUNT} modes, {name} off beam elements by", error, bound
+                )
+            )
         ratio = _solve(stiff, pose) / lumped[pose]
         platform, swings = _largest(ratio[:PLATFORM_MODES]), _largest(ratio[PLATFORM_MODES:])
         text = f"{pose}: {PLATFORM_MODES} platform modes, stiff legs off lumped by"
         rows.append(judge_bound(case, text, platform, STIFF_WITHIN))
         text = f"{pose}: 3 swings of legs near 600 Hz, stiff legs off lumped by"
-        rows.append(judge_bound(case, text, swings, SWING_WITHIN, "bending of legs 1e4 times as stiff"))
+        rows.append(
+            judge_bound(case, text, swings, SWING_WITHIN, "bending of legs 1e4 times as stiff")
+        )
     return rows
 
 
 def check_compliances(comm: MPI.Comm) -> list[ValidationRow]:
-    """One compliance after the other beside elastic legs, each fitted to all twelve frequencies: which could be the missing one."""
+    """One compliance after the other beside elastic legs, each fitted to all twelve frequencies:
+    which could be the missing one.
+    """
     case, rows = "tripteor-compliances", []
     with COMPLIANCES.open("rb") as file:
         candidates: dict[str, ComplianceCandidate] = tomllib.load(file)
     for name, entry in candidates.items():
-        settings = (*entry["set"], *(f"{key}={value}" for key, value in _leg_settings(entry).items()))
+        settings = (
+            *entry["set"],
+            *(f"{key}={value}" for key, value in _leg_settings(entry).items()),
+        )
         tripteor = load_legs(entry["variant"], settings)
-        errors = np.concatenate([_solve(tripteor, pose, 4) / _measured(pose) - 1.0 for pose in POSES])
+        errors = np.concatenate(
+            [_solve(tripteor, pose, 4) / _measured(pose) - 1.0 for pose in POSES]
+        )
         rms, largest = float(np.sqrt(np.mean(errors**2))), float(np.abs(errors).max())
         note = f"largest {100 * largest:.0f} %; {entry['what']}"
-        rows.append(show(case, f"{name}: deviation of four modes in three poses, rms", rms, "-", note))
+        rows.append(
+            show(case, f"{name}: deviation of four modes in three poses, rms", rms, "-", note)
+        )
     return rows
 
 
 class ComplianceCandidate(TypedDict):
-    """A table of ``tripteor_compliances.toml``; a tube is its outer and inner diameter, ``tube_3`` where leg 3 differs."""
+    """A table of ``tripteor_compliances.toml``; a tube is its outer and inner diameter, ``tube_3``
+    where leg 3 differs.
+    """
 
     what: str
     variant: str
@@ -113,7 +187,9 @@ def _leg_settings(entry: ComplianceCandidate) -> dict[str, str]:
     for leg in (1, 2, 3):
         if "tube" in entry:
             outer, inner = entry["tube_3"] if leg == 3 and "tube_3" in entry else entry["tube"]
-            found[f"components.beam_{leg}.solid.tube"] = f'{{ outer = "{outer}", inner = "{inner}", length = "1900 mm" }}'
+            found[f"components.beam_{leg}.solid.tube"] = (
+                f'{{ outer = "{outer}", inner = "{inner}", length = "1900 mm" }}'
+            )
         found[f"joints.screw_{leg}.stiffness.axial"] = f'"{entry["tip"]}"'
         found[f"components.beam_{leg}.segments.count"] = str(SEGMENTS)
     return found
@@ -130,27 +206,41 @@ def _measured(pose: str) -> FloatArray:
 
 def _lumped_frequencies() -> dict[str, FloatArray]:
     lumped = load_tripteor()
-    return {pose: solve_pose_modes(linearise_poses(lumped.model, lumped.poses[pose])).frequencies_hz for pose in POSES}
+    return {
+        pose: solve_pose_modes(linearise_poses(lumped.model, lumped.poses[pose])).frequencies_hz
+        for pose in POSES
+    }
 
 
 def _likeness_rows(case: str, tripteor: LeggedTripteor, pose: str) -> list[ValidationRow]:
-    """MAC of the platform's motion in each of the first four modes with the first two modes on rigid legs."""
+    """MAC of the platform's motion in each of the first four modes with the first two modes on
+    rigid legs.
+    """
     rigid = load_legs("components").couple(pose)
     elastic = tripteor.couple(pose)
     mac = correlate_modes(_platform_motion(rigid, 2), _platform_motion(elastic, 4))
     return [
-        show(case, f"{pose}: platform motion of f{mode + 1}, MAC with lumped f{lumped + 1}", float(mac[lumped, mode]), "-")
+        show(
+            case,
+            f"{pose}: platform motion of f{mode + 1}, MAC with lumped f{lumped + 1}",
+            float(mac[lumped, mode]),
+            "-",
+        )
         for lumped, mode in ((0, 0), (0, 2), (1, 0), (1, 2))
     ]
 
 
 def _platform_motion(coupled: CoupledMachine, count: int) -> FloatArray:
-    """Motion of platform, wrist and spindle in the first modes, weighed by the root of their mass."""
+    """Motion of platform, wrist and spindle in the first modes, weighed by the root of their
+    mass.
+    """
     stacked = coupled.basis @ solve_modal(coupled.system, count=count).shapes
     roots = []
     for name in PLATFORM_PARTS:
         levels, vectors = np.linalg.eigh(coupled.matrices.masses[name])
-        roots.append((vectors * np.sqrt(np.maximum(levels, 0.0))).T @ stacked[coupled.offsets[name]])
+        roots.append(
+            (vectors * np.sqrt(np.maximum(levels, 0.0))).T @ stacked[coupled.offsets[name]]
+        )
     return np.vstack(roots)
 
 
@@ -159,21 +249,45 @@ def _largest(ratio: FloatArray) -> float:
 
 
 def check_lumped_modes(comm: MPI.Comm) -> list[ValidationRow]:
-    """First and second lumped mode against the measured first and third, in three configurations, with one set of parameters."""
+    """First and second lumped mode against the measured first and third, in three configurations,
+    with one set of parameters.
+    """
     case, measured = "tripteor-lumped", reference_case("tripteor-measured")
     rows = []
     for name, found in _frequencies(load_tripteor()).items():
         for number, seen in ((1, 1), (2, 3)):
-            target = Target(measured.values[f"{name} mode {seen}"], "Hz", measured.tolerance, "published")
-            rows.append(judge(case, f"{name} f{number}, measured mode {seen}", float(found[number - 1]), target, CALIBRATED))
+            target = Target(
+                measured.values[f"{name} mode {seen}"], "Hz", measured.tolerance, "published"
+            )
+            rows.append(
+                judge(
+                    case,
+                    f"{name} f{number}, measured mode {seen}",
+                    float(found[number - 1]),
+                    target,
+                    CALIBRATED,
+                )
+            )
         target = Target(measured.values[f"{name} mode 4"], "Hz", np.nan, "shown only")
-        rows.append(judge(case, f"{name} f3, measured mode 4", float(found[2]), target, "not in the model: it has no leg bending"))
+        rows.append(
+            judge(
+                case,
+                f"{name} f3, measured mode 4",
+                float(found[2]),
+                target,
+                "not in the model: it has no leg bending",
+            )
+        )
     return rows
 
 
 def check_paper_claims(comm: MPI.Comm) -> list[ValidationRow]:
     """What the paper says of its model, and of the machine, asked of ours."""
-    case, tripteor, measured = "tripteor-claims", load_tripteor(), reference_case("tripteor-measured").values
+    case, tripteor, measured = (
+        "tripteor-claims",
+        load_tripteor(),
+        reference_case("tripteor-measured").values,
+    )
     found = _frequencies(tripteor)
     first = max(abs(float(f[0]) / measured[f"{name} mode 1"] - 1.0) for name, f in found.items())
     third = max(abs(float(f[1]) / measured[f"{name} mode 3"] - 1.0) for name, f in found.items())
@@ -184,11 +298,33 @@ def check_paper_claims(comm: MPI.Comm) -> list[ValidationRow]:
     ratio = plane[..., 1] / plane[..., 0]
     trend = float(np.corrcoef(plane[..., 0].ravel(), states[..., :3].mean(axis=-1).ravel())[0, 1])
     rows = [
-        judge_bound(case, "mode 1 off by, at most", first, MODE_1_CLAIM, "claim: under 5 % in three points"),
-        judge_bound(case, "mode 2 off measured mode 3 by, at most", third, MODE_1_CLAIM, "claim: very close"),
-        judge(case, "modes well below measured mode 3", between, Target(1.0, "-", 0.0, "claim"), "measured mode 2 is out of reach"),
-        judge(case, "fall of mode 1 from config_2 to config_3", spread, Target(SPREAD_CLAIM, "-", 0.05, "claim"), "claim: 20 %"),
-        judge_bound(case, "1 + correlation of f1 with mean leg length", 1.0 + trend, 0.05, "claim: highest where legs are short"),
+        judge_bound(
+            case, "mode 1 off by, at most", first, MODE_1_CLAIM, "claim: under 5 % in three points"
+        ),
+        judge_bound(
+            case, "mode 2 off measured mode 3 by, at most", third, MODE_1_CLAIM, "claim: very close"
+        ),
+        judge(
+            case,
+            "modes well below measured mode 3",
+            between,
+            Target(1.0, "-", 0.0, "claim"),
+            "measured mode 2 is out of reach",
+        ),
+        judge(
+            case,
+            "fall of mode 1 from config_2 to config_3",
+            spread,
+            Target(SPREAD_CLAIM, "-", 0.05, "claim"),
+            "claim: 20 %",
+        ),
+        judge_bound(
+            case,
+            "1 + correlation of f1 with mean leg length",
+            1.0 + trend,
+            0.05,
+            "claim: highest where legs are short",
+        ),
     ]
     rows = [dataclasses.replace(row, note=f"{row.note}: {verdict(row.passed)}") for row in rows]
     return [
@@ -196,26 +332,47 @@ def check_paper_claims(comm: MPI.Comm) -> list[ValidationRow]:
         show(case, "lowest f1 over the plane", float(plane[..., 0].min()), "Hz"),
         show(case, "highest f1 over the plane", float(plane[..., 0].max()), "Hz"),
         show(case, "lowest f2 / f1 over the plane", ratio.min(), "-", "measured 1.44 to 1.54"),
-        show(case, "highest f2 / f1 over the plane", ratio.max(), "-", "not fitted away from 3 points"),
+        show(
+            case,
+            "highest f2 / f1 over the plane",
+            ratio.max(),
+            "-",
+            "not fitted away from 3 points",
+        ),
     ]
 
 
 def check_modal_cost(comm: MPI.Comm) -> list[ValidationRow]:
-    """Processor time of one configuration, which took the paper 0.5 s, and of a map of 100 x 100."""
+    """Processor time of one configuration, which took the paper 0.5 s, and of a map of 100 x
+    100.
+    """
     case, tripteor = "tripteor-cost", load_tripteor()
     state = tripteor.poses["config_1"]
     one = _least_time(lambda: solve_pose_modes(linearise_poses(tripteor.model, state)), 50)
     x, y = (np.linspace(-half, half, MAP_COUNT) for half in PLANE_HALF)
-    grid = np.stack([*np.meshgrid(x, y, indexing="ij"), np.full((MAP_COUNT, MAP_COUNT), PLANE_HEIGHT)], axis=-1)
+    grid = np.stack(
+        [*np.meshgrid(x, y, indexing="ij"), np.full((MAP_COUNT, MAP_COUNT), PLANE_HEIGHT)], axis=-1
+    )
     whole = _least_time(lambda: _map_plane(tripteor, grid), 1)
     return [
-        judge_bound(case, "modes of one configuration, processor time [s]", one, 1e-3, "the paper: 0.5 s"),
-        judge_bound(case, "map of 100 x 100, processor time [s]", whole, 10.0, "modes, stiffness, condition number"),
+        judge_bound(
+            case, "modes of one configuration, processor time [s]", one, 1e-3, "the paper: 0.5 s"
+        ),
+        judge_bound(
+            case,
+            "map of 100 x 100, processor time [s]",
+            whole,
+            10.0,
+            "modes, stiffness, condition number",
+        ),
     ]
 
 
 def _frequencies(tripteor: Tripteor) -> dict[str, FloatArray]:
-    return {name: solve_pose_modes(linearise_poses(tripteor.model, state)).frequencies_hz for name, state in tripteor.poses.items()}
+    return {
+        name: solve_pose_modes(linearise_poses(tripteor.model, state)).frequencies_hz
+        for name, state in tripteor.poses.items()
+    }
 
 
 def _map_plane(tripteor: Tripteor, grid: FloatArray) -> None:
@@ -226,7 +383,9 @@ def _map_plane(tripteor: Tripteor, grid: FloatArray) -> None:
 
 
 def _least_time(action: Callable[[], object], repeats: int) -> float:
-    """Least processor time of several runs [s]: what the computation takes when nothing else disturbs it."""
+    """Least processor time of several runs [s]: what the computation takes when nothing else
+    disturbs it.
+    """
     found = []
     for _ in range(repeats):
         start = time.process_time()

@@ -1,4 +1,6 @@
-"""The shipped Tripteor of components: reduced, coupled in its poses, and as a frame of beam elements."""
+"""The shipped Tripteor of components: reduced, coupled in its poses, and as a frame of beam
+elements.
+"""
 
 import dataclasses
 import functools
@@ -50,7 +52,14 @@ def load_legs(variant: str, overrides: tuple[str, ...] = ()) -> LeggedTripteor:
         if component.fidelity != "elastic":
             reduced[name] = _reduce_unmeshed(component)
             continue
-        alike = next((part for known, part in meshed if (known.solid, known.mass) == (component.solid, component.mass)), None)
+        alike = next(
+            (
+                part
+                for known, part in meshed
+                if (known.solid, known.mass) == (component.solid, component.mass)
+            ),
+            None,
+        )
         if alike is None:
             settings, _ = choose_reduction(component, scene.analyses)
             chosen = dataclasses.replace(component, reduction=settings)
@@ -84,15 +93,30 @@ def solve_beams(tripteor: LeggedTripteor, pose: str, count: int) -> FloatArray:
 
     frames = place_components(machine, Pose(pose, positions))
     lengths = {leg: float(state[mounted.mechanism.index(LENGTHS[leg - 1])]) for leg in (1, 2, 3)}
-    legs = tuple(_leg(tripteor, frames, leg, (locate(f"leg_{leg}"), locate(f"tip_{leg}")), lengths[leg]) for leg in (1, 2, 3))
+    legs = tuple(
+        _leg(tripteor, frames, leg, (locate(f"leg_{leg}"), locate(f"tip_{leg}")), lengths[leg])
+        for leg in (1, 2, 3)
+    )
     platform = tuple(_rigid_part(tripteor, frames, name) for name in PLATFORM_PARTS)
     columns = machine.joints["columns"]
-    stiffness = np.array([np.inf if dof in columns.held else columns.stiffness[dof, dof] for dof in range(3)])
-    return solve_tripod(legs, platform, _rigid_part(tripteor, frames, "frame"), frame_stiffness=stiffness, count=count)
+    stiffness = np.array(
+        [np.inf if dof in columns.held else columns.stiffness[dof, dof] for dof in range(3)]
+    )
+    return solve_tripod(
+        legs,
+        platform,
+        _rigid_part(tripteor, frames, "frame"),
+        frame_stiffness=stiffness,
+        count=count,
+    )
 
 
 def _leg(
-    tripteor: LeggedTripteor, frames: dict[str, Frame], number: int, ends: tuple[FloatArray, FloatArray], length: float
+    tripteor: LeggedTripteor,
+    frames: dict[str, Frame],
+    number: int,
+    ends: tuple[FloatArray, FloatArray],
+    length: float,
 ) -> ElasticLeg:
     machine = tripteor.scene.machine
     tip, screw = machine.joints[f"tip_{number}"], machine.joints[f"screw_{number}"]
@@ -117,9 +141,15 @@ def _leg(
 def _rigid_part(tripteor: LeggedTripteor, frames: dict[str, Frame], name: str) -> RigidPart:
     body, frame = tripteor.superelements[name], frames[name]
     center = np.asarray(frame.origin + frame.rotation @ body.center_of_mass)
-    return RigidPart(body.mass_kg, center, np.asarray(frame.rotation @ body.inertia @ frame.rotation.T))
+    return RigidPart(
+        body.mass_kg, center, np.asarray(frame.rotation @ body.inertia @ frame.rotation.T)
+    )
 
 
 def _reduce_unmeshed(component: Component) -> Superelement:
     properties = describe_component(component)
-    return reduce_rigid(component, properties) if component.fidelity == "rigid" else reduce_segmented(component, properties)
+    return (
+        reduce_rigid(component, properties)
+        if component.fidelity == "rigid"
+        else reduce_segmented(component, properties)
+    )

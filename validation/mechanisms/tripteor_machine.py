@@ -1,4 +1,6 @@
-"""Equations of motion of the shipped Tripteor, for the cases that compare them with independent methods."""
+"""Equations of motion of the shipped Tripteor, for the cases that compare them with independent
+methods.
+"""
 
 import dataclasses
 from collections.abc import Sequence
@@ -46,29 +48,46 @@ def load_tripteor(overrides: Sequence[str] = ()) -> Tripteor:
     scene = load_scene(SCENE, variant="lumped", overrides=overrides)
     if scene.mechanism is None:
         raise ValueError(f"{SCENE} has no mechanism")
-    parts = {name: dataclasses.replace(part, fidelity="rigid") for name, part in scene.machine.components.items()}
+    parts = {
+        name: dataclasses.replace(part, fidelity="rigid")
+        for name, part in scene.machine.components.items()
+    }
     rigid = {name: reduce_rigid(part, describe_component(part)) for name, part in parts.items()}
     placements = {name: part.placement for name, part in parts.items()}
     model = build_compliant_mechanism(scene.mechanism, rigid, placements, np.array(GRAVITY))
     return Tripteor(
-        scene.mechanism, model, {name: solve_pose(scene.mechanism, pose.positions) for name, pose in scene.poses.items()}
+        scene.mechanism,
+        model,
+        {name: solve_pose(scene.mechanism, pose.positions) for name, pose in scene.poses.items()},
     )
 
 
 def plane_states(tripteor: Tripteor, count: int) -> FloatArray:
     """Coordinates ``(count, count, n)`` over the plane above the table, rows along x."""
     x, y = (np.linspace(-half, half, count) for half in PLANE_HALF)
-    grid = np.stack([*np.meshgrid(x, y, indexing="ij"), np.full((count, count), PLANE_HEIGHT)], axis=-1)
+    grid = np.stack(
+        [*np.meshgrid(x, y, indexing="ij"), np.full((count, count), PLANE_HEIGHT)], axis=-1
+    )
     return survey_tool_poses(tripteor.scene.mounted, grid, tripteor.scene.tool).states
 
 
 def swaying_drive(start: FloatArray) -> DriveLaw:
-    """Every driven coordinate on a sine of its own, tens of millimetres and several hertz: nothing in the equations stays small."""
-    amplitude, omega, phase = np.array([0.05, 0.04, -0.06, 0.3, 0.2]), np.array([9.0, 7.0, 11.0, 6.0, 8.0]), 0.3
+    """Every driven coordinate on a sine of its own, tens of millimetres and several hertz: nothing
+    in the equations stays small.
+    """
+    amplitude, omega, phase = (
+        np.array([0.05, 0.04, -0.06, 0.3, 0.2]),
+        np.array([9.0, 7.0, 11.0, 6.0, 8.0]),
+        0.3,
+    )
 
     def law(time: float) -> Drive:
         sine, cosine = np.sin(omega * time + phase), np.cos(omega * time + phase)
-        return Drive(start + amplitude * (sine - np.sin(phase)), amplitude * omega * cosine, -amplitude * omega**2 * sine)
+        return Drive(
+            start + amplitude * (sine - np.sin(phase)),
+            amplitude * omega * cosine,
+            -amplitude * omega**2 * sine,
+        )
 
     return law
 

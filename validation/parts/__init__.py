@@ -1,1 +1,3 @@
-"""Single components: benchmarks, orders of convergence, reduction, and independent implementations of them. Never machines."""
+"""Single components: benchmarks, orders of convergence, reduction, and independent implementations
+of them. Never machines.
+"""

@@ -1,4 +1,6 @@
-"""The beams of the reference study by second-order elements, against converged 3D values and beam theories; kinds of motion of their modes."""
+"""The beams of the reference study by second-order elements, against converged 3D values and beam
+theories; kinds of motion of their modes.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
@@ -18,7 +20,13 @@ from headstock.validation.parts.closed_form_cases import (
     fixed_beam,
     mesh_settings,
 )
-from headstock.validation.parts.component_models import full_model, full_modes, held_by, interface_compliance, shared_mesh
+from headstock.validation.parts.component_models import (
+    full_model,
+    full_modes,
+    held_by,
+    interface_compliance,
+    shared_mesh,
+)
 from headstock.validation.references.bending import (
     cantilever_shear_deflection,
     euler_bernoulli_frequencies,
@@ -26,7 +34,16 @@ from headstock.validation.references.bending import (
     timoshenko_frequencies,
 )
 from headstock.validation.references.prismatic_beams import turn_section
-from headstock.validation.references.rows import SHOWN_ONLY, Target, ValidationRow, judge, judge_all, judge_bound, named_after, show
+from headstock.validation.references.rows import (
+    SHOWN_ONLY,
+    Target,
+    ValidationRow,
+    judge,
+    judge_all,
+    judge_bound,
+    named_after,
+    show,
+)
 from headstock.validation.references.torsion import (
     cantilever_twist,
     clamped_clamped_torsion,
@@ -38,8 +55,14 @@ from headstock.validation.references.values import ReferenceCase, reference_case
 
 _SLICES = 12
 COUNT = 6
-COLUMN_SIZES: dict[CellKind, tuple[float, float, float]] = {"tet10": (0.05, 0.025, 0.0125), "hex27": (0.05, 0.025, 0.0125)}
-FIXED_SIZES: dict[CellKind, tuple[float, float, float]] = {"tet10": (0.05, 0.025, 0.0125), "hex27": (0.08, 0.04, 0.02)}
+COLUMN_SIZES: dict[CellKind, tuple[float, float, float]] = {
+    "tet10": (0.05, 0.025, 0.0125),
+    "hex27": (0.05, 0.025, 0.0125),
+}
+FIXED_SIZES: dict[CellKind, tuple[float, float, float]] = {
+    "tet10": (0.05, 0.025, 0.0125),
+    "hex27": (0.08, 0.04, 0.02),
+}
 COLUMN_ORDER = ["x", "y", "x", "torsion", "y", "x"]
 FIXED_ORDER = ["x", "torsion", "x", "torsion", "z", "x"]
 INDENTATION_TOLERANCE = 1e-2
@@ -55,8 +78,8 @@ Theory = tuple[str, int, float, str]
 def beam_mode_kinds(points: FloatArray, shapes: FloatArray, axis: int) -> list[str]:
     """The dominating motion of the cross-sections in each mode.
 
-    Sections are slices of the mesh; the rigid motion that fits a slice best tells its displacement and twist, which is made
-    comparable by the radius of gyration of the section.
+    Sections are slices of the mesh; the rigid motion that fits a slice best tells its displacement
+    and twist, which is made comparable by the radius of gyration of the section.
 
     Args:
         points: ``(n, 3)`` mesh points.
@@ -64,7 +87,8 @@ def beam_mode_kinds(points: FloatArray, shapes: FloatArray, axis: int) -> list[s
         axis: Direction of the beam's axis, 0..2.
 
     Returns:
-        ``x``, ``y`` or ``z`` for motion along that axis (extension along ``axis``) or ``torsion``, for each mode.
+        ``x``, ``y`` or ``z`` for motion along that axis (extension along ``axis``) or ``torsion``,
+        for each mode.
     """
     place = points[:, axis]
     low, high = float(place.min()), float(place.max())
@@ -74,7 +98,9 @@ def beam_mode_kinds(points: FloatArray, shapes: FloatArray, axis: int) -> list[s
         rows = np.flatnonzero(slices == number)
         center = points[rows].mean(axis=0)
         motions = rigid_map(points[rows], center)
-        fit = np.linalg.lstsq(motions, shapes.reshape(len(points), 3, -1)[rows].reshape(3 * len(rows), -1), rcond=None)[0]
+        fit = np.linalg.lstsq(
+            motions, shapes.reshape(len(points), 3, -1)[rows].reshape(3 * len(rows), -1), rcond=None
+        )[0]
         arms = np.delete(points[rows] - center, axis, axis=1)
         sizes[:3] += fit[:3] ** 2
         sizes[3] += (arms**2).sum(axis=1).mean() * fit[3 + axis] ** 2
@@ -83,58 +109,110 @@ def beam_mode_kinds(points: FloatArray, shapes: FloatArray, axis: int) -> list[s
 
 
 def check_cantilever_modes(comm: MPI.Comm) -> list[ValidationRow]:
-    """Six natural frequencies of the seed's column with tet10 and hex27, and what beam theories make of them."""
+    """Six natural frequencies of the seed's column with tet10 and hex27, and what beam theories
+    make of them.
+    """
     along_x, along_y = CANTILEVER, turn_section(CANTILEVER)
     slender_x = euler_bernoulli_frequencies(along_x, "clamped-free", 3)
     slender_y = euler_bernoulli_frequencies(along_y, "clamped-free", 2)
     deep_x = timoshenko_frequencies(along_x, "clamped-free", 3)
     deep_y = timoshenko_frequencies(along_y, "clamped-free", 2)
     slender_notes = (WIDE, SLENDER, SLENDER)
-    theories = [("Euler-Bernoulli", number, float(slender_x[k]), slender_notes[k]) for k, number in enumerate((0, 2, 5))]
-    theories += [("Euler-Bernoulli", number, float(slender_y[k]), SLENDER) for k, number in enumerate((1, 4))]
-    theories += [("Timoshenko", number, float(deep_x[k]), DEEP) for k, number in enumerate((0, 2, 5))]
+    theories = [
+        ("Euler-Bernoulli", number, float(slender_x[k]), slender_notes[k])
+        for k, number in enumerate((0, 2, 5))
+    ]
+    theories += [
+        ("Euler-Bernoulli", number, float(slender_y[k]), SLENDER) for k, number in enumerate((1, 4))
+    ]
+    theories += [
+        ("Timoshenko", number, float(deep_x[k]), DEEP) for k, number in enumerate((0, 2, 5))
+    ]
     theories += [("Timoshenko", number, float(deep_y[k]), DEEP) for k, number in enumerate((1, 4))]
     theories += [
         ("Saint-Venant", 3, float(torsional_frequencies(along_x, "clamped-free", 1)[0]), WARPING),
         ("Vlasov", 3, float(clamped_free_torsion(along_x, 1)[0]), THIN_WALLED),
     ]
-    return _modal_rows("seed-cantilever", column, ("z-",), sizes=COLUMN_SIZES, order=COLUMN_ORDER, theories=theories, comm=comm)
+    return _modal_rows(
+        "seed-cantilever",
+        column,
+        ("z-",),
+        sizes=COLUMN_SIZES,
+        order=COLUMN_ORDER,
+        theories=theories,
+        comm=comm,
+    )
 
 
 def check_fixed_beam_modes(comm: MPI.Comm) -> list[ValidationRow]:
-    """Six natural frequencies of the seed's fixed beam with tet10 and hex27, and what beam theories make of them."""
+    """Six natural frequencies of the seed's fixed beam with tet10 and hex27, and what beam theories
+    make of them.
+    """
     flat, upright = FIXED_BEAM, turn_section(FIXED_BEAM)
     slender = euler_bernoulli_frequencies(flat, "clamped-clamped", 3)
     twist = torsional_frequencies(flat, "clamped-clamped", 2)
     warped = clamped_clamped_torsion(flat, 2)
     slender_notes = (WIDE, BOTH, SLENDER)
-    theories = [("Euler-Bernoulli", number, float(slender[k]), slender_notes[k]) for k, number in enumerate((0, 2, 5))]
-    theories += [("Euler-Bernoulli", 4, float(euler_bernoulli_frequencies(upright, "clamped-clamped", 1)[0]), SLENDER)]
-    theories += [("Timoshenko", 4, float(timoshenko_frequencies(upright, "clamped-clamped", 1)[0]), DEEP)]
-    theories += [("Saint-Venant", number, float(twist[k]), WARPING) for k, number in enumerate((1, 3))]
-    theories += [("Vlasov", number, float(warped[k]), THIN_WALLED) for k, number in enumerate((1, 3))]
+    theories = [
+        ("Euler-Bernoulli", number, float(slender[k]), slender_notes[k])
+        for k, number in enumerate((0, 2, 5))
+    ]
+    theories += [
+        (
+            "Euler-Bernoulli",
+            4,
+            float(euler_bernoulli_frequencies(upright, "clamped-clamped", 1)[0]),
+            SLENDER,
+        )
+    ]
+    theories += [
+        ("Timoshenko", 4, float(timoshenko_frequencies(upright, "clamped-clamped", 1)[0]), DEEP)
+    ]
+    theories += [
+        ("Saint-Venant", number, float(twist[k]), WARPING) for k, number in enumerate((1, 3))
+    ]
+    theories += [
+        ("Vlasov", number, float(warped[k]), THIN_WALLED) for k, number in enumerate((1, 3))
+    ]
     return _modal_rows(
-        "seed-fixed-beam", fixed_beam, ("y-", "y+"), sizes=FIXED_SIZES, order=FIXED_ORDER, theories=theories, comm=comm
+        "seed-fixed-beam",
+        fixed_beam,
+        ("y-", "y+"),
+        sizes=FIXED_SIZES,
+        order=FIXED_ORDER,
+        theories=theories,
+        comm=comm,
     )
 
 
 def check_cantilever_statics(comm: MPI.Comm) -> list[ValidationRow]:
-    """Compliances of the column's top face, moved and loaded as a mean, by the static superelement."""
+    """Compliances of the column's top face, moved and loaded as a mean, by the static
+    superelement.
+    """
     case, reference = "seed-cantilever-static", reference_case("seed-cantilever-static")
     rows: list[ValidationRow] = []
     finest: FloatArray = np.zeros(COUNT)
     for kind, sizes in COLUMN_SIZES.items():
-        component = column(mesh_settings(kind, sizes[-1]), {"tip": face_interface("tip", "z+", "average")})
+        component = column(
+            mesh_settings(kind, sizes[-1]), {"tip": face_interface("tip", "z+", "average")}
+        )
         supports = clamp(component.name, "z-")
         mesh = shared_mesh(component, supports, comm=comm)
         c = interface_compliance(component, mesh, supports, comm=comm)["tip", "tip"]
         half = CANTILEVER.width / 2.0
-        finest = 1e6 * np.abs([1e3 * c[0, 0], 1e3 * c[1, 1], 1e3 * c[2, 2], c[1, 3], c[0, 4], half * c[5, 5]])
+        finest = 1e6 * np.abs(
+            [1e3 * c[0, 0], 1e3 * c[1, 1], 1e3 * c[2, 2], c[1, 3], c[0, 4], half * c[5, 5]]
+        )
         rows += named_after(kind, judge_all(case, reference, finest))
     theories = [
         ("Timoshenko", 0, 1e6 * cantilever_shear_deflection(CANTILEVER, 1e3), DEEP),
         ("Timoshenko", 1, 1e6 * cantilever_shear_deflection(turn_section(CANTILEVER), 1e3), DEEP),
-        ("Saint-Venant", 5, 1e6 * cantilever_twist(CANTILEVER, 1.0) * CANTILEVER.width / 2.0, WARPING),
+        (
+            "Saint-Venant",
+            5,
+            1e6 * cantilever_twist(CANTILEVER, 1.0) * CANTILEVER.width / 2.0,
+            WARPING,
+        ),
     ]
     return rows + _theory_rows(case, reference, finest, theories)
 
@@ -160,17 +238,26 @@ def check_fixed_beam_statics(comm: MPI.Comm) -> list[ValidationRow]:
     theories = [
         ("Euler-Bernoulli", 1, 1e6 * bending, WIDE),
         ("Euler-Bernoulli and Saint-Venant", 3, 1e6 * offset, WARPING),
-        ("Saint-Venant", 4, 1e6 * fixed_beam_twist(FIXED_BEAM, 100.0) * FIXED_BEAM.depth / 2.0, WARPING),
+        (
+            "Saint-Venant",
+            4,
+            1e6 * fixed_beam_twist(FIXED_BEAM, 100.0) * FIXED_BEAM.depth / 2.0,
+            WARPING,
+        ),
     ]
     return rows + _theory_rows(case, reference, finest, theories)
 
 
 def _indentation(row: ValidationRow) -> ValidationRow:
-    """A row of a mean over the loaded patch, whose local indentation converges slowly, with its wider tolerance."""
+    """A row of a mean over the loaded patch, whose local indentation converges slowly, with its
+    wider tolerance.
+    """
     if "patch average" not in row.quantity:
         return row
     target = Target(row.reference, row.unit, INDENTATION_TOLERANCE, row.kind)
-    return judge(row.case, row.quantity, row.value, target, "with the local indentation of the loaded patch")
+    return judge(
+        row.case, row.quantity, row.value, target, "with the local indentation of the loaded patch"
+    )
 
 
 def _modal_rows(
@@ -190,13 +277,17 @@ def _modal_rows(
         found = []
         for size in steps:
             component = build(mesh_settings(kind, size))
-            modes = _clamped_modes(component, clamp(component.name, *faces), comm, 1 if len(faces) == 2 else 2)
+            modes = _clamped_modes(
+                component, clamp(component.name, *faces), comm, 1 if len(faces) == 2 else 2
+            )
             found.append(modes.frequencies_hz)
         finest = found[-1]
         remark = f"{modes.dofs} dofs"
         rows += named_after(kind, judge_all(case, reference, finest, notes=[remark] * COUNT))
         misplaced = sum(left != right for left, right in zip(modes.kinds, order, strict=True))
-        rows.append(judge_bound(case, f"{kind} modes out of the order {' '.join(order)}", misplaced, 0.0))
+        rows.append(
+            judge_bound(case, f"{kind} modes out of the order {' '.join(order)}", misplaced, 0.0)
+        )
         rows += _observed_orders(case, kind, np.array(found))
     return rows + _theory_rows(case, reference, finest, theories)
 
@@ -209,28 +300,50 @@ class _ClampedModes(NamedTuple):
     dofs: int
 
 
-def _clamped_modes(component: Component, supports: Sequence[Support], comm: MPI.Comm, axis: int) -> _ClampedModes:
+def _clamped_modes(
+    component: Component, supports: Sequence[Support], comm: MPI.Comm, axis: int
+) -> _ClampedModes:
     mesh = shared_mesh(component, supports, comm=comm)
     model = full_model(mesh, component.material, comm=comm, held=held_by(mesh, supports))
     modes = full_modes(model, COUNT)
     shapes = model.everywhere(modes.shapes[:, :COUNT]).reshape(-1, COUNT)
-    return _ClampedModes(modes.frequencies_hz[:COUNT], beam_mode_kinds(mesh.points, shapes, axis), 3 * len(mesh.points))
+    return _ClampedModes(
+        modes.frequencies_hz[:COUNT],
+        beam_mode_kinds(mesh.points, shapes, axis),
+        3 * len(mesh.points),
+    )
 
 
 def _observed_orders(case: str, kind: str, found: FloatArray) -> list[ValidationRow]:
-    """Orders from three meshes, each twice as fine as the one before; the clamped edges are singular, so they are shown only."""
+    """Orders from three meshes, each twice as fine as the one before; the clamped edges are
+    singular, so they are shown only.
+    """
     coarse, fine = found[0] - found[1], found[1] - found[2]
     note = "not gated: below 2 p = 4, as the clamped edge is singular"
     return [
-        show(case, f"{kind} observed order of f{number + 1}", float(np.log2(abs(coarse[number] / fine[number]))), "-", note)
+        show(
+            case,
+            f"{kind} observed order of f{number + 1}",
+            float(np.log2(abs(coarse[number] / fine[number]))),
+            "-",
+            note,
+        )
         for number in (0, 3)
     ]
 
 
-def _theory_rows(case: str, reference: ReferenceCase, finest: FloatArray, theories: Sequence[Theory]) -> list[ValidationRow]:
+def _theory_rows(
+    case: str, reference: ReferenceCase, finest: FloatArray, theories: Sequence[Theory]
+) -> list[ValidationRow]:
     """What theories say, against the finest 3D value: shown, never gated."""
     names = list(reference.values)
     return [
-        judge(case, f"{theory}: {names[number]}", value, Target(float(finest[number]), reference.unit, np.nan, SHOWN_ONLY), note)
+        judge(
+            case,
+            f"{theory}: {names[number]}",
+            value,
+            Target(float(finest[number]), reference.unit, np.nan, SHOWN_ONLY),
+            note,
+        )
         for theory, number, value, note in theories
     ]

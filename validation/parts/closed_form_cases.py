@@ -1,4 +1,6 @@
-"""Bodies of the benchmarks, and cases that compare closed forms with their tabled values: no finite elements."""
+"""Bodies of the benchmarks, and cases that compare closed forms with their tabled values: no finite
+elements.
+"""
 
 import math
 from dataclasses import dataclass
@@ -7,7 +9,15 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, ReductionSettings, Support
+from headstock.geometry.parts.components import (
+    Component,
+    Interface,
+    Material,
+    MeshSettings,
+    Patch,
+    ReductionSettings,
+    Support,
+)
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import CellKind
 from headstock.validation.references.bending import (
@@ -64,7 +74,8 @@ class SprungBlock:
 def block_frequencies(block: SprungBlock) -> FloatArray:
     """The six natural frequencies ``(6,)`` [Hz] of a block on four corner springs, rising.
 
-    Heave and yaw stand alone; swaying along x couples with rocking about y, swaying along y with rocking about x.
+    Heave and yaw stand alone; swaying along x couples with rocking about y, swaying along y with
+    rocking about x.
 
     Source: Newton-Euler equations about the centre of mass (Rivin (2003), section 1.3).
     """
@@ -77,8 +88,12 @@ def block_frequencies(block: SprungBlock) -> FloatArray:
     return np.asarray(np.sqrt(np.sort(squares)) / (2.0 * math.pi))
 
 
-def _sway_rock_pair(sway: float, mass: float, rock: float, inertia: float, height: float) -> list[float]:
-    """Squared angular frequencies [rad^2/s^2] of swaying and rocking when the springs act ``height`` below the centre."""
+def _sway_rock_pair(
+    sway: float, mass: float, rock: float, inertia: float, height: float
+) -> list[float]:
+    """Squared angular frequencies [rad^2/s^2] of swaying and rocking when the springs act
+    ``height`` below the centre.
+    """
     k11, k22 = sway / mass, (rock + sway * height**2) / inertia
     k12 = sway * height / math.sqrt(mass * inertia)
     mean, radius = 0.5 * (k11 + k22), math.hypot(0.5 * (k11 - k22), k12)
@@ -112,7 +127,9 @@ def check_cantilever_theory(comm: MPI.Comm) -> list[ValidationRow]:
     ]
     name = "seed-cantilever-theory"
     rows = judge_all(name, reference_case("seed-cantilever-theory"), frequencies)
-    return rows + judge_all(name, reference_case("seed-cantilever-static-theory"), 1e6 * np.array(deflections))
+    return rows + judge_all(
+        name, reference_case("seed-cantilever-static-theory"), 1e6 * np.array(deflections)
+    )
 
 
 def check_fixed_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
@@ -131,7 +148,9 @@ def check_fixed_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
     deflections = [bending, bending + offset * fixed_beam_twist(flat, 1e3 * offset)]
     name = "seed-fixed-beam-theory"
     rows = judge_all(name, reference_case("seed-fixed-beam-theory"), frequencies)
-    return rows + judge_all(name, reference_case("seed-fixed-beam-static-theory"), 1e6 * np.array(deflections))
+    return rows + judge_all(
+        name, reference_case("seed-fixed-beam-static-theory"), 1e6 * np.array(deflections)
+    )
 
 
 def check_torsion_constants(comm: MPI.Comm) -> list[ValidationRow]:
@@ -159,7 +178,12 @@ def check_slender_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
 
 def check_rod_theory(comm: MPI.Comm) -> list[ValidationRow]:
     """Axial frequencies of the rod without lateral contraction."""
-    return judge_all("rod-theory", reference_case("rod"), axial_frequencies(ROD, "clamped-free", 3), tolerance=1e-8)
+    return judge_all(
+        "rod-theory",
+        reference_case("rod"),
+        axial_frequencies(ROD, "clamped-free", 3),
+        tolerance=1e-8,
+    )
 
 
 def check_block_theory(comm: MPI.Comm) -> list[ValidationRow]:
@@ -169,19 +193,31 @@ def check_block_theory(comm: MPI.Comm) -> list[ValidationRow]:
 
 def mesh_settings(kind: CellKind, size: float) -> MeshSettings:
     """Settings that give a cell kind."""
-    return MeshSettings(size=size, order=2 if kind in ("tet10", "hex27") else 1, cells="tet" if kind.startswith("tet") else "hex")
+    return MeshSettings(
+        size=size,
+        order=2 if kind in ("tet10", "hex27") else 1,
+        cells="tet" if kind.startswith("tet") else "hex",
+    )
 
 
 def column(mesh: MeshSettings, interfaces: dict[str, Interface] | None = None) -> Component:
     """The seed's column, standing on its foot."""
     return Component(
-        "column", Box(COLUMN_SIZE), STEEL, interfaces=interfaces or {}, mesh=mesh, reduction=ReductionSettings(modes=6)
+        "column",
+        Box(COLUMN_SIZE),
+        STEEL,
+        interfaces=interfaces or {},
+        mesh=mesh,
+        reduction=ReductionSettings(modes=6),
     )
 
 
 def clamp(component: str, *faces: str) -> tuple[Support, ...]:
     """Whole faces held in every direction."""
-    return tuple(Support(f"clamp{number}", component, (Patch(face),), AXES) for number, face in enumerate(faces))
+    return tuple(
+        Support(f"clamp{number}", component, (Patch(face),), AXES)
+        for number, face in enumerate(faces)
+    )
 
 
 def face_interface(name: str, face: str, coupling: str) -> Interface:
@@ -196,7 +232,8 @@ def face_interface(name: str, face: str, coupling: str) -> Interface:
 
 
 def fixed_beam(mesh: MeshSettings, height: float | None = None) -> Component:
-    """The seed's fixed beam, lying along y; with a loaded patch at a height above mid-height [m], and one behind it.
+    """The seed's fixed beam, lying along y; with a loaded patch at a height above mid-height [m],
+    and one behind it.
 
     The patches are squares of 10 mm on the two faces normal to x.
     """
@@ -206,4 +243,11 @@ def fixed_beam(mesh: MeshSettings, height: float | None = None) -> Component:
         for name, face in (("front", "x+"), ("back", "x-")):
             patch = Patch(face, "rect", center, (PATCH, PATCH))
             interfaces[name] = Interface(name, (patch,), "average")
-    return Component("beam", Box(FIXED_SIZE), STEEL, interfaces=interfaces, mesh=mesh, reduction=ReductionSettings(modes=6))
+    return Component(
+        "beam",
+        Box(FIXED_SIZE),
+        STEEL,
+        interfaces=interfaces,
+        mesh=mesh,
+        reduction=ReductionSettings(modes=6),
+    )

@@ -1,4 +1,6 @@
-"""Components meshed and reduced the way a scene does it, and unreduced models of them: distributed, and by scipy alone."""
+"""Components meshed and reduced the way a scene does it, and unreduced models of them: distributed,
+and by scipy alone.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -44,8 +46,12 @@ class FullModel:
     means: FloatArray
 
     def owned(self, field: FloatArray) -> FloatArray:
-        """The rows that this rank owns ``(3 n_owned, k)`` of a field on all mesh points ``(n_points, 3, k)``."""
-        return np.asarray(field[self.operators.nodes].reshape(self.operators.owned_dofs, -1), dtype=float)
+        """The rows that this rank owns ``(3 n_owned, k)`` of a field on all mesh points
+        ``(n_points, 3, k)``.
+        """
+        return np.asarray(
+            field[self.operators.nodes].reshape(self.operators.owned_dofs, -1), dtype=float
+        )
 
     @property
     def owned_held(self) -> BoolArray:
@@ -61,14 +67,21 @@ class FullModel:
 
 @dataclass(frozen=True, eq=False)
 class FullModes:
-    """Natural frequencies [Hz] ``(m,)`` and mass-normalised shapes on this rank's rows ``(3 n_owned, m)``."""
+    """Natural frequencies [Hz] ``(m,)`` and mass-normalised shapes on this rank's rows ``(3
+    n_owned, m)``.
+    """
 
     frequencies_hz: FloatArray
     shapes: FloatArray
 
 
 def full_model(
-    mesh: ComponentMesh, material: Material, *, comm: MPI.Comm, held: BoolArray | None = None, means: FloatArray | None = None
+    mesh: ComponentMesh,
+    material: Material,
+    *,
+    comm: MPI.Comm,
+    held: BoolArray | None = None,
+    means: FloatArray | None = None,
 ) -> FullModel:
     """Assemble stiffness and mass of a component; held by nothing unless told.
 
@@ -82,7 +95,9 @@ def full_model(
     shape = (len(mesh.points), 3)
     operators = assemble_elasticity(mesh, material, comm=comm, with_mass=True)
     no_dofs, no_means = np.zeros(shape, dtype=bool), np.zeros((*shape, 0))
-    return FullModel(mesh, operators, no_dofs if held is None else held, no_means if means is None else means)
+    return FullModel(
+        mesh, operators, no_dofs if held is None else held, no_means if means is None else means
+    )
 
 
 def held_by(mesh: ComponentMesh, supports: Sequence[Support]) -> BoolArray:
@@ -97,7 +112,8 @@ def held_by(mesh: ComponentMesh, supports: Sequence[Support]) -> BoolArray:
 
 
 def full_modes(model: FullModel, count: int) -> FullModes:
-    """The lowest elastic modes of a component: those that are mass-orthogonal to the rigid motions that nothing holds.
+    """The lowest elastic modes of a component: those that are mass-orthogonal to the rigid motions
+    that nothing holds.
 
     Raises:
         ConvergenceError: The eigensolver did not finish.
@@ -106,20 +122,29 @@ def full_modes(model: FullModel, count: int) -> FullModes:
     """
     operators = model.operators
     free = free_motions(model)
-    constraints = np.hstack([model.owned(model.means), operators.apply_mass(free) if free.shape[1] else free])
+    constraints = np.hstack(
+        [model.owned(model.means), operators.apply_mass(free) if free.shape[1] else free]
+    )
     # the same start on any number of ranks
     start = model.owned(np.random.default_rng(0).standard_normal((*model.held.shape, _BLOCK)))
     with ConstrainedSolver(operators, model.owned_held, constraints) as solver:
         dimension = solver.free_total - constraints.shape[1]
         target = ModeTarget(count=min(count, dimension))
         pairs = lowest_eigenpairs(
-            solver.apply_inverse, operators.apply_mass, start, target, comm=operators.comm, dimension=dimension
+            solver.apply_inverse,
+            operators.apply_mass,
+            start,
+            target,
+            comm=operators.comm,
+            dimension=dimension,
         )
     return FullModes(np.sqrt(pairs.values) / (2.0 * np.pi), pairs.vectors)
 
 
 def free_motions(model: FullModel) -> FloatArray:
-    """The rigid motions that neither held dofs nor means prevent, on this rank's rows ``(3 n_owned, m)``."""
+    """The rigid motions that neither held dofs nor means prevent, on this rank's rows ``(3 n_owned,
+    m)``.
+    """
     motions = rigid_motions(model.operators)
     held, means = model.owned_held, model.owned(model.means)
     blocked = sum_over_ranks(model.operators.comm, motions[held].T @ motions[held])
@@ -131,7 +156,9 @@ def free_motions(model: FullModel) -> FloatArray:
 
 
 def rigid_frequencies(model: FullModel) -> FloatArray:
-    """Rayleigh quotients of the six rigid motions as frequencies [Hz] ``(6,)``: what rounding makes of zero."""
+    """Rayleigh quotients of the six rigid motions as frequencies [Hz] ``(6,)``: what rounding makes
+    of zero.
+    """
     motions = rigid_motions(model.operators)
     comm = model.operators.comm
     stiffness = sum_over_ranks(comm, motions.T @ model.operators.apply_stiffness(motions))
@@ -142,7 +169,8 @@ def rigid_frequencies(model: FullModel) -> FloatArray:
 
 
 def full_displacement(model: FullModel, loads: FloatArray) -> FloatArray:
-    """Static displacement on all mesh points ``(n_points, 3)`` under nodal loads ``(n_points, 3)`` [N].
+    """Static displacement on all mesh points ``(n_points, 3)`` under nodal loads ``(n_points, 3)``
+    [N].
 
     Raises:
         ConvergenceError: The solve keeps a residual.
@@ -153,7 +181,11 @@ def full_displacement(model: FullModel, loads: FloatArray) -> FloatArray:
 
 
 def shared_mesh(
-    component: Component, supports: Sequence[Support] = (), loads: Sequence[Load] = (), *, comm: MPI.Comm
+    component: Component,
+    supports: Sequence[Support] = (),
+    loads: Sequence[Load] = (),
+    *,
+    comm: MPI.Comm,
 ) -> ComponentMesh:
     """The mesh of a component on every rank, made by rank 0.
 
@@ -178,7 +210,9 @@ def shared_mesh(
     return mesh
 
 
-def interface_compliance(component: Component, mesh: ComponentMesh, supports: Sequence[Support], *, comm: MPI.Comm) -> Compliance:
+def interface_compliance(
+    component: Component, mesh: ComponentMesh, supports: Sequence[Support], *, comm: MPI.Comm
+) -> Compliance:
     """Compliances of the interfaces of a supported component by its static superelement.
 
     Args:
@@ -188,17 +222,24 @@ def interface_compliance(component: Component, mesh: ComponentMesh, supports: Se
         comm: Ranks; collective.
 
     Returns:
-        For each pair of interface names the motion ``(6, 6)`` of the first under unit forces and moments on the second.
+        For each pair of interface names the motion ``(6, 6)`` of the first under unit forces and
+        moments on the second.
     """
-    element = reduce_elastic(component, mesh, supports, comm=comm, request=ReductionRequest(recovery=False))
+    element = reduce_elastic(
+        component, mesh, supports, comm=comm, request=ReductionRequest(recovery=False)
+    )
     whole: FloatArray = np.asarray(np.linalg.inv(element.stiffness), dtype=float)
-    rows = {name: slice(6 * place.node, 6 * place.node + 6) for name, place in element.attachments.items()}
+    rows = {
+        name: slice(6 * place.node, 6 * place.node + 6)
+        for name, place in element.attachments.items()
+    }
     return {(moved, loaded): whole[rows[moved], rows[loaded]] for moved in rows for loaded in rows}
 
 
 @dataclass(frozen=True, eq=False)
 class ConstrainedMatrices:
-    """Stiffness and mass of a component whose interface dofs stand first, six for each, before the free mesh dofs.
+    """Stiffness and mass of a component whose interface dofs stand first, six for each, before the
+    free mesh dofs.
 
     Attributes:
         stiffness: ``(n, n)`` sparse.
@@ -211,7 +252,9 @@ class ConstrainedMatrices:
     boundary: int
 
 
-def rigid_face_matrices(mesh: ComponentMesh, material: Material, centers: Mapping[str, FloatArray]) -> ConstrainedMatrices:
+def rigid_face_matrices(
+    mesh: ComponentMesh, material: Material, centers: Mapping[str, FloatArray]
+) -> ConstrainedMatrices:
     """Matrices of a component whose named patches move as rigid bodies about given points.
 
     Args:
@@ -232,20 +275,33 @@ def rigid_face_matrices(mesh: ComponentMesh, material: Material, centers: Mappin
     interior = scipy.sparse.identity(len(free), format="csc")[:, np.flatnonzero(free)]
     transform = scipy.sparse.hstack([*columns, interior], format="csc")
     return ConstrainedMatrices(
-        (transform.T @ stiffness @ transform).tocsc(), (transform.T @ mass @ transform).tocsc(), 6 * len(centers)
+        (transform.T @ stiffness @ transform).tocsc(),
+        (transform.T @ mass @ transform).tocsc(),
+        6 * len(centers),
     )
 
 
 def all_frequencies(matrices: ConstrainedMatrices) -> FloatArray:
-    """Every natural frequency [Hz] by dense algebra; rigid motions come out as what rounding makes of zero."""
-    values = scipy.linalg.eigh(matrices.stiffness.toarray(), matrices.mass.toarray(), eigvals_only=True)
+    """Every natural frequency [Hz] by dense algebra; rigid motions come out as what rounding makes
+    of zero.
+    """
+    values = scipy.linalg.eigh(
+        matrices.stiffness.toarray(), matrices.mass.toarray(), eigvals_only=True
+    )
     return np.asarray(np.sqrt(np.abs(values)) / (2.0 * np.pi))
 
 
 def lowest_frequencies(matrices: ConstrainedMatrices, count: int) -> FloatArray:
-    """The lowest natural frequencies [Hz] ``(count,)``, rigid ones among them, by shift and invert."""
+    """The lowest natural frequencies [Hz] ``(count,)``, rigid ones among them, by shift and
+    invert.
+    """
     values = scipy.sparse.linalg.eigsh(
-        matrices.stiffness, k=count, M=matrices.mass, sigma=_SHIFT, return_eigenvectors=False, tol=1e-13
+        matrices.stiffness,
+        k=count,
+        M=matrices.mass,
+        sigma=_SHIFT,
+        return_eigenvectors=False,
+        tol=1e-13,
     )
     return np.asarray(np.sqrt(np.abs(np.sort(values))) / (2.0 * np.pi))
 
@@ -263,16 +319,22 @@ def guyan_matrices(matrices: ConstrainedMatrices) -> tuple[FloatArray, FloatArra
 
 
 def held_compliance(matrices: ConstrainedMatrices) -> FloatArray:
-    """Compliance ``(6, 6)`` of the last interface of two with the first one held, by one sparse solve of the whole model."""
+    """Compliance ``(6, 6)`` of the last interface of two with the first one held, by one sparse
+    solve of the whole model.
+    """
     loads = np.zeros((matrices.stiffness.shape[0] - 6, 6))
     loads[:6] = np.eye(6)
     return np.asarray(scipy.sparse.linalg.splu(matrices.stiffness[6:, 6:].tocsc()).solve(loads)[:6])
 
 
-def _whole_matrices(mesh: ComponentMesh, material: Material) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
+def _whole_matrices(
+    mesh: ComponentMesh, material: Material
+) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
     """Stiffness and mass in mesh point order; every rank makes its own."""
     operators = assemble_elasticity(mesh, material, comm=MPI.COMM_SELF, with_mass=True)
     place = np.argsort((3 * operators.nodes[:, None] + np.arange(3)).ravel())
     stiffness = scipy.sparse.csr_matrix(operators.stiffness)[place][:, place]
-    mass = scipy.sparse.csr_matrix(scipy.sparse.kron(operators.scalar_mass, np.eye(3)))[place][:, place]
+    mass = scipy.sparse.csr_matrix(scipy.sparse.kron(operators.scalar_mass, np.eye(3)))[place][
+        :, place
+    ]
     return stiffness, mass

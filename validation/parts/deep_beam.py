@@ -1,4 +1,6 @@
-"""NAFEMS tests 5H and 5T: the deep simply supported beam under a harmonic and a suddenly applied uniform load, as a 3D body."""
+"""NAFEMS tests 5H and 5T: the deep simply supported beam under a harmonic and a suddenly applied
+uniform load, as a 3D body.
+"""
 
 import dataclasses
 import math
@@ -45,7 +47,8 @@ class LoadedBeam:
     """The beam of FV5 as a 3D body with 2 % damping of every mode.
 
     Attributes:
-        system: In: the uniform load; out: displacement of the axis at midspan, and every coordinate.
+        system: In: the uniform load; out: displacement of the axis at midspan, and every
+            coordinate.
         mesh: Its mesh.
         fields: ``(3 n_points, n)`` displacement of the mesh points per coordinate.
     """
@@ -56,42 +59,71 @@ class LoadedBeam:
 
     def stresses(self, coordinates: FloatArray, points: FloatArray) -> FloatArray:
         """Stress along the beam ``(n_points,)`` [Pa]."""
-        return recover_at_points(self.mesh, DEEP_BEAM.material, self.fields @ coordinates, points).stress[:, 2, 2]
+        return recover_at_points(
+            self.mesh, DEEP_BEAM.material, self.fields @ coordinates, points
+        ).stress[:, 2, 2]
 
 
 def check_harmonic_beam(comm: MPI.Comm) -> list[ValidationRow]:
-    """NAFEMS 5H: peak displacement, its frequency and the fibre stress at midspan between 40 and 45 Hz, 2 % damping of all modes.
+    """NAFEMS 5H: peak displacement, its frequency and the fibre stress at midspan between 40 and 45
+    Hz, 2 % damping of all modes.
 
-    The published stress is that of beam theory: bending moment over section modulus, and so it is taken from the section here. The
-    fibre itself bears 2 % more, because stress is not linear over the depth of so deep a beam.
+    The published stress is that of beam theory: bending moment over section modulus, and so it is
+    taken from the section here. The fibre itself bears 2 % more, because stress is not linear over
+    the depth of so deep a beam.
 
-    Source: NAFEMS R0016 (1993), Selected benchmarks for forced vibration, test 5H; Abaqus Benchmarks Guide 4.5.2.
+    Source: NAFEMS R0016 (1993), Selected benchmarks for forced vibration, test 5H; Abaqus
+    Benchmarks Guide 4.5.2.
     """
     beam = loaded_beam(comm)
-    moved = np.abs(solve_frf(beam.system, SWEEP, inputs=[LOAD], outputs=[MOVED]).receptance[:, 0, 0])
+    moved = np.abs(
+        solve_frf(beam.system, SWEEP, inputs=[LOAD], outputs=[MOVED]).receptance[:, 0, 0]
+    )
     peak = int(np.argmax(moved))
     every = [port for port in beam.system.outputs if port != MOVED]
     swing = solve_frf(beam.system, SWEEP[[peak]], inputs=[LOAD], outputs=every).receptance[0, :, 0]
     parts = (np.array(swing.real, dtype=float), np.array(swing.imag, dtype=float))
     places, weights = _section_points()
     modulus = DEEP_BEAM.width * DEEP_BEAM.depth**2 / 6.0
-    bending = math.hypot(*(float(weights @ beam.stresses(part, places)) / modulus for part in parts))
+    bending = math.hypot(
+        *(float(weights @ beam.stresses(part, places)) / modulus for part in parts)
+    )
     fibre = math.hypot(*(float(beam.stresses(part, FIBRE)[0]) for part in parts))
     note = "3D body of hex27 on averaged supports"
     return [
-        judge("nafems-5h", "peak displacement", 1e3 * moved[peak], Target(13.45, "mm", 1e-2, PUBLISHED), note),
-        judge("nafems-5h", "frequency of the peak", SWEEP[peak], Target(42.65, "Hz", 1e-2, PUBLISHED)),
         judge(
-            "nafems-5h", "peak bending stress", 1e-6 * bending, Target(241.9, "MPa", 1e-2, PUBLISHED), "moment over section modulus"
+            "nafems-5h",
+            "peak displacement",
+            1e3 * moved[peak],
+            Target(13.45, "mm", 1e-2, PUBLISHED),
+            note,
         ),
-        show("nafems-5h", "peak stress of the fibre itself", 1e-6 * fibre, "MPa", "no beam theory: stress bends over the depth"),
+        judge(
+            "nafems-5h", "frequency of the peak", SWEEP[peak], Target(42.65, "Hz", 1e-2, PUBLISHED)
+        ),
+        judge(
+            "nafems-5h",
+            "peak bending stress",
+            1e-6 * bending,
+            Target(241.9, "MPa", 1e-2, PUBLISHED),
+            "moment over section modulus",
+        ),
+        show(
+            "nafems-5h",
+            "peak stress of the fibre itself",
+            1e-6 * fibre,
+            "MPa",
+            "no beam theory: stress bends over the depth",
+        ),
     ]
 
 
 def check_transient_beam(comm: MPI.Comm) -> list[ValidationRow]:
-    """NAFEMS 5T: peak displacement, its time, static displacement and fibre stress at midspan under a suddenly applied load.
+    """NAFEMS 5T: peak displacement, its time, static displacement and fibre stress at midspan under
+    a suddenly applied load.
 
-    Source: NAFEMS R0016 (1993), Selected benchmarks for forced vibration, test 5T; Altair OptiStruct verification OS-V:0330.
+    Source: NAFEMS R0016 (1993), Selected benchmarks for forced vibration, test 5T; Altair
+    OptiStruct verification OS-V:0330.
     """
     beam = loaded_beam(comm)
     system, every = beam.system, [port for port in beam.system.outputs if port != MOVED]
@@ -103,25 +135,58 @@ def check_transient_beam(comm: MPI.Comm) -> list[ValidationRow]:
     stress = max(abs(float(beam.stresses(found.outputs[place, 1:], FIBRE)[0])) for place in near)
     static = float(system.outputs[MOVED] @ solve_static(system, system.inputs[LOAD]).displacements)
     return [
-        judge("nafems-5t", "peak displacement", 1e3 * moved.max(), Target(1.043, "mm", 1e-2, PUBLISHED)),
-        judge("nafems-5t", "time of the peak", 1e3 * found.times[int(np.argmax(moved))], Target(11.7, "ms", 2e-2, PUBLISHED)),
-        judge("nafems-5t", "static displacement", 1e3 * static, Target(0.538, "mm", 1e-2, PUBLISHED)),
-        judge("nafems-5t", "peak fibre stress", 1e-6 * stress, Target(18.76, "MPa", 4e-2, PUBLISHED)),
+        judge(
+            "nafems-5t",
+            "peak displacement",
+            1e3 * moved.max(),
+            Target(1.043, "mm", 1e-2, PUBLISHED),
+        ),
+        judge(
+            "nafems-5t",
+            "time of the peak",
+            1e3 * found.times[int(np.argmax(moved))],
+            Target(11.7, "ms", 2e-2, PUBLISHED),
+        ),
+        judge(
+            "nafems-5t", "static displacement", 1e3 * static, Target(0.538, "mm", 1e-2, PUBLISHED)
+        ),
+        judge(
+            "nafems-5t", "peak fibre stress", 1e-6 * stress, Target(18.76, "MPa", 4e-2, PUBLISHED)
+        ),
     ]
 
 
 def loaded_beam(comm: MPI.Comm) -> LoadedBeam:
     """Mesh, reduce and support the beam."""
     size = (DEEP_BEAM.width, DEEP_BEAM.depth, DEEP_BEAM.length)
-    interfaces = {name: face_interface(name, face, "average") for name, face in (("a", "z-"), ("b", "z+"))}
-    part = Component("beam", Box(size), DEEP_BEAM.material, interfaces=interfaces, mesh=mesh_settings("hex27", SIZE))
+    interfaces = {
+        name: face_interface(name, face, "average") for name, face in (("a", "z-"), ("b", "z+"))
+    }
+    part = Component(
+        "beam",
+        Box(size),
+        DEEP_BEAM.material,
+        interfaces=interfaces,
+        mesh=mesh_settings("hex27", SIZE),
+    )
     # a uniform load is a uniform acceleration of a prismatic body
-    load = Load("line", "beam", "body", vector=(LOAD_PER_LENGTH / DEEP_BEAM.mass_per_length, 0.0, 0.0))
+    load = Load(
+        "line", "beam", "body", vector=(LOAD_PER_LENGTH / DEEP_BEAM.mass_per_length, 0.0, 0.0)
+    )
     mesh = shared_mesh(part, (), (load,), comm=comm)
-    element = reduce_elastic(part, mesh, (), (load,), comm=comm, request=ReductionRequest(modes=ModeTarget(count=MODES)))
+    element = reduce_elastic(
+        part, mesh, (), (load,), comm=comm, request=ReductionRequest(modes=ModeTarget(count=MODES))
+    )
     held = {"a": (0, 1, 2, 5), "b": (0, 1)}
-    joints = {end: Joint(end, (JointEnd(), JointEnd("beam", end)), "spring", held=dofs) for end, dofs in held.items()}
-    coupled = couple({"beam": element}, Machine("deep beam", {"beam": part}, joints, loads={"line": load}), Pose("reference"))
+    joints = {
+        end: Joint(end, (JointEnd(), JointEnd("beam", end)), "spring", held=dofs)
+        for end, dofs in held.items()
+    }
+    coupled = couple(
+        {"beam": element},
+        Machine("deep beam", {"beam": part}, joints, loads={"line": load}),
+        Pose("reference"),
+    )
     if element.recovery is None:
         raise ValueError("the beam was reduced without its recovery basis")
     fields: FloatArray = element.recovery.basis @ coupled.basis
@@ -129,12 +194,16 @@ def loaded_beam(comm: MPI.Comm) -> LoadedBeam:
     unit: FloatArray = np.eye(fields.shape[1])
     outputs: dict[Port, FloatArray] = {MOVED: fields[3 * axis]}
     outputs |= {(f"q{number}", "x"): unit[number] for number in range(len(unit))}
-    system = dataclasses.replace(coupled.system, inputs={LOAD: coupled.loads["line"]}, outputs=outputs)
+    system = dataclasses.replace(
+        coupled.system, inputs={LOAD: coupled.loads["line"]}, outputs=outputs
+    )
     return LoadedBeam(add_modal_damping(system, [DAMPING]), mesh, fields)
 
 
 def _section_points() -> tuple[FloatArray, FloatArray]:
-    """Gauss points of the section at midspan ``(n, 3)``, and weights that make the bending moment of stresses there."""
+    """Gauss points of the section at midspan ``(n, 3)``, and weights that make the bending moment
+    of stresses there.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(2)
     edges = np.arange(-0.5 * DEEP_BEAM.width, 0.5 * DEEP_BEAM.width, SIZE)
     places = (edges[:, None] + 0.5 * SIZE * (nodes + 1.0)).ravel()

@@ -1,4 +1,6 @@
-"""Rods and slender beams of line elements as second-order systems: small models with closed-form answers."""
+"""Rods and slender beams of line elements as second-order systems: small models with closed-form
+answers.
+"""
 
 import numpy as np
 
@@ -11,7 +13,9 @@ QUADRATIC_STIFFNESS = np.array([[7.0, -8.0, 1.0], [-8.0, 16.0, -8.0], [1.0, -8.0
 QUADRATIC_MASS = np.array([[4.0, 2.0, -1.0], [2.0, 16.0, 2.0], [-1.0, 2.0, 4.0]]) / 30.0
 
 
-def rod_system(beam: PrismaticBeam, elements: int, *, clamped: bool = True, end_dashpot: float = 0.0) -> SecondOrderSystem:
+def rod_system(
+    beam: PrismaticBeam, elements: int, *, clamped: bool = True, end_dashpot: float = 0.0
+) -> SecondOrderSystem:
     """A rod along x, loaded and seen at its right end, the port ``("tip", "x")``.
 
     Args:
@@ -20,46 +24,63 @@ def rod_system(beam: PrismaticBeam, elements: int, *, clamped: bool = True, end_
         clamped: The left end is held; else it is free.
         end_dashpot: Viscous damper between the left end and ground [N s/m].
 
-    Source: Przemieniecki (1968), sections 5.5 and 11.3; Zienkiewicz and Taylor (2000) for the quadratic element.
+    Source: Przemieniecki (1968), sections 5.5 and 11.3; Zienkiewicz and Taylor (2000) for the
+    quadratic element.
     """
     step = beam.length / elements
-    stiffness = beam.material.youngs_modulus * beam.area / step * _assemble(QUADRATIC_STIFFNESS, elements)
+    stiffness = (
+        beam.material.youngs_modulus * beam.area / step * _assemble(QUADRATIC_STIFFNESS, elements)
+    )
     mass = beam.mass_per_length * step * _assemble(QUADRATIC_MASS, elements)
     damping = np.zeros_like(mass)
     damping[0, 0] = end_dashpot
     kept = slice(1 if clamped else 0, None)
-    return _tip_system(stiffness[kept, kept], mass[kept, kept], damping[kept, kept] if end_dashpot else None, -1)
+    return _tip_system(
+        stiffness[kept, kept], mass[kept, kept], damping[kept, kept] if end_dashpot else None, -1
+    )
 
 
 def spectral_rod(beam: PrismaticBeam, elements: int, order: int) -> SecondOrderSystem:
-    """A clamped rod of elements of high order with nodes and integration at Gauss-Lobatto-Legendre points: diagonal mass.
+    """A clamped rod of elements of high order with nodes and integration at Gauss-Lobatto-Legendre
+    points: diagonal mass.
 
-    About two of three modes have their frequency to many digits; of quadratic elements it is one of ten.
+    About two of three modes have their frequency to many digits; of quadratic elements it is one of
+    ten.
 
     Args:
         beam: Its length, section and material.
         elements: Equal elements.
         order: Of the polynomials.
 
-    Source: Maday and Patera (1989), Spectral element methods; Canuto, Hussaini, Quarteroni and Zang (2006), section 2.3.
+    Source: Maday and Patera (1989), Spectral element methods; Canuto, Hussaini, Quarteroni and Zang
+    (2006), section 2.3.
     """
     nodes, weights = _lobatto_points(order)
     slopes = _lagrange_slopes(nodes)
     half = 0.5 * beam.length / elements
-    stiffness = beam.material.youngs_modulus * beam.area / half * _assemble(slopes.T @ (weights[:, None] * slopes), elements)
+    stiffness = (
+        beam.material.youngs_modulus
+        * beam.area
+        / half
+        * _assemble(slopes.T @ (weights[:, None] * slopes), elements)
+    )
     mass = beam.mass_per_length * half * _assemble(np.diag(weights), elements)
     return _tip_system(stiffness[1:, 1:], mass[1:, 1:], None, -1)
 
 
 def _lobatto_points(order: int) -> tuple[FloatArray, FloatArray]:
-    """Nodes in [-1, 1] and weights ``(order + 1,)``: the ends and the roots of the derivative of the Legendre polynomial."""
+    """Nodes in [-1, 1] and weights ``(order + 1,)``: the ends and the roots of the derivative of
+    the Legendre polynomial.
+    """
     legendre = np.polynomial.legendre.Legendre.basis(order)
     nodes = np.concatenate([[-1.0], np.sort(legendre.deriv().roots().real), [1.0]])
     return nodes, 2.0 / (order * (order + 1) * legendre(nodes) ** 2)
 
 
 def _lagrange_slopes(nodes: FloatArray) -> FloatArray:
-    """Derivative at node i of the polynomial that is one at node j ``(n, n)``, by barycentric weights."""
+    """Derivative at node i of the polynomial that is one at node j ``(n, n)``, by barycentric
+    weights.
+    """
     gaps = nodes[:, None] - nodes + np.eye(len(nodes))
     weights = 1.0 / gaps.prod(axis=1)
     slopes = weights / weights[:, None] / gaps
@@ -97,7 +118,11 @@ def _assemble(local: FloatArray, elements: int, *, shared: int = 1) -> FloatArra
     return total
 
 
-def _tip_system(stiffness: FloatArray, mass: FloatArray, damping: FloatArray | None, tip: int) -> SecondOrderSystem:
+def _tip_system(
+    stiffness: FloatArray, mass: FloatArray, damping: FloatArray | None, tip: int
+) -> SecondOrderSystem:
     port = np.zeros(len(mass))
     port[tip] = 1.0
-    return SecondOrderSystem(mass, damping, stiffness, {TIP: port}, {TIP: port}, tuple(f"q{i}" for i in range(len(mass))))
+    return SecondOrderSystem(
+        mass, damping, stiffness, {TIP: port}, {TIP: port}, tuple(f"q{i}" for i in range(len(mass)))
+    )

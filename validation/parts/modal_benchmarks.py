@@ -1,4 +1,6 @@
-"""Published and derived modal benchmarks: FV5, the block on springs, the free and the square column, SDLL02."""
+"""Published and derived modal benchmarks: FV5, the block on springs, the free and the square
+column, SDLL02.
+"""
 
 import dataclasses
 
@@ -31,9 +33,23 @@ from headstock.validation.parts.closed_form_cases import (
     face_interface,
     mesh_settings,
 )
-from headstock.validation.parts.component_models import FullModes, full_model, full_modes, held_by, rigid_frequencies, shared_mesh
+from headstock.validation.parts.component_models import (
+    FullModes,
+    full_model,
+    full_modes,
+    held_by,
+    rigid_frequencies,
+    shared_mesh,
+)
 from headstock.validation.parts.structured_meshes import lattice_mesh, straight_lattice
-from headstock.validation.references.rows import Target, ValidationRow, judge, judge_all, judge_bound, named_after
+from headstock.validation.references.rows import (
+    Target,
+    ValidationRow,
+    judge,
+    judge_all,
+    judge_bound,
+    named_after,
+)
 from headstock.validation.references.values import reference_case
 
 SECOND_ORDER_KINDS: tuple[CellKind, ...] = ("tet10", "hex27")
@@ -49,12 +65,22 @@ TURN_ABOUT_AXIS = 5
 
 
 def check_deep_beam(comm: MPI.Comm) -> list[ValidationRow]:
-    """FV5: a deep beam whose end sections are supported in the mean, by averaging interfaces and joints."""
+    """FV5: a deep beam whose end sections are supported in the mean, by averaging interfaces and
+    joints.
+    """
     rows: list[ValidationRow] = []
     for kind in SECOND_ORDER_KINDS:
-        interfaces = {name: face_interface(name, face, "average") for name, face in (("a", "z-"), ("b", "z+"))}
+        interfaces = {
+            name: face_interface(name, face, "average") for name, face in (("a", "z-"), ("b", "z+"))
+        }
         size = (DEEP_BEAM.width, DEEP_BEAM.depth, DEEP_BEAM.length)
-        beam = Component("beam", Box(size), DEEP_BEAM.material, interfaces=interfaces, mesh=mesh_settings(kind, DEEP_SIZE))
+        beam = Component(
+            "beam",
+            Box(size),
+            DEEP_BEAM.material,
+            interfaces=interfaces,
+            mesh=mesh_settings(kind, DEEP_SIZE),
+        )
         mesh = shared_mesh(beam, comm=comm)
         request = ReductionRequest(modes=ModeTarget(count=DEEP_MODES), recovery=False)
         element = reduce_elastic(beam, mesh, comm=comm, request=request)
@@ -80,28 +106,45 @@ def check_block(comm: MPI.Comm) -> list[ValidationRow]:
         joints[joint.name] = dataclasses.replace(joint, stiffness=stiffness, point=corner)
     machine = Machine("block", {"block": block}, joints)
     element = reduce_rigid(block, describe_component(block))
-    return judge_all("block", reference_case("block"), _coupled_frequencies({"block": element}, machine, 6))
+    return judge_all(
+        "block", reference_case("block"), _coupled_frequencies({"block": element}, machine, 6)
+    )
 
 
 def check_free_column(comm: MPI.Comm) -> list[ValidationRow]:
     """DER-FREE: elastic and rigid-body modes of the seed's column without any support.
 
-    The tabled values are those of 2 x 4 x 16 hexahedra and up to 0.3 % above the converged ones, so they are held on that mesh;
-    finer meshes of two kinds are held against each other.
+    The tabled values are those of 2 x 4 x 16 hexahedra and up to 0.3 % above the converged ones, so
+    they are held on that mesh; finer meshes of two kinds are held against each other.
     """
     lattice = straight_lattice(FREE_CELLS, COLUMN_SIZE)
     found, ratio = _free_modes(lattice_mesh(lattice, "hex27", straight=True), comm)
     judged = judge_all("free", reference_case("free"), found)
-    rows = [dataclasses.replace(row, kind="same mesh", note="on the table's own mesh, 2 x 4 x 16") for row in judged]
+    rows = [
+        dataclasses.replace(row, kind="same mesh", note="on the table's own mesh, 2 x 4 x 16")
+        for row in judged
+    ]
     rows.append(judge_bound("free", "largest rigid-body frequency over f7", ratio, RIGID_RATIO))
     fine, ratios = {}, {}
     for kind in SECOND_ORDER_KINDS:
         component = column(mesh_settings(kind, FREE_SIZE))
         fine[kind], ratios[kind] = _free_modes(shared_mesh(component, comm=comm), comm)
-        rows.append(judge_bound("free", f"fine {kind} largest rigid-body frequency over f7", ratios[kind], RIGID_RATIO))
+        rows.append(
+            judge_bound(
+                "free",
+                f"fine {kind} largest rigid-body frequency over f7",
+                ratios[kind],
+                RIGID_RATIO,
+            )
+        )
     for number, (tet, hexa) in enumerate(zip(fine["tet10"], fine["hex27"], strict=True), start=7):
         rows.append(
-            judge("free", f"fine tet10 f{number} against fine hex27", tet, Target(hexa, "Hz", FINE_AGREEMENT, "second mesh"))
+            judge(
+                "free",
+                f"fine tet10 f{number} against fine hex27",
+                tet,
+                Target(hexa, "Hz", FINE_AGREEMENT, "second mesh"),
+            )
         )
     return rows
 
@@ -110,23 +153,45 @@ def check_square_column(comm: MPI.Comm) -> list[ValidationRow]:
     """DER-SQCOL: repeated pairs of bending modes, both found, and together."""
     rows: list[ValidationRow] = []
     for kind in SECOND_ORDER_KINDS:
-        component = Component("square", Box((SQUARE_SIDE, SQUARE_SIDE, 0.5)), STEEL, mesh=mesh_settings(kind, SQUARE_SIZE))
+        component = Component(
+            "square",
+            Box((SQUARE_SIDE, SQUARE_SIDE, 0.5)),
+            STEEL,
+            mesh=mesh_settings(kind, SQUARE_SIZE),
+        )
         found = _clamped_modes(component, 8, comm)[0].frequencies_hz[:8]
-        rows += named_after(kind, judge_all("square-column", reference_case("square-column"), found))
+        rows += named_after(
+            kind, judge_all("square-column", reference_case("square-column"), found)
+        )
         splits = found[[1, 3, 7]] / found[[0, 2, 6]] - 1.0
-        rows.append(judge_bound("square-column", f"{kind} largest split of a pair", float(splits.max()), PAIR_SPLIT[kind]))
+        rows.append(
+            judge_bound(
+                "square-column",
+                f"{kind} largest split of a pair",
+                float(splits.max()),
+                PAIR_SPLIT[kind],
+            )
+        )
     return rows
 
 
 def check_slender_cantilever(comm: MPI.Comm) -> list[ValidationRow]:
-    """SDLL02: bending about the weak axis in 3D, which a section ten times as wide as thick makes stiffer than a beam."""
+    """SDLL02: bending about the weak axis in 3D, which a section ten times as wide as thick makes
+    stiffer than a beam.
+    """
     rows: list[ValidationRow] = []
     reference = reference_case("slender-cantilever")
     for kind in SECOND_ORDER_KINDS:
         size = (SLENDER_BEAM.depth, SLENDER_BEAM.width, SLENDER_BEAM.length)
         mesh = mesh_settings(kind, SLENDER_SIZE)
-        modes, kinds = _clamped_modes(Component("strip", Box(size), SLENDER_BEAM.material, mesh=mesh), SLENDER_MODES, comm)
-        found = [value for value, motion in zip(modes.frequencies_hz, kinds, strict=True) if motion == "x"][:5]
+        modes, kinds = _clamped_modes(
+            Component("strip", Box(size), SLENDER_BEAM.material, mesh=mesh), SLENDER_MODES, comm
+        )
+        found = [
+            value
+            for value, motion in zip(modes.frequencies_hz, kinds, strict=True)
+            if motion == "x"
+        ][:5]
         notes = [f"3D lies {100.0 * (value / right - 1.0):+.2f} % from the beam: the wide section resists its anticlastic bending"
                  for value, right in zip(found, reference.values.values(), strict=True)]  # fmt: skip
         rows += named_after(kind, judge_all("sdll02", reference, found, notes=notes))
@@ -134,7 +199,9 @@ def check_slender_cantilever(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def _free_modes(mesh: ComponentMesh, comm: MPI.Comm) -> tuple[FloatArray, float]:
-    """Elastic frequencies of the free steel body, and what is left of its rigid-body frequencies over the first of them."""
+    """Elastic frequencies of the free steel body, and what is left of its rigid-body frequencies
+    over the first of them.
+    """
     model = full_model(mesh, STEEL, comm=comm)
     found = full_modes(model, FREE_COUNT).frequencies_hz[:FREE_COUNT]
     return found, float(rigid_frequencies(model).max() / found[0])
@@ -149,9 +216,13 @@ def _clamped_modes(component: Component, count: int, comm: MPI.Comm) -> tuple[Fu
     return modes, beam_mode_kinds(mesh.points, shapes, 2)
 
 
-def _ground_joint(name: str, component: str, interface: str, *, held: tuple[int, ...] = ()) -> Joint:
+def _ground_joint(
+    name: str, component: str, interface: str, *, held: tuple[int, ...] = ()
+) -> Joint:
     return Joint(name, (JointEnd(), JointEnd(component, interface)), "spring", held=held)
 
 
-def _coupled_frequencies(elements: dict[str, Superelement], machine: Machine, count: int) -> FloatArray:
+def _coupled_frequencies(
+    elements: dict[str, Superelement], machine: Machine, count: int
+) -> FloatArray:
     return solve_modal(couple(elements, machine, ORIGIN).system, count=count).frequencies_hz

@@ -9,9 +9,22 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import CellKind
 from headstock.validation.parts.closed_form_cases import ROD, STEEL
-from headstock.validation.parts.component_models import FullModel, FullModes, full_displacement, full_model, full_modes
+from headstock.validation.parts.component_models import (
+    FullModel,
+    FullModes,
+    full_displacement,
+    full_model,
+    full_modes,
+)
 from headstock.validation.parts.structured_meshes import field_error, lattice_mesh, straight_lattice
-from headstock.validation.references.rows import Target, ValidationRow, judge, judge_all, judge_order, named_after
+from headstock.validation.references.rows import (
+    Target,
+    ValidationRow,
+    judge,
+    judge_all,
+    judge_order,
+    named_after,
+)
 from headstock.validation.references.torsion import axial_frequencies
 from headstock.validation.references.values import reference_case
 
@@ -28,12 +41,16 @@ DIRECTIONS = np.array([1.0, -2.0, 0.5])
 def check_rod_orders(comm: MPI.Comm) -> list[ValidationRow]:
     """Axial frequencies of the rod with nu = 0: of order 2 p, as the solution is smooth.
 
-    Sideways motion is held, which with nu = 0 takes nothing from an axial mode but sorts out bending and torsion.
+    Sideways motion is held, which with nu = 0 takes nothing from an axial mode but sorts out
+    bending and torsion.
     """
     exact = axial_frequencies(ROD, "clamped-free", 3)[2]
     rows = []
     for kind in KINDS:
-        errors = [rod_frequencies(kind, count, comm, sideways="held")[2] / exact - 1.0 for count in ROD_ELEMENTS]
+        errors = [
+            rod_frequencies(kind, count, comm, sideways="held")[2] / exact - 1.0
+            for count in ROD_ELEMENTS
+        ]
         order = float(np.log2(errors[-2] / errors[-1]))
         quantity = f"{kind} axial f3, {ROD_ELEMENTS[-2]} to {ROD_ELEMENTS[-1]} elements"
         rows.append(judge_order("rod-orders", quantity, order, 2.0 * ORDER[kind]))
@@ -41,7 +58,9 @@ def check_rod_orders(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_rod_frequencies(comm: MPI.Comm) -> list[ValidationRow]:
-    """Axial frequencies of the rod whose end face is held along the axis only, among its bending and torsional ones."""
+    """Axial frequencies of the rod whose end face is held along the axis only, among its bending
+    and torsional ones.
+    """
     rows: list[ValidationRow] = []
     for kind in SECOND_ORDER_KINDS:
         found = rod_frequencies(kind, ROD_ELEMENTS[-1], comm, sideways="free")
@@ -50,7 +69,9 @@ def check_rod_frequencies(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_displacement_orders(comm: MPI.Comm) -> list[ValidationRow]:
-    """Displacement under a manufactured body force in a clamped cube: of order p + 1 in the mean square."""
+    """Displacement under a manufactured body force in a clamped cube: of order p + 1 in the mean
+    square.
+    """
     case = "displacement-orders"
     rows = []
     for kind in KINDS:
@@ -60,12 +81,17 @@ def check_displacement_orders(comm: MPI.Comm) -> list[ValidationRow]:
         quantity = f"{kind} displacement, {CUBE_ELEMENTS[-2]} to {CUBE_ELEMENTS[-1]} elements"
         rows.append(judge_order(case, quantity, order, ORDER[kind] + 1.0))
         bound = Target(0.0, "-", CUBE_TOLERANCE[ORDER[kind]], "closed form")
-        rows.append(judge(case, f"{kind} relative error, {CUBE_ELEMENTS[-1]} elements", errors[-1], bound))
+        rows.append(
+            judge(case, f"{kind} relative error, {CUBE_ELEMENTS[-1]} elements", errors[-1], bound)
+        )
     return rows
 
 
-def rod_frequencies(kind: CellKind, elements: int, comm: MPI.Comm, *, sideways: Literal["free", "held"]) -> FloatArray:
-    """The first three axial frequencies ``(3,)`` [Hz] of the rod, told from bending and torsion by their shapes.
+def rod_frequencies(
+    kind: CellKind, elements: int, comm: MPI.Comm, *, sideways: Literal["free", "held"]
+) -> FloatArray:
+    """The first three axial frequencies ``(3,)`` [Hz] of the rod, told from bending and torsion by
+    their shapes.
 
     Args:
         kind: Of the cells.
@@ -73,17 +99,22 @@ def rod_frequencies(kind: CellKind, elements: int, comm: MPI.Comm, *, sideways: 
         comm: Ranks; collective.
         sideways: Whether nodes may move across the rod.
     """
-    mesh = lattice_mesh(straight_lattice((elements, 1, 1), (ROD.length, ROD.width, ROD.depth)), kind, straight=True)
+    mesh = lattice_mesh(
+        straight_lattice((elements, 1, 1), (ROD.length, ROD.width, ROD.depth)), kind, straight=True
+    )
     held = np.zeros((len(mesh.points), 3), dtype=bool)
     held[mesh.points[:, 0] < 1e-9, 0] = True
     held[:, 1:] = sideways == "held"
     model = full_model(mesh, ROD.material, comm=comm, held=held)
     modes = full_modes(model, ROD_MODES)
-    return np.array([modes.frequencies_hz[_closest_shape(model, modes, number)] for number in (1, 2, 3)])
+    return np.array(
+        [modes.frequencies_hz[_closest_shape(model, modes, number)] for number in (1, 2, 3)]
+    )
 
 
 def cube_error(kind: CellKind, elements: int, comm: MPI.Comm) -> float:
-    """Relative mean-square error [-] of the displacement in a clamped unit cube under a manufactured body force.
+    """Relative mean-square error [-] of the displacement in a clamped unit cube under a
+    manufactured body force.
 
     Args:
         kind: Of the cells.
@@ -97,7 +128,9 @@ def cube_error(kind: CellKind, elements: int, comm: MPI.Comm) -> float:
     # with unit density the mass matrix turns nodal forces per volume into consistent loads
     forces = model.owned(_cube_force(mesh.points, material)[:, :, None])
     loads = model.everywhere(model.operators.apply_mass(forces))[:, :, 0]
-    return field_error(mesh.points, mesh.cells, kind, full_displacement(model, loads), _cube_displacement)
+    return field_error(
+        mesh.points, mesh.cells, kind, full_displacement(model, loads), _cube_displacement
+    )
 
 
 def _closest_shape(model: FullModel, modes: FullModes, number: int) -> int:
@@ -112,7 +145,9 @@ def _cube_displacement(places: FloatArray) -> FloatArray:
 
 
 def _cube_force(places: FloatArray, material: Material) -> FloatArray:
-    """Body force ``(n, 3)`` [N/m^3] that belongs to the displacement: ``-(lambda + mu) grad div u - mu lap u``."""
+    """Body force ``(n, 3)`` [N/m^3] that belongs to the displacement: ``-(lambda + mu) grad div u -
+    mu lap u``.
+    """
     young, poisson = material.youngs_modulus, material.poisson_ratio
     shear = young / (2.0 * (1.0 + poisson))
     lame = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
@@ -121,4 +156,6 @@ def _cube_force(places: FloatArray, material: Material) -> FloatArray:
     for i in range(3):
         for j in set(range(3)) - {i}:
             gradient[:, j] += DIRECTIONS[i] * cosines[:, i] * cosines[:, j] * sines[:, 3 - i - j]
-    return np.asarray(np.pi**2 * (3.0 * shear * _cube_displacement(places) - (lame + shear) * gradient))
+    return np.asarray(
+        np.pi**2 * (3.0 * shear * _cube_displacement(places) - (lame + shear) * gradient)
+    )

@@ -1,4 +1,6 @@
-"""Thin plates down to 1:1000 as solid elements, one through the thickness, against plate theory or finer meshes, and what they cost."""
+"""Thin plates down to 1:1000 as solid elements, one through the thickness, against plate theory or
+finer meshes, and what they cost.
+"""
 
 import time
 from collections.abc import Sequence
@@ -20,52 +22,98 @@ from headstock.validation.references.rows import Target, ValidationRow, judge, s
 
 CASE = "thin-parts"
 SIDE = 0.4
-# omega a^2 sqrt(rho h / D) of square plates, Poisson's ratio 0.3: closed form, and Leissa (1973), J. Sound Vib. 31, tables C10 and C15
+# omega a^2 sqrt(rho h / D) of square plates, Poisson's ratio 0.3: closed form, and Leissa (1973),
+# J. Sound Vib. 31, tables C10 and C15
 HINGED = np.array([2.0, 5.0, 5.0]) * np.pi**2
 ONE_FACE = np.array([3.4917, 8.5246, 21.429])
 TWO_FACES = np.array([22.272, 26.529, 43.664])
 TOLERANCE = 0.01
 # meshes that hold 1 % in three frequencies, and what tets say at 1:1000
-MESHES = {50: (("hex", 0.025), ("tet", 0.025)), 200: (("tet", 0.0125),), 1000: (("hex", 0.025), ("tet", 0.007))}
+MESHES = {
+    50: (("hex", 0.025), ("tet", 0.025)),
+    200: (("tet", 0.0125),),
+    1000: (("hex", 0.025), ("tet", 0.007)),
+}
 SHOWN = {(1000, "tet", 0.007)}  # not judged: one of its nine frequencies is 1.3 % off
 COUPLINGS: tuple[Literal["average", "rigid"], ...] = ("average", "rigid")
 LOCKED = ((1000, "tet", 0.0125), (1000, "tet", 0.025))
 
 
 def check_thin_plates(comm: MPI.Comm) -> list[ValidationRow]:
-    """Three frequencies of square plates held at hinged edges, one end face and two end faces, hexes and tets."""
+    """Three frequencies of square plates held at hinged edges, one end face and two end faces,
+    hexes and tets.
+    """
     rows: list[ValidationRow] = []
     for ratio, meshes in MESHES.items():
         for cells, size in meshes:
-            for held, factors in (("hinged edges", HINGED), ("one face", ONE_FACE), ("two faces", TWO_FACES)):
+            for held, factors in (
+                ("hinged edges", HINGED),
+                ("one face", ONE_FACE),
+                ("two faces", TWO_FACES),
+            ):
                 found, dofs, seconds = _frequencies(held, SIDE / ratio, cells, size, comm)
                 exact = plate_frequencies(factors, SIDE / ratio)
                 worst = int(np.argmax(np.abs(found / exact - 1.0)))
                 text = f"1:{ratio} {held}, {cells} {1e3 * size:g} mm, mode {worst + 1} (worst of 3)"
                 note = f"{dofs} dofs, {seconds:.1f} CPU s"
                 if (ratio, cells, size) in SHOWN:
-                    rows.append(show(CASE, f"{text}, over plate theory", float(found[worst] / exact[worst]), "-", note))
+                    rows.append(
+                        show(
+                            CASE,
+                            f"{text}, over plate theory",
+                            float(found[worst] / exact[worst]),
+                            "-",
+                            note,
+                        )
+                    )
                     continue
-                target = Target(float(exact[worst]), "Hz", TOLERANCE, "closed form" if held == "hinged edges" else "published")
+                target = Target(
+                    float(exact[worst]),
+                    "Hz",
+                    TOLERANCE,
+                    "closed form" if held == "hinged edges" else "published",
+                )
                 rows.append(judge(CASE, text, float(found[worst]), target, note))
     for ratio, cells, size in LOCKED:
         found, dofs, seconds = _frequencies("hinged edges", SIDE / ratio, cells, size, comm)
         share = float(found[0] / plate_frequencies(HINGED, SIDE / ratio)[0])
         note = f"elements {size * ratio / SIDE:.0f} times as long as thick; {dofs} dofs, {seconds:.1f} CPU s"
-        rows.append(show(CASE, f"1:{ratio} hinged edges, {cells} {1e3 * size:g} mm, first over plate theory", share, "-", note))
+        rows.append(
+            show(
+                CASE,
+                f"1:{ratio} hinged edges, {cells} {1e3 * size:g} mm, first over plate theory",
+                share,
+                "-",
+                note,
+            )
+        )
     return rows + _check_pads(comm)
 
 
 def _check_pads(comm: MPI.Comm) -> list[ValidationRow]:
-    """A sheet on four pads, as bolts hold it, for which there is no closed form: hexes against finer ones."""
+    """A sheet on four pads, as bolts hold it, for which there is no closed form: hexes against
+    finer ones.
+    """
     rows: list[ValidationRow] = []
     for coupling in COUPLINGS:
-        exact = _reduce(_sheet_on_pads(coupling, MeshSettings(0.01, cells="hex", across_patches=8)), (), comm).frequencies_hz
-        found, dofs, seconds = _reduce(_sheet_on_pads(coupling, MeshSettings(0.015, cells="hex")), (), comm)
+        exact = _reduce(
+            _sheet_on_pads(coupling, MeshSettings(0.01, cells="hex", across_patches=8)), (), comm
+        ).frequencies_hz
+        found, dofs, seconds = _reduce(
+            _sheet_on_pads(coupling, MeshSettings(0.015, cells="hex")), (), comm
+        )
         worst = int(np.argmax(np.abs(found / exact - 1.0)))
         text = f"1:200 on four {'rigid' if coupling == 'rigid' else 'averaging'} pads, hex 15 mm, mode {worst + 1} (worst of 3)"
         target = Target(float(exact[worst]), "Hz", TOLERANCE, "second mesh")
-        rows.append(judge(CASE, text, float(found[worst]), target, f"{dofs} dofs, {seconds:.1f} CPU s; finer hexes"))
+        rows.append(
+            judge(
+                CASE,
+                text,
+                float(found[worst]),
+                target,
+                f"{dofs} dofs, {seconds:.1f} CPU s; finer hexes",
+            )
+        )
     return rows
 
 
@@ -83,7 +131,9 @@ def plate_frequencies(factors: FloatArray, thickness: float) -> FloatArray:
     Source: Leissa (1973).
     """
     rigidity = STEEL.youngs_modulus * thickness**3 / (12.0 * (1.0 - STEEL.poisson_ratio**2))
-    return np.asarray(factors / (2.0 * np.pi * SIDE**2) * np.sqrt(rigidity / (STEEL.density * thickness)))
+    return np.asarray(
+        factors / (2.0 * np.pi * SIDE**2) * np.sqrt(rigidity / (STEEL.density * thickness))
+    )
 
 
 class _Solved(NamedTuple):
@@ -96,11 +146,19 @@ class _Solved(NamedTuple):
 
 def _frequencies(held: str, thickness: float, cells: str, size: float, comm: MPI.Comm) -> _Solved:
     faces = {"one face": ("x-",), "two faces": ("x-", "x+")}.get(held, ())
-    interfaces = {f"f{i}": Interface(f"f{i}", (Patch(face),), "rigid") for i, face in enumerate(faces)}
-    edges = {"x-": ("y", "z"), "x+": ("y", "z"), "y-": ("x", "z"), "y+": ("x", "z")} if not faces else {}
+    interfaces = {
+        f"f{i}": Interface(f"f{i}", (Patch(face),), "rigid") for i, face in enumerate(faces)
+    }
+    edges = (
+        {"x-": ("y", "z"), "x+": ("y", "z"), "y-": ("x", "z"), "y+": ("x", "z")}
+        if not faces
+        else {}
+    )
     supports = [Support(face, "plate", (Patch(face),), fixed) for face, fixed in edges.items()]
     mesh_settings = MeshSettings(size, cells="hex" if cells == "hex" else "tet")
-    plate = Component("plate", Box((SIDE, SIDE, thickness)), STEEL, interfaces=interfaces, mesh=mesh_settings)
+    plate = Component(
+        "plate", Box((SIDE, SIDE, thickness)), STEEL, interfaces=interfaces, mesh=mesh_settings
+    )
     return _reduce(plate, supports, comm)
 
 

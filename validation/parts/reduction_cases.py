@@ -12,7 +12,13 @@ from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.elastic.block_lanczos import ModeTarget
-from headstock.validation.parts.closed_form_cases import COLUMN_SIZE, STEEL, column, face_interface, mesh_settings
+from headstock.validation.parts.closed_form_cases import (
+    COLUMN_SIZE,
+    STEEL,
+    column,
+    face_interface,
+    mesh_settings,
+)
 from headstock.validation.parts.component_models import (
     all_frequencies,
     full_model,
@@ -38,7 +44,9 @@ SHARP = 1e-3
 
 
 def check_all_modes(comm: MPI.Comm) -> list[ValidationRow]:
-    """With every fixed-interface mode kept the superelement has the frequencies of the whole model; with none it is Guyan's."""
+    """With every fixed-interface mode kept the superelement has the frequencies of the whole model;
+    with none it is Guyan's.
+    """
     case = "all-modes"
     rows = []
     for coupling in COUPLINGS:
@@ -48,17 +56,36 @@ def check_all_modes(comm: MPI.Comm) -> list[ValidationRow]:
         centers = {"foot": element.frames[0].origin, "head": element.frames[1].origin}
         matrices = rigid_face_matrices(mesh, STEEL, centers if coupling == "rigid" else {})
         whole = all_frequencies(matrices)
-        rows.append(judge_bound(case, f"{coupling}: dofs more or fewer than the whole model", len(found) - len(whole), 0.0))
+        rows.append(
+            judge_bound(
+                case,
+                f"{coupling}: dofs more or fewer than the whole model",
+                len(found) - len(whole),
+                0.0,
+            )
+        )
         if len(found) == len(whole):
             worst = float(np.abs(found[RIGID:] / whole[RIGID:] - 1.0).max())
-            rows.append(judge_bound(case, f"{coupling}: largest error of {len(whole) - RIGID} frequencies", worst, 1e-9))
+            rows.append(
+                judge_bound(
+                    case,
+                    f"{coupling}: largest error of {len(whole) - RIGID} frequencies",
+                    worst,
+                    1e-9,
+                )
+            )
         if coupling == "rigid":
             condensed = _reduce(component, mesh, 0, comm)
             names = ("stiffness", "mass")
-            for name, left, right in zip(names, (condensed.stiffness, condensed.mass), guyan_matrices(matrices), strict=True):
+            for name, left, right in zip(
+                names, (condensed.stiffness, condensed.mass), guyan_matrices(matrices), strict=True
+            ):
                 rows.append(
                     judge_bound(
-                        case, f"no modes: {name} against Guyan's", float(np.abs(left - right).max() / np.abs(right).max()), 1e-10
+                        case,
+                        f"no modes: {name} against Guyan's",
+                        float(np.abs(left - right).max() / np.abs(right).max()),
+                        1e-10,
                     )
                 )
     return rows
@@ -73,21 +100,32 @@ def check_static_exactness(comm: MPI.Comm) -> list[ValidationRow]:
     for count in MODE_COUNTS:
         element = _reduce(component, mesh, count, comm)
         if not exact.any():
-            centers = {name: element.frames[element.attachments[name].node].origin for name in ("foot", "head")}
+            centers = {
+                name: element.frames[element.attachments[name].node].origin
+                for name in ("foot", "head")
+            }
             exact = held_compliance(rigid_face_matrices(mesh, STEEL, centers))
         found = np.linalg.inv(element.stiffness[6:, 6:])[:6, :6]
         scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
         worst = float(np.abs((found - exact) / scale).max())
-        rows.append(judge_bound(case, f"{element.modal_count} modes: compliance of the head, foot held", worst, 1e-8))
+        rows.append(
+            judge_bound(
+                case, f"{element.modal_count} modes: compliance of the head, foot held", worst, 1e-8
+            )
+        )
     return rows
 
 
 def check_mode_truncation(comm: MPI.Comm) -> list[ValidationRow]:
-    """The first ten elastic frequencies of the free column with rigid faces, by how far up fixed-interface modes are kept."""
+    """The first ten elastic frequencies of the free column with rigid faces, by how far up
+    fixed-interface modes are kept.
+    """
     case = "mode-truncation"
     component, mesh = _column("rigid", FINE, comm)
     element = _reduce(component, mesh, MOST_MODES, comm)
-    centers = {name: element.frames[element.attachments[name].node].origin for name in ("foot", "head")}
+    centers = {
+        name: element.frames[element.attachments[name].node].origin for name in ("foot", "head")
+    }
     whole = lowest_frequencies(rigid_face_matrices(mesh, STEEL, centers), RIGID + WATCHED)[RIGID:]
     # fewer than four modes leave fewer than ten elastic frequencies: an endless error
     errors = np.full((element.modal_count + 1, WATCHED), np.inf)
@@ -100,12 +138,22 @@ def check_mode_truncation(comm: MPI.Comm) -> list[ValidationRow]:
         rows.append(judge_bound(case, quantity, float(errors[count].max()), allowed))
     rows.append(
         judge_bound(
-            case, "deepest fall below the whole model", min(float(errors.min()), 0.0), FROM_ABOVE, "frequencies come from above"
+            case,
+            "deepest fall below the whole model",
+            min(float(errors.min()), 0.0),
+            FROM_ABOVE,
+            "frequencies come from above",
         )
     )
     rise = max(float(np.diff(errors[WATCHED - RIGID :], axis=0).max()), 0.0)
     rows.append(
-        judge_bound(case, "largest rise of a frequency when a mode is added", rise, FROM_ABOVE, "monotone in the number of modes")
+        judge_bound(
+            case,
+            "largest rise of a frequency when a mode is added",
+            rise,
+            FROM_ABOVE,
+            "monotone in the number of modes",
+        )
     )
     return [*rows, *_sharp_rows(case, errors, element, float(whole[-1]))]
 
@@ -123,19 +171,41 @@ def check_rigid_body_content(comm: MPI.Comm) -> list[ValidationRow]:
         found = _frequencies(element.stiffness, element.mass)
         rows.append(
             judge_bound(
-                case, f"{coupling}: largest rigid-body frequency over the first elastic one", found[RIGID - 1] / found[RIGID], 1e-5
+                case,
+                f"{coupling}: largest rigid-body frequency over the first elastic one",
+                found[RIGID - 1] / found[RIGID],
+                1e-5,
             )
         )
         motions = rigid_motions(element, np.array([0.0, 0.0, z / 2.0]))
         content = motions.T @ element.mass @ motions
-        rows.append(judge(case, f"{coupling}: mass", float(content[0, 0]), Target(mass, "kg", 1e-9, "closed form")))
+        rows.append(
+            judge(
+                case,
+                f"{coupling}: mass",
+                float(content[0, 0]),
+                Target(mass, "kg", 1e-9, "closed form"),
+            )
+        )
         offset = float(np.abs(content[:3, 3:]).max() / (mass * z))
-        rows.append(judge_bound(case, f"{coupling}: offset of the centre of mass over the length", offset, 1e-9))
+        rows.append(
+            judge_bound(
+                case, f"{coupling}: offset of the centre of mass over the length", offset, 1e-9
+            )
+        )
         for axis, value, right in zip("xyz", np.diag(content)[3:], inertia, strict=True):
             rows.append(
-                judge(case, f"{coupling}: inertia about {axis}", float(value), Target(float(right), "kg m^2", 1e-9, "closed form"))
+                judge(
+                    case,
+                    f"{coupling}: inertia about {axis}",
+                    float(value),
+                    Target(float(right), "kg m^2", 1e-9, "closed form"),
+                )
             )
-        strain = float(np.linalg.norm(element.stiffness @ motions) / (np.linalg.norm(element.stiffness) * np.linalg.norm(motions)))
+        strain = float(
+            np.linalg.norm(element.stiffness @ motions)
+            / (np.linalg.norm(element.stiffness) * np.linalg.norm(motions))
+        )
         rows.append(judge_bound(case, f"{coupling}: forces caused by rigid motions", strain, 1e-9))
     return rows
 
@@ -148,22 +218,50 @@ def check_mean_truncation(comm: MPI.Comm) -> list[ValidationRow]:
     whole = full_modes(full_model(mesh, STEEL, comm=comm), WATCHED).frequencies_hz[:WATCHED]
     case = "average-truncation"
     worst = float((found / whole - 1.0).max())
-    rows = [judge_bound(case, f"{element.modal_count} modes: largest error of ten frequencies", worst, SHARP)]
+    rows = [
+        judge_bound(
+            case, f"{element.modal_count} modes: largest error of ten frequencies", worst, SHARP
+        )
+    ]
     lowest = min(float((found / whole - 1.0).min()), 0.0)
-    return [*rows, judge_bound(case, "deepest fall below the whole model", lowest, FROM_ABOVE, "frequencies come from above")]
+    return [
+        *rows,
+        judge_bound(
+            case,
+            "deepest fall below the whole model",
+            lowest,
+            FROM_ABOVE,
+            "frequencies come from above",
+        ),
+    ]
 
 
-def _sharp_rows(case: str, errors: FloatArray, element: Superelement, top_hz: float) -> list[ValidationRow]:
+def _sharp_rows(
+    case: str, errors: FloatArray, element: Superelement, top_hz: float
+) -> list[ValidationRow]:
     sharp = np.flatnonzero(errors.max(axis=1) <= SHARP)
     if not len(sharp):
-        return [show(case, "modes needed for 0.1 %", np.nan, "-", f"more than {element.modal_count}")]
+        return [
+            show(case, "modes needed for 0.1 %", np.nan, "-", f"more than {element.modal_count}")
+        ]
     count = int(sharp[0])
     reach = float(element.modal_frequencies_hz[count - 1]) / top_hz
-    return [show(case, "modes needed for 0.1 % of ten frequencies", count, "-", f"they reach {reach:.1f} x the range")]
+    return [
+        show(
+            case,
+            "modes needed for 0.1 % of ten frequencies",
+            count,
+            "-",
+            f"they reach {reach:.1f} x the range",
+        )
+    ]
 
 
 def _column(coupling: str, size: float, comm: MPI.Comm) -> tuple[Component, ComponentMesh]:
-    interfaces = {name: face_interface(name, face, coupling) for name, face in (("foot", "z-"), ("head", "z+"))}
+    interfaces = {
+        name: face_interface(name, face, coupling)
+        for name, face in (("foot", "z-"), ("head", "z+"))
+    }
     component = column(mesh_settings("hex27", size), interfaces)
     return component, shared_mesh(component, comm=comm)
 
@@ -179,4 +277,6 @@ def _truncated(element: Superelement, count: int) -> FloatArray:
 
 
 def _frequencies(stiffness: FloatArray, mass: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(np.abs(scipy.linalg.eigh(stiffness, mass, eigvals_only=True))) / (2.0 * np.pi))
+    return np.asarray(
+        np.sqrt(np.abs(scipy.linalg.eigh(stiffness, mass, eigvals_only=True))) / (2.0 * np.pi)
+    )

@@ -1,4 +1,6 @@
-"""Published static benchmarks on imported meshes: MacNeal and Harder's straight cantilever and NAFEMS LE10."""
+"""Published static benchmarks on imported meshes: MacNeal and Harder's straight cantilever and
+NAFEMS LE10.
+"""
 
 import dataclasses
 import math
@@ -34,7 +36,9 @@ POINT_D = np.array([[2.0, 0.0, THICKNESS]])
 
 
 def check_straight_cantilever(comm: MPI.Comm) -> list[ValidationRow]:
-    """MacNeal and Harder's cantilever of six imported elements, regular and slanted by 45 degrees, under four end loads."""
+    """MacNeal and Harder's cantilever of six imported elements, regular and slanted by 45 degrees,
+    under four end loads.
+    """
     rows: list[ValidationRow] = []
     reference = reference_case("straight-cantilever")
     for shape in TILT:
@@ -43,21 +47,40 @@ def check_straight_cantilever(comm: MPI.Comm) -> list[ValidationRow]:
             ratio = row.value / row.reference
             note = f"{ratio:.3f} of the published value, good second-order elements give {LOWEST:.2f} to {HIGHEST:.2f}"
             passed = LOWEST <= ratio <= HIGHEST
-            rows.append(dataclasses.replace(row, quantity=f"{shape} {row.quantity}", passed=passed, note=note))
+            rows.append(
+                dataclasses.replace(
+                    row, quantity=f"{shape} {row.quantity}", passed=passed, note=note
+                )
+            )
         theory = Target(cantilever_twist(STRAIGHT, 1.0), "-", math.nan, "shown only")
-        rows.append(judge("straight-cantilever", f"{shape} twist against Saint-Venant", found[3], theory))
+        rows.append(
+            judge("straight-cantilever", f"{shape} twist against Saint-Venant", found[3], theory)
+        )
     return rows
 
 
 def check_thick_plate(comm: MPI.Comm) -> list[ValidationRow]:
-    """LE10: stress at a point of a thick elliptic plate under pressure, on imported curved meshes."""
+    """LE10: stress at a point of a thick elliptic plate under pressure, on imported curved
+    meshes.
+    """
     case = "le10"
     stresses = [_plate_stress(cells, comm) for cells in PLATE_CELLS]
     rows = [
-        show(case, f"sigma_yy at D, {a} x {b} x {c} hex27", value, "MPa", "falls towards the published value")
+        show(
+            case,
+            f"sigma_yy at D, {a} x {b} x {c} hex27",
+            value,
+            "MPa",
+            "falls towards the published value",
+        )
         for (a, b, c), value in zip(PLATE_CELLS[:-1], stresses[:-1], strict=True)
     ]
-    return [*rows, *judge_all(case, reference_case("le10"), stresses[-1:], notes=["the finest of three meshes"])]
+    return [
+        *rows,
+        *judge_all(
+            case, reference_case("le10"), stresses[-1:], notes=["the finest of three meshes"]
+        ),
+    ]
 
 
 def _imported_mesh(
@@ -75,7 +98,9 @@ def _imported_mesh(
 def _end_motions(shape: str, comm: MPI.Comm) -> FloatArray:
     """Extension, in-plane and out-of-plane deflection and twist of the end under unit loads."""
     interface = Interface("tip", (Patch("set:u+"),), "average")
-    component = Component("cantilever", MeshFile(Path()), STRAIGHT.material, interfaces={"tip": interface})
+    component = Component(
+        "cantilever", MeshFile(Path()), STRAIGHT.material, interfaces={"tip": interface}
+    )
     _, mesh = _imported_mesh(_straight_lattice(shape), component, (), comm)
     held = np.zeros((len(mesh.points), 3), dtype=bool)
     x, y, z = mesh.points.T
@@ -99,7 +124,9 @@ def _straight_lattice(shape: str) -> FloatArray:
     corners = np.zeros((ELEMENTS + 1, 2, 2, 3))
     even, odd = TILT[shape]
     for number in range(ELEMENTS + 1):
-        lean = 0.0 if number in (0, ELEMENTS) else (even if number % 2 else odd) * STRAIGHT.depth / 2.0
+        lean = (
+            0.0 if number in (0, ELEMENTS) else (even if number % 2 else odd) * STRAIGHT.depth / 2.0
+        )
         for j in range(2):
             corners[number, j, :, 0] = STRAIGHT.length * number / ELEMENTS + (lean if j else -lean)
             corners[number, j, :, 1] = j * STRAIGHT.depth
@@ -126,7 +153,9 @@ def _plate_stress(cells: tuple[int, int, int], comm: MPI.Comm) -> float:
 
 
 def _plate_lattice(cells: tuple[int, int, int]) -> FloatArray:
-    """Nodes on ellipses between (2, 1) and (3.25, 2.75), from the x axis to the y axis, through the thickness."""
+    """Nodes on ellipses between (2, 1) and (3.25, 2.75), from the x axis to the y axis, through the
+    thickness.
+    """
     across, along, through = (np.linspace(0.0, 1.0, 2 * count + 1) for count in cells)
     r, t, z = np.meshgrid(across, np.pi / 2.0 * along, THICKNESS * through, indexing="ij")
     return np.stack([(2.0 + 1.25 * r) * np.cos(t), (1.0 + 1.75 * r) * np.sin(t), z], axis=-1)

@@ -1,4 +1,6 @@
-"""Structured second-order meshes from a lattice of points, their files, and integrals over them in plain numpy."""
+"""Structured second-order meshes from a lattice of points, their files, and integrals over them in
+plain numpy.
+"""
 
 import functools
 import itertools
@@ -12,8 +14,30 @@ from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray, MeshQuality
 
 # gmsh's pairs of corners behind the middle nodes
-HEX_CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
-HEX_EDGES = ((0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7))
+HEX_CORNERS = (
+    (0, 0, 0),
+    (1, 0, 0),
+    (1, 1, 0),
+    (0, 1, 0),
+    (0, 0, 1),
+    (1, 0, 1),
+    (1, 1, 1),
+    (0, 1, 1),
+)
+HEX_EDGES = (
+    (0, 1),
+    (0, 3),
+    (0, 4),
+    (1, 2),
+    (1, 5),
+    (2, 3),
+    (2, 6),
+    (3, 7),
+    (4, 5),
+    (4, 7),
+    (5, 6),
+    (6, 7),
+)
 HEX_FACES = ((0, 1, 2, 3), (0, 1, 5, 4), (0, 3, 7, 4), (1, 2, 6, 5), (2, 3, 7, 6), (4, 5, 6, 7))
 TET_CORNERS = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))
 TET_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3))
@@ -28,7 +52,9 @@ GMSH_HEX27, GMSH_QUAD9 = 12, 10
 
 @functools.cache
 def node_places(kind: CellKind) -> FloatArray:
-    """Nodes ``(n, 3)`` of a reference element in gmsh's order; hexahedra on the unit cube, tetrahedra on the unit simplex."""
+    """Nodes ``(n, 3)`` of a reference element in gmsh's order; hexahedra on the unit cube,
+    tetrahedra on the unit simplex.
+    """
     hexahedral = kind.startswith("hex")
     corners = np.array(HEX_CORNERS if hexahedral else TET_CORNERS, dtype=float)
     groups = [*HEX_EDGES, *HEX_FACES, tuple(range(8))] if hexahedral else list(TET_EDGES)
@@ -52,7 +78,10 @@ def shape_functions(kind: CellKind, places: FloatArray) -> tuple[FloatArray, Flo
 
 
 def integrate_over_cells(
-    points: FloatArray, cells: IntArray, kind: CellKind, integrand: Callable[[FloatArray], FloatArray]
+    points: FloatArray,
+    cells: IntArray,
+    kind: CellKind,
+    integrand: Callable[[FloatArray], FloatArray],
 ) -> float:
     """Integral of a function of position over isoparametric elements.
 
@@ -72,7 +101,11 @@ def integrate_over_cells(
 
 
 def field_error(
-    points: FloatArray, cells: IntArray, kind: CellKind, field: FloatArray, exact: Callable[[FloatArray], FloatArray]
+    points: FloatArray,
+    cells: IntArray,
+    kind: CellKind,
+    field: FloatArray,
+    exact: Callable[[FloatArray], FloatArray],
 ) -> float:
     """Relative L2 error of a nodal vector field against an exact one.
 
@@ -87,9 +120,15 @@ def field_error(
     values, gradients = shape_functions(kind, places)
     corners = points[cells]
     measure = weights * np.linalg.det(np.einsum("qnr,cnd->cqdr", gradients, corners))
-    truth = exact(np.einsum("qn,cnd->cqd", values, corners).reshape(-1, 3)).reshape(len(cells), len(places), 3)
+    truth = exact(np.einsum("qn,cnd->cqd", values, corners).reshape(-1, 3)).reshape(
+        len(cells), len(places), 3
+    )
     difference = np.einsum("qn,cnd->cqd", values, field[cells]) - truth
-    return float(np.sqrt(np.einsum("cq,cqd->", measure, difference**2) / np.einsum("cq,cqd->", measure, truth**2)))
+    return float(
+        np.sqrt(
+            np.einsum("cq,cqd->", measure, difference**2) / np.einsum("cq,cqd->", measure, truth**2)
+        )
+    )
 
 
 def _monomials(kind: CellKind, places: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -101,12 +140,17 @@ def _monomials(kind: CellKind, places: FloatArray) -> tuple[FloatArray, FloatArr
     ])  # fmt: skip
     factors = places[:, None, :] ** powers[None, :, :]
     slopes = powers * places[:, None, :] ** np.maximum(powers - 1, 0)
-    gradients = np.stack([np.prod(np.where(np.arange(3) == axis, slopes, factors), axis=-1) for axis in range(3)], axis=-1)
+    gradients = np.stack(
+        [np.prod(np.where(np.arange(3) == axis, slopes, factors), axis=-1) for axis in range(3)],
+        axis=-1,
+    )
     return np.prod(factors, axis=-1), gradients
 
 
 def _gauss_rule(kind: CellKind) -> tuple[FloatArray, FloatArray]:
-    """Points ``(m, 3)`` and weights ``(m,)``; on the simplex by collapsing a cube (Duffy (1982))."""
+    """Points ``(m, 3)`` and weights ``(m,)``; on the simplex by collapsing a cube (Duffy
+    (1982)).
+    """
     nodes, weights = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
     line, weight = 0.5 * (nodes + 1.0), 0.5 * weights
     a, b, c = (grid.ravel() for grid in np.meshgrid(line, line, line, indexing="ij"))
@@ -118,7 +162,8 @@ def _gauss_rule(kind: CellKind) -> tuple[FloatArray, FloatArray]:
 
 
 def refine_lattice(corners: FloatArray) -> FloatArray:
-    """Put a point midway between neighbouring element corners, so that every element edge is straight.
+    """Put a point midway between neighbouring element corners, so that every element edge is
+    straight.
 
     Args:
         corners: ``(n_u + 1, n_v + 1, n_w + 1, 3)`` element corners [m].
@@ -141,13 +186,16 @@ def refine_lattice(corners: FloatArray) -> FloatArray:
 
 
 def straight_lattice(counts: Sequence[int], size: Sequence[float]) -> FloatArray:
-    """Lattice of a box from the origin with the given numbers of equal elements and edge lengths [m]."""
+    """Lattice of a box from the origin with the given numbers of equal elements and edge lengths
+    [m].
+    """
     axes = [np.linspace(0.0, length, count + 1) for count, length in zip(counts, size, strict=True)]
     return refine_lattice(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
 
 
 def tetrahedral_cells(shape: Sequence[int]) -> IntArray:
-    """Cells ``(6 n, 10)`` in gmsh's order of 10-node tetrahedra, six in each hexahedron of a lattice.
+    """Cells ``(6 n, 10)`` in gmsh's order of 10-node tetrahedra, six in each hexahedron of a
+    lattice.
 
     Source: Kuhn (1960): one simplex for every order in which the three directions are walked.
     """
@@ -181,11 +229,15 @@ def lattice_mesh(lattice: FloatArray, kind: CellKind, *, straight: bool) -> Comp
     cells = numbers.reshape(len(cells), -1).astype(np.int64)
     points = lattice.reshape(-1, 3)[used]
     volume = float(integrate_over_cells(points, cells, kind, lambda x: np.ones(len(x))))
-    return ComponentMesh(points, cells, kind, straight, {}, MeshQuality(math.nan, 0, volume, math.nan))
+    return ComponentMesh(
+        points, cells, kind, straight, {}, MeshQuality(math.nan, 0, volume, math.nan)
+    )
 
 
 def lattice_cells(shape: Sequence[int]) -> IntArray:
-    """Cells ``(n_cells, 27)`` in gmsh's node order of a lattice with the given number of points along u, v and w (all odd)."""
+    """Cells ``(n_cells, 27)`` in gmsh's node order of a lattice with the given number of points
+    along u, v and w (all odd).
+    """
     numbers = np.arange(int(np.prod(shape))).reshape(shape)
     starts = [range(0, count - 1, 2) for count in shape]
     grid = np.stack(np.meshgrid(*starts, indexing="ij"), axis=-1).reshape(-1, 1, 3)
@@ -194,7 +246,9 @@ def lattice_cells(shape: Sequence[int]) -> IntArray:
 
 
 def lattice_sides(shape: Sequence[int]) -> dict[str, IntArray]:
-    """Facets ``(n, 9)`` in gmsh's node order, normals outward, of the six sides ``u- u+ v- v+ w- w+`` of a lattice."""
+    """Facets ``(n, 9)`` in gmsh's node order, normals outward, of the six sides ``u- u+ v- v+ w-
+    w+`` of a lattice.
+    """
     cells = lattice_cells(shape)
     counts = [(count - 1) // 2 for count in shape]
     places = np.stack(np.unravel_index(np.arange(len(cells)), counts), axis=-1)
@@ -207,7 +261,8 @@ def lattice_sides(shape: Sequence[int]) -> dict[str, IntArray]:
 
 
 def write_lattice(path: Path, lattice: FloatArray) -> None:
-    """Write a lattice as a gmsh 2.2 file of 27-node hexahedra with a physical surface for each side.
+    """Write a lattice as a gmsh 2.2 file of 27-node hexahedra with a physical surface for each
+    side.
 
     Args:
         path: File ending in ``.msh``.
@@ -227,7 +282,9 @@ def write_lattice(path: Path, lattice: FloatArray) -> None:
     lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat"]
     lines += ["$PhysicalNames", str(len(names)), *names, "$EndPhysicalNames"]
     lines += ["$Nodes", str(len(points))]
-    lines += [f"{number} {x!r} {y!r} {z!r}" for number, (x, y, z) in enumerate(points.tolist(), start=1)]
+    lines += [
+        f"{number} {x!r} {y!r} {z!r}" for number, (x, y, z) in enumerate(points.tolist(), start=1)
+    ]
     lines += ["$EndNodes", "$Elements", str(len(elements))]
     lines += [f"{number} {element}" for number, element in enumerate(elements, start=1)]
     path.write_text("\n".join([*lines, "$EndElements", ""]), encoding="ascii")

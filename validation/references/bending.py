@@ -1,4 +1,6 @@
-"""Bending of beams: slender ones (Euler and Bernoulli), and deep ones with shear deformation and rotary inertia (Timoshenko)."""
+"""Bending of beams: slender ones (Euler and Bernoulli), and deep ones with shear deformation and
+rotary inertia (Timoshenko).
+"""
 
 import math
 from collections.abc import Callable
@@ -7,9 +9,14 @@ import numpy as np
 from scipy.linalg import expm
 
 from headstock.geometry.frames import FloatArray
-from headstock.validation.references.prismatic_beams import EndConditions, PrismaticBeam, bracket_roots
+from headstock.validation.references.prismatic_beams import (
+    EndConditions,
+    PrismaticBeam,
+    bracket_roots,
+)
 
-# state: deflection, rotation, moment, shear force; (rows that vanish at the far end, columns left free at the near end)
+# state: deflection, rotation, moment, shear force; (rows that vanish at the far end, columns left
+# free at the near end)
 _BOUNDARY_BLOCKS: dict[EndConditions, tuple[tuple[int, int], tuple[int, int]]] = {
     "clamped-free": ((2, 3), (2, 3)),
     "clamped-clamped": ((0, 1), (2, 3)),
@@ -28,7 +35,8 @@ def euler_bernoulli_roots(ends: EndConditions, count: int) -> FloatArray:
         count: Number of roots.
 
     Returns:
-        ``(count,)`` [-]: ``cos cosh = -1`` clamped-free, ``cos cosh = 1`` clamped-clamped and free-free, ``sin = 0`` supported.
+        ``(count,)`` [-]: ``cos cosh = -1`` clamped-free, ``cos cosh = 1`` clamped-clamped and
+        free-free, ``sin = 0`` supported.
 
     Source: Blevins (1979), table 8-1.
     """
@@ -52,10 +60,14 @@ def euler_bernoulli_frequencies(beam: PrismaticBeam, ends: EndConditions, count:
     Source: Blevins (1979), equation 8-17: ``f = lambda^2 / (2 pi L^2) sqrt(E I / (rho A))``.
     """
     speed = math.sqrt(beam.bending_stiffness / beam.mass_per_length)
-    return np.asarray(euler_bernoulli_roots(ends, count) ** 2 * speed / (2.0 * math.pi * beam.length**2))
+    return np.asarray(
+        euler_bernoulli_roots(ends, count) ** 2 * speed / (2.0 * math.pi * beam.length**2)
+    )
 
 
-def euler_bernoulli_shape(ends: EndConditions, number: int, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+def euler_bernoulli_shape(
+    ends: EndConditions, number: int, places: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Deflection and its slope of a bending mode of a beam of unit length with a clamped lower end.
 
     Args:
@@ -69,7 +81,9 @@ def euler_bernoulli_shape(ends: EndConditions, number: int, places: FloatArray) 
     Source: Blevins (1979), table 8-1.
     """
     if not ends.startswith("clamped"):
-        raise ValueError(f"the shape of a {ends} beam is not known here: its lower end must be clamped")
+        raise ValueError(
+            f"the shape of a {ends} beam is not known here: its lower end must be clamped"
+        )
     root = float(euler_bernoulli_roots(ends, number)[-1])
     sign = 1.0 if ends == "clamped-free" else -1.0
     ratio = (math.cosh(root) + sign * math.cos(root)) / (math.sinh(root) + sign * math.sin(root))
@@ -80,7 +94,8 @@ def euler_bernoulli_shape(ends: EndConditions, number: int, places: FloatArray) 
 
 
 def strip_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) -> FloatArray:
-    """Bending frequencies ``(count,)`` [Hz] of a strip so wide that it cannot contract sideways: E becomes E / (1 - nu^2).
+    """Bending frequencies ``(count,)`` [Hz] of a strip so wide that it cannot contract sideways: E
+    becomes E / (1 - nu^2).
 
     Args:
         beam: Uniform, as wide as a plate.
@@ -94,17 +109,23 @@ def strip_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) -> F
 
 
 def cantilever_force_deflection(beam: PrismaticBeam, force: float) -> float:
-    """Tip deflection [m] of a clamped-free beam under a force [N] at its tip: ``F L^3 / (3 E I)``."""
+    """Tip deflection [m] of a clamped-free beam under a force [N] at its tip: ``F L^3 / (3 E
+    I)``.
+    """
     return force * beam.length**3 / (3.0 * beam.bending_stiffness)
 
 
 def cantilever_moment_deflection(beam: PrismaticBeam, moment: float) -> float:
-    """Tip deflection [m] of a clamped-free beam under a moment [N m] at its tip: ``M L^2 / (2 E I)``."""
+    """Tip deflection [m] of a clamped-free beam under a moment [N m] at its tip: ``M L^2 / (2 E
+    I)``.
+    """
     return moment * beam.length**2 / (2.0 * beam.bending_stiffness)
 
 
 def fixed_beam_deflection(beam: PrismaticBeam, force: float) -> float:
-    """Mid-span deflection [m] of a clamped-clamped beam under a force [N] there: ``F L^3 / (192 E I)``."""
+    """Mid-span deflection [m] of a clamped-clamped beam under a force [N] there: ``F L^3 / (192 E
+    I)``.
+    """
     return force * beam.length**3 / (192.0 * beam.bending_stiffness)
 
 
@@ -117,10 +138,11 @@ def cowper_coefficient(poisson_ratio: float) -> float:
 
 
 def timoshenko_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) -> FloatArray:
-    """Bending frequencies ``(count,)`` [Hz] in the direction of the beam's depth, exact for the theory.
+    """Bending frequencies ``(count,)`` [Hz] in the direction of the beam's depth, exact for the
+    theory.
 
-    The state is carried over the span by the matrix exponential; a frequency is a root of the 2 x 2 determinant that the
-    ends leave.
+    The state is carried over the span by the matrix exponential; a frequency is a root of the 2 x 2
+    determinant that the ends leave.
 
     Args:
         beam: Uniform, with its shear coefficient.
@@ -142,12 +164,16 @@ def timoshenko_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int)
 
 
 def cantilever_shear_deflection(beam: PrismaticBeam, force: float) -> float:
-    """Tip deflection [m] of a clamped-free beam under a tip force [N]: ``F L^3 / (3 E I) + F L / (kappa G A)``."""
+    """Tip deflection [m] of a clamped-free beam under a tip force [N]: ``F L^3 / (3 E I) + F L /
+    (kappa G A)``.
+    """
     return cantilever_force_deflection(beam, force) + force * beam.length / _shear_stiffness(beam)
 
 
 def fixed_beam_shear_deflection(beam: PrismaticBeam, force: float) -> float:
-    """Mid-span deflection [m] of a clamped-clamped beam: ``F L^3 / (192 E I) + F L / (4 kappa G A)``."""
+    """Mid-span deflection [m] of a clamped-clamped beam: ``F L^3 / (192 E I) + F L / (4 kappa G
+    A)``.
+    """
     return fixed_beam_deflection(beam, force) + force * beam.length / (4.0 * _shear_stiffness(beam))
 
 
@@ -156,7 +182,9 @@ def _shear_stiffness(beam: PrismaticBeam) -> float:
 
 
 def _transfer_matrix(beam: PrismaticBeam, squared_frequency: float) -> FloatArray:
-    """Transfer matrix ``(4, 4)`` of the span; units L, E I / L^2 and, for the squared frequency, E I / (rho A L^4)."""
+    """Transfer matrix ``(4, 4)`` of the span; units L, E I / L^2 and, for the squared frequency, E
+    I / (rho A L^4).
+    """
     shear = beam.bending_stiffness / (_shear_stiffness(beam) * beam.length**2)
     rotary = beam.second_moment / (beam.area * beam.length**2)
     system = np.array(

@@ -1,4 +1,6 @@
-"""A straight beam of rectangular section, and the roots of a characteristic equation one after the other."""
+"""A straight beam of rectangular section, and the roots of a characteristic equation one after the
+other.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -40,7 +42,9 @@ class PrismaticBeam:
 
     @property
     def polar_moment(self) -> float:
-        """Polar second moment of area about the centroid, which carries the rotary inertia of torsion [m^4]."""
+        """Polar second moment of area about the centroid, which carries the rotary inertia of
+        torsion [m^4].
+        """
         return self.area * (self.width**2 + self.depth**2) / 12.0
 
     @property
@@ -64,8 +68,11 @@ def turn_section(beam: PrismaticBeam) -> PrismaticBeam:
     return PrismaticBeam(beam.length, beam.depth, beam.width, beam.material)
 
 
-def bracket_roots(function: Callable[[float], float], count: int, *, start: float, step: float) -> list[float]:
-    """The first roots of a function above a start, by walking until its sign changes and closing in by Brent's method.
+def bracket_roots(
+    function: Callable[[float], float], count: int, *, start: float, step: float
+) -> list[float]:
+    """The first roots of a function above a start, by walking until its sign changes and closing in
+    by Brent's method.
 
     Args:
         function: Continuous, with simple roots further apart than ``step``.

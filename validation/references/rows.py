@@ -1,4 +1,6 @@
-"""Rows of the validation table (a value, what it should be, and whether it is), also as a JSON list."""
+"""Rows of the validation table (a value, what it should be, and whether it is), also as a JSON
+list.
+"""
 
 import dataclasses
 import json
@@ -21,7 +23,8 @@ class ValidationRow:
         unit: Unit of both.
         relative_error: ``value / reference - 1``; the value itself where the reference is zero.
         tolerance: Largest allowed size of the relative error, NaN where the row is shown only.
-        kind: Where the reference comes from: ``published``, ``closed form``, ``converged 3D``, ``identity``, ``shown only``...
+        kind: Where the reference comes from: ``published``, ``closed form``, ``converged 3D``,
+            ``identity``, ``shown only``...
         passed: Within the tolerance; always true for rows that are shown only.
         note: What a reader should know.
     """
@@ -55,7 +58,11 @@ class Target:
     kind: str
 
 
-KIND_OF_PROVENANCE = {"published": "published", "derived-closed-form": "closed form", "derived-numerical": "converged 3D"}
+KIND_OF_PROVENANCE = {
+    "published": "published",
+    "derived-closed-form": "closed form",
+    "derived-numerical": "converged 3D",
+}
 
 
 SHOWN_ONLY = "shown only"
@@ -67,20 +74,24 @@ def verdict(held: bool) -> str:
 
 
 def judge(case: str, quantity: str, value: float, target: Target, note: str = "") -> ValidationRow:
-    """A row that passes when the value lies within the target's tolerance; a value that is not finite never passes.
+    """A row that passes when the value lies within the target's tolerance; a value that is not
+    finite never passes.
 
     Args:
         case: Name of the case.
         quantity: What the value is, in words.
         value: In the unit of the target.
-        target: The right value and the relative error allowed; where the right value is zero, the absolute one.
+        target: The right value and the relative error allowed; where the right value is zero, the
+            absolute one.
         note: Remark.
     """
     # plain numbers: numpy's own do not go into JSON
     value, right, allowed = float(value), float(target.reference), float(target.tolerance)
     error = value / right - 1.0 if right else value
     passed = math.isfinite(value) and (math.isnan(allowed) or abs(error) <= allowed)
-    return ValidationRow(case, quantity, value, right, target.unit, error, allowed, target.kind, passed, note)
+    return ValidationRow(
+        case, quantity, value, right, target.unit, error, allowed, target.kind, passed, note
+    )
 
 
 def judge_order(case: str, quantity: str, value: float, expected: float) -> ValidationRow:
@@ -92,10 +103,14 @@ def judge_order(case: str, quantity: str, value: float, expected: float) -> Vali
         value: Observed order [-].
         expected: Order of the theory [-].
     """
-    return judge(case, quantity, value, Target(expected, "-", 0.2 / expected, "theory"), "order, within 0.2")
+    return judge(
+        case, quantity, value, Target(expected, "-", 0.2 / expected, "theory"), "order, within 0.2"
+    )
 
 
-def judge_bound(case: str, quantity: str, value: float, bound: float, note: str = "") -> ValidationRow:
+def judge_bound(
+    case: str, quantity: str, value: float, bound: float, note: str = ""
+) -> ValidationRow:
     """A row for a number that should be zero and may be as large as a bound.
 
     Args:
@@ -122,7 +137,12 @@ def show(case: str, quantity: str, value: float, unit: str, note: str = "") -> V
 
 
 def judge_all(
-    case: str, reference: ReferenceCase, values: Iterable[float], *, tolerance: float | None = None, notes: Sequence[str] = ()
+    case: str,
+    reference: ReferenceCase,
+    values: Iterable[float],
+    *,
+    tolerance: float | None = None,
+    notes: Sequence[str] = (),
 ) -> list[ValidationRow]:
     """One row for each value of a reference case, in its order.
 
@@ -141,7 +161,9 @@ def judge_all(
     remarks = notes or [""] * len(reference.values)
     return [
         judge(case, quantity, value, Target(right, reference.unit, allowed, kind), note)
-        for (quantity, right), value, note in zip(reference.values.items(), values, remarks, strict=True)
+        for (quantity, right), value, note in zip(
+            reference.values.items(), values, remarks, strict=True
+        )
     ]
 
 
@@ -152,12 +174,16 @@ def named_after(kind: str, rows: Iterable[ValidationRow]) -> list[ValidationRow]
 
 def failed_computation(case: str, reason: str) -> ValidationRow:
     """The row of a case that ended with an error in place of numbers."""
-    return ValidationRow(case, "computation", math.nan, math.nan, "-", math.nan, math.nan, "failure", False, reason)
+    return ValidationRow(
+        case, "computation", math.nan, math.nan, "-", math.nan, math.nan, "failure", False, reason
+    )
 
 
 def rows_as_json(rows: Sequence[ValidationRow]) -> str:
     """A JSON list with one object per row; numbers that do not exist are ``null``."""
-    entries = [{key: _plain(value) for key, value in dataclasses.asdict(row).items()} for row in rows]
+    entries = [
+        {key: _plain(value) for key, value in dataclasses.asdict(row).items()} for row in rows
+    ]
     return json.dumps(entries, indent=1, allow_nan=False) + "\n"
 
 

@@ -1,4 +1,6 @@
-"""Torsion of rectangular bars that warp freely or are restrained at clamped ends, and axial vibration of rods."""
+"""Torsion of rectangular bars that warp freely or are restrained at clamped ends, and axial
+vibration of rods.
+"""
 
 import math
 from collections.abc import Callable
@@ -6,14 +8,19 @@ from collections.abc import Callable
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.validation.references.prismatic_beams import EndConditions, PrismaticBeam, bracket_roots
+from headstock.validation.references.prismatic_beams import (
+    EndConditions,
+    PrismaticBeam,
+    bracket_roots,
+)
 
 _SERIES_TERMS = 200
 _STEPS_PER_ROOT = 40
 
 
 def wave_numbers(ends: EndConditions, count: int) -> FloatArray:
-    """Dimensionless wave numbers ``lambda = k L`` of a second-order wave guide, rigid motion left out, ``(count,)`` [-].
+    """Dimensionless wave numbers ``lambda = k L`` of a second-order wave guide, rigid motion left
+    out, ``(count,)`` [-].
 
     Source: Blevins (1979), table 8-16.
     """
@@ -36,7 +43,9 @@ def axial_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) -> F
 
 
 def axial_extension(beam: PrismaticBeam, force: float) -> float:
-    """End displacement [m] of a rod held at the other end under an axial force [N]: ``F L / (E A)``."""
+    """End displacement [m] of a rod held at the other end under an axial force [N]: ``F L / (E
+    A)``.
+    """
     return force * beam.length / (beam.material.youngs_modulus * beam.area)
 
 
@@ -60,7 +69,8 @@ def torsional_stiffness(beam: PrismaticBeam) -> float:
 def torsional_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) -> FloatArray:
     """Torsional frequencies ``(count,)`` [Hz], rigid rotation left out, warping free everywhere.
 
-    ``clamped`` ends hold the twist, ``free`` ones do not; the ends of ``supported-supported`` hold it too.
+    ``clamped`` ends hold the twist, ``free`` ones do not; the ends of ``supported-supported`` hold
+    it too.
 
     Args:
         beam: Uniform, of rectangular section.
@@ -79,23 +89,28 @@ def cantilever_twist(beam: PrismaticBeam, moment: float) -> float:
 
 
 def fixed_beam_twist(beam: PrismaticBeam, moment: float) -> float:
-    """Mid-span twist [rad] of a beam held at both ends under a torque [N m] there: ``T L / (4 G J)``."""
+    """Mid-span twist [rad] of a beam held at both ends under a torque [N m] there: ``T L / (4 G
+    J)``.
+    """
     return moment * beam.length / (4.0 * torsional_stiffness(beam))
 
 
 def warping_constant(width: float, depth: float) -> float:
     """Secondary warping constant Gamma [m^6] of a narrow rectangle with the given sides [m].
 
-    Source: Vlasov (1961), section I.5; ``Gamma = b^3 t^3 / 144`` (for example Pilkey (2005), table 2-5).
+    Source: Vlasov (1961), section I.5; ``Gamma = b^3 t^3 / 144`` (for example Pilkey (2005), table
+    2-5).
     """
     return width**3 * depth**3 / 144.0
 
 
 def clamped_free_torsion(beam: PrismaticBeam, count: int) -> FloatArray:
-    """Torsional frequencies ``(count,)`` [Hz], one end clamped against twist and warping, the other free.
+    """Torsional frequencies ``(count,)`` [Hz], one end clamped against twist and warping, the other
+    free.
 
-    Source: Vlasov (1961); Gere (1954): ``2 a^2 b^2 + (a^4 + b^4) cosh a cos b + a b (a^2 - b^2) sinh a sin b = 0`` where
-    ``a, b`` are L times the roots of ``E Gamma r^4 - G J r^2 - rho I_p omega^2 = 0``.
+    Source: Vlasov (1961); Gere (1954): ``2 a^2 b^2 + (a^4 + b^4) cosh a cos b + a b (a^2 - b^2)
+    sinh a sin b = 0`` where ``a, b`` are L times the roots of ``E Gamma r^4 - G J r^2 - rho I_p
+    omega^2 = 0``.
     """
 
     def characteristic(a: float, b: float) -> float:
@@ -123,13 +138,17 @@ def _sech(value: float) -> float:
     return 2.0 * decay / (1.0 + decay**2)
 
 
-def _torsion_roots(beam: PrismaticBeam, characteristic: Callable[[float, float], float], count: int) -> FloatArray:
+def _torsion_roots(
+    beam: PrismaticBeam, characteristic: Callable[[float, float], float], count: int
+) -> FloatArray:
     warping = beam.material.youngs_modulus * warping_constant(beam.width, beam.depth)
     stiffness = torsional_stiffness(beam)
     inertia = beam.material.density * beam.polar_moment
 
     def function(frequency_hz: float) -> float:
-        root = math.sqrt(stiffness**2 + 4.0 * warping * inertia * (2.0 * math.pi * frequency_hz) ** 2)
+        root = math.sqrt(
+            stiffness**2 + 4.0 * warping * inertia * (2.0 * math.pi * frequency_hz) ** 2
+        )
         a = beam.length * math.sqrt((root + stiffness) / (2.0 * warping))
         b = beam.length * math.sqrt((root - stiffness) / (2.0 * warping))
         return characteristic(a, b)

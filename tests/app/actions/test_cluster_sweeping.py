@@ -1,4 +1,6 @@
-"""``sweep --on slurm`` with stand-ins for Slurm's programs: the file of a local sweep comes out, faults are named."""
+"""``sweep --on slurm`` with stand-ins for Slurm's programs: the file of a local sweep comes out,
+faults are named.
+"""
 
 import os
 import subprocess
@@ -11,7 +13,13 @@ import pytest
 import headstock.studies.sweeps.slurm_tools
 from headstock.app.command_line import main
 from headstock.studies.sweeps.slurm_jobs import FOLDER, SCRIPT_FILE
-from headstock.studies.sweeps.slurm_tools import HOST_VARIABLE, SlurmError, read_states, require_slurm, submit
+from headstock.studies.sweeps.slurm_tools import (
+    HOST_VARIABLE,
+    SlurmError,
+    read_states,
+    require_slurm,
+    submit,
+)
 
 ROOT = Path(__file__).resolve().parent.parent.parent.parent
 SCENE = ROOT / "tests" / "data" / "slide.toml"
@@ -78,14 +86,20 @@ def test_tasks_together_give_the_local_file_and_a_lost_task_is_named_and_done_ag
     slurm: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     (slurm / "bad").write_text("2")
-    assert sweep(tmp_path / "far", "--on", "slurm", "--tasks", "3", "--set", "analyses.modal.count=4") == 1
+    assert (
+        sweep(tmp_path / "far", "--on", "slurm", "--tasks", "3", "--set", "analyses.modal.count=4")
+        == 1
+    )
     said = capfd.readouterr()
     assert "submitted" in said.out and "3 tasks" in said.out
     assert "3 of 9 poses are not computed" in said.err
     assert "task 2 (cancelled): X -150 mm; X 0 mm; X 150 mm; it left no log" in said.err
     assert not (tmp_path / "far" / "sweep.h5").exists()
     (slurm / "bad").unlink()
-    assert sweep(tmp_path / "far", "--on", "slurm", "--tasks", "3", "--set", "analyses.modal.count=4") == 0
+    assert (
+        sweep(tmp_path / "far", "--on", "slurm", "--tasks", "3", "--set", "analyses.modal.count=4")
+        == 0
+    )
     # no part is elastic, so no job goes before the array to reduce it
     assert (slurm / "calls").read_text() == "--parsable --array=1,2,3\n--parsable --array=2\n"
     said = capfd.readouterr()
@@ -122,10 +136,28 @@ def test_an_array_that_is_still_in_the_queue_is_not_submitted_again(
     assert (slurm / "calls").read_text() != calls
 
 
-def test_elastic_parts_are_reduced_by_a_job_that_has_to_succeed_first(slurm: Path, tmp_path: Path) -> None:
+def test_elastic_parts_are_reduced_by_a_job_that_has_to_succeed_first(
+    slurm: Path, tmp_path: Path
+) -> None:
     (slurm / "bad").write_text("later")
     machine = str(ROOT / "machines" / "three_axis.toml")
-    assert main(["sweep", machine, "workspace", "-o", str(tmp_path / "far"), "--on", "slurm", "--tasks", "2", "--no-wait"]) == 0
+    assert (
+        main(
+            [
+                "sweep",
+                machine,
+                "workspace",
+                "-o",
+                str(tmp_path / "far"),
+                "--on",
+                "slurm",
+                "--tasks",
+                "2",
+                "--no-wait",
+            ]
+        )
+        == 0
+    )
     first, second = (slurm / "calls").read_text().splitlines()
     assert first == "--parsable --array=0"
     assert second == "--parsable --array=1,2 --dependency=afterok:1 --kill-on-invalid-dep=yes"
@@ -150,7 +182,9 @@ def test_without_slurm_on_path_the_remedy_is_told(
     assert not (tmp_path / "far").exists()
 
 
-def test_bad_scenes_and_options_are_refused_before_anything_is_submitted(slurm: Path, tmp_path: Path) -> None:
+def test_bad_scenes_and_options_are_refused_before_anything_is_submitted(
+    slurm: Path, tmp_path: Path
+) -> None:
     for words in (
         ("--on", "moon"),
         ("--on", "slurm", "--set", 'sweeps.line.axes={ X = ["-900 mm", "200 mm", 9] }'),
@@ -163,14 +197,21 @@ def test_bad_scenes_and_options_are_refused_before_anything_is_submitted(slurm: 
     assert not (tmp_path / "far").exists()
 
 
-def test_what_sbatch_complains_of_is_told(slurm: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_what_sbatch_complains_of_is_told(
+    slurm: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     (slurm / "refusal").write_text("sbatch: error: invalid partition specified: gone")
     assert sweep(tmp_path / "far", "--on", "slurm", "--partition", "gone") == 1
-    assert "invalid partition specified: gone; --partition, --time and --sbatch" in capfd.readouterr().err
+    assert (
+        "invalid partition specified: gone; --partition, --time and --sbatch"
+        in capfd.readouterr().err
+    )
     assert "#SBATCH --partition=gone\n" in (tmp_path / "far" / SCRIPT_FILE).read_text()
 
 
-def test_a_task_whose_scene_or_program_is_another_computes_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_task_whose_scene_or_program_is_another_computes_nothing(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     assert sweep(tmp_path / "far", "--part", "1/3", "--key", "0123") == 1
     assert "have changed since the job was submitted" in capfd.readouterr().err
     assert not (tmp_path / "far" / "poses").exists()
@@ -180,7 +221,11 @@ def start_host(tmp_path: Path) -> tuple["subprocess.Popen[str]", Path]:
     """A shell that stays outside of a private root, and the folder in which it takes requests."""
     shell = f'. "{ROOT}/environment/host_commands.sh"; start_host_commands; echo "$HEADSTOCK_HOST_COMMANDS"; read -r end'
     host = subprocess.Popen(
-        ["sh", "-c", shell], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, "TMPDIR": str(tmp_path)}
+        ["sh", "-c", shell],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
     )
     assert host.stdout is not None
     return host, Path(host.stdout.readline().strip())
@@ -197,8 +242,14 @@ def test_programs_that_are_only_on_the_host_are_called_through_the_launcher(
     (script.parent / FOLDER).mkdir(parents=True)
     script.write_text('echo "task $SLURM_ARRAY_TASK_ID"\n')
     job = submit(script, [2, 1], after="7")
-    assert "--array=1,2 --dependency=afterok:7 --kill-on-invalid-dep=yes" in (slurm / "calls").read_text()
-    assert {task: state.state for task, state in read_states(job).items()} == {1: "COMPLETED", 2: "COMPLETED"}
+    assert (
+        "--array=1,2 --dependency=afterok:7 --kill-on-invalid-dep=yes"
+        in (slurm / "calls").read_text()
+    )
+    assert {task: state.state for task, state in read_states(job).items()} == {
+        1: "COMPLETED",
+        2: "COMPLETED",
+    }
     assert read_states("99") == {}
     (slurm / "refusal").write_text("sbatch: error: no")
     with pytest.raises(SlurmError, match="sbatch: error: no"):

@@ -1,4 +1,6 @@
-"""``headstock compare`` prints one table, writes its files, and refuses what it cannot do before it begins."""
+"""``headstock compare`` prints one table, writes its files, and refuses what it cannot do before it
+begins.
+"""
 
 import csv
 import html
@@ -75,7 +77,15 @@ def test_one_table_tells_modes_compliances_weak_links_dofs_and_seconds(
         assert text in printed, text
     summary = json.loads((out / "compare.json").read_text())
     assert json.loads(copy.read_text()) == summary
-    assert set(summary) == {"scene", "pose", "reference", "same_from", "modes", "variants", "provenance"}
+    assert set(summary) == {
+        "scene",
+        "pose",
+        "reference",
+        "same_from",
+        "modes",
+        "variants",
+        "provenance",
+    }
     # every frequency of the reference is printed as the file has it
     for row in summary["modes"]:
         cell = row["variants"]["as written"]
@@ -105,20 +115,41 @@ def test_effort_begins_with_an_empty_store_and_shows_the_changed_model_too(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    arguments = ["compare", str(scene), "-o", str(out), "--variants", "as written", "--fidelity", "rigid,segmented"]
+    arguments = [
+        "compare",
+        str(scene),
+        "-o",
+        str(out),
+        "--variants",
+        "as written",
+        "--fidelity",
+        "rigid,segmented",
+    ]
     assert main([*arguments, "--effort", "--change", "thick"]) == 0
     printed = capsys.readouterr().out
-    assert "Effort from scene to modes, from an empty store, then with thick" in printed and "CPU s" in printed
+    assert (
+        "Effort from scene to modes, from an empty store, then with thick" in printed
+        and "CPU s" in printed
+    )
     effort = json.loads((out / "compare.json").read_text())["effort"]
-    assert effort["change"] == ["thick"] and list(effort["variants"]) == ["as written rigid", "as written segmented"]
+    assert effort["change"] == ["thick"] and list(effort["variants"]) == [
+        "as written rigid",
+        "as written segmented",
+    ]
     for runs in effort["variants"].values():
         assert list(runs) == ["first", "changed"]
-        assert runs["first"]["seconds"]["total"] == pytest.approx(sum(list(runs["first"]["seconds"].values())[:-1]), abs=1e-3)
+        assert runs["first"]["seconds"]["total"] == pytest.approx(
+            sum(list(runs["first"]["seconds"].values())[:-1]), abs=1e-3
+        )
     assert not (tmp_path / "store").exists()
 
 
-def test_a_scene_says_itself_what_to_compare_and_the_command_line_comes_first(scene: Path, tmp_path: Path) -> None:
-    scene.write_text(SCENE + '[compare]\nvariants = ["thick", "R"]\npose = "home"\nreference = "R"\n')
+def test_a_scene_says_itself_what_to_compare_and_the_command_line_comes_first(
+    scene: Path, tmp_path: Path
+) -> None:
+    scene.write_text(
+        SCENE + '[compare]\nvariants = ["thick", "R"]\npose = "home"\nreference = "R"\n'
+    )
     out = tmp_path / "out"
     assert main(["compare", str(scene), "-o", str(out)]) == 0
     summary = json.loads((out / "compare.json").read_text())
@@ -137,13 +168,22 @@ def test_a_scene_says_itself_what_to_compare_and_the_command_line_comes_first(sc
         (("--reference", "Q"), "there is no variant 'Q'"),
         (("--effort", "--change", "components.bar.mass=heavy"), "heavy"),
         (
-            ("--set", "components.bar.segments.along=x", "--set", 'components.bar.solid={tube={outer="1 m",length="2 m"}}'),
+            (
+                "--set",
+                "components.bar.segments.along=x",
+                "--set",
+                'components.bar.solid={tube={outer="1 m",length="2 m"}}',
+            ),
             "along z only",
         ),
     ],
 )
 def test_what_cannot_be_compared_ends_with_2_and_writes_nothing(
-    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], message: str
+    scene: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...],
+    message: str,
 ) -> None:
     assert main(["compare", str(scene), "-o", str(tmp_path / "out"), *arguments]) == 2
     assert message in capsys.readouterr().err
@@ -153,7 +193,12 @@ def test_what_cannot_be_compared_ends_with_2_and_writes_nothing(
 def test_a_static_analysis_that_is_refused_ends_with_1_and_the_modes_are_there(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    scene.write_text(SCENE.replace('vertical = "200 N/um", horizontal = "60 N/um"', 'vertical = "0 N/um", horizontal = "0 N/um"'))
+    scene.write_text(
+        SCENE.replace(
+            'vertical = "200 N/um", horizontal = "60 N/um"',
+            'vertical = "0 N/um", horizontal = "0 N/um"',
+        )
+    )
     assert main(["compare", str(scene), "-o", str(tmp_path / "out"), "--variants", "R"]) == 1
     printed = capsys.readouterr().out
     assert "failed: R: static analysis" in printed and "Natural frequencies" in printed
@@ -168,20 +213,32 @@ def test_a_lumped_mechanism_is_refused(tmp_path: Path, capsys: pytest.CaptureFix
 def test_a_comparison_states_the_errors_that_a_run_of_each_variant_states(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    elastic = 'fidelity = "elastic"\nmesh = { size = "20 mm", cells = "hex" }\nreduction = { modes = 10 }'
+    elastic = (
+        'fidelity = "elastic"\nmesh = { size = "20 mm", cells = "hex" }\nreduction = { modes = 10 }'
+    )
     scene.write_text(SCENE.replace('fidelity = "segmented"', elastic))
     out = tmp_path / "out"
     assert main(["compare", str(scene), "--variants", "as written,R", "-o", str(out)]) == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert main(["run", str(scene), "-o", str(tmp_path / "run"), "--no-figures"]) == 0
-    summary, alone = (json.loads(path.read_text()) for path in (out / "compare.json", tmp_path / "run" / "summary.json"))
+    summary, alone = (
+        json.loads(path.read_text())
+        for path in (out / "compare.json", tmp_path / "run" / "summary.json")
+    )
     variant, rigid = (summary["variants"][name] for name in ("as written", "R"))
     modes, point = alone["modal"][0], alone["static"]["tcp"]
     # the same estimates, but for more modes kept in the search
-    assert variant["error_hz"] == pytest.approx(modes["error_hz"], rel=1e-6) and min(variant["error_hz"]) > 0.0
-    assert variant["static"]["tcp"]["error_um_per_kN"] == pytest.approx(point["error_um_per_kN"], rel=1e-6)
+    assert (
+        variant["error_hz"] == pytest.approx(modes["error_hz"], rel=1e-6)
+        and min(variant["error_hz"]) > 0.0
+    )
+    assert variant["static"]["tcp"]["error_um_per_kN"] == pytest.approx(
+        point["error_um_per_kN"], rel=1e-6
+    )
     # nothing is known of how far a rigid model is off
-    assert set(rigid["error_hz"]) == {None} and rigid["error_share"] == [{}] * len(rigid["error_hz"])
+    assert set(rigid["error_hz"]) == {None} and rigid["error_share"] == [{}] * len(
+        rigid["error_hz"]
+    )
     assert rigid["error_left_out"] == ["rigid model of bar"]
     page = html.unescape((out / "compare.html").read_text())
     for hz, error in zip(variant["frequencies_hz"], variant["error_hz"], strict=True):
@@ -219,7 +276,11 @@ def test_a_run_of_rigid_or_segmented_parts_states_no_errors(
     summary = json.loads((out / "summary.json").read_text())
     (modes,), (response,) = summary["modal"], summary["frf"].values()
     assert set(modes["error_hz"]) == {None} and response["error"] is None
-    assert "± <" not in printed and "± covers" not in printed and f"not in ±: {fidelity} model of bar" in printed
+    assert (
+        "± <" not in printed
+        and "± covers" not in printed
+        and f"not in ±: {fidelity} model of bar" in printed
+    )
     for table in (out / "tables").glob("modes_*.csv"):
         with table.open() as file:
             assert {row["± [Hz]"] for row in csv.DictReader(file)} == {""}
@@ -243,10 +304,19 @@ def test_a_comparison_without_responses_takes_every_reduction_from_a_store_that_
     for variant in ([], ["--variant", "thick"]):
         assert main(["run", str(scene), "-o", str(tmp_path / "run"), "--no-figures", *variant]) == 0
     assert len(reductions) == 2
-    assert main(["compare", str(scene), "--set", "analyses.frf=false", "-o", str(tmp_path / "out")]) == 0
+    assert (
+        main(["compare", str(scene), "--set", "analyses.frf=false", "-o", str(tmp_path / "out")])
+        == 0
+    )
     assert len(reductions) == 2
     compared = json.loads((tmp_path / "out" / "compare.json").read_text())["variants"]
     ran = json.loads((tmp_path / "run" / "summary.json").read_text())["components"]["bar"]
-    assert compared["thick"]["reduced_dofs"] < ran["reduced_dofs"]  # what is stored is richer than what is asked for
+    assert (
+        compared["thick"]["reduced_dofs"] < ran["reduced_dofs"]
+    )  # what is stored is richer than what is asked for
     efforts = [variant["effort"] for variant in compared.values()]
-    assert [(effort["elastic_components"], effort["from_store"]) for effort in efforts] == [(1, 1), (0, 0), (1, 1)]
+    assert [(effort["elastic_components"], effort["from_store"]) for effort in efforts] == [
+        (1, 1),
+        (0, 0),
+        (1, 1),
+    ]

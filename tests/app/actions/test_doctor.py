@@ -27,10 +27,14 @@ SLOW = Check("BLAS", "reference", "warning", "install a fast one")
 def test_this_environment_is_healthy() -> None:
     checks = check_environment()
     assert [check for check in checks if check.status == "missing"] == []
-    assert {"dolfinx", "PETSc", "MUMPS", "SLEPc", "gmsh", "h5py", "MPI, 2 ranks", "C compiler"} <= {check.name for check in checks}
+    assert {"dolfinx", "PETSc", "MUMPS", "SLEPc", "gmsh", "h5py", "MPI, 2 ranks", "C compiler"} <= {
+        check.name for check in checks
+    }
 
 
-def test_what_is_missing_makes_the_exit_code_1_and_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_missing_makes_the_exit_code_1_and_is_named(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert run_doctor(None, lambda: [GOOD, BROKEN]) == 1
     printed = capsys.readouterr().out
     assert "-> install the real one" in printed
@@ -59,7 +63,9 @@ def test_values_are_aligned() -> None:
     ["import no_such_module", "import os; os.abort()", "print('0.10.0')", "pass"],
     ids=["absent", "crashing", "wrong", "silent"],
 )
-def test_a_library_that_is_absent_crashing_wrong_or_silent_is_missing_with_a_remedy(code: str) -> None:
+def test_a_library_that_is_absent_crashing_wrong_or_silent_is_missing_with_a_remedy(
+    code: str,
+) -> None:
     check = ask(Question("library", code, expected="0.9", remedy="do this"))
     assert (check.status, check.remedy) == ("missing", "do this")
 

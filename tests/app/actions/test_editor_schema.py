@@ -1,4 +1,6 @@
-"""What the JSON schemas accept and refuse, by a standard validator: editors must not underline what the program takes."""
+"""What the JSON schemas accept and refuse, by a standard validator: editors must not underline what
+the program takes.
+"""
 
 import re
 import tomllib
@@ -10,9 +12,19 @@ import pytest
 from headstock.app.actions.editor_schema import scene_schema, targets_schema
 from headstock.app.command_line import main
 from headstock.scene.building.joints import KINDS
-from headstock.scene.reading.units import DIMENSIONS, LENGTH, PRESSURE, Dimension, UnitError, parse_quantity, quantity_pattern
+from headstock.scene.reading.units import (
+    DIMENSIONS,
+    LENGTH,
+    PRESSURE,
+    Dimension,
+    UnitError,
+    parse_quantity,
+    quantity_pattern,
+)
 
-jsonschema = pytest.importorskip("jsonschema", reason="environment/tests.txt could not be installed")
+jsonschema = pytest.importorskip(
+    "jsonschema", reason="environment/tests.txt could not be installed"
+)
 
 ROOT = Path(__file__).resolve().parents[3]
 DATA = Path(__file__).parents[2] / "data"
@@ -23,7 +35,10 @@ SCENES = [
 ]
 BAD = tomllib.loads((DATA / "refused" / "bad_scenes.toml").read_text())
 # whole scenes in documents: blocks of TOML with materials, and files that a shell block writes
-WHOLE = re.compile(r"```toml\n((?:(?!```).)*?^\[materials(?:(?!```).)*?)```|\.toml <<'EOF'\n(.*?)^EOF$", re.DOTALL | re.MULTILINE)
+WHOLE = re.compile(
+    r"```toml\n((?:(?!```).)*?^\[materials(?:(?!```).)*?)```|\.toml <<'EOF'\n(.*?)^EOF$",
+    re.DOTALL | re.MULTILINE,
+)
 DOCUMENTED = [
     (path.name, match[1] or match[2])
     for path in sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
@@ -46,7 +61,10 @@ def targets() -> Any:
 
 
 def faults(validator: Any, text: str) -> list[str]:
-    return [f"{error.json_path}: {error.message}" for error in validator.iter_errors(tomllib.loads(text))]
+    return [
+        f"{error.json_path}: {error.message}"
+        for error in validator.iter_errors(tomllib.loads(text))
+    ]
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.name)
@@ -137,10 +155,18 @@ def test_a_bad_scene_that_a_schema_can_know_is_refused_by_it(scenes: Any, name: 
 def test_a_joint_takes_the_keys_of_its_kind_only(scenes: Any, kind: str) -> None:
     rule = KINDS[kind]
     directions = 'axis = "x"\nnormal = "z"\n'
-    stiffness = ", ".join(f'{key} = "1 N/m"' if max(dofs) < 3 else f'{key} = "1 N m/rad"' for key, dofs in rule.keys.items())
+    stiffness = ", ".join(
+        f'{key} = "1 N/m"' if max(dofs) < 3 else f'{key} = "1 N m/rad"'
+        for key, dofs in rule.keys.items()
+    )
     scene = f'[joints.j]\nbetween = ["a.b", "ground"]\nkind = "{kind}"\n{directions}stiffness = {{ KEYS }}\n'
     assert faults(scenes, scene.replace("KEYS", stiffness)) == []
-    assert faults(scenes, scene.replace("KEYS", f'{stiffness}{", " if stiffness else ""}wobble = "1 N/m"')) != []
+    assert (
+        faults(
+            scenes, scene.replace("KEYS", f'{stiffness}{", " if stiffness else ""}wobble = "1 N/m"')
+        )
+        != []
+    )
 
 
 @pytest.mark.parametrize("dimension", DIMENSIONS, ids=lambda dimension: dimension.name)
@@ -149,7 +175,21 @@ def test_every_example_of_a_quantity_fits_its_pattern(dimension: Dimension) -> N
 
 
 @pytest.mark.parametrize(
-    "text", ["250 mm", "250mm", "1e-3 m", ".5 in", "5. km", "+3 µm", "3 μm", "12 cm", "1 inch", "  7 mm  ", "1 m^2/m", "2 mm²/m"]
+    "text",
+    [
+        "250 mm",
+        "250mm",
+        "1e-3 m",
+        ".5 in",
+        "5. km",
+        "+3 µm",
+        "3 μm",
+        "12 cm",
+        "1 inch",
+        "  7 mm  ",
+        "1 m^2/m",
+        "2 mm²/m",
+    ],
 )
 def test_a_pattern_takes_what_is_read(text: str) -> None:
     assert parse_quantity(text, LENGTH).dimension is LENGTH
@@ -157,7 +197,20 @@ def test_a_pattern_takes_what_is_read(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["120 MPaa", "210 GN", "210", "GPa", "1,5 GPa", "nan GPa", "2 GPa 3", "", "0x10 Pa", "2 G Pa", "1 kN/mmm^2"]
+    "text",
+    [
+        "120 MPaa",
+        "210 GN",
+        "210",
+        "GPa",
+        "1,5 GPa",
+        "nan GPa",
+        "2 GPa 3",
+        "",
+        "0x10 Pa",
+        "2 G Pa",
+        "1 kN/mmm^2",
+    ],
 )
 def test_a_pattern_refuses_what_is_no_pressure(text: str) -> None:
     with pytest.raises(UnitError):

@@ -1,4 +1,6 @@
-"""``headstock identify`` writes what it found beside the scene, never into it, and refuses bad input with nothing overwritten."""
+"""``headstock identify`` writes what it found beside the scene, never into it, and refuses bad
+input with nothing overwritten.
+"""
 
 import json
 import tomllib
@@ -35,9 +37,26 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, str, Pa
     return str(scene), str(targets), tmp_path / "out"
 
 
-def test_fitted_values_go_into_a_variant_to_paste(files: tuple[str, str, Path], capsys: pytest.CaptureFixture[str]) -> None:
+def test_fitted_values_go_into_a_variant_to_paste(
+    files: tuple[str, str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
     scene, targets, output = files
-    assert main(["identify", scene, targets, "-o", str(output), "--json", str(output / "copy.json"), "--starts", "2"]) == 0
+    assert (
+        main(
+            [
+                "identify",
+                scene,
+                targets,
+                "-o",
+                str(output),
+                "--json",
+                str(output / "copy.json"),
+                "--starts",
+                "2",
+            ]
+        )
+        == 0
+    )
     printed = capsys.readouterr().out
     assert printed.count("  start  sum of squares") == 2
     assert "held out" in printed
@@ -54,7 +73,9 @@ def test_fitted_values_go_into_a_variant_to_paste(files: tuple[str, str, Path], 
     assert variant["joints.guide_2.at[1]"] == f"{-fitted['place']['value']:.9g} mm"
     Path(scene).write_text(SCENE + overrides)
     joints = load_scene(Path(scene), variant="stiff+calibrated").machine.joints
-    assert joints["feet"].stiffness[1, 1] / joints["feet"].stiffness[0, 0] == pytest.approx(110 / 90)
+    assert joints["feet"].stiffness[1, 1] / joints["feet"].stiffness[0, 0] == pytest.approx(
+        110 / 90
+    )
     assert joints["guide_2"].point is not None
     assert joints["guide_2"].point[1] == pytest.approx(-1e-3 * fitted["place"]["value"])
 
@@ -63,13 +84,25 @@ def test_fitted_values_go_into_a_variant_to_paste(files: tuple[str, str, Path], 
     ("old", "new", "message"),
     [
         ('"stiff"', '"stif"', "targets.toml:3: cases.stiff.variant"),
-        ('["50 N/um", "200 N/um"]', '["200 N/um", "50 N/um"]', "targets.toml:9: parameters.feet.bounds"),
-        ('"joints.guide_1.at[1]"', '"joints.gide_1.at[1]"', "targets.toml:11: parameters.place.keys[0]"),
+        (
+            '["50 N/um", "200 N/um"]',
+            '["200 N/um", "50 N/um"]',
+            "targets.toml:9: parameters.feet.bounds",
+        ),
+        (
+            '"joints.guide_1.at[1]"',
+            '"joints.gide_1.at[1]"',
+            "targets.toml:11: parameters.place.keys[0]",
+        ),
         ('variant = "stiff"', "variant = stiff", "not valid TOML"),
     ],
 )
 def test_bad_input_ends_with_two_and_overwrites_nothing(
-    files: tuple[str, str, Path], capsys: pytest.CaptureFixture[str], old: str, new: str, message: str
+    files: tuple[str, str, Path],
+    capsys: pytest.CaptureFixture[str],
+    old: str,
+    new: str,
+    message: str,
 ) -> None:
     scene, targets, output = files
     output.mkdir()
@@ -90,19 +123,27 @@ def test_a_bound_at_which_a_part_cannot_be_built_is_bad_input(
     patch = 'foot = { face = "z-", rect = { size = ["30 mm", "50 mm"] } }'
     Path(scene).write_text(SCENE.replace('foot = { face = "z-" }', patch))
     text = TARGETS.replace(
-        '"joints.guide_1.at[1]", { key = "joints.guide_2.at[1]", factor = -1 }', '"components.column.solid.box[0]"'
+        '"joints.guide_1.at[1]", { key = "joints.guide_2.at[1]", factor = -1 }',
+        '"components.column.solid.box[0]"',
     )
     Path(targets).write_text(text.replace('["30 mm", "50 mm"]', '["25 mm", "50 mm"]'))
     assert main(["identify", scene, targets, "-o", str(output)]) == 2
     problem = capsys.readouterr().err
     assert "parameters.place.bounds[0]" in problem
-    assert "at its lower bound 25 mm the scene cannot be built: components.column: interfaces.foot" in problem
+    assert (
+        "at its lower bound 25 mm the scene cannot be built: components.column: interfaces.foot"
+        in problem
+    )
 
 
-def test_a_fit_that_cannot_start_is_a_named_failure(files: tuple[str, str, Path], capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fit_that_cannot_start_is_a_named_failure(
+    files: tuple[str, str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
     scene, targets, output = files
     Path(scene).write_text(
-        SCENE.replace('rz = "18e6 N m/rad"', 'rz = "0 N m/rad"').replace('normal = "50 N/um"', 'normal = "0 N/um"')
+        SCENE.replace('rz = "18e6 N m/rad"', 'rz = "0 N m/rad"').replace(
+            'normal = "50 N/um"', 'normal = "0 N/um"'
+        )
     )
     assert main(["identify", scene, targets, "-o", str(output)]) == 1
     problem = capsys.readouterr().err

@@ -1,4 +1,6 @@
-"""What a run leaves besides its results: tables, figures and a report that is the same when it is made again."""
+"""What a run leaves besides its results: tables, figures and a report that is the same when it is
+made again.
+"""
 
 import csv
 import io
@@ -37,12 +39,28 @@ def finished(store_root: Path) -> Path:
     few = 'analyses.modal.up_to="150 Hz"'
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HEADSTOCK_STORE", str(store_root))
-        assert main(["run", str(MACHINES / "three_axis.toml"), "-o", str(out), "--variant", "R", "--set", few]) == 0
+        assert (
+            main(
+                [
+                    "run",
+                    str(MACHINES / "three_axis.toml"),
+                    "-o",
+                    str(out),
+                    "--variant",
+                    "R",
+                    "--set",
+                    few,
+                ]
+            )
+            == 0
+        )
     return out
 
 
 @pytest.fixture
-def folder(finished: Path, store_root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(
+    finished: Path, store_root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Path:
     """A copy of a finished run that a test may spoil."""
     monkeypatch.setenv("HEADSTOCK_STORE", str(store_root))
     return Path(shutil.copytree(finished, tmp_path / "out"))
@@ -54,18 +72,27 @@ def picture_size(path: Path) -> tuple[int, int]:
     return struct.unpack(">II", content[16:24])
 
 
-def test_a_run_leaves_tables_modes_a_picture_per_pose_and_a_report_with_the_first_of_them(folder: Path) -> None:
+def test_a_run_leaves_tables_modes_a_picture_per_pose_and_a_report_with_the_first_of_them(
+    folder: Path,
+) -> None:
     assert {path.name for path in folder.iterdir() if not path.name.startswith(".")} == {
         "results.h5", "summary.json", "report.html", "tables", "modes", "figures",
     }  # fmt: skip
-    assert sorted(path.name for path in (folder / "figures").iterdir()) == ["machine_measured.png", "machine_reference.png"]
+    assert sorted(path.name for path in (folder / "figures").iterdir()) == [
+        "machine_measured.png",
+        "machine_reference.png",
+    ]
     assert picture_size(folder / "figures" / "machine_reference.png") == (1500, 960)
     assert '<img class="still"' in (folder / "report.html").read_text()
     summary = read_summary(folder)
     rows = list(csv.reader(io.StringIO((folder / "tables" / "modes_reference.csv").read_text())))
     assert [float(row[1]) for row in rows[1:]] == summary["modal"][0]["frequencies_hz"]
-    budget = list(csv.reader(io.StringIO((folder / "tables" / "budget_reference_tcp.csv").read_text())))
-    assert {row[0]: float(row[3]) for row in budget[1:]} == summary["static_poses"]["reference"]["tcp"]["budget"]["z"]
+    budget = list(
+        csv.reader(io.StringIO((folder / "tables" / "budget_reference_tcp.csv").read_text()))
+    )
+    assert {row[0]: float(row[3]) for row in budget[1:]} == summary["static_poses"]["reference"][
+        "tcp"
+    ]["budget"]["z"]
 
 
 def test_report_makes_the_same_page_again_and_draws_every_mode_and_chart(folder: Path) -> None:
@@ -75,8 +102,18 @@ def test_report_makes_the_same_page_again_and_draws_every_mode_and_chart(folder:
     assert (folder / "report.html").read_bytes() == before
     names = {path.stem for path in (folder / "figures").glob("*.png")}
     modes = read_summary(folder)["modal"]
-    wanted = {f"mode_{pose['pose_name']}_{i + 1:02d}" for pose in modes for i in range(len(pose["frequencies_hz"]))}
-    assert names == wanted | {"machine_reference", "machine_measured", "frequencies", "budget_reference_tcp", "budget_measured_tcp"}
+    wanted = {
+        f"mode_{pose['pose_name']}_{i + 1:02d}"
+        for pose in modes
+        for i in range(len(pose["frequencies_hz"]))
+    }
+    assert names == wanted | {
+        "machine_reference",
+        "machine_measured",
+        "frequencies",
+        "budget_reference_tcp",
+        "budget_measured_tcp",
+    }
 
 
 def test_figures_can_be_left_out(folder: Path) -> None:
@@ -96,26 +133,35 @@ def test_pictures_of_an_unchanged_machine_come_from_the_store(
 
     monkeypatch.setattr(pictures, "_run", refuse)
     assert draw_machine(folder, view, Store(store_root)).images == first.images
-    moved = {name: PoseView(pose.placements | {"base": Frame(np.ones(3))}, {}, {}) for name, pose in view.poses.items()}
+    moved = {
+        name: PoseView(pose.placements | {"base": Frame(np.ones(3))}, {}, {})
+        for name, pose in view.poses.items()
+    }
     with pytest.raises(AssertionError, match="a child was started"):
         draw_machine(folder, MachineView(view.skins, {}, moved), Store(store_root))
 
 
-def test_a_machine_is_painted_where_vtk_has_no_display_and_the_user_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_machine_is_painted_where_vtk_has_no_display_and_the_user_is_told(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(pictures, "_renderers", lambda: [("vtk", ["false"]), ("painted", [])])
     drawn = pictures.draw_pictures(folder, "machine")
     assert set(drawn.images) == {"machine_reference", "machine_measured"}
     assert drawn.remark is not None and "matplotlib" in drawn.remark
 
 
-def test_a_report_is_written_even_if_nothing_can_be_drawn(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_report_is_written_even_if_nothing_can_be_drawn(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(pictures, "_renderers", lambda: [("painted", ["false"])])
     (remark,) = publish_again(folder, read_summary(folder), read_view(folder))[-1:]
     assert "no pictures were drawn" in remark
     assert (folder / "report.html").stat().st_size > 500_000
 
 
-def test_a_summary_that_is_none_is_named_and_nothing_is_overwritten(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_summary_that_is_none_is_named_and_nothing_is_overwritten(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path, report = folder / "summary.json", (folder / "report.html").read_bytes()
     whole = path.read_text()
     summary = json.loads(whole)
@@ -149,7 +195,15 @@ def test_a_png_holds_the_pixels_it_was_given() -> None:
 
 
 def test_a_picture_of_the_machine_shows_bodies_where_they_stand_and_the_tool_where_it_is() -> None:
-    pose = PoseView({"a": Frame(np.array([1.0, 0.0, 0.0]))}, {}, {"tcp": PointView("a.tip", "ground", np.array([1.0, 0.0, 1.0]))})
-    picture = rest_picture("p", MachineView({"a": box_skin(np.zeros(3), np.ones(3))}, {}, {"p": pose}), pose, (10, 10))
-    np.testing.assert_array_equal([picture.points.min(axis=0), picture.points.max(axis=0)], [[1, 0, 0], [2, 1, 1]])
+    pose = PoseView(
+        {"a": Frame(np.array([1.0, 0.0, 0.0]))},
+        {},
+        {"tcp": PointView("a.tip", "ground", np.array([1.0, 0.0, 1.0]))},
+    )
+    picture = rest_picture(
+        "p", MachineView({"a": box_skin(np.zeros(3), np.ones(3))}, {}, {"p": pose}), pose, (10, 10)
+    )
+    np.testing.assert_array_equal(
+        [picture.points.min(axis=0), picture.points.max(axis=0)], [[1, 0, 0], [2, 1, 1]]
+    )
     np.testing.assert_array_equal(picture.tools, [[1, 0, 1]])

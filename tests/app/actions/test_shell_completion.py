@@ -34,8 +34,14 @@ def ask(shell: str, folder: Path, *words: str) -> list[str]:
     quoted = " ".join(f"'{word}'" for word in words)
     line = ASK[shell].format(words=quoted, last=len(words) - 1, line=f"'{' '.join(words)}'")
     # fish keeps its settings in a home of its own
-    variables = {**os.environ, "HOME": str(folder), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    done = subprocess.run([shell, "-c", line], cwd=folder, env=variables, capture_output=True, text=True, check=False)
+    variables = {
+        **os.environ,
+        "HOME": str(folder),
+        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+    }
+    done = subprocess.run(
+        [shell, "-c", line], cwd=folder, env=variables, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     # what follows a tab describes the word
     return [word for text in done.stdout.splitlines() for word in text.split("\t")[0].split()]
@@ -44,7 +50,9 @@ def ask(shell: str, folder: Path, *words: str) -> list[str]:
 @pytest.mark.parametrize("shell", ASK)
 def test_commands_options_names_and_files_are_completed(shell: str, folder: Path) -> None:
     if shutil.which(shell) is None:
-        pytest.skip(f"there is no {shell} here; the private root has one (environment/packages.txt)")
+        pytest.skip(
+            f"there is no {shell} here; the private root has one (environment/packages.txt)"
+        )
     (folder / "scene.toml").touch()
     assert ask(shell, folder, "./headstock", "comp") == ["compare", "completion"]
     assert "--variant" in ask(shell, folder, "./headstock", "run", "--v")

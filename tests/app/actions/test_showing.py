@@ -32,7 +32,9 @@ def is_png(path: Path) -> bool:
     return path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
-def test_a_part_is_drawn_and_listed_with_a_table_that_can_be_pasted(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_part_is_drawn_and_listed_with_a_table_that_can_be_pasted(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["show", str(SUPPORT), "-o", "faces.png", "--json", "faces.json", "--all"]) == 0
     printed = capsys.readouterr().out
     assert is_png(folder / "faces.png")
@@ -49,12 +51,18 @@ def test_a_part_is_drawn_and_listed_with_a_table_that_can_be_pasted(folder: Path
 def test_every_side_of_a_box_gets_its_number() -> None:
     skin = box_skin(np.zeros(3), np.array([0.1, 0.2, 0.3]))
     owners = np.repeat(np.arange(1, 7), 2)
-    image, labelled = draw_numbered(LabelledSurface(skin.points, skin.triangles, owners, {n: str(n) for n in range(1, 7)}, "box"))
+    image, labelled = draw_numbered(
+        LabelledSurface(
+            skin.points, skin.triangles, owners, {n: str(n) for n in range(1, 7)}, "box"
+        )
+    )
     assert labelled == set(range(1, 7))
     assert image[:4] == b"\x89PNG"
 
 
-def test_a_scene_is_drawn_with_its_components(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_scene_is_drawn_with_its_components(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["new", "first"]) == 0
     assert main(["show", "first/first.toml"]) == 0
     assert is_png(folder / "first_machine.png")
@@ -89,7 +97,13 @@ def test_suggestions_left_as_comments_are_valid_when_the_comment_signs_go(folder
     end = lines.index("", start)
     lines[start:end] = [line.removeprefix("# ") for line in lines[start:end]]
     path.write_text("\n".join(lines))
-    assert set(load_scene(path).machine.components["part"].interfaces) == {"bottom", "top", "holes_1", "holes_2", "bore"}
+    assert set(load_scene(path).machine.components["part"].interfaces) == {
+        "bottom",
+        "top",
+        "holes_1",
+        "holes_2",
+        "bore",
+    }
 
 
 def test_a_part_that_cannot_be_meshed_is_not_called_ready(
@@ -111,7 +125,9 @@ def test_a_picture_makes_its_folder(folder: Path) -> None:
     assert is_png(folder / "pictures" / "part.png")
 
 
-def test_nothing_is_overwritten_by_a_new_scene(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_overwritten_by_a_new_scene(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (folder / "mine").mkdir()
     (folder / "mine" / "notes.txt").write_text("precious")
     assert main(["new", "mine"]) == 2
@@ -127,7 +143,9 @@ def test_a_failed_start_leaves_no_folder(folder: Path) -> None:
     assert [path.name for path in folder.iterdir() if path.is_dir() and path.name != "store"] == []
 
 
-def test_a_solid_of_an_assembly_is_chosen_by_name_and_number(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_solid_of_an_assembly_is_chosen_by_name_and_number(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     gmsh.initialize(interruptible=False, readConfigFiles=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
@@ -144,7 +162,9 @@ def test_a_solid_of_an_assembly_is_chosen_by_name_and_number(folder: Path, capsy
     assert main(["show", "pair.step", "--solid", "2"]) == 0
     assert "60 × 10 × 10 mm" in capsys.readouterr().out
     assert main(["new", "mine", "--part", "pair.step", "--solid", "2"]) == 0
-    assert tomllib.loads((folder / "mine" / "mine.toml").read_text())["components"]["part"]["solid"] == {
+    assert tomllib.loads((folder / "mine" / "mine.toml").read_text())["components"]["part"][
+        "solid"
+    ] == {
         "step": "pair.step",
         "solid": 2,
     }
@@ -161,8 +181,12 @@ def test_a_solid_of_an_assembly_is_chosen_by_name_and_number(folder: Path, capsy
         (["new", "odd", "--part", "odd.step"], "odd.step:3 holds -NaN in place of a number"),
     ],
 )
-def test_what_cannot_be_shown_is_named(folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str) -> None:
+def test_what_cannot_be_shown_is_named(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
     os.mkfifo(folder / "pipe.step")
-    (folder / "odd.step").write_text("ISO-10303-21;\n#1=X('(NAN,',0.);\n#2=CARTESIAN_POINT('',(0.,-NaN,0.));\n")
+    (folder / "odd.step").write_text(
+        "ISO-10303-21;\n#1=X('(NAN,',0.);\n#2=CARTESIAN_POINT('',(0.,-NaN,0.));\n"
+    )
     assert main(arguments) in (1, 2)
     assert words in capsys.readouterr().err

@@ -57,9 +57,16 @@ def run_study(path: Path, name: str, *options: str) -> tuple[int, Path]:
     return main(["study", str(path), name, "-o", str(folder), *options]), folder
 
 
-def test_a_study_prints_its_table_and_writes_it_as_csv_json_and_png(scene_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_study_prints_its_table_and_writes_it_as_csv_json_and_png(
+    scene_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     code, folder = run_study(
-        scene_file, "rows", "--json", str(scene_file.parent / "rows.json"), "--set", "components.column.mass=20 kg"
+        scene_file,
+        "rows",
+        "--json",
+        str(scene_file.parent / "rows.json"),
+        "--set",
+        "components.column.mass=20 kg",
     )
     printed = " ".join(capsys.readouterr().out.split())
     assert code == 0
@@ -77,7 +84,9 @@ def test_a_study_prints_its_table_and_writes_it_as_csv_json_and_png(scene_file: 
     assert (folder / "study.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_mesh_size_that_is_varied_gives_orders_of_convergence(scene_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_mesh_size_that_is_varied_gives_orders_of_convergence(
+    scene_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     code, folder = run_study(scene_file, "sizes")
     assert code == 0
     assert "Order of convergence" in capsys.readouterr().out
@@ -91,20 +100,26 @@ def test_a_mesh_size_that_is_varied_gives_orders_of_convergence(scene_file: Path
     assert [float(row["components.column.mesh.size [m]"]) for row in rows] == [0.04, 0.02, 0.01]
 
 
-def test_a_bad_value_is_refused_before_anything_is_computed(scene_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bad_value_is_refused_before_anything_is_computed(
+    scene_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     code, folder = run_study(scene_file, "broken")
     assert code == 2
     assert "mount" in capsys.readouterr().err
     assert not (folder / "points.jsonl").exists()
 
 
-def test_an_unknown_study_is_refused_with_the_names_there_are(scene_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_study_is_refused_with_the_names_there_are(
+    scene_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     code, _ = run_study(scene_file, "row")
     assert code == 2
     assert "did you mean 'rows'?" in capsys.readouterr().err
 
 
-def test_a_ladder_draws_the_paper_s_figures_and_lists_its_claims(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_ladder_draws_the_paper_s_figures_and_lists_its_claims(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "cantilever.toml"
     shipped = (Path(__file__).resolve().parents[3] / "machines" / "cantilever.toml").read_text()
     path.write_text(shipped[: shipped.index("# the paper's section")] + LADDER)
@@ -125,7 +140,11 @@ def test_a_ladder_draws_the_paper_s_figures_and_lists_its_claims(tmp_path: Path,
     }
     with (folder / "ladder.csv").open() as file:
         rows = list(csv.DictReader(file))
-    (row,) = [row for row in rows if (row["model"], row["nDOF"], row["quantity"]) == ("segmented", "30", "dx(Fx)")]
+    (row,) = [
+        row
+        for row in rows
+        if (row["model"], row["nDOF"], row["quantity"]) == ("segmented", "30", "dx(Fx)")
+    ]
     assert float(row["deviation"]) == pytest.approx(435.8276 / 433.91 - 1.0, abs=1e-4)
     claims = json.loads((tmp_path / "ladder.json").read_text())["claims"]
     assert {claim["figure"] for claim in claims} == {6, 7, 8, 9}
@@ -144,5 +163,8 @@ def test_a_study_with_a_truth_shows_what_accuracy_costs(
     rows = list(csv.DictReader((tmp_path / "out" / "cost.csv").read_text().splitlines()))
     errors = [float(row["error"]) for row in rows]
     assert errors == sorted(errors, reverse=True) and errors[-1] > 0.0
-    assert json.loads((tmp_path / "out" / "study.json").read_text())["costs"][0]["settings"] == "column.segments.count = 2"
+    assert (
+        json.loads((tmp_path / "out" / "study.json").read_text())["costs"][0]["settings"]
+        == "column.segments.count = 2"
+    )
     assert (tmp_path / "out" / "cost.png").stat().st_size > 10_000

@@ -10,7 +10,12 @@ from headstock.validation.references.rows import Target, ValidationRow, judge
 
 def make_rows(factor: float) -> list[ValidationRow]:
     return [
-        judge(CASE, compliance_name(variant, fidelity, axis), factor * right, Target(right, "um/kN", float("nan"), "shown only"))
+        judge(
+            CASE,
+            compliance_name(variant, fidelity, axis),
+            factor * right,
+            Target(right, "um/kN", float("nan"), "shown only"),
+        )
         for variant in VARIANTS
         for fidelity in FIDELITIES
         for axis, right in MEASURED_COMPLIANCE.items()

@@ -54,7 +54,16 @@ def make_table(counts: int, youngs: tuple[str | float, ...], watched: int = 2) -
             status="done",
             summary=sketch(
                 RunSummary,
-                {"modal": [{"pose_name": "p", "frequencies_hz": [100.0 * number + count + index for index in range(watched)]}]},
+                {
+                    "modal": [
+                        {
+                            "pose_name": "p",
+                            "frequencies_hz": [
+                                100.0 * number + count + index for index in range(watched)
+                            ],
+                        }
+                    ]
+                },
             ),
         )
         for (number, young), count in itertools.product(enumerate(youngs), range(1, counts + 1))
@@ -69,22 +78,30 @@ def test_every_series_of_a_study_is_drawn_and_its_legend_is_whole(figures: list[
     looks = {(line.get_color(), line.get_linestyle()) for line in figure.axes[0].get_lines()}
     assert len(looks) == 20
     (legend,) = figure.legends
-    assert [text.get_text().replace("\n", " ").rpartition(" ")[2] for text in legend.get_texts()] == [str(n) for n in range(1, 21)]
+    assert [
+        text.get_text().replace("\n", " ").rpartition(" ")[2] for text in legend.get_texts()
+    ] == [str(n) for n in range(1, 21)]
     box, page = legend.get_window_extent(), figure.bbox
     assert page.x0 <= box.x0 and box.x1 <= page.x1 and page.y0 <= box.y0 and box.y1 <= page.y1
     panel = figure.axes[0].get_tightbbox()
     assert panel is not None and box.y1 <= panel.y0 + 1.0
 
 
-def test_quantities_stand_on_an_axis_of_numbers_with_their_unit_and_titles_are_words(figures: list[Figure]) -> None:
+def test_quantities_stand_on_an_axis_of_numbers_with_their_unit_and_titles_are_words(
+    figures: list[Figure],
+) -> None:
     draw_study(make_table(2, ("110 GPa", "150 GPa", "210 GPa")))
     axes = figures[0].axes[0]
-    np.testing.assert_allclose(np.asarray(axes.get_lines()[0].get_xdata(), dtype=float), [110.0, 150.0, 210.0])
+    np.testing.assert_allclose(
+        np.asarray(axes.get_lines()[0].get_xdata(), dtype=float), [110.0, 150.0, 210.0]
+    )
     assert [label.get_text() for label in axes.get_xticklabels()] == ["110", "150", "210"]
     assert axes.get_xlabel() == "materials.steel.E [GPa]"
     assert axes.get_title("left") == "frequency 1 [Hz]"
     draw_study(make_table(2, ("210 GPa", "1.5e5 MPa")))
-    np.testing.assert_allclose(np.asarray(figures[1].axes[0].get_lines()[0].get_xdata(), dtype=float), [1.5e11, 2.1e11])
+    np.testing.assert_allclose(
+        np.asarray(figures[1].axes[0].get_lines()[0].get_xdata(), dtype=float), [1.5e11, 2.1e11]
+    )
     assert figures[1].axes[0].get_xlabel() == "materials.steel.E [Pa]"
 
 
@@ -106,8 +123,16 @@ def test_words_among_quantities_are_no_numbers() -> None:
     ("path", "short", "title"),
     [
         ("modal.frequencies_hz[0]", "frequencies_hz[0]", "frequency 1 [Hz]"),
-        ("static.tcp.compliance_um_per_kN[0][2]", "compliance_um_per_kN[0][2]", "compliance xz [µm/kN]"),
-        ("static.a.compliance_um_per_kN[0][0]", "a.compliance_um_per_kN[0][0]", "a compliance xx [µm/kN]"),
+        (
+            "static.tcp.compliance_um_per_kN[0][2]",
+            "compliance_um_per_kN[0][2]",
+            "compliance xz [µm/kN]",
+        ),
+        (
+            "static.a.compliance_um_per_kN[0][0]",
+            "a.compliance_um_per_kN[0][0]",
+            "a compliance xx [µm/kN]",
+        ),
         ("totals.mass_kg", "mass_kg", "mass [kg]"),
         ("seconds", "seconds", "seconds [s]"),
         ("modal.rigid_count", "rigid_count", "rigid count"),
@@ -132,7 +157,12 @@ def make_comparison() -> ComparisonSummary:
         }
         seconds = dict.fromkeys(("load", "components", "couple", "modes", "total"), 1.0)
         effort = {"seconds": seconds, "cpu_seconds": seconds, "elastic_components": 0}
-        errors = {"error_hz": [0.5] * 4, "error_share": [{"discretisation": 0.5}] * 4, "error_left_out": [], "rigid_count": 0}
+        errors = {
+            "error_hz": [0.5] * 4,
+            "error_share": [{"discretisation": 0.5}] * 4,
+            "error_left_out": [],
+            "rigid_count": 0,
+        }
         return (
             {"static": {"tcp": point}, "failures": [], "effort": effort | {"from_store": 0}}
             | dict.fromkeys(("full_dofs", "reduced_dofs", "coupled_dofs"), 6)
@@ -146,7 +176,14 @@ def make_comparison() -> ComparisonSummary:
             "name": f"part bends {number}",
             "origin": names[0],
             "variants": {
-                name: {"number": number + 1, "frequency_hz": value, "error_hz": 0.5, "deviation": 0.0, "mac": 1.0} for name in names
+                name: {
+                    "number": number + 1,
+                    "frequency_hz": value,
+                    "error_hz": 0.5,
+                    "deviation": 0.0,
+                    "mac": 1.0,
+                }
+                for name in names
             },
         }
         for number, value in enumerate(hz)
@@ -165,7 +202,12 @@ def test_labels_of_a_comparison_do_not_touch_and_have_no_bare_point(figures: lis
     boxes = [text.get_window_extent() for text in texts if text.get_text()[0].isdigit()]
     assert len(boxes) == 4 * 7
     for one, other in itertools.combinations(boxes, 2):
-        assert one.x1 <= other.x0 or other.x1 <= one.x0 or one.y1 <= other.y0 + 1.0 or other.y1 <= one.y0 + 1.0
+        assert (
+            one.x1 <= other.x0
+            or other.x1 <= one.x0
+            or one.y1 <= other.y0 + 1.0
+            or other.y1 <= one.y0 + 1.0
+        )
     (legend,) = bars.legends
     assert legend.get_window_extent().x0 >= 0.0 and legend.get_window_extent().x1 <= bars.bbox.x1
 
@@ -224,9 +266,19 @@ def test_the_responses_of_all_poses_are_drawn_over_each_other(figures: list[Figu
     curves = [make_curves("b", 1.0), make_curves("a", 2.0)]
     assert list(draw_responses(curves)) == ["frf_b", "frf_a", "frf_all_poses"]
     assert [text.get_text() for text in figures[2].legends[0].get_texts()] == ["pose a", "pose b"]
-    assert [label.get_text() for label in figures[0].axes[1].get_xticklabels()] == ["20", "50", "100", "200"]
+    assert [label.get_text() for label in figures[0].axes[1].get_xticklabels()] == [
+        "20",
+        "50",
+        "100",
+        "200",
+    ]
     drawn = str(draw_overlay(curves, "all"))
-    assert drawn.count("<path") == 2 * 2 and "pose a" in drawn and "pose b" in drawn and ">50<" in drawn
+    assert (
+        drawn.count("<path") == 2 * 2
+        and "pose a" in drawn
+        and "pose b" in drawn
+        and ">50<" in drawn
+    )
     assert "frf_all_poses" not in draw_responses(curves[:1])
 
 

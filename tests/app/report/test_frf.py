@@ -78,7 +78,10 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "scene.toml").write_text(SCENE)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HEADSTOCK_STORE", str(folder / "store"))
-        assert main(["run", str(folder / "scene.toml"), "-o", str(folder / "out"), "--no-figures"]) == 0
+        assert (
+            main(["run", str(folder / "scene.toml"), "-o", str(folder / "out"), "--no-figures"])
+            == 0
+        )
     return folder / "out"
 
 
@@ -87,36 +90,59 @@ def test_summary_table_and_file_hold_the_same_response(run_folder: Path) -> None
     response = summary["frf"]["reference"]
     assert response["method"] == "poles" and response["damped"]
     assert response["outputs"] == [["tcp", "x"], ["tcp", "y"], ["tcp", "z"], ["head.seat", "rx"]]
-    assert [port["port"] for port in response["ports"]] == response["inputs"] == [["tcp", d] for d in "xyz"]
+    assert (
+        [port["port"] for port in response["ports"]]
+        == response["inputs"]
+        == [["tcp", d] for d in "xyz"]
+    )
     rows = list(csv.reader(io.StringIO((run_folder / "tables" / "frf_reference.csv").read_text())))
     assert len(rows) == 1 + len(curves.frequencies_hz) == 1 + response["points"]
-    np.testing.assert_array_equal(np.array(rows[1:], dtype=float)[:, 1], curves.receptance[:, 0, 0].real)
-    assert 1e9 * curves.receptance[0, 0, 0].real == pytest.approx(response["ports"][0]["static_um_per_kN"], rel=1e-12)
+    np.testing.assert_array_equal(
+        np.array(rows[1:], dtype=float)[:, 1], curves.receptance[:, 0, 0].real
+    )
+    assert 1e9 * curves.receptance[0, 0, 0].real == pytest.approx(
+        response["ports"][0]["static_um_per_kN"], rel=1e-12
+    )
     softest = 1e-6 / np.abs(curves.receptance[:, 1, 1]).max()
     assert response["ports"][1]["softest_N_per_um"] == pytest.approx(softest, rel=1e-4)
 
 
 def test_the_report_is_written_again_from_the_files_alone(run_folder: Path) -> None:
     html = (run_folder / "report.html").read_text()
-    assert render_report(read_summary(run_folder), read_view(run_folder), curves=read_curves(run_folder)) == html
+    assert (
+        render_report(
+            read_summary(run_folder), read_view(run_folder), curves=read_curves(run_folder)
+        )
+        == html
+    )
     assert html.count('class="response"') == 1 and "response-data" in html
 
 
 def test_every_array_of_the_results_says_its_unit(run_folder: Path) -> None:
     with h5py.File(run_folder / "results.h5") as file:
         units: dict[str, str | None] = {}
-        file.visititems(lambda name, item: units.update({name: item.attrs.get("unit")}) if isinstance(item, h5py.Dataset) else None)
+        file.visititems(
+            lambda name, item: (
+                units.update({name: item.attrs.get("unit")})
+                if isinstance(item, h5py.Dataset)
+                else None
+            )
+        )
     assert len(units) > 10
     assert [name for name, unit in units.items() if unit is None] == []
 
 
 def test_the_numbers_behind_the_cursor_are_the_curves(run_folder: Path) -> None:
     html = (run_folder / "report.html").read_text()
-    data = json.loads(present(re.search(r'class="response-data"[^>]*>(.*?)</script>', html, re.DOTALL))[1])
+    data = json.loads(
+        present(re.search(r'class="response-data"[^>]*>(.*?)</script>', html, re.DOTALL))[1]
+    )
     (curves,) = read_curves(run_folder)
     assert len(data["cells"]) == 12
     np.testing.assert_allclose(data["hz"], curves.frequencies_hz, rtol=1e-3)
-    np.testing.assert_allclose(data["cells"][4]["size"], 1e9 * np.abs(curves.receptance[:, 1, 1]), rtol=1e-3)
+    np.testing.assert_allclose(
+        data["cells"][4]["size"], 1e9 * np.abs(curves.receptance[:, 1, 1]), rtol=1e-3
+    )
 
 
 def test_a_gap_is_a_gap_in_curve_table_and_data() -> None:
@@ -141,16 +167,37 @@ def test_a_machine_goes_into_a_mat_file_and_modes_above_stay_in_it_statically(
 ) -> None:
     (tmp_path / "scene.toml").write_text(SCENE)
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
-    assert main(["export", str(tmp_path / "scene.toml"), "--state-space", "150 Hz", "-o", str(tmp_path / "m.mat")]) == 0
+    assert (
+        main(
+            [
+                "export",
+                str(tmp_path / "scene.toml"),
+                "--state-space",
+                "150 Hz",
+                "-o",
+                str(tmp_path / "m.mat"),
+            ]
+        )
+        == 0
+    )
     read = scipy.io.loadmat(tmp_path / "m.mat")
     assert read["A"].shape[0] < 24 and read["D"].shape == (4, 3)
     static = read["D"] - read["C"] @ np.linalg.solve(read["A"], read["B"])
-    assert main(["run", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "out"), "--no-figures"]) == 0
+    assert (
+        main(["run", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "out"), "--no-figures"])
+        == 0
+    )
     (curves,) = read_curves(tmp_path / "out")
-    np.testing.assert_allclose(static, curves.receptance[0].real, rtol=1e-8, atol=1e-8 * np.abs(static).max())
+    np.testing.assert_allclose(
+        static, curves.receptance[0].real, rtol=1e-8, atol=1e-8 * np.abs(static).max()
+    )
 
 
-@pytest.mark.parametrize("arguments", [[], ["base", "--state-space", "5 Hz"], ["--state-space", "5 kg"]])
-def test_an_export_of_nothing_or_of_two_things_is_refused(tmp_path: Path, arguments: list[str]) -> None:
+@pytest.mark.parametrize(
+    "arguments", [[], ["base", "--state-space", "5 Hz"], ["--state-space", "5 kg"]]
+)
+def test_an_export_of_nothing_or_of_two_things_is_refused(
+    tmp_path: Path, arguments: list[str]
+) -> None:
     (tmp_path / "scene.toml").write_text(SCENE)
     assert main(["export", str(tmp_path / "scene.toml"), *arguments]) == 2

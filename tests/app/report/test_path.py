@@ -1,4 +1,6 @@
-"""The path in the report and in tables: curves with their ramps shaded, thinned without losing a peak."""
+"""The path in the report and in tables: curves with their ramps shaded, thinned without losing a
+peak.
+"""
 
 import re
 
@@ -21,13 +23,20 @@ def make_curves(feed: float) -> PathCurves:
     follows = np.column_stack([-3e-7 * motion.accelerations, 1e-7 * motion.accelerations])
     rings = 1e-7 * np.column_stack([np.sin(500.0 * times), np.cos(500.0 * times)])
     deviation = PathDeviation(times, follows + rings, follows, np.zeros_like(follows), rings)
-    return PathCurves(feed, move.zones, PORTS, deviation, follows + rings, motion.positions, motion.accelerations)
+    return PathCurves(
+        feed, move.zones, PORTS, deviation, follows + rings, motion.positions, motion.accelerations
+    )
 
 
 def test_a_table_has_a_row_per_sample_and_its_parts_add_up() -> None:
     table = tabulate_path(make_curves(0.05))
     assert table.name == "path_3000"
-    assert table.headings[3:7] == ("deviation tcp z [um]", "quasi-static tcp z [um]", "sway tcp z [um]", "ringing tcp z [um]")
+    assert table.headings[3:7] == (
+        "deviation tcp z [um]",
+        "quasi-static tcp z [um]",
+        "sway tcp z [um]",
+        "ringing tcp z [um]",
+    )
     rows = np.array(table.rows)
     assert rows.shape == (5000, 3 + 2 * 5)
     np.testing.assert_allclose(rows[:, 3], rows[:, 4:7].sum(axis=1), atol=1e-15)
@@ -57,4 +66,7 @@ def test_the_drawing_shades_both_ramps_and_shows_every_feed() -> None:
 
 
 def test_stems_of_odd_feeds_are_file_names() -> None:
-    assert [path_stem(make_curves(feed / 6e4)) for feed in (600.0, 1234.5)] == ["path_600", "path_1234_5"]
+    assert [path_stem(make_curves(feed / 6e4)) for feed in (600.0, 1234.5)] == [
+        "path_600",
+        "path_1234_5",
+    ]

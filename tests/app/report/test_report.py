@@ -1,4 +1,6 @@
-"""The report is one file that loads nothing, escapes everything, and shows no number that is not in the summary."""
+"""The report is one file that loads nothing, escapes everything, and shows no number that is not in
+the summary.
+"""
 
 import base64
 import copy
@@ -34,7 +36,14 @@ from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import JointView, MachineView, PointView, PoseView
 
 MACHINES = Path(__file__).resolve().parents[3] / "machines"
-HOSTILE = ("<script>alert(1)</script>", '"><img src=x onerror=alert(1)>', "</script><b>", "{{ 7 * 7 }}", "a\u2028b\u2029c", "&lt;")
+HOSTILE = (
+    "<script>alert(1)</script>",
+    '"><img src=x onerror=alert(1)>',
+    "</script><b>",
+    "{{ 7 * 7 }}",
+    "a\u2028b\u2029c",
+    "&lt;",
+)
 SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 
@@ -58,7 +67,11 @@ class Page(HTMLParser):
         self.tags.append((tag, found))
         if tag not in ("meta", "img", "input", "br", "link"):
             self.stack.append(tag)
-        self.value = found.get("value") if tag == "data" else found.get("data-value", self.value if tag == "data" else None)
+        self.value = (
+            found.get("value")
+            if tag == "data"
+            else found.get("data-value", self.value if tag == "data" else None)
+        )
         self.is_bound = found.get("class") == "bound"
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
@@ -83,7 +96,11 @@ def values_in(content: object) -> set[float]:
         return set().union(*map(values_in, content.values())) if content else set()
     if isinstance(content, list):
         return set().union(*map(values_in, content)) if content else set()
-    return {float(content)} if isinstance(content, int | float) and not isinstance(content, bool) else set()
+    return (
+        {float(content)}
+        if isinstance(content, int | float) and not isinstance(content, bool)
+        else set()
+    )
 
 
 def texts_in(content: object) -> set[str]:
@@ -99,7 +116,10 @@ def read_shown(text: str) -> tuple[float, float]:
     plain = text.replace("−", "-").replace("\u202f", "")
     number, _, unit_name = plain.partition(" ")
     mantissa, _, exponent = number.partition("·10")
-    unit = 10.0 ** int(exponent.translate(SUPERSCRIPTS) or 0) * {"%": 0.01, "mm": 1e-3, "deg": math.pi / 180.0, "": 1.0}[unit_name]
+    unit = (
+        10.0 ** int(exponent.translate(SUPERSCRIPTS) or 0)
+        * {"%": 0.01, "mm": 1e-3, "deg": math.pi / 180.0, "": 1.0}[unit_name]
+    )
     return float(mantissa) * unit, 0.5001 * unit * 10.0 ** -len(mantissa.partition(".")[2])
 
 
@@ -108,7 +128,17 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HEADSTOCK_STORE", str(folder / "store"))
-        code = main(["run", str(MACHINES / "three_axis.toml"), "-o", str(folder / "out"), "--variant", "YE", "--no-figures"])
+        code = main(
+            [
+                "run",
+                str(MACHINES / "three_axis.toml"),
+                "-o",
+                str(folder / "out"),
+                "--variant",
+                "YE",
+                "--no-figures",
+            ]
+        )
     assert code == 0
     return folder / "out"
 
@@ -118,7 +148,9 @@ def html(run_folder: Path) -> str:
     return (run_folder / "report.html").read_text()
 
 
-def test_every_number_in_the_report_is_in_the_summary_and_rounded_from_it(run_folder: Path, html: str) -> None:
+def test_every_number_in_the_report_is_in_the_summary_and_rounded_from_it(
+    run_folder: Path, html: str
+) -> None:
     summary = read_summary(run_folder)
     page = Page(html)
     assert len(page.numbers) > 200
@@ -133,10 +165,14 @@ def test_every_error_in_the_report_is_rounded_up(html: str) -> None:
     assert len(page.bounds) > 20
     for value, text in page.bounds:
         shown, half = read_shown(text.removeprefix("<"))
-        assert value * (1 - 1e-9) <= shown and (text.startswith("<") or shown <= value + 2.0 * half), text
+        assert value * (1 - 1e-9) <= shown and (
+            text.startswith("<") or shown <= value + 2.0 * half
+        ), text
 
 
-def test_no_decimal_number_stands_outside_the_numbered_elements(run_folder: Path, html: str) -> None:
+def test_no_decimal_number_stands_outside_the_numbered_elements(
+    run_folder: Path, html: str
+) -> None:
     words = " ".join(Page(html).words)
     for text in sorted(texts_in(read_summary(run_folder)), key=len, reverse=True):
         words = words.replace(text, "") if re.search(r"\d", text) else words
@@ -157,7 +193,9 @@ def test_the_report_loads_nothing(html: str) -> None:
     styles = "".join(text for text in page.scripts if "prefers-color-scheme" in text)
     assert "url(" not in styles and "@import" not in styles
     policy = next(
-        str(attributes["content"]) for tag, attributes in page.tags if attributes.get("http-equiv") == "Content-Security-Policy"
+        str(attributes["content"])
+        for tag, attributes in page.tags
+        if attributes.get("http-equiv") == "Content-Security-Policy"
     )
     assert "default-src 'none'" in policy and "http" not in policy
 
@@ -180,8 +218,18 @@ def test_a_report_says_so_when_errors_were_not_estimated(run_folder: Path) -> No
     assert '<data class="bound" value="0.25">0.25</data>' in changed
 
 
-def test_the_report_of_a_lumped_mechanism_shows_its_compliance_without_errors(tmp_path: Path) -> None:
-    command = ["run", str(MACHINES / "tripteor.toml"), "--analysis", "static", "--no-figures", "-o", str(tmp_path / "out")]
+def test_the_report_of_a_lumped_mechanism_shows_its_compliance_without_errors(
+    tmp_path: Path,
+) -> None:
+    command = [
+        "run",
+        str(MACHINES / "tripteor.toml"),
+        "--analysis",
+        "static",
+        "--no-figures",
+        "-o",
+        str(tmp_path / "out"),
+    ]
     assert main(command) == 0
     page = Page((tmp_path / "out" / "report.html").read_text())
     compliance = read_summary(tmp_path / "out")["static"]["tcp"]["compliance_um_per_kN"]
@@ -189,29 +237,56 @@ def test_the_report_of_a_lumped_mechanism_shows_its_compliance_without_errors(tm
     assert {compliance[place][place] for place in range(3)} <= {value for value, _ in page.numbers}
 
 
-def test_the_first_mode_that_deforms_is_neither_free_nor_a_motion_of_the_whole_machine(run_folder: Path) -> None:
+def test_the_first_mode_that_deforms_is_neither_free_nor_a_motion_of_the_whole_machine(
+    run_folder: Path,
+) -> None:
     summary = read_summary(run_folder)
-    names, hz = ["free X translation of a", "whole machine moves Y on m", "a bends X"], [0.0, 2.0, 87.5]
+    names, hz = (
+        ["free X translation of a", "whole machine moves Y on m", "a bends X"],
+        [0.0, 2.0, 87.5],
+    )
     modes: dict[str, object] = {"mode_names": names, "frequencies_hz": hz, "rigid_count": 1}
-    shortened = ("error_hz", "damping_ratio", "damping_error", "damped_hz", "damped_error_hz", "energy_share")
-    modes |= {key: values[:3] for key, values in summary["modal"][0].items() if key in shortened and isinstance(values, list)}
+    shortened = (
+        "error_hz",
+        "damping_ratio",
+        "damping_error",
+        "damped_hz",
+        "damped_error_hz",
+        "energy_share",
+    )
+    modes |= {
+        key: values[:3]
+        for key, values in summary["modal"][0].items()
+        if key in shortened and isinstance(values, list)
+    }
     html = render_report(summary | {"modal": [sketch(ModesSummary, summary["modal"][0] | modes)]})
     tile = html[html.index("First mode that deforms") :][:200]
     assert '<data value="87.5">' in tile and "a bends X" in tile
 
 
 def test_warnings_and_failures_come_before_everything_else(run_folder: Path) -> None:
-    summary = read_summary(run_folder) | {"warnings": ["the bed is soft"], "failures": ["it floats"], "status": "failed"}
+    summary = read_summary(run_folder) | {
+        "warnings": ["the bed is soft"],
+        "failures": ["it floats"],
+        "status": "failed",
+    }
     html = render_report(summary)
     assert html.index("it floats") < html.index("the bed is soft") < html.index('class="keys"')
 
 
 @pytest.mark.parametrize(
     "missing",
-    [{"modal": []}, {"static": {}}, {"static": {}, "modal": []}, {"components": {}, "stages": [], "static": {}, "modal": []}],
+    [
+        {"modal": []},
+        {"static": {}},
+        {"static": {}, "modal": []},
+        {"components": {}, "stages": [], "static": {}, "modal": []},
+    ],
     ids=["static only", "modal only", "neither", "nothing"],
 )
-def test_a_report_of_part_of_the_analyses_holds_what_there_is(run_folder: Path, missing: dict[str, object]) -> None:
+def test_a_report_of_part_of_the_analyses_holds_what_there_is(
+    run_folder: Path, missing: dict[str, object]
+) -> None:
     summary = read_summary(run_folder)
     summary.pop("static_poses")
     html = render_report(sketch(RunSummary, summary | missing))
@@ -230,9 +305,26 @@ def test_closed_loop_poles_are_shown_with_their_damping(run_folder: Path) -> Non
         "velocity_lag_um": 12.5,
         "margins": None,
     }
-    pole = {"frequency_hz": 37.5, "damping_ratio": 0.03125, "real": -7.4, "imag": 235.5, "drive": "X", "name": "bed bends Y"}
-    control = {"up_to_hz": 300.0, "speed_m_per_s": 0.05, "stable": True, "drives": {"X": drive}, "poles": [pole]}
-    page = Page(render_report(sketch(RunSummary, {**read_summary(run_folder), "control": {"reference": control}})))
+    pole = {
+        "frequency_hz": 37.5,
+        "damping_ratio": 0.03125,
+        "real": -7.4,
+        "imag": 235.5,
+        "drive": "X",
+        "name": "bed bends Y",
+    }
+    control = {
+        "up_to_hz": 300.0,
+        "speed_m_per_s": 0.05,
+        "stable": True,
+        "drives": {"X": drive},
+        "poles": [pole],
+    }
+    page = Page(
+        render_report(
+            sketch(RunSummary, {**read_summary(run_folder), "control": {"reference": control}})
+        )
+    )
     assert (0.03125, "3.12 %") in page.numbers
     assert {37.5, 12.5} <= {value for value, _ in page.numbers}
 
@@ -255,25 +347,39 @@ def hostile_view() -> MachineView:
     skins = {name: box_skin(np.zeros(3), np.ones(3)) for name in HOSTILE}
     joints = {name: JointView("spring", name, name, Frame()) for name in HOSTILE}
     points = {name: PointView(name, name, np.zeros(3)) for name in HOSTILE}
-    pose = PoseView({name: Frame() for name in HOSTILE}, joints, points, {name: np.ones((2, 8, 3)) for name in HOSTILE})
+    pose = PoseView(
+        {name: Frame() for name in HOSTILE},
+        joints,
+        points,
+        {name: np.ones((2, 8, 3)) for name in HOSTILE},
+    )
     return MachineView(skins, {}, {HOSTILE[0]: pose})
 
 
 def hostile_summary(run_folder: Path) -> RunSummary:
     summary = copy.deepcopy(read_summary(run_folder))
-    summary["name"], summary["warnings"], summary["failures"] = HOSTILE[0], list(HOSTILE), list(HOSTILE)
+    summary["name"], summary["warnings"], summary["failures"] = (
+        HOSTILE[0],
+        list(HOSTILE),
+        list(HOSTILE),
+    )
     facts = next(iter(summary["components"].values()))
     summary["components"] = dict.fromkeys(HOSTILE, facts | {"fidelity": HOSTILE[2]})
     summary["versions"] = {HOSTILE[1]: HOSTILE[0]}
     shares = dict.fromkeys(HOSTILE, 0.125)
     point = next(iter(summary["static"].values()))
     summary.pop("static_poses", None)
-    summary["static"] = {HOSTILE[1]: point | {"budget": dict.fromkeys("xyz", shares), "sentence": HOSTILE[2]}}
+    summary["static"] = {
+        HOSTILE[1]: point | {"budget": dict.fromkeys("xyz", shares), "sentence": HOSTILE[2]}
+    }
     modes = summary["modal"][0]
     modes |= {"pose_name": HOSTILE[0], "mode_names": [HOSTILE[1]] * len(modes["mode_names"])}
     modes["energy_share"] = [shares] * len(modes["mode_names"])
     summary["modal"] = [modes]
-    summary["stages"] = [row | {"component": HOSTILE[0], "pose": HOSTILE[1], "reason": HOSTILE[2]} for row in summary["stages"]]
+    summary["stages"] = [
+        row | {"component": HOSTILE[0], "pose": HOSTILE[1], "reason": HOSTILE[2]}
+        for row in summary["stages"]
+    ]
     return summary
 
 
@@ -281,7 +387,9 @@ def test_text_from_a_scene_stays_text_wherever_it_stands(run_folder: Path) -> No
     html = render_report(hostile_summary(run_folder), hostile_view())
     page = Page(html)
     assert [tag for tag, _ in page.tags].count("script") == 2
-    assert not any(tag in ("b", "script") and attributes.get("onerror") for tag, attributes in page.tags)
+    assert not any(
+        tag in ("b", "script") and attributes.get("onerror") for tag, attributes in page.tags
+    )
     assert not any(name.startswith("on") for _, attributes in page.tags for name in attributes)
     assert [tag for tag, _ in page.tags].count("img") == 0
     shown = "".join(page.words)
@@ -299,11 +407,20 @@ def test_data_for_the_viewer_survives_hostile_names_unchanged() -> None:
     assert json.loads(script_json({"words": HOSTILE})) == {"words": list(HOSTILE)}
 
 
-def test_the_viewer_gets_points_within_a_ten_thousandth_and_shapes_within_what_is_seen(run_folder: Path) -> None:
+def test_the_viewer_gets_points_within_a_ten_thousandth_and_shapes_within_what_is_seen(
+    run_folder: Path,
+) -> None:
     view = read_view(run_folder)
     name, pose = next(iter(view.poses.items()))
     machine = encode_machine(
-        view, {name: [Caption("push:tcp x", kind="force"), Caption("mode:0"), Caption("mode:8", frequency_hz=126.0)]}
+        view,
+        {
+            name: [
+                Caption("push:tcp x", kind="force"),
+                Caption("mode:0"),
+                Caption("mode:8", frequency_hz=126.0),
+            ]
+        },
     )
     assert machine is not None
     assert (machine.left_out, machine.thinned) == (0, {})
@@ -329,25 +446,38 @@ def test_the_viewer_gets_points_within_a_ten_thousandth_and_shapes_within_what_i
         kept.append(np.argsort(nearest))
         for simplices, corners in ((skin.triangles, 3), (skin.edges, 2)):
             found = take("<u4", about[("", "", "edges", "triangles")[corners]], corners)
-            kept_simplices, shown_simplices = (np.unique(np.sort(each, axis=1), axis=0) for each in (nearest[simplices], found))
+            kept_simplices, shown_simplices = (
+                np.unique(np.sort(each, axis=1), axis=0) for each in (nearest[simplices], found)
+            )
             np.testing.assert_array_equal(kept_simplices, shown_simplices)
     assert data["bytes"] == 2
     for shape, force in zip(data["poses"][0]["shapes"], (1000.0, 1.0, 1.0), strict=True):
         parts = pose_shapes(pose)[shape["id"]]
         largest = max(np.linalg.norm(part, axis=1).max() for part in parts.values())
         assert shape["largest"] == pytest.approx(force * largest, rel=1e-4)
-        for (part_name, part), rigid, order in zip(parts.items(), shape["rigid"], kept, strict=True):
+        for (part_name, part), rigid, order in zip(
+            parts.items(), shape["rigid"], kept, strict=True
+        ):
             if rigid is None:
                 found = take("<i2", len(part), 3)
-                np.testing.assert_allclose(found / 32767.0, part[order] / largest, atol=1.0 / 30000.0)
+                np.testing.assert_allclose(
+                    found / 32767.0, part[order] / largest, atol=1.0 / 30000.0
+                )
                 continue
             frame = pose.placements[part_name]
-            moved = rigid_map(view.skins[part_name].points @ frame.rotation.T + frame.origin, np.zeros(3)) @ rigid
+            moved = (
+                rigid_map(
+                    view.skins[part_name].points @ frame.rotation.T + frame.origin, np.zeros(3)
+                )
+                @ rigid
+            )
             np.testing.assert_allclose(moved.reshape(-1, 3), part / largest, atol=RIGID_SHARE)
         for resolved, order in zip(shape["resolved"], kept, strict=True):
             assert not resolved or take("u1", len(order), 1).max() <= 255
     assert start == len(block)
-    fidelities = {name: facts["fidelity"] for name, facts in read_summary(run_folder)["components"].items()}
+    fidelities = {
+        name: facts["fidelity"] for name, facts in read_summary(run_folder)["components"].items()
+    }
     assert all(
         rigid is not None
         for shape in data["poses"][0]["shapes"]
@@ -361,20 +491,30 @@ def test_packed_columns_wrap_round_and_hold_every_number() -> None:
     values = np.array([[-32768, 5], [32767, -1], [0, 0]], dtype=np.int16)
     raw = np.frombuffer(pack_columns(values), np.uint8).reshape(2, -1)
     steps = np.ascontiguousarray(raw.T).view("<u2").reshape(2, 3)
-    np.testing.assert_array_equal(np.cumsum(steps, axis=1, dtype=np.uint16).T.view(np.int16), values)
+    np.testing.assert_array_equal(
+        np.cumsum(steps, axis=1, dtype=np.uint16).T.view(np.int16), values
+    )
 
 
-def test_the_viewer_is_told_what_colours_and_arrows_mean_and_shows_what_deforms_first(run_folder: Path, html: str) -> None:
+def test_the_viewer_is_told_what_colours_and_arrows_mean_and_shows_what_deforms_first(
+    run_folder: Path, html: str
+) -> None:
     summary = read_summary(run_folder)
     start = html.index('id="machine-data">') + len('id="machine-data">')
     data = json.loads(html[start : html.index("</script>", start)])
     modes, shapes = summary["modal"][0], data["poses"][0]["shapes"]
     kinds = [shape["kind"] for shape in shapes]
-    assert kinds == sorted(kinds, key=["force", "mode", "whole"].index) and kinds.count("force") == 3
+    assert (
+        kinds == sorted(kinds, key=["force", "mode", "whole"].index) and kinds.count("force") == 3
+    )
     # six motions on soft mounts come first by frequency and last in the list
-    assert kinds.count("whole") == 6 and shapes[3]["id"] == "mode:6" and shapes[-1]["id"] == "mode:5"
+    assert (
+        kinds.count("whole") == 6 and shapes[3]["id"] == "mode:6" and shapes[-1]["id"] == "mode:5"
+    )
     assert shapes[3]["shares"] == {
-        part: round(share, 4) for part, share in modes["energy_share"][6].items() if round(share, 4) >= 0.002
+        part: round(share, 4)
+        for part, share in modes["energy_share"][6].items()
+        if round(share, 4) >= 0.002
     }
     compliance = np.array(summary["static"]["tcp"]["compliance_um_per_kN"])
     for column, shape in enumerate(shapes[:3]):
@@ -384,12 +524,20 @@ def test_the_viewer_is_told_what_colours_and_arrows_mean_and_shows_what_deforms_
         assert shape["peak"] > 0.0
     point = next(point for point in data["poses"][0]["points"] if point["name"] == "tcp")
     names = [part["name"] for part in data["components"]]
-    assert point["tool"].startswith(f"{names[point['body']]}.") and point["work"].startswith(f"{names[point['back_body']]}.")
+    assert point["tool"].startswith(f"{names[point['body']]}.") and point["work"].startswith(
+        f"{names[point['back_body']]}."
+    )
     pose = read_view(run_folder).poses[data["poses"][0]["name"]].points["tcp"]
-    np.testing.assert_allclose([point["at"], point["back"]], [present(pose.tool_place), present(pose.work_place)], rtol=1e-6)
+    np.testing.assert_allclose(
+        [point["at"], point["back"]],
+        [present(pose.tool_place), present(pose.work_place)],
+        rtol=1e-6,
+    )
 
 
-def test_every_element_that_the_viewer_asks_for_is_in_the_page_and_the_bundle_is_built_from_the_source(html: str) -> None:
+def test_every_element_that_the_viewer_asks_for_is_in_the_page_and_the_bundle_is_built_from_the_source(
+    html: str,
+) -> None:
     folder = Path(__file__).resolve().parents[3] / "app" / "report" / "viewer"
     source, bundle = ((folder / name).read_text() for name in ("viewer.js", "viewer.bundle.js"))
     wanted = set(re.findall(r'byId\("([a-z-]+)"\)', source))
@@ -401,33 +549,58 @@ def test_every_element_that_the_viewer_asks_for_is_in_the_page_and_the_bundle_is
 
 def ball(count: int) -> Skin:
     """A sphere of ``2 count^2`` triangles."""
-    u, v = np.meshgrid(np.linspace(0.0, 2 * np.pi, count, endpoint=False), np.linspace(1e-3, np.pi - 1e-3, count + 1))
-    points = np.column_stack([(np.cos(u) * np.sin(v)).ravel(), (np.sin(u) * np.sin(v)).ravel(), np.cos(v).ravel()])
+    u, v = np.meshgrid(
+        np.linspace(0.0, 2 * np.pi, count, endpoint=False),
+        np.linspace(1e-3, np.pi - 1e-3, count + 1),
+    )
+    points = np.column_stack(
+        [(np.cos(u) * np.sin(v)).ravel(), (np.sin(u) * np.sin(v)).ravel(), np.cos(v).ravel()]
+    )
     k = np.arange(count * count)
     after = k - k % count + (k + 1) % count
-    triangles = np.vstack([np.column_stack([k, k + count, after]), np.column_stack([after, k + count, after + count])])
+    triangles = np.vstack(
+        [np.column_stack([k, k + count, after]), np.column_stack([after, k + count, after + count])]
+    )
     return Skin(points, triangles, np.zeros((0, 2), dtype=np.int64), "mesh")
 
 
-def test_a_huge_machine_is_drawn_coarser_and_with_fewer_shapes_and_the_page_says_so(run_folder: Path) -> None:
+def test_a_huge_machine_is_drawn_coarser_and_with_fewer_shapes_and_the_page_says_so(
+    run_folder: Path,
+) -> None:
     skins = {f"big {number}": ball(120) for number in range(3)}
     rng, count = np.random.default_rng(2), 40
-    shifts = {name: rng.random((count, len(skin.points), 3), dtype=np.float32) for name, skin in skins.items()}
+    shifts = {
+        name: rng.random((count, len(skin.points), 3), dtype=np.float32)
+        for name, skin in skins.items()
+    }
     poses = {name: PoseView(dict.fromkeys(skins, Frame()), {}, {}, shifts) for name in ("p", "q")}
     view = MachineView(skins, {}, poses)
-    machine = encode_machine(view, {name: [Caption(f"mode:{i}") for i in range(count)] for name in poses})
+    machine = encode_machine(
+        view, {name: [Caption(f"mode:{i}") for i in range(count)] for name in poses}
+    )
     assert machine is not None
     data = json.loads(machine.text)
     shown = [len(pose["shapes"]) for pose in data["poses"]]
     assert data["bytes"] == 1
-    assert 2 * count - machine.left_out == sum(shown) and min(shown) >= 1 and max(shown) - min(shown) <= 1
+    assert (
+        2 * count - machine.left_out == sum(shown)
+        and min(shown) >= 1
+        and max(shown) - min(shown) <= 1
+    )
     assert machine.left_out > 0
     faces = [part["triangles"] for part in data["components"]]
-    assert machine.thinned == {name: (drawn, 2 * 120**2) for name, drawn in zip(skins, faces, strict=True)}
+    assert machine.thinned == {
+        name: (drawn, 2 * 120**2) for name, drawn in zip(skins, faces, strict=True)
+    }
     assert sum(faces) <= MOST_TRIANGLES
     # a surface that was thinned out moves as the points that are left of it do
     assert len(machine.text) < 2.9e6
-    modes = {"pose_name": "p", "frequencies_hz": [1.0] * count, "mode_names": ["m"] * count, "rigid_count": 0}
+    modes = {
+        "pose_name": "p",
+        "frequencies_hz": [1.0] * count,
+        "mode_names": ["m"] * count,
+        "rigid_count": 0,
+    }
     summary = read_summary(run_folder)
     full = {
         **summary["modal"][0],
@@ -440,14 +613,19 @@ def test_a_huge_machine_is_drawn_coarser_and_with_fewer_shapes_and_the_page_says
         "energy_share": [{}] * count,
     }
     page = render_report({**summary, "modal": [sketch(ModesSummary, full)]}, view)
-    assert "To keep this page small" in page and f"big 0 with {format_number(faces[0])} of 28\u202f800 faces" in page
+    assert (
+        "To keep this page small" in page
+        and f"big 0 with {format_number(faces[0])} of 28\u202f800 faces" in page
+    )
 
 
 def test_a_part_that_moves_rigidly_takes_six_numbers_however_fine_it_is() -> None:
     skin, frame = ball(100), Frame(np.array([1.0, 2.0, 3.0]))
     motion = np.array([0.1, -0.2, 0.3, 0.05, 0.02, -0.04])
     shift = (rigid_map(skin.points + frame.origin, np.zeros(3)) @ motion).reshape(1, -1, 3)
-    view = MachineView({"part": skin}, {}, {"p": PoseView({"part": frame}, {}, {}, {"part": shift})})
+    view = MachineView(
+        {"part": skin}, {}, {"p": PoseView({"part": frame}, {}, {}, {"part": shift})}
+    )
     machine = encode_machine(view, {"p": [Caption("mode:0")]})
     assert machine is not None
     (rigid,) = json.loads(machine.text)["poses"][0]["shapes"][0]["rigid"]
@@ -470,13 +648,22 @@ def test_the_displacement_under_a_push_is_the_compliance_at_the_tool(run_folder:
                 fit, *_ = np.linalg.lstsq(ansatz, pose.pushes[f"tcp {direction}"][part], rcond=None)
                 moved[part] = np.array([1.0, *place]) @ fit
             np.testing.assert_allclose(
-                moved["z_slider"] - moved["x_slider"], matrix[:3, column], atol=1e-4 * matrix[column, column]
+                moved["z_slider"] - moved["x_slider"],
+                matrix[:3, column],
+                atol=1e-4 * matrix[column, column],
             )
 
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(0.0, "0"), (48.594123, "48.59"), (-1.5, "−1.500"), (12345, "12\u202f345"), (1.23456e-9, "1.23·10⁻⁹"), (2.5e12, "2.50·10¹²")],
+    [
+        (0.0, "0"),
+        (48.594123, "48.59"),
+        (-1.5, "−1.500"),
+        (12345, "12\u202f345"),
+        (1.23456e-9, "1.23·10⁻⁹"),
+        (2.5e12, "2.50·10¹²"),
+    ],
 )
 def test_numbers_are_written_for_readers(value: float, text: str) -> None:
     assert format_number(value) == text

@@ -1,4 +1,6 @@
-"""What the terminal shows: one rounding rule for values and their errors, and tables in which nothing is cut."""
+"""What the terminal shows: one rounding rule for values and their errors, and tables in which
+nothing is cut.
+"""
 
 import io
 import re
@@ -9,7 +11,14 @@ from rich.console import Console
 from common import sketch
 from headstock.app.terminal.console import add_row, make_table, print_table
 from headstock.app.terminal.summary import describe_position, print_summary
-from headstock.app.texts.bounded_values import bound_size, show_bound, show_bounded, show_compliances, show_damped, show_damping
+from headstock.app.texts.bounded_values import (
+    bound_size,
+    show_bound,
+    show_bounded,
+    show_compliances,
+    show_damped,
+    show_damping,
+)
 from headstock.app.texts.tables import list_tables, shared_budget
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.results.summary import RunSummary
@@ -37,33 +46,55 @@ from headstock.pipeline.results.summary import RunSummary
 def test_a_value_ends_where_its_error_ends_and_the_error_is_never_rounded_down(
     value: float, error: float | None, shown: str, bound: str, size: float | None
 ) -> None:
-    assert (show_bounded(value, error), show_bound(value, error), bound_size(value, error)) == (shown, bound, size)
+    assert (show_bounded(value, error), show_bound(value, error), bound_size(value, error)) == (
+        shown,
+        bound,
+        size,
+    )
     assert size is None or (error is not None and size >= error * (1 - 1e-9))
     assert size is None or bound_size(value, size) == size  # a rounded error stays as it is
 
 
 def test_damping_is_shown_in_per_cent_to_three_digits() -> None:
-    assert [show_damping(ratio) for ratio in (0.02, 0.96, 1.2345e-5, 0.0, None)] == ["2.00 %", "96.0 %", "0.00123 %", "0 %", "-"]
+    assert [show_damping(ratio) for ratio in (0.02, 0.96, 1.2345e-5, 0.0, None)] == [
+        "2.00 %",
+        "96.0 %",
+        "0.00123 %",
+        "0 %",
+        "-",
+    ]
 
 
 def test_positions_are_shown_in_the_units_of_scenes() -> None:
-    assert [show_position(0.03, "m"), show_position(-0.0, "m"), show_position(0.5235987755982988, "rad")] == [
+    assert [
+        show_position(0.03, "m"),
+        show_position(-0.0, "m"),
+        show_position(0.5235987755982988, "rad"),
+    ] == [
         "30 mm",
         "0 mm",
         "30 deg",
     ]
 
 
-WORDS = ("column_left", "column_right bend X, B rotation of base", "whole machine moves Y on air_spring_1..4")
+WORDS = (
+    "column_left",
+    "column_right bend X, B rotation of base",
+    "whole machine moves Y on air_spring_1..4",
+)
 
 
 def print_narrow(width: int | None, *, terminal: bool = True) -> str:
     stream = io.StringIO()
     console = Console(file=stream, width=width, force_terminal=terminal, color_system=None)
-    table = make_table(">no.", ">undamped Hz", "<± Hz", ">damped Hz", ">damping", "mode", "strain energy in")
+    table = make_table(
+        ">no.", ">undamped Hz", "<± Hz", ">damped Hz", ">damping", "mode", "strain energy in"
+    )
     for number in range(9, 12):
         cells = (str(number), "16.281234", "± <0.00001", "16.280000", "2.00 %")
-        add_row(table, *cells, WORDS[number % 3], "column_right 66 %, y_carriage_3 19 %, y_base 12 %")
+        add_row(
+            table, *cells, WORDS[number % 3], "column_right 66 %, y_carriage_3 19 %, y_base 12 %"
+        )
     print_table(console, "Natural modes", table)
     return stream.getvalue()
 
@@ -126,14 +157,21 @@ def make_summary() -> RunSummary:
     return sketch(RunSummary, summary)
 
 
-def test_terminal_and_csv_have_the_same_errors_and_the_damped_frequencies(capsys: pytest.CaptureFixture[str]) -> None:
+def test_terminal_and_csv_have_the_same_errors_and_the_damped_frequencies(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     summary = make_summary()
     print_summary(summary, seconds=1.0, folder="out")
     printed = capsys.readouterr().out
     tables = {table.name: table for table in list_tables(summary)}
     modes = tables["modes_left"]
     assert modes.headings[:3] == ("mode", "frequency [Hz]", "± [Hz]")
-    assert modes.headings[3:7] == ("damped frequency [Hz]", "± damped [Hz]", "damping ratio", "± damping ratio")
+    assert modes.headings[3:7] == (
+        "damped frequency [Hz]",
+        "± damped [Hz]",
+        "damping ratio",
+        "± damping ratio",
+    )
     assert modes.rows[0][:7] == (1, 100.123456, 0.13, 100.103431, 0.13, 0.02, 0.0004)
     assert modes.rows[1][:7] == (2, 7.5, None, 0.0, 0.0, 1.1, None)
     assert re.search(r"1 +100\.12 +± 0\.13 +100\.10 +± 0\.13 +2\.00 % +± 0\.04 %", printed)
@@ -154,8 +192,15 @@ def test_a_compliance_across_two_directions_is_as_coarse_as_the_coarser_and_symm
 
 
 def test_the_table_of_the_whole_compliance_has_a_row_per_load_and_units_in_its_head() -> None:
-    table = {table.name: table for table in list_tables(make_summary())}["compliance_6x6_reference_tcp"]
-    assert table.headings[1:5] == ("motion in x [m]", "motion in y [m]", "motion in z [m]", "rotation about x [rad]")
+    table = {table.name: table for table in list_tables(make_summary())}[
+        "compliance_6x6_reference_tcp"
+    ]
+    assert table.headings[1:5] == (
+        "motion in x [m]",
+        "motion in y [m]",
+        "motion in z [m]",
+        "rotation about x [rad]",
+    )
     assert table.rows[1] == ("1 N in y", 1.0, 7.0, 13.0, 19.0, 25.0, 31.0)
     assert table.rows[3][0] == "1 N m about x"
 

@@ -23,20 +23,30 @@ FAMILIES = (
 )
 
 
-def make_record(family: str, varied: dict[str, TomlValue], hz: float | None, seconds: float, **more: object) -> StudyRecord:
+def make_record(
+    family: str, varied: dict[str, TomlValue], hz: float | None, seconds: float, **more: object
+) -> StudyRecord:
     modes = [] if hz is None else [hz, 200.0]
     summary = {
         "modal": [{"pose_name": "reference", "frequencies_hz": modes}],
         "totals": {"peak_rss_mb": 100.0, "full_dofs": 3000},
         "stages": [
-            {"stage": kind, "cpu_seconds": share * seconds} for kind, share in (("mesh", 0.5), ("reduce", 0.2), ("modal", 0.1))
+            {"stage": kind, "cpu_seconds": share * seconds}
+            for kind, share in (("mesh", 0.5), ("reduce", 0.2), ("modal", 0.1))
         ],
         **more,
     }
     times = (seconds, 1.5 * seconds, 0.5 * seconds)
     peak_mb = () if family == "automatic" else (50.0, 70.0)
     return StudyRecord(
-        "", family, varied, "done", summary=sketch(RunSummary, summary), seconds=times, cpu_seconds=times, peak_mb=peak_mb
+        "",
+        family,
+        varied,
+        "done",
+        summary=sketch(RunSummary, summary),
+        seconds=times,
+        cpu_seconds=times,
+        peak_mb=peak_mb,
     )
 
 
@@ -51,15 +61,31 @@ def points() -> list[CostPoint]:
         make_record("rigid_tip", {SIZE: "40 mm"}, 104.0, 0.1),
         make_record("rigid_tip", {SIZE: "10 mm"}, 100.1, 0.2),
     ]
-    study = Study("cost", FAMILIES, ("modal[0].frequencies_hz[0:2]", "seconds"), repeats=3, truth={SIZE: "5 mm"})
+    study = Study(
+        "cost",
+        FAMILIES,
+        ("modal[0].frequencies_hz[0:2]", "seconds"),
+        repeats=3,
+        truth={SIZE: "5 mm"},
+    )
     return weigh_costs(tabulate_study(study, records))
 
 
-def test_errors_are_the_largest_relative_ones_and_costs_the_medians(points: list[CostPoint]) -> None:
+def test_errors_are_the_largest_relative_ones_and_costs_the_medians(
+    points: list[CostPoint],
+) -> None:
     assert [point.error for point in points[:4]] == pytest.approx([0.09, 0.009, 0.02, 0.005])
-    assert [point.cpu_seconds for point in points[:4]] == [(1.0, 1.0), (4.0, 4.0), (8.0, 8.0), (6.0, 6.0)]
+    assert [point.cpu_seconds for point in points[:4]] == [
+        (1.0, 1.0),
+        (4.0, 4.0),
+        (8.0, 8.0),
+        (6.0, 6.0),
+    ]
     assert points[1].solve_seconds == pytest.approx(0.3 * 4.0)
-    assert [(point.memory_mb, point.memory_known) for point in points[2:4]] == [(70.0, True), (100.0, False)]
+    assert [(point.memory_mb, point.memory_known) for point in points[2:4]] == [
+        (70.0, True),
+        (100.0, False),
+    ]
     assert "frequencies_hz[0]" in points[0].worst
 
 
@@ -73,19 +99,30 @@ def test_best_is_what_nothing_else_beats_in_time_and_error_and_the_automatic_cho
     assert cheapest_within(points, 0.001) is None
 
 
-def test_the_price_of_the_next_digit_and_of_the_automatic_choice_is_told(points: list[CostPoint]) -> None:
+def test_the_price_of_the_next_digit_and_of_the_automatic_choice_is_told(
+    points: list[CostPoint],
+) -> None:
     lines = digit_words(points)
     assert "10 %: tets, column.mesh.size = 40 mm (9 %), 1 s of processor time" in lines[0]
-    assert lines[1] == "3 %: tets, column.mesh.size = 20 mm (0.9 %), 4 s of processor time, 4 times the line above"
+    assert (
+        lines[1]
+        == "3 %: tets, column.mesh.size = 20 mm (0.9 %), 4 s of processor time, 4 times the line above"
+    )
     assert lines[2] == "1 %: the same"
     assert "0.1 %: reached by none of these" in lines
-    assert any("1.5 times the cheapest that is close enough (tets, column.mesh.size = 20 mm)" in line for line in lines)
+    assert any(
+        "1.5 times the cheapest that is close enough (tets, column.mesh.size = 20 mm)" in line
+        for line in lines
+    )
     assert len(cost_table(points).rows) == 6
 
 
 def test_another_model_is_a_spread_and_competes_with_none(points: list[CostPoint]) -> None:
     rigid = [point for point in points if point.other_model]
-    assert [point.name for point in rigid] == ["rigid tip, column.mesh.size = 40 mm", "rigid tip, column.mesh.size = 10 mm"]
+    assert [point.name for point in rigid] == [
+        "rigid tip, column.mesh.size = 40 mm",
+        "rigid tip, column.mesh.size = 10 mm",
+    ]
     assert not any(point.best for point in rigid)
     assert cheapest_within(points, 0.001) is None  # though the finer one of them is that close
     assert "a spread that no finer mesh takes away" in digit_words(points)[-1]
@@ -104,4 +141,7 @@ def test_a_point_that_lacks_a_number_is_off_without_bound_and_stays_out_of_the_p
 def test_without_a_truth_nothing_is_weighed() -> None:
     failed = StudyRecord("", TRUTH, {}, "failed", error="no memory")
     study = Study("cost", FAMILIES, ("modal[0].frequencies_hz[0:2]",), truth={})
-    assert weigh_costs(tabulate_study(study, [failed, make_record("tets", {SIZE: "40 mm"}, 1.0, 1.0)])) == []
+    assert (
+        weigh_costs(tabulate_study(study, [failed, make_record("tets", {SIZE: "40 mm"}, 1.0, 1.0)]))
+        == []
+    )

@@ -1,4 +1,6 @@
-"""Whoever waits sees how a long stage goes on: a bar on a terminal that leaves no trace, lines in a log; and nothing outlives the run."""
+"""Whoever waits sees how a long stage goes on: a bar on a terminal that leaves no trace, lines in a
+log; and nothing outlives the run.
+"""
 
 import os
 import pty
@@ -29,7 +31,9 @@ shown.close()
 def start(stdout: int, seconds: str) -> "subprocess.Popen[bytes]":
     command = [sys.executable, "-P", "-c", PROGRAM, HASTE, seconds]
     variables = {name: value for name, value in os.environ.items() if not name.startswith("OMPI_")}
-    return subprocess.Popen(command, stdout=stdout, stderr=subprocess.DEVNULL, start_new_session=True, env=variables)
+    return subprocess.Popen(
+        command, stdout=stdout, stderr=subprocess.DEVNULL, start_new_session=True, env=variables
+    )
 
 
 @pytest.fixture
@@ -54,7 +58,9 @@ def read_until_closed(handle: int) -> None:
             return
 
 
-def test_on_a_terminal_a_bar_creeps_on_and_is_gone_when_the_stage_is_told(terminal: tuple[int, int]) -> None:
+def test_on_a_terminal_a_bar_creeps_on_and_is_gone_when_the_stage_is_told(
+    terminal: tuple[int, int],
+) -> None:
     ours, theirs = terminal
     process = start(theirs, "0.7")
     os.close(theirs)
@@ -72,7 +78,10 @@ def test_without_a_terminal_plain_lines_come_now_and_then() -> None:
     lines = said.decode().splitlines()
     assert lines[-1] == "mesh column done"
     assert len(lines) >= 2
-    assert all(line.startswith("  mesh    column ") and line.endswith("about 40 s expected") for line in lines[:-1])
+    assert all(
+        line.startswith("  mesh    column ") and line.endswith("about 40 s expected")
+        for line in lines[:-1]
+    )
     assert "\x1b" not in said.decode() and "\r" not in said.decode()
 
 
@@ -96,7 +105,9 @@ def test_what_is_quick_starts_no_process(monkeypatch: pytest.MonkeyPatch) -> Non
         shown.end()
 
 
-def test_a_painter_that_is_killed_or_cannot_start_stops_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_painter_that_is_killed_or_cannot_start_stops_nothing(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr(progress, "PAINTER", tmp_path / "gone.py")
     with progress.show_progress() as shown:
         for _ in range(3):
@@ -105,9 +116,12 @@ def test_a_painter_that_is_killed_or_cannot_start_stops_nothing(monkeypatch: pyt
 
 
 @pytest.mark.parametrize(
-    ("elapsed", "expected", "share"), [(0.0, 10.0, 0.0), (5.0, 10.0, 0.45), (10.0, 10.0, 0.9), (100.0, 10.0, 0.99)]
+    ("elapsed", "expected", "share"),
+    [(0.0, 10.0, 0.0), (5.0, 10.0, 0.45), (10.0, 10.0, 0.9), (100.0, 10.0, 0.99)],
 )
-def test_the_bar_is_never_full_however_long_it_takes(elapsed: float, expected: float, share: float) -> None:
+def test_the_bar_is_never_full_however_long_it_takes(
+    elapsed: float, expected: float, share: float
+) -> None:
     bar = render_bar("mesh", elapsed, expected, 200)
     filled, rest = bar.count("━"), bar.count("─")
     assert rest >= 1

@@ -22,18 +22,30 @@ MESH, MODES = np.array([0.2, 1.0, 0.1])[:, None, None], np.array([0.0, 0.5, np.n
 @pytest.fixture
 def curves() -> ResponseCurves:
     shares = {DISCRETISATION: MESH, REDUCTION: MODES}
-    return ResponseCurves("reference", (PORT,), (PORT,), HZ, RESPONSE, motion="mobility", error_share=shares)
+    return ResponseCurves(
+        "reference", (PORT,), (PORT,), HZ, RESPONSE, motion="mobility", error_share=shares
+    )
 
 
-def test_the_error_of_a_line_is_the_sum_of_its_parts_and_each_has_a_column(curves: ResponseCurves) -> None:
+def test_the_error_of_a_line_is_the_sum_of_its_parts_and_each_has_a_column(
+    curves: ResponseCurves,
+) -> None:
     np.testing.assert_array_equal(curves.error, MESH + MODES)
     heading, *rows = list(csv.reader(io.StringIO(encode_csv(tabulate_response(curves)).decode())))
-    assert [name.split(" tcp")[0] for name in heading[3:]] == ["±", "± discretisation", "± reduction"]
-    assert [float(cell) for cell in rows[1][3:]] == pytest.approx([20.0 * np.pi * size for size in (1.5, 1.0, 0.5)])
+    assert [name.split(" tcp")[0] for name in heading[3:]] == [
+        "±",
+        "± discretisation",
+        "± reduction",
+    ]
+    assert [float(cell) for cell in rows[1][3:]] == pytest.approx(
+        [20.0 * np.pi * size for size in (1.5, 1.0, 0.5)]
+    )
     assert rows[2][3] == rows[2][5] == "" and float(rows[2][4]) > 0.0
 
 
-def test_parts_come_back_from_the_file_and_a_file_without_parts_is_all_reduction(curves: ResponseCurves, tmp_path: Path) -> None:
+def test_parts_come_back_from_the_file_and_a_file_without_parts_is_all_reduction(
+    curves: ResponseCurves, tmp_path: Path
+) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         fill_curves(file.create_group("new"), curves)
         fill_curves(file.create_group("old"), curves)

@@ -8,16 +8,40 @@ from hypothesis import strategies as st
 
 from headstock.geometry.errors import ClosureError
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.closures import close_loops, closure_bias, closure_residual, evaluate_kinematics, find_mobility
+from headstock.geometry.mechanisms.closures import (
+    close_loops,
+    closure_bias,
+    closure_residual,
+    evaluate_kinematics,
+    find_mobility,
+)
 from headstock.geometry.mechanisms.exechon import ExechonDimensions, exechon_mechanism
 from headstock.geometry.mechanisms.kinematics import mark_bias, place_marks
-from headstock.geometry.mechanisms.mechanism import Alignment, Balance, Mark, Mechanism, Meeting, shift, turn
+from headstock.geometry.mechanisms.mechanism import (
+    Alignment,
+    Balance,
+    Mark,
+    Mechanism,
+    Meeting,
+    shift,
+    turn,
+)
 from headstock.geometry.mechanisms.platforms import hexapod, planar_3rpr, planar_3rpr_state, tricept
 
 EXECHON = exechon_mechanism(
-    ExechonDimensions((-0.44, 0.78, 0.35), (-0.15, 0.25, 0.13), (0.1, 0.15), (0.04, 0.02), (0.28, 0.33), tool_length=0.31)
+    ExechonDimensions(
+        (-0.44, 0.78, 0.35),
+        (-0.15, 0.25, 0.13),
+        (0.1, 0.15),
+        (0.04, 0.02),
+        (0.28, 0.33),
+        tool_length=0.31,
+    )
 )
-BASE, PLATFORM = np.array([[0.0, 0.0], [1.0, 0.1], [0.4, 0.9]]), np.array([[-0.2, -0.1], [0.2, -0.1], [0.0, 0.2]])
+BASE, PLATFORM = (
+    np.array([[0.0, 0.0], [1.0, 0.1], [0.4, 0.9]]),
+    np.array([[-0.2, -0.1], [0.2, -0.1], [0.0, 0.2]]),
+)
 CIRCLE = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.radians([0, 20, 120, 140, 240, 260])])
 SIX = hexapod(CIRCLE, 0.5 * CIRCLE[[5, 2, 1, 4, 3, 0]])
 TRIPOD = tricept(CIRCLE[::2], 0.3 * CIRCLE[::2])
@@ -48,7 +72,9 @@ def test_jacobians_are_those_of_the_complex_step(mechanism: Mechanism, seed: int
         (found.closures, lambda q: closure_residual(mechanism, q)),
         (found.of_position, lambda q: place_marks(mechanism, q).positions),
     ):
-        assert np.abs(jacobian - complex_step(function, state)).max() < 1e-12 * max(1.0, np.abs(jacobian).max())
+        assert np.abs(jacobian - complex_step(function, state)).max() < 1e-12 * max(
+            1.0, np.abs(jacobian).max()
+        )
 
 
 @pytest.mark.parametrize("mechanism", ALL, ids=lambda mechanism: mechanism.name)
@@ -61,8 +87,12 @@ def test_bias_is_the_second_derivative_along_constant_rates(mechanism: Mechanism
     turns = complex_step(lambda q: evaluate_kinematics(mechanism, q).of_turn, state)
     gamma = np.einsum("ijk,j,k->i", closures, rates, rates)
     assert np.allclose(closure_bias(mechanism, placement, bias), gamma, rtol=1e-12, atol=1e-12)
-    assert np.allclose(bias.acceleration, np.einsum("pijk,j,k->pi", places, rates, rates), rtol=1e-12, atol=1e-12)
-    assert np.allclose(bias.alpha, np.einsum("pijk,j,k->pi", turns, rates, rates), rtol=1e-12, atol=1e-12)
+    assert np.allclose(
+        bias.acceleration, np.einsum("pijk,j,k->pi", places, rates, rates), rtol=1e-12, atol=1e-12
+    )
+    assert np.allclose(
+        bias.alpha, np.einsum("pijk,j,k->pi", turns, rates, rates), rtol=1e-12, atol=1e-12
+    )
 
 
 def test_a_batch_gives_what_its_states_give_one_by_one() -> None:
@@ -130,6 +160,10 @@ def test_loops_that_cannot_close_end_with_a_name() -> None:
     ({"chains": ((shift("x", "x"), Mark("end"), Mark("end")),)}, "named twice"),
 ])  # fmt: skip
 def test_a_mechanism_with_a_wrong_name_is_refused(change: dict[str, Any], message: str) -> None:
-    data: dict[str, Any] = {"chains": ((turn("z", "x"), Mark("end")),), "closures": (), "driven": ("x",)}
+    data: dict[str, Any] = {
+        "chains": ((turn("z", "x"), Mark("end")),),
+        "closures": (),
+        "driven": ("x",),
+    }
     with pytest.raises(ValueError, match=message):
         Mechanism("test", **(data | change))

@@ -4,7 +4,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from headstock.geometry.frames import Frame, rotation_about
-from headstock.geometry.mechanisms.closures import close_loops, closure_residual, evaluate_kinematics, find_mobility
+from headstock.geometry.mechanisms.closures import (
+    close_loops,
+    closure_residual,
+    evaluate_kinematics,
+    find_mobility,
+)
 from headstock.geometry.mechanisms.exechon import (
     ASSEMBLIES,
     ExechonDimensions,
@@ -18,22 +23,41 @@ from headstock.geometry.mechanisms.exechon import (
 from headstock.geometry.mechanisms.kinematics import place_marks
 
 DOWN = np.array([0.0, 0.0, -1.0])
-DIMENSIONS = ExechonDimensions((-0.57, 0.57, 0.73), (-0.22, 0.22, 0.20), wrist=(0.0, 0.33), tool_length=0.31)
+DIMENSIONS = ExechonDimensions(
+    (-0.57, 0.57, 0.73), (-0.22, 0.22, 0.20), wrist=(0.0, 0.33), tool_length=0.31
+)
 MACHINE = MountedExechon(
-    DIMENSIONS, Frame(np.array([-0.99, 0.0, 1.295]), rotation_about(np.array([0.0, 1.0, 0.0]), np.radians(135)))
+    DIMENSIONS,
+    Frame(
+        np.array([-0.99, 0.0, 1.295]), rotation_about(np.array([0.0, 1.0, 0.0]), np.radians(135))
+    ),
 )
 
 
-@given(st.floats(-0.35, 0.35), st.floats(-0.4, 0.4), st.floats(0.1, 0.4), st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
+@given(
+    st.floats(-0.35, 0.35),
+    st.floats(-0.4, 0.4),
+    st.floats(0.1, 0.4),
+    st.floats(-0.3, 0.3),
+    st.floats(-0.3, 0.3),
+)
 @settings(max_examples=40, deadline=None)
-def test_the_tool_stands_where_it_was_sent_in_closed_loops(x: float, y: float, z: float, tx: float, ty: float) -> None:
+def test_the_tool_stands_where_it_was_sent_in_closed_loops(
+    x: float, y: float, z: float, tx: float, ty: float
+) -> None:
     direction = np.array([tx, ty, -1.0]) / np.linalg.norm([tx, ty, -1.0])
     state = solve_tool_pose(MACHINE, np.array([x, y, z]), direction)
     assert np.abs(closure_residual(MACHINE.mechanism, state)).max() < 1e-14
     placement = place_marks(MACHINE.mechanism, state)
     tool = MACHINE.mechanism.marks.index("tcp")
-    assert np.allclose(MACHINE.mounting.origin + MACHINE.mounting.rotation @ placement.positions[tool], [x, y, z], atol=1e-14)
-    assert np.allclose(MACHINE.mounting.rotation @ placement.rotations[tool][:, 2], direction, atol=1e-14)
+    assert np.allclose(
+        MACHINE.mounting.origin + MACHINE.mounting.rotation @ placement.positions[tool],
+        [x, y, z],
+        atol=1e-14,
+    )
+    assert np.allclose(
+        MACHINE.mounting.rotation @ placement.rotations[tool][:, 2], direction, atol=1e-14
+    )
 
 
 def test_newton_finds_the_closed_form_from_a_pose_nearby() -> None:
@@ -44,12 +68,16 @@ def test_newton_finds_the_closed_form_from_a_pose_nearby() -> None:
 
 
 def test_every_assembly_puts_the_wrist_centre_in_the_same_place_with_another_platform() -> None:
-    dimensions = ExechonDimensions((-0.44, 0.78, 0.35), (-0.15, 0.25, 0.13), (0.1, 0.15), (0.04, 0.02), (0.28, -0.2))
+    dimensions = ExechonDimensions(
+        (-0.44, 0.78, 0.35), (-0.15, 0.25, 0.13), (0.1, 0.15), (0.04, 0.02), (0.28, -0.2)
+    )
     mechanism, center = exechon_mechanism(dimensions), np.array([0.02, 0.7, 1.02])
     turned = []
     for assembly in ASSEMBLIES:
         placement = place_marks(mechanism, platform_states(dimensions, center, assembly))
-        assert np.allclose(placement.positions[mechanism.marks.index("wrist_4")], center, atol=1e-14)
+        assert np.allclose(
+            placement.positions[mechanism.marks.index("wrist_4")], center, atol=1e-14
+        )
         turned.append(placement.rotations[mechanism.marks.index("platform")])
     assert all(np.abs(turned[i] - turned[j]).max() > 0.1 for i in range(4) for j in range(i))
 
@@ -65,12 +93,18 @@ def test_the_plane_above_the_table_is_free_of_singular_poses() -> None:
     survey = survey_tool_poses(MACHINE, np.stack([x, y, np.full_like(x, 0.2)], -1), DOWN)
     assert survey.reached.all()
     assert survey.condition.max() < 8.0
-    passive = evaluate_kinematics(MACHINE.mechanism, survey.states).closures[..., MACHINE.mechanism.passive_slice]
+    passive = evaluate_kinematics(MACHINE.mechanism, survey.states).closures[
+        ..., MACHINE.mechanism.passive_slice
+    ]
     assert np.linalg.cond(passive).max() < 11.0
 
 
 def test_condition_number_is_that_of_finite_differences() -> None:
     center = np.array([-0.2, 0.1, 1.1])
-    states = platform_states(DIMENSIONS, np.stack([center, *(center + 1e-6 * np.eye(3)), *(center - 1e-6 * np.eye(3))]))
+    states = platform_states(
+        DIMENSIONS, np.stack([center, *(center + 1e-6 * np.eye(3)), *(center - 1e-6 * np.eye(3))])
+    )
     slopes = (states[1:4, :3] - states[4:, :3]) / 2e-6
-    assert condition_numbers(MACHINE.mechanism, states[0]) == pytest.approx(np.linalg.cond(slopes), rel=1e-8)
+    assert condition_numbers(MACHINE.mechanism, states[0]) == pytest.approx(
+        np.linalg.cond(slopes), rel=1e-8
+    )

@@ -2,9 +2,16 @@ import numpy as np
 import pytest
 
 from headstock.geometry.mechanisms.closures import closure_residual
-from headstock.geometry.mechanisms.platforms import planar_3rpr, planar_3rpr_assemblies, planar_3rpr_state
+from headstock.geometry.mechanisms.platforms import (
+    planar_3rpr,
+    planar_3rpr_assemblies,
+    planar_3rpr_state,
+)
 
-BASE, PLATFORM = np.array([[0.0, 0.0], [1.0, 0.1], [0.4, 0.9]]), np.array([[-0.2, -0.1], [0.2, -0.1], [0.0, 0.2]])
+BASE, PLATFORM = (
+    np.array([[0.0, 0.0], [1.0, 0.1], [0.4, 0.9]]),
+    np.array([[-0.2, -0.1], [0.2, -0.1], [0.0, 0.2]]),
+)
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -21,8 +28,14 @@ def test_the_pose_that_gave_the_lengths_is_among_the_assemblies(seed: int) -> No
 
 
 def test_six_assemblies_exist() -> None:
-    base, platform = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.9]]), np.array([[0.0, 0.0], [1.1, 0.0], [0.3, 0.8]])
-    counts = {len(planar_3rpr_assemblies(base, platform, np.array([q, 0.9, 1.1]))) for q in np.linspace(0.6, 1.4, 41)}
+    base, platform = (
+        np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.9]]),
+        np.array([[0.0, 0.0], [1.1, 0.0], [0.3, 0.8]]),
+    )
+    counts = {
+        len(planar_3rpr_assemblies(base, platform, np.array([q, 0.9, 1.1])))
+        for q in np.linspace(0.6, 1.4, 41)
+    }
     assert 6 in counts and max(counts) == 6
 
 
@@ -32,4 +45,6 @@ def test_lengths_that_meet_nowhere_give_no_assembly() -> None:
 
 def test_state_of_a_turned_platform_is_closed() -> None:
     state = planar_3rpr_state(BASE, PLATFORM, (0.2, 0.3), 2.9)
-    assert np.abs(closure_residual(planar_3rpr(BASE, PLATFORM), state)).max() == pytest.approx(0.0, abs=1e-15)
+    assert np.abs(closure_residual(planar_3rpr(BASE, PLATFORM), state)).max() == pytest.approx(
+        0.0, abs=1e-15
+    )

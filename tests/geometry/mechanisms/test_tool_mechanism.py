@@ -29,4 +29,6 @@ def test_the_spindle_points_where_the_pose_says_and_every_leg_runs_to_its_platfo
             assert np.allclose(sleeve.rotation, beam.rotation, atol=1e-12)
             joint = marks.positions[known.mechanism.marks.index(f"joint_{number}")]
             at_tip = beam.origin + 1.8 * beam.rotation[:, 2]
-            assert np.allclose(at_tip, known.mounting.origin + known.mounting.rotation @ joint, atol=1e-12)
+            assert np.allclose(
+                at_tip, known.mounting.origin + known.mounting.rotation @ joint, atol=1e-12
+            )

@@ -5,7 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from headstock.geometry.parts.cad_faces import CadFace, find_holes, fit_cylinder, name_faces, part_extent, suggest_interfaces
+from headstock.geometry.parts.cad_faces import (
+    CadFace,
+    find_holes,
+    fit_cylinder,
+    name_faces,
+    part_extent,
+    suggest_interfaces,
+)
 
 SIZE = (0.1, 0.2, 0.4)
 
@@ -20,11 +27,21 @@ def box_faces() -> list[CadFace]:
             normal[axis] = sign
             center = tuple((a + b) / 2 for a, b in zip(low, high, strict=True))
             area = float(np.prod([SIZE[i] for i in range(3) if i != axis]))
-            faces.append(CadFace(len(faces) + 1, "plane", area, center, tuple(normal), tuple(low), tuple(high)))  # type: ignore[arg-type]
+            faces.append(
+                CadFace(
+                    len(faces) + 1, "plane", area, center, tuple(normal), tuple(low), tuple(high)
+                )
+            )  # type: ignore[arg-type]
     return faces
 
 
-def bore(number: int, place: tuple[float, float], radius: float = 0.005, depth: float = 0.02, turn: float = 1.0) -> CadFace:
+def bore(
+    number: int,
+    place: tuple[float, float],
+    radius: float = 0.005,
+    depth: float = 0.02,
+    turn: float = 1.0,
+) -> CadFace:
     """The wall of a hole along z, or part of its turn."""
     x, y = place
     return CadFace(
@@ -63,7 +80,14 @@ def test_bores_on_one_axis_with_a_gap_between_them_are_two_holes() -> None:
 
 def test_ends_are_named_by_direction_unless_two_faces_share_one() -> None:
     faces = box_faces()
-    assert [name_faces(faces)[number] for number in range(1, 7)] == ["x-", "x+", "y-", "y+", "z-", "z+"]
+    assert [name_faces(faces)[number] for number in range(1, 7)] == [
+        "x-",
+        "x+",
+        "y-",
+        "y+",
+        "z-",
+        "z+",
+    ]
     split = dataclasses.replace(faces[5], number=7)
     names = name_faces([*faces, split])
     assert (names[6], names[7]) == ("face:6", "face:7")
@@ -77,13 +101,21 @@ def test_suggested_planes_are_the_opposing_ends_with_most_between_them() -> None
     first, second = suggest_interfaces(box_faces())
     # on a block every pair holds the same volume; the larger faces come first
     assert {first.faces[0], second.faces[0]} in ({"x-", "x+"}, {"y-", "y+"}, {"z-", "z+"})
-    inward = [dataclasses.replace(face, normal=tuple(-v for v in face.normal)) for face in box_faces()]  # type: ignore[arg-type]
+    inward = [
+        dataclasses.replace(face, normal=tuple(-v for v in face.normal)) for face in box_faces()
+    ]  # type: ignore[arg-type]
     assert suggest_interfaces(inward) == []
 
 
 def test_equal_holes_are_suggested_as_one_pattern_and_a_single_one_as_a_bore() -> None:
-    bolts = [bore(7 + i, (x, y)) for i, (x, y) in enumerate([(0.02, 0.02), (0.08, 0.02), (0.02, 0.18), (0.08, 0.18)])]
-    found = {item.name: item for item in suggest_interfaces([*box_faces(), *bolts, bore(11, (0.05, 0.1), radius=0.02)])}
+    bolts = [
+        bore(7 + i, (x, y))
+        for i, (x, y) in enumerate([(0.02, 0.02), (0.08, 0.02), (0.02, 0.18), (0.08, 0.18)])
+    ]
+    found = {
+        item.name: item
+        for item in suggest_interfaces([*box_faces(), *bolts, bore(11, (0.05, 0.1), radius=0.02)])
+    }
     assert found["holes_1"].faces == ("face:7", "face:8", "face:9", "face:10")
     assert found["holes_1"].reason == "4 holes of 10 mm"
     assert found["bore"].faces == ("face:11",)

@@ -10,7 +10,9 @@ STEEL = Material("steel", 210e9, 0.3, 7850.0)
 
 
 def component(solid: Solid, **patches: tuple[Patch, ...]) -> Component:
-    return Component("part", solid, STEEL, interfaces={name: Interface(name, p) for name, p in patches.items()})
+    return Component(
+        "part", solid, STEEL, interfaces={name: Interface(name, p) for name, p in patches.items()}
+    )
 
 
 def test_box_has_its_textbook_inertia() -> None:
@@ -26,14 +28,19 @@ def test_box_has_its_textbook_inertia() -> None:
 
 def test_tube_is_the_difference_of_two_cylinders() -> None:
     found = closed_form_properties(component(Tube(0.2, 0.12, 0.7)))
-    full, hole = closed_form_properties(component(Tube(0.2, 0.0, 0.7))), closed_form_properties(component(Tube(0.12, 0.0, 0.7)))
+    full, hole = (
+        closed_form_properties(component(Tube(0.2, 0.0, 0.7))),
+        closed_form_properties(component(Tube(0.12, 0.0, 0.7))),
+    )
     assert found is not None and full is not None and hole is not None
     assert found.volume == pytest.approx(full.volume - hole.volume, rel=1e-13)
     assert np.allclose(found.inertia, full.inertia - hole.inertia, rtol=1e-12, atol=1e-18)
 
 
 def test_column_is_symmetric_about_its_axes_and_lighter_than_its_block() -> None:
-    found = closed_form_properties(component(HollowColumn((0.3, 0.2, 1.0), 0.02, 0.03, 0.01, ribs_z=2, ribs_x=1, ribs_y=0)))
+    found = closed_form_properties(
+        component(HollowColumn((0.3, 0.2, 1.0), 0.02, 0.03, 0.01, ribs_z=2, ribs_x=1, ribs_y=0))
+    )
     assert found is not None
     clear = (0.26 - 0.01) * 0.16 * (0.94 - 0.02)
     assert found.volume == pytest.approx(0.3 * 0.2 * 1.0 - clear, rel=1e-13)
@@ -52,20 +59,31 @@ def test_crossing_ribs_are_counted_once() -> None:
 
 
 def test_overlapping_patches_of_one_interface_count_once() -> None:
-    rect, strip = Patch("z+", "rect", (0, 0, 0), (0.04, 0.02)), Patch("z+", "strip", (0, 0, 0), (0.02,), "y")
+    rect, strip = (
+        Patch("z+", "rect", (0, 0, 0), (0.04, 0.02)),
+        Patch("z+", "strip", (0, 0, 0), (0.02,), "y"),
+    )
     found = closed_form_properties(component(Box((0.1, 0.1, 0.1)), both=(rect, strip)))
     assert found is not None
-    assert found.patch_areas["both"] == pytest.approx(0.04 * 0.02 + 0.02 * 0.1 - 0.02 * 0.02, rel=1e-13)
+    assert found.patch_areas["both"] == pytest.approx(
+        0.04 * 0.02 + 0.02 * 0.1 - 0.02 * 0.02, rel=1e-13
+    )
 
 
 def test_imprint_beyond_the_face_is_cut_to_it() -> None:
-    found = closed_form_properties(component(Box((0.1, 0.1, 0.1)), corner=(Patch("z+", "rect", (0.05, 0.05, 9.0), (0.04, 0.04)),)))
+    found = closed_form_properties(
+        component(
+            Box((0.1, 0.1, 0.1)), corner=(Patch("z+", "rect", (0.05, 0.05, 9.0), (0.04, 0.04)),)
+        )
+    )
     assert found is not None
     assert found.patch_areas["corner"] == pytest.approx(0.02**2, rel=1e-12)
     assert np.allclose(found.patch_centroids["corner"], [0.04, 0.04, 0.1], rtol=1e-12, atol=0.0)
 
 
-@pytest.mark.parametrize("patch", [Patch("face:1"), Patch("z+", "disk", (0.05, 0, 0), (0.04,)), Patch("outer")])
+@pytest.mark.parametrize(
+    "patch", [Patch("face:1"), Patch("z+", "disk", (0.05, 0, 0), (0.04,)), Patch("outer")]
+)
 def test_patches_without_closed_form_are_left_to_the_cad_kernel(patch: Patch) -> None:
     assert closed_form_properties(component(Box((0.1, 0.1, 0.1)), a=(patch,))) is None
 

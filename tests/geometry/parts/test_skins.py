@@ -54,7 +54,9 @@ def test_a_box_stands_on_its_footprint_with_z_through_the_centre() -> None:
 
 
 def test_a_ribbed_plate_reaches_to_the_top_of_its_ribs() -> None:
-    skin = solid_skin(Plate((0.4, 0.3, 0.02), rib_height=0.05, rib_thickness=0.01, ribs_x=2, ribs_y=1))
+    skin = solid_skin(
+        Plate((0.4, 0.3, 0.02), rib_height=0.05, rib_thickness=0.01, ribs_x=2, ribs_y=1)
+    )
     assert skin is not None
     assert skin.points[:, 2].max() == pytest.approx(0.07)
     assert len(skin.triangles) == 12 * 4
@@ -85,7 +87,8 @@ def test_splitting_keeps_the_volume_the_edges_and_the_closure() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "axis", "low", "length"), [("box", 0, -0.05, 0.1), ("box", 2, 0.0, 0.3), ("tube", 2, 0.0, 0.5), ("rod", 2, 0.0, 0.5)]
+    ("name", "axis", "low", "length"),
+    [("box", 0, -0.05, 0.1), ("box", 2, 0.0, 0.3), ("tube", 2, 0.0, 0.5), ("rod", 2, 0.0, 0.5)],
 )
 def test_a_bar_cut_across_is_closed_encloses_its_volume_and_has_points_at_every_cut(
     name: str, axis: int, low: float, length: float
@@ -99,7 +102,8 @@ def test_a_bar_cut_across_is_closed_encloses_its_volume_and_has_points_at_every_
     whole = solid_skin(solid)
     assert whole is not None
     np.testing.assert_allclose(
-        [skin.points.min(axis=0), skin.points.max(axis=0)], [whole.points.min(axis=0), whole.points.max(axis=0)]
+        [skin.points.min(axis=0), skin.points.max(axis=0)],
+        [whole.points.min(axis=0), whole.points.max(axis=0)],
     )
 
 
@@ -110,11 +114,19 @@ def edge_counts(skin: Skin) -> tuple[IntArray, IntArray]:
 
 def ring(around: int, across: int) -> Skin:
     """A torus."""
-    u, v = np.meshgrid(2 * np.pi * np.arange(around) / around, 2 * np.pi * np.arange(across) / across, indexing="ij")
+    u, v = np.meshgrid(
+        2 * np.pi * np.arange(around) / around,
+        2 * np.pi * np.arange(across) / across,
+        indexing="ij",
+    )
     radius = 1.0 + 0.4 * np.cos(v)
-    points = np.stack([radius * np.cos(u), radius * np.sin(u), 0.4 * np.sin(v)], axis=-1).reshape(-1, 3)
+    points = np.stack([radius * np.cos(u), radius * np.sin(u), 0.4 * np.sin(v)], axis=-1).reshape(
+        -1, 3
+    )
     i, j = (index.ravel() for index in np.indices((around, across)))
-    a, b, c, d = (((i + k) % around) * across + (j + m) % across for k, m in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    a, b, c, d = (
+        ((i + k) % around) * across + (j + m) % across for k, m in ((0, 0), (1, 0), (1, 1), (0, 1))
+    )
     triangles = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     return Skin(points, triangles, sharp_edges(points, triangles), "solid")
 
@@ -128,9 +140,12 @@ def test_a_ring_stays_a_ring_down_to_the_fewest_triangles_a_ring_can_have() -> N
         assert len(thin.points) - len(edges) + len(thin.triangles) == 0
         np.testing.assert_array_equal(thin.points, skin.points[kept])
         assert thin.thinned_from == 3600
-        # where nothing more can go, the surface has more triangles than were asked for rather than a hole
+        # where nothing more can go, the surface has more triangles than were asked for rather than
+        # a hole
         assert len(thin.triangles) <= max(largest, 60)
-    assert enclosed_volume(decimate_skin(skin, largest=900)[0]) == pytest.approx(enclosed_volume(skin), rel=0.02)
+    assert enclosed_volume(decimate_skin(skin, largest=900)[0]) == pytest.approx(
+        enclosed_volume(skin), rel=0.02
+    )
 
 
 def test_open_edges_and_edges_of_three_or_more_triangles_stay_as_they_are() -> None:
@@ -138,13 +153,17 @@ def test_open_edges_and_edges_of_three_or_more_triangles_stay_as_they_are() -> N
     for _ in range(4):
         box = split_skin(box)
     # a second box along the edge at x = y = 1, and a hole in the first
-    points, numbers = np.unique(np.vstack([box.points, box.points + np.array([1.0, 1.0, 0.0])]), axis=0, return_inverse=True)
+    points, numbers = np.unique(
+        np.vstack([box.points, box.points + np.array([1.0, 1.0, 0.0])]), axis=0, return_inverse=True
+    )
     triangles = numbers.ravel()[np.vstack([box.triangles[5:], box.triangles + len(box.points)])]
     skin = Skin(points, triangles, sharp_edges(points, triangles), "mesh")
     thin, kept = decimate_skin(skin, largest=1000)
     assert len(thin.triangles) <= 1000 < len(triangles)
     for wanted in (1, 4):
-        before, after = (edges[counts == wanted] for edges, counts in (edge_counts(skin), edge_counts(thin)))
+        before, after = (
+            edges[counts == wanted] for edges, counts in (edge_counts(skin), edge_counts(thin))
+        )
         assert len(before) > 3
         np.testing.assert_array_equal(kept[after], before)
     assert set(edge_counts(thin)[1]) == {1, 2, 4}

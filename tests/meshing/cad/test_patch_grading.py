@@ -1,4 +1,6 @@
-"""Tets that grow from the rims of patches and of rigid interfaces: small where asked, few elsewhere, areas and volume kept."""
+"""Tets that grow from the rims of patches and of rigid interfaces: small where asked, few
+elsewhere, areas and volume kept.
+"""
 
 import dataclasses
 from collections.abc import Callable
@@ -25,36 +27,52 @@ def edges_near(mesh: ComponentMesh, place: FloatArray, reach: float) -> FloatArr
     """Lengths of the edges of the cells whose centres lie within a reach of a place."""
     corners = mesh.points[mesh.cells[:, :4]]
     near = corners[np.linalg.norm(corners.mean(axis=1) - place, axis=1) < reach]
-    return np.concatenate([np.linalg.norm(near[:, a] - near[:, b], axis=1) for a in range(4) for b in range(a)])
+    return np.concatenate(
+        [np.linalg.norm(near[:, a] - near[:, b], axis=1) for a in range(4) for b in range(a)]
+    )
 
 
 def test_elements_grow_from_a_patch_with_the_distance(make_component: Make) -> None:
     component = make_component(BLOCK, {"pad": PAD, "back": BACK}, size=0.03, across_patches=16)
     even = mesh_component(component)
-    graded_component = dataclasses.replace(component, mesh=dataclasses.replace(component.mesh, growth=0.5))
+    graded_component = dataclasses.replace(
+        component, mesh=dataclasses.replace(component.mesh, growth=0.5)
+    )
     graded = mesh_component(graded_component)
     # a tenth of the elements with the same at the rim
     assert len(graded.cells) < 0.2 * len(even.cells)
     corner = np.array([0.015, 0.005, 0.105])
-    assert np.quantile(edges_near(graded, corner, 0.0012), 0.1) == pytest.approx(0.01 / 16, rel=0.4, abs=0.0)
+    assert np.quantile(edges_near(graded, corner, 0.0012), 0.1) == pytest.approx(
+        0.01 / 16, rel=0.4, abs=0.0
+    )
     assert 0.5 < estimate_cells(graded_component) / len(graded.cells) < 2.0
     far = edges_near(graded, np.array([0.0, 0.15, 0.1]), 0.04)
     assert np.median(far) > 0.02
-    assert integrate_mesh(graded.points, graded.cells, graded.kind)[0] == pytest.approx(0.03 * 0.4 * 0.2, rel=1e-12)
+    assert integrate_mesh(graded.points, graded.cells, graded.kind)[0] == pytest.approx(
+        0.03 * 0.4 * 0.2, rel=1e-12
+    )
     assert scaled_jacobians(graded.points, graded.cells, graded.kind).min() > 0.02
 
 
-def test_elements_are_small_at_the_rim_of_a_rigid_face_and_nowhere_else(make_component: Make) -> None:
-    component = make_component(BLOCK, {"foot": Patch("y-"), "tip": Patch("y+")}, size=0.03, growth=0.5, rim_size=0.003)
+def test_elements_are_small_at_the_rim_of_a_rigid_face_and_nowhere_else(
+    make_component: Make,
+) -> None:
+    component = make_component(
+        BLOCK, {"foot": Patch("y-"), "tip": Patch("y+")}, size=0.03, growth=0.5, rim_size=0.003
+    )
     averaging = dataclasses.replace(component.interfaces["tip"], coupling="average")
-    mesh = mesh_component(dataclasses.replace(component, interfaces=component.interfaces | {"tip": averaging}))
+    mesh = mesh_component(
+        dataclasses.replace(component, interfaces=component.interfaces | {"tip": averaging})
+    )
     assert np.median(edges_near(mesh, np.array([0.015, -0.2, 0.1]), 0.006)) < 0.006
     assert np.median(edges_near(mesh, np.array([0.015, 0.2, 0.1]), 0.02)) > 0.015
 
 
 def test_elements_grow_from_a_strip_far_narrower_than_they_are(make_component: Make) -> None:
     strip = Patch("x+", "strip", (0.0, 0.0, 0.25), (0.0005,), "y")
-    component = make_component(Box((0.038, 0.1, 0.5)), {"foot": Patch("z-"), "line": strip}, size=0.025)
+    component = make_component(
+        Box((0.038, 0.1, 0.5)), {"foot": Patch("z-"), "line": strip}, size=0.025
+    )
     mesh = mesh_component(component)
     assert mesh.quality.minimum_scaled_jacobian > 0.02
     assert mesh.quality.cad_areas["line"] == pytest.approx(0.1 * 0.0005, rel=1e-9)
@@ -63,7 +81,13 @@ def test_elements_grow_from_a_strip_far_narrower_than_they_are(make_component: M
         assert 0.5 < estimate_mesh(component, survey=survey).cells / len(mesh.cells) < 2.0
 
 
-def test_a_strip_that_would_fill_a_mesh_is_refused_with_its_name_and_the_width_that_works(make_component: Make) -> None:
+def test_a_strip_that_would_fill_a_mesh_is_refused_with_its_name_and_the_width_that_works(
+    make_component: Make,
+) -> None:
     strip = Patch("x+", "strip", (0.0, 0.0, 0.25), (0.00006,), "z")
-    with pytest.raises(MeshError, match=r"line: the patch is 0.06 mm wide.*write one at least 0\.29 mm wide"):
-        mesh_component(make_component(Box((0.038, 0.1, 0.5)), {"foot": Patch("z-"), "line": strip}, size=0.025))
+    with pytest.raises(
+        MeshError, match=r"line: the patch is 0.06 mm wide.*write one at least 0\.29 mm wide"
+    ):
+        mesh_component(
+            make_component(Box((0.038, 0.1, 0.5)), {"foot": Patch("z-"), "line": strip}, size=0.025)
+        )

@@ -37,7 +37,9 @@ RIBBED = HollowColumn((0.2, 0.15, 0.5), 0.015, 0.02, 0.01, ribs_z=1, ribs_x=1)
 
 def assert_same_mesh(a: ComponentMesh, b: ComponentMesh, scale: float = 1.0) -> None:
     assert (
-        np.array_equal(a.points * scale, b.points) if scale == 1.0 else np.allclose(a.points * scale, b.points, rtol=1e-15, atol=0)
+        np.array_equal(a.points * scale, b.points)
+        if scale == 1.0
+        else np.allclose(a.points * scale, b.points, rtol=1e-15, atol=0)
     )
     assert np.array_equal(a.cells, b.cells)
     assert a.patches.keys() == b.patches.keys()
@@ -50,7 +52,10 @@ def assert_same_mesh(a: ComponentMesh, b: ComponentMesh, scale: float = 1.0) -> 
         (COLUMN, ENDS),
         (Tube(0.1, 0.07, 0.2), {**ENDS, "outer": Patch("outer"), "inner": Patch("inner")}),
         (Tube(0.1, 0.0, 0.2), {**ENDS, "outer": Patch("outer")}),
-        (Plate((0.4, 0.3, 0.02), 0.05, 0.02, 1, 2), {"ribs": Patch("z+"), "below": Patch("z-"), "side": Patch("x-")}),
+        (
+            Plate((0.4, 0.3, 0.02), 0.05, 0.02, 1, 2),
+            {"ribs": Patch("z+"), "below": Patch("z-"), "side": Patch("x-")},
+        ),
         (RIBBED, {**ENDS, "side": Patch("y+")}),
     ],
 )
@@ -73,7 +78,9 @@ def test_meshed_solid_has_the_closed_form_volume_inertia_and_areas(
     assert mesh.straight is not isinstance(solid, Tube)
 
 
-@pytest.mark.parametrize("solid", [COLUMN, Tube(0.1, 0.07, 0.2), Plate((0.4, 0.3, 0.02), 0.05, 0.02, 1, 2), RIBBED])
+@pytest.mark.parametrize(
+    "solid", [COLUMN, Tube(0.1, 0.07, 0.2), Plate((0.4, 0.3, 0.02), 0.05, 0.02, 1, 2), RIBBED]
+)
 def test_closed_forms_agree_with_the_cad_kernel(make_component: Make, solid: Solid) -> None:
     component = make_component(solid, {"a": Patch("z-"), "b": Patch("z+")})
     exact = describe_component(component)
@@ -89,7 +96,11 @@ def test_closed_forms_agree_with_the_cad_kernel(make_component: Make, solid: Sol
 
 def test_overlapping_imprints_share_facets_and_keep_their_areas(make_component: Make) -> None:
     mesh = mesh_component(
-        make_component(COLUMN, {**ENDS, "disk": DISK, "rect": RECT, "strip": STRIP, "whole": Patch("x+")}, size=0.02)
+        make_component(
+            COLUMN,
+            {**ENDS, "disk": DISK, "rect": RECT, "strip": STRIP, "whole": Patch("x+")},
+            size=0.02,
+        )
     )
     areas, centroids = patch_moments(mesh.points, mesh.patches)
     assert areas["disk"] == pytest.approx(np.pi * 0.005**2, rel=1e-12)
@@ -104,7 +115,11 @@ def test_overlapping_imprints_share_facets_and_keep_their_areas(make_component: 
 
 def test_disk_on_a_curved_face_has_its_projected_area(make_component: Make) -> None:
     disk = Patch("outer", "disk", (0.0, 0.05, 0.1), (0.02,))
-    component = make_component(Tube(0.1, 0.07, 0.2), {"disk": disk, "outer": Patch("outer"), "foot": Patch("z-")}, size=0.015)
+    component = make_component(
+        Tube(0.1, 0.07, 0.2),
+        {"disk": disk, "outer": Patch("outer"), "foot": Patch("z-")},
+        size=0.015,
+    )
     mesh = mesh_component(component)
     y = 0.01 * np.cos(np.pi * (np.arange(4000) + 0.5) / 4000)  # midpoints in angle across the disk
     exact = float(np.sum(2 * (0.01**2 - y**2) * 0.05 / np.sqrt(0.05**2 - y**2)) * np.pi / 4000)
@@ -116,13 +131,17 @@ def test_disk_on_a_curved_face_has_its_projected_area(make_component: Make) -> N
 
 
 def test_patch_far_smaller_than_the_elements_gets_at_least_two_across(make_component: Make) -> None:
-    mesh = mesh_component(make_component(COLUMN, {"pad": Patch("x+", "rect", (0, 0, 0.3), (0.002, 0.002))}, size=0.02))
+    mesh = mesh_component(
+        make_component(COLUMN, {"pad": Patch("x+", "rect", (0, 0, 0.3), (0.002, 0.002))}, size=0.02)
+    )
     assert len(mesh.patches["pad"]) >= 8
     assert mesh.quality.cad_areas["pad"] == pytest.approx(4e-6, rel=1e-9)
 
 
 def test_several_patches_make_one_interface(make_component: Make) -> None:
-    feet = tuple(Patch("z-", "disk", (x, y, 0.0), (0.02,)) for x in (-0.04, 0.04) for y in (-0.1, 0.1))
+    feet = tuple(
+        Patch("z-", "disk", (x, y, 0.0), (0.02,)) for x in (-0.04, 0.04) for y in (-0.1, 0.1)
+    )
     component = make_component(Box((0.12, 0.25, 0.05)), {"feet": feet}, size=0.03)
     mesh = mesh_component(component)
     areas, centroids = patch_moments(mesh.points, mesh.patches)
@@ -132,10 +151,18 @@ def test_several_patches_make_one_interface(make_component: Make) -> None:
 
 
 @pytest.mark.parametrize("tube", [Tube(0.2, 0.18, 0.6), Tube(0.3, 0.28, 0.5), Tube(0.2, 0.16, 0.4)])
-def test_a_coarser_size_of_a_thin_tube_does_not_give_more_dofs(make_component: Make, tube: Tube) -> None:
-    """Chords of a coarse mesh that cross the wall made it fail its checks, and the next try was up to 16 times finer."""
-    dofs = [3 * len(mesh_component(make_component(tube, ENDS, size=size)).points) for size in (0.12, 0.08, 0.06, 0.04, 0.025)]
-    # sizes on round faces are rounded down to quarters of an octave: the same face may differ by 2^(1/4) in size, squared in number
+def test_a_coarser_size_of_a_thin_tube_does_not_give_more_dofs(
+    make_component: Make, tube: Tube
+) -> None:
+    """Chords of a coarse mesh that cross the wall made it fail its checks, and the next try was up
+    to 16 times finer.
+    """
+    dofs = [
+        3 * len(mesh_component(make_component(tube, ENDS, size=size)).points)
+        for size in (0.12, 0.08, 0.06, 0.04, 0.025)
+    ]
+    # sizes on round faces are rounded down to quarters of an octave: the same face may differ by
+    # 2^(1/4) in size, squared in number
     assert all(coarse <= 1.5 * fine for coarse, fine in itertools.pairwise(dofs)), dofs
     assert max(dofs[:-1]) <= dofs[-1], dofs
 
@@ -165,14 +192,21 @@ def test_column_with_core_holes_loses_their_area(make_component: Make) -> None:
     assert areas["foot"] == pytest.approx(0.2 * 0.15 - 2 * np.pi * 0.03**2, rel=1e-3)
     solid = closed_form_properties(make_component(RIBBED))
     assert solid is not None
-    holes = np.pi * 0.03**2 * (2 * (2 * 0.02 + 0.01) + 2 * 0.01)  # caps and horizontal rib in two cells, vertical rib in two
+    holes = (
+        np.pi * 0.03**2 * (2 * (2 * 0.02 + 0.01) + 2 * 0.01)
+    )  # caps and horizontal rib in two cells, vertical rib in two
     assert mesh.quality.volume == pytest.approx(solid.volume - holes, rel=1e-3)
 
 
 def test_same_component_gives_the_same_mesh_twice_wherever_it_stands(make_component: Make) -> None:
-    component = make_component(Tube(0.1, 0.07, 0.1), {"a": Patch("z-"), "b": Patch("outer", "rect", (0, 0.05, 0.05), (0.02, 0.02))})
+    component = make_component(
+        Tube(0.1, 0.07, 0.1),
+        {"a": Patch("z-"), "b": Patch("outer", "rect", (0, 0.05, 0.05), (0.02, 0.02))},
+    )
     frame = Frame(np.array([1e4, -3.0, 7.0]), rotation_about(np.array([1.0, 2.0, 3.0]), 0.7))
-    assert_same_mesh(mesh_component(component), mesh_component(dataclasses.replace(component, placement=frame)))
+    assert_same_mesh(
+        mesh_component(component), mesh_component(dataclasses.replace(component, placement=frame))
+    )
 
 
 @pytest.mark.parametrize("cells", ["tet", "hex"])
@@ -180,13 +214,19 @@ def test_float_noise_from_units_cannot_change_a_mesh(make_component: Make, cells
     noisy = Box((38 * 1e-3 * (1 + 2e-16), 100 / 1000.0, (0.1 + 0.2) * 500e-3 / 0.3))
     pad = Patch("x+", "rect", (0, 0, 0.3), (0.02, 0.02))
     noisy_pad = Patch("x+", "rect", (0, 0, 300 * 1e-3), (20 * 1e-3, 0.02 * (1 - 2e-16)))
-    clean = mesh_component(make_component(Box((0.038, 0.1, 0.5)), {"pad": pad}, size=0.019, cells=cells))
-    same = mesh_component(make_component(noisy, {"pad": noisy_pad}, size=0.019 * (1 + 2e-16), cells=cells))
+    clean = mesh_component(
+        make_component(Box((0.038, 0.1, 0.5)), {"pad": pad}, size=0.019, cells=cells)
+    )
+    same = mesh_component(
+        make_component(noisy, {"pad": noisy_pad}, size=0.019 * (1 + 2e-16), cells=cells)
+    )
     assert_same_mesh(clean, same)
 
 
 @pytest.mark.parametrize("factor", [1e-6, 1e4])
-def test_h19_a_solid_of_any_size_gets_the_same_mesh_scaled(make_component: Make, factor: float) -> None:
+def test_h19_a_solid_of_any_size_gets_the_same_mesh_scaled(
+    make_component: Make, factor: float
+) -> None:
     def scaled(s: float) -> Component:
         patches = {"foot": Patch("z-"), "pad": Patch("x+", "disk", (0, 0, 0.5 * s), (0.1 * s,))}
         return make_component(Box((0.4 * s, 0.3 * s, 1.0 * s)), patches, size=0.2 * s)
@@ -197,7 +237,9 @@ def test_h19_a_solid_of_any_size_gets_the_same_mesh_scaled(make_component: Make,
 
 
 def test_hex_grid_is_ideal_and_follows_rect_imprints(make_component: Make) -> None:
-    mesh = mesh_component(make_component(COLUMN, {**ENDS, "rect": RECT, "strip": STRIP}, size=0.019, cells="hex"))
+    mesh = mesh_component(
+        make_component(COLUMN, {**ENDS, "rect": RECT, "strip": STRIP}, size=0.019, cells="hex")
+    )
     assert mesh.kind == "hex27" and mesh.straight
     assert mesh.quality.minimum_scaled_jacobian == pytest.approx(1.0, abs=1e-12)
     areas, _ = patch_moments(mesh.points, mesh.patches)
@@ -218,7 +260,9 @@ def test_linear_meshes_are_made_on_request(make_component: Make) -> None:
 
 @pytest.mark.parametrize("cells", ["tet", "hex"])
 def test_facets_point_outward(make_component: Make, cells: str) -> None:
-    mesh = mesh_component(make_component(COLUMN, {"up": Patch("z+"), "left": Patch("x-")}, cells=cells))
+    mesh = mesh_component(
+        make_component(COLUMN, {"up": Patch("z+"), "left": Patch("x-")}, cells=cells)
+    )
     for name, direction in (("up", [0, 0, 1]), ("left", [-1, 0, 0])):
         corners = mesh.points[mesh.patches[name]]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -227,8 +271,14 @@ def test_facets_point_outward(make_component: Make, cells: str) -> None:
 
 def test_supports_and_loads_get_their_own_groups(make_component: Make) -> None:
     component = make_component(COLUMN, ENDS)
-    supports = [Support("clamp", "part", (Patch("z-"),), ("x",)), Support("other", "elsewhere", (Patch("z-"),), ("x",))]
-    loads = [Load("push", "part", "pressure", (Patch("x+"),), magnitude=1.0), Load("weight", "part", "body", vector=(0, 0, -9.8))]
+    supports = [
+        Support("clamp", "part", (Patch("z-"),), ("x",)),
+        Support("other", "elsewhere", (Patch("z-"),), ("x",)),
+    ]
+    loads = [
+        Load("push", "part", "pressure", (Patch("x+"),), magnitude=1.0),
+        Load("weight", "part", "body", vector=(0, 0, -9.8)),
+    ]
     mesh = mesh_component(component, supports, loads)
     assert sorted(mesh.patches) == ["foot", "load:push", "support:clamp", "tip"]
     assert np.array_equal(mesh.patches["support:clamp"], mesh.patches["foot"])
@@ -272,29 +322,43 @@ def test_h11_a_mesh_beyond_the_budget_is_refused_at_once(make_component: Make, c
 
 def test_h11_meshing_stops_at_its_time_limit(make_component: Make) -> None:
     # processor time, or four times as long where the machine is busy
-    with pytest.raises(MeshError, match=r"stopped after (1 s of processor time|4 s).*larger mesh size"):
+    with pytest.raises(
+        MeshError, match=r"stopped after (1 s of processor time|4 s).*larger mesh size"
+    ):
         mesh_component(make_component(COLUMN, ENDS, size=0.0021), time_limit=1.0)
 
 
-@pytest.mark.parametrize(("solid", "size"), [(COLUMN, 0.01), (Box((0.5, 0.5, 0.004)), 0.02), (RIBBED, 0.02)])
-def test_estimated_cells_are_right_within_a_factor_of_two(make_component: Make, solid: Solid, size: float) -> None:
+@pytest.mark.parametrize(
+    ("solid", "size"), [(COLUMN, 0.01), (Box((0.5, 0.5, 0.004)), 0.02), (RIBBED, 0.02)]
+)
+def test_estimated_cells_are_right_within_a_factor_of_two(
+    make_component: Make, solid: Solid, size: float
+) -> None:
     component = make_component(solid, ENDS, size=size)
     assert 0.5 < estimate_cells(component) / len(mesh_component(component).cells) < 2.0
 
 
-def test_closed_form_description_needs_no_child_process(make_component: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("subprocess.run", lambda *_, **__: pytest.fail("a child process was started"))
+def test_closed_form_description_needs_no_child_process(
+    make_component: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "subprocess.run", lambda *_, **__: pytest.fail("a child process was started")
+    )
     component = make_component(COLUMN, {**ENDS, "disk": DISK, "rect": RECT})
     assert describe_component(component).patch_areas["disk"] == pytest.approx(np.pi * 0.005**2)
 
 
 def test_interface_without_patches_is_refused(make_component: Make) -> None:
-    component = dataclasses.replace(make_component(COLUMN), interfaces={"bare": Interface("bare", ())})
+    component = dataclasses.replace(
+        make_component(COLUMN), interfaces={"bare": Interface("bare", ())}
+    )
     with pytest.raises(MeshError, match="bare has no patches"):
         mesh_component(component)
 
 
-def test_thin_remains_of_patches_on_round_solids_are_meshed_finer_until_their_area_is_right(make_component: Make) -> None:
+def test_thin_remains_of_patches_on_round_solids_are_meshed_finer_until_their_area_is_right(
+    make_component: Make,
+) -> None:
     crossing = {
         "left": Patch("z+", "strip", (-0.06134947, 0.0, 0.0), (0.0545884,), "y"),
         "right": Patch("z+", "strip", (-0.04049294, 0.0, 0.0), (0.04746893,), "y"),
@@ -309,4 +373,8 @@ def test_thin_remains_of_patches_on_round_solids_are_meshed_finer_until_their_ar
 
 def test_patches_that_all_but_touch_an_edge_are_named_as_the_cause(make_component: Make) -> None:
     with pytest.raises(MeshError, match=r"unusable.*move patches that almost touch an edge"):
-        mesh_component(make_component(COLUMN, {"pad": Patch("z+", "rect", (0.0, 0.0, 0.0), (0.1 - 2e-6, 0.02))}, size=0.02))
+        mesh_component(
+            make_component(
+                COLUMN, {"pad": Patch("z+", "rect", (0.0, 0.0, 0.0), (0.1 - 2e-6, 0.02))}, size=0.02
+            )
+        )

@@ -1,4 +1,6 @@
-"""The skin of a part is its whole outer surface, and stays small and closed however fine the mesh or the CAD faces are."""
+"""The skin of a part is its whole outer surface, and stays small and closed however fine the mesh
+or the CAD faces are.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -41,7 +43,9 @@ def test_second_order_facets_of_a_coarse_mesh_are_split_through_their_mid_nodes(
     assert len(coarse.triangles) == 4 * len(linear.triangles)
 
 
-def test_a_very_fine_skin_is_thinned_out_and_keeps_its_corners_and_edges(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_very_fine_skin_is_thinned_out_and_keeps_its_corners_and_edges(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(skins, "LARGEST_SKIN", 400)
     mesh = make_box((16, 16, 16), (1.0, 1.0, 1.0), kind="hex8")
     skin = mesh_skin(mesh)
@@ -52,13 +56,24 @@ def test_a_very_fine_skin_is_thinned_out_and_keeps_its_corners_and_edges(monkeyp
     lengths = np.linalg.norm(np.diff(skin.points[skin.edges], axis=1)[:, 0], axis=1)
     assert lengths.sum() == pytest.approx(12.0, rel=1e-12)
     # flat walls keep points with which they can bend
-    assert np.linalg.norm(np.diff(skin.points[skin.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)], axis=1), axis=2).max() < 0.5
+    assert (
+        np.linalg.norm(
+            np.diff(skin.points[skin.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)], axis=1),
+            axis=2,
+        ).max()
+        < 0.5
+    )
 
 
 def finned_flange() -> None:
-    """A flange with twelve bolt holes around a bore, eight ribs of 2 mm, and rounded outer edges: of genus 13."""
+    """A flange with twelve bolt holes around a bore, eight ribs of 2 mm, and rounded outer edges:
+    of genus 13.
+    """
     occ = gmsh.model.occ
-    body, _ = occ.fuse([(3, occ.addCylinder(0, 0, 0, 0, 0, 12, 80))], [(3, occ.addCylinder(0, 0, 12, 0, 0, 60, 30))])
+    body, _ = occ.fuse(
+        [(3, occ.addCylinder(0, 0, 0, 0, 0, 12, 80))],
+        [(3, occ.addCylinder(0, 0, 12, 0, 0, 60, 30))],
+    )
     ribs = []
     for k in range(8):
         ribs.append((3, occ.addBox(0, -1, 10, 62, 2, 40)))
@@ -70,7 +85,9 @@ def finned_flange() -> None:
 
 
 def rounded_frame() -> None:
-    """A frame of three windows with rounded edges all over, a thin web across one window, and a ball on a neck."""
+    """A frame of three windows with rounded edges all over, a thin web across one window, and a
+    ball on a neck.
+    """
     occ = gmsh.model.occ
     frame = [(3, occ.addBox(0, 0, 0, 120, 60, 30))]
     frame, _ = occ.cut(frame, [(3, occ.addBox(8 + 37 * k, 8, -1, 30, 44, 32)) for k in range(3)])
@@ -84,7 +101,10 @@ def rounded_frame() -> None:
 @pytest.fixture(scope="module")
 def step_parts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("parts")
-    found = {"column": ROOT / "machines" / "step_column.step", "bracket": ROOT / "tests" / "data" / "support.step"}
+    found = {
+        "column": ROOT / "machines" / "step_column.step",
+        "bracket": ROOT / "tests" / "data" / "support.step",
+    }
     for build in (finned_flange, rounded_frame):
         gmsh.initialize(interruptible=False, readConfigFiles=False)
         gmsh.option.setNumber("General.Terminal", 0)
@@ -140,7 +160,9 @@ def test_a_step_part_that_is_thinned_out_twice_is_drawn_closed_with_its_holes_an
 
 @pytest.mark.process
 def test_the_surface_of_a_meshed_step_part_is_thinned_out_closed_and_at_points_of_the_mesh(
-    step_parts: dict[str, Path], make_component: Callable[..., Component], monkeypatch: pytest.MonkeyPatch
+    step_parts: dict[str, Path],
+    make_component: Callable[..., Component],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     mesh = mesh_component(make_component(StepFile(step_parts["bracket"]), size=0.006))
     whole = mesh_skin(mesh)

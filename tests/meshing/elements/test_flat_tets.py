@@ -38,14 +38,18 @@ def test_flatness_of_the_wall_is_no_fault_of_a_tet_and_a_sliver_in_it_is() -> No
     # one column of nodes next to its neighbour: the cells between are slivers in the plane too
     moved = np.isclose(points[:, 0], 0.0, atol=1e-9) & np.isclose(points[:, 1], 0.0, atol=1e-9)
     if not moved.any():
-        column = points[np.argmin(np.linalg.norm(points[:, :2] - points[:, :2].mean(axis=0), axis=1)), :2]
+        column = points[
+            np.argmin(np.linalg.norm(points[:, :2] - points[:, :2].mean(axis=0), axis=1)), :2
+        ]
         moved = np.linalg.norm(points[:, :2] - column, axis=1) < 1e-9
     points[moved, 0] += 0.0995
     assert find_flat_tets(points, corners).qualities.min() < POOR_QUALITY
 
 
 @pytest.mark.process
-def test_a_thin_sheet_is_not_said_to_have_poor_elements(make_component: Callable[..., Component]) -> None:
+def test_a_thin_sheet_is_not_said_to_have_poor_elements(
+    make_component: Callable[..., Component],
+) -> None:
     sheet = make_component(Box((0.4, 0.3, 0.002)), size=0.05, cells="tet")
     mesh = mesh_component(sheet)
     assert scaled_jacobians(mesh.points, mesh.cells[:, :4], "tet4").min() < POOR_QUALITY

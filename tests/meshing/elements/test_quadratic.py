@@ -26,7 +26,9 @@ SIZE = (0.2, 0.3, 0.5)
 
 
 def bent(points: FloatArray) -> FloatArray:
-    """A map whose coordinates are serendipity functions on every cell, so that nothing is lost with the inner nodes."""
+    """A map whose coordinates are serendipity functions on every cell, so that nothing is lost with
+    the inner nodes.
+    """
     x, y, z = points.T
     return np.column_stack([x + 0.3 * z**2, y + 0.2 * x * z, z - 0.1 * y**2])
 
@@ -37,14 +39,19 @@ def without_inner_nodes(points: FloatArray, cells: IntArray) -> tuple[FloatArray
 
 
 @pytest.mark.parametrize("warp", [lambda points: points, bent], ids=["straight", "bent"])
-def test_the_new_nodes_are_those_that_were_left_out(warp: Callable[[FloatArray], FloatArray]) -> None:
+def test_the_new_nodes_are_those_that_were_left_out(
+    warp: Callable[[FloatArray], FloatArray],
+) -> None:
     lattice = straight_lattice((2, 3, 2), SIZE)
     cells = lattice_cells(lattice.shape[:3])
     whole = warp(lattice.reshape(-1, 3))
     points, completed = complete_hexes(*without_inner_nodes(whole, cells))
     assert len(points) == len(whole)
     np.testing.assert_allclose(points[completed], whole[cells], atol=1e-14)
-    volumes = [integrate_over_cells(p, c, "hex27", lambda x: np.ones(len(x))) for p, c in ((points, completed), (whole, cells))]
+    volumes = [
+        integrate_over_cells(p, c, "hex27", lambda x: np.ones(len(x)))
+        for p, c in ((points, completed), (whole, cells))
+    ]
     assert volumes[0] == pytest.approx(volumes[1], rel=1e-13)
 
 
@@ -54,7 +61,10 @@ def write_serendipity(path: Path, lattice: FloatArray) -> None:
     used, numbers = np.unique(cells, return_inverse=True)
     place = {int(node): number for number, node in enumerate(used, start=1)}
     lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(sides) + 1)]
-    lines += [f'2 {number} "{name}"' for number, name in enumerate(sides, start=1)] + ['3 7 "body"', "$EndPhysicalNames"]
+    lines += [f'2 {number} "{name}"' for number, name in enumerate(sides, start=1)] + [
+        '3 7 "body"',
+        "$EndPhysicalNames",
+    ]
     lines += ["$Nodes", str(len(used))]
     lines += [
         f"{n} " + " ".join(repr(float(value)) for value in np.ravel(point))
@@ -65,7 +75,9 @@ def write_serendipity(path: Path, lattice: FloatArray) -> None:
         for number, facets in enumerate(sides.values(), start=1)
         for facet in facets
     ]
-    elements += ["17 2 7 7 " + " ".join(map(str, cell + 1)) for cell in numbers.reshape(len(cells), 20)]
+    elements += [
+        "17 2 7 7 " + " ".join(map(str, cell + 1)) for cell in numbers.reshape(len(cells), 20)
+    ]
     lines += [
         "$EndNodes",
         "$Elements",
@@ -89,5 +101,11 @@ def test_a_file_of_twenty_node_hexes_is_as_stiff_as_one_of_27_node_ones(tmp_path
         mesh = mesh_component(component, clamp)
         assert mesh.kind == "hex27"
         assert mesh.straight
-        stiffness.append(reduce_elastic(component, mesh, clamp, comm=MPI.COMM_SELF, request=ReductionRequest()).stiffness)
-    np.testing.assert_allclose(stiffness[0], stiffness[1], rtol=1e-9, atol=1e-9 * np.abs(stiffness[1]).max())
+        stiffness.append(
+            reduce_elastic(
+                component, mesh, clamp, comm=MPI.COMM_SELF, request=ReductionRequest()
+            ).stiffness
+        )
+    np.testing.assert_allclose(
+        stiffness[0], stiffness[1], rtol=1e-9, atol=1e-9 * np.abs(stiffness[1]).max()
+    )

@@ -4,9 +4,20 @@ import pytest
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import CellKind, IntArray
 from headstock.meshing.elements.quadratic import elevate_tets, is_straight, repair_tets
-from headstock.meshing.elements.quality import facet_moments, integrate_mesh, mesh_volume, scaled_jacobians
+from headstock.meshing.elements.quality import (
+    facet_moments,
+    integrate_mesh,
+    mesh_volume,
+    scaled_jacobians,
+)
 from headstock.meshing.elements.surface import count_parts, extract_surface, match_facets
-from headstock.meshing.elements.topology import NODE_COUNTS, cell_order, local_facets, reference_nodes, shape_functions
+from headstock.meshing.elements.topology import (
+    NODE_COUNTS,
+    cell_order,
+    local_facets,
+    reference_nodes,
+    shape_functions,
+)
 
 KINDS: list[CellKind] = ["tet4", "tet10", "hex8", "hex20", "hex27"]
 
@@ -17,15 +28,21 @@ def one_cell(kind: CellKind) -> tuple[FloatArray, IntArray]:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_shape_functions_are_one_at_their_own_node_and_sum_to_one(kind: CellKind) -> None:
-    assert np.allclose(shape_functions(kind, reference_nodes(kind)), np.eye(NODE_COUNTS[kind]), atol=1e-13)
-    assert np.allclose(shape_functions(kind, np.array([[0.13, 0.21, 0.34]])).sum(), 1.0, rtol=1e-14, atol=0.0)
+    assert np.allclose(
+        shape_functions(kind, reference_nodes(kind)), np.eye(NODE_COUNTS[kind]), atol=1e-13
+    )
+    assert np.allclose(
+        shape_functions(kind, np.array([[0.13, 0.21, 0.34]])).sum(), 1.0, rtol=1e-14, atol=0.0
+    )
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_ideal_cells_have_quality_one_and_their_exact_volume(kind: CellKind) -> None:
     points, cells = one_cell(kind)
     if kind.startswith("tet"):
-        regular = np.array([[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]]).T @ np.vstack([1 - points.sum(axis=1), points.T])
+        regular = np.array([[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]]).T @ np.vstack(
+            [1 - points.sum(axis=1), points.T]
+        )
         points = regular.T
     expected = 8.0 if kind.startswith("hex") else 8.0 / 3.0
     assert scaled_jacobians(points, cells, kind)[0] == pytest.approx(1.0, rel=1e-12)
@@ -47,8 +64,13 @@ def test_facets_of_a_cell_enclose_it(kind: CellKind) -> None:
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     assert np.allclose(areas @ normals, 0.0, atol=1e-13)
-    assert np.einsum("f,fi,fi->", areas, normals, centers) / 3 == pytest.approx(mesh_volume(points, cells, kind), rel=1e-12)
-    assert len(local_facets(kind)[0]) == {"tet4": 3, "tet10": 6, "hex8": 4, "hex20": 8, "hex27": 9}[kind]
+    assert np.einsum("f,fi,fi->", areas, normals, centers) / 3 == pytest.approx(
+        mesh_volume(points, cells, kind), rel=1e-12
+    )
+    assert (
+        len(local_facets(kind)[0])
+        == {"tet4": 3, "tet10": 6, "hex8": 4, "hex20": 8, "hex27": 9}[kind]
+    )
 
 
 @pytest.mark.parametrize("kind", ["tet10", "hex20", "hex27"])
@@ -68,7 +90,10 @@ def test_integrals_are_exact_on_curved_cells(kind: CellKind) -> None:
 def test_inversion_between_sampling_points_is_found() -> None:
     rng = np.random.default_rng(3)
     base, cell = one_cell("tet10")
-    fine = np.array([[i, j, k] for i in range(21) for j in range(21 - i) for k in range(21 - i - j)]) / 20.0
+    fine = (
+        np.array([[i, j, k] for i in range(21) for j in range(21 - i) for k in range(21 - i - j)])
+        / 20.0
+    )
     shapes = []
     for _ in range(500):
         points = base.copy()
@@ -79,7 +104,9 @@ def test_inversion_between_sampling_points_is_found() -> None:
     quality = scaled_jacobians(points, cells, "tet10")
     step = 1e-6
     gradients = [
-        (shape_functions("tet10", fine + step * e) - shape_functions("tet10", fine - step * e)) / (2 * step) for e in np.eye(3)
+        (shape_functions("tet10", fine + step * e) - shape_functions("tet10", fine - step * e))
+        / (2 * step)
+        for e in np.eye(3)
     ]
     jacobians = np.einsum("aqn,cni->cqai", np.array(gradients), points[cells])
     truly_inverted = np.linalg.det(jacobians).min(axis=1) < -1e-6
@@ -103,7 +130,9 @@ def test_bent_tets_are_repaired_and_good_ones_left_alone() -> None:
 
 
 def test_inverted_straight_tets_are_not_called_repaired() -> None:
-    points, cells = elevate_tets(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1.0]]), np.array([[0, 1, 2, 3]]))
+    points, cells = elevate_tets(
+        np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1.0]]), np.array([[0, 1, 2, 3]])
+    )
     repaired, _ = repair_tets(points, cells)
     assert scaled_jacobians(repaired, cells, "tet10")[0] < 0.0
 

@@ -25,16 +25,22 @@ def test_child_without_room_for_its_mesh_is_named_and_the_mesh_is_not_blamed() -
     job = MeshJob("mesh", BOX, size=50.0, straight=True)
     with limited_room(Path(), (), limited_files=True) as set_room:
         set_room(1000)
-        with pytest.raises(MeshError, match="column: the mesh could not be written: File too large; make room in") as caught:
+        with pytest.raises(
+            MeshError, match="column: the mesh could not be written: File too large; make room in"
+        ) as caught:
             run_job(job, what="column", time_limit=60.0)
     assert blames_surroundings(caught.value)
     assert not blames_surroundings(MeshError("column: a cell is inverted"))
 
 
-def test_child_does_not_import_from_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_child_does_not_import_from_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "gmsh.py").write_text("raise SystemExit(9)")
     monkeypatch.chdir(tmp_path)
-    data = run_job(MeshJob("describe", BOX, size=50.0, straight=True), what="column", time_limit=60.0)
+    data = run_job(
+        MeshJob("describe", BOX, size=50.0, straight=True), what="column", time_limit=60.0
+    )
     assert data.properties is not None
     assert data.properties.volume == pytest.approx(4e6)
 

@@ -23,12 +23,16 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     monkeypatch.syspath_prepend(modules)
 
     def run_code(
-        code: str, *words: str, limits: ChildLimits = LIMITS, readable: tuple[Path, ...] = (), imports: str = ""
+        code: str,
+        *words: str,
+        limits: ChildLimits = LIMITS,
+        readable: tuple[Path, ...] = (),
+        imports: str = "",
     ) -> ChildEnd:
-        start = (
-            "import os, socket, sys, time\nfrom pathlib import Path\nfrom headstock.meshing.process.guarded import accept_guard\n"
+        start = "import os, socket, sys, time\nfrom pathlib import Path\nfrom headstock.meshing.process.guarded import accept_guard\n"
+        (modules / "guarded_code.py").write_text(
+            imports + start + "words = accept_guard(sys.argv[1:])\n" + textwrap.dedent(code)
         )
-        (modules / "guarded_code.py").write_text(imports + start + "words = accept_guard(sys.argv[1:])\n" + textwrap.dedent(code))
         return run_guarded_child("guarded_code", words, limits=limits, readable=readable)
 
     return run_code
@@ -36,14 +40,18 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
 
 @pytest.fixture(scope="module")
 def _namespaces() -> None:
-    code = "from headstock.meshing.process.guarded import isolate; import sys; sys.exit(isolate([]))"
+    code = (
+        "from headstock.meshing.process.guarded import isolate; import sys; sys.exit(isolate([]))"
+    )
     done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True)
     if done.returncode:
         pytest.skip(f"no namespaces here: {done.stderr}")
 
 
 @pytest.mark.usefixtures("_namespaces")
-def test_a_child_sees_its_file_and_the_code_but_no_other_file_of_the_user(run: Run, tmp_path: Path) -> None:
+def test_a_child_sees_its_file_and_the_code_but_no_other_file_of_the_user(
+    run: Run, tmp_path: Path
+) -> None:
     mine, other = tmp_path / "part.step", tmp_path / "secret.txt"
     for path in (mine, other):
         path.write_text(f"text of {path.name}")
@@ -53,7 +61,10 @@ def test_a_child_sees_its_file_and_the_code_but_no_other_file_of_the_user(run: R
         import decimal
     """
     end = run(code, str(mine), str(other), readable=(mine,))
-    assert (end.code, end.last_line) == (0, "text of part.step ['modules', 'part.step'] False False")
+    assert (end.code, end.last_line) == (
+        0,
+        "text of part.step ['modules', 'part.step'] False False",
+    )
 
 
 @pytest.mark.usefixtures("_namespaces")
@@ -65,7 +76,9 @@ def test_threads_of_libraries_are_no_way_out(run: Run, monkeypatch: pytest.Monke
 
 
 @pytest.mark.usefixtures("_namespaces")
-def test_a_child_can_write_in_its_scratch_folder_only_and_nothing_of_it_stays(run: Run, tmp_path: Path) -> None:
+def test_a_child_can_write_in_its_scratch_folder_only_and_nothing_of_it_stays(
+    run: Run, tmp_path: Path
+) -> None:
     mine = tmp_path / "part.step"
     mine.write_text("whole")
     code = """
@@ -111,14 +124,18 @@ def test_a_child_has_no_network_no_capabilities_and_no_way_to_its_parent(run: Ru
 
 
 @pytest.mark.usefixtures("_namespaces")
-def test_a_file_is_seen_under_the_name_it_was_given_by(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_is_seen_under_the_name_it_was_given_by(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "deep" / "er").mkdir(parents=True)
     (tmp_path / "deep" / "store").write_text("content")
     (tmp_path / "link").symlink_to("deep/er")
     (tmp_path / "part.msh").symlink_to("deep/store")
     monkeypatch.chdir(tmp_path)
     for given in (tmp_path / "part.msh", Path("part.msh"), Path("link/../store")):
-        end = run("print(Path(words[0]).read_text(), file=sys.stderr)", str(given), readable=(given,))
+        end = run(
+            "print(Path(words[0]).read_text(), file=sys.stderr)", str(given), readable=(given,)
+        )
         assert (given, end.last_line) == (given, "content")
 
 
@@ -176,7 +193,10 @@ def test_where_namespaces_are_refused_the_work_goes_on(monkeypatch: pytest.Monke
     assert Path(__file__).is_file()
 
 
-@pytest.mark.parametrize("limits", ["ulimit -v 3000000", "ulimit -t 30", "ulimit -S -v 3000000", "ulimit -v 3000000 -t 30"])
+@pytest.mark.parametrize(
+    "limits",
+    ["ulimit -v 3000000", "ulimit -t 30", "ulimit -S -v 3000000", "ulimit -v 3000000 -t 30"],
+)
 def test_a_shell_with_limits_of_its_own_can_mesh(limits: str) -> None:
     code = """
 from headstock.geometry.parts.solids import Box
@@ -196,7 +216,16 @@ from headstock.meshing.process.job import MeshJob
 from headstock.meshing.process.child import run_job
 run_job(MeshJob("mesh", Box((100.0, 40.0, 1000.0)), size=6.0, straight=True), what="column", time_limit=60.0)
 """
-    command = ["bash", "-c", 'ulimit -v 358400; exec "$@"', "bash", sys.executable, "-P", "-c", code]
+    command = [
+        "bash",
+        "-c",
+        'ulimit -v 358400; exec "$@"',
+        "bash",
+        sys.executable,
+        "-P",
+        "-c",
+        code,
+    ]
     done = subprocess.run(command, capture_output=True, text=True)
     last = done.stderr.strip().splitlines()[-1]
     assert "column: " in last

@@ -2,18 +2,28 @@
 
 import pytest
 
-from headstock.pipeline.accuracy.quantities import LEAST_FACTOR, MESH_SAFETY, Quantity, count_safely, weigh_estimates
+from headstock.pipeline.accuracy.quantities import (
+    LEAST_FACTOR,
+    MESH_SAFETY,
+    Quantity,
+    count_safely,
+    weigh_estimates,
+)
 from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION
 
 COLUMN, BASE = ("column", DISCRETISATION), ("base", DISCRETISATION)
 
 
 def number(value: float, column: float, base: float = 0.0) -> Quantity:
-    return Quantity("f1", "frequency 1", value, {COLUMN: column, BASE: base, ("column", REDUCTION): 0.001})
+    return Quantity(
+        "f1", "frequency 1", value, {COLUMN: column, BASE: base, ("column", REDUCTION): 0.001}
+    )
 
 
 def rounds(effectivity: float, *, rate: float = 2.0, step: float = 0.6) -> tuple[float, float]:
-    """Counted and true error of the finer of two rounds whose estimates are so many times the true errors."""
+    """Counted and true error of the finer of two rounds whose estimates are so many times the true
+    errors.
+    """
     true = [0.05, 0.05 * step**rate]
     before, after = (number(100.0 * (1.0 + error), effectivity * error) for error in true)
     factors = weigh_estimates([before], [after], {"column": step}, {})
@@ -22,7 +32,9 @@ def rounds(effectivity: float, *, rate: float = 2.0, step: float = 0.6) -> tuple
 
 @pytest.mark.parametrize("effectivity", [0.6, 1.0, 2.0])
 @pytest.mark.parametrize("rate", [1.5, 2.2, 4.0])
-def test_what_is_counted_covers_the_true_error_without_waste(effectivity: float, rate: float) -> None:
+def test_what_is_counted_covers_the_true_error_without_waste(
+    effectivity: float, rate: float
+) -> None:
     counted, true = rounds(effectivity, rate=rate)
     assert counted >= true
     assert counted <= MESH_SAFETY * effectivity * true
@@ -46,4 +58,6 @@ def test_parts_that_were_not_refined_keep_their_factor() -> None:
     assert counted["column", REDUCTION] == pytest.approx(0.001, abs=0.0)
     # a number that was not there before is counted as everywhere
     fresh = weigh_estimates([], [after], {"column": 0.7}, {})
-    assert count_safely([after], fresh)[0].parts[COLUMN] == pytest.approx(MESH_SAFETY * 0.02, abs=0.0)
+    assert count_safely([after], fresh)[0].parts[COLUMN] == pytest.approx(
+        MESH_SAFETY * 0.02, abs=0.0
+    )

@@ -12,7 +12,14 @@ from headstock.app.texts.bounded_values import accuracy_words
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
-from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, ReductionSettings
+from headstock.geometry.parts.components import (
+    Component,
+    Interface,
+    Material,
+    MeshSettings,
+    Patch,
+    ReductionSettings,
+)
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.accuracy.search import plan_first_round
 from headstock.pipeline.accuracy.settings import Trial, observed_rate, refine_mesh, start_component
@@ -28,7 +35,10 @@ from headstock.scene.scene import AccuracyGoal, Limits, Scene
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
-FACES = {"foot": Interface("foot", (Patch("z-"),)), "tip": Interface("tip", (Patch("z+"),), coupling="average")}
+FACES = {
+    "foot": Interface("foot", (Patch("z-"),)),
+    "tip": Interface("tip", (Patch("z+"),), coupling="average"),
+}
 COLUMN = Component("column", Box((0.04, 0.1, 0.3)), STEEL, interfaces=FACES)
 # so short and thick that it hardly deforms
 BLOCK = dataclasses.replace(COLUMN, name="block", solid=Box((0.3, 0.3, 0.1)))
@@ -38,14 +48,31 @@ def make_scene(goal: AccuracyGoal | None, *, memory: float | None = None) -> Sce
     """A slender column on a thick block that is clamped."""
     column = dataclasses.replace(COLUMN, placement=Frame(np.array([0.0, 0.0, 0.1])))
     joints = {
-        "clamp": Joint("clamp", (JointEnd(), JointEnd("block", "foot")), "rigid", held=tuple(range(6))),
-        "bolts": Joint("bolts", (JointEnd("block", "tip"), JointEnd("column", "foot")), "rigid", held=tuple(range(6))),
+        "clamp": Joint(
+            "clamp", (JointEnd(), JointEnd("block", "foot")), "rigid", held=tuple(range(6))
+        ),
+        "bolts": Joint(
+            "bolts",
+            (JointEnd("block", "tip"), JointEnd("column", "foot")),
+            "rigid",
+            held=tuple(range(6)),
+        ),
     }
     points = {"tcp": Point("tcp", JointEnd("column", "tip"), JointEnd())}
     machine = Machine("machine", {"block": BLOCK, "column": column}, joints, points)
     analyses = Analyses(StaticRequest(("tcp",)), ModalRequest(count=4))
     limits = Limits(memory_bytes=memory)
-    scene = Scene("machine", Path("machine.toml"), machine, {"reference": Pose("reference")}, analyses, frozenset(), (), {}, limits)
+    scene = Scene(
+        "machine",
+        Path("machine.toml"),
+        machine,
+        {"reference": Pose("reference")},
+        analyses,
+        frozenset(),
+        (),
+        {},
+        limits,
+    )
     return dataclasses.replace(scene, accuracy=goal)
 
 
@@ -63,11 +90,18 @@ def converged(tmp_path_factory: pytest.TempPathFactory) -> FloatArray:
     scene = make_scene(None)
     sizes = {"block": 0.05, "column": 0.0125}
     parts = {
-        name: dataclasses.replace(part, mesh=MeshSettings(sizes[name], cells="hex"), reduction=ReductionSettings(modes=24))
+        name: dataclasses.replace(
+            part, mesh=MeshSettings(sizes[name], cells="hex"), reduction=ReductionSettings(modes=24)
+        )
         for name, part in scene.machine.components.items()
     }
     return numbers(
-        run(dataclasses.replace(scene, machine=dataclasses.replace(scene.machine, components=parts)), tmp_path_factory.mktemp("x"))
+        run(
+            dataclasses.replace(
+                scene, machine=dataclasses.replace(scene.machine, components=parts)
+            ),
+            tmp_path_factory.mktemp("x"),
+        )
     )
 
 
@@ -80,7 +114,9 @@ def test_every_number_is_within_the_accuracy_and_only_what_owns_the_error_was_re
     refined = [record.stage.component for record in results.stages if record.stage.kind == "refine"]
     assert "column" in refined
     # what did not change comes from the store
-    meshed = [record for record in results.stages if record.stage.kind == "reduce" and not record.cached]
+    meshed = [
+        record for record in results.stages if record.stage.kind == "reduce" and not record.cached
+    ]
     assert len(meshed) == 2 + len(refined)
     assert summarise(results)["accuracy"]["rounds"][0]["owner"] == "column"
 
@@ -94,17 +130,26 @@ def test_a_body_that_hardly_deforms_may_become_rigid(tmp_path: Path, converged: 
     assert np.abs(numbers(tight) / converged - 1.0).max() < 0.006
 
 
-def test_what_does_not_fit_the_memory_is_said_with_the_best_that_was_reached(tmp_path: Path) -> None:
+def test_what_does_not_fit_the_memory_is_said_with_the_best_that_was_reached(
+    tmp_path: Path,
+) -> None:
     results = run(make_scene(AccuracyGoal(2e-4), memory=3e8), tmp_path)
     (accuracy,) = find_answers(results.answers, AccuracyAnswer)
     assert not accuracy.met and present(accuracy.estimated) > 2e-4
-    assert "not reached; best:" in results.failures[0] and "limits.memory allows" in results.failures[0]
+    assert (
+        "not reached; best:" in results.failures[0]
+        and "limits.memory allows" in results.failures[0]
+    )
     assert len(results.modal[0].frequencies_hz) == 4
 
 
 def test_small_patches_are_meshed_with_tetrahedra_and_refined_themselves() -> None:
-    pad = Interface("pad", (Patch("x+", "rect", (0.0, 0.0, 0.2), (0.01, 0.01)),), coupling="average")
-    component = start_component(dataclasses.replace(COLUMN, interfaces=FACES | {"pad": pad}), 0.01, None)
+    pad = Interface(
+        "pad", (Patch("x+", "rect", (0.0, 0.0, 0.2), (0.01, 0.01)),), coupling="average"
+    )
+    component = start_component(
+        dataclasses.replace(COLUMN, interfaces=FACES | {"pad": pad}), 0.01, None
+    )
     assert component.mesh.cells == "tet"
     assert start_component(COLUMN, 0.01, None).mesh.cells == "hex"
     finer = refine_mesh(component, ratio=0.5, trials=())
@@ -127,26 +172,56 @@ def test_twins_are_refined_alike_so_that_the_store_serves_both(tmp_path: Path) -
     column = scene.machine.components["column"]
     tower = dataclasses.replace(column, name="tower", placement=Frame(np.array([0.1, 0.0, 0.1])))
     joints = scene.machine.joints | {
-        "tower": Joint("tower", (JointEnd("block", "tip"), JointEnd("tower", "foot")), "rigid", held=tuple(range(6)))
+        "tower": Joint(
+            "tower",
+            (JointEnd("block", "tip"), JointEnd("tower", "foot")),
+            "rigid",
+            held=tuple(range(6)),
+        )
     }
-    machine = dataclasses.replace(scene.machine, components=scene.machine.components | {"tower": tower}, joints=joints)
+    machine = dataclasses.replace(
+        scene.machine, components=scene.machine.components | {"tower": tower}, joints=joints
+    )
     results = run(dataclasses.replace(scene, machine=machine), tmp_path)
     (accuracy,) = find_answers(results.answers, AccuracyAnswer)
     settings = accuracy.settings
     assert accuracy.met and settings["tower"] == settings["column"]
-    reductions = [record for record in results.stages if record.stage.kind == "reduce" and record.stage.component == "tower"]
+    reductions = [
+        record
+        for record in results.stages
+        if record.stage.kind == "reduce" and record.stage.component == "tower"
+    ]
     assert reductions and all(record.cached for record in reductions)
 
 
 def test_a_plan_shows_the_first_round_and_not_the_mesh_of_the_scene() -> None:
     fine = make_scene(AccuracyGoal(0.01))
-    parts = {name: dataclasses.replace(part, mesh=MeshSettings(0.004)) for name, part in fine.machine.components.items()}
-    plan = plan_first_round(dataclasses.replace(fine, machine=dataclasses.replace(fine.machine, components=parts)))
+    parts = {
+        name: dataclasses.replace(part, mesh=MeshSettings(0.004))
+        for name, part in fine.machine.components.items()
+    }
+    plan = plan_first_round(
+        dataclasses.replace(fine, machine=dataclasses.replace(fine.machine, components=parts))
+    )
     assert max(stage.estimated_dofs or 0 for stage in plan.stages) < 20_000
-    assert {stage.kind for stage in plan.stages} >= {"static", "modal"} and "accuracy = 1 %" in plan.warnings[-1]
+    assert {stage.kind for stage in plan.stages} >= {
+        "static",
+        "modal",
+    } and "accuracy = 1 %" in plan.warnings[-1]
 
 
 def test_without_a_mesh_nothing_is_said_to_be_met() -> None:
-    rounds: list[RoundSummary] = [{"quantity": "every number", "error": 0.0, "because": "no component is meshed"}]
-    (words,) = accuracy_words({"asked": 0.01, "estimated": 0.0, "met": True, "reason": "", "rounds": rounds, "settings": {}})
+    rounds: list[RoundSummary] = [
+        {"quantity": "every number", "error": 0.0, "because": "no component is meshed"}
+    ]
+    (words,) = accuracy_words(
+        {
+            "asked": 0.01,
+            "estimated": 0.0,
+            "met": True,
+            "reason": "",
+            "rounds": rounds,
+            "settings": {},
+        }
+    )
     assert words.startswith("accuracy 1 %: nothing to choose")

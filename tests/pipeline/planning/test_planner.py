@@ -9,11 +9,24 @@ import pytest
 
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
-from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, ReductionSettings
+from headstock.geometry.parts.components import (
+    Component,
+    Interface,
+    Material,
+    MeshSettings,
+    Patch,
+    ReductionSettings,
+)
 from headstock.geometry.parts.solids import Box, SuperelementFile, Tube
 from headstock.pipeline.planning.budgets import BudgetError, check_elapsed
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.planning.planner import FRF_MARGIN, MODE_MARGIN, MOST_DEFAULT_MODES, default_mode_count, plan_scene
+from headstock.pipeline.planning.planner import (
+    FRF_MARGIN,
+    MODE_MARGIN,
+    MOST_DEFAULT_MODES,
+    default_mode_count,
+    plan_scene,
+)
 from headstock.scene.requests import Analyses, FrfRequest, ModalRequest, StaticRequest
 from headstock.scene.scene import Limits, Scene
 
@@ -24,12 +37,17 @@ SIX = ModalRequest(count=6)
 
 
 def make_component(name: str, **changes: object) -> Component:
-    component = Component(name, Box((0.1, 0.1, 0.5)), STEEL, interfaces=INTERFACES, mesh=MeshSettings(size=0.025))
+    component = Component(
+        name, Box((0.1, 0.1, 0.5)), STEEL, interfaces=INTERFACES, mesh=MeshSettings(size=0.025)
+    )
     return dataclasses.replace(component, **changes)  # type: ignore[arg-type]
 
 
 def make_scene(
-    *components: Component, static: StaticRequest | None = None, modal: ModalRequest | None = None, frf: FrfRequest | None = None
+    *components: Component,
+    static: StaticRequest | None = None,
+    modal: ModalRequest | None = None,
+    frf: FrfRequest | None = None,
 ) -> Scene:
     ground, first = JointEnd(), JointEnd(components[0].name, "foot")
     machine = Machine(
@@ -39,7 +57,16 @@ def make_scene(
         points={"tcp": Point("tcp", JointEnd(components[-1].name, "tip"), ground)},
     )
     poses = {"reference": Pose("reference")}
-    return Scene("machine", Path("machine.toml"), machine, poses, Analyses(static, modal, frf), frozenset(), (), {})
+    return Scene(
+        "machine",
+        Path("machine.toml"),
+        machine,
+        poses,
+        Analyses(static, modal, frf),
+        frozenset(),
+        (),
+        {},
+    )
 
 
 def planned_kinds(scene: Scene) -> list[tuple[str, str | None]]:
@@ -47,7 +74,9 @@ def planned_kinds(scene: Scene) -> list[tuple[str, str | None]]:
 
 
 def test_a_rigid_component_is_never_meshed() -> None:
-    scene = make_scene(make_component("base", fidelity="rigid"), make_component("column"), static=STATIC, modal=SIX)
+    scene = make_scene(
+        make_component("base", fidelity="rigid"), make_component("column"), static=STATIC, modal=SIX
+    )
     assert planned_kinds(scene) == [
         ("rigid", "base"),
         ("mesh", "column"),
@@ -65,7 +94,9 @@ def test_equal_parts_are_surveyed_once_and_whoever_waits_is_told() -> None:
     left, right, longer = (make_component(name, solid=tube) for name in ("left", "right", "longer"))
     longer = dataclasses.replace(longer, solid=dataclasses.replace(tube, length=0.3))
     told: list[str] = []
-    plan = plan_scene(make_scene(left, right, longer, modal=SIX), survey=True, before_survey=told.append)
+    plan = plan_scene(
+        make_scene(left, right, longer, modal=SIX), survey=True, before_survey=told.append
+    )
     assert told == ["left", "longer"]
     dofs = {stage.component: stage.estimated_dofs for stage in plan.stages if stage.kind == "mesh"}
     assert dofs["left"] == dofs["right"]
@@ -73,7 +104,9 @@ def test_equal_parts_are_surveyed_once_and_whoever_waits_is_told() -> None:
 
 
 def test_a_static_analysis_keeps_no_eigenpairs_whatever_the_scene_keeps_for_others() -> None:
-    plan = plan_scene(make_scene(make_component("column", reduction=ReductionSettings(modes=12)), static=STATIC))
+    plan = plan_scene(
+        make_scene(make_component("column", reduction=ReductionSettings(modes=12)), static=STATIC)
+    )
     assert plan.components["column"].reduction == ReductionSettings(modes=0)
     assert not plan.with_modes
     assert plan.gravity is None
@@ -83,15 +116,23 @@ def test_a_static_analysis_keeps_no_eigenpairs_whatever_the_scene_keeps_for_othe
 
 def test_the_scene_decides_how_many_modes_are_kept() -> None:
     for settings in (ReductionSettings(modes=12), ReductionSettings(modes_to_hz=900.0)):
-        plan = plan_scene(make_scene(make_component("column", reduction=settings), modal=ModalRequest(up_to_hz=500.0)))
+        plan = plan_scene(
+            make_scene(
+                make_component("column", reduction=settings), modal=ModalRequest(up_to_hz=500.0)
+            )
+        )
         assert plan.components["column"].reduction == settings
         assert plan.with_modes
 
 
 def test_a_frequency_response_needs_modes_much_further_up_and_no_modal_analysis() -> None:
     request = FrfRequest((("tcp", "x"),), (("tcp", "x"),), to_hz=200.0)
-    plan = plan_scene(make_scene(make_component("column"), frf=request, modal=ModalRequest(up_to_hz=500.0)))
-    assert plan.components["column"].reduction == ReductionSettings(modes_to_hz=FRF_MARGIN * 200.0, modes=MOST_DEFAULT_MODES)
+    plan = plan_scene(
+        make_scene(make_component("column"), frf=request, modal=ModalRequest(up_to_hz=500.0))
+    )
+    assert plan.components["column"].reduction == ReductionSettings(
+        modes_to_hz=FRF_MARGIN * 200.0, modes=MOST_DEFAULT_MODES
+    )
     alone = plan_scene(make_scene(make_component("column"), frf=request))
     assert alone.with_modes
     assert [stage.kind for stage in alone.stages][-3:] == ["couple", "frf", "write"]
@@ -99,20 +140,32 @@ def test_a_frequency_response_needs_modes_much_further_up_and_no_modal_analysis(
 
 def test_modes_reach_three_times_the_wanted_frequency() -> None:
     plan = plan_scene(make_scene(make_component("column"), modal=ModalRequest(up_to_hz=500.0)))
-    assert plan.components["column"].reduction == ReductionSettings(modes_to_hz=MODE_MARGIN * 500.0, modes=MOST_DEFAULT_MODES)
+    assert plan.components["column"].reduction == ReductionSettings(
+        modes_to_hz=MODE_MARGIN * 500.0, modes=MOST_DEFAULT_MODES
+    )
 
 
 @pytest.mark.parametrize("what", ["modal", "frf"])
-def test_modes_of_a_component_without_interfaces_are_exact_and_need_no_margin_but_for_their_errors(what: str) -> None:
+def test_modes_of_a_component_without_interfaces_are_exact_and_need_no_margin_but_for_their_errors(
+    what: str,
+) -> None:
     bare = dataclasses.replace(make_component("column"), interfaces={})
     frf = FrfRequest((("tcp", "x"),), (("tcp", "x"),), to_hz=500.0)
-    scene = make_scene(bare, modal=ModalRequest(up_to_hz=500.0)) if what == "modal" else make_scene(bare, frf=frf)
+    scene = (
+        make_scene(bare, modal=ModalRequest(up_to_hz=500.0))
+        if what == "modal"
+        else make_scene(bare, frf=frf)
+    )
     plan = plan_scene(scene)
-    assert plan.components["column"].reduction == ReductionSettings(modes_to_hz=1.5 * 500.0, modes=MOST_DEFAULT_MODES)
+    assert plan.components["column"].reduction == ReductionSettings(
+        modes_to_hz=1.5 * 500.0, modes=MOST_DEFAULT_MODES
+    )
 
 
 @pytest.mark.parametrize(("wanted", "kept"), [(1, 20), (6, 20), (30, 68)])
-def test_without_a_frequency_a_count_is_kept_that_grows_with_what_is_wanted(wanted: int, kept: int) -> None:
+def test_without_a_frequency_a_count_is_kept_that_grows_with_what_is_wanted(
+    wanted: int, kept: int
+) -> None:
     plan = plan_scene(make_scene(make_component("column"), modal=ModalRequest(count=wanted)))
     assert plan.components["column"].reduction == ReductionSettings(modes=kept)
     assert default_mode_count(wanted) == kept
@@ -126,27 +179,47 @@ def test_gravity_is_planned_only_when_named() -> None:
 
 
 def test_an_imported_superelement_is_loaded_and_neither_meshed_nor_reduced(tmp_path: Path) -> None:
-    scene = make_scene(make_component("bed", solid=SuperelementFile(tmp_path / "bed.h5")), modal=SIX)
+    scene = make_scene(
+        make_component("bed", solid=SuperelementFile(tmp_path / "bed.h5")), modal=SIX
+    )
     assert planned_kinds(scene)[:2] == [("load", "bed"), ("couple", "reference")]
 
 
 def test_each_analysis_runs_in_the_poses_it_names() -> None:
-    scene = make_scene(make_component("column", fidelity="rigid"), static=StaticRequest(("tcp",), poses=("left",)), modal=SIX)
+    scene = make_scene(
+        make_component("column", fidelity="rigid"),
+        static=StaticRequest(("tcp",), poses=("left",)),
+        modal=SIX,
+    )
     scene = dataclasses.replace(scene, poses={name: Pose(name) for name in ("left", "right")})
     pairs = [(stage.kind, stage.pose) for stage in plan_scene(scene).stages if stage.pose]
-    assert pairs == [("couple", "left"), ("static", "left"), ("modal", "left"), ("couple", "right"), ("modal", "right")]
+    assert pairs == [
+        ("couple", "left"),
+        ("static", "left"),
+        ("modal", "left"),
+        ("couple", "right"),
+        ("modal", "right"),
+    ]
 
 
 def test_a_pose_that_no_analysis_asks_for_is_not_coupled() -> None:
-    scene = make_scene(make_component("column", fidelity="rigid"), modal=ModalRequest(count=6, poses=("left",)))
+    scene = make_scene(
+        make_component("column", fidelity="rigid"), modal=ModalRequest(count=6, poses=("left",))
+    )
     scene = dataclasses.replace(scene, poses={name: Pose(name) for name in ("right", "left")})
     assert [stage.pose for stage in plan_scene(scene).stages if stage.kind == "couple"] == ["left"]
 
 
-@pytest.mark.parametrize(("cells", "size", "dofs"), [("tet", 0.019, 9921), ("tet", 0.0075, 103953), ("hex", 0.01, 57267)])
-def test_estimated_dofs_are_those_of_the_mesh_within_a_quarter(cells: Literal["tet", "hex"], size: float, dofs: int) -> None:
+@pytest.mark.parametrize(
+    ("cells", "size", "dofs"), [("tet", 0.019, 9921), ("tet", 0.0075, 103953), ("hex", 0.01, 57267)]
+)
+def test_estimated_dofs_are_those_of_the_mesh_within_a_quarter(
+    cells: Literal["tet", "hex"], size: float, dofs: int
+) -> None:
     """Counted on meshes of the seed's column, 38 x 100 x 500 mm."""
-    column = make_component("column", solid=Box((0.038, 0.1, 0.5)), mesh=MeshSettings(size=size, cells=cells))
+    column = make_component(
+        "column", solid=Box((0.038, 0.1, 0.5)), mesh=MeshSettings(size=size, cells=cells)
+    )
     stages = plan_scene(make_scene(column, modal=SIX)).stages
     assert stages[0].estimated_dofs == pytest.approx(dofs, rel=0.25)
 
@@ -160,7 +233,9 @@ def test_a_mesh_beyond_the_scenes_limits_is_refused_with_numbers() -> None:
 
 
 def test_a_mesh_beyond_this_machine_is_refused_before_anything_is_computed() -> None:
-    big = make_component("column", mesh=MeshSettings(size=0.0023), reduction=ReductionSettings(modes=5000))
+    big = make_component(
+        "column", mesh=MeshSettings(size=0.0023), reduction=ReductionSettings(modes=5000)
+    )
     with pytest.raises(BudgetError, match="this machine has"):
         plan_scene(make_scene(big, modal=SIX))
 
@@ -173,7 +248,9 @@ def test_a_mesh_beyond_the_mesher_is_refused_even_where_the_scene_allows_it() ->
 
 def test_a_run_that_would_take_far_too_long_is_refused_with_numbers() -> None:
     scene = make_scene(make_component("column", mesh=MeshSettings(size=0.006)), modal=SIX)
-    with pytest.raises(BudgetError, match=r"reduce of component 'column' .* limits\.time allows 1 s"):
+    with pytest.raises(
+        BudgetError, match=r"reduce of component 'column' .* limits\.time allows 1 s"
+    ):
         plan_scene(dataclasses.replace(scene, limits=Limits(time_s=1.0)))
     assert plan_scene(dataclasses.replace(scene, limits=Limits(time_s=600.0))).stages
 
@@ -182,17 +259,24 @@ def test_a_run_that_has_used_up_its_time_stops_before_the_next_stage() -> None:
     stage = Stage("reduce", "column", "because")
     check_elapsed(9.9, 10.0, stage)
     check_elapsed(1e9, None, stage)
-    with pytest.raises(BudgetError, match=r"10\.1 s have passed, limits\.time allows 10 s; stopped before reduce of 'column'"):
+    with pytest.raises(
+        BudgetError,
+        match=r"10\.1 s have passed, limits\.time allows 10 s; stopped before reduce of 'column'",
+    ):
         check_elapsed(10.1, 10.0, stage)
 
 
 def test_linear_elements_are_warned_of() -> None:
-    plan = plan_scene(make_scene(make_component("column", mesh=MeshSettings(size=0.025, order=1)), static=STATIC))
+    plan = plan_scene(
+        make_scene(make_component("column", mesh=MeshSettings(size=0.025, order=1)), static=STATIC)
+    )
     assert len(plan.warnings) == 1
     assert "lock" in plan.warnings[0]
 
 
 def test_every_stage_has_a_reason() -> None:
-    scene = make_scene(make_component("base", fidelity="rigid"), make_component("column"), static=STATIC, modal=SIX)
+    scene = make_scene(
+        make_component("base", fidelity="rigid"), make_component("column"), static=STATIC, modal=SIX
+    )
     stages = plan_scene(scene).stages
     assert len(stages) > 3 and all(stage.reason for stage in stages)

@@ -30,8 +30,12 @@ def test_what_is_raised_within_is_passed_on_and_no_watcher_stays() -> None:
     assert peak.megabytes is not None
 
 
-@pytest.mark.parametrize("script", ["raise SystemExit(1)", "print('ready', flush=True)\nprint('nothing to say')"])
-def test_where_nobody_can_look_nothing_is_claimed(script: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "script", ["raise SystemExit(1)", "print('ready', flush=True)\nprint('nothing to say')"]
+)
+def test_where_nobody_can_look_nothing_is_claimed(
+    script: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(resources, "WATCHER", script)
     with watch_memory() as peak:
         pass

@@ -15,7 +15,14 @@ from common import sketch
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.parts.solid_skins import box_skin
 from headstock.pipeline.results.modal import ModesSummary
-from headstock.pipeline.results.mode_files import SHOWN_SHARE, encode_glb, encode_vtu, file_stem, machine_size, write_mode_files
+from headstock.pipeline.results.mode_files import (
+    SHOWN_SHARE,
+    encode_glb,
+    encode_vtu,
+    file_stem,
+    machine_size,
+    write_mode_files,
+)
 from headstock.pipeline.results.views import MachineView, PoseView
 from headstock.pipeline.storage.outputs import replace_outputs
 
@@ -60,7 +67,9 @@ def accessor(gltf: Gltf, binary: bytes, number: int) -> FloatArray:
     assert view["byteOffset"] % 4 == 0
     assert view["byteLength"] == 4 * width * about["count"]
     assert view["byteOffset"] + view["byteLength"] <= gltf["buffers"][0]["byteLength"]
-    return np.frombuffer(binary, kind, width * about["count"], view["byteOffset"]).reshape(-1, width)
+    return np.frombuffer(binary, kind, width * about["count"], view["byteOffset"]).reshape(
+        -1, width
+    )
 
 
 def test_a_vtu_holds_the_placed_surface_and_every_mode(tmp_path: Path) -> None:
@@ -74,12 +83,19 @@ def test_a_vtu_holds_the_placed_surface_and_every_mode(tmp_path: Path) -> None:
     assert cells.type == "triangle" and len(cells.data) == 24 and cells.data.max() == 15
     np.testing.assert_array_equal(mesh.point_data["component"], [0] * 8 + [1] * 8)
     assert list(mesh.point_data) == ["component", "mode_01", "mode_02", "static_tcp_x"]
-    np.testing.assert_array_equal(mesh.point_data["static_tcp_x"], np.vstack([view.poses["a/b"].pushes["tcp x"][n] for n in NAMES]))
+    np.testing.assert_array_equal(
+        mesh.point_data["static_tcp_x"],
+        np.vstack([view.poses["a/b"].pushes["tcp x"][n] for n in NAMES]),
+    )
     found = mesh.point_data["mode_02"]
-    np.testing.assert_array_equal(found, np.vstack([view.poses["a/b"].shifts[name][1] for name in NAMES]))
+    np.testing.assert_array_equal(
+        found, np.vstack([view.poses["a/b"].shifts[name][1] for name in NAMES])
+    )
 
 
-def test_the_frequencies_of_a_vtu_stand_in_its_field_data_and_its_names_do_not_change_with_them(tmp_path: Path) -> None:
+def test_the_frequencies_of_a_vtu_stand_in_its_field_data_and_its_names_do_not_change_with_them(
+    tmp_path: Path,
+) -> None:
     view = make_view()
     for frequencies in ([0.0, 87.25], [0.0, 91.5]):
         path = tmp_path / "a.vtu"
@@ -87,7 +103,10 @@ def test_the_frequencies_of_a_vtu_stand_in_its_field_data_and_its_names_do_not_c
             encode_vtu(
                 view,
                 view.poses["a/b"],
-                sketch(ModesSummary, CONTENT | {"frequencies_hz": frequencies, "damping_ratio": [None, 0.02]}),
+                sketch(
+                    ModesSummary,
+                    CONTENT | {"frequencies_hz": frequencies, "damping_ratio": [None, 0.02]},
+                ),
             )
         )
         grid = pyvista.read(path)
@@ -117,10 +136,16 @@ def test_a_glb_moves_every_body_from_rest_to_the_shown_amplitude_and_back() -> N
         place = accessor(gltf, binary, primitive["attributes"]["POSITION"])
         move = accessor(gltf, binary, primitive["targets"][0]["POSITION"])
         frame = pose.placements[name]
-        np.testing.assert_allclose(place, view.skins[name].points @ frame.rotation.T + frame.origin, atol=1e-6)
-        np.testing.assert_array_equal(accessor(gltf, binary, primitive["indices"]).ravel(), view.skins[name].triangles.ravel())
+        np.testing.assert_allclose(
+            place, view.skins[name].points @ frame.rotation.T + frame.origin, atol=1e-6
+        )
+        np.testing.assert_array_equal(
+            accessor(gltf, binary, primitive["indices"]).ravel(), view.skins[name].triangles.ravel()
+        )
         bounds = gltf["accessors"][primitive["attributes"]["POSITION"]]
-        np.testing.assert_allclose([bounds["min"], bounds["max"]], [place.min(axis=0), place.max(axis=0)])
+        np.testing.assert_allclose(
+            [bounds["min"], bounds["max"]], [place.min(axis=0), place.max(axis=0)]
+        )
         largest = max(largest, float(np.linalg.norm(move, axis=1).max()))
     assert largest == pytest.approx(SHOWN_SHARE * machine_size(view, pose), rel=1e-6)
     (animation,) = gltf["animations"]
@@ -129,11 +154,17 @@ def test_a_glb_moves_every_body_from_rest_to_the_shown_amplitude_and_back() -> N
     assert {channel["target"]["node"] for channel in animation["channels"]} == {0, 1}
 
 
-def test_files_are_named_after_pose_and_number_and_those_of_an_earlier_run_go(tmp_path: Path) -> None:
+def test_files_are_named_after_pose_and_number_and_those_of_an_earlier_run_go(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "modes").mkdir()
     replace_outputs(tmp_path, "modes", {"old_01.glb": b"old"})
     assert write_mode_files(tmp_path, [MODES], make_view()) == []
-    assert sorted(path.name for path in (tmp_path / "modes").iterdir()) == ["a_b.vtu", "a_b_01.glb", "a_b_02.glb"]
+    assert sorted(path.name for path in (tmp_path / "modes").iterdir()) == [
+        "a_b.vtu",
+        "a_b_01.glb",
+        "a_b_02.glb",
+    ]
 
 
 def test_a_run_without_modes_leaves_no_folder(tmp_path: Path) -> None:
@@ -144,4 +175,8 @@ def test_a_run_without_modes_leaves_no_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["../../etc", "a b", "", "<script>", "x" * 300, "ü"])
 def test_no_name_from_a_scene_leaves_the_folder(name: str) -> None:
     stem = file_stem(name)
-    assert stem and len(stem) <= 80 and set(stem) <= set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-")
+    assert (
+        stem
+        and len(stem) <= 80
+        and set(stem) <= set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-")
+    )

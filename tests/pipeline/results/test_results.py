@@ -20,16 +20,28 @@ from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.static import PointCompliance, StaticAnswer
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.stages.warnings import mesh_warnings
-from headstock.pipeline.storage.outputs import OutputError, PendingOutputs, claim_output, prepare_output
+from headstock.pipeline.storage.outputs import (
+    OutputError,
+    PendingOutputs,
+    claim_output,
+    prepare_output,
+)
 from headstock.solvers.errors import AccuracyError
 
 COMPLIANCE = np.diag([1e-9, 2e-9, 3e-9, 1e-6, 1e-6, 1e-6])
-POINT = PointCompliance(COMPLIANCE, {direction: {"column": 0.75, "guide": 0.25} for direction in "xyz"}, "The guide gives 25 %.")
+POINT = PointCompliance(
+    COMPLIANCE,
+    {direction: {"column": 0.75, "guide": 0.25} for direction in "xyz"},
+    "The guide gives 25 %.",
+)
 MODES = PoseModes(
     pose=Pose("config_1", {"X": 0.01}),
     frequencies_hz=np.array([1e-6, 100.0]),
     rigid_count=1,
-    errors=(Estimate({REDUCTION: None}), Estimate({REDUCTION: 0.5, "discretisation": 0.25}, ("the model of bed (rigid)",))),
+    errors=(
+        Estimate({REDUCTION: None}),
+        Estimate({REDUCTION: 0.5, "discretisation": 0.25}, ("the model of bed (rigid)",)),
+    ),
     damping_ratio=(None, None),
     mode_names=("whole machine moves X freely", "column bends x"),
     energy_share=({"column": 1.0}, {"column": 0.9, "guide": 0.1}),
@@ -41,7 +53,9 @@ MODES = PoseModes(
 
 
 def make_results() -> Results:
-    facts = ComponentFacts("elastic", 6264, 32, 14.9, np.inf, 1e-12, MeshQuality(0.4, 0, 1e-3, float("nan")))
+    facts = ComponentFacts(
+        "elastic", 6264, 32, 14.9, np.inf, 1e-12, MeshQuality(0.4, 0, 1e-3, float("nan"))
+    )
     return Results(
         name="column",
         versions={"numpy": "2"},
@@ -63,9 +77,22 @@ def write_all(folder: Path, results: Results) -> None:
 
 def test_the_summary_has_the_keys_that_stay_stable() -> None:
     summary = summarise(make_results())
-    assert {"name", "status", "versions", "stages", "components", "static", "modal", "warnings"} <= summary.keys()
-    assert {"stage", "component", "reason", "seconds", "cached", "peak_rss_mb"} <= summary["stages"][0].keys()
-    assert {"fidelity", "full_dofs", "reduced_dofs", "mass_kg"} <= summary["components"]["column"].keys()
+    assert {
+        "name",
+        "status",
+        "versions",
+        "stages",
+        "components",
+        "static",
+        "modal",
+        "warnings",
+    } <= summary.keys()
+    assert {"stage", "component", "reason", "seconds", "cached", "peak_rss_mb"} <= summary[
+        "stages"
+    ][0].keys()
+    assert {"fidelity", "full_dofs", "reduced_dofs", "mass_kg"} <= summary["components"][
+        "column"
+    ].keys()
     assert summary["static"]["tcp"].keys() >= {"compliance_um_per_kN", "compliance_6x6", "budget"}
     assert summary["modal"][0].keys() >= {
         "pose_name", "pose", "frequencies_hz", "error_hz", "damping_ratio", "mode_names", "energy_share",
@@ -73,14 +100,22 @@ def test_the_summary_has_the_keys_that_stay_stable() -> None:
 
 
 def test_compliance_is_shown_in_micrometres_per_kilonewton() -> None:
-    assert summarise(make_results())["static"]["tcp"]["compliance_um_per_kN"] == [[1.0, 0, 0], [0, 2.0, 0], [0, 0, 3.0]]
+    assert summarise(make_results())["static"]["tcp"]["compliance_um_per_kN"] == [
+        [1.0, 0, 0],
+        [0, 2.0, 0],
+        [0, 0, 3.0],
+    ]
 
 
 def test_static_results_of_several_poses_are_all_kept_and_the_first_one_leads() -> None:
     other = dataclasses.replace(POINT, compliance=2 * COMPLIANCE)
     summary = summarise(
         dataclasses.replace(
-            make_results(), answers=(StaticAnswer("config_1", {"tcp": POINT}), StaticAnswer("config_2", {"tcp": other}))
+            make_results(),
+            answers=(
+                StaticAnswer("config_1", {"tcp": POINT}),
+                StaticAnswer("config_2", {"tcp": other}),
+            ),
         )
     )
     assert summary["static"] == summary["static_poses"]["config_1"]
@@ -88,8 +123,13 @@ def test_static_results_of_several_poses_are_all_kept_and_the_first_one_leads() 
 
 
 def test_a_refused_analysis_shows_in_the_status() -> None:
-    summary = summarise(dataclasses.replace(make_results(), failures=("static: 1 rigid motion is free",)))
-    assert (summary["status"], summary["failures"]) == ("failed", ["static: 1 rigid motion is free"])
+    summary = summarise(
+        dataclasses.replace(make_results(), failures=("static: 1 rigid motion is free",))
+    )
+    assert (summary["status"], summary["failures"]) == (
+        "failed",
+        ["static: 1 rigid motion is free"],
+    )
 
 
 def test_missing_values_are_null_and_the_file_is_strict_json(tmp_path: Path) -> None:
@@ -108,7 +148,9 @@ def test_missing_values_are_null_and_the_file_is_strict_json(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_number_that_is_not_finite_is_an_error_and_leaves_earlier_files_alone(tmp_path: Path, value: float) -> None:
+def test_a_number_that_is_not_finite_is_an_error_and_leaves_earlier_files_alone(
+    tmp_path: Path, value: float
+) -> None:
     write_all(tmp_path, make_results())
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     broken = dataclasses.replace(MODES, frequencies_hz=np.array([1.0, value]))
@@ -125,10 +167,19 @@ def test_every_array_of_the_results_says_its_unit(tmp_path: Path) -> None:
     write_all(tmp_path, make_results())
     with h5py.File(tmp_path / "results.h5") as file:
         units: dict[str, str | None] = {}
-        file.visititems(lambda name, item: units.update({name: item.attrs.get("unit")}) if isinstance(item, h5py.Dataset) else None)
+        file.visititems(
+            lambda name, item: (
+                units.update({name: item.attrs.get("unit")})
+                if isinstance(item, h5py.Dataset)
+                else None
+            )
+        )
         assert file["modal/config_1/pose_units"].attrs["X"] == "m"
     assert None not in units.values()
-    assert units["joints/guide/stiffness"] == "SI: N and N m per m and rad" and units["modal/config_1/frequencies_hz"] == "Hz"
+    assert (
+        units["joints/guide/stiffness"] == "SI: N and N m per m and rad"
+        and units["modal/config_1/frequencies_hz"] == "Hz"
+    )
 
 
 def test_results_hold_shapes_compliances_and_joint_springs(tmp_path: Path) -> None:
@@ -169,7 +220,11 @@ def test_an_output_folder_that_cannot_be_written_is_refused_beforehand(tmp_path:
 
 
 def test_a_folder_that_another_run_writes_into_is_refused(tmp_path: Path) -> None:
-    with claim_output(tmp_path), pytest.raises(OutputError, match="another run is writing"), claim_output(tmp_path):
+    with (
+        claim_output(tmp_path),
+        pytest.raises(OutputError, match="another run is writing"),
+        claim_output(tmp_path),
+    ):
         pass
     with claim_output(tmp_path):
         assert list(tmp_path.iterdir()) == []
@@ -186,7 +241,9 @@ def test_a_folder_without_a_summary_says_how_to_make_one(tmp_path: Path) -> None
 def test_a_few_poor_elements_are_not_warned_of_and_many_are_with_share_and_place() -> None:
     few = MeshQuality(0.01, 24, 1e-3, float("nan"), poor_share=4e-5)
     assert mesh_warnings(few, dofs=40_000) == []
-    many = dataclasses.replace(few, poor_share=0.02, worst_place=np.array([0.1, 0.2, 0.3]), worst_face="face:12")
+    many = dataclasses.replace(
+        few, poor_share=0.02, worst_place=np.array([0.1, 0.2, 0.3]), worst_face="face:12"
+    )
     (warning,) = mesh_warnings(many, dofs=40_000)
     assert "0.02 of the volume" in warning and "(0.1, 0.2, 0.3) m, face:12" in warning
     assert mesh_warnings(dataclasses.replace(few, repaired=2000), dofs=40_000) == [

@@ -1,10 +1,19 @@
-"""How strongly a surface is strained, told from its displacement alone, is what elasticity says of the material below it."""
+"""How strongly a surface is strained, told from its displacement alone, is what elasticity says of
+the material below it.
+"""
 
 import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, Support
+from headstock.geometry.parts.components import (
+    Component,
+    Interface,
+    Material,
+    MeshSettings,
+    Patch,
+    Support,
+)
 from headstock.geometry.parts.skins import split_skin
 from headstock.geometry.parts.solid_skins import box_skin
 from headstock.geometry.parts.solids import Box
@@ -43,7 +52,9 @@ def test_single_precision_and_triangles_without_area_do_no_harm() -> None:
     triangles = np.vstack([skin.triangles, [[0, 0, 1], [2, 2, 2]]])
     shift = (skin.points * 1e-6).astype(np.float32)
     density = surface_energy_density(skin.points, triangles, shift, STEEL)
-    np.testing.assert_allclose(density, 1e-12 * STEEL.youngs_modulus / (1.0 - STEEL.poisson_ratio), rtol=1e-5)
+    np.testing.assert_allclose(
+        density, 1e-12 * STEEL.youngs_modulus / (1.0 - STEEL.poisson_ratio), rtol=1e-5
+    )
 
 
 def test_a_bent_cantilever_is_strained_as_beam_theory_says() -> None:
@@ -64,7 +75,13 @@ def test_a_bent_cantilever_is_strained_as_beam_theory_says() -> None:
     shift = (skin_recovery(bar, skin) @ np.linalg.solve(bar.stiffness, loads)).reshape(-1, 3)
     density = surface_energy_density(skin.points, skin.triangles, shift, STEEL)
     x, y, z = skin.points.T
-    inside = (np.abs(x) > 0.499 * width) & (np.abs(y) < 0.3 * width) & (np.abs(z - 0.5 * length) < 0.3 * length)
+    inside = (
+        (np.abs(x) > 0.499 * width)
+        & (np.abs(y) < 0.3 * width)
+        & (np.abs(z - 0.5 * length) < 0.3 * length)
+    )
     assert inside.sum() > 50
     stress = force * (length - z) * 0.5 * width / (width**4 / 12.0)
-    np.testing.assert_allclose(density[inside], (stress**2 / (2.0 * STEEL.youngs_modulus))[inside], rtol=0.03)
+    np.testing.assert_allclose(
+        density[inside], (stress**2 / (2.0 * STEEL.youngs_modulus))[inside], rtol=0.03
+    )

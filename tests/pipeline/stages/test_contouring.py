@@ -1,4 +1,6 @@
-"""A contour as a scene runs it: computed and measured forces, and what the summary and the report tell."""
+"""A contour as a scene runs it: computed and measured forces, and what the summary and the report
+tell.
+"""
 
 import dataclasses
 
@@ -46,13 +48,18 @@ def test_the_summary_tells_faces_assumptions_and_leg_forces(machine: Tripteor) -
     table = _contour_table(found["series"])
     assert len(table.rows) == len(found["series"]["time_s"]) == 2000 and len(table.headings) == 10
     # with a lead of 10 mm a motor turns 2 pi per 10 mm: power in is power out
-    forces, torques = np.array(found["series"]["leg_force_n"]), np.array(found["series"]["motor_torque_nm"])
+    forces, torques = (
+        np.array(found["series"]["leg_force_n"]),
+        np.array(found["series"]["motor_torque_nm"]),
+    )
     assert np.allclose(2.0 * np.pi * torques, 0.01 * forces, rtol=1e-12, atol=0.0)
     # the legs hold up 215 kg and themselves, and push against the cut
     assert 500.0 < np.abs(forces).max() < 6000.0
     assert np.allclose(
         found["faces"][0]["leg_force_mean_n"],
-        forces[run.times[::1][np.unique(np.linspace(0, len(run.times) - 1, 2000).astype(int))] > 0.6].mean(axis=0),
+        forces[
+            run.times[::1][np.unique(np.linspace(0, len(run.times) - 1, 2000).astype(int))] > 0.6
+        ].mean(axis=0),
         rtol=0.1,
         atol=0.0,
     )
@@ -62,21 +69,29 @@ def test_the_summary_tells_faces_assumptions_and_leg_forces(machine: Tripteor) -
 
 def test_a_block_out_of_reach_is_refused(machine: Tripteor) -> None:
     request = contour_request("al7075-t6")
-    far = dataclasses.replace(request, contour=dataclasses.replace(request.contour, center=(1.2, 0.0)))
+    far = dataclasses.replace(
+        request, contour=dataclasses.replace(request.contour, center=(1.2, 0.0))
+    )
     with pytest.raises(PoseError, match="the path at t ="):
         run_contour(machine.scene, machine.model, far, until=0.1)
 
 
 def test_effects_that_are_not_named_are_left_out(machine: Tripteor) -> None:
     request, until = contour_request("al7075-t6"), 0.5
-    air = run_contour(machine.scene, machine.model, dataclasses.replace(request, cutting=False), until=until)
+    air = run_contour(
+        machine.scene, machine.model, dataclasses.replace(request, cutting=False), until=until
+    )
     assert not air.force.any()
     still = dataclasses.replace(machine.model, velocity_terms=False)
-    plain = run_contour(machine.scene, still, dataclasses.replace(request, cutting=False), until=until)
+    plain = run_contour(
+        machine.scene, still, dataclasses.replace(request, cutting=False), until=until
+    )
     change = np.abs(plain.gap - air.gap).max()
     # the tool speeds up to 5 m/min only: centrifugal forces are millinewtons to newtons
     assert 1e-12 < change < 1e-2 * np.abs(air.gap).max()
-    waves = run_contour(machine.scene, machine.model, dataclasses.replace(request, regeneration=True), until=until)
+    waves = run_contour(
+        machine.scene, machine.model, dataclasses.replace(request, regeneration=True), until=until
+    )
     cut = run_contour(machine.scene, machine.model, request, until=until)
     assert np.abs(waves.force).max() == pytest.approx(np.abs(cut.force).max(), rel=0.05)
     assert 1e-9 < np.abs(waves.gap - cut.gap).max() < 3e-6

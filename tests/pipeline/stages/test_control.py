@@ -1,4 +1,6 @@
-"""Drives of a scene: held motors leave everything as it was, free ones give clean travel, poles and failures with names."""
+"""Drives of a scene: held motors leave everything as it was, free ones give clean travel, poles and
+failures with names.
+"""
 
 import dataclasses
 import math
@@ -97,12 +99,19 @@ def write_scene(folder: Path, *changes: tuple[str, str]) -> Path:
 
 def couple_scene(path: Path) -> tuple[Scene, CoupledMachine]:
     scene = load_scene(path)
-    parts = {name: reduce_rigid(part, describe_component(part)) for name, part in scene.machine.components.items()}
+    parts = {
+        name: reduce_rigid(part, describe_component(part))
+        for name, part in scene.machine.components.items()
+    }
     return scene, couple(parts, scene.machine, next(iter(scene.poses.values())))
 
 
 def summary_of(path: Path, tmp_path: Path) -> RunSummary:
-    return summarise(run_scene(load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")))
+    return summarise(
+        run_scene(
+            load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
+        )
+    )
 
 
 def test_the_travel_of_a_free_axis_has_exactly_no_frequency(tmp_path: Path) -> None:
@@ -118,21 +127,40 @@ def test_the_travel_of_a_free_axis_has_exactly_no_frequency(tmp_path: Path) -> N
     assert travel**2 == pytest.approx(1.0 / mass, rel=1e-9)
 
 
-def test_a_positive_set_point_moves_the_axis_in_its_positive_direction_however_the_joint_is_written(tmp_path: Path) -> None:
-    for between in ('["slider.foot", "bed.top"]\nkind = "ball', '["bed.top", "slider.foot"]\nkind = "ball'):
+def test_a_positive_set_point_moves_the_axis_in_its_positive_direction_however_the_joint_is_written(
+    tmp_path: Path,
+) -> None:
+    for between in (
+        '["slider.foot", "bed.top"]\nkind = "ball',
+        '["bed.top", "slider.foot"]\nkind = "ball',
+    ):
         for axis in ("x", "-x"):
-            text = (('["slider.foot", "bed.top"]\nkind = "ball_screw"\naxis = "x"', f'{between}_screw"\naxis = "{axis}"'),)
-            path = write_scene(tmp_path, *text, ('limits = ["-100', 'direction = "x"\nlimits = ["-100'))
+            text = (
+                (
+                    '["slider.foot", "bed.top"]\nkind = "ball_screw"\naxis = "x"',
+                    f'{between}_screw"\naxis = "{axis}"',
+                ),
+            )
+            path = write_scene(
+                tmp_path, *text, ('limits = ["-100', 'direction = "x"\nlimits = ["-100')
+            )
             scene, coupled = couple_scene(path)
-            released = release_motors(coupled, place_drives(coupled, scene.machine, scene.drives.values()))
+            released = release_motors(
+                coupled, place_drives(coupled, scene.machine, scene.drives.values())
+            )
             travel = solve_modal(released.system).shapes[:, 0]
-            moved = [released.system.outputs[port] @ travel for port in (("tcp", "x"), ("X", "motor"), ("X", "scale"))]
+            moved = [
+                released.system.outputs[port] @ travel
+                for port in (("tcp", "x"), ("X", "motor"), ("X", "scale"))
+            ]
             np.testing.assert_allclose(moved, moved[0], rtol=1e-9)
 
 
 def test_the_turning_motor_pulls_on_its_housing(tmp_path: Path) -> None:
     held = 'stiffness = { x = "rigid", y = "rigid", z = "rigid", rx = "1e5 N m/rad", ry = "rigid", rz = "rigid" }'
-    scene, coupled = couple_scene(write_scene(tmp_path, ('kind = "rigid"', f'kind = "spring"\n{held}')))
+    scene, coupled = couple_scene(
+        write_scene(tmp_path, ('kind = "rigid"', f'kind = "spring"\n{held}'))
+    )
     released = release_motors(coupled, place_drives(coupled, scene.machine, scene.drives.values()))
     mass, motor = released.system.mass, released.system.outputs["X", "motor"]
     tilt = released.system.outputs["bed.bottom", "rx"]
@@ -143,12 +171,20 @@ def test_the_turning_motor_pulls_on_its_housing(tmp_path: Path) -> None:
 
 def test_screw_inertia_counts_only_with_its_effect(tmp_path: Path) -> None:
     plain = load_scene(write_scene(tmp_path)).drives["X"]
-    heavy = load_scene(write_scene(tmp_path, ("drive_control = true", "drive_control = true\nscrew_inertia = true"))).drives["X"]
+    heavy = load_scene(
+        write_scene(
+            tmp_path, ("drive_control = true", "drive_control = true\nscrew_inertia = true")
+        )
+    ).drives["X"]
     assert (plain.screw_inertia, heavy.screw_inertia) == (0.0, 1e-4)
 
 
 def test_without_the_effect_nothing_of_drives_is_planned_or_run(tmp_path: Path) -> None:
-    scene = load_scene(write_scene(tmp_path, ("drive_control = true\n", ""), ("[analyses.control]", "[analyses.modal]")))
+    scene = load_scene(
+        write_scene(
+            tmp_path, ("drive_control = true\n", ""), ("[analyses.control]", "[analyses.modal]")
+        )
+    )
     assert scene.drives == {}
     assert "control" not in [stage.kind for stage in plan_scene(scene).stages]
 
@@ -170,7 +206,9 @@ def test_a_run_lists_poles_margins_and_lag(tmp_path: Path) -> None:
     assert present(present(drive["margins"])["bandwidth_hz"]) > 1.0
 
 
-def test_poles_are_those_of_the_unsymmetric_second_order_system_by_another_solver(tmp_path: Path) -> None:
+def test_poles_are_those_of_the_unsymmetric_second_order_system_by_another_solver(
+    tmp_path: Path,
+) -> None:
     changes = (
         ('integral_time = "20 ms"', 'encoder = "scale"\nscale = "tcp"'),
         ("drive_control = true", "drive_control = true\nscrew_inertia = true"),
@@ -203,21 +241,36 @@ def test_the_report_draws_every_pole_and_offers_them_as_a_table(tmp_path: Path) 
 
 
 def test_unstable_control_fails_by_name_and_the_rest_is_still_computed(tmp_path: Path) -> None:
-    path = write_scene(tmp_path, ("[analyses.control]", "[analyses.control]\n[analyses.modal]\ncount = 3"), LATE, FAST)
+    path = write_scene(
+        tmp_path,
+        ("[analyses.control]", "[analyses.control]\n[analyses.modal]\ncount = 3"),
+        LATE,
+        FAST,
+    )
     summary = summary_of(path, tmp_path)
     assert summary["status"] == "failed"
     assert len(summary["modal"]) == 1
     (failure,) = summary["failures"]
-    assert failure.startswith("control in pose reference: the control of axis X is unstable: a motion at")
+    assert failure.startswith(
+        "control in pose reference: the control of axis X is unstable: a motion at"
+    )
     assert "largest stable kv found is" in failure
     assert summary["control"]["reference"]["drives"]["X"]["margins"] is None
 
 
 def test_a_gain_just_below_the_largest_that_was_named_is_stable(tmp_path: Path) -> None:
     path = write_scene(tmp_path, LATE, FAST)
-    largest = float(summary_of(path, tmp_path)["failures"][0].split("largest stable kv found is ")[1].split(" 1/s")[0])
-    below = summary_of(write_scene(tmp_path, LATE, ("50 1/s", f"{0.999 * largest!r} 1/s")), tmp_path)
-    above = summary_of(write_scene(tmp_path, LATE, ("50 1/s", f"{1.002 * largest!r} 1/s")), tmp_path)
+    largest = float(
+        summary_of(path, tmp_path)["failures"][0]
+        .split("largest stable kv found is ")[1]
+        .split(" 1/s")[0]
+    )
+    below = summary_of(
+        write_scene(tmp_path, LATE, ("50 1/s", f"{0.999 * largest!r} 1/s")), tmp_path
+    )
+    above = summary_of(
+        write_scene(tmp_path, LATE, ("50 1/s", f"{1.002 * largest!r} 1/s")), tmp_path
+    )
     assert (below["status"], above["status"]) == ("done", "failed")
 
 
@@ -233,7 +286,9 @@ ring_down = "100 ms"
 
 def test_a_path_under_control_lags_and_says_whose_drives_it_used(tmp_path: Path) -> None:
     path = write_scene(tmp_path, ("[analyses.control]", PATH))
-    results = run_scene(load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
+    results = run_scene(
+        load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
+    )
     (found,) = find_answers(results.answers, PathResult)
     assert found.drives == ("X",)
     curves = [run.curves for run in found.runs]
@@ -249,7 +304,10 @@ def test_a_path_with_friction_balances_its_energy(tmp_path: Path) -> None:
         tmp_path,
         ("[analyses.control]", PATH.replace('"600 mm/min", ', "")),
         ("drive_control = true", "drive_control = true\nfriction = true"),
-        ('integral_time = "20 ms"', 'integral_time = "20 ms"\nfriction = { coulomb = "20 N", breakaway = "30 N" }'),
+        (
+            'integral_time = "20 ms"',
+            'integral_time = "20 ms"\nfriction = { coulomb = "20 N", breakaway = "30 N" }',
+        ),
     )
     summary = summary_of(path, tmp_path)
     assert summary["path"]["energy_error"]["3000 mm/min"] < 1e-6
@@ -271,7 +329,9 @@ material = "al7075-t6-dry"
 """
 
 
-def test_milling_on_the_way_pushes_the_tool_away_by_its_mean_force_times_the_compliance_with_held_motors(tmp_path: Path) -> None:
+def test_milling_on_the_way_pushes_the_tool_away_by_its_mean_force_times_the_compliance_with_held_motors(
+    tmp_path: Path,
+) -> None:
     text = PATH.replace('"600 mm/min", ', "") + CUT + '[analyses.static]\nat = "tcp"\n'
     on = ("drive_control = true", "drive_control = true\ncutting_force = true")
     path = write_scene(tmp_path, ("[analyses.control]", text), on)
@@ -283,7 +343,9 @@ def test_milling_on_the_way_pushes_the_tool_away_by_its_mean_force_times_the_com
     steady = (times >= 0.25) & (times < 0.35)
     mean = curves.deviation.total[steady].mean(axis=0)
     fine = 0.25 + 1e-6 * np.arange(100_000)
-    force = cutting_forces(present(present(scene.analyses.path).cut).cut, fine, np.full(len(fine), 0.05)).mean(axis=0)
+    force = cutting_forces(
+        present(present(scene.analyses.path).cut).cut, fine, np.full(len(fine), 0.05)
+    ).mean(axis=0)
     # along x, away from the part (to the left, y), up
     expected = found.static["reference"]["tcp"].compliance[:3, :3] @ force
     assert mean[1] == pytest.approx(expected[1], rel=1e-2)

@@ -1,4 +1,6 @@
-"""What a run says of its errors: interfaces whose kind matters, numbers that are no more than guesses."""
+"""What a run says of its errors: interfaces whose kind matters, numbers that are no more than
+guesses.
+"""
 
 import functools
 from collections.abc import Callable
@@ -50,10 +52,14 @@ spread = true
 """
 
 
-def test_interfaces_whose_kind_matters_are_named_with_about_the_range_that_both_kinds_span(tmp_path: Path) -> None:
+def test_interfaces_whose_kind_matters_are_named_with_about_the_range_that_both_kinds_span(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "scene.toml").write_text(SCENE)
     store = Store(tmp_path / "store")
-    results = run_scene(load_scene(tmp_path / "scene.toml"), tmp_path / "out", comm=MPI.COMM_SELF, store=store)
+    results = run_scene(
+        load_scene(tmp_path / "scene.toml"), tmp_path / "out", comm=MPI.COMM_SELF, store=store
+    )
     modes = results.modal[0]
     words = next(words for words in modes.errors[-1].left_out if "interfaces" in words)
     assert "lower.top" in words
@@ -65,7 +71,9 @@ def test_interfaces_whose_kind_matters_are_named_with_about_the_range_that_both_
 
 
 def beam(parts: int, x: int, y: int, length: int, size: int) -> str:
-    """A scene of a clamped beam, cut into parts that are joined rigidly at rigid faces; lengths in mm."""
+    """A scene of a clamped beam, cut into parts that are joined rigidly at rigid faces; lengths in
+    mm.
+    """
     words = [SCENE[: SCENE.index("[components.lower]")]]
     for i in range(parts):
         top = "rigid" if i + 1 < parts else "average"
@@ -93,7 +101,12 @@ def test_a_beam_of_five_parts_says_how_much_stiffer_its_rigid_faces_make_it_than
     for parts in (1, 5):
         scene = tmp_path / f"{parts}.toml"
         scene.write_text(beam(parts, *sizes))
-        results = run_scene(load_scene(scene), tmp_path / str(parts), comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
+        results = run_scene(
+            load_scene(scene),
+            tmp_path / str(parts),
+            comm=MPI.COMM_SELF,
+            store=Store(tmp_path / "store"),
+        )
         modes.append(results.modal[0])
     one, five = modes
     stiffer = five.frequencies_hz - one.frequencies_hz
@@ -105,17 +118,26 @@ def test_a_beam_of_five_parts_says_how_much_stiffer_its_rigid_faces_make_it_than
     assert stiffer.max() / 3.0 < named < 3.0 * stiffer.max()
 
 
-def test_a_number_that_is_less_than_twice_its_error_is_warned_of_with_its_owner_and_a_remedy() -> None:
+def test_a_number_that_is_less_than_twice_its_error_is_warned_of_with_its_owner_and_a_remedy() -> (
+    None
+):
     def guess(source: str, size: float) -> Estimate:
         return Estimate({source: size}, (), {source: {"column": size, "base": 0.1 * size}})
 
     point = SimpleNamespace(
-        compliance=np.diag([1.0, 0.885, 1.0]), errors={"x": guess(DISCRETISATION, 0.1), "y": guess(DISCRETISATION, 8.0)}
+        compliance=np.diag([1.0, 0.885, 1.0]),
+        errors={"x": guess(DISCRETISATION, 0.1), "y": guess(DISCRETISATION, 8.0)},
     )
-    modes = SimpleNamespace(frequencies_hz=np.array([0.0, 50.0]), rigid_count=1, errors=(Estimate(), guess(REDUCTION, 30.0)))
+    modes = SimpleNamespace(
+        frequencies_hz=np.array([0.0, 50.0]),
+        rigid_count=1,
+        errors=(Estimate(), guess(REDUCTION, 30.0)),
+    )
     frf = SimpleNamespace(frf=None)
     static = [SimpleNamespace(pose="reference", points={"tcp": point})]
-    state = SimpleNamespace(scene=SimpleNamespace(analyses=frf), reduced={}, modal=[modes], static=static)
+    state = SimpleNamespace(
+        scene=SimpleNamespace(analyses=frf), reduced={}, modal=[modes], static=static
+    )
     found = find_warnings(cast(RunState, state))
     assert len(found) == 2
     assert "component 'column': frequency 2 (50 Hz)" in found[0]
@@ -160,8 +182,15 @@ def rods(tmp_path_factory: pytest.TempPathFactory) -> Rods:
 
     @functools.cache
     def run(modes: str, share: float) -> Results:
-        (folder / "scene.toml").write_text(ROD.replace("MODES", modes).replace("DASHPOT", repr(float(share * IMPEDANCE))))
-        return run_scene(load_scene(folder / "scene.toml"), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+        (folder / "scene.toml").write_text(
+            ROD.replace("MODES", modes).replace("DASHPOT", repr(float(share * IMPEDANCE)))
+        )
+        return run_scene(
+            load_scene(folder / "scene.toml"),
+            folder / "out",
+            comm=MPI.COMM_SELF,
+            store=Store(folder / "store"),
+        )
 
     return run
 
@@ -172,32 +201,45 @@ def damping_warnings(results: Results) -> list[str]:
 
 @pytest.mark.parametrize("modes", ["15", "30"])
 @pytest.mark.parametrize("share", [0.01, 0.5, 0.8, 1.25, 20.0])
-def test_damping_of_a_rod_on_a_dashpot_lies_within_its_error_of_the_closed_form(rods: Rods, modes: str, share: float) -> None:
+def test_damping_of_a_rod_on_a_dashpot_lies_within_its_error_of_the_closed_form(
+    rods: Rods, modes: str, share: float
+) -> None:
     # coth(s L / c) = -share: every standing wave loses as much per round trip
     found = rods(modes, share)
     decay = -0.5 * np.log(abs((1.0 + share) / (1.0 - share)))
     orders = np.arange(8) + (0.5 if share < 1.0 else 0.0)
     poles = (decay + 1j * np.pi * orders) * SPEED
-    stretching = [mode for mode, name in enumerate(found.modal[0].mode_names) if "stretches" in name]
+    stretching = [
+        mode for mode, name in enumerate(found.modal[0].mode_names) if "stretches" in name
+    ]
     judged = 0
     for mode in stretching:
         one = found.modal[0]
         hz, ratio, hz_error, ratio_error = (
-            values[mode] for values in (one.damped_hz, one.damping_ratio, one.damped_error_hz, one.damping_error)
+            values[mode]
+            for values in (one.damped_hz, one.damping_ratio, one.damped_error_hz, one.damping_error)
         )
         if hz and hz_error is not None:
             nearest = poles[np.argmin(np.abs(poles.imag / (2.0 * np.pi) - hz))]
             assert abs(nearest.imag / (2.0 * np.pi) - hz) <= hz_error < 0.02 * hz
-            assert abs(-nearest.real / abs(nearest) - present(ratio)) <= present(ratio_error) < 0.1 * present(ratio)
+            assert (
+                abs(-nearest.real / abs(nearest) - present(ratio))
+                <= present(ratio_error)
+                < 0.1 * present(ratio)
+            )
             judged += 1
     assert judged == len(stretching) - (share > 1.0)
     assert len(damping_warnings(found)) == (share > 1.0)
 
 
 @pytest.mark.parametrize("modes", ["15", "30"])
-def test_a_dashpot_that_swallows_every_wave_leaves_no_damping_ratio_that_is_believed(rods: Rods, modes: str) -> None:
+def test_a_dashpot_that_swallows_every_wave_leaves_no_damping_ratio_that_is_believed(
+    rods: Rods, modes: str
+) -> None:
     found = rods(modes, 1.0)
-    stretching = [mode for mode, name in enumerate(found.modal[0].mode_names) if "stretches" in name]
+    stretching = [
+        mode for mode, name in enumerate(found.modal[0].mode_names) if "stretches" in name
+    ]
     assert stretching
     assert all(found.modal[0].damping_error[mode] is None for mode in stretching)
     assert all(found.modal[0].damped_error_hz[mode] is None for mode in stretching)
@@ -211,8 +253,14 @@ def test_equal_modes_with_light_damping_have_an_error_and_no_warning(rods: Rods)
     bending = [mode for mode, name in enumerate(found.modal[0].mode_names) if "bends" in name]
     assert np.ptp(found.modal[0].frequencies_hz[bending[:2]]) < 1e-6  # of a square section
     for mode in bending:
-        assert 0.0 < present(found.modal[0].damping_error[mode]) < 0.1 * present(found.modal[0].damping_ratio[mode])
-        assert present(found.modal[0].damped_error_hz[mode]) >= 0.999 * present(found.modal[0].error_hz[mode])
+        assert (
+            0.0
+            < present(found.modal[0].damping_error[mode])
+            < 0.1 * present(found.modal[0].damping_ratio[mode])
+        )
+        assert present(found.modal[0].damped_error_hz[mode]) >= 0.999 * present(
+            found.modal[0].error_hz[mode]
+        )
     assert not damping_warnings(found)
 
 

@@ -1,4 +1,6 @@
-"""The map of a lumped mechanism is what single poses give, and says where there is nothing to give."""
+"""The map of a lumped mechanism is what single poses give, and says where there is nothing to
+give.
+"""
 
 from pathlib import Path
 
@@ -22,27 +24,45 @@ SCENE = Path(__file__).resolve().parents[3] / "machines" / "tripteor.toml"
 
 
 def run(folder: Path, *overrides: str) -> RunSummary:
-    scene = keep_analyses(load_scene(SCENE, variant="lumped", overrides=overrides), ("static", "modal", "map"))
+    scene = keep_analyses(
+        load_scene(SCENE, variant="lumped", overrides=overrides), ("static", "modal", "map")
+    )
     return summarise(run_scene(scene, folder, comm=MPI.COMM_SELF))
 
 
 @pytest.fixture(scope="module")
 def summary(tmp_path_factory: pytest.TempPathFactory) -> RunSummary:
     spans = '{ X = ["-130 mm", "160 mm", 3], Y = ["-380 mm", "390 mm", 4], Z = ["200 mm", "200 mm", 1] }'
-    return run(tmp_path_factory.mktemp("map"), f"sweeps.plane.axes={spans}", 'analyses.modal.poses="config_2"')
+    return run(
+        tmp_path_factory.mktemp("map"),
+        f"sweeps.plane.axes={spans}",
+        'analyses.modal.poses="config_2"',
+    )
 
 
 def test_a_corner_of_the_map_is_the_pose_that_stands_there(summary: RunSummary) -> None:
     found = summary["map"]
     alone, legs = summary["modal"][0], summary["mechanism"]["config_2"]
-    assert found["positions"][0][0] == -0.13 and found["positions"][1][-1] == 0.39 and found["fixed"] == {"Z": 0.2}
-    corner = {name: np.array(grid, dtype=float)[0, -1] for name, grid in found["quantities"].items()}
+    assert (
+        found["positions"][0][0] == -0.13
+        and found["positions"][1][-1] == 0.39
+        and found["fixed"] == {"Z": 0.2}
+    )
+    corner = {
+        name: np.array(grid, dtype=float)[0, -1] for name, grid in found["quantities"].items()
+    }
     for number in range(3):
-        assert corner[f"f{number + 1}_hz"] == pytest.approx(alone["frequencies_hz"][number], rel=1e-12)
+        assert corner[f"f{number + 1}_hz"] == pytest.approx(
+            alone["frequencies_hz"][number], rel=1e-12
+        )
     assert corner["condition_number"] == pytest.approx(legs["condition_number"], rel=1e-12)
-    compliance = np.diag(np.array(summary["static_poses"]["config_2"]["tcp"]["compliance_um_per_kN"], dtype=float))
+    compliance = np.diag(
+        np.array(summary["static_poses"]["config_2"]["tcp"]["compliance_um_per_kN"], dtype=float)
+    )
     for place, axis in enumerate("xyz"):
-        assert corner[f"stiffness_{axis}_n_per_um"] == pytest.approx(1e3 / compliance[place], rel=1e-9)
+        assert corner[f"stiffness_{axis}_n_per_um"] == pytest.approx(
+            1e3 / compliance[place], rel=1e-9
+        )
 
 
 def test_the_first_frequency_falls_as_the_legs_grow(summary: RunSummary) -> None:
@@ -50,7 +70,9 @@ def test_the_first_frequency_falls_as_the_legs_grow(summary: RunSummary) -> None
 
 
 def test_poses_beyond_a_limit_are_empty_in_summary_table_and_picture(tmp_path: Path) -> None:
-    spans = '{ X = ["-300 mm", "2 m", 4], Y = ["-100 mm", "100 mm", 3], Z = ["200 mm", "200 mm", 1] }'
+    spans = (
+        '{ X = ["-300 mm", "2 m", 4], Y = ["-100 mm", "100 mm", 3], Z = ["200 mm", "200 mm", 1] }'
+    )
     found = run(tmp_path, f"sweeps.plane.axes={spans}")
     values = map_values(found["map"], "f1_hz")
     assert np.isfinite(values[0]).all() and np.isnan(values[-1]).all()
@@ -67,7 +89,9 @@ def test_poses_beyond_a_limit_are_empty_in_summary_table_and_picture(tmp_path: P
 def test_a_map_that_cannot_be_made_is_refused(override: str, key: str, message: str) -> None:
     with pytest.raises(SceneError) as caught:
         load_scene(SCENE, variant="lumped", overrides=[override])
-    assert any(problem.key == key and message in problem.message for problem in caught.value.problems), str(caught.value)
+    assert any(
+        problem.key == key and message in problem.message for problem in caught.value.problems
+    ), str(caught.value)
 
 
 def request_of(axes: str, *overrides: str) -> tuple[MapRequest, SceneMechanism, CompliantMechanism]:
@@ -77,8 +101,12 @@ def request_of(axes: str, *overrides: str) -> tuple[MapRequest, SceneMechanism, 
 
 
 def test_a_volume_holds_its_planes_and_is_drawn_in_layers() -> None:
-    volume, mechanism, model = request_of('{ X = ["-100 mm", "100 mm", 3], Y = ["0 mm", "90 mm", 2], Z = ["150 mm", "250 mm", 5] }')
-    plane, _, _ = request_of('{ X = ["-100 mm", "100 mm", 3], Y = ["0 mm", "90 mm", 2], Z = ["200 mm", "200 mm", 1] }')
+    volume, mechanism, model = request_of(
+        '{ X = ["-100 mm", "100 mm", 3], Y = ["0 mm", "90 mm", 2], Z = ["150 mm", "250 mm", 5] }'
+    )
+    plane, _, _ = request_of(
+        '{ X = ["-100 mm", "100 mm", 3], Y = ["0 mm", "90 mm", 2], Z = ["200 mm", "200 mm", 1] }'
+    )
     whole, middle = map_workspace(mechanism, model, volume), map_workspace(mechanism, model, plane)
     assert whole is not None and middle is not None
     for name, values in middle.quantities.items():
@@ -89,18 +117,25 @@ def test_a_volume_holds_its_planes_and_is_drawn_in_layers() -> None:
     assert 'id="map_f1_hz_2"' in str(draw_map(found, "f1_hz", 2))
     table = _map_table(found)
     assert table.headings[:3] == ("X", "Y", "Z") and len(table.rows) == 30
-    assert table.rows[7][3] == np.array(found["quantities"]["condition_number"], dtype=float)[0, 1, 2]
+    assert (
+        table.rows[7][3] == np.array(found["quantities"]["condition_number"], dtype=float)[0, 1, 2]
+    )
 
 
 def test_a_mode_is_followed_by_its_shape_where_frequencies_cross() -> None:
-    # legs 1 and 2 close together: near the plane of symmetry tilting between them and swinging about their axis change places along x
+    # legs 1 and 2 close together: near the plane of symmetry tilting between them and swinging
+    # about their axis change places along x
     near = "mechanism.dimensions.base=['-360 mm', '360 mm', '730 mm']"
-    spans = '{ X = ["-300 mm", "300 mm", 31], Y = ["0 mm", "1 mm", 2], Z = ["200 mm", "200 mm", 1] }'
+    spans = (
+        '{ X = ["-300 mm", "300 mm", 31], Y = ["0 mm", "1 mm", 2], Z = ["200 mm", "200 mm", 1] }'
+    )
     request, mechanism, model = request_of(spans, near)
     found = map_workspace(mechanism, model, request)
     assert found is not None and found.crossings == ((1, 2),) and found.torn == 0
     first, second = (found.quantities[f"f{number}_hz"] for number in (1, 2))
     assert (second - first).max() > 0.5 and (second - first).min() < -0.5
     # a mode changes smoothly along x; the lower of the two has an edge where they cross
-    smooth, edged = (np.abs(np.diff(values, 2, axis=0)).max() for values in (first, np.minimum(first, second)))
+    smooth, edged = (
+        np.abs(np.diff(values, 2, axis=0)).max() for values in (first, np.minimum(first, second))
+    )
     assert smooth < 0.3 * edged

@@ -82,7 +82,9 @@ def run(folder: Path, scene: Scene) -> Results:
 
 
 def run_path(folder: Path, text: str = SCENE) -> PathResult:
-    (found,) = find_answers(run(folder, keep_analyses(load(folder, text), ["path"])).answers, PathResult)
+    (found,) = find_answers(
+        run(folder, keep_analyses(load(folder, text), ["path"])).answers, PathResult
+    )
     return found
 
 
@@ -90,9 +92,21 @@ def test_an_analysis_on_request_runs_only_when_it_is_named(tmp_path: Path) -> No
     scene = load(tmp_path)
     assert scene.analyses.path is None
     assert list(list_analyses(scene)) == ["modal", "path"]
-    assert [stage.kind for stage in plan_scene(scene).stages] == ["rigid", "rigid", "couple", "modal", "write"]
+    assert [stage.kind for stage in plan_scene(scene).stages] == [
+        "rigid",
+        "rigid",
+        "couple",
+        "modal",
+        "write",
+    ]
     asked = keep_analyses(scene, ["path"])
-    assert [stage.kind for stage in plan_scene(asked).stages] == ["rigid", "rigid", "couple", "path", "write"]
+    assert [stage.kind for stage in plan_scene(asked).stages] == [
+        "rigid",
+        "rigid",
+        "couple",
+        "path",
+        "write",
+    ]
     ordinary = load(tmp_path, SCENE.replace("on_request = true\n", ""))
     assert ordinary.analyses.path is not None
 
@@ -102,9 +116,15 @@ def test_what_was_found_is_in_the_summary_and_in_the_results_file(tmp_path: Path
     summary = json.loads((tmp_path / "results" / "summary.json").read_text())["path"]
     assert [run["name"] for run in summary["feeds"]] == ["600 mm/min", "3000 mm/min"]
     assert summary["feeds"][1]["acceleration"] == pytest.approx(0.5, rel=1e-12)
-    assert [output["port"] for output in summary["feeds"][0]["outputs"]] == [["tcp", "x"], ["tcp", "y"], ["tcp", "z"]]
+    assert [output["port"] for output in summary["feeds"][0]["outputs"]] == [
+        ["tcp", "x"],
+        ["tcp", "y"],
+        ["tcp", "z"],
+    ]
     zone = found.runs[1].figures[0][0]
-    assert summary["feeds"][1]["outputs"][0]["accelerating"]["peak_um"] == pytest.approx(1e6 * zone.peak, rel=1e-12)
+    assert summary["feeds"][1]["outputs"][0]["accelerating"]["peak_um"] == pytest.approx(
+        1e6 * zone.peak, rel=1e-12
+    )
     curves = {run.feed: run for run in read_paths(tmp_path / "results")}
     assert sorted(curves) == [pytest.approx(0.01), pytest.approx(0.05)]
     for run_found in found.runs:
@@ -116,12 +136,13 @@ def test_what_was_found_is_in_the_summary_and_in_the_results_file(tmp_path: Path
 
 def test_the_quasi_static_part_is_inertia_over_stiffness(tmp_path: Path) -> None:
     """Along x the slider hangs on its screw; by symmetry nothing moves along y."""
-    text = SCENE.replace('stiffness = { normal = "500 N/um", shear = "300 N/um", tilt = "1e7 N m/rad" }', "").replace(
-        'kind = "bolted"', 'kind = "rigid"'
-    )
+    text = SCENE.replace(
+        'stiffness = { normal = "500 N/um", shear = "300 N/um", tilt = "1e7 N m/rad" }', ""
+    ).replace('kind = "bolted"', 'kind = "rigid"')
     x, y, _ = (zones[0] for zones in run_path(tmp_path, text).runs[1].figures)
     mass = 0.2 * 0.2 * 0.3 * 7850.0
-    # the point lies 300 mm above the guide, whose pitch stiffness takes the moment of the mass 150 mm above it
+    # the point lies 300 mm above the guide, whose pitch stiffness takes the moment of the mass 150
+    # mm above it
     expected = -0.5 * mass * (1.0 / 100e6 + 0.15 * 0.3 / 1e6)
     assert x.quasi_static == pytest.approx(expected, rel=1e-9)
     assert abs(y.peak) < 1e-9 * abs(x.peak)
@@ -142,11 +163,16 @@ def test_a_path_that_leaves_the_rail_is_named(tmp_path: Path) -> None:
     with pytest.raises(SceneError) as caught:
         load(tmp_path, text)
     assert {problem.key for problem in caught.value.problems} == {"analyses.path.to"}
-    assert all("hangs 10 mm over the end of rail bed.rail_" in problem.message for problem in caught.value.problems)
+    assert all(
+        "hangs 10 mm over the end of rail bed.rail_" in problem.message
+        for problem in caught.value.problems
+    )
 
 
 def test_a_rotary_axis_is_no_path(tmp_path: Path) -> None:
-    text = SCENE.replace('direction = "x"\nlimits = ["-100 mm", "100 mm"]', 'kind = "rotary"\ndirection = "z"')
+    text = SCENE.replace(
+        'direction = "x"\nlimits = ["-100 mm", "100 mm"]', 'kind = "rotary"\ndirection = "z"'
+    )
     with pytest.raises(SceneError, match="a path moves linear axes only"):
         load(tmp_path, text)
 
@@ -163,7 +189,9 @@ def test_poses_are_followed_unless_the_scene_keeps_that_of_the_middle(tmp_path: 
         np.testing.assert_array_equal(other.curves.frozen, other.curves.deviation.total)
         # the slider's way on its bed changes little, and what it changes is reported
         change = np.abs(one.curves.deviation.total - one.curves.frozen).max()
-        assert 1e-4 * np.abs(one.curves.frozen).max() < change < 0.2 * np.abs(one.curves.frozen).max()
+        assert (
+            1e-4 * np.abs(one.curves.frozen).max() < change < 0.2 * np.abs(one.curves.frozen).max()
+        )
     assert followed.poses.effect == pytest.approx(
         [np.abs(run.curves.deviation.total - run.curves.frozen).max() for run in followed.runs]
     )
@@ -171,7 +199,12 @@ def test_poses_are_followed_unless_the_scene_keeps_that_of_the_middle(tmp_path: 
 
 def test_five_times_the_feed_deviates_five_times_as_far_in_a_kept_pose(tmp_path: Path) -> None:
     slow, fast = (
-        run.curves.deviation for run in run_path(tmp_path, SCENE.replace("on_request", 'pose_changes = "frozen"\non_request')).runs
+        run.curves.deviation
+        for run in run_path(
+            tmp_path, SCENE.replace("on_request", 'pose_changes = "frozen"\non_request')
+        ).runs
     )
     count = int(0.4 * 2500)
-    np.testing.assert_allclose(fast.total[:count], 5.0 * slow.total[:count], atol=1e-9 * np.abs(fast.total).max())
+    np.testing.assert_allclose(
+        fast.total[:count], 5.0 * slow.total[:count], atol=1e-9 * np.abs(fast.total).max()
+    )

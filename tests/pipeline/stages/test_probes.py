@@ -47,7 +47,9 @@ at = "tcp"
 def _run(tmp_path: Path, text: str) -> RunSummary:
     scene = tmp_path / "beam.toml"
     scene.write_text(text)
-    run_scene(load_scene(scene), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
+    run_scene(
+        load_scene(scene), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
+    )
     return read_summary(tmp_path / "out")
 
 
@@ -82,7 +84,9 @@ def test_a_second_run_recovers_the_same_stress_from_the_store(tmp_path: Path) ->
 
 def test_a_probe_without_loads_is_refused_with_the_remedy(tmp_path: Path) -> None:
     scene = tmp_path / "beam.toml"
-    text = SCENE.replace("ROTATE", "").replace('[loads.side]\nface = "beam.x-"\npressure = "0.1 MPa"\n', "")
+    text = SCENE.replace("ROTATE", "").replace(
+        '[loads.side]\nface = "beam.x-"\npressure = "0.1 MPa"\n', ""
+    )
     scene.write_text(text)
     with pytest.raises(SceneError, match="nothing loads the machine"):
         load_scene(scene)

@@ -1,4 +1,6 @@
-"""The range of frequencies between averaging and rigid interfaces, computed only where a scene names it."""
+"""The range of frequencies between averaging and rigid interfaces, computed only where a scene
+names it.
+"""
 
 from pathlib import Path
 
@@ -54,13 +56,18 @@ def load(folder: Path, *overrides: str) -> Scene:
 
 
 def run(folder: Path, *overrides: str) -> Results:
-    return run_scene(load(folder, *overrides), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+    return run_scene(
+        load(folder, *overrides), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store")
+    )
 
 
 def test_the_range_reaches_from_all_averaging_to_all_rigid(folder: Path) -> None:
     results = run(folder, "analyses.modal.spread=true")
     both = {
-        kind: run(folder, *(f"components.arm.interfaces.{name}.coupling={kind}" for name in ("root", "bolt"))).modal[0]
+        kind: run(
+            folder,
+            *(f"components.arm.interfaces.{name}.coupling={kind}" for name in ("root", "bolt")),
+        ).modal[0]
         for kind in ("average", "rigid")
     }
     spans = np.array(results.modal[0].spread_hz)
@@ -69,12 +76,18 @@ def test_the_range_reaches_from_all_averaging_to_all_rigid(folder: Path) -> None
     assert (spans[:, 1] > 1.005 * spans[:, 0]).any()
     own = results.modal[0].frequencies_hz
     assert ((spans[:, 0] < own) & (own < spans[:, 1])).all()
-    np.testing.assert_array_equal(np.array(summarise(results)["modal"][0]["interface_spread_hz"]), spans)
+    np.testing.assert_array_equal(
+        np.array(summarise(results)["modal"][0]["interface_spread_hz"]), spans
+    )
 
 
 def test_it_is_planned_and_summarised_only_where_it_is_named(folder: Path) -> None:
     assert not [stage for stage in plan_scene(load(folder)).stages if stage.kind == "spread"]
-    (stage,) = [stage for stage in plan_scene(load(folder, "analyses.modal.spread=true")).stages if stage.kind == "spread"]
+    (stage,) = [
+        stage
+        for stage in plan_scene(load(folder, "analyses.modal.spread=true")).stages
+        if stage.kind == "spread"
+    ]
     assert "arm" in stage.reason
     assert "interface_spread_hz" not in summarise(run(folder))["modal"][0]
 

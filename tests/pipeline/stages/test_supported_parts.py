@@ -1,4 +1,6 @@
-"""Parts that supports alone hold, or leave free in some motions, from a scene: static answers, natural modes, free motions by name."""
+"""Parts that supports alone hold, or leave free in some motions, from a scene: static answers,
+natural modes, free motions by name.
+"""
 
 import json
 from pathlib import Path
@@ -30,9 +32,15 @@ mesh = { size = "MESH mm", cells = "hex" }
 MODES = "[analyses.modal]\ncount = COUNT\n"
 
 
-def part(size: tuple[int, int, float], mesh: int, *sections: str, free: bool = False, count: int = 8) -> str:
-    text = PART.replace("SIZE", ", ".join(f'"{value} mm"' for value in size)).replace("MESH", str(mesh))
-    return text.replace("FREE", str(free).lower()) + "\n".join(sections).replace("COUNT", str(count))
+def part(
+    size: tuple[int, int, float], mesh: int, *sections: str, free: bool = False, count: int = 8
+) -> str:
+    text = PART.replace("SIZE", ", ".join(f'"{value} mm"' for value in size)).replace(
+        "MESH", str(mesh)
+    )
+    return text.replace("FREE", str(free).lower()) + "\n".join(sections).replace(
+        "COUNT", str(count)
+    )
 
 
 def support(name: str, face: str, *directions: str) -> str:
@@ -42,18 +50,31 @@ def support(name: str, face: str, *directions: str) -> str:
 def run(tmp_path: Path, text: str, name: str = "scene") -> RunSummary:
     scene = tmp_path / f"{name}.toml"
     scene.write_text(text)
-    run_scene(load_scene(scene), tmp_path / name, comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
+    run_scene(
+        load_scene(scene), tmp_path / name, comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
+    )
     return read_summary(tmp_path / name)
 
 
-def test_a_column_on_supports_without_any_interface_is_pressed_by_force_over_stiffness(tmp_path: Path) -> None:
+def test_a_column_on_supports_without_any_interface_is_pressed_by_force_over_stiffness(
+    tmp_path: Path,
+) -> None:
     loads = '[loads.p]\nface = "part.z+"\npressure = "1 MPa"\n[probes.top]\ncomponent = "part"\nat = ["0 mm", "0 mm", "100 mm"]\n'
-    found = run(tmp_path, part((100, 100, 100), 50, support("foot", "z-", "x", "y", "z"), loads, "[analyses.static]\n"))
+    found = run(
+        tmp_path,
+        part(
+            (100, 100, 100), 50, support("foot", "z-", "x", "y", "z"), loads, "[analyses.static]\n"
+        ),
+    )
     (probe,) = found["probes"]["reference"].values()
-    np.testing.assert_allclose(probe["displacement_um"], [0.0, 0.0, -1e6 * 0.1 / 210e9 * 1e6], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        probe["displacement_um"], [0.0, 0.0, -1e6 * 0.1 / 210e9 * 1e6], rtol=1e-9, atol=1e-9
+    )
 
 
-def test_a_pressure_over_the_area_of_an_averaging_interface_gives_its_force_over_stiffness(tmp_path: Path) -> None:
+def test_a_pressure_over_the_area_of_an_averaging_interface_gives_its_force_over_stiffness(
+    tmp_path: Path,
+) -> None:
     interfaces = (
         '[components.part.interfaces]\nfoot = { face = "z-" }\ntop = { face = "z+", coupling = "average" }\n'
         '[joints.clamp]\nbetween = ["ground", "part.foot"]\nkind = "rigid"\n[points]\ntop = { tool = "part.top", work = "ground" }\n'
@@ -65,15 +86,27 @@ def test_a_pressure_over_the_area_of_an_averaging_interface_gives_its_force_over
     assert probe["displacement_um"][2] == pytest.approx(-1e6 * 0.1 / 210e9 * 1e6, rel=1e-9)
 
 
-def test_half_and_quarter_of_a_free_plate_have_its_symmetric_modes_and_the_motions_their_planes_leave(tmp_path: Path) -> None:
+def test_half_and_quarter_of_a_free_plate_have_its_symmetric_modes_and_the_motions_their_planes_leave(
+    tmp_path: Path,
+) -> None:
     whole = run(tmp_path, part((400, 400, 20), 50, MODES, free=True, count=14), "whole")
-    half = run(tmp_path, part((200, 400, 20), 50, support("x", "x-", "x"), MODES, free=True, count=6), "half")
+    half = run(
+        tmp_path,
+        part((200, 400, 20), 50, support("x", "x-", "x"), MODES, free=True, count=6),
+        "half",
+    )
     planes = support("x", "x-", "x") + support("y", "y-", "y")
     quarter = run(tmp_path, part((200, 200, 20), 50, planes, MODES, free=True, count=4), "quarter")
-    for found, names in ((half, {"Y translation", "Z translation", "A rotation"}), (quarter, {"Z translation"})):
+    for found, names in (
+        (half, {"Y translation", "Z translation", "A rotation"}),
+        (quarter, {"Z translation"}),
+    ):
         (modes,), (all_modes,) = found["modal"], whole["modal"]
         rigid = len(names)
-        assert {name.removeprefix("free ").removesuffix(" of part") for name in modes["mode_names"][:rigid]} == names
+        assert {
+            name.removeprefix("free ").removesuffix(" of part")
+            for name in modes["mode_names"][:rigid]
+        } == names
         assert all(frequency == 0.0 for frequency in np.round(modes["frequencies_hz"][:rigid], 6))
         for frequency in modes["frequencies_hz"][rigid : rigid + 2]:
             assert np.abs(np.array(all_modes["frequencies_hz"]) / frequency - 1.0).min() < 1e-6
@@ -82,18 +115,28 @@ def test_half_and_quarter_of_a_free_plate_have_its_symmetric_modes_and_the_motio
 def test_an_interface_beside_a_symmetry_plane_changes_no_frequency(tmp_path: Path) -> None:
     plane = support("x", "x-", "x")
     tip = '[components.part.interfaces]\ntip = { face = "x+", coupling = "average" }\n'
-    (plain,) = run(tmp_path, part((200, 400, 20), 50, plane, MODES, free=True, count=6), "plain")["modal"]
-    (held,) = run(tmp_path, part((200, 400, 20), 50, tip, plane, MODES, free=True, count=6), "held")["modal"]
+    (plain,) = run(tmp_path, part((200, 400, 20), 50, plane, MODES, free=True, count=6), "plain")[
+        "modal"
+    ]
+    (held,) = run(
+        tmp_path, part((200, 400, 20), 50, tip, plane, MODES, free=True, count=6), "held"
+    )["modal"]
     np.testing.assert_allclose(held["frequencies_hz"][3:], plain["frequencies_hz"][3:], rtol=1e-2)
     assert len(held["mode_names"]) == 6 and all("free" in name for name in held["mode_names"][:3])
 
 
 @pytest.mark.parametrize("thickness", [8.0, 0.4], ids=["1:50", "1:1000"])
-def test_a_simply_supported_sheet_has_the_frequencies_of_plate_theory(tmp_path: Path, thickness: float) -> None:
+def test_a_simply_supported_sheet_has_the_frequencies_of_plate_theory(
+    tmp_path: Path, thickness: float
+) -> None:
     edges = "".join(
-        support(face[0] + "mp"[face[1] == "+"], face, *("yz" if face[0] == "x" else "xz")) for face in ("x-", "x+", "y-", "y+")
+        support(face[0] + "mp"[face[1] == "+"], face, *("yz" if face[0] == "x" else "xz"))
+        for face in ("x-", "x+", "y-", "y+")
     )
     (modes,) = run(tmp_path, part((400, 300, thickness), 25, edges, MODES, count=3))["modal"]
     rigidity, mass = 210e9 * (1e-3 * thickness) ** 3 / 12.0, 7850.0 * 1e-3 * thickness
-    exact = [0.5 * np.pi * (m * m / 0.16 + n * n / 0.09) * np.sqrt(rigidity / mass) for m, n in ((1, 1), (2, 1), (1, 2))]
+    exact = [
+        0.5 * np.pi * (m * m / 0.16 + n * n / 0.09) * np.sqrt(rigidity / mass)
+        for m, n in ((1, 1), (2, 1), (1, 2))
+    ]
     np.testing.assert_allclose(modes["frequencies_hz"], exact, rtol=0.01)

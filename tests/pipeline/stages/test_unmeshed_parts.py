@@ -59,7 +59,12 @@ def folder(tmp_path: Path) -> Path:
 
 
 def run(folder: Path) -> Results:
-    return run_scene(load_scene(folder / "scene.toml"), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+    return run_scene(
+        load_scene(folder / "scene.toml"),
+        folder / "out",
+        comm=MPI.COMM_SELF,
+        store=Store(folder / "store"),
+    )
 
 
 def area(skin: Skin) -> float:
@@ -67,26 +72,39 @@ def area(skin: Skin) -> float:
     return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
-def test_parts_from_files_are_drawn_with_their_own_surface_read_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parts_from_files_are_drawn_with_their_own_surface_read_once(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     results = run(folder)
     support, bar = results.view.skins["support"], results.view.skins["bar"]
     assert (support.source, bar.source) == ("solid", "solid")
-    assert area(support) == pytest.approx(sum(face.area for face in survey_step(StepFile(SUPPORT)).faces), rel=0.01)
-    assert area(bar) == pytest.approx(2 * (SIZE[0] * SIZE[1] + SIZE[1] * SIZE[2] + SIZE[2] * SIZE[0]), rel=1e-9)
+    assert area(support) == pytest.approx(
+        sum(face.area for face in survey_step(StepFile(SUPPORT)).faces), rel=0.01
+    )
+    assert area(bar) == pytest.approx(
+        2 * (SIZE[0] * SIZE[1] + SIZE[1] * SIZE[2] + SIZE[2] * SIZE[0]), rel=1e-9
+    )
     np.testing.assert_allclose(np.ptp(bar.points, axis=0), SIZE, rtol=1e-9)
     monkeypatch.setattr(component_stages, "unmeshed_skin", lambda solid: pytest.fail("read again"))
     again = run(folder)
     np.testing.assert_array_equal(again.view.skins["support"].triangles, support.triangles)
     shifts = again.view.poses["reference"].shifts
-    assert all(shifts[name].shape == (6, len(skin.points), 3) for name, skin in again.view.skins.items())
+    assert all(
+        shifts[name].shape == (6, len(skin.points), 3) for name, skin in again.view.skins.items()
+    )
 
 
-def test_a_surface_that_cannot_be_drawn_costs_a_warning_and_no_result(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_surface_that_cannot_be_drawn_costs_a_warning_and_no_result(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(solid: object) -> None:
         raise MeshError("no face could be triangulated")
 
     monkeypatch.setattr(component_stages, "unmeshed_skin", refuse)
     results = run(folder)
     assert results.view.skins["support"].source == "inertia"
-    assert any(re.search("'support' is drawn as a block of equal inertia: no face", text) for text in results.warnings)
+    assert any(
+        re.search("'support' is drawn as a block of equal inertia: no face", text)
+        for text in results.warnings
+    )
     assert len(results.modal[0].frequencies_hz) == 6

@@ -1,4 +1,6 @@
-"""Volume meshes in files: whole cells in VTK's order, the motions of the run, and stresses of beam theory."""
+"""Volume meshes in files: whole cells in VTK's order, the motions of the run, and stresses of beam
+theory.
+"""
 
 from pathlib import Path
 
@@ -57,10 +59,24 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     (folder / "beam.toml").write_text(SCENE.replace("CELLS", request.param))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HEADSTOCK_STORE", str(folder / "store"))
-        assert main(["run", str(folder / "beam.toml"), "-o", str(folder / "out"), "--volume", "--no-figures"]) == 0
+        assert (
+            main(
+                [
+                    "run",
+                    str(folder / "beam.toml"),
+                    "-o",
+                    str(folder / "out"),
+                    "--volume",
+                    "--no-figures",
+                ]
+            )
+            == 0
+        )
         grid = pyvista.read(folder / "out" / "volume" / "reference.vtu")
         summary = read_summary(folder / "out")
-        assert main(["run", str(folder / "beam.toml"), "-o", str(folder / "out"), "--no-figures"]) == 0
+        assert (
+            main(["run", str(folder / "beam.toml"), "-o", str(folder / "out"), "--no-figures"]) == 0
+        )
     return summary, grid, folder
 
 
@@ -88,15 +104,22 @@ def test_motions_are_those_of_the_run(run: Run) -> None:
     summary, grid, _ = run
     matrix = np.array(summary["static"]["tcp"]["compliance_um_per_kN"])
     tip = grid.points[:, 2] > 0.22 - 1e-9
-    np.testing.assert_allclose(1e9 * grid.point_data["static_tcp_x"][tip].mean(axis=0)[0], matrix[0, 0], rtol=1e-3)
-    np.testing.assert_allclose(grid.field_data["frequencies_hz"], summary["modal"][0]["frequencies_hz"])
+    np.testing.assert_allclose(
+        1e9 * grid.point_data["static_tcp_x"][tip].mean(axis=0)[0], matrix[0, 0], rtol=1e-3
+    )
+    np.testing.assert_allclose(
+        grid.field_data["frequencies_hz"], summary["modal"][0]["frequencies_hz"]
+    )
     assert grid.point_data["mode_02"].shape == (grid.n_points, 3)
 
 
 def test_stress_and_energy_are_those_of_a_beam(run: Run) -> None:
     summary, grid, _ = run
     middles = np.array(
-        [grid.get_cell(index).points[: 4 if grid.celltypes[0] == 24 else 8].mean(axis=0) for index in range(grid.n_cells)]
+        [
+            grid.get_cell(index).points[: 4 if grid.celltypes[0] == 24 else 8].mean(axis=0)
+            for index in range(grid.n_cells)
+        ]
     )
     found = grid.cell_data["von_mises_static_tcp_x"]
     inside = (middles[:, 2] > 0.06) & (middles[:, 2] < 0.16) & (np.abs(middles[:, 0]) > 0.004)
@@ -106,7 +129,8 @@ def test_stress_and_energy_are_those_of_a_beam(run: Run) -> None:
     sizes = cell_volumes(grid)
     energy = (sizes * grid.cell_data["strain_energy_density_mode_01"]).sum()
     omega = 2.0 * np.pi * summary["modal"][0]["frequencies_hz"][0]
-    # one place per cell: a quarter of the energy of linear bending across a cell is between the places
+    # one place per cell: a quarter of the energy of linear bending across a cell is between the
+    # places
     assert 0.6 * 0.5 * omega**2 < energy < 1.01 * 0.5 * omega**2
 
 
@@ -118,6 +142,10 @@ def test_the_equivalent_stress_of_pull_and_of_shear() -> None:
     material = Material("steel", 210e9, 0.3, 7850.0)
     shear, bulk = 210e9 / 2.6, 210e9 / 1.2
     pull = 1e6
-    diagonal = np.array([2.0, -1.0, -1.0]) * pull / 3.0 / np.sqrt(2.0 * shear) + pull / 3.0 / np.sqrt(bulk) / np.sqrt(3.0)
+    diagonal = np.array([2.0, -1.0, -1.0]) * pull / 3.0 / np.sqrt(
+        2.0 * shear
+    ) + pull / 3.0 / np.sqrt(bulk) / np.sqrt(3.0)
     assert von_mises(material, np.array([*diagonal, 0.0, 0.0, 0.0])) == pytest.approx(pull)
-    assert von_mises(material, np.array([0.0, 0.0, 0.0, 1e6 / np.sqrt(shear), 0.0, 0.0])) == pytest.approx(np.sqrt(3.0) * 1e6)
+    assert von_mises(
+        material, np.array([0.0, 0.0, 0.0, 1e6 / np.sqrt(shear), 0.0, 0.0])
+    ) == pytest.approx(np.sqrt(3.0) * 1e6)

@@ -1,4 +1,6 @@
-"""A file is the old one or the whole new one; nothing else stays, and nobody's temporary is taken away while it is written."""
+"""A file is the old one or the whole new one; nothing else stays, and nobody's temporary is taken
+away while it is written.
+"""
 
 import errno
 import os
@@ -27,7 +29,9 @@ atomic_files.write_atomically(Path(sys.argv[1]), b"new")
 
 
 def start_writer(path: Path, seconds: float) -> "subprocess.Popen[str]":
-    writer = subprocess.Popen([sys.executable, "-c", WRITER, str(path), str(seconds)], stdout=subprocess.PIPE, text=True)
+    writer = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(path), str(seconds)], stdout=subprocess.PIPE, text=True
+    )
     assert writer.stdout is not None and writer.stdout.readline() == "writing\n"
     return writer
 
@@ -50,7 +54,9 @@ def test_an_error_of_the_disk_leaves_the_old_file_and_no_other(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_killed_writer_leaves_the_old_file_and_the_next_writer_clears_its_temporary(tmp_path: Path) -> None:
+def test_a_killed_writer_leaves_the_old_file_and_the_next_writer_clears_its_temporary(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "results.h5"
     path.write_bytes(b"old")
     writer = start_writer(path, 60.0)
@@ -86,7 +92,9 @@ def test_a_folder_is_held_by_one_and_free_again_when_that_one_is_killed(tmp_path
         "import sys, time; from pathlib import Path; from headstock.pipeline.storage.atomic_files import lock_folder\n"
         "with lock_folder(Path(sys.argv[1])) as mine:\n    print(mine, flush=True)\n    time.sleep(60)\n"
     )
-    holder = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    holder = subprocess.Popen(
+        [sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE, text=True
+    )
     assert holder.stdout is not None and holder.stdout.readline() == "True\n"
     with lock_folder(tmp_path) as mine:
         assert not mine

@@ -1,4 +1,6 @@
-"""What Headstock did not write, or what was changed since, is neither written over nor removed, through links or however a run ends."""
+"""What Headstock did not write, or what was changed since, is neither written over nor removed,
+through links or however a run ends.
+"""
 
 import hashlib
 import json
@@ -46,7 +48,11 @@ outputs.replace_outputs(folder, "tables", {"new.csv": b"new"})
 
 
 def visible(folder: Path) -> dict[str, bytes]:
-    found = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file() and not path.is_symlink()}
+    found = {
+        path.relative_to(folder).as_posix(): path
+        for path in folder.rglob("*")
+        if path.is_file() and not path.is_symlink()
+    }
     return {name: path.read_bytes() for name, path in found.items() if path.name != LIST_FILE}
 
 
@@ -68,7 +74,9 @@ def test_a_file_that_was_changed_since_is_kept_and_said_once(tmp_path: Path) -> 
     assert visible(tmp_path) == {"tables/a.csv": b"with a note"}
 
 
-def test_where_a_file_of_the_user_has_the_name_the_new_one_is_written_beside_it(tmp_path: Path) -> None:
+def test_where_a_file_of_the_user_has_the_name_the_new_one_is_written_beside_it(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "tables").mkdir()
     (tmp_path / "tables" / "a.csv").write_bytes(b"mine")
     for content in (b"1", b"2"):
@@ -86,7 +94,9 @@ def test_two_files_never_get_the_same_name(tmp_path: Path) -> None:
     assert visible(tmp_path) == {"a.png": b"mine", "a-2.png": b"1", "a-3.png": b"2"}
 
 
-def test_a_single_file_is_written_again_and_again_but_not_over_one_of_the_user(tmp_path: Path) -> None:
+def test_a_single_file_is_written_again_and_again_but_not_over_one_of_the_user(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "x.json"
     for content in (b"1", b"22", b"1"):
         write_output(path, content)
@@ -200,7 +210,9 @@ def test_a_list_that_is_no_file_is_a_named_error(tmp_path: Path, what: str) -> N
 
 
 @pytest.mark.parametrize("call", ["write", "fsync", "replace"])
-def test_a_run_that_is_killed_anywhere_leaves_no_file_that_is_taken_for_the_users(tmp_path: Path, call: str) -> None:
+def test_a_run_that_is_killed_anywhere_leaves_no_file_that_is_taken_for_the_users(
+    tmp_path: Path, call: str
+) -> None:
     for number in range(1, 12):
         folder = tmp_path / f"{call}{number}"
         folder.mkdir()
@@ -211,7 +223,11 @@ def test_a_run_that_is_killed_anywhere_leaves_no_file_that_is_taken_for_the_user
         prepare_output(folder, ["summary.json"])
         write_output(folder / "summary.json", b"last")
         assert replace_outputs(folder, "tables", {"last.csv": b"last"}) == []
-        assert visible(folder) == {"mine.csv": b"mine", "summary.json": b"last", "tables/last.csv": b"last"}
+        assert visible(folder) == {
+            "mine.csv": b"mine",
+            "summary.json": b"last",
+            "tables/last.csv": b"last",
+        }
         if done.returncode == 0:
             break
         assert done.returncode == -signal.SIGKILL
@@ -219,7 +235,9 @@ def test_a_run_that_is_killed_anywhere_leaves_no_file_that_is_taken_for_the_user
     assert done.returncode == 0
 
 
-def test_a_list_stays_short_and_forgets_nothing_that_lies_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_list_stays_short_and_forgets_nothing_that_lies_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(outputs, "LIST_BYTES", 2000)
     write_output(tmp_path / "first.json", b"first")
     for number in range(60):
@@ -228,7 +246,9 @@ def test_a_list_stays_short_and_forgets_nothing_that_lies_there(tmp_path: Path, 
     write_output(tmp_path / "first.json", b"second")
 
 
-def test_a_full_disk_leaves_list_and_files_as_they_were(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_leaves_list_and_files_as_they_were(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_output(tmp_path / "x.json", b"1")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     real = os.write
@@ -240,7 +260,9 @@ def test_a_full_disk_leaves_list_and_files_as_they_were(tmp_path: Path, monkeypa
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_a_file_of_the_user_called_like_that_of_a_study_is_neither_cut_nor_added_to(tmp_path: Path) -> None:
+def test_a_file_of_the_user_called_like_that_of_a_study_is_neither_cut_nor_added_to(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / POINTS_FILE
     path.write_bytes(b"my points, without an end of the line")
     with pytest.raises(TakenOutputError, match=r"points\.jsonl"):
@@ -250,7 +272,9 @@ def test_a_file_of_the_user_called_like_that_of_a_study_is_neither_cut_nor_added
     assert read_records(tmp_path) == {}
 
 
-def test_journals_that_headstock_did_not_write_are_neither_emptied_nor_removed(tmp_path: Path) -> None:
+def test_journals_that_headstock_did_not_write_are_neither_emptied_nor_removed(
+    tmp_path: Path,
+) -> None:
     key, other = "a" * 64, "b" * 64
     mine = tmp_path / FOLDER / f"{key[:16]}-1.journal"
     mine.parent.mkdir()

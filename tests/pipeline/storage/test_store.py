@@ -1,4 +1,6 @@
-"""The store believes only whole entries of this user, and its keys hold what matters and nothing else."""
+"""The store believes only whole entries of this user, and its keys hold what matters and nothing
+else.
+"""
 
 import dataclasses
 import os
@@ -28,7 +30,13 @@ from headstock.pipeline.storage import store as store_module
 from headstock.pipeline.storage import superelements
 from headstock.pipeline.storage.content_keys import code_fingerprint, mesh_key, superelement_key
 from headstock.pipeline.storage.records import RecordError
-from headstock.pipeline.storage.store import Store, default_store_root, entry_path, read_entry, write_entry
+from headstock.pipeline.storage.store import (
+    Store,
+    default_store_root,
+    entry_path,
+    read_entry,
+    write_entry,
+)
 from headstock.pipeline.storage.superelements import read_superelement, write_superelement
 from headstock.reduction.superelement import Attachment, Recovery, StaticLoad, Superelement
 
@@ -38,7 +46,10 @@ COLUMN = Component(
     "column",
     Box((0.038, 0.1, 0.5)),
     STEEL,
-    interfaces={"foot": Interface("foot", (Patch("z-"),)), "tip": Interface("tip", (Patch("z+"),), coupling="average")},
+    interfaces={
+        "foot": Interface("foot", (Patch("z-"),)),
+        "tip": Interface("tip", (Patch("z+"),), coupling="average"),
+    },
     mesh=MeshSettings(size=0.019),
     reduction=ReductionSettings(modes=4),
 )
@@ -63,14 +74,20 @@ def make_superelement() -> Superelement:
     stiffness[6:, 6:] = np.diag(0.5 * (2.0 * np.pi * np.array([100.0, 200.0])) ** 2)
     return Superelement(
         name="column",
-        labels=(*((node, dof) for node in ["foot"] for dof in ["x", "y", "z", "rx", "ry", "rz"]), ("mode", "1"), ("mode", "2")),
+        labels=(
+            *((node, dof) for node in ["foot"] for dof in ["x", "y", "z", "rx", "ry", "rz"]),
+            ("mode", "1"),
+            ("mode", "2"),
+        ),
         frames=(Frame(np.array([1.0, 2.0, 3.0]), rotation_about(np.array([1.0, 1, 0]), 0.3)),),
         attachments={"foot": Attachment(0, Frame()), "tip/upper": Attachment(0, Frame(np.ones(3)))},
         stiffness=stiffness + stiffness.T,
         mass=np.eye(8),
         recovery=Recovery(
             basis=rng.normal(size=(12, 8)),
-            points=np.vstack([rng.normal(size=(2, 3)), np.full((1, 3), -5.0), np.full((1, 3), 5.0)]),
+            points=np.vstack(
+                [rng.normal(size=(2, 3)), np.full((1, 3), -5.0), np.full((1, 3), 5.0)]
+            ),
         ),
         constraints=np.zeros((0, 8)),
         modal_frequencies_hz=np.array([100.0, 200.0]),
@@ -80,7 +97,10 @@ def make_superelement() -> Superelement:
         center_of_mass=np.zeros(3),
         inertia=np.eye(3),
         residual=1e-12,
-        loads={"push": StaticLoad(np.arange(8.0, dtype=np.float64), None), "pull": StaticLoad(np.ones(8), np.ones(12))},
+        loads={
+            "push": StaticLoad(np.arange(8.0, dtype=np.float64), None),
+            "pull": StaticLoad(np.ones(8), np.ones(12)),
+        },
         free_dofs=("tip.rz",),
     )
 
@@ -108,7 +128,9 @@ def assert_same_record(first: object, second: object) -> None:
 
 
 @pytest.mark.parametrize("record", [make_mesh(), make_superelement()], ids=["mesh", "superelement"])
-def test_an_entry_comes_back_as_it_went_in(tmp_path: Path, record: ComponentMesh | Superelement) -> None:
+def test_an_entry_comes_back_as_it_went_in(
+    tmp_path: Path, record: ComponentMesh | Superelement
+) -> None:
     store = Store(tmp_path)
     assert write_entry(store, KEY, record) is None
     read = read_entry(store, KEY, type(record))
@@ -144,7 +166,9 @@ def test_a_truncated_entry_is_noticed(tmp_path: Path, length: int) -> None:
     assert read.value is None and read.warning is not None
 
 
-def test_an_entry_of_another_user_is_not_trusted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_entry_of_another_user_is_not_trusted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     store = Store(tmp_path)
     write_entry(store, KEY, make_mesh())
     other = os.geteuid() + 1
@@ -172,7 +196,9 @@ def test_an_entry_behind_a_link_is_not_followed(tmp_path: Path) -> None:
     assert read.value is None and read.warning is not None
 
 
-def test_a_store_that_cannot_be_written_warns_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_store_that_cannot_be_written_warns_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def full_disk(descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
@@ -209,7 +235,9 @@ TRACTION = Load("push", "column", "traction", (Patch("z+"),), vector=(1.0, 0.0, 
 SUPPORT = Support("clamp", "column", (Patch("x-"),), ("x",))
 
 
-def key_of(component: Component = COLUMN, supports: tuple[Support, ...] = (), loads: tuple[Load, ...] = ()) -> str:
+def key_of(
+    component: Component = COLUMN, supports: tuple[Support, ...] = (), loads: tuple[Load, ...] = ()
+) -> str:
     return superelement_key(component, supports, loads)
 
 
@@ -217,7 +245,10 @@ def key_of(component: Component = COLUMN, supports: tuple[Support, ...] = (), lo
     "same",
     [
         dataclasses.replace(COLUMN, name="column_left"),
-        dataclasses.replace(COLUMN, placement=Frame(np.array([1.0, 2.0, 3.0]), rotation_about(np.array([0, 0, 1.0]), 0.7))),
+        dataclasses.replace(
+            COLUMN,
+            placement=Frame(np.array([1.0, 2.0, 3.0]), rotation_about(np.array([0, 0, 1.0]), 0.7)),
+        ),
         dataclasses.replace(COLUMN, material=dataclasses.replace(STEEL, name="S235")),
         dataclasses.replace(COLUMN, solid=Box((38.0 * 1e-3, 100.0 / 1000.0, 0.1 + 0.4))),
         dataclasses.replace(COLUMN, reduction=ReductionSettings(modes=5)),
@@ -237,7 +268,9 @@ def test_what_does_not_matter_does_not_change_the_key(same: Component) -> None:
         dataclasses.replace(COLUMN, mesh=MeshSettings(size=0.02)),
         dataclasses.replace(COLUMN, mesh=MeshSettings(size=0.019, cells="hex")),
         dataclasses.replace(COLUMN, mass=10.0),
-        dataclasses.replace(COLUMN, interfaces={**COLUMN.interfaces, "tip": Interface("tip", (Patch("z+"),))}),
+        dataclasses.replace(
+            COLUMN, interfaces={**COLUMN.interfaces, "tip": Interface("tip", (Patch("z+"),))}
+        ),
         dataclasses.replace(COLUMN, interfaces={"foot": COLUMN.interfaces["foot"]}),
     ],
     ids=["size", "E", "rho", "mesh size", "cells", "mass", "coupling", "interface"],
@@ -281,7 +314,10 @@ def test_material_and_coupling_leave_the_mesh_alone() -> None:
 def test_the_content_of_a_referenced_file_counts_and_not_its_name(tmp_path: Path) -> None:
     for name, content in [("a.msh", b"1"), ("b.msh", b"1"), ("c.msh", b"2")]:
         (tmp_path / name).write_bytes(content)
-    keys = [mesh_key(dataclasses.replace(COLUMN, solid=MeshFile(tmp_path / name)), (), ()) for name in ["a.msh", "b.msh", "c.msh"]]
+    keys = [
+        mesh_key(dataclasses.replace(COLUMN, solid=MeshFile(tmp_path / name)), (), ())
+        for name in ["a.msh", "b.msh", "c.msh"]
+    ]
     assert keys[0] == keys[1] != keys[2]
 
 
@@ -300,7 +336,9 @@ def test_a_superelement_file_comes_back_as_it_went_in(tmp_path: Path) -> None:
         ({"loads": {"push": StaticLoad(np.zeros(3))}}, "loads/push"),
     ],
 )
-def test_a_superelement_file_that_contradicts_itself_is_refused(tmp_path: Path, change: dict[str, object], message: str) -> None:
+def test_a_superelement_file_that_contradicts_itself_is_refused(
+    tmp_path: Path, change: dict[str, object], message: str
+) -> None:
     path = tmp_path / "column.h5"
     write_superelement(path, dataclasses.replace(make_superelement(), **change))  # type: ignore[arg-type]
     with pytest.raises(RecordError, match=message):
@@ -336,7 +374,9 @@ def test_a_change_in_a_room_below_a_package_changes_its_fingerprint(tmp_path: Pa
     assert len(prints) == 4
 
 
-def test_a_file_that_is_exchanged_after_its_probe_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_is_exchanged_after_its_probe_is_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "part.h5"
     write_superelement(path, make_superelement())
     probe = superelements._probe

@@ -39,7 +39,9 @@ def test_rigid_patches_come_first_and_every_interface_keeps_its_name(mesh: Compo
     basis = build_boundary_basis(make_component({"tip": "average", "foot": "rigid"}), mesh, ())
     assert [node.name for node in basis.nodes] == ["foot", "tip"]
     assert basis.attachments["tip"].node == 1
-    np.testing.assert_allclose(basis.attachments["tip"].frame.origin, [SIZE[0] / 2, SIZE[1] / 2, SIZE[2]], rtol=1e-12)
+    np.testing.assert_allclose(
+        basis.attachments["tip"].frame.origin, [SIZE[0] / 2, SIZE[1] / 2, SIZE[2]], rtol=1e-12
+    )
 
 
 def test_shapes_are_rigid_motions_about_the_centroid(mesh: ComponentMesh) -> None:
@@ -47,7 +49,9 @@ def test_shapes_are_rigid_motions_about_the_centroid(mesh: ComponentMesh) -> Non
     dofs, values, number = basis.shapes[0]
     assert number == 0
     nodes = dofs[::3] // 3
-    np.testing.assert_allclose(values, rigid_map(mesh.points[nodes], np.array([SIZE[0] / 2, SIZE[1] / 2, 0.0])), atol=1e-15)
+    np.testing.assert_allclose(
+        values, rigid_map(mesh.points[nodes], np.array([SIZE[0] / 2, SIZE[1] / 2, 0.0])), atol=1e-15
+    )
 
 
 def test_separate_interfaces_are_independent(mesh: ComponentMesh) -> None:
@@ -64,15 +68,21 @@ def test_separate_interfaces_are_independent(mesh: ComponentMesh) -> None:
 def test_a_support_that_shares_points_with_a_rigid_patch_leaves_it_the_motions_in_the_plane(
     mesh: ComponentMesh, directions: tuple[str, ...], motions: list[list[int]]
 ) -> None:
-    # the foot meets x = 0 in an edge along y, whose points keep their x: y, z and the turn about x about that edge's height stay free
-    basis = build_boundary_basis(make_component({"foot": "rigid"}), mesh, (support("plane", *directions),))
-    free = np.linalg.svd(np.vstack([basis.constraints, np.zeros((1, 6))]))[2][np.linalg.matrix_rank(basis.constraints) :]
+    # the foot meets x = 0 in an edge along y, whose points keep their x: y, z and the turn about x
+    # about that edge's height stay free
+    basis = build_boundary_basis(
+        make_component({"foot": "rigid"}), mesh, (support("plane", *directions),)
+    )
+    free = np.linalg.svd(np.vstack([basis.constraints, np.zeros((1, 6))]))[2][
+        np.linalg.matrix_rank(basis.constraints) :
+    ]
     if not motions:
         # a held edge leaves the turn about itself
         assert len(free) == 1
         assert abs(free[0][4]) > 0.9
         return
-    # foot frame at z = 0, as the edge: besides the three motions of the plane, the turn about the edge itself
+    # foot frame at z = 0, as the edge: besides the three motions of the plane, the turn about the
+    # edge itself
     assert len(free) == 4
     for motion in motions:
         assert np.abs(basis.constraints @ np.array(motion, dtype=float)).max() < 1e-12
@@ -80,5 +90,7 @@ def test_a_support_that_shares_points_with_a_rigid_patch_leaves_it_the_motions_i
 
 def test_constraint_rows_are_orthonormal(mesh: ComponentMesh) -> None:
     basis = build_boundary_basis(make_component({"foot": "rigid", "side": "rigid"}), mesh, ())
-    np.testing.assert_allclose(basis.constraints @ basis.constraints.T, np.eye(len(basis.constraints)), atol=1e-12)
+    np.testing.assert_allclose(
+        basis.constraints @ basis.constraints.T, np.eye(len(basis.constraints)), atol=1e-12
+    )
     assert len(basis.constraints) == 5

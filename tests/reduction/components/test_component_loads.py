@@ -26,7 +26,9 @@ Case = tuple[ComponentMesh, ElasticOperators, dict[str, FloatArray]]
 
 @pytest.fixture(scope="module", params=["tet10", "hex27", "tet4", "hex8"])
 def case(request: pytest.FixtureRequest) -> Case:
-    mesh = make_box((2, 2, 3), SIZE, {"load:oil": "z+", "load:wind": "z+", "top": "z+"}, kind=request.param)
+    mesh = make_box(
+        (2, 2, 3), SIZE, {"load:oil": "z+", "load:wind": "z+", "top": "z+"}, kind=request.param
+    )
     operators = assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=True)
     vectors = assemble_loads(make_component(), mesh, operators, LOADS, gravity=True)
     return mesh, operators, vectors
@@ -44,7 +46,9 @@ def test_a_pressure_pushes_inward_through_the_centroid_with_all_its_area(
     force = -2e6 * SIZE[0] * SIZE[1]
     middle = measure_patch(mesh, "top").centroid
     exact = [0.0, 0.0, force, middle[1] * force, -middle[0] * force, 0.0]
-    np.testing.assert_allclose(resultant(operators, vectors["oil"]), exact, rtol=1e-12, atol=1e-11 * abs(force))
+    np.testing.assert_allclose(
+        resultant(operators, vectors["oil"]), exact, rtol=1e-12, atol=1e-11 * abs(force)
+    )
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -53,17 +57,26 @@ def test_a_traction_comes_as_one_pascal_along_each_axis(case: Case, axis: int) -
     area = SIZE[0] * SIZE[1]
     force = area * np.eye(3)[axis]
     exact = [*force, *np.cross(measure_patch(mesh, "top").centroid, force)]
-    np.testing.assert_allclose(resultant(operators, vectors["wind:" + "xyz"[axis]]), exact, rtol=1e-12, atol=1e-12 * area)
+    np.testing.assert_allclose(
+        resultant(operators, vectors["wind:" + "xyz"[axis]]), exact, rtol=1e-12, atol=1e-12 * area
+    )
 
 
 @pytest.mark.parametrize("name", ["gravity", "spin"])
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_unit_acceleration_acts_on_the_whole_mass_at_its_centre(case: Case, name: str, axis: int) -> None:
+def test_a_unit_acceleration_acts_on_the_whole_mass_at_its_centre(
+    case: Case, name: str, axis: int
+) -> None:
     _, operators, vectors = case
     mass = 7850.0 * math.prod(SIZE)
     force = mass * np.eye(3)[axis]
     exact = [*force, *np.cross(0.5 * np.array(SIZE), force)]
-    np.testing.assert_allclose(resultant(operators, vectors[f"{name}:" + "xyz"[axis]]), exact, rtol=1e-11, atol=1e-11 * mass)
+    np.testing.assert_allclose(
+        resultant(operators, vectors[f"{name}:" + "xyz"[axis]]),
+        exact,
+        rtol=1e-11,
+        atol=1e-11 * mass,
+    )
 
 
 def test_forces_at_interfaces_and_loads_on_other_components_bring_no_vectors(

@@ -31,23 +31,34 @@ def plane(*directions: str) -> tuple[Support]:
 
 
 def test_labels_name_every_dof_in_order(mesh: ComponentMesh) -> None:
-    element = reduce_elastic(make_component({"foot": "rigid", "tip": "average"}), mesh, comm=COMM, request=SIX)
-    assert element.labels[:7] == (*(("foot", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")), ("tip", "x"))
+    element = reduce_elastic(
+        make_component({"foot": "rigid", "tip": "average"}), mesh, comm=COMM, request=SIX
+    )
+    assert element.labels[:7] == (
+        *(("foot", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")),
+        ("tip", "x"),
+    )
     assert element.labels[12] == ("mode", "1")
     assert len(element.labels) == len(element.stiffness) == 12 + element.modal_count
     assert element.full_dofs == mesh.points.size
 
 
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
-def test_a_free_component_with_one_interface_has_no_stiffness_there_at_all(mesh: ComponentMesh, coupling: CouplingKind) -> None:
+def test_a_free_component_with_one_interface_has_no_stiffness_there_at_all(
+    mesh: ComponentMesh, coupling: CouplingKind
+) -> None:
     element = reduce_elastic(make_component({"foot": coupling}), mesh, comm=COMM, request=SIX)
     assert not element.stiffness[:6, :6].any()
     check_superelement(element)
 
 
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
-def test_a_symmetry_plane_leaves_its_three_motions_without_stiffness(mesh: ComponentMesh, coupling: CouplingKind) -> None:
-    element = reduce_elastic(make_component({"tip": coupling}), mesh, plane("x"), comm=COMM, request=SIX)
+def test_a_symmetry_plane_leaves_its_three_motions_without_stiffness(
+    mesh: ComponentMesh, coupling: CouplingKind
+) -> None:
+    element = reduce_elastic(
+        make_component({"tip": coupling}), mesh, plane("x"), comm=COMM, request=SIX
+    )
     # in the plane x = 0: along y, along z, about x
     for motion in ([0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0]):
         force = element.stiffness[:, :6] @ np.array(motion, dtype=float)
@@ -65,7 +76,9 @@ def test_half_a_body_on_its_symmetry_plane_is_the_symmetric_half_of_the_whole() 
     part = reduce_elastic(component, half, plane("x"), comm=COMM, request=ReductionRequest())
 
     def stretch(element: Superelement, middle: float) -> FloatArray:
-        """Stiffness against pulling the faces apart and against turning them towards each other about x."""
+        """Stiffness against pulling the faces apart and against turning them towards each other
+        about x.
+        """
         motions = np.zeros((12, 2))
         for name, sign in (("foot", -1.0), ("tip", 1.0)):
             node = element.attachments[name].node
@@ -77,12 +90,16 @@ def test_half_a_body_on_its_symmetry_plane_is_the_symmetric_half_of_the_whole() 
     np.testing.assert_allclose(found, exact, rtol=1e-9, atol=1e-12 * np.abs(exact).max())
 
 
-def test_a_body_on_a_symmetry_plane_alone_keeps_the_three_motions_that_the_plane_leaves(mesh: ComponentMesh) -> None:
+def test_a_body_on_a_symmetry_plane_alone_keeps_the_three_motions_that_the_plane_leaves(
+    mesh: ComponentMesh,
+) -> None:
     element = reduce_elastic(make_component(), mesh, plane("x"), comm=COMM, request=SIX)
     assert element.boundary_size == 6 and not element.stiffness[:6, :6].any()
     rows = element.constraints[:, :6]
     # x, turning about y and about z are fixed
-    np.testing.assert_allclose(np.abs(rows).sum(axis=0) > 1e-9, [True, False, False, False, True, True])
+    np.testing.assert_allclose(
+        np.abs(rows).sum(axis=0) > 1e-9, [True, False, False, False, True, True]
+    )
     free = element.mass[:6, :6].diagonal()
     np.testing.assert_allclose(free[1:3], element.mass_kg, rtol=1e-9)
     assert free[3] == pytest.approx(element.inertia[0, 0], rel=1e-9)
@@ -93,21 +110,31 @@ def test_a_clamped_body_without_interfaces_is_its_modes(mesh: ComponentMesh) -> 
     element = reduce_elastic(make_component(), mesh, clamp, comm=COMM, request=SIX)
     assert element.boundary_size == 0
     np.testing.assert_allclose(element.mass, np.eye(element.modal_count), atol=1e-10)
-    np.testing.assert_allclose(np.diag(element.stiffness), (2.0 * np.pi * element.modal_frequencies_hz) ** 2, rtol=1e-12)
+    np.testing.assert_allclose(
+        np.diag(element.stiffness), (2.0 * np.pi * element.modal_frequencies_hz) ** 2, rtol=1e-12
+    )
 
 
 def test_a_stated_mass_scales_the_density(mesh: ComponentMesh) -> None:
     plain = make_component({"foot": "rigid"})
     heavy = dataclasses.replace(plain, mass=123.0)
-    one, other = (reduce_elastic(component, mesh, comm=COMM, request=SIX) for component in (plain, heavy))
+    one, other = (
+        reduce_elastic(component, mesh, comm=COMM, request=SIX) for component in (plain, heavy)
+    )
     assert other.mass_kg == pytest.approx(123.0, rel=1e-12)
-    np.testing.assert_allclose(other.mass[:6, :6], one.mass[:6, :6] * 123.0 / one.mass_kg, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        other.mass[:6, :6], one.mass[:6, :6] * 123.0 / one.mass_kg, rtol=1e-9, atol=1e-9
+    )
     ratio = np.sqrt(one.mass_kg / 123.0)
-    np.testing.assert_allclose(other.modal_frequencies_hz, one.modal_frequencies_hz * ratio, rtol=1e-9)
+    np.testing.assert_allclose(
+        other.modal_frequencies_hz, one.modal_frequencies_hz * ratio, rtol=1e-9
+    )
 
 
 def test_recovery_shows_every_interface_its_own_motion(mesh: ComponentMesh) -> None:
-    element = reduce_elastic(make_component({"foot": "rigid", "tip": "rigid"}), mesh, comm=COMM, request=SIX)
+    element = reduce_elastic(
+        make_component({"foot": "rigid", "tip": "rigid"}), mesh, comm=COMM, request=SIX
+    )
     node = element.attachments["tip"].node
     moved = (present(element.recovery).basis[:, 6 * node + 2]).reshape(-1, 3)
     tip, foot = mesh.points[:, 2] > SIZE[2] - 1e-9, mesh.points[:, 2] < 1e-9
@@ -116,7 +143,9 @@ def test_recovery_shows_every_interface_its_own_motion(mesh: ComponentMesh) -> N
 
 
 def test_gravity_loads_the_interfaces_with_the_whole_weight(mesh: ComponentMesh) -> None:
-    element = reduce_elastic(make_component({"foot": "rigid", "tip": "average"}), mesh, comm=COMM, request=SIX)
+    element = reduce_elastic(
+        make_component({"foot": "rigid", "tip": "average"}), mesh, comm=COMM, request=SIX
+    )
     vector = element.loads["gravity:z"].vector
     assert vector[2] + vector[8] == pytest.approx(element.mass_kg, rel=1e-10)
 
@@ -132,5 +161,7 @@ def test_mode_targets_follow_the_components_settings() -> None:
 
 
 def test_residuals_of_the_solves_are_reported(mesh: ComponentMesh) -> None:
-    element = reduce_elastic(make_component({"foot": "rigid", "tip": "average"}), mesh, comm=COMM, request=SIX)
+    element = reduce_elastic(
+        make_component({"foot": "rigid", "tip": "average"}), mesh, comm=COMM, request=SIX
+    )
     assert 0.0 < element.residual < 1e-8

@@ -9,8 +9,17 @@ from mpi4py import MPI
 from common import make_box, make_component
 from headstock.geometry.frames import FloatArray
 from headstock.reduction.components import fixed_interface_modes
-from headstock.reduction.components.fixed_interface_modes import DENSE_LIMIT, find_fixed_interface_modes, require_resolved
-from headstock.solvers.elastic.block_lanczos import EigenPairs, ModeTarget, Operator, lowest_eigenpairs
+from headstock.reduction.components.fixed_interface_modes import (
+    DENSE_LIMIT,
+    find_fixed_interface_modes,
+    require_resolved,
+)
+from headstock.solvers.elastic.block_lanczos import (
+    EigenPairs,
+    ModeTarget,
+    Operator,
+    lowest_eigenpairs,
+)
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
 from headstock.solvers.elastic.elasticity import assemble_elasticity
 from headstock.solvers.errors import AccuracyError
@@ -32,43 +41,63 @@ def exact(solver: ConstrainedSolver) -> FloatArray:
     free = ~solver.held
     assert solver.operators.scalar_mass is not None
     mass = np.kron(solver.operators.scalar_mass.toarray(), np.eye(3))[np.ix_(free, free)]
-    return np.asarray(scipy.linalg.eigvalsh(solver.operators.stiffness.toarray()[np.ix_(free, free)], mass))
+    return np.asarray(
+        scipy.linalg.eigvalsh(solver.operators.stiffness.toarray()[np.ix_(free, free)], mass)
+    )
 
 
-@pytest.mark.parametrize("count", [1, 10, 30, 200], ids=["lanczos 1", "lanczos 10", "lanczos 30", "dense 200"])
-def test_eigenvalues_are_the_lowest_of_the_held_component(solver: ConstrainedSolver, exact: FloatArray, count: int) -> None:
+@pytest.mark.parametrize(
+    "count", [1, 10, 30, 200], ids=["lanczos 1", "lanczos 10", "lanczos 30", "dense 200"]
+)
+def test_eigenvalues_are_the_lowest_of_the_held_component(
+    solver: ConstrainedSolver, exact: FloatArray, count: int
+) -> None:
     found = find_fixed_interface_modes(solver, ModeTarget(count=count))
     assert len(found.eigenvalues) >= count
     np.testing.assert_allclose(found.eigenvalues, exact[: len(found.eigenvalues)], rtol=1e-9)
 
 
 @pytest.mark.parametrize("count", [10, 200])
-def test_shapes_diagonalise_mass_and_stiffness_and_rest_on_held_dofs(solver: ConstrainedSolver, count: int) -> None:
+def test_shapes_diagonalise_mass_and_stiffness_and_rest_on_held_dofs(
+    solver: ConstrainedSolver, count: int
+) -> None:
     found = find_fixed_interface_modes(solver, ModeTarget(count=count))
     assert not found.shapes[solver.held].any()
     np.testing.assert_allclose(
-        found.shapes.T @ solver.operators.apply_mass(found.shapes), np.eye(len(found.eigenvalues)), atol=1e-10
+        found.shapes.T @ solver.operators.apply_mass(found.shapes),
+        np.eye(len(found.eigenvalues)),
+        atol=1e-10,
     )
     stiffness = found.shapes.T @ solver.operators.apply_stiffness(found.shapes)
     assert np.abs(stiffness - np.diag(found.eigenvalues)).max() < 1e-9 * found.eigenvalues[-1]
 
 
-def test_a_frequency_keeps_every_mode_up_to_it(solver: ConstrainedSolver, exact: FloatArray) -> None:
+def test_a_frequency_keeps_every_mode_up_to_it(
+    solver: ConstrainedSolver, exact: FloatArray
+) -> None:
     limit = 0.5 * (np.sqrt(exact[6]) + np.sqrt(exact[7])) / (2.0 * np.pi)
     found = find_fixed_interface_modes(solver, ModeTarget(up_to_hz=limit))
     assert len(found.eigenvalues) >= 7
     assert found.cutoff_hz > limit
-    assert found.cutoff_hz == pytest.approx(np.sqrt(exact[len(found.eigenvalues)]) / (2.0 * np.pi), rel=1e-3)
+    assert found.cutoff_hz == pytest.approx(
+        np.sqrt(exact[len(found.eigenvalues)]) / (2.0 * np.pi), rel=1e-3
+    )
 
 
-def test_a_frequency_below_the_first_mode_keeps_none(solver: ConstrainedSolver, exact: FloatArray) -> None:
-    found = find_fixed_interface_modes(solver, ModeTarget(up_to_hz=0.1 * np.sqrt(exact[0]) / (2.0 * np.pi)))
+def test_a_frequency_below_the_first_mode_keeps_none(
+    solver: ConstrainedSolver, exact: FloatArray
+) -> None:
+    found = find_fixed_interface_modes(
+        solver, ModeTarget(up_to_hz=0.1 * np.sqrt(exact[0]) / (2.0 * np.pi))
+    )
     assert len(found.eigenvalues) == 0
     assert found.cutoff_hz == pytest.approx(np.sqrt(exact[0]) / (2.0 * np.pi), rel=1e-3)
 
 
 @pytest.mark.parametrize("target", [None, ModeTarget(count=0)])
-def test_nothing_asked_for_keeps_no_mode_and_promises_no_frequency(solver: ConstrainedSolver, target: ModeTarget | None) -> None:
+def test_nothing_asked_for_keeps_no_mode_and_promises_no_frequency(
+    solver: ConstrainedSolver, target: ModeTarget | None
+) -> None:
     found = find_fixed_interface_modes(solver, target)
     assert found.shapes.shape == (len(solver.held), 0)
     assert found.cutoff_hz == 0.0
@@ -90,7 +119,9 @@ def test_the_dense_road_and_the_iterative_one_agree(solver: ConstrainedSolver) -
     assert solver.free_total < DENSE_LIMIT
 
 
-def test_a_frequency_above_every_mode_keeps_them_all(solver: ConstrainedSolver, exact: FloatArray) -> None:
+def test_a_frequency_above_every_mode_keeps_them_all(
+    solver: ConstrainedSolver, exact: FloatArray
+) -> None:
     found = find_fixed_interface_modes(solver, ModeTarget(up_to_hz=1e12))
     assert len(found.eigenvalues) == len(exact)
     assert found.cutoff_hz == np.inf
@@ -121,14 +152,18 @@ def test_a_search_that_misses_by_more_than_conditioning_allows_is_refused(
                 dimension: int,
                 error: float = error,
             ) -> EigenPairs:
-                pairs = lowest_eigenpairs(inverse, mass, start, target, comm=comm, dimension=dimension)
+                pairs = lowest_eigenpairs(
+                    inverse, mass, start, target, comm=comm, dimension=dimension
+                )
                 return dataclasses.replace(pairs, values=pairs.values * (1.0 + error))
 
             monkeypatch.setattr(fixed_interface_modes, "lowest_eigenpairs", missing)
             if error == errors[0]:
                 find_fixed_interface_modes(solver, ModeTarget(count=4))
             else:
-                with pytest.raises(AccuracyError, match="between the inverse and the stiffness itself"):
+                with pytest.raises(
+                    AccuracyError, match="between the inverse and the stiffness itself"
+                ):
                     find_fixed_interface_modes(solver, ModeTarget(count=4))
 
 
@@ -143,6 +178,9 @@ def test_frequencies_of_a_thin_sheet_are_those_of_a_thicker_one_by_thickness() -
     found = []
     for thickness in (2e-3, 1e-3):
         with sheet_solver(thickness) as solver:
-            found.append(np.sqrt(find_fixed_interface_modes(solver, ModeTarget(count=3)).eigenvalues[:3]) / thickness)
+            found.append(
+                np.sqrt(find_fixed_interface_modes(solver, ModeTarget(count=3)).eigenvalues[:3])
+                / thickness
+            )
     # Kirchhoff: proportional to the thickness but for a transverse shear of (thickness/width)^2
     np.testing.assert_allclose(found[1], found[0], rtol=2e-3)

@@ -39,7 +39,9 @@ def test_normals_point_outward_and_close_around_the_body(mesh: ComponentMesh) ->
     whole = measure_patch(mesh, "skin")
     assert np.abs(whole.normals.sum(axis=0)).max() < 1e-13 * whole.area
     # divergence theorem: the flux of the position is three times the volume
-    assert (whole.normals * whole.points).sum() == pytest.approx(3.0 * mesh.quality.volume, rel=1e-12)
+    assert (whole.normals * whole.points).sum() == pytest.approx(
+        3.0 * mesh.quality.volume, rel=1e-12
+    )
 
 
 def test_weights_integrate_products_over_the_face(mesh: ComponentMesh) -> None:
@@ -79,8 +81,12 @@ def test_an_area_determines_all_rotations_and_a_line_all_but_one(mesh: Component
     assert len(measure_patch(mesh, "top").undetermined_rotations()) == 0
     line = mesh.points[np.unique(mesh.patches["top"])]
     axis = slanted(np.array([[1.0, 0.0, 0.0]]))[0]
-    along = np.unique(mesh.patches["top"])[np.linalg.norm(np.cross(line - line[0], axis), axis=1) < 1e-12]
-    forced = dataclasses.replace(mesh, patches={"line": np.repeat(along[:, None], mesh.patches["top"].shape[1], axis=1)})
+    along = np.unique(mesh.patches["top"])[
+        np.linalg.norm(np.cross(line - line[0], axis), axis=1) < 1e-12
+    ]
+    forced = dataclasses.replace(
+        mesh, patches={"line": np.repeat(along[:, None], mesh.patches["top"].shape[1], axis=1)}
+    )
     patch = measure_patch(forced, "line")
     assert patch.area == 0.0
     found = patch.undetermined_rotations()
@@ -90,7 +96,9 @@ def test_an_area_determines_all_rotations_and_a_line_all_but_one(mesh: Component
 
 
 def test_a_point_determines_no_rotation(mesh: ComponentMesh) -> None:
-    forced = dataclasses.replace(mesh, patches={"point": np.full((1, mesh.patches["top"].shape[1]), 0)})
+    forced = dataclasses.replace(
+        mesh, patches={"point": np.full((1, mesh.patches["top"].shape[1]), 0)}
+    )
     patch = measure_patch(forced, "point")
     assert len(patch.undetermined_rotations()) == 3
     np.testing.assert_allclose(patch.average_operator()[:, :3], np.eye(3), atol=1e-14)
@@ -98,5 +106,7 @@ def test_a_point_determines_no_rotation(mesh: ComponentMesh) -> None:
 
 
 def test_a_group_without_facets_is_refused_with_the_groups_there_are(mesh: ComponentMesh) -> None:
-    with pytest.raises(ValueError, match=r"'rail' has no facets; groups: \['side', 'skin', 'top'\]"):
+    with pytest.raises(
+        ValueError, match=r"'rail' has no facets; groups: \['side', 'skin', 'top'\]"
+    ):
         measure_patch(mesh, "rail")

@@ -6,13 +6,23 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, ReductionSettings
+from headstock.geometry.parts.components import (
+    Component,
+    Interface,
+    Material,
+    MeshSettings,
+    Patch,
+    ReductionSettings,
+)
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.meshing import mesh_component
 from headstock.reduction.components.boundary_basis import build_boundary_basis
 from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.components.fixed_interface_modes import find_fixed_interface_modes, verify_mode_count
+from headstock.reduction.components.fixed_interface_modes import (
+    find_fixed_interface_modes,
+    verify_mode_count,
+)
 from headstock.solvers.elastic.block_lanczos import ModeTarget
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
 from headstock.solvers.elastic.elasticity import assemble_elasticity
@@ -26,7 +36,10 @@ def _column() -> tuple[Component, ComponentMesh]:
         "column",
         Box((0.05, 0.05, 0.5)),
         STEEL,
-        interfaces={"foot": Interface("foot", (Patch("z-"),)), "tip": Interface("tip", (Patch("z+"),), "average")},
+        interfaces={
+            "foot": Interface("foot", (Patch("z-"),)),
+            "tip": Interface("tip", (Patch("z+"),), "average"),
+        },
         mesh=MeshSettings(size=0.025, cells="hex"),
         reduction=ReductionSettings(modes=7, verify=True),
     )
@@ -42,7 +55,9 @@ def test_a_reduction_with_verify_counts_its_modes() -> None:
 def test_a_lost_twin_is_found_out_by_the_count() -> None:
     component, mesh = _column()
     operators = assemble_elasticity(mesh, STEEL, comm=MPI.COMM_SELF, with_mass=True)
-    held = build_boundary_basis(component, mesh, ()).held[(3 * operators.nodes[:, None] + np.arange(3)).ravel()]
+    held = build_boundary_basis(component, mesh, ()).held[
+        (3 * operators.nodes[:, None] + np.arange(3)).ravel()
+    ]
     with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
         modes = find_fixed_interface_modes(solver, ModeTarget(count=6))
         verify_mode_count(solver, modes)

@@ -12,7 +12,14 @@ from common import make_box, make_component
 from headstock.geometry.frames import BoolArray, FloatArray, Frame, rotation_about
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose, orient_machine
-from headstock.geometry.parts.components import Component, Interface, Load, Material, Patch, SegmentSettings
+from headstock.geometry.parts.components import (
+    Component,
+    Interface,
+    Load,
+    Material,
+    Patch,
+    SegmentSettings,
+)
 from headstock.geometry.parts.mass_properties import closed_form_properties
 from headstock.geometry.parts.prismatic_bars import prismatic_bar, shear_coefficient
 from headstock.geometry.parts.solids import Box, HollowColumn, Tube
@@ -28,13 +35,30 @@ from headstock.solvers.linear.static_response import solve_static
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 SIZE = (0.038, 0.100, 0.500)
 ENDS = {"x": ("x-", "x+"), "y": ("y-", "y+"), "z": ("z-", "z+")}
-TIMOSHENKO_HZ = {"X1": 126.42642, "Y1": 324.24962, "X2": 771.88119, "T1": 993.73119, "Y2": 1749.43768, "X3": 2079.22362}
+TIMOSHENKO_HZ = {
+    "X1": 126.42642,
+    "Y1": 324.24962,
+    "X2": 771.88119,
+    "T1": 993.73119,
+    "Y2": 1749.43768,
+    "X3": 2079.22362,
+}
 
 
 def bar(count: int, along: str = "z") -> Component:
     size = {"z": SIZE, "x": (SIZE[2], SIZE[0], SIZE[1]), "y": (SIZE[1], SIZE[2], SIZE[0])}[along]
-    faces = {name: Interface(name, (Patch(face),)) for name, face in zip(("foot", "tip"), ENDS[along], strict=True)}
-    return Component("bar", Box(size), STEEL, interfaces=faces, fidelity="segmented", segments=SegmentSettings(count))
+    faces = {
+        name: Interface(name, (Patch(face),))
+        for name, face in zip(("foot", "tip"), ENDS[along], strict=True)
+    }
+    return Component(
+        "bar",
+        Box(size),
+        STEEL,
+        interfaces=faces,
+        fidelity="segmented",
+        segments=SegmentSettings(count),
+    )
 
 
 def reduce(component: Component) -> Superelement:
@@ -45,7 +69,12 @@ def reduce(component: Component) -> Superelement:
 
 def cantilever_machine(component: Component) -> Machine:
     clamp = Joint("clamp", (JointEnd(), JointEnd("bar", "foot")), "rigid", held=tuple(range(6)))
-    return Machine("m", {"bar": component}, {"clamp": clamp}, {"tcp": Point("tcp", JointEnd("bar", "tip"), JointEnd())})
+    return Machine(
+        "m",
+        {"bar": component},
+        {"clamp": clamp},
+        {"tcp": Point("tcp", JointEnd("bar", "tip"), JointEnd())},
+    )
 
 
 def cantilever(component: Component) -> CoupledMachine:
@@ -53,12 +82,16 @@ def cantilever(component: Component) -> CoupledMachine:
 
 
 def compliance(coupled: CoupledMachine) -> FloatArray:
-    ports = np.column_stack([coupled.system.inputs["tcp", dof] for dof in ("x", "y", "z", "rx", "ry", "rz")])
+    ports = np.column_stack(
+        [coupled.system.inputs["tcp", dof] for dof in ("x", "y", "z", "rx", "ry", "rz")]
+    )
     return np.asarray(ports.T @ solve_static(coupled.system, ports).displacements)
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 17])
-def test_end_loads_are_answered_as_timoshenko_s_beam_with_any_number_of_segments(count: int) -> None:
+def test_end_loads_are_answered_as_timoshenko_s_beam_with_any_number_of_segments(
+    count: int,
+) -> None:
     width, depth, length = SIZE[1], SIZE[0], SIZE[2]
     area, second, shear = width * depth, width * depth**3 / 12.0, STEEL.youngs_modulus / 2.6
     kappa = 13.0 / 15.3
@@ -67,13 +100,17 @@ def test_end_loads_are_answered_as_timoshenko_s_beam_with_any_number_of_segments
     assert found[0, 0] == pytest.approx(bending, rel=1e-9)
     assert found[2, 2] == pytest.approx(length / (STEEL.youngs_modulus * area), rel=1e-9)
     assert found[4, 0] == pytest.approx(length**2 / (2.0 * STEEL.youngs_modulus * second), rel=1e-9)
-    assert found[3, 1] == pytest.approx(-6.0 * length**2 / (STEEL.youngs_modulus * depth * width**3), rel=1e-9)
+    assert found[3, 1] == pytest.approx(
+        -6.0 * length**2 / (STEEL.youngs_modulus * depth * width**3), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("along", ["x", "y"])
 def test_a_bar_along_another_axis_has_the_same_compliances(along: str) -> None:
     upright, lying = compliance(cantilever(bar(6))), compliance(cantilever(bar(6, along)))
-    order = {"x": [1, 2, 0], "y": [2, 0, 1]}[along]  # axis of the lying bar that stands for x, y, z of the upright one
+    order = {"x": [1, 2, 0], "y": [2, 0, 1]}[
+        along
+    ]  # axis of the lying bar that stands for x, y, z of the upright one
     picked = [*order, *(3 + i for i in order)]
     np.testing.assert_allclose(lying[np.ix_(picked, picked)], upright, rtol=1e-8, atol=1e-14)
 
@@ -93,14 +130,18 @@ def test_mass_centre_and_inertia_are_those_of_the_solid() -> None:
     part, properties = reduce(component), closed_form_properties(component)
     assert properties is not None
     assert part.mass_kg == pytest.approx(12.0, rel=1e-12) and part.full_dofs == 42
-    np.testing.assert_allclose(part.inertia, 12.0 / properties.volume * properties.inertia, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(
+        part.inertia, 12.0 / properties.volume * properties.inertia, rtol=1e-12, atol=1e-14
+    )
     np.testing.assert_allclose(part.center_of_mass, properties.center, atol=1e-15)
 
 
 def test_frequencies_do_not_depend_on_the_orientation_of_the_machine() -> None:
     component = bar(8)
     machine = cantilever_machine(component)
-    turned = orient_machine(machine, Frame(np.array([3.0, -1.0, 0.5]), rotation_about(np.array([1.0, 2.0, 3.0]), 0.7)))
+    turned = orient_machine(
+        machine, Frame(np.array([3.0, -1.0, 0.5]), rotation_about(np.array([1.0, 2.0, 3.0]), 0.7))
+    )
     parts = {"bar": reduce(component)}
     wanted = solve_modal(couple(parts, machine, Pose("home")).system, count=6).frequencies_hz
     found = solve_modal(couple(parts, turned, Pose("home")).system, count=6).frequencies_hz
@@ -128,19 +169,25 @@ def test_under_a_rigid_patch_the_bar_is_rigid_from_edge_to_edge_wherever_segment
     bending = low**3 / 3.0 + lever * low**2 + lever**2 * low
     assert found[0, 0] == pytest.approx(bending / BENDING + low / SHEARING, rel=1e-3)
     assert found[4, 4] == pytest.approx(low / BENDING, rel=1e-3)
-    assert found[2, 2] == pytest.approx(low / (STEEL.youngs_modulus * SIZE[0] * SIZE[1]) + 0.019**2 * low / BENDING, rel=1e-3)
+    assert found[2, 2] == pytest.approx(
+        low / (STEEL.youngs_modulus * SIZE[0] * SIZE[1]) + 0.019**2 * low / BENDING, rel=1e-3
+    )
 
 
 def test_one_rigid_interface_of_two_patches_bridges_what_lies_between_them() -> None:
     near, far = (Patch("x+", "rect", (0.0, 0.0, middle), (0.1, 0.05)) for middle in (0.125, 0.375))
     plain = bar(7)
-    both = dataclasses.replace(plain, interfaces={**plain.interfaces, "tip": Interface("tip", (near, far))})
+    both = dataclasses.replace(
+        plain, interfaces={**plain.interfaces, "tip": Interface("tip", (near, far))}
+    )
     # the bar bends up to 100 mm, where the first patch begins; from there on everything is rigid
     assert compliance(cantilever(both))[4, 4] == pytest.approx(0.1 / BENDING, rel=1e-9)
 
 
 def mean_compliances(low: float, high: float) -> tuple[float, float]:
-    """Compliance of the mean deflection and of the mean slope of a stretch of a cantilever, by double integration."""
+    """Compliance of the mean deflection and of the mean slope of a stretch of a cantilever, by
+    double integration.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(1000)
     z, w = 0.5 * (low + high) + 0.5 * (high - low) * nodes, 0.5 * (high - low) * weights
     near, far = np.minimum.outer(z, z), np.maximum.outer(z, z)
@@ -150,7 +197,9 @@ def mean_compliances(low: float, high: float) -> tuple[float, float]:
     return float(mean @ influence @ mean), float(slope @ influence @ slope)
 
 
-def test_an_averaging_patch_takes_the_best_fit_of_its_surface_and_approaches_the_beam_s_with_second_order() -> None:
+def test_an_averaging_patch_takes_the_best_fit_of_its_surface_and_approaches_the_beam_s_with_second_order() -> (
+    None
+):
     deflection, slope = mean_compliances(0.2, 0.4)
     errors = []
     for count in (5, 10, 20, 40):
@@ -163,18 +212,23 @@ def test_an_averaging_patch_takes_the_best_fit_of_its_surface_and_approaches_the
 
 @pytest.mark.parametrize("count", [4, 6, 9, 13])
 @pytest.mark.parametrize(("low", "high"), [(0.22, 0.36), (0.345, 0.5), (0.40, 0.42)])
-def test_an_averaging_patch_is_right_wherever_segments_end(count: int, low: float, high: float) -> None:
+def test_an_averaging_patch_is_right_wherever_segments_end(
+    count: int, low: float, high: float
+) -> None:
     found = compliance(cantilever(side_patch("average", low, high, count=count)))
     deflection, slope = mean_compliances(low, high)
     assert found[0, 0] == pytest.approx(deflection, rel=2e-3)
-    # not shown is what gives way between two nodes that are held: shear under the couple, and the bend of a clamped segment
+    # not shown is what gives way between two nodes that are held: shear under the couple, and the
+    # bend of a clamped segment
     hidden = 1.2 / (SHEARING * (high - low)) + SIZE[2] / count / (16.0 * BENDING)
     assert slope - hidden < found[4, 4] < slope * (1.0 + 1e-6)
 
 
 def test_an_averaging_patch_stiffens_nothing() -> None:
     free = solve_modal(cantilever(bar(10)).system, count=1).frequencies_hz[0]
-    averaged = solve_modal(cantilever(side_patch("average", 0.30, 0.50)).system, count=1).frequencies_hz[0]
+    averaged = solve_modal(
+        cantilever(side_patch("average", 0.30, 0.50)).system, count=1
+    ).frequencies_hz[0]
     assert averaged == pytest.approx(free, rel=1e-9)
 
 
@@ -185,11 +239,18 @@ def test_a_side_patch_answers_as_on_finite_elements(coupling: str) -> None:
 
     mesh = make_box((2, 4, 20), SIZE, {"foot": "z-", "tip": side})
     component = dataclasses.replace(make_component({"foot": "rigid", "tip": coupling}), name="bar")
-    solid = reduce_elastic(component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(recovery=False))
+    solid = reduce_elastic(
+        component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(recovery=False)
+    )
     wanted = compliance(couple({"bar": solid}, cantilever_machine(component), Pose("home")))
     found = compliance(cantilever(side_patch(coupling, 0.2, 0.3)))
-    # the beam knows neither the foot's hindered contraction nor the dent under the patch: 1 to 3 %, in twist about z 7 to 11 %
-    np.testing.assert_allclose(found.diagonal()[:5] / wanted.diagonal()[:5], 1.0, atol=0.11 if coupling == "rigid" else 0.03)
+    # the beam knows neither the foot's hindered contraction nor the dent under the patch: 1 to 3 %,
+    # in twist about z 7 to 11 %
+    np.testing.assert_allclose(
+        found.diagonal()[:5] / wanted.diagonal()[:5],
+        1.0,
+        atol=0.11 if coupling == "rigid" else 0.03,
+    )
 
 
 def test_a_disk_and_a_strip_are_averaged_like_the_areas_they_are() -> None:
@@ -216,7 +277,14 @@ def test_a_disk_and_a_strip_are_averaged_like_the_areas_they_are() -> None:
 
 def test_the_surface_of_a_segmented_tube_bends_with_it() -> None:
     ends = {name: Interface(name, (Patch(face),)) for name, face in (("foot", "z-"), ("tip", "z+"))}
-    tube = Component("bar", Tube(0.1, 0.06, 0.8), STEEL, interfaces=ends, fidelity="segmented", segments=SegmentSettings(5))
+    tube = Component(
+        "bar",
+        Tube(0.1, 0.06, 0.8),
+        STEEL,
+        interfaces=ends,
+        fidelity="segmented",
+        segments=SegmentSettings(5),
+    )
     found, skin = cantilever(tube), segment_skin(tube)
     motion = found.basis @ solve_static(found.system, found.system.inputs["tcp", "x"]).displacements
     part = found.layout.superelements["bar"]
@@ -227,11 +295,22 @@ def test_the_surface_of_a_segmented_tube_bends_with_it() -> None:
     z = skin.points[:, 2]
     wanted = z**2 * (2.4 - z) / (6.0 * 2.1e11 * second) + z / (kappa * 2.1e11 / 2.6 * area)
     np.testing.assert_allclose(shift[:, 0], wanted, rtol=1e-9, atol=1e-18)
-    np.testing.assert_allclose(shift[:, 2], -skin.points[:, 0] * z * (1.6 - z) / (2.0 * 2.1e11 * second), rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(
+        shift[:, 2],
+        -skin.points[:, 0] * z * (1.6 - z) / (2.0 * 2.1e11 * second),
+        rtol=1e-9,
+        atol=1e-18,
+    )
 
 
 def test_a_traction_acts_where_it_is_and_a_body_load_on_all() -> None:
-    load = Load("wind", "bar", "traction", (Patch("x-", "rect", (0.0, 0.0, 0.43), (0.1, 0.06)),), vector=(1.0, 0.0, 0.0))
+    load = Load(
+        "wind",
+        "bar",
+        "traction",
+        (Patch("x-", "rect", (0.0, 0.0, 0.43), (0.1, 0.06)),),
+        vector=(1.0, 0.0, 0.0),
+    )
     own = Load("own", "bar", "body", vector=(1.0, 0.0, 0.0))
     component = bar(10)
     properties = closed_form_properties(component)
@@ -247,12 +326,17 @@ def test_a_traction_acts_where_it_is_and_a_body_load_on_all() -> None:
 
 @pytest.mark.parametrize(
     ("solid", "along", "reason"),
-    [(HollowColumn((0.3, 0.3, 1.0), 0.02, 0.02), None, "section changes"), (Tube(0.1, 0.08, 1.0), "x", "along z only")],
+    [
+        (HollowColumn((0.3, 0.3, 1.0), 0.02, 0.02), None, "section changes"),
+        (Tube(0.1, 0.08, 1.0), "x", "along z only"),
+    ],
 )
 def test_what_is_no_bar_of_one_section_is_refused_with_the_reason(
     solid: HollowColumn | Tube, along: str | None, reason: str
 ) -> None:
-    component = Component("c", solid, STEEL, fidelity="segmented", segments=SegmentSettings(5, "x" if along else None))
+    component = Component(
+        "c", solid, STEEL, fidelity="segmented", segments=SegmentSettings(5, "x" if along else None)
+    )
     properties = closed_form_properties(component)
     assert properties is not None
     with pytest.raises(ModelError, match=reason):

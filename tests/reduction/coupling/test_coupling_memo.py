@@ -1,4 +1,6 @@
-"""A coupling that remembers the last pose gives, bit by bit, what one that remembers nothing gives."""
+"""A coupling that remembers the last pose gives, bit by bit, what one that remembers nothing
+gives.
+"""
 
 from pathlib import Path
 
@@ -18,10 +20,16 @@ SCENE = Path(__file__).parents[2] / "data" / "slide.toml"
 
 @pytest.mark.parametrize("held", [False, True])
 def test_every_matrix_is_that_of_a_coupling_without_a_memo(held: bool) -> None:
-    overrides = ['joints.carriage.stiffness.roll="rigid"', 'joints.foot_2.stiffness.x="1 MN/um"'] if held else []
+    overrides = (
+        ['joints.carriage.stiffness.roll="rigid"', 'joints.foot_2.stiffness.x="1 MN/um"']
+        if held
+        else []
+    )
     machine = load_scene(SCENE, overrides=overrides).machine
     parts = {
-        name: (reduce_rigid if part.fidelity == "rigid" else reduce_segmented)(part, describe_component(part))
+        name: (reduce_rigid if part.fidelity == "rigid" else reduce_segmented)(
+            part, describe_component(part)
+        )
         for name, part in machine.components.items()
     }
     memo = CouplingMemo({"tcp"})
@@ -30,7 +38,9 @@ def test_every_matrix_is_that_of_a_coupling_without_a_memo(held: bool) -> None:
         quick, plain = couple(parts, machine, pose, memo=memo), couple(parts, machine, pose)
         for name in ("mass", "stiffness"):
             assert getattr(quick.system, name).tobytes() == getattr(plain.system, name).tobytes()
-        assert set(quick.system.inputs) == {("tcp", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")}
+        assert set(quick.system.inputs) == {
+            ("tcp", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")
+        }
         for port, row in quick.system.inputs.items():
             assert np.array_equal(row, plain.system.inputs[port])
         assert quick.system.labels == plain.system.labels

@@ -49,7 +49,9 @@ def test_stiff_groups_are_seen_only_by_their_own_coordinates() -> None:
     np.testing.assert_allclose(found.basis.T @ found.basis, np.eye(8), atol=1e-13)
 
 
-def rigid_joints(bodies: int, joints: list[tuple[int, int]], seed: int) -> tuple[FloatArray, FloatArray]:
+def rigid_joints(
+    bodies: int, joints: list[tuple[int, int]], seed: int
+) -> tuple[FloatArray, FloatArray]:
     """Rows that hold bodies of two faces together, six dofs a face, and a scale of the dofs."""
     generator = np.random.default_rng(seed)
     rows = np.zeros((6 * len(joints), 12 * bodies))
@@ -62,9 +64,14 @@ def rigid_joints(bodies: int, joints: list[tuple[int, int]], seed: int) -> tuple
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_sets_taken_apart_span_what_one_decomposition_of_all_rows_does_on_random_graphs(seed: int) -> None:
+def test_sets_taken_apart_span_what_one_decomposition_of_all_rows_does_on_random_graphs(
+    seed: int,
+) -> None:
     generator = np.random.default_rng(seed)
-    joints = [(int(first), int(second)) for first, second in (generator.choice(8, 2, replace=False) for _ in range(7))]
+    joints = [
+        (int(first), int(second))
+        for first, second in (generator.choice(8, 2, replace=False) for _ in range(7))
+    ]
     # some joints twice: redundant
     rows, scale = rigid_joints(8, [*joints, *joints[:2]], seed)
     rows[-12:] = rows[:12]

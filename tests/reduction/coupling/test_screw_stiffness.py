@@ -1,4 +1,6 @@
-"""A ball screw is as stiff as nut, shaft, bearings and coupling together, wherever the nut stands."""
+"""A ball screw is as stiff as nut, shaft, bearings and coupling together, wherever the nut
+stands.
+"""
 
 import dataclasses
 import math
@@ -22,12 +24,21 @@ AXIAL, TORSIONAL = 210e9 * math.pi * DIAMETER**2 / 4.0, 80e9 * math.pi * DIAMETE
 ALL = tuple(range(6))
 TWISTING = ScrewShaft(AXIAL, TORSIONAL, LEAD, BEARING, COUPLING)
 HELD_AT_BOTH_ENDS = ScrewShaft(
-    AXIAL, TORSIONAL, bearing=BEARING, far=JointEnd("end_2", "far"), far_bearing=FAR_BEARING, length=LENGTH
+    AXIAL,
+    TORSIONAL,
+    bearing=BEARING,
+    far=JointEnd("end_2", "far"),
+    far_bearing=FAR_BEARING,
+    length=LENGTH,
 )
 
 
-def screw_machine(shaft: ScrewShaft, *, soft: float = 0.0) -> tuple[dict[str, Superelement], Machine]:
-    """A slide on a screw along x, its bearings at x = 0 and x = 0.9 m; they stand on springs where ``soft`` is not zero."""
+def screw_machine(
+    shaft: ScrewShaft, *, soft: float = 0.0
+) -> tuple[dict[str, Superelement], Machine]:
+    """A slide on a screw along x, its bearings at x = 0 and x = 0.9 m; they stand on springs where
+    ``soft`` is not zero.
+    """
     bodies = [
         rigid_body("end_1", 2.0, {"near": (0.0, 0.0, 0.0)}),
         rigid_body("end_2", 2.0, {"far": (LENGTH, 0.0, 0.0)}, center=(LENGTH, 0.0, 0.0)),
@@ -35,21 +46,30 @@ def screw_machine(shaft: ScrewShaft, *, soft: float = 0.0) -> tuple[dict[str, Su
     ]
     held = (1, 2, 3, 4, 5)
     stand = (
-        partial(joint_between, stiffness=(soft, 0.0, 0.0, 0.0, 0.0, 0.0), held=held) if soft else partial(joint_between, held=ALL)
+        partial(joint_between, stiffness=(soft, 0.0, 0.0, 0.0, 0.0, 0.0), held=held)
+        if soft
+        else partial(joint_between, held=ALL)
     )
     joints = [
         stand("stand_1", "end_1.near", "ground"),
         stand("stand_2", "end_2.far", "ground"),
         joint_between("guide", "slide.nut", "ground", held=held),
-        dataclasses.replace(joint_between("screw", "slide.nut", "end_1.near", stiffness=(NUT, 0, 0, 0, 0, 0)), screw=shaft),
+        dataclasses.replace(
+            joint_between("screw", "slide.nut", "end_1.near", stiffness=(NUT, 0, 0, 0, 0, 0)),
+            screw=shaft,
+        ),
     ]
-    parts, machine = lumped_machine(bodies, joints, {"tcp": ("slide.nut", "ground"), "near": ("end_1.near", "ground")})
+    parts, machine = lumped_machine(
+        bodies, joints, {"tcp": ("slide.nut", "ground"), "near": ("end_1.near", "ground")}
+    )
     axis = Axis("X", ("guide", "screw"), ("slide",), np.array([1.0, 0.0, 0.0]))
     return parts, dataclasses.replace(machine, axes={"X": axis})
 
 
 def axial_compliance(parts: dict[str, Superelement], machine: Machine, place: float) -> FloatArray:
-    """Compliance between the nut and the near bearing along x [m/N], the nut at a place from the near bearing [m]."""
+    """Compliance between the nut and the near bearing along x [m/N], the nut at a place from the
+    near bearing [m].
+    """
     system = couple(parts, machine, Pose("p", {"X": place - 0.1})).system
     ports = np.column_stack([system.inputs[point, "x"] for point in ("tcp", "near")])
     return np.asarray(ports.T @ solve_static(system, ports).displacements)
@@ -58,8 +78,12 @@ def axial_compliance(parts: dict[str, Superelement], machine: Machine, place: fl
 @pytest.mark.parametrize("place", [0.05, 0.3, 0.85])
 def test_nut_shaft_bearing_and_twist_are_in_series(place: float) -> None:
     pitch = LEAD / (2.0 * math.pi)
-    expected = 1.0 / NUT + 1.0 / BEARING + place / AXIAL + pitch**2 * (place / TORSIONAL + 1.0 / COUPLING)
-    assert axial_compliance(*screw_machine(TWISTING), place)[0, 0] == pytest.approx(expected, rel=1e-10)
+    expected = (
+        1.0 / NUT + 1.0 / BEARING + place / AXIAL + pitch**2 * (place / TORSIONAL + 1.0 / COUPLING)
+    )
+    assert axial_compliance(*screw_machine(TWISTING), place)[0, 0] == pytest.approx(
+        expected, rel=1e-10
+    )
 
 
 @pytest.mark.parametrize("place", [0.05, 0.45, 0.7])
@@ -67,18 +91,30 @@ def test_between_rigid_bearings_the_shaft_is_the_standard_s(place: float) -> Non
     """ISO 3408-4: R = E A l / (a (l - a)) for a shaft fixed at both ends."""
     shaft = ScrewShaft(AXIAL, TORSIONAL, far=JointEnd("end_2", "far"), length=LENGTH)
     expected = 1.0 / NUT + place * (LENGTH - place) / (AXIAL * LENGTH)
-    assert axial_compliance(*screw_machine(shaft), place)[0, 0] == pytest.approx(expected, rel=1e-10)
+    assert axial_compliance(*screw_machine(shaft), place)[0, 0] == pytest.approx(
+        expected, rel=1e-10
+    )
 
 
 @pytest.mark.parametrize("place", [0.05, 0.45, 0.7])
-def test_two_bearings_on_soft_stands_share_the_force_like_springs_that_meet_in_a_body_of_their_own(place: float) -> None:
+def test_two_bearings_on_soft_stands_share_the_force_like_springs_that_meet_in_a_body_of_their_own(
+    place: float,
+) -> None:
     parts, machine = screw_machine(HELD_AT_BOTH_ENDS, soft=3e8)
     tie = joint_between(
-        "tie", "end_1.near", "end_2.far", stiffness=(1.0 / (1.0 / BEARING + 1.0 / FAR_BEARING + LENGTH / AXIAL), 0, 0, 0, 0, 0)
+        "tie",
+        "end_1.near",
+        "end_2.far",
+        stiffness=(1.0 / (1.0 / BEARING + 1.0 / FAR_BEARING + LENGTH / AXIAL), 0, 0, 0, 0, 0),
     )
-    found = axial_compliance(parts, dataclasses.replace(machine, joints=machine.joints | {"tie": tie}), place)
+    found = axial_compliance(
+        parts, dataclasses.replace(machine, joints=machine.joints | {"tie": tie}), place
+    )
 
-    near, far = 1.0 / (1.0 / BEARING + place / AXIAL), 1.0 / (1.0 / FAR_BEARING + (LENGTH - place) / AXIAL)
+    near, far = (
+        1.0 / (1.0 / BEARING + place / AXIAL),
+        1.0 / (1.0 / FAR_BEARING + (LENGTH - place) / AXIAL),
+    )
     stiffness = np.array(
         [
             [NUT, -NUT, 0.0, 0.0],
@@ -93,7 +129,11 @@ def test_two_bearings_on_soft_stands_share_the_force_like_springs_that_meet_in_a
 def test_a_nut_that_turns_along_its_thread_meets_no_force() -> None:
     parts, machine = screw_machine(TWISTING)
     free = dataclasses.replace(machine.joints["guide"], held=(1, 2, 4, 5))
-    coupled = couple(parts, dataclasses.replace(machine, joints=machine.joints | {"guide": free}), Pose("p", {"X": 0.2}))
+    coupled = couple(
+        parts,
+        dataclasses.replace(machine, joints=machine.joints | {"guide": free}),
+        Pose("p", {"X": 0.2}),
+    )
     stiffness = coupled.system.stiffness
     x, turn = (coupled.system.outputs["tcp", dof] for dof in ("x", "rx"))
     along = np.linalg.solve(np.vstack([x, turn]), [LEAD / (2.0 * math.pi), 1.0])
@@ -109,9 +149,13 @@ def test_the_nut_s_own_torsion_is_in_series_with_the_shaft_s() -> None:
         "screw": dataclasses.replace(machine.joints["screw"], stiffness=stiff),
         "guide": dataclasses.replace(machine.joints["guide"], held=(1, 2, 4, 5)),
     }
-    system = couple(parts, dataclasses.replace(machine, joints=joints), Pose("p", {"X": 0.3})).system
+    system = couple(
+        parts, dataclasses.replace(machine, joints=joints), Pose("p", {"X": 0.3})
+    ).system
     moment = system.inputs["tcp", "rx"]
-    assert moment @ solve_static(system, moment).displacements == pytest.approx(1.0 / 4e4 + 0.4 / TORSIONAL, rel=1e-10)
+    assert moment @ solve_static(system, moment).displacements == pytest.approx(
+        1.0 / 4e4 + 0.4 / TORSIONAL, rel=1e-10
+    )
 
 
 def test_a_turned_machine_has_the_same_screw() -> None:
@@ -126,7 +170,10 @@ def test_a_turned_machine_has_the_same_screw() -> None:
 
 def test_a_nut_that_leaves_its_screw_is_named() -> None:
     parts, machine = screw_machine(HELD_AT_BOTH_ENDS)
-    with pytest.raises(ModelError, match=r"joint 'screw': the nut stands 950 mm from it, beyond the far one; name the nut's"):
+    with pytest.raises(
+        ModelError,
+        match=r"joint 'screw': the nut stands 950 mm from it, beyond the far one; name the nut's",
+    ):
         couple(parts, machine, Pose("far", {"X": 0.85}))
     with pytest.raises(ModelError, match=r"the nut stands at its bearing"):
         couple(parts, machine, Pose("near", {"X": -0.1}))

@@ -1,4 +1,6 @@
-"""Truncation moments against all modes, and the bounds they give of a coupled machine's frequencies."""
+"""Truncation moments against all modes, and the bounds they give of a coupled machine's
+frequencies.
+"""
 
 from collections.abc import Callable
 
@@ -38,8 +40,12 @@ def reduce(mesh: ComponentMesh) -> Reduce:
     def reduced(couplings: tuple[str, str], count: int) -> Superelement:
         key = (couplings, count)
         if key not in made:
-            component = make_component(dict(zip(("foot", "tip"), couplings, strict=True)), size=SIZE)
-            made[key] = reduce_elastic(component, mesh, comm=COMM, request=ReductionRequest(ModeTarget(count=count)))
+            component = make_component(
+                dict(zip(("foot", "tip"), couplings, strict=True)), size=SIZE
+            )
+            made[key] = reduce_elastic(
+                component, mesh, comm=COMM, request=ReductionRequest(ModeTarget(count=count))
+            )
         return made[key]
 
     return reduced
@@ -48,19 +54,30 @@ def reduce(mesh: ComponentMesh) -> Reduce:
 def participations(whole: Superelement, kept: int) -> tuple[FloatArray, FloatArray]:
     """Participation ``(n_b, k)`` and omega^2 ``(k,)`` of the modes after those kept."""
     boundary = whole.boundary_size
-    return whole.mass[:boundary, boundary + kept :], (2.0 * np.pi * whole.modal_frequencies_hz[kept:]) ** 2
+    return whole.mass[:boundary, boundary + kept :], (
+        2.0 * np.pi * whole.modal_frequencies_hz[kept:]
+    ) ** 2
 
 
 @pytest.mark.parametrize("couplings", COUPLINGS)
 @pytest.mark.parametrize("count", [0, 4, 11])
-def test_moments_are_the_sums_over_the_modes_left_out(reduce: Reduce, couplings: tuple[str, str], count: int) -> None:
+def test_moments_are_the_sums_over_the_modes_left_out(
+    reduce: Reduce, couplings: tuple[str, str], count: int
+) -> None:
     element = reduce(couplings, count)
     left, squares = participations(reduce(couplings, EVERY), element.modal_count)
-    for found, power in ((present(element.errors.truncation).first, 1), (present(element.errors.truncation).second, 2)):
+    for found, power in (
+        (present(element.errors.truncation).first, 1),
+        (present(element.errors.truncation).second, 2),
+    ):
         exact = (left / squares**power) @ left.T
         size = np.sqrt(exact.diagonal())
-        np.testing.assert_allclose(found / np.outer(size, size), exact / np.outer(size, size), atol=1e-6)
-    assert present(element.errors.truncation).limit == pytest.approx(squares[0], rel=1e-9 if count else 0.05)
+        np.testing.assert_allclose(
+            found / np.outer(size, size), exact / np.outer(size, size), atol=1e-6
+        )
+    assert present(element.errors.truncation).limit == pytest.approx(
+        squares[0], rel=1e-9 if count else 0.05
+    )
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
@@ -71,7 +88,8 @@ def test_the_modes_left_out_lie_between_the_two_sums(reduce: Reduce, share: floa
     exact = (left / (squares - square)) @ left.T
     scale = 1.0 / np.sqrt(exact.diagonal())
     for gap in (
-        exact - (truncation.first + square * truncation.second),  # two terms of the geometric series
+        exact
+        - (truncation.first + square * truncation.second),  # two terms of the geometric series
         most_participation(truncation, square) - exact,
     ):
         assert np.linalg.eigvalsh(scale[:, None] * gap * scale)[0] > -1e-6
@@ -91,21 +109,30 @@ def test_there_is_no_bound_beyond_the_lowest_mode_left_out(reduce: Reduce) -> No
 def coupled_pair(elements: dict[str, Superelement]) -> CoupledMachine:
     """Two columns at right angles, tip on tip through a spring, the first one held at its foot."""
     turned = Frame(np.array([0.0, 0.0, 0.5]), np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]))
-    parts = {name: make_component({"foot": "rigid", "tip": "rigid"}, name=name, size=SIZE) for name in ("a", "b")}
+    parts = {
+        name: make_component({"foot": "rigid", "tip": "rigid"}, name=name, size=SIZE)
+        for name in ("a", "b")
+    }
     parts["b"] = type(parts["b"])(**{**vars(parts["b"]), "placement": turned})
     spring = 1e9 * np.diag([1.0, 1.0, 1.0, 0.01, 0.01, 0.01])
     joints = {
         "clamp": Joint("clamp", (JointEnd(), JointEnd("a", "foot")), "rigid", held=tuple(range(6))),
-        "bolt": Joint("bolt", (JointEnd("a", "tip"), JointEnd("b", "foot")), "spring", stiffness=spring),
+        "bolt": Joint(
+            "bolt", (JointEnd("a", "tip"), JointEnd("b", "foot")), "spring", stiffness=spring
+        ),
     }
     return couple(elements, Machine("pair", parts, joints), Pose("reference"))
 
 
 @pytest.mark.parametrize("counts", [(2, 2), (3, 9), (8, 8)])
-def test_frequencies_of_two_coupled_columns_are_within_their_bounds_of_all_modes(reduce: Reduce, counts: tuple[int, int]) -> None:
+def test_frequencies_of_two_coupled_columns_are_within_their_bounds_of_all_modes(
+    reduce: Reduce, counts: tuple[int, int]
+) -> None:
     couplings = [("rigid", "rigid"), ("average", "rigid")]
     whole = coupled_pair({n: reduce(c, EVERY) for n, c in zip("ab", couplings, strict=True)})
-    machine = coupled_pair({n: reduce(c, k) for n, c, k in zip("ab", couplings, counts, strict=True)})
+    machine = coupled_pair(
+        {n: reduce(c, k) for n, c, k in zip("ab", couplings, counts, strict=True)}
+    )
     modes = solve_modal(machine.system, count=8)
     exact = solve_modal(whole.system, count=8).frequencies_hz
     found = bound_frequency_errors(machine.system, truncated_parts(machine), modes)
@@ -122,7 +149,9 @@ def test_frequencies_of_two_coupled_columns_are_within_their_bounds_of_all_modes
 def test_the_shares_of_the_components_add_up_to_the_bound_where_it_is_small(
     reduce: Reduce,
 ) -> None:
-    machine = coupled_pair({"a": reduce(("rigid", "rigid"), 8), "b": reduce(("average", "rigid"), 8)})
+    machine = coupled_pair(
+        {"a": reduce(("rigid", "rigid"), 8), "b": reduce(("average", "rigid"), 8)}
+    )
     modes = solve_modal(machine.system, count=4)
     found = bound_frequency_errors(machine.system, truncated_parts(machine), modes)
     np.testing.assert_allclose(sum(found.by_component.values()), found.bounds_hz, rtol=0.05)
@@ -131,7 +160,9 @@ def test_the_shares_of_the_components_add_up_to_the_bound_where_it_is_small(
 def test_a_frequency_beyond_the_modes_of_a_component_has_no_bound_and_names_it(
     reduce: Reduce,
 ) -> None:
-    machine = coupled_pair({"a": reduce(("rigid", "rigid"), 1), "b": reduce(("average", "rigid"), 11)})
+    machine = coupled_pair(
+        {"a": reduce(("rigid", "rigid"), 1), "b": reduce(("average", "rigid"), 11)}
+    )
     modes = solve_modal(machine.system)
     found = bound_frequency_errors(machine.system, truncated_parts(machine), modes)
     past = modes.frequencies_hz > reduce(("rigid", "rigid"), 1).cutoff_hz

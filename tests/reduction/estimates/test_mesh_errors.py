@@ -15,7 +15,11 @@ from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.meshing.component_mesh import CellKind
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.estimates.mesh_errors import compliance_mesh_errors, frequency_mesh_errors, meshed_parts
+from headstock.reduction.estimates.mesh_errors import (
+    compliance_mesh_errors,
+    frequency_mesh_errors,
+    meshed_parts,
+)
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.elastic.block_lanczos import ModeTarget
@@ -25,7 +29,13 @@ SIZE = (0.04, 0.1, 0.4)
 COUNT = 5
 Mesh = tuple[CellKind, tuple[int, int, int]]
 FINE: Mesh = ("hex27", (3, 8, 26))
-COARSE: list[Mesh] = [("hex27", (1, 2, 3)), ("hex27", (1, 3, 8)), ("tet10", (1, 2, 6)), ("tet10", (2, 4, 12)), ("hex8", (2, 4, 12))]
+COARSE: list[Mesh] = [
+    ("hex27", (1, 2, 3)),
+    ("hex27", (1, 3, 8)),
+    ("tet10", (1, 2, 6)),
+    ("tet10", (2, 4, 12)),
+    ("hex8", (2, 4, 12)),
+]
 Column = Callable[[CellKind, tuple[int, int, int]], CoupledMachine]
 
 
@@ -36,13 +46,22 @@ def column() -> Column:
     machine = Machine(
         "column",
         {"body": component},
-        {"clamp": Joint("clamp", (JointEnd(None, None), JointEnd("body", "foot")), "rigid", held=tuple(range(6)))},
+        {
+            "clamp": Joint(
+                "clamp",
+                (JointEnd(None, None), JointEnd("body", "foot")),
+                "rigid",
+                held=tuple(range(6)),
+            )
+        },
         points={"tcp": Point("tcp", JointEnd("body", "tip"), JointEnd(None, None))},
     )
 
     def coupled(kind: CellKind, counts: tuple[int, int, int]) -> CoupledMachine:
         mesh = make_box(counts, SIZE, {"foot": "z-", "tip": "z+"}, kind=kind)
-        element = reduce_elastic(component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=16)))
+        element = reduce_elastic(
+            component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=16))
+        )
         return couple({"body": element}, machine, Pose("reference"))
 
     return coupled
@@ -56,16 +75,22 @@ def numbers(coupled: CoupledMachine) -> tuple[FloatArray, FloatArray]:
     errors = frequency_mesh_errors(coupled, modes)["body"] / modes.frequencies_hz
     softer = np.diag(compliance_mesh_errors(coupled, budget.displacements)["body"])[:3] / soft
     # as estimated, without the factor that covers 95 %
-    return np.r_[modes.frequencies_hz, soft], np.r_[errors, softer] / coupled.layout.superelements["body"].errors.mesh_safety
+    return np.r_[modes.frequencies_hz, soft], np.r_[errors, softer] / coupled.layout.superelements[
+        "body"
+    ].errors.mesh_safety
 
 
-def test_estimates_are_within_a_factor_of_three_and_rank_meshes_and_modes_as_the_true_errors_do(column: Column) -> None:
+def test_estimates_are_within_a_factor_of_three_and_rank_meshes_and_modes_as_the_true_errors_do(
+    column: Column,
+) -> None:
     exact, _ = numbers(column(*FINE))
     true, found = [], []
     for kind, counts in COARSE:
         values, errors = numbers(column(kind, counts))
         # frequencies come out too high, compliances too small
-        true.append(np.r_[values[:COUNT] / exact[:COUNT] - 1.0, exact[COUNT:] / values[COUNT:] - 1.0])
+        true.append(
+            np.r_[values[:COUNT] / exact[:COUNT] - 1.0, exact[COUNT:] / values[COUNT:] - 1.0]
+        )
         found.append(errors)
     ratios = np.concatenate(found) / np.concatenate(true)
     assert 1.0 / 3.0 < np.median(ratios) < 3.0
@@ -77,7 +102,9 @@ def test_modes_near_the_cut_off_have_an_estimate_like_all_others(column: Column)
     coupled, exact = column("tet10", (1, 2, 6)), column(*FINE)
     element, count = coupled.layout.superelements["body"], 18
     assert (np.diag(present(element.errors.missing_energy))[element.boundary_size :] > 0.0).all()
-    modes, right = (solve_modal(each.system, count=count).frequencies_hz for each in (coupled, exact))
+    modes, right = (
+        solve_modal(each.system, count=count).frequencies_hz for each in (coupled, exact)
+    )
     errors = frequency_mesh_errors(coupled, solve_modal(coupled.system, count=count))["body"]
     assert modes[-1] > 0.9 * element.cutoff_hz
     assert (errors > 0.2 * (modes - right)).all()
@@ -88,8 +115,12 @@ def test_what_a_file_does_not_estimate_is_unknown_not_zero(column: Column) -> No
     element = coupled.layout.superelements["body"]
     missing = present(element.errors.missing_energy).copy()
     missing[-6:] = missing[:, -6:] = 0.0
-    poorer = dataclasses.replace(element, errors=dataclasses.replace(element.errors, missing_energy=missing))
-    coupled = dataclasses.replace(coupled, layout=dataclasses.replace(coupled.layout, superelements={"body": poorer}))
+    poorer = dataclasses.replace(
+        element, errors=dataclasses.replace(element.errors, missing_energy=missing)
+    )
+    coupled = dataclasses.replace(
+        coupled, layout=dataclasses.replace(coupled.layout, superelements={"body": poorer})
+    )
     modes = solve_modal(coupled.system)
     errors = frequency_mesh_errors(coupled, modes)["body"]
     assert np.isfinite(errors[:COUNT]).all()
@@ -100,17 +131,24 @@ def test_what_a_file_does_not_estimate_is_unknown_not_zero(column: Column) -> No
 def test_rigid_motions_of_a_free_component_miss_no_energy() -> None:
     component = make_component({"foot": "rigid", "tip": "average"}, size=SIZE)
     mesh = make_box((1, 2, 6), SIZE, {"foot": "z-", "tip": "z+"}, kind="tet10")
-    element = reduce_elastic(component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=4)))
+    element = reduce_elastic(
+        component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=4))
+    )
     motions = np.zeros((len(element.labels), 6))
     for node, frame in enumerate(element.frames):
         motions[6 * node : 6 * node + 6] = rigid_transfer(np.array([3.0, -2.0, 1.0]), frame.origin)
     energies = np.diag(motions.T @ present(element.errors.missing_energy) @ motions)
     assert np.abs(energies).max() < 1e-12 * np.trace(present(element.errors.missing_energy))
-    assert np.linalg.eigvalsh(present(element.errors.missing_energy))[0] > -1e-9 * np.trace(present(element.errors.missing_energy))
+    assert np.linalg.eigvalsh(present(element.errors.missing_energy))[0] > -1e-9 * np.trace(
+        present(element.errors.missing_energy)
+    )
 
 
 def test_what_is_not_asked_for_is_not_estimated() -> None:
     component = make_component({"foot": "rigid", "tip": "average"}, size=SIZE)
     mesh = make_box((1, 1, 2), SIZE, {"foot": "z-", "tip": "z+"})
     request = ReductionRequest(ModeTarget(count=2), errors=False)
-    assert reduce_elastic(component, mesh, comm=MPI.COMM_SELF, request=request).errors.missing_energy is None
+    assert (
+        reduce_elastic(component, mesh, comm=MPI.COMM_SELF, request=request).errors.missing_energy
+        is None
+    )

@@ -1,4 +1,6 @@
-"""Estimates of what a mesh does to frequency responses: against dense solves of the softened machine, and against a finer mesh."""
+"""Estimates of what a mesh does to frequency responses: against dense solves of the softened
+machine, and against a finer mesh.
+"""
 
 import dataclasses
 from collections.abc import Callable
@@ -15,7 +17,11 @@ from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.meshing.component_mesh import CellKind
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.estimates.mesh_errors import compliance_mesh_errors, frequency_mesh_errors, meshed_parts
+from headstock.reduction.estimates.mesh_errors import (
+    compliance_mesh_errors,
+    frequency_mesh_errors,
+    meshed_parts,
+)
 from headstock.reduction.estimates.response_errors import (
     ErrorSources,
     ResponseSpace,
@@ -41,64 +47,97 @@ COARSE = [("hex27", (1, 2, 3)), ("hex27", (1, 3, 8)), ("tet10", (1, 2, 6)), ("he
 def column() -> Callable[..., CoupledMachine]:
     """Reduce and couple a column on a structured mesh, clamped at its foot or free."""
     component = make_component({"foot": "rigid", "tip": "average"}, size=SIZE)
-    clamp = Joint("clamp", (JointEnd(None, None), JointEnd("body", "foot")), "rigid", held=tuple(range(6)))
+    clamp = Joint(
+        "clamp", (JointEnd(None, None), JointEnd("body", "foot")), "rigid", held=tuple(range(6))
+    )
     points = {"tcp": Point("tcp", JointEnd("body", "tip"), JointEnd(None, None))}
 
-    def coupled(kind: CellKind, counts: tuple[int, int, int], *, held: bool = True) -> CoupledMachine:
+    def coupled(
+        kind: CellKind, counts: tuple[int, int, int], *, held: bool = True
+    ) -> CoupledMachine:
         mesh = make_box(counts, SIZE, {"foot": "z-", "tip": "z+"}, kind=kind)
-        element = reduce_elastic(component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=16)))
+        element = reduce_elastic(
+            component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=16))
+        )
         # as estimated, without the factor that covers 95 %
-        element = dataclasses.replace(element, errors=dataclasses.replace(element.errors, mesh_safety=1.0))
-        machine = Machine("column", {"body": component}, {"clamp": clamp} if held else {}, points=points)
+        element = dataclasses.replace(
+            element, errors=dataclasses.replace(element.errors, mesh_safety=1.0)
+        )
+        machine = Machine(
+            "column", {"body": component}, {"clamp": clamp} if held else {}, points=points
+        )
         return couple({"body": element}, machine, Pose("reference"))
 
     return coupled
 
 
-def judged(coupled: CoupledMachine, hz: FloatArray | list[float]) -> tuple[SecondOrderSystem, ResponseSpace]:
+def judged(
+    coupled: CoupledMachine, hz: FloatArray | list[float]
+) -> tuple[SecondOrderSystem, ResponseSpace]:
     """The lossy system and its trial space for lines up to a frequency."""
-    system = dataclasses.replace(coupled.system, damping=None, hysteretic=LOSS * coupled.system.stiffness)
+    system = dataclasses.replace(
+        coupled.system, damping=None, hysteretic=LOSS * coupled.system.stiffness
+    )
     sources = ErrorSources(meshed=meshed_parts(coupled), loss_factors={"body": LOSS})
     modes = solve_modal(coupled.system)
-    return system, project_response(system, sources, modes, (input_columns(system, PORTS), output_rows(system, PORTS)), max(hz))
+    return system, project_response(
+        system, sources, modes, (input_columns(system, PORTS), output_rows(system, PORTS)), max(hz)
+    )
 
 
-def test_a_softened_response_is_that_of_the_whole_machine_less_the_missing_energy(column: Callable[..., CoupledMachine]) -> None:
+def test_a_softened_response_is_that_of_the_whole_machine_less_the_missing_energy(
+    column: Callable[..., CoupledMachine],
+) -> None:
     coupled = column("tet10", (1, 3, 8))
     first = float(solve_modal(coupled.system, count=1).frequencies_hz[0])
     lines = first * np.array([0.3, 0.99, 1.0, 1.5, 4.0])
     system, space = judged(coupled, lines)
-    missing = np.sum([part.rows.T @ part.energy @ part.rows for part in meshed_parts(coupled).values()], axis=0)
+    missing = np.sum(
+        [part.rows.T @ part.energy @ part.rows for part in meshed_parts(coupled).values()], axis=0
+    )
     softer = dataclasses.replace(
-        system, stiffness=system.stiffness - missing, hysteretic=present(system.hysteretic) - LOSS * missing
+        system,
+        stiffness=system.stiffness - missing,
+        hysteretic=present(system.hysteretic) - LOSS * missing,
     )
     whole = solve_frf(softer, lines, inputs=PORTS, outputs=PORTS).receptance
     plain = solve_frf(system, lines, inputs=PORTS, outputs=PORTS).receptance
-    np.testing.assert_allclose(soften_response(space, lines), whole, atol=2e-2 * np.abs(whole - plain).max())
     np.testing.assert_allclose(
-        present(bound_response_errors(space, lines).mesh), whole - plain, atol=2e-2 * np.abs(whole - plain).max()
+        soften_response(space, lines), whole, atol=2e-2 * np.abs(whole - plain).max()
+    )
+    np.testing.assert_allclose(
+        present(bound_response_errors(space, lines).mesh),
+        whole - plain,
+        atol=2e-2 * np.abs(whole - plain).max(),
     )
     dropped = frequency_mesh_errors(coupled, solve_modal(coupled.system, count=1))["body"][0]
     assert 1.0 - space.softening(first) == pytest.approx(dropped / first, rel=0.05)
 
 
-def test_at_rest_it_is_the_estimate_of_the_static_compliance(column: Callable[..., CoupledMachine]) -> None:
+def test_at_rest_it_is_the_estimate_of_the_static_compliance(
+    column: Callable[..., CoupledMachine],
+) -> None:
     coupled = column("hex27", (2, 3, 8))
     _, space = judged(coupled, [100.0])
     found = bound_response_errors(space, np.array([0.0]))
     assert not found.bounds.any()
-    static = compliance_mesh_errors(coupled, point_budget(coupled, "tcp").displacements)["body"][:3, :3]
+    static = compliance_mesh_errors(coupled, point_budget(coupled, "tcp").displacements)["body"][
+        :3, :3
+    ]
     np.testing.assert_allclose(np.diag(present(found.mesh)[0]), np.diag(static), rtol=0.1)
     assert not present(found.mesh).imag.any()
 
 
-def test_a_free_machine_has_a_finite_error_on_every_line(column: Callable[..., CoupledMachine]) -> None:
+def test_a_free_machine_has_a_finite_error_on_every_line(
+    column: Callable[..., CoupledMachine],
+) -> None:
     coupled = column("tet10", (1, 2, 6), held=False)
     lines = np.array([0.0, 1.0, 500.0])
     _, space = judged(coupled, lines)
     mesh = present(bound_response_errors(space, lines).mesh)
     assert np.isfinite(mesh).all()
-    # next to nothing strains a free column that is pushed slowly: its error is that of inertia relief, whatever the rigid motion
+    # next to nothing strains a free column that is pushed slowly: its error is that of inertia
+    # relief, whatever the rigid motion
     np.testing.assert_allclose(mesh[1], mesh[0], atol=0.1 * np.abs(mesh[0]).max())
 
 
@@ -107,7 +146,9 @@ def test_estimates_are_within_a_factor_of_three_and_rank_lines_and_meshes_as_the
 ) -> None:
     exact = column(*FINE)
     first, second = solve_modal(exact.system, count=2).frequencies_hz
-    lines = np.array([0.0, 0.5 * first, first, 1.02 * first, 0.5 * (first + second), second, 3.0 * second])
+    lines = np.array(
+        [0.0, 0.5 * first, first, 1.02 * first, 0.5 * (first + second), second, 3.0 * second]
+    )
     right = solve_frf(judged(exact, lines)[0], lines, inputs=PORTS, outputs=PORTS).receptance
     sizes = np.abs(right).max(axis=(1, 2))[:, None]
     true, found = [], []
@@ -115,49 +156,88 @@ def test_estimates_are_within_a_factor_of_three_and_rank_lines_and_meshes_as_the
         system, space = judged(column(kind, counts), lines)
         plain = solve_frf(system, lines, inputs=PORTS, outputs=PORTS).receptance
         true.append(np.abs(np.diagonal(plain - right, axis1=1, axis2=2)) / sizes)
-        found.append(np.abs(np.diagonal(present(bound_response_errors(space, lines).mesh), axis1=1, axis2=2)) / sizes)
+        found.append(
+            np.abs(np.diagonal(present(bound_response_errors(space, lines).mesh), axis1=1, axis2=2))
+            / sizes
+        )
     ratios = (np.array(found) / np.array(true)).ravel()
     assert 1.0 / 3.0 < np.median(ratios) < 3.0
     assert ((ratios > 1.0 / 3.0) & (ratios < 3.0)).mean() > 0.8
     assert spearmanr(np.ravel(found), np.ravel(true)).statistic > 0.9
 
 
-def test_a_peak_that_passes_over_a_line_is_in_its_error(column: Callable[..., CoupledMachine]) -> None:
+def test_a_peak_that_passes_over_a_line_is_in_its_error(
+    column: Callable[..., CoupledMachine],
+) -> None:
     coupled = column("tet10", (1, 2, 6))
     modes = solve_modal(coupled.system)
     first = float(modes.frequencies_hz[0])
     dropped = frequency_mesh_errors(coupled, modes)["body"][0]
     # damped so little that a line half-way is beside the peak before and after the change
-    lines, loss, parts = np.array([first - 0.5 * dropped]), 0.1 * dropped / first, meshed_parts(coupled)
-    system = dataclasses.replace(coupled.system, damping=None, hysteretic=loss * coupled.system.stiffness)
+    lines, loss, parts = (
+        np.array([first - 0.5 * dropped]),
+        0.1 * dropped / first,
+        meshed_parts(coupled),
+    )
+    system = dataclasses.replace(
+        coupled.system, damping=None, hysteretic=loss * coupled.system.stiffness
+    )
     ports = (input_columns(system, PORTS), output_rows(system, PORTS))
-    space = project_response(system, ErrorSources(meshed=parts, loss_factors={"body": loss}), modes, ports, first)
+    space = project_response(
+        system, ErrorSources(meshed=parts, loss_factors={"body": loss}), modes, ports, first
+    )
     errors = bound_response_errors(space, lines)
     row = int(np.argmax(present(errors.mesh_sizes)[0].diagonal()))
     plain = solve_frf(system, lines, inputs=PORTS, outputs=PORTS).receptance
     missing = parts["body"].rows.T @ parts["body"].energy @ parts["body"].rows
     passing = []
     for share in np.linspace(0.4, 0.6, 41):
-        stiffness, hysteretic = system.stiffness - share * missing, system.hysteretic - loss * share * missing
+        stiffness, hysteretic = (
+            system.stiffness - share * missing,
+            system.hysteretic - loss * share * missing,
+        )
         moved = dataclasses.replace(system, stiffness=stiffness, hysteretic=hysteretic)
-        passing.append(abs((solve_frf(moved, lines, inputs=PORTS, outputs=PORTS).receptance - plain)[0, row, row]))
+        passing.append(
+            abs(
+                (solve_frf(moved, lines, inputs=PORTS, outputs=PORTS).receptance - plain)[
+                    0, row, row
+                ]
+            )
+        )
     assert abs(present(errors.mesh)[0, row, row]) < 0.5 * max(passing)
     assert max(passing) <= present(errors.mesh_sizes)[0, row, row] <= 1.5 * max(passing)
 
 
-def test_a_line_is_off_by_the_largest_change_anywhere_on_the_way_to_finer_meshes(column: Callable[..., CoupledMachine]) -> None:
+def test_a_line_is_off_by_the_largest_change_anywhere_on_the_way_to_finer_meshes(
+    column: Callable[..., CoupledMachine],
+) -> None:
     coupled = column("tet10", (1, 2, 6))
-    coarse = {name: dataclasses.replace(part, energy=2.0 * part.energy) for name, part in meshed_parts(coupled).items()}
+    coarse = {
+        name: dataclasses.replace(part, energy=2.0 * part.energy)
+        for name, part in meshed_parts(coupled).items()
+    }
     peaks = solve_modal(coupled.system, count=3).frequencies_hz
     lines = np.concatenate([peak * np.linspace(0.9, 1.03, 27) for peak in peaks])
-    system = dataclasses.replace(coupled.system, damping=None, hysteretic=LOSS * coupled.system.stiffness)
+    system = dataclasses.replace(
+        coupled.system, damping=None, hysteretic=LOSS * coupled.system.stiffness
+    )
     ports = input_columns(system, PORTS), output_rows(system, PORTS)
-    space = project_response(system, ErrorSources({}, coarse, {"body": LOSS}), solve_modal(coupled.system), ports, max(lines))
+    space = project_response(
+        system,
+        ErrorSources({}, coarse, {"body": LOSS}),
+        solve_modal(coupled.system),
+        ports,
+        max(lines),
+    )
     found = bound_response_errors(space, lines)
     squares, loads = (2.0 * np.pi * lines) ** 2, space.loads.astype(complex)
     plain = space.rows @ np.linalg.solve(space.dynamic_stiffness(squares), loads)
     shares = np.linspace(0.0, 1.0, 41)
-    way = [space.rows @ np.linalg.solve(space.dynamic_stiffness(squares, space.finer, share), loads) - plain for share in shares]
+    way = [
+        space.rows @ np.linalg.solve(space.dynamic_stiffness(squares, space.finer, share), loads)
+        - plain
+        for share in shares
+    ]
     along = np.arange(3)
     covered = (found.mesh_sizes / np.abs(way).max(axis=0))[:, along, along]
     visible = np.abs(plain)[:, along, along] >= 1e-2 * np.abs(plain)[:, along, along].max(axis=0)

@@ -1,4 +1,6 @@
-"""Curved faces that elements cut short are in the error of a part, and interfaces whose kind matters are named with a size."""
+"""Curved faces that elements cut short are in the error of a part, and interfaces whose kind
+matters are named with a size.
+"""
 
 import dataclasses
 import json
@@ -36,17 +38,33 @@ from headstock.solvers.linear.modal_analysis import solve_modal
 OUTER, INNER, LENGTH = 0.1, 0.06, 0.2
 LIMP = Material("limp", 200e9, 0.0, 7800.0)  # no lateral contraction: the closed form is exact
 RADIUS, STEEL = 0.5, Material("steel", 210e9, 0.3, 7850.0)
-FACES = {"foot": Interface("foot", (Patch("z-"),), "average"), "tip": Interface("tip", (Patch("z+"),), "average")}
+FACES = {
+    "foot": Interface("foot", (Patch("z-"),), "average"),
+    "tip": Interface("tip", (Patch("z+"),), "average"),
+}
 
 
 @pytest.fixture(scope="module")
 def tube() -> tuple[ComponentMesh, CoupledMachine]:
     """A tube whose round faces are meshed with chords, pulled at its tip."""
-    part = Component("tube", Tube(OUTER, INNER, LENGTH), LIMP, interfaces=FACES, mesh=MeshSettings(size=0.02, order=1, force=True))
+    part = Component(
+        "tube",
+        Tube(OUTER, INNER, LENGTH),
+        LIMP,
+        interfaces=FACES,
+        mesh=MeshSettings(size=0.02, order=1, force=True),
+    )
     mesh = mesh_component(part)
-    element = reduce_elastic(part, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=12)))
+    element = reduce_elastic(
+        part, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=12))
+    )
     clamp = Joint("clamp", (JointEnd(), JointEnd("tube", "foot")), "rigid", held=tuple(range(6)))
-    machine = Machine("tube", {"tube": part}, {"clamp": clamp}, points={"tcp": Point("tcp", JointEnd("tube", "tip"), JointEnd())})
+    machine = Machine(
+        "tube",
+        {"tube": part},
+        {"clamp": clamp},
+        points={"tcp": Point("tcp", JointEnd("tube", "tip"), JointEnd())},
+    )
     return mesh, couple({"tube": element}, machine, Pose("reference"))
 
 
@@ -59,28 +77,37 @@ def test_gaps_between_facets_and_faces_add_up_to_the_volume_that_the_mesh_misses
     assert present(mesh.gaps).volumes.sum() == pytest.approx(missing, rel=0.02)
 
 
-def test_an_axial_compliance_is_off_by_the_area_that_chords_cut_away(tube: tuple[ComponentMesh, CoupledMachine]) -> None:
+def test_an_axial_compliance_is_off_by_the_area_that_chords_cut_away(
+    tube: tuple[ComponentMesh, CoupledMachine],
+) -> None:
     _, coupled = tube
     budget = point_budget(coupled, "tcp")
     exact = LENGTH / (LIMP.youngs_modulus * np.pi * (OUTER**2 - INNER**2) / 4.0)
     error = budget.compliance[2, 2] - exact
     shape = compliance_shape_errors(coupled, budget.displacements)["tube"][2]
-    # uniform tension is in every element: what its mesh misses is nothing beside what the faces change
+    # uniform tension is in every element: what its mesh misses is nothing beside what the faces
+    # change
     assert compliance_mesh_errors(coupled, budget.displacements)["tube"][2, 2] < 0.05 * error
     assert error <= shape <= 2.0 * error
 
 
-def test_a_part_without_gaps_has_no_error_of_its_faces(tube: tuple[ComponentMesh, CoupledMachine]) -> None:
+def test_a_part_without_gaps_has_no_error_of_its_faces(
+    tube: tuple[ComponentMesh, CoupledMachine],
+) -> None:
     _, coupled = tube
     element = coupled.layout.superelements["tube"]
     errors = element.errors
     bare = dataclasses.replace(
         element,
         errors=dataclasses.replace(
-            errors, shape_stiffness=0.0 * present(errors.shape_stiffness), shape_mass=0.0 * present(errors.shape_mass)
+            errors,
+            shape_stiffness=0.0 * present(errors.shape_stiffness),
+            shape_mass=0.0 * present(errors.shape_mass),
         ),
     )
-    plain = dataclasses.replace(coupled, layout=dataclasses.replace(coupled.layout, superelements={"tube": bare}))
+    plain = dataclasses.replace(
+        coupled, layout=dataclasses.replace(coupled.layout, superelements={"tube": bare})
+    )
     modes = solve_modal(plain.system, count=4)
     assert frequency_shape_errors(coupled, modes)["tube"].min() > 0.0
     assert frequency_shape_errors(plain, modes) == {}
@@ -89,24 +116,44 @@ def test_a_part_without_gaps_has_no_error_of_its_faces(tube: tuple[ComponentMesh
 def test_a_bar_of_single_thick_elements_says_that_nothing_is_known() -> None:
     size = (0.08, 0.08, 0.4)
     component = make_component({"foot": "rigid", "tip": "average"}, size=size)
-    single, double = (make_box(counts, size, {"foot": "z-", "tip": "z+"}, kind="hex27") for counts in ((1, 1, 5), (2, 2, 10)))
+    single, double = (
+        make_box(counts, size, {"foot": "z-", "tip": "z+"}, kind="hex27")
+        for counts in ((1, 1, 5), (2, 2, 10))
+    )
     assert not sees_errors(single)
     assert sees_errors(double)
     assert sees_errors(make_box((4, 6, 1), (0.3, 0.4, 0.01), {}, kind="hex27"))  # a sheet
-    element = reduce_elastic(component, single, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=6)))
+    element = reduce_elastic(
+        component, single, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=6))
+    )
     assert "single elements" in " ".join(element.warnings)
     clamp = Joint("clamp", (JointEnd(), JointEnd("body", "foot")), "rigid", held=tuple(range(6)))
     points = {"tcp": Point("tcp", JointEnd("body", "tip"), JointEnd())}
-    coupled = couple({"body": element}, Machine("bar", {"body": component}, {"clamp": clamp}, points=points), Pose("reference"))
+    coupled = couple(
+        {"body": element},
+        Machine("bar", {"body": component}, {"clamp": clamp}, points=points),
+        Pose("reference"),
+    )
     assert meshed_parts(coupled)["body"].reach_hz == 0.0
-    assert np.isnan(compliance_mesh_errors(coupled, point_budget(coupled, "tcp").displacements)["body"]).any()
+    assert np.isnan(
+        compliance_mesh_errors(coupled, point_budget(coupled, "tcp").displacements)["body"]
+    ).any()
 
 
 @pytest.mark.parametrize("kept", [8, 10])
-def test_modes_of_a_ball_above_two_thirds_of_the_cut_off_are_covered_or_unknown(tmp_path: Path, kept: int) -> None:
+def test_modes_of_a_ball_above_two_thirds_of_the_cut_off_are_covered_or_unknown(
+    tmp_path: Path, kept: int
+) -> None:
     sizes = {"radius": 1e3 * RADIUS, "height": 2.2e3 * RADIUS}
     subprocess.run(
-        [sys.executable, "-m", "headstock.meshing.cad.curved_samples", "ball", json.dumps(sizes), str(tmp_path / "ball.step")],
+        [
+            sys.executable,
+            "-m",
+            "headstock.meshing.cad.curved_samples",
+            "ball",
+            json.dumps(sizes),
+            str(tmp_path / "ball.step"),
+        ],
         check=True,
         capture_output=True,
     )
@@ -118,16 +165,28 @@ def test_modes_of_a_ball_above_two_thirds_of_the_cut_off_are_covered_or_unknown(
         mesh=MeshSettings(size=0.5 * RADIUS),
         free=True,
     )
-    element = reduce_elastic(part, mesh_component(part), comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=kept)))
+    element = reduce_elastic(
+        part,
+        mesh_component(part),
+        comm=MPI.COMM_SELF,
+        request=ReductionRequest(ModeTarget(count=kept)),
+    )
     coupled = couple({"ball": element}, Machine("ball", {"ball": part}), Pose("reference"))
     modes = solve_modal(coupled.system, count=11)
     assert modes.rigid_count == 6
     twisting = modes.frequencies_hz[6:11]
-    # the five lowest modes twist the ball: tan(eta) = eta (12 - eta^2) / (12 - 5 eta^2), whatever Poisson's ratio (Lamb 1881)
-    shear_speed = np.sqrt(STEEL.youngs_modulus / (2.0 * (1.0 + STEEL.poisson_ratio)) / STEEL.density)
+    # the five lowest modes twist the ball: tan(eta) = eta (12 - eta^2) / (12 - 5 eta^2), whatever
+    # Poisson's ratio (Lamb 1881)
+    shear_speed = np.sqrt(
+        STEEL.youngs_modulus / (2.0 * (1.0 + STEEL.poisson_ratio)) / STEEL.density
+    )
     true = twisting - 2.50113262 * shear_speed / (2.0 * np.pi * RADIUS)
     assert (twisting > 2.0 / 3.0 * element.cutoff_hz).all()
     assert (np.abs(true) > 0.1).all()
     bounds = bound_frequency_errors(coupled.system, truncated_parts(coupled), modes).bounds_hz
-    total = frequency_mesh_errors(coupled, modes)["ball"] + frequency_shape_errors(coupled, modes)["ball"] + bounds
+    total = (
+        frequency_mesh_errors(coupled, modes)["ball"]
+        + frequency_shape_errors(coupled, modes)["ball"]
+        + bounds
+    )
     assert (np.isnan(total[6:11]) | (total[6:11] >= np.abs(true))).all()

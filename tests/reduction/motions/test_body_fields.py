@@ -10,7 +10,13 @@ from common import make_box, make_component
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
-from headstock.geometry.parts.components import Component, Interface, Material, Patch, SegmentSettings
+from headstock.geometry.parts.components import (
+    Component,
+    Interface,
+    Material,
+    Patch,
+    SegmentSettings,
+)
 from headstock.geometry.parts.mass_properties import closed_form_properties
 from headstock.geometry.parts.solids import Box
 from headstock.reduction.components.elastic import reduce_elastic
@@ -28,8 +34,17 @@ SIZE = (0.04, 0.06, 0.4)
 
 
 def bar() -> Component:
-    faces = {name: Interface(name, (Patch(face),)) for name, face in (("foot", "z-"), ("tip", "z+"))}
-    return Component("bar", Box(SIZE), STEEL, interfaces=faces, fidelity="segmented", segments=SegmentSettings(20))
+    faces = {
+        name: Interface(name, (Patch(face),)) for name, face in (("foot", "z-"), ("tip", "z+"))
+    }
+    return Component(
+        "bar",
+        Box(SIZE),
+        STEEL,
+        interfaces=faces,
+        fidelity="segmented",
+        segments=SegmentSettings(20),
+    )
 
 
 def rigid_bar() -> Superelement:
@@ -48,7 +63,12 @@ def segmented_bar() -> Superelement:
 
 def clamped(part: Superelement) -> CoupledMachine:
     clamp = Joint("clamp", (JointEnd(), JointEnd("bar", "foot")), "rigid", held=tuple(range(6)))
-    machine = Machine("m", {"bar": bar()}, {"clamp": clamp}, {"tcp": Point("tcp", JointEnd("bar", "tip"), JointEnd())})
+    machine = Machine(
+        "m",
+        {"bar": bar()},
+        {"clamp": clamp},
+        {"tcp": Point("tcp", JointEnd("bar", "tip"), JointEnd())},
+    )
     return couple({"bar": part}, machine, Pose("home"))
 
 
@@ -82,14 +102,20 @@ def test_a_linear_field_known_at_scattered_points_is_met_exactly_between_them() 
 def test_a_rigid_body_moves_rigidly() -> None:
     part = rigid_bar()
     points = choose_places(part).points
-    np.testing.assert_allclose(place_motion(part, points), rigid_map(points, part.center_of_mass), atol=1e-15)
+    np.testing.assert_allclose(
+        place_motion(part, points), rigid_map(points, part.center_of_mass), atol=1e-15
+    )
 
 
 def test_modes_of_segments_and_of_finite_elements_are_the_same_motions() -> None:
     mesh = make_box((2, 3, 10), SIZE, {"foot": "z-", "tip": "z+"})
-    mesh = dataclasses.replace(mesh, points=mesh.points - np.array([0.5 * SIZE[0], 0.5 * SIZE[1], 0.0]))
+    mesh = dataclasses.replace(
+        mesh, points=mesh.points - np.array([0.5 * SIZE[0], 0.5 * SIZE[1], 0.0])
+    )
     component = dataclasses.replace(make_component({"foot": "rigid", "tip": "rigid"}), name="bar")
-    solid = reduce_elastic(component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=12)))
+    solid = reduce_elastic(
+        component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=12))
+    )
     segments = segmented_bar()
     places = {"bar": choose_places(solid)}
     fields: list[FloatArray] = []

@@ -12,7 +12,14 @@ from headstock.geometry.machine.machine import Machine, Pose
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.body_motions import join_names
-from headstock.reduction.motions.mode_naming import NamedModes, is_ball, name_around, name_modes, name_on_ball, round_axis
+from headstock.reduction.motions.mode_naming import (
+    NamedModes,
+    is_ball,
+    name_around,
+    name_modes,
+    name_on_ball,
+    round_axis,
+)
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.modal_analysis import solve_modal
 from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
@@ -26,11 +33,19 @@ def named(parts: tuple[dict[str, Superelement], Machine], count: int = 6) -> Nam
 
 
 def block_on_air(top_bolt: float) -> tuple[dict[str, Superelement], Machine]:
-    corners = {f"c{i}": (x, y, 0.0) for i, (x, y) in enumerate([(-0.5, -0.4), (0.5, -0.4), (0.5, 0.4), (-0.5, 0.4)], start=1)}
+    corners = {
+        f"c{i}": (x, y, 0.0)
+        for i, (x, y) in enumerate([(-0.5, -0.4), (0.5, -0.4), (0.5, 0.4), (-0.5, 0.4)], start=1)
+    }
     base = rigid_body("base", 230.0, corners, inertia=(14.0, 21.0, 31.4))
     top = rigid_body("top", 20.0, {"foot": (0, 0, 0)}, inertia=(1.0, 1.0, 1.0))
-    joints = [joint_between(f"air_{i}", "ground", f"base.c{i}", stiffness=(1.2e4, 1.3e4, 1.8e4, 0, 0, 0)) for i in range(1, 5)]
-    bolt = joint_between("bolt", "base.c1", "top.foot", stiffness=np.full(6, top_bolt), point=(0.0, 0.0, 0.0))
+    joints = [
+        joint_between(f"air_{i}", "ground", f"base.c{i}", stiffness=(1.2e4, 1.3e4, 1.8e4, 0, 0, 0))
+        for i in range(1, 5)
+    ]
+    bolt = joint_between(
+        "bolt", "base.c1", "top.foot", stiffness=np.full(6, top_bolt), point=(0.0, 0.0, 0.0)
+    )
     return lumped_machine([base, top], [*joints, bolt])
 
 
@@ -45,27 +60,43 @@ def test_a_body_that_moves_on_one_joint_is_named_with_it() -> None:
     slider = rigid_body("slider", 20.0, {"guide": (0, 0, 0)})
     joints = [
         joint_between("mount", "ground", "bed.foot", stiffness=np.full(6, 1e12)),
-        joint_between("x_guide", "bed.foot", "slider.guide", stiffness=(1e6, 4e8, 5e8, 6e7, 7e7, 8e7)),
+        joint_between(
+            "x_guide", "bed.foot", "slider.guide", stiffness=(1e6, 4e8, 5e8, 6e7, 7e7, 8e7)
+        ),
     ]
-    assert named(lumped_machine([bed, slider], joints)).names[0] == "X translation of slider on x_guide"
+    assert (
+        named(lumped_machine([bed, slider], joints)).names[0]
+        == "X translation of slider on x_guide"
+    )
 
 
-@pytest.mark.parametrize(("soft", "expected"), [(0, "column bends X"), (1, "column bends Y"), (2, "column stretches Z")])
+@pytest.mark.parametrize(
+    ("soft", "expected"), [(0, "column bends X"), (1, "column bends Y"), (2, "column stretches Z")]
+)
 def test_a_component_that_deforms_is_named_with_its_direction(soft: int, expected: str) -> None:
     stiffness = np.full(6, 1e9)
     stiffness[soft] = 1e6
     column = two_node_body("column", 40.0, 0.5, stiffness)
-    result = named(lumped_machine([column], [joint_between("foot", "ground", "column.foot", held=range(6))]), count=1)
+    result = named(
+        lumped_machine([column], [joint_between("foot", "ground", "column.foot", held=range(6))]),
+        count=1,
+    )
     assert result.names[0].startswith(expected)
     assert result.strain_shares[0]["column"] > 0.9
 
 
 def test_a_stout_column_bends_twists_and_stretches() -> None:
-    column = make_component({"foot": "rigid", "tip": "average"}, modes=12, name="column", size=(0.4, 0.36, 0.9))
+    column = make_component(
+        {"foot": "rigid", "tip": "average"}, modes=12, name="column", size=(0.4, 0.36, 0.9)
+    )
     mesh = make_box((2, 2, 4), (0.4, 0.36, 0.9), {"foot": "z-", "tip": "z+"}, kind="hex27")
     superelement = reduce_elastic(column, mesh, comm=MPI.COMM_SELF)
     names = named(
-        lumped_machine([(column, superelement)], [joint_between("foot", "ground", "column.foot", held=range(6))]), count=6
+        lumped_machine(
+            [(column, superelement)],
+            [joint_between("foot", "ground", "column.foot", held=range(6))],
+        ),
+        count=6,
     ).names
     assert names[:3] == ("column bends Y", "column bends X", "column twists C")
     assert names.count("column stretches Z") == 1
@@ -81,15 +112,24 @@ def test_numbered_names_are_joined() -> None:
     assert join_names(["a", "b", "c", "d", "e"]) == "a + b + c + d ..."
 
 
-def ring_points(radius: float, height: float, count: int = 600) -> tuple[FloatArray, FloatArray, FloatArray]:
+def ring_points(
+    radius: float, height: float, count: int = 600
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Places on a wall of a radius and height, or in a disc where the height is nearly none."""
     random = np.random.default_rng(0)
-    angles, heights = random.uniform(0.0, 2.0 * np.pi, count), random.uniform(-0.5, 0.5, count) * height
-    radii = radius * (np.sqrt(random.uniform(0.0, 1.0, count)) if height < radius / 5 else np.ones(count))
+    angles, heights = (
+        random.uniform(0.0, 2.0 * np.pi, count),
+        random.uniform(-0.5, 0.5, count) * height,
+    )
+    radii = radius * (
+        np.sqrt(random.uniform(0.0, 1.0, count)) if height < radius / 5 else np.ones(count)
+    )
     return np.column_stack([radii * np.cos(angles), radii * np.sin(angles), heights]), angles, radii
 
 
-TUBE_FIELDS: dict[str, Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]]] = {
+TUBE_FIELDS: dict[
+    str, Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
+] = {
     "breathe": lambda a, z: (np.ones_like(a), 0.0 * a, -0.3 * z),
     "twist C": lambda a, z: (0.0 * a, z, 0.0 * a),
     "stretch Z": lambda a, z: (0.05 * np.ones_like(a), 0.0 * a, z),
@@ -104,19 +144,31 @@ def test_a_tube_is_named_by_the_waves_around_its_axis(expected: str) -> None:
     places, angles, _ = ring_points(0.1, 1.0)
     radial, around, along = TUBE_FIELDS[expected](angles, places[:, 2] * 10.0)
     field = np.column_stack(
-        [radial * np.cos(angles) - around * np.sin(angles), radial * np.sin(angles) + around * np.cos(angles), along]
+        [
+            radial * np.cos(angles) - around * np.sin(angles),
+            radial * np.sin(angles) + around * np.cos(angles),
+            along,
+        ]
     )
     named = name_around(np.array([0.0, 0.0, 1.0]), places, field, 2, slender=True)
     assert (str(named) if named is None else " ".join(named).strip()) == expected
 
 
 @pytest.mark.parametrize(
-    ("waves", "expected"), [(0, "bend like an umbrella"), (2, "bend with 2 nodal diameters"), (3, "bend with 3 nodal diameters")]
+    ("waves", "expected"),
+    [
+        (0, "bend like an umbrella"),
+        (2, "bend with 2 nodal diameters"),
+        (3, "bend with 3 nodal diameters"),
+    ],
 )
 def test_a_disc_is_named_by_its_nodal_diameters(waves: int, expected: str) -> None:
     places, angles, radii = ring_points(0.1, 0.005)
     field = np.column_stack([np.zeros((600, 2)), (radii / 0.1) ** 2 * np.cos(waves * angles + 0.3)])
-    assert " ".join(present(name_around(np.array([0.0, 0.0, 1.0]), places, field, 2, slender=False))) == expected
+    assert (
+        " ".join(present(name_around(np.array([0.0, 0.0, 1.0]), places, field, 2, slender=False)))
+        == expected
+    )
 
 
 def test_a_ball_breathes_twists_or_deforms_and_has_no_direction() -> None:

@@ -24,19 +24,57 @@ def make_table(kind: str, **keys: object) -> JointTable:
         ("rigid", {}, (0, 1, 2, 3, 4, 5), [0, 0, 0, 0, 0, 0]),
         ("spring", {"stiffness": {"x": K, "rz": R}}, (), [1e6, 0, 0, 0, 0, 5]),
         ("spring", {"stiffness": {"x": "rigid", "z": K}}, (0,), [0, 0, 1e6, 0, 0, 0]),
-        ("linear_guide", {"axis": "y", "stiffness": {"lateral": K, "normal": "2 N/um", "yaw": R}}, (), [0, 1e6, 2e6, 0, 0, 5]),
         (
             "linear_guide",
-            {"axis": "y", "stiffness": {"lateral": K, "normal": K, "roll": R, "pitch": "6 N m/rad"}},
+            {"axis": "y", "stiffness": {"lateral": K, "normal": "2 N/um", "yaw": R}},
+            (),
+            [0, 1e6, 2e6, 0, 0, 5],
+        ),
+        (
+            "linear_guide",
+            {
+                "axis": "y",
+                "stiffness": {"lateral": K, "normal": K, "roll": R, "pitch": "6 N m/rad"},
+            },
             (),
             [0, 1e6, 1e6, 5, 6, 0],
         ),
-        ("ball_screw", {"axis": "z", "stiffness": {"axial": K, "torsion": R}}, (), [1e6, 0, 0, 5, 0, 0]),
-        ("bearing", {"axis": "z", "stiffness": {"radial": K, "axial": "3 N/um", "tilt": R}}, (), [3e6, 1e6, 1e6, 0, 5, 5]),
-        ("bearing", {"axis": "z", "stiffness": {"radial": K, "torsion": "rigid"}}, (3,), [0, 1e6, 1e6, 0, 0, 0]),
-        ("bearing", {"axis": "z", "stiffness": {"radial": K, "torsion": R}}, (), [0, 1e6, 1e6, 5, 0, 0]),
-        ("bolted", {"stiffness": {"normal": K, "shear": "2 N/um", "torsion": R}}, (), [2e6, 2e6, 1e6, 0, 0, 5]),
-        ("mount", {"stiffness": {"vertical": K, "horizontal": "2 N/um", "tilt": R}}, (), [2e6, 2e6, 1e6, 5, 5, 0]),
+        (
+            "ball_screw",
+            {"axis": "z", "stiffness": {"axial": K, "torsion": R}},
+            (),
+            [1e6, 0, 0, 5, 0, 0],
+        ),
+        (
+            "bearing",
+            {"axis": "z", "stiffness": {"radial": K, "axial": "3 N/um", "tilt": R}},
+            (),
+            [3e6, 1e6, 1e6, 0, 5, 5],
+        ),
+        (
+            "bearing",
+            {"axis": "z", "stiffness": {"radial": K, "torsion": "rigid"}},
+            (3,),
+            [0, 1e6, 1e6, 0, 0, 0],
+        ),
+        (
+            "bearing",
+            {"axis": "z", "stiffness": {"radial": K, "torsion": R}},
+            (),
+            [0, 1e6, 1e6, 5, 0, 0],
+        ),
+        (
+            "bolted",
+            {"stiffness": {"normal": K, "shear": "2 N/um", "torsion": R}},
+            (),
+            [2e6, 2e6, 1e6, 0, 0, 5],
+        ),
+        (
+            "mount",
+            {"stiffness": {"vertical": K, "horizontal": "2 N/um", "tilt": R}},
+            (),
+            [2e6, 2e6, 1e6, 5, 5, 0],
+        ),
         ("revolute", {"axis": "z"}, (0, 1, 2, 4, 5), [0, 0, 0, 0, 0, 0]),
         ("revolute", {"axis": "z", "stiffness": {"rx": R}}, (0, 1, 2, 4, 5), [0, 0, 0, 5, 0, 0]),
         ("universal", {"axis": "x", "normal": "y"}, (0, 1, 2, 4), [0, 0, 0, 0, 0, 0]),
@@ -55,8 +93,12 @@ def test_a_kind_holds_and_springs_its_dofs(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize(("axis", "normal"), [("x", "z"), ("-y", "x"), ([1, 2, 2], [0, 0, 1]), ("z", [1, 1, 0])])
-def test_joint_axes_are_right_handed_and_point_where_the_scene_says(kind: str, axis: object, normal: object) -> None:
+@pytest.mark.parametrize(
+    ("axis", "normal"), [("x", "z"), ("-y", "x"), ([1, 2, 2], [0, 0, 1]), ("z", [1, 1, 0])]
+)
+def test_joint_axes_are_right_handed_and_point_where_the_scene_says(
+    kind: str, axis: object, normal: object
+) -> None:
     table = make_table(kind, axis=axis, normal=normal)
     rotation = joint_rotation(table)
     np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-15)
@@ -79,7 +121,10 @@ def test_damping_stands_beside_stiffness() -> None:
 
 def test_negative_values_need_to_be_allowed() -> None:
     keys = {"stiffness": {"x": "-1 N/um"}, "damping": {"x": "-1 N s/m"}}
-    assert [fault.key for fault in find_joint_faults(make_table("spring", **keys))] == [("stiffness", "x"), ("damping", "x")]
+    assert [fault.key for fault in find_joint_faults(make_table("spring", **keys))] == [
+        ("stiffness", "x"),
+        ("damping", "x"),
+    ]
     table = make_table("spring", allow_negative=True, **keys)
     assert find_joint_faults(table) == []
     assert build_joint("j", table).stiffness[0, 0] == -1e6
@@ -129,7 +174,9 @@ tcp = { tool = "shaft.nose", work = "ground" }
         ('tilt = "1 N m/rad"', 5, None),
     ],
 )
-def test_a_spindle_that_may_turn_is_known_before_any_mesh(held: str, offset: int, free: str | None, tmp_path: Path) -> None:
+def test_a_spindle_that_may_turn_is_known_before_any_mesh(
+    held: str, offset: int, free: str | None, tmp_path: Path
+) -> None:
     path = tmp_path / "spindle.toml"
     path.write_text(SPINDLE % (held, offset))
     found = find_unheld_motions(load_scene(path))

@@ -1,4 +1,6 @@
-"""From scene text to machine: values, unit systems, axes, loads, orientation, the scenes that ship, and the JSON schema."""
+"""From scene text to machine: values, unit systems, axes, loads, orientation, the scenes that ship,
+and the JSON schema.
+"""
 
 import json
 import math
@@ -13,7 +15,14 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Machine, place_components
 from headstock.geometry.parts.components import Patch
-from headstock.geometry.parts.solids import Box, HollowColumn, MeshFile, Plate, SuperelementFile, Tube
+from headstock.geometry.parts.solids import (
+    Box,
+    HollowColumn,
+    MeshFile,
+    Plate,
+    SuperelementFile,
+    Tube,
+)
 from headstock.scene.building.loader import load_scene
 
 MACHINES = Path(__file__).resolve().parents[3] / "machines"
@@ -90,17 +99,27 @@ def numbers(machine: Machine) -> FloatArray:
         bar.mass,
         bar.mesh.size,
     ]
-    values += [*bar.placement.origin, *bar.placement.rotation.ravel(), *patch.center, *patch.size, *joint.point]
+    values += [
+        *bar.placement.origin,
+        *bar.placement.rotation.ravel(),
+        *patch.center,
+        *patch.size,
+        *joint.point,
+    ]
     values += [*joint.stiffness.ravel(), *joint.damping.ravel(), *load_.vector]
     return np.array(values, dtype=float)
 
 
 def test_the_same_scene_in_mm_t_s_and_in_si_is_the_same_machine(tmp_path: Path) -> None:
-    np.testing.assert_allclose(numbers(load(tmp_path, MM_T_S)), numbers(load(tmp_path, SI)), rtol=1e-12, atol=0.0)
+    np.testing.assert_allclose(
+        numbers(load(tmp_path, MM_T_S)), numbers(load(tmp_path, SI)), rtol=1e-12, atol=0.0
+    )
 
 
 def test_lengths_are_the_same_floats_in_every_unit(tmp_path: Path) -> None:
-    assert load(tmp_path, MM_T_S).components["bar"].solid == load(tmp_path, SI).components["bar"].solid
+    assert (
+        load(tmp_path, MM_T_S).components["bar"].solid == load(tmp_path, SI).components["bar"].solid
+    )
 
 
 @pytest.mark.parametrize(
@@ -121,7 +140,10 @@ def test_lengths_are_the_same_floats_in_every_unit(tmp_path: Path) -> None:
     ],
 )
 def test_a_solid_is_what_the_scene_says(tmp_path: Path, text: str, solid: object) -> None:
-    machine = load(tmp_path, f'free = true\n{STEEL}[components.part]\nsolid = {{ {text} }}\nmaterial = "steel"\n')
+    machine = load(
+        tmp_path,
+        f'free = true\n{STEEL}[components.part]\nsolid = {{ {text} }}\nmaterial = "steel"\n',
+    )
     assert machine.components["part"].solid == solid
 
 
@@ -129,13 +151,13 @@ def test_files_beside_the_scene_become_solids(tmp_path: Path) -> None:
     (tmp_path / "part.inp").write_text("")
     (tmp_path / "part.h5").write_text("")
     text = f'free = true\n{STEEL}[components.part]\nsolid = {{ mesh = "part.inp", unit = "1 mm" }}\nmaterial = "steel"\n'
-    text += (
-        '[components.part.interfaces]\nfoot = { face = "set:FOOT" }\n[components.black_box]\nsolid = { superelement = "part.h5" }\n'
-    )
+    text += '[components.part.interfaces]\nfoot = { face = "set:FOOT" }\n[components.black_box]\nsolid = { superelement = "part.h5" }\n'
     text += '[points]\np = { tool = "black_box.anything", work = "part.foot" }\n'
     machine = load(tmp_path, text)
     assert machine.components["part"].solid == MeshFile((tmp_path / "part.inp").resolve(), 1e-3)
-    assert machine.components["black_box"].solid == SuperelementFile((tmp_path / "part.h5").resolve())
+    assert machine.components["black_box"].solid == SuperelementFile(
+        (tmp_path / "part.h5").resolve()
+    )
     assert machine.points["p"].tool == JointEnd("black_box", "anything")
 
 
@@ -147,14 +169,25 @@ def test_files_beside_the_scene_become_solids(tmp_path: Path) -> None:
             'face = "x-", disk = { diameter = "20 mm", center = ["10 mm", "30 mm"] }',
             (Patch("x-", "disk", (0.0, 0.01, 0.03), (0.02,)),),
         ),
-        ('face = "y+", rect = { size = ["20 mm", "30 mm"] }', (Patch("y+", "rect", (0.0, 0.0, 0.25), (0.02, 0.03)),)),
-        ('face = "z-", strip = { width = "20 mm", along = "x" }', (Patch("z-", "strip", (0.0, 0.0, 0.0), (0.02,), "x"),)),
+        (
+            'face = "y+", rect = { size = ["20 mm", "30 mm"] }',
+            (Patch("y+", "rect", (0.0, 0.0, 0.25), (0.02, 0.03)),),
+        ),
+        (
+            'face = "z-", strip = { width = "20 mm", along = "x" }',
+            (Patch("z-", "strip", (0.0, 0.0, 0.0), (0.02,), "x"),),
+        ),
         ('patches = [{ face = "z-" }, { face = "z+" }]', (Patch("z-"), Patch("z+"))),
     ],
 )
-def test_an_interface_s_patches_are_what_the_scene_says(tmp_path: Path, text: str, patches: tuple[Patch, ...]) -> None:
+def test_an_interface_s_patches_are_what_the_scene_says(
+    tmp_path: Path, text: str, patches: tuple[Patch, ...]
+) -> None:
     solid = 'solid = { box = ["100 mm", "100 mm", "500 mm"] }'
-    machine = load(tmp_path, f'free = true\n{STEEL}[components.p]\n{solid}\nmaterial = "steel"\ninterfaces.i = {{ {text} }}\n')
+    machine = load(
+        tmp_path,
+        f'free = true\n{STEEL}[components.p]\n{solid}\nmaterial = "steel"\ninterfaces.i = {{ {text} }}\n',
+    )
     assert machine.components["p"].interfaces["i"].patches == patches
 
 
@@ -162,16 +195,23 @@ def test_rotations_are_applied_in_the_order_they_are_written(tmp_path: Path) -> 
     turns = '[{ axis = "x", angle = "90 deg" }, { axis = "z", angle = "90 deg" }]'
     text = f'free = true\n{STEEL}[components.p]\nsolid = {{ box = ["1 m", "1 m", "1 m"] }}\nmaterial = "steel"\nrotate = {turns}\n'
     rotation = load(tmp_path, text).components["p"].placement.rotation
-    np.testing.assert_allclose(rotation @ [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], atol=1e-15)  # z to -y, then -y to x
+    np.testing.assert_allclose(
+        rotation @ [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], atol=1e-15
+    )  # z to -y, then -y to x
 
 
 def test_the_orientation_turns_the_machine_and_leaves_gravity(tmp_path: Path) -> None:
-    text = SI + '[effects]\ngravity = true\n[orientation]\nat = ["1 m", "0 m", "0 m"]\nrotate = { axis = "y", angle = "90 deg" }\n'
+    text = (
+        SI
+        + '[effects]\ngravity = true\n[orientation]\nat = ["1 m", "0 m", "0 m"]\nrotate = { axis = "y", angle = "90 deg" }\n'
+    )
     plain, turned = load(tmp_path, SI), load(tmp_path, text)
     rotation = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
     expected = rotation @ plain.components["bar"].placement.origin + [1.0, 0.0, 0.0]
     np.testing.assert_allclose(turned.components["bar"].placement.origin, expected, atol=1e-15)
-    np.testing.assert_allclose(turned.joints["base"].rotation, rotation @ plain.joints["base"].rotation, atol=1e-15)
+    np.testing.assert_allclose(
+        turned.joints["base"].rotation, rotation @ plain.joints["base"].rotation, atol=1e-15
+    )
     assert turned.gravity == (0.0, 0.0, -9.80665)
 
 
@@ -180,12 +220,22 @@ def test_the_orientation_turns_the_machine_and_leaves_gravity(tmp_path: Path) ->
     [
         ("", (0.0, 0.0, -9.80665), frozenset()),
         ("[effects]\ngravity = false\n", (0.0, 0.0, -9.80665), frozenset()),
-        ('effects = ["gravity", "damping"]\n', (0.0, 0.0, -9.80665), frozenset({"gravity", "damping"})),
+        (
+            'effects = ["gravity", "damping"]\n',
+            (0.0, 0.0, -9.80665),
+            frozenset({"gravity", "damping"}),
+        ),
         ('effects = { gravity = "9.81 m/s^2" }\n', (0.0, 0.0, -9.81), frozenset({"gravity"})),
-        ('effects = { gravity = ["9.81 m/s^2", "0 m/s^2", "0 m/s^2"] }\n', (9.81, 0.0, 0.0), frozenset({"gravity"})),
+        (
+            'effects = { gravity = ["9.81 m/s^2", "0 m/s^2", "0 m/s^2"] }\n',
+            (9.81, 0.0, 0.0),
+            frozenset({"gravity"}),
+        ),
     ],
 )
-def test_effects_are_off_unless_named(tmp_path: Path, text: str, gravity: tuple[float, ...], effects: frozenset[str]) -> None:
+def test_effects_are_off_unless_named(
+    tmp_path: Path, text: str, gravity: tuple[float, ...], effects: frozenset[str]
+) -> None:
     path = tmp_path / "scene.toml"
     path.write_text(text + SI)
     scene = load_scene(path)
@@ -206,7 +256,10 @@ def test_supports_and_loads_carry_their_patches(tmp_path: Path) -> None:
     assert machine.supports["foot"].directions == ("z", "x")
     assert (machine.loads["oil"].kind, machine.loads["oil"].magnitude) == ("pressure", 1e5)
     assert (machine.loads["drag"].patches, machine.loads["drag"].vector) == (foot, (1e6, 0.0, 0.0))
-    assert (machine.loads["weight"].kind, machine.loads["weight"].vector) == ("body", (0.0, 0.0, -9.81))
+    assert (machine.loads["weight"].kind, machine.loads["weight"].vector) == (
+        "body",
+        (0.0, 0.0, -9.81),
+    )
     assert machine.loads["push"].vector == (1000.0, 0.0, 0.0, 0.0, 5.0, 0.0)
 
 
@@ -228,16 +281,29 @@ def test_the_axes_of_the_three_axis_machine_carry_what_lies_beyond_their_joints(
         ("YCE", {"column_left", "column_right", "y_base"}),
     ],
 )
-def test_the_three_axis_machine_has_the_paper_s_variants(variant: str | None, elastic: set[str]) -> None:
+def test_the_three_axis_machine_has_the_paper_s_variants(
+    variant: str | None, elastic: set[str]
+) -> None:
     scene = load_scene(MACHINES / "three_axis.toml", variant=variant)
-    assert {name for name, component in scene.machine.components.items() if component.fidelity == "elastic"} == elastic
+    assert {
+        name
+        for name, component in scene.machine.components.items()
+        if component.fidelity == "elastic"
+    } == elastic
     assert scene.warnings == ()
-    assert scene.machine.joints["left_foot_bolts"].held == ((0, 1, 5) if variant == "BE" else (0, 1, 2, 3, 4, 5))
+    assert scene.machine.joints["left_foot_bolts"].held == (
+        (0, 1, 5) if variant == "BE" else (0, 1, 2, 3, 4, 5)
+    )
 
 
 @pytest.mark.parametrize("variant", ["R", "BE", "CE", "YE", "YCE"])
-def test_what_is_elastic_in_a_variant_of_the_three_axis_machine_can_be_segmented_instead(variant: str) -> None:
-    elastic, segmented = (load_scene(MACHINES / "three_axis.toml", variant=name) for name in (variant, f"segmented+{variant}"))
+def test_what_is_elastic_in_a_variant_of_the_three_axis_machine_can_be_segmented_instead(
+    variant: str,
+) -> None:
+    elastic, segmented = (
+        load_scene(MACHINES / "three_axis.toml", variant=name)
+        for name in (variant, f"segmented+{variant}")
+    )
     assert set(segmented.machine.components) == set(elastic.machine.components) != set()
     for name, component in elastic.machine.components.items():
         expected = "segmented" if component.fidelity == "elastic" else component.fidelity
@@ -252,8 +318,12 @@ def test_the_three_axis_machine_has_the_paper_s_driven_masses() -> None:
 
 
 @pytest.mark.parametrize("variant", [None, "thicker", "calibrated"])
-@pytest.mark.parametrize("joint", ["left_foot_bolts", "right_foot_bolts", "left_head_bolts", "right_head_bolts"])
-def test_bolted_faces_of_the_three_axis_machine_lie_on_each_other(joint: str, variant: str | None) -> None:
+@pytest.mark.parametrize(
+    "joint", ["left_foot_bolts", "right_foot_bolts", "left_head_bolts", "right_head_bolts"]
+)
+def test_bolted_faces_of_the_three_axis_machine_lie_on_each_other(
+    joint: str, variant: str | None
+) -> None:
     scene = load_scene(MACHINES / "three_axis.toml", variant=variant)
     machine = scene.machine
     frames = place_components(machine, scene.poses["reference"])
@@ -286,5 +356,7 @@ def test_the_beam_scenes_load_without_warnings(name: str) -> None:
 
 def test_the_json_schema_names_every_section_and_is_json() -> None:
     schema = json.loads(json.dumps(scene_schema()))
-    assert {"materials", "components", "joints", "axes", "analyses", "variants"} <= set(schema["properties"])
+    assert {"materials", "components", "joints", "axes", "analyses", "variants"} <= set(
+        schema["properties"]
+    )
     assert schema["additionalProperties"] is False

@@ -37,7 +37,9 @@ SCENE = Path(__file__).resolve().parents[3] / "machines" / "tripteor.toml"
 def test_a_wrong_mechanism_is_refused_by_name(override: str, key: str, message: str) -> None:
     with pytest.raises(SceneError) as caught:
         load_scene(SCENE, variant="lumped", overrides=[override])
-    assert any(problem.key == key and message in problem.message for problem in caught.value.problems), str(caught.value)
+    assert any(
+        problem.key == key and message in problem.message for problem in caught.value.problems
+    ), str(caught.value)
 
 
 @pytest.mark.parametrize(("override", "key", "message"), [
@@ -49,15 +51,23 @@ def test_a_wrong_mechanism_is_refused_by_name(override: str, key: str, message: 
     ('components.beam_1.at[2]="-1100 mm"', "poses.config_3", "hangs"),
     ('joints.base_1.normal="x"', "joints.base_1.normal", "parallel"),
 ])  # fmt: skip
-def test_wrong_components_on_a_mechanism_are_refused_by_name(override: str, key: str, message: str) -> None:
+def test_wrong_components_on_a_mechanism_are_refused_by_name(
+    override: str, key: str, message: str
+) -> None:
     with pytest.raises(SceneError) as caught:
         load_scene(SCENE, variant="components", overrides=[override])
-    assert any(problem.key == key and message in problem.message for problem in caught.value.problems), str(caught.value)
+    assert any(
+        problem.key == key and message in problem.message for problem in caught.value.problems
+    ), str(caught.value)
 
 
 def test_components_on_a_mechanism_are_coupled_in_its_poses() -> None:
     stages = plan_scene(load_scene(SCENE, variant="components")).stages
-    assert [stage.pose for stage in stages if stage.kind == "couple"] == ["config_1", "config_2", "config_3"]
+    assert [stage.pose for stage in stages if stage.kind == "couple"] == [
+        "config_1",
+        "config_2",
+        "config_3",
+    ]
     assert {"place", "map", "contour"}.isdisjoint(stage.kind for stage in stages)
 
 
@@ -69,7 +79,9 @@ def test_components_on_a_mechanism_are_coupled_in_its_poses() -> None:
 def test_regeneration_says_what_it_needs(override: str, key: str, message: str) -> None:
     with pytest.raises(SceneError) as caught:
         load_scene(SCENE, variant="lumped", overrides=["effects.regeneration=true", override])
-    assert any(problem.key == key and message in problem.message for problem in caught.value.problems), str(caught.value)
+    assert any(
+        problem.key == key and message in problem.message for problem in caught.value.problems
+    ), str(caught.value)
 
 
 def test_a_lumped_mechanism_is_placed_and_neither_meshed_nor_coupled() -> None:

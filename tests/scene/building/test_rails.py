@@ -64,12 +64,21 @@ def load(folder: Path, *changes: tuple[str, str]) -> Scene:
     return load_scene(path)
 
 
-def test_a_rail_without_stations_gets_them_from_its_length_and_the_shortest_carriage(tmp_path: Path) -> None:
+def test_a_rail_without_stations_gets_them_from_its_length_and_the_shortest_carriage(
+    tmp_path: Path,
+) -> None:
     machine = load(tmp_path).machine
     rail = machine.components["bed"].interfaces["rail"]
     # 2.5 intervals per 60 mm on 600 mm, and the three more that a cubic takes
-    assert rail.rail is not None and (rail.rail.along, rail.rail.stations, rail.coupling) == ("x", 28, "average")
-    assert machine.joints["guide"].length == pytest.approx(0.06) and machine.joints["screw"].length is None
+    assert rail.rail is not None and (rail.rail.along, rail.rail.stations, rail.coupling) == (
+        "x",
+        28,
+        "average",
+    )
+    assert (
+        machine.joints["guide"].length == pytest.approx(0.06)
+        and machine.joints["screw"].length is None
+    )
 
 
 @pytest.mark.parametrize(
@@ -91,10 +100,16 @@ def test_a_rail_without_stations_gets_them_from_its_length_and_the_shortest_carr
         ('block = { face = "z-" }', 'block = { face = "z-", rail = { along = "x" } }', "joints.guide.between", "both ends are rails"),
     ],
 )  # fmt: skip
-def test_a_carriage_that_cannot_be_is_named_with_its_remedy(tmp_path: Path, old: str, new: str, key: str, message: str) -> None:
+def test_a_carriage_that_cannot_be_is_named_with_its_remedy(
+    tmp_path: Path, old: str, new: str, key: str, message: str
+) -> None:
     with pytest.raises(SceneError) as caught:
         load(tmp_path, (old, new))
-    matching = [problem for problem in caught.value.problems if problem.key == key and message in problem.message]
+    matching = [
+        problem
+        for problem in caught.value.problems
+        if problem.key == key and message in problem.message
+    ]
     assert matching, str(caught.value)
 
 
@@ -104,7 +119,10 @@ def test_segments_longer_than_the_carriage_are_warned_of(tmp_path: Path) -> None
         'material = "steel"\nfidelity = "segmented"\nsegments = { count = 8 }\n[components.bed.interfaces]',
     )
     warnings = load(tmp_path, change).warnings
-    assert any("60 mm is shorter than a segment of 75 mm" in warning and "count = 20" in warning for warning in warnings)
+    assert any(
+        "60 mm is shorter than a segment of 75 mm" in warning and "count = 20" in warning
+        for warning in warnings
+    )
     assert load(tmp_path).warnings == ()
 
 
@@ -112,7 +130,9 @@ SHAFT = 'screw = { diameter = "20 mm", lead = "5 mm", bearing = "400 N/um", coup
 ENDS = '"bed.foot", "slide.block"]\nkind = "ball_screw"\naxis = "x"\n'
 
 
-def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_elastic_parts(tmp_path: Path) -> None:
+def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_elastic_parts(
+    tmp_path: Path,
+) -> None:
     far = SHAFT.replace(" }", ', far = "bed.foot", length = "500 mm" }')
     nut_first = ENDS.replace('"bed.foot", "slide.block"', '"slide.block", "bed.foot"')
     machine = load(tmp_path, (ENDS, nut_first + far)).machine
@@ -120,7 +140,9 @@ def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_el
     assert shaft is not None
     area, polar = math.pi * 0.02**2 / 4.0, math.pi * 0.02**4 / 32.0
     assert (shaft.axial, shaft.torsional) == pytest.approx((210e9 * area, 210e9 / 2.6 * polar))
-    assert machine.joints["screw_shaft"].stiffness[0, 0] == pytest.approx(1.0 / (1.0 / 4e8 + 0.5 / (210e9 * area)))
+    assert machine.joints["screw_shaft"].stiffness[0, 0] == pytest.approx(
+        1.0 / (1.0 / 4e8 + 0.5 / (210e9 * area))
+    )
     rigid = (
         'material = "steel"\n[components.bed.interfaces]',
         'material = "steel"\nfidelity = "rigid"\n[components.bed.interfaces]',
@@ -131,20 +153,64 @@ def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_el
 @pytest.mark.parametrize(
     ("old", "new", "key", "message"),
     [
-        (SHAFT, SHAFT.replace('"20 mm"', '"20 mm", bore = "25 mm"'), "joints.screw.screw", "bore of 25 mm"),
-        (SHAFT, SHAFT.replace('lead = "5 mm", ', ""), "joints.screw.screw", "a coupling gives way along the thread only"),
-        (SHAFT, SHAFT.replace(" }", ', far = "bed.foot" }'), "joints.screw.screw", "needs the shaft's length"),
-        (SHAFT, SHAFT.replace(" }", ', far = "bed.end", length = "1 m" }'), "joints.screw.screw.far", "no interface 'end'"),
-        (SHAFT, SHAFT.replace(" }", ', far = "slide.top", length = "1 m" }'), "joints.screw.screw.far", "which is the nut's"),
+        (
+            SHAFT,
+            SHAFT.replace('"20 mm"', '"20 mm", bore = "25 mm"'),
+            "joints.screw.screw",
+            "bore of 25 mm",
+        ),
+        (
+            SHAFT,
+            SHAFT.replace('lead = "5 mm", ', ""),
+            "joints.screw.screw",
+            "a coupling gives way along the thread only",
+        ),
+        (
+            SHAFT,
+            SHAFT.replace(" }", ', far = "bed.foot" }'),
+            "joints.screw.screw",
+            "needs the shaft's length",
+        ),
+        (
+            SHAFT,
+            SHAFT.replace(" }", ', far = "bed.end", length = "1 m" }'),
+            "joints.screw.screw.far",
+            "no interface 'end'",
+        ),
+        (
+            SHAFT,
+            SHAFT.replace(" }", ', far = "slide.top", length = "1 m" }'),
+            "joints.screw.screw.far",
+            "which is the nut's",
+        ),
         (SHAFT, SHAFT + 'length = "20 mm"\n', "joints.screw.length", "slides on no rail"),
-        (SHAFT, SHAFT.replace('"400 N/um"', '"400 N/um", nu = 0.7'), "joints.screw.screw.nu", "is 0.7 but a Poisson ratio"),
-        ('axial = "100 N/um"', 'axial = "rigid"', "joints.screw.stiffness.axial", "the nut of a screw with a shaft gives way"),
-        ('"slide.block", "bed.foot"', '"slide.block", "ground"', "joints.screw.between", "not ground"),
+        (
+            SHAFT,
+            SHAFT.replace('"400 N/um"', '"400 N/um", nu = 0.7'),
+            "joints.screw.screw.nu",
+            "is 0.7 but a Poisson ratio",
+        ),
+        (
+            'axial = "100 N/um"',
+            'axial = "rigid"',
+            "joints.screw.stiffness.axial",
+            "the nut of a screw with a shaft gives way",
+        ),
+        (
+            '"slide.block", "bed.foot"',
+            '"slide.block", "ground"',
+            "joints.screw.between",
+            "not ground",
+        ),
         (SHAFT, "", "joints.guide.screw", "a linear_guide has no screw"),
     ],
 )
-def test_a_screw_that_cannot_be_is_named_with_its_remedy(tmp_path: Path, old: str, new: str, key: str, message: str) -> None:
-    text = GOOD.replace(ENDS, ENDS.replace('"bed.foot", "slide.block"', '"slide.block", "bed.foot"') + SHAFT)
+def test_a_screw_that_cannot_be_is_named_with_its_remedy(
+    tmp_path: Path, old: str, new: str, key: str, message: str
+) -> None:
+    text = GOOD.replace(
+        ENDS, ENDS.replace('"bed.foot", "slide.block"', '"slide.block", "bed.foot"') + SHAFT
+    )
     if not new:
         new = old
         text = text.replace('length = "60 mm"\n', 'length = "60 mm"\n' + SHAFT)
@@ -154,5 +220,9 @@ def test_a_screw_that_cannot_be_is_named_with_its_remedy(tmp_path: Path, old: st
     path.write_text(text.replace(old, new))
     with pytest.raises(SceneError) as caught:
         load_scene(path)
-    matching = [problem for problem in caught.value.problems if problem.key == key and message in problem.message]
+    matching = [
+        problem
+        for problem in caught.value.problems
+        if problem.key == key and message in problem.message
+    ]
     assert matching, str(caught.value)

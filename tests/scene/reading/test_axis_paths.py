@@ -13,7 +13,9 @@ from headstock.scene.reading.units import ANGLE, LENGTH, parse_quantity
 from headstock.scene.studies import Sweep
 
 SLIDE = (Path(__file__).parents[2] / "data" / "slide.toml").read_text()
-WAY = '[sweeps.way]\npath = [{ X = "-100 mm" }, { X = "200 mm" }, { X = "150 mm" }]\nstep = "40 mm"\n'
+WAY = (
+    '[sweeps.way]\npath = [{ X = "-100 mm" }, { X = "200 mm" }, { X = "150 mm" }]\nstep = "40 mm"\n'
+)
 
 
 def write(folder: Path, text: str) -> Path:
@@ -40,7 +42,9 @@ def test_positions_are_the_numbers_that_a_scene_with_the_same_digits_has(tmp_pat
     assert path.lines.tolist() == list(range(2, 9))
 
 
-def test_a_sweep_along_a_file_has_the_poses_of_the_same_way_written_in_the_scene(tmp_path: Path) -> None:
+def test_a_sweep_along_a_file_has_the_poses_of_the_same_way_written_in_the_scene(
+    tmp_path: Path,
+) -> None:
     write(tmp_path, "X [mm]\n-100\n200\n150\n")
     from_file = load_way(tmp_path, 'path = "way.csv"\nstep = "40 mm"')
     (tmp_path / "scene.toml").write_text(SLIDE)
@@ -51,11 +55,19 @@ def test_a_sweep_along_a_file_has_the_poses_of_the_same_way_written_in_the_scene
 
 def test_without_a_step_every_row_is_a_pose(tmp_path: Path) -> None:
     write(tmp_path, "X [mm]\n-100\n200\n150\n150\n")
-    assert load_way(tmp_path, 'path = "way.csv"').positions.tolist() == [[-0.1], [0.2], [0.15], [0.15]]
+    assert load_way(tmp_path, 'path = "way.csv"').positions.tolist() == [
+        [-0.1],
+        [0.2],
+        [0.15],
+        [0.15],
+    ]
 
 
 def test_a_step_without_a_path_and_a_list_without_a_step_are_refused(tmp_path: Path) -> None:
-    for way in ('axes = { X = ["0 mm", "1 mm", 2] }\nstep = "1 mm"', 'path = [{ X = "1 mm" }, { X = "2 mm" }]'):
+    for way in (
+        'axes = { X = ["0 mm", "1 mm", 2] }\nstep = "1 mm"',
+        'path = [{ X = "1 mm" }, { X = "2 mm" }]',
+    ):
         with pytest.raises(SceneError, match="path and step go together"):
             load_way(tmp_path, way)
 
@@ -83,13 +95,21 @@ def test_a_step_without_a_path_and_a_list_without_a_step_are_refused(tmp_path: P
     (f'X [mm]\n1\n"{"1" * 200_000}"\n', "way.csv cannot be read: field larger than field limit"),
     ("X [mm]\n1\n\0\n", "way.csv:3 is no row of numbers"),
 ])  # fmt: skip
-def test_a_file_that_is_no_way_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
-    plain = message if ".*" in message else "".join(f"\\{sign}" if sign in "[]()." else sign for sign in message)
+def test_a_file_that_is_no_way_is_refused_with_its_line(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    plain = (
+        message
+        if ".*" in message
+        else "".join(f"\\{sign}" if sign in "[]()." else sign for sign in message)
+    )
     with pytest.raises(PathFileError, match=plain):
         read_path(write(tmp_path, text))
 
 
-def test_bytes_that_are_no_text_and_files_that_are_too_long_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bytes_that_are_no_text_and_files_that_are_too_long_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "way.csv"
     path.write_bytes(b"X [mm]\n1\n\xff\n")
     with pytest.raises(PathFileError, match=r"way.csv cannot be read: .*utf-8"):
@@ -106,7 +126,9 @@ def test_bytes_that_are_no_text_and_files_that_are_too_long_are_refused(tmp_path
 
 def test_huge_positions_are_no_trouble_where_an_axis_has_no_limits(tmp_path: Path) -> None:
     write(tmp_path, "X [mm]\n-1e300\n1e300\n")
-    scene = SLIDE.replace('limits = ["-260 mm", "260 mm"]\n', "").replace(WAY, '[sweeps.way]\npath = "way.csv"\nstep = "1 mm"\n')
+    scene = SLIDE.replace('limits = ["-260 mm", "260 mm"]\n', "").replace(
+        WAY, '[sweeps.way]\npath = "way.csv"\nstep = "1 mm"\n'
+    )
     (tmp_path / "scene.toml").write_text(scene)
     with pytest.raises(SceneError, match="takes 100000 at most"):
         load_scene(tmp_path / "scene.toml")

@@ -40,7 +40,11 @@ def test_a_bad_scene_is_refused_at_its_line(tmp_path: Path, row: dict[str, Any])
         (tmp_path / name).write_text(content)
     with pytest.raises(SceneError) as caught:
         load_scene(path)
-    matching = [problem for problem in caught.value.problems if problem.key == row["key"] and row["message"] in problem.message]
+    matching = [
+        problem
+        for problem in caught.value.problems
+        if problem.key == row["key"] and row["message"] in problem.message
+    ]
     assert matching, str(caught.value)
     line = line_of(text, row["marker"])
     assert matching[0].place.split(" (")[0] == f"{path}:{line}"
@@ -48,7 +52,15 @@ def test_a_bad_scene_is_refused_at_its_line(tmp_path: Path, row: dict[str, Any])
 
 
 @pytest.mark.parametrize(
-    "name", ["wrong unit", "unknown section", "missing interface", "patch outside", "unknown material", "negative stiffness"]
+    "name",
+    [
+        "wrong unit",
+        "unknown section",
+        "missing interface",
+        "patch outside",
+        "unknown material",
+        "negative stiffness",
+    ],
 )
 def test_one_mistake_is_one_problem(tmp_path: Path, name: str) -> None:
     row = BAD[name]
@@ -88,10 +100,14 @@ def test_every_problem_is_reported_at_once_in_the_order_of_the_file(tmp_path: Pa
 
 def test_a_floating_component_is_named_with_its_free_motions(tmp_path: Path) -> None:
     text = GOOD.replace('[supports.plane]\nface = "plinth.z-"\nfix = ["x", "y", "z"]\n', "")
-    text = text.replace('between = ["bed.bottom", "ground"]', 'between = ["bed.bottom", "plinth.head"]')
+    text = text.replace(
+        'between = ["bed.bottom", "ground"]', 'between = ["bed.bottom", "plinth.head"]'
+    )
     with pytest.raises(SceneError) as caught:
         load_scene(write_scene(tmp_path, text))
-    messages = [problem.message for problem in caught.value.problems if problem.key == "components.bed"]
+    messages = [
+        problem.message for problem in caught.value.problems if problem.key == "components.bed"
+    ]
     assert len(messages) == 1
     assert messages[0].startswith("bed, slider, plinth float together: 6 rigid motions are free")
     assert "free = true" in messages[0]
@@ -99,7 +115,10 @@ def test_a_floating_component_is_named_with_its_free_motions(tmp_path: Path) -> 
 
 def test_a_joint_without_stiffness_connects_nothing(tmp_path: Path) -> None:
     text = GOOD.replace('[supports.plane]\nface = "plinth.z-"\nfix = ["x", "y", "z"]\n', "")
-    text = text.replace('normal = "500 N/um", shear = "300 N/um", tilt = "1e7 N m/rad"', 'normal = "0 N/um", shear = "0 N/um"')
+    text = text.replace(
+        'normal = "500 N/um", shear = "300 N/um", tilt = "1e7 N m/rad"',
+        'normal = "0 N/um", shear = "0 N/um"',
+    )
     with pytest.raises(SceneError, match="float together"):
         load_scene(write_scene(tmp_path, text))
 
@@ -124,7 +143,9 @@ def test_a_machine_declared_free_may_float(tmp_path: Path) -> None:
         ("a = 1\nb = 1e3x\n", 2, "not valid TOML"),
     ],
 )  # fmt: skip
-def test_text_that_is_not_toml_is_refused_at_its_line(tmp_path: Path, text: str, line: int, fragment: str) -> None:
+def test_text_that_is_not_toml_is_refused_at_its_line(
+    tmp_path: Path, text: str, line: int, fragment: str
+) -> None:
     path = write_scene(tmp_path, text)
     with pytest.raises(SceneError) as caught:
         load_scene(path)
@@ -140,11 +161,21 @@ def test_text_that_is_not_toml_is_refused_at_its_line(tmp_path: Path, text: str,
         ('"7850 kg/m^3"', '"7.85e-9 kg/m^3"', "mm-t-s"),
         ('"7850 kg/m^3"', '"78500 kg/m^3"', "outside 100 to 25000"),
         ('["1 m", "0.5 m", "0.3 m"]', '["1 km", "0.5 m", "0.3 m"]', "a machine part is"),
-        ('mesh = { size = "40 mm" }', 'mesh = { size = "40 mm", order = 1 }', "linear elements lock"),
-        ('mesh = { size = "40 mm" }', 'mesh = { size = "40 mm" }\nmass = "15 g"', "0.015 kg for a solid that weighs"),
+        (
+            'mesh = { size = "40 mm" }',
+            'mesh = { size = "40 mm", order = 1 }',
+            "linear elements lock",
+        ),
+        (
+            'mesh = { size = "40 mm" }',
+            'mesh = { size = "40 mm" }\nmass = "15 g"',
+            "0.015 kg for a solid that weighs",
+        ),
     ],
 )
-def test_numbers_that_look_wrong_are_warned_of_with_their_line(tmp_path: Path, old: str, new: str, fragment: str) -> None:
+def test_numbers_that_look_wrong_are_warned_of_with_their_line(
+    tmp_path: Path, old: str, new: str, fragment: str
+) -> None:
     text = GOOD.replace(old, new)
     path = write_scene(tmp_path, text)
     warnings = [warning for warning in load_scene(path).warnings if fragment in warning]
@@ -153,7 +184,9 @@ def test_numbers_that_look_wrong_are_warned_of_with_their_line(tmp_path: Path, o
 
 
 @pytest.mark.parametrize(("stiffness", "count"), [("200 N/m", 1), ("20 kN/m", 0)])
-def test_a_machine_that_would_sink_by_metres_on_its_mounts_is_warned_of(tmp_path: Path, stiffness: str, count: int) -> None:
+def test_a_machine_that_would_sink_by_metres_on_its_mounts_is_warned_of(
+    tmp_path: Path, stiffness: str, count: int
+) -> None:
     text = """
 [materials.steel]
 E = "210 GPa"
@@ -174,7 +207,9 @@ at = ["{x} mm", "{y} mm", "0 mm"]
 stiffness = {{ vertical = "{stiffness}", horizontal = "{stiffness}" }}
 """
     found = [
-        warning for warning in load_scene(write_scene(tmp_path, text + "[analyses.modal]\n")).warnings if "would sink" in warning
+        warning
+        for warning in load_scene(write_scene(tmp_path, text + "[analyses.modal]\n")).warnings
+        if "would sink" in warning
     ]
     assert len(found) == count
     if found:
@@ -182,7 +217,9 @@ stiffness = {{ vertical = "{stiffness}", horizontal = "{stiffness}" }}
         assert "by 12 m" in found[0]
 
 
-def test_what_an_analysis_on_request_lacks_is_a_problem_once_it_is_asked_for(tmp_path: Path) -> None:
+def test_what_an_analysis_on_request_lacks_is_a_problem_once_it_is_asked_for(
+    tmp_path: Path,
+) -> None:
     wanted = '[analyses.control]\nup_to = "300 Hz"\n'
     with pytest.raises(SceneError, match="drives are not controlled"):
         load_scene(write_scene(tmp_path, GOOD + wanted))

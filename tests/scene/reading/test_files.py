@@ -65,7 +65,9 @@ def test_fifty_levels_are_read_and_more_are_refused(tmp_path: Path) -> None:
         "hex",
     ],
 )
-def test_a_hostile_text_is_refused_within_a_second_of_processor_time(tmp_path: Path, text: str) -> None:
+def test_a_hostile_text_is_refused_within_a_second_of_processor_time(
+    tmp_path: Path, text: str
+) -> None:
     path = tmp_path / "scene.toml"
     path.write_text(text)
     start = time.process_time()  # of this process alone: others may be busy
@@ -109,7 +111,10 @@ def test_only_regular_toml_files_are_read(tmp_path: Path) -> None:
 def test_a_file_below_the_scene_is_found(tmp_path: Path) -> None:
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "bed.STEP").write_text("")
-    assert resolve_file(tmp_path, "parts/bed.STEP", (".step",)) == (tmp_path / "parts" / "bed.STEP").resolve()
+    assert (
+        resolve_file(tmp_path, "parts/bed.STEP", (".step",))
+        == (tmp_path / "parts" / "bed.STEP").resolve()
+    )
     assert resolve_file(tmp_path, "parts/../parts/bed.STEP", (".step",)).name == "bed.STEP"
 
 
@@ -136,7 +141,9 @@ def test_a_file_below_the_scene_is_found(tmp_path: Path) -> None:
         ("a" * 300 + ".step", "cannot be looked up"),
     ],
 )
-def test_a_path_that_leaves_the_folder_or_is_no_such_file_is_refused(tmp_path: Path, text: str, fragment: str) -> None:
+def test_a_path_that_leaves_the_folder_or_is_no_such_file_is_refused(
+    tmp_path: Path, text: str, fragment: str
+) -> None:
     root = tmp_path / "scene"
     (root / "parts").mkdir(parents=True)
     (tmp_path / "secret.step").write_text("")

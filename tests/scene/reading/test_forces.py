@@ -4,12 +4,21 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
-from headstock.scene.reading.forces import ForceFileError, ForceRecord, read_forces, resample_forces, resampling_loss
+from headstock.scene.reading.forces import (
+    ForceFileError,
+    ForceRecord,
+    read_forces,
+    resample_forces,
+    resampling_loss,
+)
 
 
 def write(folder: Path, times: FloatArray, forces: FloatArray) -> Path:
     path = folder / "forces.csv"
-    rows = "\n".join(",".join(f"{value!r}" for value in map(float, row)) for row in np.column_stack([times, forces]))
+    rows = "\n".join(
+        ",".join(f"{value!r}" for value in map(float, row))
+        for row in np.column_stack([times, forces])
+    )
     path.write_text(f"time [s],fx,fy,fz\n{rows}\n")
     return path
 
@@ -38,7 +47,9 @@ def test_impulse_is_kept_and_fast_oscillations_do_not_fold_back() -> None:
     # sampled at 1 kHz the oscillation would look like a slow one of full size
     assert np.ptp(np.interp(times, fine, record.forces[:, 0])) > 1.0
     assert np.abs(found - 5.0).max() < 0.05
-    whole = np.trapezoid(record.forces[(fine >= 0.0) & (fine <= 0.9985), 0], fine[(fine >= 0.0) & (fine <= 0.9985)])
+    whole = np.trapezoid(
+        record.forces[(fine >= 0.0) & (fine <= 0.9985), 0], fine[(fine >= 0.0) & (fine <= 0.9985)]
+    )
     assert found.sum() * 1e-3 == pytest.approx(whole, rel=2e-3)
 
 
@@ -73,9 +84,14 @@ def test_a_record_that_is_too_short_says_what_is_needed(tmp_path: Path) -> None:
 
 
 def test_what_is_faster_than_the_steps_is_told() -> None:
-    fine, steps = np.arange(0.0, 1.0, 1e-5, dtype=np.float64), np.arange(0.01, 0.99, 1e-3, dtype=np.float64)
+    fine, steps = (
+        np.arange(0.0, 1.0, 1e-5, dtype=np.float64),
+        np.arange(0.01, 0.99, 1e-3, dtype=np.float64),
+    )
     slow = np.stack([np.sin(40.0 * fine), np.zeros_like(fine), np.cos(30.0 * fine)], axis=-1)
-    fast = np.stack([np.zeros_like(fine), np.sin(2.0 * np.pi * 3300.0 * fine), np.zeros_like(fine)], axis=-1)
+    fast = np.stack(
+        [np.zeros_like(fine), np.sin(2.0 * np.pi * 3300.0 * fine), np.zeros_like(fine)], axis=-1
+    )
     assert resampling_loss(ForceRecord(fine, slow), steps) < 1e-3
     # equal parts of what the steps hold and of what they do not
     mixed = resampling_loss(ForceRecord(fine, slow + np.sqrt(2.0) * fast), steps)

@@ -68,5 +68,11 @@ def test_no_text_stops_the_scanner_and_valid_texts_are_covered(text: str) -> Non
 
 
 def _paths(value: Any, prefix: KeyPath = ()) -> list[KeyPath]:
-    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    items = (
+        value.items()
+        if isinstance(value, dict)
+        else enumerate(value)
+        if isinstance(value, list)
+        else ()
+    )
     return [path for key, item in items for path in ((*prefix, key), *_paths(item, (*prefix, key)))]

@@ -1,4 +1,6 @@
-"""Quantities: right values, one float per physical value whatever the unit, and refusals that say what to write."""
+"""Quantities: right values, one float per physical value whatever the unit, and refusals that say
+what to write.
+"""
 
 import math
 
@@ -38,7 +40,9 @@ from headstock.scene.reading.units import DIMENSIONS, Dimension, UnitError, pars
         ("1 in", units.LENGTH, 0.0254),
     ],
 )
-def test_a_quantity_is_read_in_si_to_the_last_bit(text: str, dimension: Dimension, value: float) -> None:
+def test_a_quantity_is_read_in_si_to_the_last_bit(
+    text: str, dimension: Dimension, value: float
+) -> None:
     quantity = parse_quantity(text, dimension)
     assert quantity.value == value
     assert quantity.dimension is dimension
@@ -76,7 +80,9 @@ def test_a_quantity_is_read_in_si_to_the_last_bit(text: str, dimension: Dimensio
         (["1 m"], units.LENGTH, "is not a length"),
     ],
 )
-def test_what_is_no_such_quantity_is_refused_with_a_reason(text: object, dimension: Dimension, fragment: str) -> None:
+def test_what_is_no_such_quantity_is_refused_with_a_reason(
+    text: object, dimension: Dimension, fragment: str
+) -> None:
     with pytest.raises(UnitError, match=r"write") as caught:
         parse_quantity(text, dimension)
     assert fragment in str(caught.value)
@@ -96,7 +102,9 @@ def test_dimensions_exclude_each_other(dimension: Dimension) -> None:
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from(DIMENSIONS))
-def test_a_float_written_in_si_comes_back_bit_for_bit_or_is_larger_than_any_machine(value: float, dimension: Dimension) -> None:
+def test_a_float_written_in_si_comes_back_bit_for_bit_or_is_larger_than_any_machine(
+    value: float, dimension: Dimension
+) -> None:
     if abs(value) <= dimension.most:
         assert parse_quantity(f"{value!r} {dimension.unit}", dimension).value == value
     else:
@@ -104,10 +112,15 @@ def test_a_float_written_in_si_comes_back_bit_for_bit_or_is_larger_than_any_mach
             parse_quantity(f"{value!r} {dimension.unit}", dimension)
 
 
-@given(st.decimals(-100_000, 100_000, places=6, allow_nan=False), st.sampled_from(["um", "mm", "cm", "m"]))
+@given(
+    st.decimals(-100_000, 100_000, places=6, allow_nan=False),
+    st.sampled_from(["um", "mm", "cm", "m"]),
+)
 def test_the_prefix_does_not_change_the_float(number: object, unit: str) -> None:
     exponent = {"um": -6, "mm": -3, "cm": -2, "m": 0}[unit]
-    assert parse_quantity(f"{number} {unit}", units.LENGTH) == parse_quantity(f"{number}e{exponent} m", units.LENGTH)
+    assert parse_quantity(f"{number} {unit}", units.LENGTH) == parse_quantity(
+        f"{number}e{exponent} m", units.LENGTH
+    )
 
 
 @given(st.text(max_size=100))

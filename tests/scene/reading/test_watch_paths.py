@@ -6,7 +6,10 @@ from headstock.scene.reading.watch_paths import WatchError, parse_watch, read_wa
 
 SUMMARY = {
     "status": "done",
-    "static": {"tcp": {"compliance_um_per_kN": [[1.0, 2.0], [3.0, 4.0]]}, "far end": {"sentence": "soft"}},
+    "static": {
+        "tcp": {"compliance_um_per_kN": [[1.0, 2.0], [3.0, 4.0]]},
+        "far end": {"sentence": "soft"},
+    },
     "modal": [
         {"pose_name": "left", "frequencies_hz": [10.0, 20.0, 30.0], "rigid_count": 0},
         {"pose_name": "right", "frequencies_hz": [11.0, 21.0, 31.0], "rigid_count": 0},
@@ -21,17 +24,28 @@ SUMMARY = {
         ("static.tcp.compliance_um_per_kN[0][1]", {"static.tcp.compliance_um_per_kN[0][1]": 2.0}),
         ('static."far end".sentence', {"static.far end.sentence": "soft"}),
         ("modal.frequencies_hz[-1]", {"modal.frequencies_hz[-1]": 30.0}),
-        ("modal.frequencies_hz[0:2]", {"modal.frequencies_hz[0]": 10.0, "modal.frequencies_hz[1]": 20.0}),
-        ("modal.frequencies_hz[1:9]", {"modal.frequencies_hz[1]": 20.0, "modal.frequencies_hz[2]": 30.0}),
+        (
+            "modal.frequencies_hz[0:2]",
+            {"modal.frequencies_hz[0]": 10.0, "modal.frequencies_hz[1]": 20.0},
+        ),
+        (
+            "modal.frequencies_hz[1:9]",
+            {"modal.frequencies_hz[1]": 20.0, "modal.frequencies_hz[2]": 30.0},
+        ),
         ("modal.right.frequencies_hz[:1]", {"modal.right.frequencies_hz[0]": 11.0}),
         ("modal[1].frequencies_hz[0]", {"modal[1].frequencies_hz[0]": 11.0}),
         (
             "static.tcp.compliance_um_per_kN[1]",
-            {"static.tcp.compliance_um_per_kN[1][0]": 3.0, "static.tcp.compliance_um_per_kN[1][1]": 4.0},
+            {
+                "static.tcp.compliance_um_per_kN[1][0]": 3.0,
+                "static.tcp.compliance_um_per_kN[1][1]": 4.0,
+            },
         ),
     ],
 )
-def test_a_path_leads_to_its_values_each_under_a_path_of_its_own(path: str, found: dict[str, float | str]) -> None:
+def test_a_path_leads_to_its_values_each_under_a_path_of_its_own(
+    path: str, found: dict[str, float | str]
+) -> None:
     assert read_watch(parse_watch(path), SUMMARY) == found
 
 

@@ -51,7 +51,9 @@ def test_poles_are_the_roots_of_the_polynomial_derived_by_hand(encoder: str) -> 
     control = change(encoder=encoder)
     system, train = make_drive(MASSES, control)
     found = find_loop_poles(close_loops(system, [train])).poles
-    np.testing.assert_allclose(np.sort_complex(found), upper(closed_loop_poles(MASSES, control)), rtol=1e-8)
+    np.testing.assert_allclose(
+        np.sort_complex(found), upper(closed_loop_poles(MASSES, control)), rtol=1e-8
+    )
 
 
 def test_poles_with_dead_time_solve_the_transcendental_equation() -> None:
@@ -68,7 +70,9 @@ def test_the_dead_time_has_gain_one_and_the_right_phase_as_far_as_it_promises() 
     block = make_dead_time(2.0)
     for angle in np.linspace(0.1, LARGEST_ANGLE, 20):
         s = 0.5j * angle
-        value = (block.c @ np.linalg.solve(s * np.eye(len(block.a)) - block.a, block.b) + block.d)[0, 0]
+        value = (block.c @ np.linalg.solve(s * np.eye(len(block.a)) - block.a, block.b) + block.d)[
+            0, 0
+        ]
         assert abs(value) == pytest.approx(1.0, abs=1e-13)
         assert abs(np.angle(value * np.exp(1j * angle))) < 1e-4
 
@@ -79,7 +83,9 @@ def test_the_step_response_is_the_sum_of_residues() -> None:
     loads = np.zeros((2001, 3))
     loads[:, 0] = 1.0
     found = solve_time_response(loop.space, loads, 1e-4)
-    np.testing.assert_allclose(found.outputs[:, 0], step_response(MASSES, CONTROL, found.times), atol=1e-9)
+    np.testing.assert_allclose(
+        found.outputs[:, 0], step_response(MASSES, CONTROL, found.times), atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("forward", [0.0, 0.6, 1.0])
@@ -95,26 +101,38 @@ def test_full_feed_forward_of_a_stiff_drive_follows_without_error() -> None:
     system, train = make_drive(stiff, control)
     loop = close_loops(system, [train], outputs=[LOAD], up_to_hz=1000.0)
     times = 1e-4 * np.arange(3000)
-    loads = np.column_stack([1.0 - np.cos(20.0 * times), 20.0 * np.sin(20.0 * times), 400.0 * np.cos(20.0 * times)])
+    loads = np.column_stack(
+        [1.0 - np.cos(20.0 * times), 20.0 * np.sin(20.0 * times), 400.0 * np.cos(20.0 * times)]
+    )
     found = solve_time_response(loop.space, loads, 1e-4)
     assert np.abs(found.outputs[:, 0] - loads[:, 0]).max() < 1e-6
 
 
 def test_a_coupling_without_a_screw_is_in_series_and_with_a_light_one_the_same() -> None:
     system, train = make_drive(MASSES, CONTROL)
-    held = dataclasses.replace(system, mass=system.mass[:1, :1], damping=None, stiffness=system.stiffness[:1, :1])
-    held = dataclasses.replace(held, inputs={LOAD: np.ones(1)}, outputs={LOAD: np.ones(1)}, labels=("load",))
+    held = dataclasses.replace(
+        system, mass=system.mass[:1, :1], damping=None, stiffness=system.stiffness[:1, :1]
+    )
+    held = dataclasses.replace(
+        held, inputs={LOAD: np.ones(1)}, outputs={LOAD: np.ones(1)}, labels=("load",)
+    )
     series = free_motors(held, [dataclasses.replace(train, coupling=2e7)])
     light = free_motors(held, [dataclasses.replace(train, coupling=2e7, screw_mass=1e-6)])
-    expected = math.sqrt((1.0 / (1.0 / 5e7 + 1.0 / 2e7)) * (1.0 / 80.0 + 1.0 / 120.0)) / (2.0 * math.pi)
+    expected = math.sqrt((1.0 / (1.0 / 5e7 + 1.0 / 2e7)) * (1.0 / 80.0 + 1.0 / 120.0)) / (
+        2.0 * math.pi
+    )
     assert solve_modal(series).frequencies_hz[1] == pytest.approx(expected, rel=1e-9)
     assert solve_modal(light).frequencies_hz[1] == pytest.approx(expected, rel=1e-6)
 
 
 def test_two_drives_of_one_axis_share_its_set_point() -> None:
     system, train = make_drive(MASSES, CONTROL)
-    held = dataclasses.replace(system, mass=system.mass[:1, :1], damping=None, stiffness=2.0 * system.stiffness[:1, :1])
-    held = dataclasses.replace(held, inputs={LOAD: np.ones(1)}, outputs={LOAD: np.ones(1)}, labels=("load",))
+    held = dataclasses.replace(
+        system, mass=system.mass[:1, :1], damping=None, stiffness=2.0 * system.stiffness[:1, :1]
+    )
+    held = dataclasses.replace(
+        held, inputs={LOAD: np.ones(1)}, outputs={LOAD: np.ones(1)}, labels=("load",)
+    )
     pair = [train, dataclasses.replace(train, name="X2")]
     loop = close_loops(free_motors(held, pair), pair, outputs=[LOAD])
     assert loop.space.inputs == (("X", "position"), ("X", "velocity"), ("X", "acceleration"))
@@ -129,7 +147,9 @@ def test_margins_say_by_how_much_the_gains_may_rise() -> None:
     assert margins.gain is not None
 
     def grows(scale: float) -> int:
-        changed = dataclasses.replace(train, control=change(dead_time=1e-3, velocity_gain=scale * CONTROL.velocity_gain))
+        changed = dataclasses.replace(
+            train, control=change(dead_time=1e-3, velocity_gain=scale * CONTROL.velocity_gain)
+        )
         return len(find_loop_poles(close_loops(system, [changed])).growing())
 
     # velocity_gain multiplies the whole loop
@@ -144,7 +164,9 @@ def test_gains_may_fall_to_the_lowest_gain_and_no_further() -> None:
     assert margins.lowest_gain is not None
 
     def grows(scale: float) -> bool:
-        changed = dataclasses.replace(train, control=change(velocity_gain=scale * CONTROL.velocity_gain))
+        changed = dataclasses.replace(
+            train, control=change(velocity_gain=scale * CONTROL.velocity_gain)
+        )
         return bool(find_loop_poles(close_loops(system, [changed])).growing())
 
     assert not grows(1.005 * margins.lowest_gain)

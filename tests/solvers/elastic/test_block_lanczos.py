@@ -5,12 +5,19 @@ import pytest
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.elastic.block_lanczos import EigenPairs, ModeTarget, cluster_end, lowest_eigenpairs
+from headstock.solvers.elastic.block_lanczos import (
+    EigenPairs,
+    ModeTarget,
+    cluster_end,
+    lowest_eigenpairs,
+)
 from headstock.solvers.errors import ConvergenceError
 
 COMM = MPI.COMM_SELF
 SIZE = 400
-Pencil = tuple[FloatArray, Callable[[FloatArray], FloatArray], Callable[[FloatArray], FloatArray]]  # K^-1 and M as operators
+Pencil = tuple[
+    FloatArray, Callable[[FloatArray], FloatArray], Callable[[FloatArray], FloatArray]
+]  # K^-1 and M as operators
 
 
 @pytest.fixture(scope="module")
@@ -25,14 +32,18 @@ def pencil() -> Pencil:
     return values, lambda x: inverse @ x, lambda x: weights[:, None] * x
 
 
-def search(pencil: Pencil, target: ModeTarget, width: int = 6, seed: int = 0, dimension: int = SIZE) -> EigenPairs:
+def search(
+    pencil: Pencil, target: ModeTarget, width: int = 6, seed: int = 0, dimension: int = SIZE
+) -> EigenPairs:
     _, inverse, mass = pencil
     start = np.random.default_rng(seed).standard_normal((SIZE, width))
     return lowest_eigenpairs(inverse, mass, start, target, comm=COMM, dimension=dimension)
 
 
 @pytest.mark.parametrize("width", [1, 4, 12])
-def test_the_lowest_pairs_come_out_whatever_the_width_of_the_block(pencil: Pencil, width: int) -> None:
+def test_the_lowest_pairs_come_out_whatever_the_width_of_the_block(
+    pencil: Pencil, width: int
+) -> None:
     found = search(pencil, ModeTarget(count=20), width)
     np.testing.assert_allclose(found.values, pencil[0][: len(found.values)], rtol=1e-10)
     assert len(found.values) >= 20
@@ -72,19 +83,29 @@ def test_all_pairs_of_a_small_space_are_found_and_none_follows(pencil: Pencil) -
 
 
 def test_a_target_beyond_the_limit_of_the_search_is_refused_with_what_was_reached() -> None:
-    # 1500 frequencies below the limit, of which a search by frequency takes a thousand vectors at most
+    # 1500 frequencies below the limit, of which a search by frequency takes a thousand vectors at
+    # most
     values = np.linspace(1.0, 9.0, 1500)[:, None]
     start = np.random.default_rng(0).standard_normal((1500, 125))
     target = ModeTarget(up_to_hz=0.5)
     with pytest.raises(ConvergenceError, match="ask for fewer modes"):
-        lowest_eigenpairs(lambda x: x / values, lambda x: x, start, target, comm=COMM, dimension=1500)
+        lowest_eigenpairs(
+            lambda x: x / values, lambda x: x, start, target, comm=COMM, dimension=1500
+        )
 
 
 def test_a_space_that_closes_early_is_widened_until_every_mode_is_found() -> None:
     # only three different values: from two directions no more than six vectors can be reached
     values = np.repeat([1.0, 4.0, 9.0], 20)
     start = np.random.default_rng(8).standard_normal((60, 2))
-    found = lowest_eigenpairs(lambda x: x / values[:, None], lambda x: x, start, ModeTarget(count=25), comm=COMM, dimension=60)
+    found = lowest_eigenpairs(
+        lambda x: x / values[:, None],
+        lambda x: x,
+        start,
+        ModeTarget(count=25),
+        comm=COMM,
+        dimension=60,
+    )
     np.testing.assert_allclose(found.values, values[: len(found.values)], rtol=1e-9)
     assert len(found.values) == 40
 
@@ -94,7 +115,9 @@ def test_a_cluster_is_never_cut(count: int, end: int) -> None:
     assert cluster_end(np.array([1.0, 2.0, 2.004, 2.009, 3.0]), count) == end
 
 
-def test_a_spectrum_without_gaps_is_cut_at_its_widest_soon_after_the_modes_wanted(pencil: Pencil) -> None:
+def test_a_spectrum_without_gaps_is_cut_at_its_widest_soon_after_the_modes_wanted(
+    pencil: Pencil,
+) -> None:
     # the widest gap is the one after 15
     frequencies = np.cumprod(np.where(np.arange(200) == 15, 1.004, 1.001))
     assert cluster_end(frequencies, 6) == 15
@@ -104,7 +127,14 @@ def test_a_spectrum_without_gaps_is_cut_at_its_widest_soon_after_the_modes_wante
 def test_of_a_count_no_more_are_found_than_converge_and_the_next_lies_above_its_bound() -> None:
     values = np.concatenate([[1.0, 2.0], 4.0 + 1e-6 * np.arange(2998) ** 1.5])
     start = np.random.default_rng(3).standard_normal((3000, 6))
-    found = lowest_eigenpairs(lambda x: x / values[:, None], lambda x: x, start, ModeTarget(count=6), comm=COMM, dimension=3000)
+    found = lowest_eigenpairs(
+        lambda x: x / values[:, None],
+        lambda x: x,
+        start,
+        ModeTarget(count=6),
+        comm=COMM,
+        dimension=3000,
+    )
     assert not found.complete
     np.testing.assert_allclose(found.values, values[: len(found.values)], rtol=1e-9)
     assert len(found.values) >= 2 and found.next_value <= values[len(found.values)] * (1.0 + 1e-9)

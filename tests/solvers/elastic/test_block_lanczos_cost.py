@@ -29,9 +29,16 @@ class Counter:
         return self.matrix @ block
 
 
-def test_a_block_costs_one_solve_and_about_one_mass_product(matrices: tuple[FloatArray, FloatArray]) -> None:
+def test_a_block_costs_one_solve_and_about_one_mass_product(
+    matrices: tuple[FloatArray, FloatArray],
+) -> None:
     stiffness, mass = matrices
-    inverse, massive = Counter(np.asarray(np.linalg.inv(stiffness), dtype=np.float64)), Counter(mass)
+    inverse, massive = (
+        Counter(np.asarray(np.linalg.inv(stiffness), dtype=np.float64)),
+        Counter(mass),
+    )
     start = np.random.default_rng(5).standard_normal((SIZE, 4))
-    lowest_eigenpairs(inverse, massive, start, ModeTarget(count=12), comm=MPI.COMM_SELF, dimension=SIZE)
+    lowest_eigenpairs(
+        inverse, massive, start, ModeTarget(count=12), comm=MPI.COMM_SELF, dimension=SIZE
+    )
     assert massive.calls <= 2 * inverse.calls

@@ -4,7 +4,11 @@ from mpi4py import MPI
 
 from common import make_box, make_component
 from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
-from headstock.solvers.elastic.constrained_solver import NEGLIGIBLE_ROUNDOFF, ConstrainedSolver, rigid_motions
+from headstock.solvers.elastic.constrained_solver import (
+    NEGLIGIBLE_ROUNDOFF,
+    ConstrainedSolver,
+    rigid_motions,
+)
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.errors import ConvergenceError, ModelError
 
@@ -14,11 +18,17 @@ RNG = np.random.default_rng(11)
 
 @pytest.fixture(scope="module")
 def operators() -> ElasticOperators:
-    return assemble_elasticity(make_box((1, 2, 3), (0.1, 0.2, 0.4)), make_component().material, comm=COMM, with_mass=True)
+    return assemble_elasticity(
+        make_box((1, 2, 3), (0.1, 0.2, 0.4)), make_component().material, comm=COMM, with_mass=True
+    )
 
 
 def saddle_solution(
-    operators: ElasticOperators, held: BoolArray, constraints: FloatArray, loads: FloatArray, targets: FloatArray
+    operators: ElasticOperators,
+    held: BoolArray,
+    constraints: FloatArray,
+    loads: FloatArray,
+    targets: FloatArray,
 ) -> FloatArray:
     """The same problem by a dense saddle-point system."""
     free = ~held
@@ -39,13 +49,18 @@ def means(operators: ElasticOperators) -> FloatArray:
     columns = []
     for level in (0.0, 0.4):
         face = np.abs(operators.points[:, 2] - level) < 1e-9
-        motion = rigid_map(operators.points, operators.points[face].mean(axis=0)) * np.repeat(face, 3)[:, None]
+        motion = (
+            rigid_map(operators.points, operators.points[face].mean(axis=0))
+            * np.repeat(face, 3)[:, None]
+        )
         columns.append(motion @ np.linalg.inv(motion.T @ motion))
     return np.hstack(columns)
 
 
 @pytest.mark.parametrize("held_kind", ["nothing", "a plane in z", "a face"])
-def test_answers_are_those_of_a_dense_saddle_point_system(operators: ElasticOperators, held_kind: str) -> None:
+def test_answers_are_those_of_a_dense_saddle_point_system(
+    operators: ElasticOperators, held_kind: str
+) -> None:
     face = operators.points[:, 2] < 1e-9
     held = np.zeros(operators.owned_dofs, dtype=bool)
     if held_kind == "a plane in z":
@@ -59,7 +74,11 @@ def test_answers_are_those_of_a_dense_saddle_point_system(operators: ElasticOper
     exact = saddle_solution(operators, held, constraints, loads, targets)
     assert np.abs(found - exact).max() < 1e-9 * np.abs(exact).max()
     assert not found[held].any()
-    np.testing.assert_allclose(np.where(held[:, None], 0.0, constraints).T @ found, targets, atol=1e-9 * np.abs(targets).max())
+    np.testing.assert_allclose(
+        np.where(held[:, None], 0.0, constraints).T @ found,
+        targets,
+        atol=1e-9 * np.abs(targets).max(),
+    )
 
 
 def test_the_pins_of_a_floating_body_carry_no_force(operators: ElasticOperators) -> None:
@@ -74,7 +93,9 @@ def test_the_pins_of_a_floating_body_carry_no_force(operators: ElasticOperators)
     assert np.abs(rest).max() < 1e-9 * np.abs(loads).max()
 
 
-def test_means_that_hold_five_of_six_motions_are_refused_with_the_number_left_free(operators: ElasticOperators) -> None:
+def test_means_that_hold_five_of_six_motions_are_refused_with_the_number_left_free(
+    operators: ElasticOperators,
+) -> None:
     held = np.zeros(operators.owned_dofs, dtype=bool)
     with pytest.raises(ModelError, match="1 rigid motions"):
         ConstrainedSolver(operators, held, means(operators)[:, :5])
@@ -116,7 +137,9 @@ def test_rigid_motions_are_of_unit_size_and_free_of_force(operators: ElasticOper
     motions = rigid_motions(operators)
     assert np.linalg.matrix_rank(motions) == 6
     assert np.abs(operators.apply_stiffness(motions)).max() < 1e-12 * operators.stiffness_scale
-    np.testing.assert_allclose((motions[:, 3:] ** 2).sum(axis=0).sum() / len(operators.points), 2.0, rtol=1e-12)
+    np.testing.assert_allclose(
+        (motions[:, 3:] ** 2).sum(axis=0).sum() / len(operators.points), 2.0, rtol=1e-12
+    )
 
 
 def strip_operators(thickness: float) -> ElasticOperators:
@@ -153,16 +176,25 @@ def test_a_load_that_the_means_carry_alone_moves_nothing(operators: ElasticOpera
     with ConstrainedSolver(operators, held, constraints) as solver:
         found = solver.solve(1e6 * constraints[:, 2:3])
         moved = solver.solve(np.where(held, 0.0, 1.0)[:, None])
-    assert np.abs(found).max() * operators.stiffness_scale < 1e-9 * np.abs(1e6 * constraints[:, 2]).max()
+    assert (
+        np.abs(found).max() * operators.stiffness_scale
+        < 1e-9 * np.abs(1e6 * constraints[:, 2]).max()
+    )
     assert np.abs(moved).max() * operators.stiffness_scale > 1.0
 
 
-def test_a_stiffness_that_its_factors_miss_by_far_is_refused(operators: ElasticOperators, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stiffness_that_its_factors_miss_by_far_is_refused(
+    operators: ElasticOperators, monkeypatch: pytest.MonkeyPatch
+) -> None:
     held = np.repeat(operators.points[:, 2] < 1e-9, 3)
     with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
         good = solver._factorization.solve
         for share, accepted in ((1e-3, True), (0.3, False)):
-            monkeypatch.setattr(solver._factorization, "solve", lambda loads, share=share: (1.0 + share) * good(loads))
+            monkeypatch.setattr(
+                solver._factorization,
+                "solve",
+                lambda loads, share=share: (1.0 + share) * good(loads),
+            )
             if accepted:
                 solver.solve(np.where(held, 0.0, 1.0)[:, None])
             else:
@@ -181,13 +213,20 @@ def test_a_soft_shape_that_factors_miss_by_half_is_refused_though_its_forces_are
     load[held] = 0.0
     with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
         right, good = solver.solve(load), solver._factorization.solve
-        monkeypatch.setattr(solver._factorization, "solve", lambda loads: (1.0 + share) * good(loads))
+        monkeypatch.setattr(
+            solver._factorization, "solve", lambda loads: (1.0 + share) * good(loads)
+        )
         wrong = solver._residual((1.0 + share) * right, load)[1]
         assert wrong < 1e-10
         if share < 0.5:
-            assert np.abs(solver.solve(load) - right).max() < solver.attainable_change * np.abs(right).max()
+            assert (
+                np.abs(solver.solve(load) - right).max()
+                < solver.attainable_change * np.abs(right).max()
+            )
         else:
-            with pytest.raises(ConvergenceError, match=r"displacements are off by .* \(its conditioning allows"):
+            with pytest.raises(
+                ConvergenceError, match=r"displacements are off by .* \(its conditioning allows"
+            ):
                 solver.solve(load)
 
 
@@ -201,4 +240,7 @@ def test_what_refinement_leaves_is_within_what_conditioning_allows(thickness: fl
     with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
         found = solver.solve(operators.apply_stiffness_precisely(shape))
         error = np.abs(found - shape).max() / np.abs(shape).max()
-        assert error < max(solver.attainable_change, solver.roundoff if solver.roundoff <= NEGLIGIBLE_ROUNDOFF else 0.0)
+        assert error < max(
+            solver.attainable_change,
+            solver.roundoff if solver.roundoff <= NEGLIGIBLE_ROUNDOFF else 0.0,
+        )

@@ -19,7 +19,9 @@ STEEL = Material("steel", 210e9, 0.3, 7850.0)
 @pytest.fixture(scope="module")
 def operators() -> ElasticOperators:
     component = Component("block", Box((0.1, 0.05, 0.2)), STEEL, mesh=MeshSettings(size=0.03))
-    return assemble_elasticity(mesh_component(component), STEEL, comm=MPI.COMM_SELF, with_mass=False)
+    return assemble_elasticity(
+        mesh_component(component), STEEL, comm=MPI.COMM_SELF, with_mass=False
+    )
 
 
 def some_held(operators: ElasticOperators) -> BoolArray:
@@ -29,7 +31,9 @@ def some_held(operators: ElasticOperators) -> BoolArray:
     return held
 
 
-def residual(operators: ElasticOperators, held: BoolArray, loads: FloatArray, found: FloatArray) -> float:
+def residual(
+    operators: ElasticOperators, held: BoolArray, loads: FloatArray, found: FloatArray
+) -> float:
     forces = operators.apply_stiffness(found)
     return float(np.abs((forces - loads)[~held]).max() / np.abs(loads).max())
 
@@ -49,7 +53,9 @@ def test_displacements_balance_the_loads_and_held_dofs_stay(operators: ElasticOp
 
 
 @pytest.mark.skipif(not PETSc.Sys.hasExternalPackage("cholmod"), reason="PETSc without CHOLMOD")
-def test_cholmod_with_and_without_metis_and_mumps_agree(operators: ElasticOperators, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cholmod_with_and_without_metis_and_mumps_agree(
+    operators: ElasticOperators, monkeypatch: pytest.MonkeyPatch
+) -> None:
     held = some_held(operators)
     _, ordered, first = solve(operators, held)
     monkeypatch.setattr(factorization, "dissect_nodes", lambda pattern: None)

@@ -16,9 +16,13 @@ ORDERS = {"tet4": 1, "hex8": 1, "tet10": 2, "hex27": 2}
 
 
 def true_missing_energy(
-    mesh: ComponentMesh, material: Material, gradient: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+    mesh: ComponentMesh,
+    material: Material,
+    gradient: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
 ) -> float:
-    """Squared energy norm of what nodal values of a field leave out, by an interpolation of their own and many places per cell."""
+    """Squared energy norm of what nodal values of a field leave out, by an interpolation of their
+    own and many places per cell.
+    """
     places, weights = gauss_places(mesh.kind, 8)
     nodes = mesh.points[mesh.cells]
     slopes = shape_gradients(mesh.kind, places)
@@ -30,7 +34,10 @@ def true_missing_energy(
     strain = 0.5 * (difference + np.swapaxes(difference, -1, -2))
     shear = material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio))
     lame = 2.0 * shear * material.poisson_ratio / (1.0 - 2.0 * material.poisson_ratio)
-    density = 2.0 * shear * (strain**2).sum(axis=(-2, -1)) + lame * np.trace(strain, axis1=-2, axis2=-1) ** 2
+    density = (
+        2.0 * shear * (strain**2).sum(axis=(-2, -1))
+        + lame * np.trace(strain, axis1=-2, axis2=-1) ** 2
+    )
     return float((density * np.abs(np.linalg.det(jacobians)) * weights).sum())
 
 
@@ -47,18 +54,26 @@ def wave(points: FloatArray) -> tuple[FloatArray, FloatArray]:
 def test_a_stress_that_the_elements_hold_misses_no_energy(kind: CellKind) -> None:
     mesh, material = make_box((2, 2, 3), SIZE, kind=kind), make_component().material
     turn = np.array([[1.0, 2.0, 0.5], [0.3, -1.0, 0.2], [0.0, 0.7, 3.0]])
-    moved = mesh.points @ turn.T if ORDERS[kind] == 1 else (mesh.points @ turn.T) * mesh.points[:, ::-1]
+    moved = (
+        mesh.points @ turn.T if ORDERS[kind] == 1 else (mesh.points @ turn.T) * mesh.points[:, ::-1]
+    )
     energy = estimate_mesh_errors(mesh, material, moved.reshape(-1, 1)).missing_energy
     assert energy[0, 0] < 1e-10 * material.youngs_modulus * np.prod(SIZE)
 
 
 @pytest.mark.parametrize("kind", ORDERS)
-def test_what_interpolation_loses_of_a_wave_is_found_within_a_factor_of_two_and_falls_with_twice_the_order(kind: CellKind) -> None:
+def test_what_interpolation_loses_of_a_wave_is_found_within_a_factor_of_two_and_falls_with_twice_the_order(
+    kind: CellKind,
+) -> None:
     material = make_component().material
     ratios, sizes = [], []
     for count in (4, 8):
         mesh = make_box((count // 2, count, count), SIZE, kind=kind)
-        found = float(estimate_mesh_errors(mesh, material, wave(mesh.points)[0].reshape(-1, 1)).missing_energy[0, 0])
+        found = float(
+            estimate_mesh_errors(
+                mesh, material, wave(mesh.points)[0].reshape(-1, 1)
+            ).missing_energy[0, 0]
+        )
         ratios.append(found / true_missing_energy(mesh, material, wave))
         sizes.append(found)
     assert 0.5 < min(ratios) <= max(ratios) < 2.0
@@ -69,14 +84,20 @@ def test_products_are_those_of_the_sum_of_fields() -> None:
     mesh, material = make_box((2, 2, 3), SIZE, kind="tet10"), make_component().material
     fields = np.column_stack([wave(mesh.points)[0].ravel(), np.cos(9.0 * mesh.points).ravel()])
     both = estimate_mesh_errors(mesh, material, fields).missing_energy
-    together = estimate_mesh_errors(mesh, material, fields @ np.array([[1.0], [-2.0]])).missing_energy
-    assert together[0, 0] == pytest.approx(both[0, 0] - 4.0 * both[0, 1] + 4.0 * both[1, 1], rel=1e-4)
+    together = estimate_mesh_errors(
+        mesh, material, fields @ np.array([[1.0], [-2.0]])
+    ).missing_energy
+    assert together[0, 0] == pytest.approx(
+        both[0, 0] - 4.0 * both[0, 1] + 4.0 * both[1, 1], rel=1e-4
+    )
     np.testing.assert_array_equal(both, both.T)
 
 
 def test_one_cell_alone_is_no_obstacle() -> None:
     mesh, material = make_box((1, 1, 1), SIZE, kind="hex27"), make_component().material
-    assert np.isfinite(estimate_mesh_errors(mesh, material, wave(mesh.points)[0].reshape(-1, 1)).missing_energy).all()
+    assert np.isfinite(
+        estimate_mesh_errors(mesh, material, wave(mesh.points)[0].reshape(-1, 1)).missing_energy
+    ).all()
 
 
 def test_curved_cells_are_measured_where_they_are() -> None:
@@ -86,5 +107,9 @@ def test_curved_cells_are_measured_where_they_are() -> None:
         return points + 0.02 * np.sin(8.0 * points[:, ::-1])
 
     mesh = make_box((3, 4, 5), SIZE, kind="tet10", warp=bend, straight=False)
-    found = float(estimate_mesh_errors(mesh, material, wave(mesh.points)[0].reshape(-1, 1)).missing_energy[0, 0])
+    found = float(
+        estimate_mesh_errors(mesh, material, wave(mesh.points)[0].reshape(-1, 1)).missing_energy[
+            0, 0
+        ]
+    )
     assert 0.4 < found / true_missing_energy(mesh, material, wave) < 2.5

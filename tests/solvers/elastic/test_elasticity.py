@@ -43,14 +43,18 @@ def test_a_uniform_strain_holds_the_energy_of_theory(mesh: ComponentMesh) -> Non
     lame = 2.0 * shear * material.poisson_ratio / (1.0 - 2.0 * material.poisson_ratio)
     energy = 2.0 * shear * (strain * strain).sum() + lame * np.trace(strain) ** 2
     field = owned(operators, mesh.points @ gradient.T)
-    assert (field.T @ operators.apply_stiffness(field))[0, 0] == pytest.approx(energy * mesh.quality.volume, rel=1e-12)
+    assert (field.T @ operators.apply_stiffness(field))[0, 0] == pytest.approx(
+        energy * mesh.quality.volume, rel=1e-12
+    )
 
 
 def test_the_mass_of_a_rigid_motion_is_mass_and_inertia(mesh: ComponentMesh) -> None:
     material = make_component().material
     operators = assemble_elasticity(mesh, material, comm=COMM, with_mass=True)
     sideways = owned(operators, np.tile([0.0, 1.0, 0.0], (len(mesh.points), 1)))
-    assert (sideways.T @ operators.apply_mass(sideways))[0, 0] == pytest.approx(material.density * mesh.quality.volume, rel=1e-12)
+    assert (sideways.T @ operators.apply_mass(sideways))[0, 0] == pytest.approx(
+        material.density * mesh.quality.volume, rel=1e-12
+    )
     linear = owned(operators, np.column_stack([mesh.points[:, 2], 0 * mesh.points[:, :2]]))
     height = mesh.points[:, 2].max()
     corner = np.ptp(mesh.points[:, 2])
@@ -76,7 +80,9 @@ def test_without_mass_a_dynamic_quantity_is_refused(mesh: ComponentMesh) -> None
 
 
 def test_a_mesh_whose_stated_volume_is_wrong_is_noticed(mesh: ComponentMesh) -> None:
-    wrong = dataclasses.replace(mesh, quality=dataclasses.replace(mesh.quality, volume=1.001 * mesh.quality.volume))
+    wrong = dataclasses.replace(
+        mesh, quality=dataclasses.replace(mesh.quality, volume=1.001 * mesh.quality.volume)
+    )
     with pytest.raises(AccuracyError, match="assembled mass"):
         assemble_elasticity(wrong, make_component().material, comm=COMM, with_mass=True)
 
@@ -84,4 +90,8 @@ def test_a_mesh_whose_stated_volume_is_wrong_is_noticed(mesh: ComponentMesh) -> 
 def test_an_empty_block_of_vectors_stays_empty(mesh: ComponentMesh) -> None:
     operators = assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=True)
     nothing = np.zeros((operators.owned_dofs, 0))
-    assert operators.apply_stiffness(nothing).shape == operators.apply_mass(nothing).shape == nothing.shape
+    assert (
+        operators.apply_stiffness(nothing).shape
+        == operators.apply_mass(nothing).shape
+        == nothing.shape
+    )

@@ -24,7 +24,9 @@ def block() -> tuple[ElasticOperators, BoolArray]:
 
 
 @pytest.mark.parametrize("count", [1, 7])
-def test_solutions_are_those_of_a_dense_solver_and_held_dofs_rest(block: tuple[ElasticOperators, BoolArray], count: int) -> None:
+def test_solutions_are_those_of_a_dense_solver_and_held_dofs_rest(
+    block: tuple[ElasticOperators, BoolArray], count: int
+) -> None:
     operators, held = block
     loads = np.random.default_rng(0).standard_normal((operators.owned_dofs, count))
     with Factorization(operators, held) as factorization:
@@ -41,7 +43,8 @@ def test_a_factorisation_without_memory_blames_no_element(
     monkeypatch.setattr(factorization, "_has_cholmod", lambda: False)
     monkeypatch.setattr(factorization, "_factorize_with", lambda *_, **__: factor)
     with pytest.raises(
-        OutOfMemoryError, match=r"the factorisation of a stiffness with \d+ dofs needed more memory than there is; write a larger"
+        OutOfMemoryError,
+        match=r"the factorisation of a stiffness with \d+ dofs needed more memory than there is; write a larger",
     ):
         Factorization(*block)
 
@@ -55,7 +58,9 @@ def test_loads_on_held_dofs_are_ignored(block: tuple[ElasticOperators, BoolArray
     np.testing.assert_array_equal(found, again)
 
 
-def test_a_stiffness_that_is_not_positive_definite_is_refused(block: tuple[ElasticOperators, BoolArray]) -> None:
+def test_a_stiffness_that_is_not_positive_definite_is_refused(
+    block: tuple[ElasticOperators, BoolArray],
+) -> None:
     operators, held = block
     upside_down = dataclasses.replace(operators, stiffness=-operators.stiffness)
     with pytest.raises(HeadstockError, match="not positive definite"):

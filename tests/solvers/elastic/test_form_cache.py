@@ -1,4 +1,6 @@
-"""Compiled forms: nothing half compiled blocks a later run, and nothing in the working folder has a say."""
+"""Compiled forms: nothing half compiled blocks a later run, and nothing in the working folder has a
+say.
+"""
 
 import json
 import subprocess
@@ -7,7 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from headstock.solvers.elastic.form_cache import clear_unfinished, form_cache_folder, require_private
+from headstock.solvers.elastic.form_cache import (
+    clear_unfinished,
+    form_cache_folder,
+    require_private,
+)
 from headstock.solvers.errors import CompileError
 
 COMPILE = """
@@ -29,10 +35,14 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def compile_in(cwd: Path) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run([sys.executable, "-c", COMPILE], cwd=cwd, capture_output=True, text=True, timeout=60)
+    return subprocess.run(
+        [sys.executable, "-c", COMPILE], cwd=cwd, capture_output=True, text=True, timeout=60
+    )
 
 
-def test_what_a_killed_compilation_left_does_not_block_the_next(folder: Path, tmp_path: Path) -> None:
+def test_what_a_killed_compilation_left_does_not_block_the_next(
+    folder: Path, tmp_path: Path
+) -> None:
     assert compile_in(tmp_path).stdout == "compiled\n"
     sources = list(folder.glob("*.c"))
     assert len(sources) == 1
@@ -52,7 +62,11 @@ def test_finished_forms_are_kept(folder: Path) -> None:
 
 
 def test_compiler_options_in_the_working_folder_are_not_used(folder: Path, tmp_path: Path) -> None:
-    evil = {"cffi_extra_compile_args": ["-fplugin=/nowhere.so"], "cffi_libraries": ["nowhere"], "cache_dir": str(tmp_path / "evil")}
+    evil = {
+        "cffi_extra_compile_args": ["-fplugin=/nowhere.so"],
+        "cffi_libraries": ["nowhere"],
+        "cache_dir": str(tmp_path / "evil"),
+    }
     (tmp_path / "dolfinx_jit_options.json").write_text(json.dumps(evil))
     (tmp_path / "ffcx_options.json").write_text(json.dumps({"scalar_type": "float32"}))
     done = compile_in(tmp_path)
@@ -79,7 +93,10 @@ def test_compiled_code_is_not_run_where_others_may_write_it(folder: Path, tmp_pa
     for place, mode in ((folder, 0o777), (folder, 0o1777), (tmp_path / "cache", 0o777)):
         before = place.stat().st_mode & 0o7777
         place.chmod(mode)
-        with pytest.raises(CompileError, match=f"{place} can be written by everybody: compiled code in {folder} is not run"):
+        with pytest.raises(
+            CompileError,
+            match=f"{place} can be written by everybody: compiled code in {folder} is not run",
+        ):
             require_private(folder)
         done = compile_in(tmp_path)
         assert "CompileError" in done.stderr

@@ -13,7 +13,9 @@ from headstock.solvers.elastic.factorization import IntArray32, dissect_nodes
 def grid(side: int) -> scipy.sparse.csr_matrix:
     line = scipy.sparse.diags([1.0, 2.0, 1.0], [-1, 0, 1], shape=(side, side))
     eye = scipy.sparse.identity(side)
-    planes = scipy.sparse.kron(scipy.sparse.kron(line, eye), eye) + scipy.sparse.kron(scipy.sparse.kron(eye, line), eye)
+    planes = scipy.sparse.kron(scipy.sparse.kron(line, eye), eye) + scipy.sparse.kron(
+        scipy.sparse.kron(eye, line), eye
+    )
     return scipy.sparse.csr_matrix(planes + scipy.sparse.kron(scipy.sparse.kron(eye, eye), line))
 
 

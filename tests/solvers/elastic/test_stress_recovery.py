@@ -17,11 +17,16 @@ def hooke(material: Material, gradient: FloatArray) -> FloatArray:
     strain = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
     shear = material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio))
     lame = 2.0 * shear * material.poisson_ratio / (1.0 - 2.0 * material.poisson_ratio)
-    return np.asarray(2.0 * shear * strain + lame * np.trace(strain, axis1=-2, axis2=-1)[..., None, None] * np.eye(3))
+    return np.asarray(
+        2.0 * shear * strain
+        + lame * np.trace(strain, axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
+    )
 
 
 @pytest.mark.parametrize("kind", ["tet4", "hex8", "tet10", "hex27"])
-def test_a_linear_displacement_comes_back_with_its_stress_inside_cells_and_at_nodes(kind: CellKind) -> None:
+def test_a_linear_displacement_comes_back_with_its_stress_inside_cells_and_at_nodes(
+    kind: CellKind,
+) -> None:
     mesh, material = make_box((1, 2, 2), SIZE, kind=kind), make_component().material
     found = recover_at_points(mesh, material, mesh.points @ GRADIENT.T, PLACES)
     np.testing.assert_allclose(found.displacement, PLACES @ GRADIENT.T, atol=1e-15)
@@ -33,10 +38,16 @@ def test_a_linear_displacement_comes_back_with_its_stress_inside_cells_and_at_no
 @pytest.mark.parametrize("kind", ["tet10", "hex27"])
 def test_second_order_elements_hold_a_linear_stress_exactly(kind: CellKind) -> None:
     mesh, material = make_box((1, 2, 2), SIZE, kind=kind), make_component().material
-    field = np.column_stack([mesh.points[:, 2] ** 2, mesh.points[:, 0] * mesh.points[:, 1], 0.0 * mesh.points[:, 0]])
+    field = np.column_stack(
+        [mesh.points[:, 2] ** 2, mesh.points[:, 0] * mesh.points[:, 1], 0.0 * mesh.points[:, 0]]
+    )
     found = recover_at_points(mesh, material, field.ravel(), PLACES)
     gradients = np.zeros((len(PLACES), 3, 3))
-    gradients[:, 0, 2], gradients[:, 1, 0], gradients[:, 1, 1] = 2.0 * PLACES[:, 2], PLACES[:, 1], PLACES[:, 0]
+    gradients[:, 0, 2], gradients[:, 1, 0], gradients[:, 1, 1] = (
+        2.0 * PLACES[:, 2],
+        PLACES[:, 1],
+        PLACES[:, 0],
+    )
     exact = hooke(material, gradients)
     np.testing.assert_allclose(found.stress, exact, atol=1e-9 * np.abs(exact).max())
 
@@ -54,4 +65,9 @@ def test_a_stress_that_jumps_between_cells_is_averaged_and_the_jump_is_told() ->
 def test_a_point_outside_is_refused() -> None:
     mesh = make_box((1, 2, 2), SIZE)
     with pytest.raises(ModelError, match="outside"):
-        recover_at_points(mesh, make_component().material, np.zeros(mesh.points.shape), np.array([[0.1, 0.1, 0.51]]))
+        recover_at_points(
+            mesh,
+            make_component().material,
+            np.zeros(mesh.points.shape),
+            np.array([[0.1, 0.1, 0.51]]),
+        )

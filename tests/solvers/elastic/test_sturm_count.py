@@ -31,14 +31,18 @@ def dense_pencil(operators: ElasticOperators) -> tuple[FloatArray, FloatArray]:
 
 def frequencies(stiffness: FloatArray, mass: FloatArray) -> FloatArray:
     factor = np.linalg.inv(np.linalg.cholesky(mass))
-    return np.asarray(np.sqrt(np.abs(np.linalg.eigvalsh(factor @ stiffness @ factor.T))) / (2.0 * np.pi))
+    return np.asarray(
+        np.sqrt(np.abs(np.linalg.eigvalsh(factor @ stiffness @ factor.T))) / (2.0 * np.pi)
+    )
 
 
 def between(values: FloatArray, count: int) -> float:
     return float(0.5 * (values[count - 1] + values[count]))
 
 
-def test_the_count_of_a_clamped_block_is_that_of_all_its_eigenvalues(block: tuple[ComponentMesh, ElasticOperators]) -> None:
+def test_the_count_of_a_clamped_block_is_that_of_all_its_eigenvalues(
+    block: tuple[ComponentMesh, ElasticOperators],
+) -> None:
     mesh, operators = block
     foot = mesh.points[:, 2] < 1e-9
     free = np.repeat(~foot, 3)
@@ -49,14 +53,18 @@ def test_the_count_of_a_clamped_block_is_that_of_all_its_eigenvalues(block: tupl
         assert count_frequencies_below(operators, held, between(found, count)) == count
 
 
-def test_rigid_motions_of_a_free_block_are_counted(block: tuple[ComponentMesh, ElasticOperators]) -> None:
+def test_rigid_motions_of_a_free_block_are_counted(
+    block: tuple[ComponentMesh, ElasticOperators],
+) -> None:
     _, operators = block
     found = frequencies(*dense_pencil(operators))
     held = np.zeros(operators.owned_dofs, dtype=bool)
     assert count_frequencies_below(operators, held, 0.5 * found[6]) == 6
 
 
-def test_means_held_at_zero_take_their_modes_out_of_the_count(block: tuple[ComponentMesh, ElasticOperators]) -> None:
+def test_means_held_at_zero_take_their_modes_out_of_the_count(
+    block: tuple[ComponentMesh, ElasticOperators],
+) -> None:
     mesh, operators = block
     everywhere = np.random.default_rng(3).standard_normal((len(mesh.points), 3, 7))
     constraints = everywhere[operators.nodes].reshape(-1, 7)
@@ -65,10 +73,15 @@ def test_means_held_at_zero_take_their_modes_out_of_the_count(block: tuple[Compo
     found = frequencies(basis.T @ stiffness @ basis, basis.T @ mass @ basis)
     held = np.zeros(operators.owned_dofs, dtype=bool)
     for count in (1, 4, 30):
-        assert count_frequencies_below(operators, held, between(found, count), constraints=constraints) == count
+        assert (
+            count_frequencies_below(operators, held, between(found, count), constraints=constraints)
+            == count
+        )
 
 
-def test_a_component_without_free_dofs_has_no_frequencies(block: tuple[ComponentMesh, ElasticOperators]) -> None:
+def test_a_component_without_free_dofs_has_no_frequencies(
+    block: tuple[ComponentMesh, ElasticOperators],
+) -> None:
     _, operators = block
     assert count_frequencies_below(operators, np.ones(operators.owned_dofs, dtype=bool), 1e9) == 0
 
@@ -76,4 +89,8 @@ def test_a_component_without_free_dofs_has_no_frequencies(block: tuple[Component
 def test_a_count_without_mass_is_refused(block: tuple[ComponentMesh, ElasticOperators]) -> None:
     _, operators = block
     with pytest.raises(AccuracyError, match="mass"):
-        count_frequencies_below(dataclasses.replace(operators, scalar_mass=None), np.zeros(operators.owned_dofs, dtype=bool), 1.0)
+        count_frequencies_below(
+            dataclasses.replace(operators, scalar_mass=None),
+            np.zeros(operators.owned_dofs, dtype=bool),
+            1.0,
+        )

@@ -9,15 +9,23 @@ from headstock.solvers.linear.damped_modes import damping_of_undamped, solve_dam
 from headstock.solvers.second_order import SecondOrderSystem
 
 
-def _system(mass: FloatArray, damping: FloatArray | None, stiffness: FloatArray) -> SecondOrderSystem:
-    return SecondOrderSystem(mass, damping, stiffness, {}, {}, tuple(str(i) for i in range(len(mass))))
+def _system(
+    mass: FloatArray, damping: FloatArray | None, stiffness: FloatArray
+) -> SecondOrderSystem:
+    return SecondOrderSystem(
+        mass, damping, stiffness, {}, {}, tuple(str(i) for i in range(len(mass)))
+    )
 
 
 @pytest.mark.parametrize("zeta", [0.0, 1e-6, 0.02, 0.5, 0.999])
 def test_one_mass_oscillates_at_the_damped_frequency(zeta: float) -> None:
     omega = 2.0 * np.pi * 80.0
-    found = solve_damped(_system(np.eye(1) * 3.0, np.eye(1) * 6.0 * zeta * omega, np.eye(1) * 3.0 * omega**2))
-    assert found.poles == pytest.approx([complex(-zeta * omega, omega * np.sqrt(1.0 - zeta**2))], rel=1e-9)
+    found = solve_damped(
+        _system(np.eye(1) * 3.0, np.eye(1) * 6.0 * zeta * omega, np.eye(1) * 3.0 * omega**2)
+    )
+    assert found.poles == pytest.approx(
+        [complex(-zeta * omega, omega * np.sqrt(1.0 - zeta**2))], rel=1e-9
+    )
     ratios, frequencies = damping_of_undamped(found, 1)
     assert ratios[0] == pytest.approx(zeta, abs=1e-12)
     assert frequencies[0] == pytest.approx(80.0 * np.sqrt(1.0 - zeta**2), rel=1e-9)
@@ -27,7 +35,9 @@ def test_an_overdamped_mass_keeps_both_real_roots() -> None:
     omega, zeta = 50.0, 3.0
     found = solve_damped(_system(np.eye(1), np.eye(1) * 2.0 * zeta * omega, np.eye(1) * omega**2))
     root = np.sqrt(zeta**2 - 1.0)
-    assert np.sort(found.poles.real) == pytest.approx([-omega * (zeta + root), -omega * (zeta - root)], rel=1e-9)
+    assert np.sort(found.poles.real) == pytest.approx(
+        [-omega * (zeta + root), -omega * (zeta - root)], rel=1e-9
+    )
     assert found.frequencies_hz == pytest.approx([0.0, 0.0])
     assert damping_of_undamped(found, 1)[0][0] == pytest.approx(zeta, rel=1e-9)
 
@@ -35,17 +45,24 @@ def test_an_overdamped_mass_keeps_both_real_roots() -> None:
 def test_non_proportional_damping_gives_the_roots_of_the_characteristic_polynomial() -> None:
     mass, stiffness = np.diag([2.0, 1.0]), np.array([[5e4, -2e4], [-2e4, 2.5e4]])
     damping = np.array([[30.0, -5.0], [-5.0, 5.0]])
-    entries = [[np.poly1d([mass[i, j], damping[i, j], stiffness[i, j]]) for j in range(2)] for i in range(2)]
+    entries = [
+        [np.poly1d([mass[i, j], damping[i, j], stiffness[i, j]]) for j in range(2)]
+        for i in range(2)
+    ]
     roots = (entries[0][0] * entries[1][1] - entries[0][1] * entries[1][0]).roots
     expected = sorted((root for root in roots if root.imag > 0.0), key=abs)
-    assert solve_damped(_system(mass, damping, stiffness)).poles == pytest.approx(expected, rel=1e-9)
+    assert solve_damped(_system(mass, damping, stiffness)).poles == pytest.approx(
+        expected, rel=1e-9
+    )
 
 
 def test_positive_damping_never_gives_growing_motion() -> None:
     random = np.random.default_rng(3)
     factor, dash = random.standard_normal((8, 8)), random.standard_normal((8, 3))
     stiffness = factor @ factor.T * 1e6
-    found = solve_damped(_system(np.diag(random.uniform(0.5, 5.0, 8)), dash @ dash.T * 200.0, stiffness))
+    found = solve_damped(
+        _system(np.diag(random.uniform(0.5, 5.0, 8)), dash @ dash.T * 200.0, stiffness)
+    )
     assert found.poles.real.max() <= 1e-9 * np.abs(found.poles).max()
     assert len(found.poles[found.frequencies_hz > 0]) * 2 + (found.frequencies_hz == 0).sum() == 16
 
@@ -70,8 +87,12 @@ def _chain(size: int, strength: float) -> SecondOrderSystem:
     """Masses in a row from ground, with dampers at a third of them."""
     random = np.random.default_rng(7)
     springs = 1e6 * random.uniform(0.5, 2.0, size + 1)
-    stiffness = np.diag(springs[:-1] + springs[1:]) - np.diag(springs[1:-1], 1) - np.diag(springs[1:-1], -1)
-    damping = np.diag(np.where(np.arange(size) % 3 == 0, strength * random.uniform(0.1, 1.0, size), 0.0))
+    stiffness = (
+        np.diag(springs[:-1] + springs[1:]) - np.diag(springs[1:-1], 1) - np.diag(springs[1:-1], -1)
+    )
+    damping = np.diag(
+        np.where(np.arange(size) % 3 == 0, strength * random.uniform(0.1, 1.0, size), 0.0)
+    )
     return _system(np.eye(size), damping, stiffness)
 
 
@@ -79,7 +100,9 @@ def _chain(size: int, strength: float) -> SecondOrderSystem:
 def test_the_lowest_modes_alone_are_those_of_the_whole_state_matrix(strength: float) -> None:
     system = _chain(150, strength)
     few, whole = solve_damped(system, lowest=8), solve_damped(system)
-    for found, expected in zip(damping_of_undamped(few, 8), damping_of_undamped(whole, 8), strict=True):
+    for found, expected in zip(
+        damping_of_undamped(few, 8), damping_of_undamped(whole, 8), strict=True
+    ):
         assert len(found) == 8 and found == pytest.approx(expected, rel=1e-8)
 
 
@@ -98,11 +121,17 @@ def test_a_negative_damper_on_a_high_mode_is_seen_when_only_the_lowest_are_wante
 
 @pytest.mark.parametrize("brake", [0.0, 3.0])
 def test_a_free_motion_is_at_rest_or_comes_to_rest_and_never_grows(brake: float) -> None:
-    """Two bodies on a spring with a damper, free to move together, on stiff and soft springs inside; a brake to ground or none."""
+    """Two bodies on a spring with a damper, free to move together, on stiff and soft springs
+    inside; a brake to ground or none.
+    """
     random = np.random.default_rng(5)
     for _ in range(20):
         springs = 10.0 ** random.uniform(4.0, 9.0, 11)
-        stiffness = np.diag(np.append(springs, 0.0) + np.append(0.0, springs)) - np.diag(springs, 1) - np.diag(springs, -1)
+        stiffness = (
+            np.diag(np.append(springs, 0.0) + np.append(0.0, springs))
+            - np.diag(springs, 1)
+            - np.diag(springs, -1)
+        )
         line = np.zeros(12)
         line[[2, 7]] = 1.0, -1.0
         damping = 300.0 * np.outer(line, line)

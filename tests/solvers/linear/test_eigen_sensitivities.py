@@ -1,4 +1,6 @@
-"""Derivatives of eigenvalues, shapes and compliances agree with complex steps and high-order differences."""
+"""Derivatives of eigenvalues, shapes and compliances agree with complex steps and high-order
+differences.
+"""
 
 import numpy as np
 import pytest
@@ -31,7 +33,9 @@ def test_eigenvalue_slopes_are_those_of_a_complex_step(seed: int) -> None:
     squares, shapes = modes(stiffness, mass)
     slopes = slope_squares(shapes, stiffness_slope @ shapes - mass_slope @ shapes * squares)
     # a step along the imaginary axis cancels no digits
-    moved = np.linalg.eigvals(np.linalg.solve(mass + 1e-8j * mass_slope, stiffness + 1e-8j * stiffness_slope))
+    moved = np.linalg.eigvals(
+        np.linalg.solve(mass + 1e-8j * mass_slope, stiffness + 1e-8j * stiffness_slope)
+    )
     moved = moved[np.argsort(moved.real)]
     assert slopes == pytest.approx(moved.imag / 1e-8, rel=1e-6, abs=1e-6 * np.abs(slopes).max())
 
@@ -44,24 +48,40 @@ def test_shape_slopes_are_those_of_fourth_order_differences(seed: int) -> None:
         shape = shapes[:, index]
         force = (stiffness_slope - squares[index] * mass_slope) @ shape
         slope = slope_shape(
-            stiffness, mass, squares, shapes, index, forces=force[:, None], mass_terms=np.array([shape @ mass_slope @ shape])
+            stiffness,
+            mass,
+            squares,
+            shapes,
+            index,
+            forces=force[:, None],
+            mass_terms=np.array([shape @ mass_slope @ shape]),
         )
         expected = np.zeros(9)
         for reach, weight in STENCIL:
-            moved = modes(stiffness + reach * STEP * stiffness_slope, mass + reach * STEP * mass_slope)[1][:, index]
+            moved = modes(
+                stiffness + reach * STEP * stiffness_slope, mass + reach * STEP * mass_slope
+            )[1][:, index]
             expected += weight / STEP * moved * np.sign(moved @ mass @ shape)
         assert slope[:, 0] == pytest.approx(expected, rel=1e-6, abs=1e-7 * np.abs(expected).max())
 
 
 def test_shapes_of_a_repeated_eigenvalue_change_as_a_plane() -> None:
-    """A square column: two equal bending modes, a third one they couple to; the plane they span has a definite slope."""
+    """A square column: two equal bending modes, a third one they couple to; the plane they span has
+    a definite slope.
+    """
     stiffness, mass = np.diag([1.0, 1.0, 4.0]), np.eye(3)
     change = np.array([[0.0, 0.0, 0.3], [0.0, 0.0, -0.2], [0.3, -0.2, 0.0]])
     squares, shapes = modes(stiffness, mass)
     slopes = np.column_stack(
         [
             slope_shape(
-                stiffness, mass, squares, shapes, index, forces=(change @ shapes[:, index])[:, None], mass_terms=np.zeros(1)
+                stiffness,
+                mass,
+                squares,
+                shapes,
+                index,
+                forces=(change @ shapes[:, index])[:, None],
+                mass_terms=np.zeros(1),
             )[:, 0]
             for index in (0, 1)
         ]

@@ -1,4 +1,6 @@
-"""The frequency response is the same by every road: sums over modes or poles, direct solves, closed forms."""
+"""The frequency response is the same by every road: sums over modes or poles, direct solves, closed
+forms.
+"""
 
 import dataclasses
 
@@ -27,22 +29,32 @@ PORTS = (("a", "x"), ("b", "x"))
 
 
 def make_system(
-    size: int = 12, *, seed: int = 0, damping: FloatArray | None = None, hysteretic: FloatArray | None = None
+    size: int = 12,
+    *,
+    seed: int = 0,
+    damping: FloatArray | None = None,
+    hysteretic: FloatArray | None = None,
 ) -> SecondOrderSystem:
     random = np.random.default_rng(seed)
     factor = random.standard_normal((size, size))
     stiffness = 1e6 * (factor @ factor.T + 0.1 * np.eye(size))
     mass = np.diag(random.uniform(0.5, 5.0, size))
     ports = {port: np.eye(size)[i] for i, port in enumerate(PORTS)}
-    return SecondOrderSystem(mass, damping, stiffness, ports, ports, tuple(map(str, range(size))), hysteretic)
+    return SecondOrderSystem(
+        mass, damping, stiffness, ports, ports, tuple(map(str, range(size))), hysteretic
+    )
 
 
-def make_oscillator(*, zeta: float = 0.0, eta: float = 0.0, hz: float = 80.0, mass: float = 3.0) -> SecondOrderSystem:
+def make_oscillator(
+    *, zeta: float = 0.0, eta: float = 0.0, hz: float = 80.0, mass: float = 3.0
+) -> SecondOrderSystem:
     square = (2.0 * np.pi * hz) ** 2
     port: dict[tuple[str, str], FloatArray] = {("a", "x"): np.ones(1)}
     damping = np.full((1, 1), 2.0 * zeta * mass * np.sqrt(square)) if zeta else None
     loss = np.full((1, 1), eta * mass * square) if eta else None
-    return SecondOrderSystem(np.eye(1) * mass, damping, np.eye(1) * mass * square, port, port, ("q",), loss)
+    return SecondOrderSystem(
+        np.eye(1) * mass, damping, np.eye(1) * mass * square, port, port, ("q",), loss
+    )
 
 
 def dashpots(size: int = 12, seed: int = 1) -> FloatArray:
@@ -60,7 +72,10 @@ def cases() -> dict[str, tuple[SecondOrderSystem, str]]:
     return {
         "undamped": (bare, "modal"),
         "modal": (add_modal_damping(bare, [0.01, 0.03]), "modal"),
-        "proportional": (dataclasses.replace(bare, damping=1e-5 * bare.stiffness + 3.0 * bare.mass), "modal"),
+        "proportional": (
+            dataclasses.replace(bare, damping=1e-5 * bare.stiffness + 3.0 * bare.mass),
+            "modal",
+        ),
         "uniform loss": (dataclasses.replace(bare, hysteretic=0.02 * bare.stiffness), "modal"),
         "dashpots": (dataclasses.replace(bare, damping=dashpots()), "poles"),
         "losses": (dataclasses.replace(bare, hysteretic=losses(bare)), "poles"),
@@ -69,34 +84,50 @@ def cases() -> dict[str, tuple[SecondOrderSystem, str]]:
 
 
 def few_dampers() -> dict[str, SecondOrderSystem]:
-    """Systems of 60 dofs with few dampers: viscous ones, losses, rigid motions, damping of all modes besides; and a very strong one."""
+    """Systems of 60 dofs with few dampers: viscous ones, losses, rigid motions, damping of all
+    modes besides; and a very strong one.
+    """
     size = 60
     bare = make_system(size, seed=4)
     free = dataclasses.replace(
-        bare, stiffness=np.diag([2e6] * size) - np.diag([1e6] * (size - 1), 1) - np.diag([1e6] * (size - 1), -1)
+        bare,
+        stiffness=np.diag([2e6] * size)
+        - np.diag([1e6] * (size - 1), 1)
+        - np.diag([1e6] * (size - 1), -1),
     )
     free.stiffness[0, 0] = free.stiffness[-1, -1] = 1e6
     return {
         "dashpots": dataclasses.replace(bare, damping=dashpots(size)),
         "locking": dataclasses.replace(bare, damping=1e6 * dashpots(size)),
-        "dashpots and one ratio": add_modal_damping(dataclasses.replace(bare, damping=dashpots(size)), [0.02]),
-        "dashpots and a share of the stiffness": dataclasses.replace(bare, damping=dashpots(size) + 1e-5 * bare.stiffness),
+        "dashpots and one ratio": add_modal_damping(
+            dataclasses.replace(bare, damping=dashpots(size)), [0.02]
+        ),
+        "dashpots and a share of the stiffness": dataclasses.replace(
+            bare, damping=dashpots(size) + 1e-5 * bare.stiffness
+        ),
         "a brake and a shock absorber that pushes": dataclasses.replace(
             bare, damping=dashpots(size) - 0.1 * dashpots(size, seed=9)
         ),
         "losses": dataclasses.replace(bare, hysteretic=losses(bare)),
         "both": dataclasses.replace(bare, damping=dashpots(size), hysteretic=losses(bare)),
-        "free, damped to ground": dataclasses.replace(free, damping=np.diag([300.0, *[0.0] * (size - 1)])),
-        "free, damped inside": dataclasses.replace(free, damping=40.0 * np.outer(*[np.eye(size)[3] - np.eye(size)[9]] * 2)),
+        "free, damped to ground": dataclasses.replace(
+            free, damping=np.diag([300.0, *[0.0] * (size - 1)])
+        ),
+        "free, damped inside": dataclasses.replace(
+            free, damping=40.0 * np.outer(*[np.eye(size)[3] - np.eye(size)[9]] * 2)
+        ),
     }
 
 
 @pytest.mark.parametrize("name", list(few_dampers()))
-def test_few_dampers_cost_a_small_solve_per_frequency_and_the_answer_is_that_of_direct_solves(name: str) -> None:
+def test_few_dampers_cost_a_small_solve_per_frequency_and_the_answer_is_that_of_direct_solves(
+    name: str,
+) -> None:
     system = few_dampers()[name]
     model = prepare_frf(system, inputs=PORTS[:1], outputs=PORTS)
     undamped = np.linalg.eigvalsh(
-        np.linalg.solve(np.diag(np.sqrt(np.diag(system.mass))), system.stiffness) / np.sqrt(np.diag(system.mass))
+        np.linalg.solve(np.diag(np.sqrt(np.diag(system.mass))), system.stiffness)
+        / np.sqrt(np.diag(system.mass))
     )
     on_modes = np.sqrt(undamped[[5, 20]]) / (2.0 * np.pi)
     frequencies = np.concatenate([[0.3], np.linspace(3.0, 900.0, 150), on_modes, [1e5]])
@@ -107,18 +138,26 @@ def test_few_dampers_cost_a_small_solve_per_frequency_and_the_answer_is_that_of_
     np.testing.assert_allclose(found.receptance / scale, expected / scale, atol=1e-8)
 
 
-def test_a_mode_that_no_damper_reaches_is_singular_at_its_own_frequency_and_only_where_it_is_seen() -> None:
+def test_a_mode_that_no_damper_reaches_is_singular_at_its_own_frequency_and_only_where_it_is_seen() -> (
+    None
+):
     system = few_dampers()["dashpots"]
     square = (2.0 * np.pi * 55.0) ** 2
     alone = np.zeros((62, 62))
-    parts = {"mass": (system.mass, 1.0), "stiffness": (system.stiffness, square), "damping": (system.damping, 0.0)}
+    parts = {
+        "mass": (system.mass, 1.0),
+        "stiffness": (system.stiffness, square),
+        "damping": (system.damping, 0.0),
+    }
     grown = {}
     for name, (matrix, own) in parts.items():
         grown[name] = alone.copy()
         grown[name][:60, :60] = matrix
         grown[name][60, 60] = grown[name][61, 61] = own
     ports = {("a", "x"): np.eye(62)[0], ("alone", "x"): np.eye(62)[60]}
-    whole = SecondOrderSystem(inputs=ports, outputs=ports, labels=tuple(map(str, range(62))), **grown)
+    whole = SecondOrderSystem(
+        inputs=ports, outputs=ports, labels=tuple(map(str, range(62))), **grown
+    )
     found = solve_frf(whole, np.array([55.0]), inputs=tuple(ports), outputs=tuple(ports))
     assert found.method == "dampers"
     assert np.isnan(found.receptance[0]).tolist() == [[False, False], [False, True]]
@@ -127,7 +166,15 @@ def test_a_mode_that_no_damper_reaches_is_singular_at_its_own_frequency_and_only
 def test_many_dampers_that_differ_take_the_sum_over_poles() -> None:
     system = make_system(60, seed=4)
     damping = np.diag(np.random.default_rng(3).uniform(1.0, 90.0, 60))
-    assert solve_frf(dataclasses.replace(system, damping=damping), np.array([10.0]), inputs=PORTS, outputs=PORTS).method == "poles"
+    assert (
+        solve_frf(
+            dataclasses.replace(system, damping=damping),
+            np.array([10.0]),
+            inputs=PORTS,
+            outputs=PORTS,
+        ).method
+        == "poles"
+    )
 
 
 def test_peaks_of_few_dampers_lie_within_a_fifth_of_their_width_of_the_poles() -> None:
@@ -153,11 +200,15 @@ def test_every_sum_equals_a_direct_solve_per_frequency(name: str) -> None:
     np.testing.assert_allclose(found.receptance / scale, expected / scale, atol=1e-9)
 
 
-@pytest.mark.parametrize(("zeta", "eta"), [(0.0, 0.0), (0.02, 0.0), (0.0, 0.05), (0.01, 0.03), (0.7, 0.0), (3.0, 0.0)])
+@pytest.mark.parametrize(
+    ("zeta", "eta"), [(0.0, 0.0), (0.02, 0.0), (0.0, 0.05), (0.01, 0.03), (0.7, 0.0), (3.0, 0.0)]
+)
 def test_one_mass_answers_as_the_textbook_says(zeta: float, eta: float) -> None:
     system = make_oscillator(zeta=zeta, eta=eta)
     ratio = np.array([0.1, 0.5, 0.99, 1.01, 2.0, 10.0, 1e4])
-    found = solve_frf(system, 80.0 * ratio, inputs=[("a", "x")], outputs=[("a", "x")]).receptance[:, 0, 0]
+    found = solve_frf(system, 80.0 * ratio, inputs=[("a", "x")], outputs=[("a", "x")]).receptance[
+        :, 0, 0
+    ]
     expected = 1.0 / (system.stiffness[0, 0] * (1.0 - ratio**2 + 1j * (2.0 * zeta * ratio + eta)))
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
@@ -171,7 +222,9 @@ def test_an_unsymmetric_stiffness_takes_the_direct_road_and_is_not_symmetrised()
     assert found.method == "direct"
     for index, hz in enumerate((0.0, 100.0)):
         dynamic = system.stiffness - (2.0 * np.pi * hz) ** 2 * system.mass
-        np.testing.assert_allclose(found.receptance[index], np.linalg.inv(dynamic)[:2, :2], rtol=1e-10)
+        np.testing.assert_allclose(
+            found.receptance[index], np.linalg.inv(dynamic)[:2, :2], rtol=1e-10
+        )
 
 
 def test_critical_damping_falls_back_to_direct_solves_or_stays_right() -> None:
@@ -183,18 +236,27 @@ def test_critical_damping_falls_back_to_direct_solves_or_stays_right() -> None:
     found = solve_frf(system, frequencies, inputs=PORTS, outputs=PORTS).receptance
     for hz, value in zip(frequencies, found, strict=True):
         omega = 2.0 * np.pi * hz
-        np.testing.assert_allclose(value, np.linalg.inv(stiffness - omega**2 * mass + 1j * omega * damping), rtol=1e-8)
+        np.testing.assert_allclose(
+            value, np.linalg.inv(stiffness - omega**2 * mass + 1j * omega * damping), rtol=1e-8
+        )
 
 
 def test_a_dashpot_on_a_dof_without_mass_takes_the_direct_road() -> None:
     mass, stiffness = np.diag([2.0, 0.0]), np.array([[3e4, -1e4], [-1e4, 1e4]])
     bare = dataclasses.replace(make_system(2), mass=mass, stiffness=stiffness)
     undamped = solve_frf(bare, np.array([0.0, 7.0]), inputs=PORTS, outputs=PORTS)
-    damped = solve_frf(dataclasses.replace(bare, damping=np.diag([0.0, 40.0])), np.array([7.0]), inputs=PORTS, outputs=PORTS)
+    damped = solve_frf(
+        dataclasses.replace(bare, damping=np.diag([0.0, 40.0])),
+        np.array([7.0]),
+        inputs=PORTS,
+        outputs=PORTS,
+    )
     assert (undamped.method, damped.method) == ("modal", "direct")
     np.testing.assert_allclose(undamped.receptance[0], np.linalg.inv(stiffness), rtol=1e-12)
     omega = 14.0 * np.pi
-    np.testing.assert_allclose(undamped.receptance[1], np.linalg.inv(stiffness - omega**2 * mass), rtol=1e-10)
+    np.testing.assert_allclose(
+        undamped.receptance[1], np.linalg.inv(stiffness - omega**2 * mass), rtol=1e-10
+    )
     dynamic = stiffness - omega**2 * mass + 1j * omega * np.diag([0.0, 40.0])
     np.testing.assert_allclose(damped.receptance[0], np.linalg.inv(dynamic), rtol=1e-12)
 
@@ -217,21 +279,29 @@ def test_two_bodies_that_float_answer_elastically_between_them_and_rigidly_to_on
 
 def test_a_dashpot_alone_holds_a_body_at_every_frequency_but_zero() -> None:
     port: dict[tuple[str, str], FloatArray] = {("a", "x"): np.ones(1)}
-    system = SecondOrderSystem(np.eye(1) * 4.0, np.eye(1) * 30.0, np.zeros((1, 1)), port, port, ("q",))
+    system = SecondOrderSystem(
+        np.eye(1) * 4.0, np.eye(1) * 30.0, np.zeros((1, 1)), port, port, ("q",)
+    )
     found = solve_frf(system, np.array([0.0, 2.0]), inputs=list(port), outputs=list(port))
     omega = 4.0 * np.pi
     assert found.free_body[0, 0, 0]
-    assert found.receptance[1, 0, 0] == pytest.approx(1.0 / (30j * omega - 4.0 * omega**2), rel=1e-12)
+    assert found.receptance[1, 0, 0] == pytest.approx(
+        1.0 / (30j * omega - 4.0 * omega**2), rel=1e-12
+    )
 
 
 def test_mobility_and_accelerance_are_derivatives() -> None:
     frequencies = np.array([10.0, 300.0])
-    found = solve_frf(make_oscillator(zeta=0.02), frequencies, inputs=[("a", "x")], outputs=[("a", "x")])
+    found = solve_frf(
+        make_oscillator(zeta=0.02), frequencies, inputs=[("a", "x")], outputs=[("a", "x")]
+    )
     rate = 2j * np.pi * frequencies
     powers: dict[Motion, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
     for motion, power in powers.items():
         values = convert_receptance(found.receptance, frequencies, motion)
-        np.testing.assert_allclose(values[:, 0, 0], found.receptance[:, 0, 0] * rate**power, rtol=1e-14)
+        np.testing.assert_allclose(
+            values[:, 0, 0], found.receptance[:, 0, 0] * rate**power, rtol=1e-14
+        )
 
 
 def test_structural_damping_as_viscous_damping_gives_each_mode_half_its_loss_factor() -> None:
@@ -239,14 +309,19 @@ def test_structural_damping_as_viscous_damping_gives_each_mode_half_its_loss_fac
     viscous = equivalent_viscous(dataclasses.replace(bare, hysteretic=0.04 * bare.stiffness))
     modal = add_modal_damping(bare, [0.02])
     np.testing.assert_allclose(
-        present(viscous.damping), present(modal.damping), rtol=1e-8, atol=1e-9 * np.abs(present(modal.damping)).max()
+        present(viscous.damping),
+        present(modal.damping),
+        rtol=1e-8,
+        atol=1e-9 * np.abs(present(modal.damping)).max(),
     )
     assert viscous.hysteretic is None
 
 
 def test_equivalent_viscous_damping_takes_energy_out_of_every_motion() -> None:
     bare = make_system()
-    damping = present(equivalent_viscous(dataclasses.replace(bare, hysteretic=losses(bare))).damping)
+    damping = present(
+        equivalent_viscous(dataclasses.replace(bare, hysteretic=losses(bare))).damping
+    )
     assert np.linalg.eigvalsh(damping).min() > -1e-9 * np.abs(damping).max()
 
 
@@ -265,13 +340,21 @@ def test_the_worst_real_part_and_the_softest_frequency_are_those_of_one_mass() -
     zeta = 0.03
     system = make_oscillator(zeta=zeta)
     model = prepare_frf(system, inputs=[("a", "x")], outputs=[("a", "x")])
-    response = evaluate_frf(model, refine_grid(np.linspace(0.0, 200.0, 51, dtype=np.float64), model.form.poles()))
+    response = evaluate_frf(
+        model, refine_grid(np.linspace(0.0, 200.0, 51, dtype=np.float64), model.form.poles())
+    )
     (figures,) = find_stability_figures(model, response)
     stiffness = system.stiffness[0, 0]
-    assert figures.worst_real == pytest.approx(-1.0 / (4.0 * zeta * (1.0 + zeta) * stiffness), rel=1e-9)
+    assert figures.worst_real == pytest.approx(
+        -1.0 / (4.0 * zeta * (1.0 + zeta) * stiffness), rel=1e-9
+    )
     assert figures.worst_real_hz == pytest.approx(80.0 * np.sqrt(1.0 + 2.0 * zeta), rel=1e-5)
-    assert figures.chatter_stiffness == pytest.approx(2.0 * zeta * (1.0 + zeta) * stiffness, rel=1e-9)
-    assert figures.softest == pytest.approx(2.0 * zeta * np.sqrt(1.0 - zeta**2) * stiffness, rel=1e-9)
+    assert figures.chatter_stiffness == pytest.approx(
+        2.0 * zeta * (1.0 + zeta) * stiffness, rel=1e-9
+    )
+    assert figures.softest == pytest.approx(
+        2.0 * zeta * np.sqrt(1.0 - zeta**2) * stiffness, rel=1e-9
+    )
     assert figures.softest_hz == pytest.approx(80.0 * np.sqrt(1.0 - 2.0 * zeta**2), rel=1e-5)
 
 
@@ -299,10 +382,14 @@ def test_peaks_of_few_dampers_are_the_poles_of_the_whole_state_matrix_from_one_s
     random = np.random.default_rng(5)
     size, kept = 240, 25
     springs = 1e6 * random.uniform(0.5, 2.0, size + 1)
-    stiffness = np.diag(springs[:-1] + springs[1:]) - np.diag(springs[1:-1], 1) - np.diag(springs[1:-1], -1)
+    stiffness = (
+        np.diag(springs[:-1] + springs[1:]) - np.diag(springs[1:-1], 1) - np.diag(springs[1:-1], -1)
+    )
     damping = np.zeros((size, size))
     for place in random.choice(size - 1, 6, replace=False):
-        damping[place : place + 2, place : place + 2] += strength * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        damping[place : place + 2, place : place + 2] += strength * np.array(
+            [[1.0, -1.0], [-1.0, 1.0]]
+        )
     damping[0, 0] += 1.0
     port = {("tip", "x"): np.eye(size)[-1]}
     system = SecondOrderSystem(np.eye(size), damping, stiffness, port, port, ("q",) * size)
@@ -323,7 +410,9 @@ def test_peaks_of_few_dampers_are_the_poles_of_the_whole_state_matrix_from_one_s
     assert (distances.min(axis=1) <= 1e-8 * np.abs(found)).all()
     # peaks with their flanks in the range are all there, each once
     sharp = expected[
-        (expected.imag > 0.0) & (np.abs(expected) < omega[kept - 4]) & (np.abs(expected.real) < 0.05 * np.abs(expected))
+        (expected.imag > 0.0)
+        & (np.abs(expected) < omega[kept - 4])
+        & (np.abs(expected.real) < 0.05 * np.abs(expected))
     ]
     assert len(sharp) > 10
     near = np.abs(sharp[:, None] - found) <= 1e-8 * np.abs(sharp)[:, None]

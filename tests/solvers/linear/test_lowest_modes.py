@@ -25,7 +25,9 @@ def test_few_modes_are_the_first_of_all(size: int) -> None:
     system = make_system(size)
     few, every = solve_lowest_modes(system, count=4), solve_modal(system)
     np.testing.assert_allclose(few.frequencies_hz, every.frequencies_hz[:4], rtol=1e-10)
-    np.testing.assert_allclose(few.shapes, every.shapes[:, :4], atol=1e-6 * np.abs(every.shapes).max())
+    np.testing.assert_allclose(
+        few.shapes, every.shapes[:, :4], atol=1e-6 * np.abs(every.shapes).max()
+    )
     np.testing.assert_allclose(few.shapes.T @ system.mass @ few.shapes, np.eye(4), atol=1e-10)
 
 
@@ -33,7 +35,9 @@ def test_modes_up_to_a_frequency_are_all_of_them_and_no_others() -> None:
     system = make_system(60)
     every = solve_modal(system).frequencies_hz
     limit = 0.5 * (every[6] + every[7])
-    np.testing.assert_allclose(solve_lowest_modes(system, up_to_hz=limit).frequencies_hz, every[:7], rtol=1e-10)
+    np.testing.assert_allclose(
+        solve_lowest_modes(system, up_to_hz=limit).frequencies_hz, every[:7], rtol=1e-10
+    )
     assert len(solve_lowest_modes(system, up_to_hz=0.5 * every[0]).frequencies_hz) == 0
     assert len(solve_lowest_modes(system, up_to_hz=limit, count=3).frequencies_hz) == 3
 
@@ -48,7 +52,9 @@ def test_a_free_body_keeps_its_rigid_mode() -> None:
 def test_a_dof_without_mass_does_not_disturb_low_modes() -> None:
     system = make_system(20, massless=True)
     np.testing.assert_allclose(
-        solve_lowest_modes(system, count=5).frequencies_hz, solve_modal(system, count=5).frequencies_hz, rtol=1e-9
+        solve_lowest_modes(system, count=5).frequencies_hz,
+        solve_modal(system, count=5).frequencies_hz,
+        rtol=1e-9,
     )
 
 

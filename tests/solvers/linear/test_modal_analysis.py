@@ -11,17 +11,23 @@ from headstock.solvers.second_order import SecondOrderSystem
 
 
 def system_of(mass: FloatArray, stiffness: FloatArray) -> SecondOrderSystem:
-    return SecondOrderSystem(mass, None, stiffness, {}, {}, tuple(f"q{i}" for i in range(len(mass))))
+    return SecondOrderSystem(
+        mass, None, stiffness, {}, {}, tuple(f"q{i}" for i in range(len(mass)))
+    )
 
 
-def chain(count: int, *, free: bool = False, stiffness: float = 1.0e6, mass: float = 2.0) -> tuple[SecondOrderSystem, FloatArray]:
+def chain(
+    count: int, *, free: bool = False, stiffness: float = 1.0e6, mass: float = 2.0
+) -> tuple[SecondOrderSystem, FloatArray]:
     """Equal masses in a row on equal springs, both ends held or both free."""
     matrix = 2.0 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1)
     if free:
         matrix[0, 0] = matrix[-1, -1] = 1.0
     numbers = np.arange(count) if free else np.arange(1, count + 1)
     angles = numbers * np.pi / (2.0 * (count if free else count + 1))
-    return system_of(mass * np.eye(count), stiffness * matrix), 2.0 * np.sqrt(stiffness / mass) * np.sin(angles) / (2.0 * np.pi)
+    return system_of(mass * np.eye(count), stiffness * matrix), 2.0 * np.sqrt(
+        stiffness / mass
+    ) * np.sin(angles) / (2.0 * np.pi)
 
 
 def random_system(size: int, seed: int = 0, condition: float = 1.0) -> SecondOrderSystem:
@@ -51,13 +57,24 @@ def test_a_free_chain_has_one_rigid_mode_and_its_closed_form_frequencies(count: 
 
 
 @pytest.mark.parametrize(
-    "system", [random_system(20), random_system(20, condition=1e6), chain(9, free=True)[0]], ids=["like", "spread", "free"]
+    "system",
+    [random_system(20), random_system(20, condition=1e6), chain(9, free=True)[0]],
+    ids=["like", "spread", "free"],
 )
-def test_shapes_are_mass_normalised_and_diagonalise_both_matrices(system: SecondOrderSystem) -> None:
+def test_shapes_are_mass_normalised_and_diagonalise_both_matrices(
+    system: SecondOrderSystem,
+) -> None:
     modal = solve_modal(system)
     squares = (2.0 * np.pi * modal.frequencies_hz) ** 2
-    np.testing.assert_allclose(modal.shapes.T @ system.mass @ modal.shapes, np.eye(len(squares)), atol=1e-9)
-    scaled = modal.shapes.T @ system.stiffness @ modal.shapes / np.sqrt(np.outer(squares, squares) + squares[-1] * 1e-6)
+    np.testing.assert_allclose(
+        modal.shapes.T @ system.mass @ modal.shapes, np.eye(len(squares)), atol=1e-9
+    )
+    scaled = (
+        modal.shapes.T
+        @ system.stiffness
+        @ modal.shapes
+        / np.sqrt(np.outer(squares, squares) + squares[-1] * 1e-6)
+    )
     assert np.abs(scaled - np.diag(scaled.diagonal())).max() < 1e-8
     assert modal.residuals.max() < 1e-10
 
@@ -78,7 +95,9 @@ def test_repeated_frequencies_keep_their_multiplicity() -> None:
 def test_count_and_upper_frequency_cut_the_list_and_change_no_value() -> None:
     system, expected = chain(20)
     everything = solve_modal(system).frequencies_hz
-    np.testing.assert_allclose(solve_modal(system, count=4).frequencies_hz, everything[:4], rtol=1e-13)
+    np.testing.assert_allclose(
+        solve_modal(system, count=4).frequencies_hz, everything[:4], rtol=1e-13
+    )
     limit = 0.5 * (expected[6] + expected[7])
     assert len(solve_modal(system, up_to_hz=limit).frequencies_hz) == 7
     assert len(solve_modal(system, count=3, up_to_hz=limit).frequencies_hz) == 3
@@ -92,15 +111,21 @@ def test_low_frequencies_are_exact_beside_high_ones_fourteen_decades_up_and_so_a
     coupling = np.eye(15) + 0.05 * (np.eye(15, k=1) + np.eye(15, k=-1))
     scales = np.sqrt(squares)
     system = system_of(np.eye(15), coupling * scales * scales[:, None])
-    exact = np.sqrt(np.array([float(value) for value in _exact_eigenvalues(system.stiffness)])) / (2.0 * np.pi)
+    exact = np.sqrt(np.array([float(value) for value in _exact_eigenvalues(system.stiffness)])) / (
+        2.0 * np.pi
+    )
     np.testing.assert_allclose(solve_modal(system).frequencies_hz, exact, rtol=1e-8)
     for count in range(15):
         limit = exact[0] / 2.0 if count == 0 else exact[count - 1] * (1.0 + 1e-9)
-        np.testing.assert_allclose(solve_modal(system, up_to_hz=limit).frequencies_hz, exact[:count], rtol=1e-8)
+        np.testing.assert_allclose(
+            solve_modal(system, up_to_hz=limit).frequencies_hz, exact[:count], rtol=1e-8
+        )
 
 
 def _exact_eigenvalues(matrix: FloatArray) -> FloatArray:
-    """Eigenvalues by Jacobi rotations, which keep the relative accuracy of graded matrices (Demmel and Veselic 1992)."""
+    """Eigenvalues by Jacobi rotations, which keep the relative accuracy of graded matrices (Demmel
+    and Veselic 1992).
+    """
     matrix = matrix.astype(np.longdouble)
     size = len(matrix)
     for _ in range(30):
@@ -109,7 +134,11 @@ def _exact_eigenvalues(matrix: FloatArray) -> FloatArray:
                 if abs(matrix[p, q]) < 1e-18 * np.sqrt(matrix[p, p] * matrix[q, q]):
                     continue
                 theta = (matrix[q, q] - matrix[p, p]) / (2 * matrix[p, q])
-                t = np.sign(theta) / (np.abs(theta) + np.hypot(theta, 1)) if theta != 0 else np.longdouble(1)
+                t = (
+                    np.sign(theta) / (np.abs(theta) + np.hypot(theta, 1))
+                    if theta != 0
+                    else np.longdouble(1)
+                )
                 c = 1 / np.sqrt(t**2 + 1)
                 rotation = np.array([[c, t * c], [-t * c, c]])
                 matrix[[p, q], :] = rotation.T @ matrix[[p, q], :]

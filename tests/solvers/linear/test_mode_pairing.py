@@ -6,7 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.mode_pairing import ModeSet, correlate_modes, find_clusters, pair_modes
+from headstock.solvers.linear.mode_pairing import (
+    ModeSet,
+    correlate_modes,
+    find_clusters,
+    pair_modes,
+)
 
 
 def orthonormal(count: int, size: int = 30, seed: int = 1) -> FloatArray:
@@ -30,7 +35,9 @@ def test_modes_that_change_order_sign_and_size_are_found_again(order: list[int],
 
 @settings(deadline=None, max_examples=30)
 @given(angle=st.floats(0.0, 3.2), spread=st.floats(0.0, 0.015))
-def test_twins_that_turn_into_each_other_stay_a_pair_in_the_order_of_their_frequencies(angle: float, spread: float) -> None:
+def test_twins_that_turn_into_each_other_stay_a_pair_in_the_order_of_their_frequencies(
+    angle: float, spread: float
+) -> None:
     shapes = orthonormal(4)
     turned = shapes.copy()
     turned[:, 1:3] = shapes[:, 1:3] @ rotation(angle)
@@ -41,27 +48,35 @@ def test_twins_that_turn_into_each_other_stay_a_pair_in_the_order_of_their_frequ
     assert all(pair.correlation == pytest.approx(1.0) for pair in pairs)
     crossed = {pair.first: pair.second for pair in pairs}[1] == 2
     # shapes decide within the pair as long as they tell anything
-    assert crossed == (np.sin(angle) ** 2 > np.cos(angle) ** 2) or abs(np.sin(angle) ** 2 - 0.5) < 0.01
+    assert (
+        crossed == (np.sin(angle) ** 2 > np.cos(angle) ** 2) or abs(np.sin(angle) ** 2 - 0.5) < 0.01
+    )
 
 
 def test_a_pair_that_is_pushed_apart_is_found_in_the_space_it_spanned() -> None:
     shapes = orthonormal(3)
     apart = shapes @ np.block([[rotation(0.7), np.zeros((2, 1))], [np.zeros((1, 2)), np.eye(1)]])
-    pairs = pair_modes(ModeSet(np.array([50.0, 50.2, 90.0]), shapes), ModeSet(np.array([45.0, 56.0, 90.0]), apart))
+    pairs = pair_modes(
+        ModeSet(np.array([50.0, 50.2, 90.0]), shapes), ModeSet(np.array([45.0, 56.0, 90.0]), apart)
+    )
     assert [(pair.first, pair.second) for pair in pairs] == [(0, 0), (1, 1), (2, 2)]
     assert min(pair.correlation for pair in pairs) == pytest.approx(1.0)
 
 
 def test_far_apart_frequencies_do_not_lend_each_other_their_shapes() -> None:
     shapes = orthonormal(2)
-    pairs = pair_modes(ModeSet(np.array([50.0, 70.0]), shapes), ModeSet(np.array([50.0, 70.0]), shapes @ rotation(np.pi / 4.0)))
+    pairs = pair_modes(
+        ModeSet(np.array([50.0, 70.0]), shapes),
+        ModeSet(np.array([50.0, 70.0]), shapes @ rotation(np.pi / 4.0)),
+    )
     assert pairs and all(pair.correlation == pytest.approx(0.5) for pair in pairs)
 
 
 def test_a_mode_of_another_shape_is_missing_and_its_rival_extra() -> None:
     shapes = orthonormal(4)
     pairs = pair_modes(
-        ModeSet(np.array([10.0, 20.0, 30.0]), shapes[:, :3]), ModeSet(np.array([10.0, 20.0, 30.0]), shapes[:, [0, 3, 2]])
+        ModeSet(np.array([10.0, 20.0, 30.0]), shapes[:, :3]),
+        ModeSet(np.array([10.0, 20.0, 30.0]), shapes[:, [0, 3, 2]]),
     )
     assert [(pair.first, pair.second) for pair in pairs] == [(0, 0), (2, 2)]
 

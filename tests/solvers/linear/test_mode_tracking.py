@@ -1,18 +1,27 @@
-"""Modes keep their identity over poses: through crossings, through poses where two frequencies coincide, around corners."""
+"""Modes keep their identity over poses: through crossings, through poses where two frequencies
+coincide, around corners.
+"""
 
 import numpy as np
 import pytest
 from scipy.linalg import eigh
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.mode_tracking import SweptModes, TrackedModes, track_modes, tracked_frequencies
+from headstock.solvers.linear.mode_tracking import (
+    SweptModes,
+    TrackedModes,
+    track_modes,
+    tracked_frequencies,
+)
 
 MASS = np.diag([1.0, 2.0, 0.5, 1.5])
 ROOT = np.sqrt(MASS)
 
 
 def sweep_modes(stiffnesses: list[FloatArray]) -> SweptModes:
-    """Modes of mass-spring systems, every coincident pair of them turned by some angle as a solver may."""
+    """Modes of mass-spring systems, every coincident pair of them turned by some angle as a solver
+    may.
+    """
     frequencies, fields = [], []
     for stiffness in stiffnesses:
         squares, shapes = eigh(stiffness, MASS)
@@ -35,7 +44,9 @@ def chain(count: int) -> list[tuple[int, int]]:
     return [(number, number + 1) for number in range(count - 1)]
 
 
-def follow(stiffnesses: list[FloatArray], edges: list[tuple[int, int]]) -> tuple[FloatArray, TrackedModes]:
+def follow(
+    stiffnesses: list[FloatArray], edges: list[tuple[int, int]]
+) -> tuple[FloatArray, TrackedModes]:
     modes = sweep_modes(stiffnesses)
     tracked = track_modes(modes, edges)
     return tracked_frequencies(modes.frequencies_hz, tracked.index), tracked
@@ -43,10 +54,17 @@ def follow(stiffnesses: list[FloatArray], edges: list[tuple[int, int]]) -> tuple
 
 @pytest.mark.parametrize("count", [10, 11, 41])
 def test_two_oscillators_that_pass_each_other_keep_their_curves(count: int) -> None:
-    """With 11 and 41 poses one of them stands where both frequencies are equal, and the solver's shapes are any mixture."""
+    """With 11 and 41 poses one of them stands where both frequencies are equal, and the solver's
+    shapes are any mixture.
+    """
     places = np.linspace(-1.0, 1.0, count)
-    found, tracked = follow([independent([100.0 + 40.0 * x, 100.0 - 40.0 * x, 400.0, 900.0]) for x in places], chain(count))
-    wanted = np.sqrt(np.column_stack([100.0 + 40.0 * places, 100.0 - 40.0 * places])) / (2.0 * np.pi)
+    found, tracked = follow(
+        [independent([100.0 + 40.0 * x, 100.0 - 40.0 * x, 400.0, 900.0]) for x in places],
+        chain(count),
+    )
+    wanted = np.sqrt(np.column_stack([100.0 + 40.0 * places, 100.0 - 40.0 * places])) / (
+        2.0 * np.pi
+    )
     for curve in wanted.T:
         assert np.abs(found[:, :2] - curve[:, None]).max(axis=0).min() < 1e-9
     assert (0, 1) in tracked.crossings
@@ -82,11 +100,19 @@ def test_modes_that_veer_in_small_steps_exchange_their_shapes_and_do_not_cross()
 def test_a_grid_is_followed_around_the_line_on_which_modes_cross() -> None:
     """On a grid the crossing line is met from both sides; every mode is one smooth surface."""
     xs, ys = np.linspace(-1.0, 1.0, 9), np.linspace(-1.0, 1.0, 7)
-    levels = np.array([[150.0 + 60.0 * (x + y), 150.0 - 60.0 * (x + y), 400.0 + 30.0 * x, 900.0] for x in xs for y in ys])
+    levels = np.array(
+        [
+            [150.0 + 60.0 * (x + y), 150.0 - 60.0 * (x + y), 400.0 + 30.0 * x, 900.0]
+            for x in xs
+            for y in ys
+        ]
+    )
     numbers = np.arange(63).reshape(9, 7)
     edges = [*zip(numbers[:-1].ravel(), numbers[1:].ravel(), strict=True)]
     edges += zip(numbers[:, :-1].ravel(), numbers[:, 1:].ravel(), strict=True)
-    found, tracked = follow([independent(list(level)) for level in levels], [(int(a), int(b)) for a, b in edges])
+    found, tracked = follow(
+        [independent(list(level)) for level in levels], [(int(a), int(b)) for a, b in edges]
+    )
     assert found.shape[1] == 4
     assert np.isfinite(found).all()
     assert tracked.torn == 0
@@ -99,7 +125,9 @@ def test_a_mode_that_leaves_the_range_and_comes_back_elsewhere_is_not_taken_for_
     places = np.linspace(-1.0, 1.0, 21)
     modes = sweep_modes([independent([100.0, 150.0 + 500.0 * x * x, 400.0, 900.0]) for x in places])
     # only three modes are solved for in each pose
-    cut = SweptModes(modes.frequencies_hz[:, :2], modes.fields[:, :, :2], modes.wanted - 2, modes.rigid)
+    cut = SweptModes(
+        modes.frequencies_hz[:, :2], modes.fields[:, :, :2], modes.wanted - 2, modes.rigid
+    )
     tracked = track_modes(cut, chain(21))
     found = tracked_frequencies(cut.frequencies_hz, tracked.index)
     steady = np.isfinite(found).all(axis=0)

@@ -1,4 +1,6 @@
-"""Loops closed by python-control around the same machine: an independent method, where pip could install it (``environment/tests.txt``)."""
+"""Loops closed by python-control around the same machine: an independent method, where pip could
+install it (``environment/tests.txt``).
+"""
 
 import dataclasses
 from typing import Any
@@ -25,7 +27,9 @@ def plant_and_controller() -> tuple[SecondOrderSystem, DriveTrain, Any, Any]:
     system, train = make_drive(TwoMasses(), GAINS)
     plant = to_control(open_plant(system, [train], outputs=[LOAD]))
     motor = control.ss(plant.A, plant.B, plant.C[1:2], 0.0)
-    pi = control.tf([GAINS.velocity_gain * GAINS.integral_time, GAINS.velocity_gain], [GAINS.integral_time, 0.0])
+    pi = control.tf(
+        [GAINS.velocity_gain * GAINS.integral_time, GAINS.velocity_gain], [GAINS.integral_time, 0.0]
+    )
     lag = control.tf([1.0], [GAINS.current_lag, 1.0])
     return system, train, motor, pi * lag
 
@@ -47,7 +51,8 @@ def test_margins_are_those_of_python_control() -> None:
     (ours,) = find_margins(system, [train], to_hz=1000.0)
     assert ours.phase_deg == pytest.approx(phase, rel=1e-3)
     assert ours.phase_hz == pytest.approx(phase_at / (2.0 * np.pi), rel=1e-3)
-    # python-control names the crossing nearest to one: here gains may fall, and how far is what it tells
+    # python-control names the crossing nearest to one: here gains may fall, and how far is what it
+    # tells
     assert gain < 1.0
     assert ours.lowest_gain == pytest.approx(gain, rel=1e-3)
     assert gain_at > 0.0
@@ -65,14 +70,25 @@ def test_two_axes_on_one_machine_closed_one_after_the_other_are_those_closed_at_
         labels=("a", "b"),
     )
     trains = [
-        dataclasses.replace(train, name=name, axis=name, stretch=row, slide=row, scale=row, stator=np.zeros(2), damping=0.0)
+        dataclasses.replace(
+            train,
+            name=name,
+            axis=name,
+            stretch=row,
+            slide=row,
+            scale=row,
+            stator=np.zeros(2),
+            damping=0.0,
+        )
         for name, row in (("X", np.array([1.0, 0.0])), ("Y", np.array([0.0, 1.0])))
     ]
     free = free_motors(held, trains)
     plant = to_control(open_plant(free, trains))
     # outputs: encoders, motors, slides; close X, then Y around the result
     rates = control.tf([1.0, GAINS.position_gain], [1.0])
-    pi = control.tf([GAINS.velocity_gain * GAINS.integral_time, GAINS.velocity_gain], [GAINS.integral_time, 0.0])
+    pi = control.tf(
+        [GAINS.velocity_gain * GAINS.integral_time, GAINS.velocity_gain], [GAINS.integral_time, 0.0]
+    )
     lag = control.tf([1.0], [GAINS.current_lag, 1.0])
     each = control.ss(rates * pi * lag)
     both = control.append(each, each)

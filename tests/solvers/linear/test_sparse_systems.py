@@ -1,4 +1,6 @@
-"""Coupled systems of many bodies: their lowest modes and static answers are those of the full solves."""
+"""Coupled systems of many bodies: their lowest modes and static answers are those of the full
+solves.
+"""
 
 import numpy as np
 import pytest
@@ -7,7 +9,11 @@ from scipy.sparse.linalg import eigsh
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear import sparse_systems
-from headstock.solvers.linear.sparse_systems import factorise_sparse, find_sparse, lowest_sparse_modes
+from headstock.solvers.linear.sparse_systems import (
+    factorise_sparse,
+    find_sparse,
+    lowest_sparse_modes,
+)
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.linear.symmetric_modes import solve_symmetric_modes
 from headstock.solvers.second_order import SecondOrderSystem
@@ -21,7 +27,9 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def chains(count: int = 1, *, held: bool = True) -> tuple[FloatArray, FloatArray]:
-    """Stiffness and mass of equal rows of masses on springs: every eigenvalue as often as there are rows."""
+    """Stiffness and mass of equal rows of masses on springs: every eigenvalue as often as there are
+    rows.
+    """
     size = SIZE // count
     stiffness = 2.0 * np.eye(size) - np.eye(size, k=1) - np.eye(size, k=-1)
     stiffness[-1, -1] = 1.0
@@ -43,10 +51,14 @@ def test_lowest_modes_are_those_of_the_full_solve_repeated_ones_included(count: 
     assert np.abs(stiffness @ shapes - mass @ shapes * squares).max() < 1e-12
 
 
-def test_a_count_that_misses_a_mode_is_seen_and_nothing_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_count_that_misses_a_mode_is_seen_and_nothing_is_given(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     stiffness, mass = chains()
 
-    def forgetful(matrix: object, count: int, *args: object, **options: object) -> tuple[FloatArray, FloatArray]:
+    def forgetful(
+        matrix: object, count: int, *args: object, **options: object
+    ) -> tuple[FloatArray, FloatArray]:
         squares, shapes = eigsh(matrix, count + 1, *args, **options)
         order = np.argsort(squares)
         return np.delete(squares[order], 2), np.delete(shapes[:, order], 2, axis=1)
@@ -54,7 +66,9 @@ def test_a_count_that_misses_a_mode_is_seen_and_nothing_is_given(monkeypatch: py
     monkeypatch.setattr(sparse_systems, "eigsh", forgetful)
     assert lowest_sparse_modes(stiffness, mass, 6) is None
     np.testing.assert_allclose(
-        solve_symmetric_modes(stiffness, mass, wanted=6).squares[:6], eigh(stiffness, mass, eigvals_only=True)[:6], rtol=1e-9
+        solve_symmetric_modes(stiffness, mass, wanted=6).squares[:6],
+        eigh(stiffness, mass, eigvals_only=True)[:6],
+        rtol=1e-9,
     )
 
 
@@ -79,5 +93,9 @@ def test_what_is_free_or_without_mass_is_left_to_the_full_solve() -> None:
 def test_static_answers_are_those_of_a_full_solve() -> None:
     stiffness, mass = chains(2)
     loads = np.random.default_rng(0).normal(size=(SIZE, 3))
-    system = SecondOrderSystem(mass, None, stiffness, {}, {}, tuple(f"dof {i}" for i in range(SIZE)))
-    np.testing.assert_allclose(solve_static(system, loads).displacements, np.linalg.solve(stiffness, loads), rtol=1e-9)
+    system = SecondOrderSystem(
+        mass, None, stiffness, {}, {}, tuple(f"dof {i}" for i in range(SIZE))
+    )
+    np.testing.assert_allclose(
+        solve_static(system, loads).displacements, np.linalg.solve(stiffness, loads), rtol=1e-9
+    )

@@ -21,14 +21,18 @@ BEAM = PrismaticBeam(0.5, 0.1, 0.038, Material("steel", 210e9, 0.3, 7850.0))
 
 
 def beam_space(zeta: float) -> StateSpace:
-    return to_state_space(add_modal_damping(cantilever_system(BEAM, 4), [zeta]), inputs=[TIP], outputs=[TIP])
+    return to_state_space(
+        add_modal_damping(cantilever_system(BEAM, 4), [zeta]), inputs=[TIP], outputs=[TIP]
+    )
 
 
 def test_matlab_reads_the_same_matrices_and_names() -> None:
     space = beam_space(0.02)
     read = scipy.io.loadmat(io.BytesIO(encode_mat(space)), simplify_cells=True)
     for name in "abcd":
-        np.testing.assert_array_equal(np.reshape(read[name.upper()], getattr(space, name).shape), getattr(space, name))
+        np.testing.assert_array_equal(
+            np.reshape(read[name.upper()], getattr(space, name).shape), getattr(space, name)
+        )
     assert read["inputs"] == "tip x" and read["states"][1] == "mode 1 velocity"
 
 

@@ -11,7 +11,9 @@ from headstock.solvers.second_order import SecondOrderSystem
 
 def system_of(stiffness: FloatArray) -> SecondOrderSystem:
     size = len(stiffness)
-    return SecondOrderSystem(np.zeros((size, size)), None, stiffness, {}, {}, tuple(f"q{i}" for i in range(size)))
+    return SecondOrderSystem(
+        np.zeros((size, size)), None, stiffness, {}, {}, tuple(f"q{i}" for i in range(size))
+    )
 
 
 @pytest.mark.parametrize("columns", [(), (1,), (3,)])
@@ -36,7 +38,9 @@ def test_a_graded_chain_is_solved_to_the_last_digits() -> None:
 def test_an_unsymmetric_stiffness_is_solved_as_it_is() -> None:
     stiffness = np.array([[3.0, 1.0], [-1.0, 2.0]])
     np.testing.assert_allclose(
-        solve_static(system_of(stiffness), np.array([1.0, 0.0])).displacements, [2.0 / 7.0, 1.0 / 7.0], rtol=1e-14
+        solve_static(system_of(stiffness), np.array([1.0, 0.0])).displacements,
+        [2.0 / 7.0, 1.0 / 7.0],
+        rtol=1e-14,
     )
 
 

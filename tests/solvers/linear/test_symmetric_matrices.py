@@ -9,14 +9,18 @@ from headstock.solvers.linear.symmetric_matrices import find_null_space
 
 @pytest.mark.parametrize("dimension", [0, 1, 6])
 @pytest.mark.parametrize("units", [1e-9, 1.0, 1e12])
-def test_the_dimension_is_found_in_any_units_and_the_vectors_vanish(dimension: int, units: float) -> None:
+def test_the_dimension_is_found_in_any_units_and_the_vectors_vanish(
+    dimension: int, units: float
+) -> None:
     generator = np.random.default_rng(dimension)
     factor = generator.normal(size=(14, 14 - dimension))
     scales = np.logspace(-4, 4, 14)
     matrix = units * (factor @ factor.T) * scales * scales[:, None]
     null = find_null_space(matrix)
     assert null.dimension == dimension
-    np.testing.assert_allclose(matrix @ null.vectors / (np.abs(matrix) @ np.abs(null.vectors) + 1e-300), 0.0, atol=1e-11)
+    np.testing.assert_allclose(
+        matrix @ null.vectors / (np.abs(matrix) @ np.abs(null.vectors) + 1e-300), 0.0, atol=1e-11
+    )
     np.testing.assert_array_equal(null.vectors[null.pinned], np.eye(dimension))
     assert sorted([*null.pinned, *null.free]) == list(range(14))
 

@@ -22,7 +22,9 @@ def make_system(size: int = 5, seed: int = 0) -> SecondOrderSystem:
     factor = random.standard_normal((size, size))
     rows = {port: np.eye(size)[i] for i, port in enumerate(PORTS)}
     stiffness = 1e4 * (factor @ factor.T + 0.1 * np.eye(size))
-    return SecondOrderSystem(np.diag(random.uniform(0.5, 2.0, size)), None, stiffness, rows, rows, ("q",) * size)
+    return SecondOrderSystem(
+        np.diag(random.uniform(0.5, 2.0, size)), None, stiffness, rows, rows, ("q",) * size
+    )
 
 
 def dashpots(size: int = 5, strength: float = 20.0) -> FloatArray:
@@ -33,7 +35,9 @@ def dashpots(size: int = 5, strength: float = 20.0) -> FloatArray:
 def unsymmetric(bare: SecondOrderSystem) -> SecondOrderSystem:
     skew = np.zeros_like(bare.stiffness)
     skew[0, 1] = 500.0
-    return dataclasses.replace(bare, stiffness=bare.stiffness + skew, damping=np.eye(len(skew)) * 5.0)
+    return dataclasses.replace(
+        bare, stiffness=bare.stiffness + skew, damping=np.eye(len(skew)) * 5.0
+    )
 
 
 SYSTEMS = {
@@ -53,11 +57,16 @@ def test_every_step_agrees_with_radau(name: str, step: float) -> None:
     loads = np.column_stack([np.sin(40.0 * times), np.where(times > 2.5 * step, 1.0, 0.3)])
     space = to_state_space(system, inputs=PORTS, outputs=PORTS)
     found = solve_time_response(space, loads, step).outputs
-    state, expected = np.zeros(len(space.a)), [space.c @ np.zeros(len(space.a)) + space.d @ loads[0]]
+    state, expected = (
+        np.zeros(len(space.a)),
+        [space.c @ np.zeros(len(space.a)) + space.d @ loads[0]],
+    )
     for number in range(5):
         slope = (loads[number + 1] - loads[number]) / step
         force = lambda t, x, u=loads[number], r=slope: space.a @ x + space.b @ (u + r * t)  # noqa: E731
-        result = solve_ivp(force, (0.0, step), state, method="Radau", rtol=1e-10, atol=1e-14, jac=space.a)
+        result = solve_ivp(
+            force, (0.0, step), state, method="Radau", rtol=1e-10, atol=1e-14, jac=space.a
+        )
         state = result.y[:, -1]
         expected.append(space.c @ state + space.d @ loads[number + 1])
     np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
@@ -68,7 +77,9 @@ def test_the_state_space_has_the_frequency_response_of_the_system(name: str) -> 
     frequencies = np.array([0.3, 7.0, 40.0, 200.0])
     expected = solve_frf(SYSTEMS[name], frequencies, inputs=PORTS, outputs=PORTS).receptance
     space = to_state_space(SYSTEMS[name], inputs=PORTS, outputs=PORTS)
-    np.testing.assert_allclose(space.respond(2.0 * np.pi * frequencies), expected, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        space.respond(2.0 * np.pi * frequencies), expected, atol=1e-9 * np.abs(expected).max()
+    )
     assert (space.inputs, space.outputs) == (PORTS, PORTS)
     assert len(space.states) == len(space.a) == 10
 
@@ -77,12 +88,16 @@ def test_modes_left_out_of_a_state_space_stay_in_it_statically() -> None:
     space = to_state_space(SYSTEMS["modal"], inputs=PORTS, outputs=PORTS, up_to_hz=30.0)
     assert 2 <= len(space.a) < 10 and space.d.any()
     static = np.linalg.inv(SYSTEMS["modal"].stiffness)[:2, :2]
-    np.testing.assert_allclose(space.d - space.c @ np.linalg.solve(space.a, space.b), static, rtol=1e-9)
+    np.testing.assert_allclose(
+        space.d - space.c @ np.linalg.solve(space.a, space.b), static, rtol=1e-9
+    )
 
 
 def test_structural_damping_decays_like_the_viscous_one_of_equal_loss() -> None:
     bare = make_system()
-    lossy = to_state_space(dataclasses.replace(bare, hysteretic=0.04 * bare.stiffness), inputs=PORTS, outputs=PORTS)
+    lossy = to_state_space(
+        dataclasses.replace(bare, hysteretic=0.04 * bare.stiffness), inputs=PORTS, outputs=PORTS
+    )
     viscous = to_state_space(add_modal_damping(bare, [0.02]), inputs=PORTS, outputs=PORTS)
     np.testing.assert_allclose(lossy.a, viscous.a, atol=1e-8 * np.abs(viscous.a).max())
 
@@ -90,7 +105,9 @@ def test_structural_damping_decays_like_the_viscous_one_of_equal_loss() -> None:
 def test_a_free_mass_falls_as_galileo_says() -> None:
     port: dict[tuple[str, str], FloatArray] = {("a", "x"): np.ones(1)}
     space = to_state_space(
-        SecondOrderSystem(np.eye(1) * 2.0, None, np.zeros((1, 1)), port, port, ("q",)), inputs=list(port), outputs=list(port)
+        SecondOrderSystem(np.eye(1) * 2.0, None, np.zeros((1, 1)), port, port, ("q",)),
+        inputs=list(port),
+        outputs=list(port),
     )
     times = 0.1 * np.arange(50)
     found = solve_time_response(space, np.full((50, 1), 6.0), 0.1)

@@ -1,4 +1,6 @@
-"""Geometric stiffness from gravity: a pendulum in closed form, and the Tripteor against its own nonlinear forces."""
+"""Geometric stiffness from gravity: a pendulum in closed form, and the Tripteor against its own
+nonlinear forces.
+"""
 
 import dataclasses
 
@@ -9,7 +11,13 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.mechanism import Mark, Mechanism, Meeting, shift, turn
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
-from headstock.solvers.mechanisms.modes import gravity_stiffness, linearise_poses, pose_system, solve_pose_modes, tool_compliance
+from headstock.solvers.mechanisms.modes import (
+    gravity_stiffness,
+    linearise_poses,
+    pose_system,
+    solve_pose_modes,
+    tool_compliance,
+)
 from headstock.solvers.mechanisms.partitioning import Drive, compose_state, partition_dynamics
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 
@@ -17,15 +25,23 @@ LENGTH, MASS, SPRING, G = 0.7, 3.0, 40.0, 9.81
 
 
 def pendulum(stiffening: bool, sign: float) -> CompliantMechanism:
-    """A point mass on a rod that hangs (or stands) on a torsion spring, its place driven along x."""
+    """A point mass on a rod that hangs (or stands) on a torsion spring, its place driven along
+    x.
+    """
     chain = (shift("x", "u"), turn("y", "d"), shift("z", -sign * LENGTH), Mark("bob"))
     # a second chain that closes a loop through a passive coordinate, so that closures take part
     other = (shift("x", "u"), shift("x", "v"), Mark("end"))
-    mechanism = Mechanism("pendulum", (chain, other), (Meeting("bob", "end", ("x",)),), ("u",), ("d",))
-    springs = LumpedSprings(np.array([1.0 / SPRING]), np.zeros(1), np.zeros(1, dtype=np.intp), ("hinge",))
+    mechanism = Mechanism(
+        "pendulum", (chain, other), (Meeting("bob", "end", ("x",)),), ("u",), ("d",)
+    )
+    springs = LumpedSprings(
+        np.array([1.0 / SPRING]), np.zeros(1), np.zeros(1, dtype=np.intp), ("hinge",)
+    )
     gravity = np.array([0.0, 0.0, -G])
     body = MechanismBody("bob", "bob", MASS)
-    return CompliantMechanism(mechanism, (body,), springs, tool="bob", gravity=gravity, gravity_stiffening=stiffening)
+    return CompliantMechanism(
+        mechanism, (body,), springs, tool="bob", gravity=gravity, gravity_stiffening=stiffening
+    )
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -37,8 +53,12 @@ def test_a_pendulum_hangs_stiffer_and_stands_softer(sign: float) -> None:
         model = pendulum(stiffening, sign)
         motions = linearise_poses(model, state)
         assert solve_pose_modes(motions).frequencies_hz[0] == pytest.approx(expected, rel=1e-12)
-        assert solve_modal(pose_system(model, motions, {}), count=1).frequencies_hz[0] == pytest.approx(expected, rel=1e-12)
-        assert tool_compliance(model, motions)[0, 0] == pytest.approx(LENGTH**2 / stiffness, rel=1e-12)
+        assert solve_modal(pose_system(model, motions, {}), count=1).frequencies_hz[
+            0
+        ] == pytest.approx(expected, rel=1e-12)
+        assert tool_compliance(model, motions)[0, 0] == pytest.approx(
+            LENGTH**2 / stiffness, rel=1e-12
+        )
 
 
 def test_it_is_the_slope_of_the_tripteors_own_gravity_forces() -> None:
@@ -50,15 +70,23 @@ def test_it_is_the_slope_of_the_tripteors_own_gravity_forces() -> None:
     def load(give: FloatArray) -> FloatArray:
         still = np.zeros((len(states), 5))
         driven = states[:, model.mechanism.driven_slice]
-        state, kinematics = compose_state(model.mechanism, driven, np.broadcast_to(give, (len(states), 6)), states)
+        state, kinematics = compose_state(
+            model.mechanism, driven, np.broadcast_to(give, (len(states), 6)), states
+        )
         drive, rates = Drive(driven, still, still), np.zeros((len(states), 6))
-        return partition_dynamics(model, state, kinematics, drive, rates=rates, force=np.zeros(3)).load
+        return partition_dynamics(
+            model, state, kinematics, drive, rates=rates, force=np.zeros(3)
+        ).load
 
     step = 1e-5
-    slopes = np.stack([(load(step * unit) - load(-step * unit)) / (2.0 * step) for unit in np.eye(6)], axis=-1)
+    slopes = np.stack(
+        [(load(step * unit) - load(-step * unit)) / (2.0 * step) for unit in np.eye(6)], axis=-1
+    )
     assert np.abs(-slopes - found).max() < 1e-6 * np.abs(found).max()
     # kilonewtons on metres: small beside springs of 1e8 N/m, as it should be
     assert 1e2 < np.abs(found).max() < 1e4
-    stiff = solve_pose_modes(linearise_poses(dataclasses.replace(model, gravity_stiffening=True), states)).frequencies_hz
+    stiff = solve_pose_modes(
+        linearise_poses(dataclasses.replace(model, gravity_stiffening=True), states)
+    ).frequencies_hz
     plain = solve_pose_modes(linearise_poses(model, states)).frequencies_hz
     assert 1e-6 < np.abs(stiff / plain - 1.0).max() < 1e-3

@@ -46,7 +46,9 @@ def path_drive() -> tuple[SmoothPath, PathDrive]:
 def moving(count: int, damping: float) -> tuple[LinearMotion, FloatArray]:
     times: FloatArray = STEP * np.arange(count, dtype=np.float64)
     motion = linear_motion(machine().model, path_drive()[1], times, np.array([damping]))
-    force = 300.0 * np.stack([np.sin(400.0 * times), np.cos(300.0 * times) - 1.0, np.sin(5400.0 * times)], axis=-1)
+    force = 300.0 * np.stack(
+        [np.sin(400.0 * times), np.cos(300.0 * times) - 1.0, np.sin(5400.0 * times)], axis=-1
+    )
     return motion, force
 
 
@@ -74,7 +76,9 @@ def test_all_steps_at_once_are_the_steps_one_by_one() -> None:
     linear = march_linear(motion, motion.load + motion.tool_load(force))
     whole = refine_motion(model, drive, motion, force, linear)
     stepped = [whole.give[0]]
-    problem = PartitionedMotion(model, drive.at, lambda time: force[round(time / STEP)], drive.states[0])
+    problem = PartitionedMotion(
+        model, drive.at, lambda time: force[round(time / STEP)], drive.states[0]
+    )
     first = problem.start(0.0, whole.give[0], np.zeros(6))
     assert np.abs(first.acceleration).max() < 1e-6
 
@@ -92,8 +96,13 @@ def test_a_slow_force_moves_the_tool_as_the_static_compliance_says() -> None:
     motion, _ = moving(2000, 0.6)
     ramp = 1.0 - np.cos(np.pi * np.minimum(motion.times / 0.08, 1.0))
     push = 100.0 * ramp[:, None] * np.array([1.0, 0.5, -0.3])
-    moved = march_linear(motion, motion.load + motion.tool_load(push)).give - march_linear(motion, motion.load).give
-    compliance = tool_compliance(model, linearise_poses(model, drive.rigid_states(motion.times[-1:])))[0, :3, :3]
+    moved = (
+        march_linear(motion, motion.load + motion.tool_load(push)).give
+        - march_linear(motion, motion.load).give
+    )
+    compliance = tool_compliance(
+        model, linearise_poses(model, drive.rigid_states(motion.times[-1:]))
+    )[0, :3, :3]
     assert np.allclose(motion.tool_motion(moved)[-1], compliance @ push[-1], rtol=5e-3, atol=0.0)
 
 
@@ -123,7 +132,10 @@ def test_regeneration_without_delay_does_nothing_and_a_strong_one_grows() -> Non
     none = Regeneration(np.zeros((len(motion.times), 3, 3)), 24)
     assert np.allclose(march_linear(motion, load, regeneration=none).give, plain.give, atol=1e-16)
     strong = Regeneration(np.broadcast_to(1e11 * np.eye(3), (len(motion.times), 3, 3)), 24)
-    with pytest.raises(ConvergenceError, match="without bound"), np.errstate(over="ignore", invalid="ignore"):
+    with (
+        pytest.raises(ConvergenceError, match="without bound"),
+        np.errstate(over="ignore", invalid="ignore"),
+    ):
         march_linear(motion, load, regeneration=strong)
 
 

@@ -1,4 +1,6 @@
-"""Milling that meets its own waves: small motions are the linear delay equation, large ones end in a limit cycle."""
+"""Milling that meets its own waves: small motions are the linear delay equation, large ones end in
+a limit cycle.
+"""
 
 from dataclasses import replace
 
@@ -8,8 +10,18 @@ import pytest
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.contouring import LinearMotion, Regeneration, march_linear
-from headstock.solvers.milling.forces import CuttingCoefficients, EndMill, MillingCut, cutting_forces, regeneration_stiffness
-from headstock.solvers.milling.regeneration import RegenerativeCut, cutting_phases, march_regenerative
+from headstock.solvers.milling.forces import (
+    CuttingCoefficients,
+    EndMill,
+    MillingCut,
+    cutting_forces,
+    regeneration_stiffness,
+)
+from headstock.solvers.milling.regeneration import (
+    RegenerativeCut,
+    cutting_phases,
+    march_regenerative,
+)
 from headstock.solvers.milling.stability import largest_multiplier, milling_gains, tip_dynamics
 
 COEFFICIENTS = CuttingCoefficients((600e6, 180e6, 0.0), (18e3, 20e3, 0.0), "test")
@@ -31,13 +43,24 @@ def machine(turns: int = TURNS) -> LinearMotion:
     tool[:, 0, 0] = tool[:, 1, 1] = 1.0
     both = [np.stack([matrix, matrix]) for matrix in (one, 2.0 * ZETA * omega * one)]
     return LinearMotion(
-        times, times[[0, -1]], both[0], both[1], np.full((2, 2), MASS * omega**2), tool, np.zeros((2, 2)), np.zeros((len(times), 2))
+        times,
+        times[[0, -1]],
+        both[0],
+        both[1],
+        np.full((2, 2), MASS * omega**2),
+        tool,
+        np.zeros((2, 2)),
+        np.zeros((len(times), 2)),
     )
 
 
 def teeth(cut: MillingCut, count: int) -> RegenerativeCut:
     return RegenerativeCut(
-        cutting_phases(cut, STEPS), STEPS // 4, np.full(count, FEED), np.ones(count), np.broadcast_to(np.eye(3), (count, 3, 3))
+        cutting_phases(cut, STEPS),
+        STEPS // 4,
+        np.full(count, FEED),
+        np.ones(count),
+        np.broadcast_to(np.eye(3), (count, 3, 3)),
     )
 
 
@@ -54,12 +77,19 @@ def test_without_motion_the_forces_are_those_of_rigid_teeth() -> None:
         feed = np.full(len(motion.times), FEED / cut.tooth_period)
         expected = cutting_forces(cut, motion.times, feed)[1:]
         # runout hides the thin end of a chip behind that of an earlier tooth
-        assert np.abs(march(cut, stiff, motion.load)[1][1:] - expected).max() < allowed < 0.03 * np.abs(expected).max()
+        assert (
+            np.abs(march(cut, stiff, motion.load)[1][1:] - expected).max()
+            < allowed
+            < 0.03 * np.abs(expected).max()
+        )
 
 
 def test_small_motions_follow_the_linear_delay_equation() -> None:
     # no edge forces: they jump where a tooth leaves the thin end of its chip
-    motion, cut = machine(40), replace(cut_of(2e-4), coefficients=replace(COEFFICIENTS, edge=(0.0, 0.0, 0.0)))
+    motion, cut = (
+        machine(40),
+        replace(cut_of(2e-4), coefficients=replace(COEFFICIENTS, edge=(0.0, 0.0, 0.0))),
+    )
     feed = np.full(len(motion.times), FEED / cut.tooth_period)
     rigid = cutting_forces(cut, motion.times, feed)
     rigid[0] = 0.0
@@ -70,7 +100,8 @@ def test_small_motions_follow_the_linear_delay_equation() -> None:
         regeneration=Regeneration(regeneration_stiffness(cut, motion.times), STEPS // 4),
     ).give
     plain = march_linear(motion, motion.load + motion.tool_load(rigid)).give
-    # at rest before, the first teeth leave waves; a settled motion repeats with every tooth and has none
+    # at rest before, the first teeth leave waves; a settled motion repeats with every tooth and has
+    # none
     effect = np.abs(linear - plain).max()
     assert effect > 1e-9 > 1e5 * np.abs(linear[-STEPS:] - plain[-STEPS:]).max()
     assert np.abs(moved - linear).max() < 0.1 * effect

@@ -3,7 +3,9 @@ import pytest
 
 from headstock.solvers.milling.tool_path import SquareContour, square_path
 
-CONTOUR = SquareContour(side=0.2, center=(0.05, -0.02), height=0.2, offset=0.01, lead=0.02, feed=5.0 / 60.0, window=0.01)
+CONTOUR = SquareContour(
+    side=0.2, center=(0.05, -0.02), height=0.2, offset=0.01, lead=0.02, feed=5.0 / 60.0, window=0.01
+)
 
 
 def test_speeds_and_accelerations_are_derivatives_of_the_path() -> None:
@@ -35,7 +37,9 @@ def test_feed_is_kept_on_faces_and_the_block_stays_on_the_right() -> None:
     center = np.array([*CONTOUR.center, CONTOUR.height])
     for face in range(4):
         points = path.at(np.linspace(marks[face] + 0.1, marks[face + 1] - 0.3, 50))
-        assert np.allclose(np.linalg.norm(points.velocity, axis=1), CONTOUR.feed, rtol=1e-11, atol=0.0)
+        assert np.allclose(
+            np.linalg.norm(points.velocity, axis=1), CONTOUR.feed, rtol=1e-11, atol=0.0
+        )
         right = np.cross(points.velocity, [0.0, 0.0, 1.0])
         assert (((center - points.position) * right).sum(axis=1) > 0.0).all()
         outward = [(-1, 0), (0, 1), (1, 0), (0, -1)][face]

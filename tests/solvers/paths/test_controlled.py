@@ -1,4 +1,6 @@
-"""Deviation from a path under control: lag, linearity, the limit of held motors, and a second integrator."""
+"""Deviation from a path under control: lag, linearity, the limit of held motors, and a second
+integrator.
+"""
 
 import dataclasses
 
@@ -11,7 +13,11 @@ from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.friction_loop import friction_ports
 from headstock.solvers.errors import ModelError
-from headstock.solvers.paths.controlled import ControlledPath, solve_controlled_path, solve_rubbing_path
+from headstock.solvers.paths.controlled import (
+    ControlledPath,
+    solve_controlled_path,
+    solve_rubbing_path,
+)
 from headstock.solvers.paths.response import PathModel, solve_path
 from headstock.solvers.paths.set_points import Ramp, plan_move
 from headstock.solvers.second_order import SecondOrderSystem
@@ -23,7 +29,9 @@ MOVE = plan_move(0.05, 0.05, Ramp("s_curve", 0.1, 0.03))
 SAMPLES: FloatArray = 4e-4 * np.arange(3500.0, dtype=np.float64)
 
 
-def path_with(control: AxisControl = CONTROL, masses: TwoMasses = MASSES, law: GuideFriction | None = None) -> ControlledPath:
+def path_with(
+    control: AxisControl = CONTROL, masses: TwoMasses = MASSES, law: GuideFriction | None = None
+) -> ControlledPath:
     system, train = make_drive(masses, control, law)
     loop = close_loops(system, [train], inputs=friction_ports((train,)), outputs=[LOAD])
     return ControlledPath(loop, {"X": 1.0}, np.ones(1), slow_hz=5.0)
@@ -34,26 +42,34 @@ def test_at_constant_speed_it_lags_by_the_speed_over_kv_and_the_parts_add_up() -
     steady = (SAMPLES > 0.8) & (SAMPLES < 0.98)
     np.testing.assert_allclose(found.total[steady], -0.05 / 40.0, rtol=1e-6)
     np.testing.assert_allclose(found.quasi_static[steady], -0.05 / 40.0, rtol=1e-9)
-    np.testing.assert_allclose(found.total, found.quasi_static + found.sway + found.dynamic, atol=1e-15)
+    np.testing.assert_allclose(
+        found.total, found.quasi_static + found.sway + found.dynamic, atol=1e-15
+    )
     assert np.abs(found.total[-1]).max() < 1e-7
 
 
 def test_five_times_the_feed_with_the_same_ramps_deviates_five_times_as_much() -> None:
     slow, fast = (plan_move(0.05 * feed, 0.05 * feed, Ramp("linear", 0.1)) for feed in (0.2, 1.0))
-    first, second = (solve_controlled_path(path_with(), move, SAMPLES).total for move in (slow, fast))
+    first, second = (
+        solve_controlled_path(path_with(), move, SAMPLES).total for move in (slow, fast)
+    )
     np.testing.assert_allclose(second, 5.0 * first, atol=1e-6 * np.abs(second).max())
 
 
 def test_a_motor_that_follows_perfectly_leaves_the_deviation_of_a_held_one() -> None:
     heavy = dataclasses.replace(MASSES, motor=1e8)
-    control = AxisControl(300.0, 1e11, velocity_feed_forward=1.0, acceleration_feed_forward=heavy.motor + heavy.load)
+    control = AxisControl(
+        300.0, 1e11, velocity_feed_forward=1.0, acceleration_feed_forward=heavy.motor + heavy.load
+    )
     found = solve_controlled_path(path_with(control, heavy), MOVE, SAMPLES)
     held = SecondOrderSystem(
         MASSES.load * np.eye(1), MASSES.damping * np.eye(1), MASSES.stiffness * np.eye(1),
         {("path", "acceleration"): -MASSES.load * np.ones(1)}, {LOAD: np.ones(1)}, ("load",),
     )  # fmt: skip
     expected = solve_path(held, PathModel(("path", "acceleration"), (LOAD,), 5.0), MOVE, SAMPLES)
-    np.testing.assert_allclose(found.total, expected.total, atol=2e-5 * np.abs(expected.total).max())
+    np.testing.assert_allclose(
+        found.total, expected.total, atol=2e-5 * np.abs(expected.total).max()
+    )
 
 
 def test_without_friction_the_stiff_integrator_gives_the_exact_discretisation() -> None:
@@ -61,13 +77,18 @@ def test_without_friction_the_stiff_integrator_gives_the_exact_discretisation() 
     samples = SAMPLES[:600:10]
     exact = solve_controlled_path(path_with(), short, SAMPLES[:600])
     found, motion = solve_rubbing_path(path_with(law=GuideFriction()), short, samples)
-    np.testing.assert_allclose(found.total, exact.total[::10], atol=1e-7 * np.abs(exact.total).max())
+    np.testing.assert_allclose(
+        found.total, exact.total[::10], atol=1e-7 * np.abs(exact.total).max()
+    )
     assert motion.energy.error < 1e-6
 
 
 def test_a_machine_that_floats_is_refused() -> None:
     system, train = make_drive(MASSES, CONTROL)
-    wide = [np.pad(present(matrix), ((0, 1), (0, 1))) for matrix in (system.mass, system.stiffness, system.damping)]
+    wide = [
+        np.pad(present(matrix), ((0, 1), (0, 1)))
+        for matrix in (system.mass, system.stiffness, system.damping)
+    ]
     wide[0][2, 2] = 10.0
     ports = {port: np.append(row, 0.0) for port, row in system.outputs.items()}
     loads = {port: np.append(row, 0.0) for port, row in system.inputs.items()}

@@ -1,12 +1,25 @@
-"""Set points: positions, speeds and accelerations belong together, and a move that is too short is refused."""
+"""Set points: positions, speeds and accelerations belong together, and a move that is too short is
+refused.
+"""
 
 import numpy as np
 import pytest
 
 from headstock.solvers.errors import ModelError
-from headstock.solvers.paths.set_points import Ramp, list_breaks, plan_move, sample_move, step_accelerations
+from headstock.solvers.paths.set_points import (
+    Ramp,
+    list_breaks,
+    plan_move,
+    sample_move,
+    step_accelerations,
+)
 
-RAMPS = [Ramp("linear", 0.1), Ramp("s_curve", 0.1, 0.03), Ramp("s_curve", 0.1, 0.1), Ramp("exponential", 0.1)]
+RAMPS = [
+    Ramp("linear", 0.1),
+    Ramp("s_curve", 0.1, 0.03),
+    Ramp("s_curve", 0.1, 0.1),
+    Ramp("exponential", 0.1),
+]
 
 
 @pytest.mark.parametrize("ramp", RAMPS, ids=lambda ramp: f"{ramp.kind}-{ramp.jerk_time:g}")
@@ -18,18 +31,28 @@ def test_speed_and_acceleration_are_the_derivatives_of_the_position(ramp: Ramp) 
     rest = np.exp(-(times[-1] - move.braking) / 0.1) if ramp.kind == "exponential" else 1e-14
     assert motion.positions[-1] == pytest.approx(0.08, rel=2.0 * rest)
     step = times[1] - times[0]
-    np.testing.assert_allclose(np.gradient(motion.positions, times), motion.speeds, atol=0.6 * 0.5 * step)
+    np.testing.assert_allclose(
+        np.gradient(motion.positions, times), motion.speeds, atol=0.6 * 0.5 * step
+    )
     smooth = np.min(np.abs(times[:, None] - list_breaks(move)), axis=1) > 2.0 * step
     found = np.gradient(motion.speeds, times)
-    np.testing.assert_allclose(found[smooth], motion.accelerations[smooth], atol=20.0 * step**2 * 0.5 / 0.1**2)
+    np.testing.assert_allclose(
+        found[smooth], motion.accelerations[smooth], atol=20.0 * step**2 * 0.5 / 0.1**2
+    )
 
 
 def test_linear_ramps_are_those_of_the_seed() -> None:
-    """100 ms are 0.1 m/s^2 at 600 and 0.5 m/s^2 at 3000 mm/min; braking takes place from 1.6 to 1.7 s."""
+    """100 ms are 0.1 m/s^2 at 600 and 0.5 m/s^2 at 3000 mm/min; braking takes place from 1.6 to 1.7
+    s.
+    """
     slow, fast = (plan_move(0.08, feed / 6e4, Ramp("linear", 0.1)) for feed in (600.0, 3000.0))
     for move, size in ((slow, 0.1), (fast, 0.5)):
-        assert sample_move(move, np.array([0.05])).accelerations[0] == pytest.approx(size, rel=1e-14)
-        assert sample_move(move, np.array([move.braking + 0.05])).accelerations[0] == pytest.approx(-size, rel=1e-14)
+        assert sample_move(move, np.array([0.05])).accelerations[0] == pytest.approx(
+            size, rel=1e-14
+        )
+        assert sample_move(move, np.array([move.braking + 0.05])).accelerations[0] == pytest.approx(
+            -size, rel=1e-14
+        )
     np.testing.assert_allclose(fast.zones, [[0.0, 0.1], [1.6, 1.7]], rtol=1e-14)
 
 
@@ -48,12 +71,16 @@ def test_steps_see_the_acceleration_on_their_side_of_a_jump(ramp: Ramp) -> None:
     loads = step_accelerations(move, times)
     motion = sample_move(move, times)
     # the mean over each step is what the speed gains
-    np.testing.assert_allclose(loads.mean(axis=1) * np.diff(times), np.diff(motion.speeds), atol=1e-14)
+    np.testing.assert_allclose(
+        loads.mean(axis=1) * np.diff(times), np.diff(motion.speeds), atol=1e-14
+    )
 
 
 @pytest.mark.parametrize("ramp", RAMPS, ids=lambda ramp: f"{ramp.kind}-{ramp.jerk_time:g}")
 def test_a_move_that_never_reaches_its_feed_is_refused_with_what_would_do(ramp: Ramp) -> None:
     least = 0.05 * ramp.duration
     plan_move(least * (1.0 + 1e-9), 0.05, ramp)
-    with pytest.raises(ModelError, match=f"never reaches 3000 mm/min.*at least {1e3 * least:g} mm long"):
+    with pytest.raises(
+        ModelError, match=f"never reaches 3000 mm/min.*at least {1e3 * least:g} mm long"
+    ):
         plan_move(0.99 * least, 0.05, ramp)

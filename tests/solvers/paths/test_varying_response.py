@@ -1,4 +1,6 @@
-"""Systems that change along a path: where nothing changes the frozen answer, else that of an integrator at tight tolerance."""
+"""Systems that change along a path: where nothing changes the frozen answer, else that of an
+integrator at tight tolerance.
+"""
 
 import numpy as np
 import pytest
@@ -15,20 +17,26 @@ from headstock.solvers.second_order import SecondOrderSystem
 
 SOURCE, TIP = ("path", "acceleration"), ("tip", "x")
 LENGTH = 0.08
-MOVE = SetPoint(LENGTH, 0.5, Ramp("linear", 0.02))  # 30 g would be needed to stop a machine so: much happens within a few periods
+MOVE = SetPoint(
+    LENGTH, 0.5, Ramp("linear", 0.02)
+)  # 30 g would be needed to stop a machine so: much happens within a few periods
 MODEL = PathModel(SOURCE, (TIP,), slow_hz=50.0, up_to_hz=2000.0)
 MASSES = np.diag([30.0, 20.0, 5.0])
 
 
 def place_bare(position: float, strength: float = 1.0) -> SecondOrderSystem:
-    """Three masses in a row; a spring, a damper, the load and the place of observation change along the path."""
+    """Three masses in a row; a spring, a damper, the load and the place of observation change along
+    the path.
+    """
     share = strength * position / LENGTH
     springs = np.array([2e7 * (1.0 + 0.5 * share), 8e6, 4e6 * (1.0 + share**2)])
     stretch = np.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [0.0, -1.0, 1.0]])
     stiffness = stretch.T @ np.diag(springs) @ stretch
     damping = stretch.T @ np.diag([800.0, 300.0 * (1.0 + share), 200.0]) @ stretch
     load, row = np.array([0.0, -20.0, -5.0]), np.array([0.0, share, 1.0])
-    return SecondOrderSystem(MASSES, damping, stiffness, {SOURCE: load}, {TIP: row}, ("a", "b", "c"))
+    return SecondOrderSystem(
+        MASSES, damping, stiffness, {SOURCE: load}, {TIP: row}, ("a", "b", "c")
+    )
 
 
 def place_chain(position: float, strength: float = 1.0) -> PosedModes:
@@ -41,7 +49,9 @@ def stand(time: float) -> float:
     """Position along the path: constant acceleration, constant speed, constant deceleration."""
     if time <= 0.02:
         return 12.5 * time**2
-    return 0.005 + 0.5 * (time - 0.02) if time <= 0.16 else LENGTH - 12.5 * max(0.18 - time, 0.0) ** 2
+    return (
+        0.005 + 0.5 * (time - 0.02) if time <= 0.16 else LENGTH - 12.5 * max(0.18 - time, 0.0) ** 2
+    )
 
 
 def integrate(samples: FloatArray) -> FloatArray:
@@ -50,15 +60,30 @@ def integrate(samples: FloatArray) -> FloatArray:
     def slope(time: float, state: FloatArray, acceleration: float) -> FloatArray:
         system = place_bare(stand(time))
         assert system.damping is not None
-        force = acceleration * system.inputs[SOURCE] - system.damping @ state[3:] - system.stiffness @ state[:3]
+        force = (
+            acceleration * system.inputs[SOURCE]
+            - system.damping @ state[3:]
+            - system.stiffness @ state[:3]
+        )
         return np.concatenate([state[3:], force / MASSES.diagonal()])
 
     state, found = np.zeros(6), np.zeros((len(samples), 3))
     edges = [0.0, 0.02, 0.16, 0.18, samples[-1]]
-    for begin, end, acceleration in zip(edges[:-1], edges[1:], (25.0, 0.0, -25.0, 0.0), strict=True):
+    for begin, end, acceleration in zip(
+        edges[:-1], edges[1:], (25.0, 0.0, -25.0, 0.0), strict=True
+    ):
         inside = (samples >= begin - 1e-12) & (samples <= end + 1e-12)
         wanted = np.append(np.clip(samples[inside], begin, end - 1e-12), end)
-        solved = solve_ivp(slope, (begin, end), state, "DOP853", wanted, args=(acceleration,), rtol=1e-8, atol=1e-13)
+        solved = solve_ivp(
+            slope,
+            (begin, end),
+            state,
+            "DOP853",
+            wanted,
+            args=(acceleration,),
+            rtol=1e-8,
+            atol=1e-13,
+        )
         found[inside], state = solved.y[:3, :-1].T, solved.y[:, -1]
     rows = np.array([place_bare(stand(time)).outputs[TIP] for time in samples])
     return np.asarray(np.einsum("nm,nm->n", rows, found))
@@ -74,7 +99,9 @@ def solve(system: VaryingSystem, sampling_hz: float = 2500.0) -> PathDeviation:
 
 def test_where_nothing_changes_the_answer_is_the_frozen_one() -> None:
     found = solve(follow(strength=0.0))
-    frozen = solve_path(place_bare(0.0), PathModel(SOURCE, (TIP,), MODEL.slow_hz), MOVE, found.times)
+    frozen = solve_path(
+        place_bare(0.0), PathModel(SOURCE, (TIP,), MODEL.slow_hz), MOVE, found.times
+    )
     size = np.abs(frozen.total).max()
     for part in ("total", "quasi_static", "sway", "dynamic"):
         np.testing.assert_allclose(getattr(found, part), getattr(frozen, part), atol=1e-9 * size)
@@ -86,7 +113,9 @@ def test_a_changing_system_follows_an_integrator_at_tight_tolerance() -> None:
     size = np.abs(reference).max()
     np.testing.assert_allclose(found.total[:, 0], reference, atol=2e-5 * size)
     # the frozen pose is not the answer here
-    frozen = solve_path(place_bare(0.5 * LENGTH), PathModel(SOURCE, (TIP,), MODEL.slow_hz), MOVE, found.times)
+    frozen = solve_path(
+        place_bare(0.5 * LENGTH), PathModel(SOURCE, (TIP,), MODEL.slow_hz), MOVE, found.times
+    )
     assert np.abs(frozen.total[:, 0] - reference).max() > 0.1 * size
 
 
@@ -108,12 +137,16 @@ def test_the_error_falls_with_the_square_of_the_step() -> None:
 def test_a_break_between_samples_is_met() -> None:
     system = follow()
     odd, fine = solve(system, 2345.0), solve(system, 23_450.0)
-    np.testing.assert_allclose(odd.total[:530], fine.total[:5300:10], atol=1e-4 * np.abs(fine.total).max())
+    np.testing.assert_allclose(
+        odd.total[:530], fine.total[:5300:10], atol=1e-4 * np.abs(fine.total).max()
+    )
 
 
 def test_parts_add_up_and_the_quasi_static_one_is_that_of_the_pose() -> None:
     found = solve(follow())
-    np.testing.assert_allclose(found.quasi_static + found.sway + found.dynamic, found.total, atol=1e-18)
+    np.testing.assert_allclose(
+        found.quasi_static + found.sway + found.dynamic, found.total, atol=1e-18
+    )
     number = int(np.searchsorted(found.times, 0.17))
     position = float(sample_move(MOVE, found.times[number : number + 1]).positions[0])
     system = place_bare(position)
@@ -126,7 +159,11 @@ def test_stations_meet_the_system_between_them() -> None:
     system = follow()
     for position in np.linspace(0.0, LENGTH, 41):
         squares = np.linalg.eigvalsh(system.at(float(position)).stiffness)
-        np.testing.assert_allclose(np.sqrt(squares) / (2.0 * np.pi), place_chain(float(position)).modes.frequencies_hz, rtol=1e-6)
+        np.testing.assert_allclose(
+            np.sqrt(squares) / (2.0 * np.pi),
+            place_chain(float(position)).modes.frequencies_hz,
+            rtol=1e-6,
+        )
 
 
 def test_a_system_that_jumps_is_refused() -> None:
@@ -141,4 +178,6 @@ def test_a_step_table_is_exact_at_and_between_its_places() -> None:
     system = follow()
     table = make_step_table(system, 4e-4)
     for position in np.linspace(0.0, LENGTH, 17) * 0.987:
-        np.testing.assert_allclose(table.spline(position), exact_step(system.at(position), system.scales, 4e-4), atol=2e-9)
+        np.testing.assert_allclose(
+            table.spline(position), exact_step(system.at(position), system.scales, 4e-4), atol=2e-9
+        )

@@ -1,4 +1,6 @@
-"""A fit finds the values the targets were computed with, whatever modes change places on the way, and says what it cannot know."""
+"""A fit finds the values the targets were computed with, whatever modes change places on the way,
+and says what it cannot know.
+"""
 
 import dataclasses
 from pathlib import Path
@@ -37,7 +39,9 @@ frequencies = {stiff}
 def make_targets(folder: Path) -> str:
     """Targets that the true values meet exactly."""
     any_hz = write_frequencies(np.arange(10.0, 16.0, dtype=np.float64))
-    problem = prepare_text(folder, CASES.format(written=any_hz, stiff=any_hz, compliance=1.0) + write_parameters(TRUTH))
+    problem = prepare_text(
+        folder, CASES.format(written=any_hz, stiff=any_hz, compliance=1.0) + write_parameters(TRUTH)
+    )
     written, stiff = solve_truth(problem, TRUTH).states
     return CASES.format(
         written=write_frequencies(written.frequencies_hz[:6]),
@@ -47,14 +51,22 @@ def make_targets(folder: Path) -> str:
 
 
 def with_settings(problem: FitProblem, *, starts: int, pairing: str = "best") -> FitProblem:
-    return dataclasses.replace(problem, settings=dataclasses.replace(problem.settings, starts=starts, pairing=pairing))
+    return dataclasses.replace(
+        problem, settings=dataclasses.replace(problem.settings, starts=starts, pairing=pairing)
+    )
 
 
 def test_most_starts_find_the_true_stiffnesses_although_modes_change_places(tmp_path: Path) -> None:
-    """Of these starts most end in a wrong pairing of modes unless other pairings are tried (see the next test)."""
-    problem = with_settings(prepare_text(tmp_path, make_targets(tmp_path) + write_parameters(TRUTH)), starts=6)
+    """Of these starts most end in a wrong pairing of modes unless other pairings are tried (see the
+    next test).
+    """
+    problem = with_settings(
+        prepare_text(tmp_path, make_targets(tmp_path) + write_parameters(TRUTH)), starts=6
+    )
     found = identify(problem, "test")
-    ends = [problem.values(record.end.coordinates) for record in found.starts if record.end is not None]
+    ends = [
+        problem.values(record.end.coordinates) for record in found.starts if record.end is not None
+    ]
     assert sum(end == pytest.approx(TRUTH, rel=1e-4) for end in ends) >= 4
     assert sum(record.exchanges for record in found.starts) >= 3
     assert found.values == pytest.approx(TRUTH, rel=1e-4)
@@ -70,12 +82,18 @@ def test_modes_that_are_only_followed_keep_the_pairing_they_start_with(tmp_path:
 
 
 def test_modes_are_followed_by_shape_through_a_crossing(tmp_path: Path) -> None:
-    """Lateral modes rise past normal ones; following them leaves each target with its own mode, pairing anew does not."""
+    """Lateral modes rise past normal ones; following them leaves each target with its own mode,
+    pairing anew does not.
+    """
     problem = prepare_text(tmp_path, make_targets(tmp_path) + write_parameters(TRUTH))
     before = solve_truth(problem, TRUTH)
     point = before
     for factor in np.geomspace(1.0, 4.0, 30)[1:]:
-        point = evaluate(problem, problem.coordinates(list({**TRUTH, "guide_lateral": factor * 55e6}.values())), point)
+        point = evaluate(
+            problem,
+            problem.coordinates(list({**TRUTH, "guide_lateral": factor * 55e6}.values())),
+            point,
+        )
     anew = solve_truth(problem, {**TRUTH, "guide_lateral": 4.0 * 55e6})
     assert point.pairings != anew.pairings
     assert sorted(point.pairings[1].modes) != list(point.pairings[1].modes)
@@ -84,7 +102,9 @@ def test_modes_are_followed_by_shape_through_a_crossing(tmp_path: Path) -> None:
 
 
 def test_a_described_shape_chooses_its_mode(tmp_path: Path) -> None:
-    """A mode in which the slider pitches lies nearer to the frequency than the one in which it rolls."""
+    """A mode in which the slider pitches lies nearer to the frequency than the one in which it
+    rolls.
+    """
     text = """
 [cases.stiff]
 variant = "stiff"
@@ -103,8 +123,12 @@ modes = [
 def test_what_is_held_out_is_predicted_and_changes_nothing(tmp_path: Path) -> None:
     targets = make_targets(tmp_path)
     entry = '{ point = "tcp", motion = "z", force = "z", value = "'
-    wrong = targets.replace(entry, '{ hold_out = true, point = "tcp", motion = "z", force = "z", value = "9')
-    found = identify(with_settings(prepare_text(tmp_path, wrong + write_parameters(TRUTH)), starts=3), "test")
+    wrong = targets.replace(
+        entry, '{ hold_out = true, point = "tcp", motion = "z", force = "z", value = "9'
+    )
+    found = identify(
+        with_settings(prepare_text(tmp_path, wrong + write_parameters(TRUTH)), starts=3), "test"
+    )
     assert found.values == pytest.approx(TRUTH, rel=1e-4)
     (held,) = [outcome for outcome in found.outcomes if outcome.hold_out]
     assert held.found < 0.2 * held.wanted
@@ -114,13 +138,19 @@ def test_what_is_held_out_is_predicted_and_changes_nothing(tmp_path: Path) -> No
 def test_a_limit_on_the_number_of_modes_pushes_the_next_one_up(tmp_path: Path) -> None:
     names = {"feet_x": 120e6, "feet_z": 170e6}
     text = '[cases.stiff]\nvariant = "stiff"\nfrequencies = ["64 Hz", "70 Hz"]\n'
-    third = float(identify(prepare_text(tmp_path, text + write_parameters(names)), "free").point.states[0].frequencies_hz[2])
+    third = float(
+        identify(prepare_text(tmp_path, text + write_parameters(names)), "free")
+        .point.states[0]
+        .frequencies_hz[2]
+    )
     limit = f'at_most = {{ modes = 2, below = "{1.02 * third:.6g} Hz", tolerance = "0.1 %" }}\n'
     found = identify(prepare_text(tmp_path, text + limit + write_parameters(names)), "limit")
     assert found.point.states[0].frequencies_hz[2] > 1.01 * third
 
 
-def test_five_seeds_of_noise_stay_within_five_percent_and_intervals_hold_the_truth(tmp_path: Path) -> None:
+def test_five_seeds_of_noise_stay_within_five_percent_and_intervals_hold_the_truth(
+    tmp_path: Path,
+) -> None:
     """The short version of ``headstock validate identification``."""
     rows = {row.quantity.partition(": ")[2]: row for row in judge_seeds(tmp_path, range(5))}
     assert rows["largest error"].passed
@@ -131,7 +161,9 @@ def test_wrong_data_lie_outside_the_intervals(tmp_path: Path) -> None:
     """The check above can fail: fitted to another machine the intervals miss."""
     (found,) = fit_seeds(tmp_path, [0])
     other = {name: 1.1 * value for name, value in true_values().items()}
-    assert sum(item.low <= other[item.parameter.name] <= item.high for item in found.parameters) <= 1
+    assert (
+        sum(item.low <= other[item.parameter.name] <= item.high for item in found.parameters) <= 1
+    )
 
 
 def test_parameters_the_data_cannot_see_are_named(tmp_path: Path) -> None:

@@ -1,4 +1,6 @@
-"""The exact derivatives of a fit are those of high-order differences of the coupled machine, whatever a parameter moves."""
+"""The exact derivatives of a fit are those of high-order differences of the coupled machine,
+whatever a parameter moves.
+"""
 
 from pathlib import Path
 
@@ -71,21 +73,28 @@ def differences(problem: FitProblem, place: FloatArray) -> FloatArray:
     """Sixth-order differences of the residuals, modes followed from the middle."""
     anchor, columns = evaluate(problem, place), []
     for direction in np.eye(len(place)):
-        moved = [weight * evaluate(problem, place + reach * STEP * direction, anchor).residuals for reach, weight in STENCIL]
+        moved = [
+            weight * evaluate(problem, place + reach * STEP * direction, anchor).residuals
+            for reach, weight in STENCIL
+        ]
         columns.append(np.sum(moved, axis=0) / STEP)
     return np.column_stack(columns)
 
 
 @pytest.mark.parametrize("variant", ["stiff", "turned"])
 def test_the_jacobian_is_that_of_sixth_order_differences(tmp_path: Path, variant: str) -> None:
-    text = "".join("\n".join([f"[parameters.{name}]", *lines, ""]) for name, lines in PARAMETERS.items())
+    text = "".join(
+        "\n".join([f"[parameters.{name}]", *lines, ""]) for name, lines in PARAMETERS.items()
+    )
     problem = prepare_text(tmp_path, TARGETS.format(variant=variant) + text)
     place = problem.coordinates([parameter.start for parameter in problem.parameters])
     exact, expected = data_jacobian(problem, evaluate(problem, place)), differences(problem, place)
     scale = np.abs(expected).max(axis=0)
     assert (scale > 0.0).all()
     worst = np.abs(exact - expected).max(axis=0) / scale
-    assert dict(zip(PARAMETERS, worst, strict=True)) == {name: pytest.approx(0.0, abs=1e-6) for name in PARAMETERS}
+    assert dict(zip(PARAMETERS, worst, strict=True)) == {
+        name: pytest.approx(0.0, abs=1e-6) for name in PARAMETERS
+    }
 
 
 SCREW = """
@@ -106,10 +115,14 @@ scale = "linear"
 
 
 def test_a_nut_in_series_with_its_screw_is_differentiated_as_a_whole(tmp_path: Path) -> None:
-    """The joint's stiffness is no longer the number in the scene: it follows the screw's free length too."""
+    """The joint's stiffness is no longer the number in the scene: it follows the screw's free
+    length too.
+    """
     problem = prepare_text(tmp_path, SCREW.format(variant="screw"))
     place = problem.coordinates([parameter.start for parameter in problem.parameters])
     exact, expected = data_jacobian(problem, evaluate(problem, place)), differences(problem, place)
     assert exact == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
-    bare = data_jacobian(prepared := prepare_text(tmp_path, SCREW.format(variant="stiff")), evaluate(prepared, place))
+    bare = data_jacobian(
+        prepared := prepare_text(tmp_path, SCREW.format(variant="stiff")), evaluate(prepared, place)
+    )
     assert np.abs(exact - bare)[:, 0].max() > 1e-3 * np.abs(bare[:, 0]).max()

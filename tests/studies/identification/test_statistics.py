@@ -11,7 +11,9 @@ LINE = np.column_stack([np.ones(20), np.linspace(-1.0, 1.0, 20)])
 
 
 def test_standard_deviations_are_those_of_weighed_least_squares() -> None:
-    found = assess(["offset", "slope"], LINE / 0.1, np.zeros(20), NO_PRIOR, WIDE, from_residuals=False)
+    found = assess(
+        ["offset", "slope"], LINE / 0.1, np.zeros(20), NO_PRIOR, WIDE, from_residuals=False
+    )
     assert found.sigmas**2 == pytest.approx(0.01 * np.diag(np.linalg.inv(LINE.T @ LINE)))
     assert found.quantile == pytest.approx(1.959964, rel=1e-6)
     assert found.freedom == pytest.approx(18.0)
@@ -25,11 +27,15 @@ def test_residuals_set_the_size_of_the_errors_where_that_is_asked_for() -> None:
     noise = np.sqrt(residuals @ residuals / 18.0)
     assert found.noise == pytest.approx(noise)
     assert found.sigmas == pytest.approx(noise * stated.sigmas)
-    assert found.quantile == pytest.approx(2.100922, rel=1e-6)  # Student's t with 18 degrees of freedom
+    assert found.quantile == pytest.approx(
+        2.100922, rel=1e-6
+    )  # Student's t with 18 degrees of freedom
 
 
 def test_a_prior_counts_as_one_more_measurement() -> None:
-    found = assess(["offset", "slope"], LINE, np.zeros(20), np.array([np.inf, 0.2]), WIDE, from_residuals=False)
+    found = assess(
+        ["offset", "slope"], LINE, np.zeros(20), np.array([np.inf, 0.2]), WIDE, from_residuals=False
+    )
     information = LINE.T @ LINE + np.diag([0.0, 25.0])
     assert found.sigmas**2 == pytest.approx(np.diag(np.linalg.inv(information)))
     share = (LINE.T @ LINE)[1, 1] / information[1, 1]
@@ -38,18 +44,22 @@ def test_a_prior_counts_as_one_more_measurement() -> None:
 
 
 def test_a_sum_that_alone_is_seen_leaves_the_difference_blind() -> None:
-    found = assess(["a", "b"], np.full((6, 2), 100.0), np.zeros(6), NO_PRIOR, WIDE, from_residuals=False)
-    (blind,) = found.blind
-    assert dict(blind.entries) == pytest.approx({"a": np.sqrt(0.5), "b": -np.sqrt(0.5)}) or dict(blind.entries) == pytest.approx(
-        {"b": np.sqrt(0.5), "a": -np.sqrt(0.5)}
+    found = assess(
+        ["a", "b"], np.full((6, 2), 100.0), np.zeros(6), NO_PRIOR, WIDE, from_residuals=False
     )
+    (blind,) = found.blind
+    assert dict(blind.entries) == pytest.approx({"a": np.sqrt(0.5), "b": -np.sqrt(0.5)}) or dict(
+        blind.entries
+    ) == pytest.approx({"b": np.sqrt(0.5), "a": -np.sqrt(0.5)})
     assert blind.spread > 1e6
     assert np.isinf(found.sigmas).all()
     assert found.seen == pytest.approx([0.5, 0.5], abs=1e-3)
 
 
 def test_priors_make_a_blind_direction_finite_and_leave_it_blind() -> None:
-    found = assess(["a", "b"], np.full((6, 2), 100.0), np.zeros(6), np.full(2, 0.3), WIDE, from_residuals=False)
+    found = assess(
+        ["a", "b"], np.full((6, 2), 100.0), np.zeros(6), np.full(2, 0.3), WIDE, from_residuals=False
+    )
     assert found.sigmas == pytest.approx(0.3 * np.sqrt(0.5), rel=1e-3)
     assert found.correlations[0, 1] == pytest.approx(-1.0, abs=1e-3)
     assert len(found.blind) == 1

@@ -1,4 +1,6 @@
-"""A target file that cannot be used is answered with every problem at once, each with its place and what to write."""
+"""A target file that cannot be used is answered with every problem at once, each with its place and
+what to write.
+"""
 
 import re
 from pathlib import Path
@@ -53,7 +55,10 @@ def test_a_target_file_becomes_targets_in_si_units(tmp_path: Path) -> None:
     guide, width = task.parameters
     assert [rule.key[1] for rule in guide.rules] == ["guide_1", "guide_2", "guide_3", "guide_4"]
     assert (guide.start, guide.lower, guide.upper) == pytest.approx((50e6, 10e6, 800e6))
-    assert [(rule.factor, rule.offset) for rule in width.rules] == [(1.0, 0.0), (-1.0, pytest.approx(0.002))]
+    assert [(rule.factor, rule.offset) for rule in width.rules] == [
+        (1.0, 0.0),
+        (-1.0, pytest.approx(0.002)),
+    ]
     assert (width.prior, width.prior_sigma) == pytest.approx((0.04, 0.3))
 
 
@@ -95,7 +100,9 @@ def test_a_target_file_becomes_targets_in_si_units(tmp_path: Path) -> None:
         ('"joints.guide_1.at[1]",', '"joints.guide_1.at[3]",', "parameters.width.keys[0]", "joints.guide_1.at holds 3 entries"),
     ],
 )  # fmt: skip
-def test_a_fault_is_named_with_its_key(tmp_path: Path, old: str, new: str, key: str, message: str) -> None:
+def test_a_fault_is_named_with_its_key(
+    tmp_path: Path, old: str, new: str, key: str, message: str
+) -> None:
     assert old in GOOD
     found = problems(tmp_path, GOOD.replace(old, new, 1))
     matching = [problem for problem in found if problem.key == key and message in problem.message]
@@ -104,7 +111,9 @@ def test_a_fault_is_named_with_its_key(tmp_path: Path, old: str, new: str, key: 
 
 
 def test_the_example_of_the_documentation_is_a_target_file(tmp_path: Path) -> None:
-    (example,) = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "identification.md").read_text(), re.DOTALL)
+    (example,) = re.findall(
+        r"```toml\n(.*?)```", (ROOT / "docs" / "identification.md").read_text(), re.DOTALL
+    )
     targets = tmp_path / "targets.toml"
     targets.write_text(example)
     task = load_targets(targets, ROOT / "machines" / "three_axis.toml").task
@@ -113,13 +122,22 @@ def test_the_example_of_the_documentation_is_a_target_file(tmp_path: Path) -> No
 
 
 def test_every_fault_is_told_at_once(tmp_path: Path) -> None:
-    text = GOOD.replace('"stiff"', '"stif"').replace('["10 mm", "80 mm"]', '["80 mm", "10 mm"]').replace("name =", "nome =")
-    assert {problem.key for problem in problems(tmp_path, text)} >= {"nome", "cases.a.variant", "parameters.width.bounds"}
+    text = (
+        GOOD.replace('"stiff"', '"stif"')
+        .replace('["10 mm", "80 mm"]', '["80 mm", "10 mm"]')
+        .replace("name =", "nome =")
+    )
+    assert {problem.key for problem in problems(tmp_path, text)} >= {
+        "nome",
+        "cases.a.variant",
+        "parameters.width.bounds",
+    }
 
 
 def test_more_parameters_than_data_are_refused(tmp_path: Path) -> None:
     extra = "".join(
-        f'[parameters.feet_{dof}]\nkeys = ["joints.feet.stiffness.{dof}"]\nbounds = ["1 N/um", "900 N/um"]\n' for dof in "xyz"
+        f'[parameters.feet_{dof}]\nkeys = ["joints.feet.stiffness.{dof}"]\nbounds = ["1 N/um", "900 N/um"]\n'
+        for dof in "xyz"
     )
     (problem,) = problems(tmp_path, GOOD + extra)
     assert "3 target(s) cannot fix 4 parameters without a prior" in problem.message
@@ -131,7 +149,9 @@ def test_a_file_whose_targets_are_all_held_out_is_refused(tmp_path: Path) -> Non
 
 
 def test_shapes_of_elastic_components_are_refused_with_the_reason(tmp_path: Path) -> None:
-    text = GOOD.replace('"stiff"', '"fine"').replace('"joints.guide_1.at[1]"', '"components.column.solid.box[0]"')
+    text = GOOD.replace('"stiff"', '"fine"').replace(
+        '"joints.guide_1.at[1]"', '"components.column.solid.box[0]"'
+    )
     (problem,) = problems(tmp_path, text)
     assert problem.key == "parameters.width.keys[0]"
     assert "column is elastic in variant fine" in problem.message
@@ -144,6 +164,10 @@ def test_a_mechanism_is_fitted_in_variants_of_components_only(tmp_path: Path) ->
     assert [case.held_out for case in task.cases] == [(True,) * 4, (False,) * 4, (False,) * 4]
     assert [parameter.name for parameter in task.parameters] == ["legs_1_2", "leg_3", "frame"]
     lumped = tmp_path / "targets.toml"
-    lumped.write_text((machines / "tripteor_targets.toml").read_text().replace('"elastic_legs+segmented"', '"lumped"', 1))
+    lumped.write_text(
+        (machines / "tripteor_targets.toml")
+        .read_text()
+        .replace('"elastic_legs+segmented"', '"lumped"', 1)
+    )
     with pytest.raises(SceneError, match="lumped mechanism, which has no joints to fit"):
         load_targets(lumped, machines / "tripteor.toml")

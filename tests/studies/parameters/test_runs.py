@@ -26,8 +26,21 @@ from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Study, StudyFamily, describe_point, expand_study
 from headstock.solvers.errors import CompileError
-from headstock.studies.parameters.records import POINTS_FILE, StudyRecord, append_record, open_records, read_records
-from headstock.studies.parameters.runs import StudyError, StudyJob, StudyProgress, check_points, hash_scene, run_study
+from headstock.studies.parameters.records import (
+    POINTS_FILE,
+    StudyRecord,
+    append_record,
+    open_records,
+    read_records,
+)
+from headstock.studies.parameters.runs import (
+    StudyError,
+    StudyJob,
+    StudyProgress,
+    check_points,
+    hash_scene,
+    run_study,
+)
 from headstock.studies.parameters.tables import tabulate_study
 
 COLUMN = Path(__file__).resolve().parents[2] / "data" / "segmented_column.toml"
@@ -53,7 +66,9 @@ def scene_file(tmp_path: Path) -> Path:
     return path
 
 
-def make_job(path: Path, name: str = "grid", *, study: Study | None = None, retry: bool = False) -> StudyJob:
+def make_job(
+    path: Path, name: str = "grid", *, study: Study | None = None, retry: bool = False
+) -> StudyJob:
     scene = load_scene(path)
     return StudyJob(path, study or scene.studies[name], scene.raw, hash_scene(path), retry=retry)
 
@@ -68,9 +83,17 @@ def test_a_grid_has_every_combination_and_pairs_go_together() -> None:
     vary: dict[str, tuple[TomlValue, ...]] = {"a": (1, 2), "b": ("x", "y")}
     grid = Study("s", (StudyFamily("", "s", {"c": 0}, vary),))
     pairs = dataclasses.replace(grid, families=(StudyFamily("f", "F", {}, vary, pairwise=True),))
-    assert [tuple(point.varied.values()) for point in expand_study(grid)] == [(1, "x"), (1, "y"), (2, "x"), (2, "y")]
+    assert [tuple(point.varied.values()) for point in expand_study(grid)] == [
+        (1, "x"),
+        (1, "y"),
+        (2, "x"),
+        (2, "y"),
+    ]
     assert expand_study(grid)[3].settings == {"c": 0, "a": 2, "b": "y"}
-    assert [describe_point(point) for point in expand_study(pairs)] == ["f, a = 1, b = x", "f, a = 2, b = y"]
+    assert [describe_point(point) for point in expand_study(pairs)] == [
+        "f, a = 1, b = x",
+        "f, a = 2, b = y",
+    ]
 
 
 def test_a_point_gives_what_a_run_of_the_same_scene_gives(scene_file: Path, tmp_path: Path) -> None:
@@ -84,7 +107,9 @@ def test_a_point_gives_what_a_run_of_the_same_scene_gives(scene_file: Path, tmp_
     assert isinstance(rough, float) and isinstance(fine, float) and rough > fine > 126.426
 
 
-def test_a_second_study_computes_nothing_again_and_a_changed_scene_only_what_changed(scene_file: Path, tmp_path: Path) -> None:
+def test_a_second_study_computes_nothing_again_and_a_changed_scene_only_what_changed(
+    scene_file: Path, tmp_path: Path
+) -> None:
     first, _ = compute(make_job(scene_file), tmp_path / "out")
     again, told = compute(make_job(scene_file), tmp_path / "out")
     assert [record.summary for record in again] == [record.summary for record in first]
@@ -94,8 +119,14 @@ def test_a_second_study_computes_nothing_again_and_a_changed_scene_only_what_cha
     assert [progress.known for progress in told] == [True, False, False, False]
 
 
-def test_a_point_that_fails_is_recorded_with_its_error_and_the_others_are_computed(scene_file: Path, tmp_path: Path) -> None:
-    study = Study("s", (StudyFamily("", "s", {}, {"joints.clamp.kind": ("rigid", "mount"), COUNT: (2, 3)}),), ("status",))
+def test_a_point_that_fails_is_recorded_with_its_error_and_the_others_are_computed(
+    scene_file: Path, tmp_path: Path
+) -> None:
+    study = Study(
+        "s",
+        (StudyFamily("", "s", {}, {"joints.clamp.kind": ("rigid", "mount"), COUNT: (2, 3)}),),
+        ("status",),
+    )
     records, _ = compute(make_job(scene_file, study=study), tmp_path / "out")
     assert [record.status for record in records] == ["done", "done", "failed", "failed"]
     assert "joints.clamp" in records[2].error
@@ -107,7 +138,11 @@ def test_a_point_that_fails_is_recorded_with_its_error_and_the_others_are_comput
 
 @pytest.mark.parametrize(
     "fault",
-    [OutputError("x cannot be written"), CompileError("a form could not be compiled"), MeshError("the mesh could not be written")],
+    [
+        OutputError("x cannot be written"),
+        CompileError("a form could not be compiled"),
+        MeshError("the mesh could not be written"),
+    ],
 )
 def test_a_point_that_met_a_full_disk_ends_the_study_and_is_computed_when_it_is_started_again(
     fault: HeadstockError, scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -141,7 +176,9 @@ def test_values_that_do_not_fit_are_all_told_before_anything_is_computed(scene_f
     assert all(COUNT in problem.key for problem in caught.value.problems)
 
 
-def test_a_scene_that_changes_while_its_study_runs_ends_it_by_name(scene_file: Path, tmp_path: Path) -> None:
+def test_a_scene_that_changes_while_its_study_runs_ends_it_by_name(
+    scene_file: Path, tmp_path: Path
+) -> None:
     job = make_job(scene_file)
     scene_file.write_text(SCENE + "# later\n")
     with pytest.raises(StudyError, match="changed while the study ran"):
@@ -168,17 +205,30 @@ def test_a_cold_study_uses_an_empty_store_and_keeps_nothing(
         "components.column.mesh.order": 1,
     }
     study = Study(
-        "s", (StudyFamily("", "s", elastic, {"components.column.mesh.size": ("200 mm",)}, analyses=("static",)),), ("status",)
+        "s",
+        (
+            StudyFamily(
+                "", "s", elastic, {"components.column.mesh.size": ("200 mm",)}, analyses=("static",)
+            ),
+        ),
+        ("status",),
     )
-    (record,), _ = compute(make_job(scene_file, study=dataclasses.replace(study, cold=True, repeats=2)), tmp_path / "cold")
+    (record,), _ = compute(
+        make_job(scene_file, study=dataclasses.replace(study, cold=True, repeats=2)),
+        tmp_path / "cold",
+    )
     assert len(record.seconds) == len(record.cpu_seconds) == 2
     assert record.cached_stages == 0
     assert not (tmp_path / "store").exists()
-    (record,), _ = compute(make_job(scene_file, study=dataclasses.replace(study, repeats=2)), tmp_path / "warm")
+    (record,), _ = compute(
+        make_job(scene_file, study=dataclasses.replace(study, repeats=2)), tmp_path / "warm"
+    )
     assert record.cached_stages > 0
 
 
-def test_a_line_that_was_cut_short_is_dropped_and_the_file_goes_on_behind_it(scene_file: Path, tmp_path: Path) -> None:
+def test_a_line_that_was_cut_short_is_dropped_and_the_file_goes_on_behind_it(
+    scene_file: Path, tmp_path: Path
+) -> None:
     records, _ = compute(make_job(scene_file), tmp_path / "out")
     path = tmp_path / "out" / POINTS_FILE
     whole = path.read_bytes()
@@ -190,24 +240,56 @@ def test_a_line_that_was_cut_short_is_dropped_and_the_file_goes_on_behind_it(sce
     assert read_records(tmp_path / "out").keys() == {record.key for record in records}
 
 
-def test_lines_of_another_version_or_of_no_record_are_computed_anew(scene_file: Path, tmp_path: Path) -> None:
+def test_lines_of_another_version_or_of_no_record_are_computed_anew(
+    scene_file: Path, tmp_path: Path
+) -> None:
     records, _ = compute(make_job(scene_file), tmp_path / "out")
     path = tmp_path / "out" / POINTS_FILE
     old = json.loads(path.read_text().splitlines()[0])
-    path.write_text("\n".join([json.dumps(old | {"format": 0}), "[]", "{}", "not json", "5", json.dumps(old | {"new": 1})]) + "\n")
+    path.write_text(
+        "\n".join(
+            [
+                json.dumps(old | {"format": 0}),
+                "[]",
+                "{}",
+                "not json",
+                "5",
+                json.dumps(old | {"new": 1}),
+            ]
+        )
+        + "\n"
+    )
     assert read_records(tmp_path / "out") == {}
     assert records
 
 
 def test_a_killed_study_loses_no_finished_point(scene_file: Path, tmp_path: Path) -> None:
     counts = ", ".join(str(count) for count in range(1, 13))
-    scene_file.write_text(SCENE.replace("[2, 3, 4]", f"[{counts}]").replace("watch = [", 'analyses = "static"\nwatch = ['))
+    scene_file.write_text(
+        SCENE.replace("[2, 3, 4]", f"[{counts}]").replace(
+            "watch = [", 'analyses = "static"\nwatch = ['
+        )
+    )
     folder = tmp_path / "out"
-    command = [sys.executable, "-P", "-m", "headstock.app.command_line", "study", str(scene_file), "grid", "-o", str(folder)]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "headstock.app.command_line",
+        "study",
+        str(scene_file),
+        "grid",
+        "-o",
+        str(folder),
+    ]
     path = folder / POINTS_FILE
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         deadline = time.monotonic() + 60.0
-        while time.monotonic() < deadline and process.poll() is None and (not path.exists() or path.read_bytes().count(b"\n") < 3):
+        while (
+            time.monotonic() < deadline
+            and process.poll() is None
+            and (not path.exists() or path.read_bytes().count(b"\n") < 3)
+        ):
             time.sleep(0.005)
         os.kill(process.pid, signal.SIGKILL)
     finished = path.read_bytes()[: path.read_bytes().rfind(b"\n") + 1]

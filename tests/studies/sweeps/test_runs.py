@@ -1,4 +1,6 @@
-"""Sweeps: each pose gives what a run of it gives, nothing finished is lost, nothing is mixed, a failed pose is seen."""
+"""Sweeps: each pose gives what a run of it gives, nothing finished is lost, nothing is mixed, a
+failed pose is seen.
+"""
 
 import dataclasses
 from pathlib import Path
@@ -18,7 +20,14 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.studies import describe_positions
 from headstock.solvers.errors import ModelError
 from headstock.studies.sweeps.files import SWEEP_FILE, write_sweep
-from headstock.studies.sweeps.journals import FOLDER, PoseResult, decode_result, encode_result, open_journal, read_journals
+from headstock.studies.sweeps.journals import (
+    FOLDER,
+    PoseResult,
+    decode_result,
+    encode_result,
+    open_journal,
+    read_journals,
+)
 from headstock.studies.sweeps.machine_poses import MachinePoses, solve_machine_pose
 from headstock.studies.sweeps.results import SweepResults, collect_results
 from headstock.studies.sweeps.runs import Part, SweepJob, SweepOutcome, run_sweep, select_analyses
@@ -28,7 +37,12 @@ COMM = MPI.COMM_SELF
 
 
 def make_job(
-    folder: Path, name: str = "line", overrides: tuple[str, ...] = (), *, part: Part | None = None, retry: bool = False
+    folder: Path,
+    name: str = "line",
+    overrides: tuple[str, ...] = (),
+    *,
+    part: Part | None = None,
+    retry: bool = False,
 ) -> SweepJob:
     folder.mkdir(exist_ok=True)
     scene = load_scene(SCENE, overrides=overrides)
@@ -37,7 +51,9 @@ def make_job(
 
 def publish(job: SweepJob) -> tuple[SweepOutcome, SweepResults]:
     outcome = run_sweep(job, comm=COMM)
-    results = collect_results(job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key)
+    results = collect_results(
+        job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key
+    )
     write_sweep(job.folder, results)
     return outcome, results
 
@@ -56,24 +72,37 @@ def test_every_pose_gives_what_a_run_of_it_gives(tmp_path: Path) -> None:
     assert [pose.pose.name for pose in alone.modal] == ["left", "right"]
     for number, modes in enumerate(alone.modal):
         assert results.modes is not None
-        np.testing.assert_allclose(results.modes.frequencies_hz[number, :5], modes.frequencies_hz, rtol=1e-10)
+        np.testing.assert_allclose(
+            results.modes.frequencies_hz[number, :5], modes.frequencies_hz, rtol=1e-10
+        )
         point = alone.static[modes.pose.name]["tcp"]
-        np.testing.assert_allclose(results.points["tcp"].compliance[number], point.compliance[:3, :3], rtol=1e-8, atol=1e-16)
+        np.testing.assert_allclose(
+            results.points["tcp"].compliance[number],
+            point.compliance[:3, :3],
+            rtol=1e-8,
+            atol=1e-16,
+        )
         for place, direction in enumerate("xyz"):
             shares = point.budget[direction]
             link = results.points["tcp"].links[number][place]
-            assert shares[link] == pytest.approx(results.points["tcp"].link_shares[number, place], rel=1e-9)
+            assert shares[link] == pytest.approx(
+                results.points["tcp"].link_shares[number, place], rel=1e-9
+            )
             assert shares[link] == max(shares.values())
 
 
 def test_the_largest_compliance_is_that_of_the_worst_direction(tmp_path: Path) -> None:
     point = publish(make_job(tmp_path, "named"))[1].points["tcp"]
     assert len(point.compliance)
-    for matrix, largest, direction in zip(point.compliance, point.largest, point.direction, strict=True):
+    for matrix, largest, direction in zip(
+        point.compliance, point.largest, point.direction, strict=True
+    ):
         tried = np.random.default_rng(1).normal(size=(2000, 3))
         tried /= np.linalg.norm(tried, axis=1, keepdims=True)
         motions = np.einsum("ni,ij,nj->n", tried, matrix, tried)
-        assert np.einsum("i,ij,j->", direction, matrix, direction) == pytest.approx(largest, rel=1e-12)
+        assert np.einsum("i,ij,j->", direction, matrix, direction) == pytest.approx(
+            largest, rel=1e-12
+        )
         assert 0.98 * largest < motions.max() <= largest * (1.0 + 1e-12)
 
 
@@ -86,14 +115,18 @@ def test_a_path_has_a_pose_every_step_and_at_every_corner(tmp_path: Path) -> Non
     assert describe_positions(sweep, 0) == "X -100 mm"
 
 
-def test_a_second_sweep_computes_nothing_and_writes_the_same_file(whole: bytes, tmp_path: Path) -> None:
+def test_a_second_sweep_computes_nothing_and_writes_the_same_file(
+    whole: bytes, tmp_path: Path
+) -> None:
     assert publish(make_job(tmp_path))[0].computed == 9
     assert publish(make_job(tmp_path))[0].computed == 0
     assert (tmp_path / SWEEP_FILE).read_bytes() == whole
 
 
 @pytest.mark.parametrize("cut", [0, 1, 700, 2000, 7001])
-def test_a_journal_that_ends_anywhere_loses_no_whole_pose(whole: bytes, tmp_path: Path, cut: int) -> None:
+def test_a_journal_that_ends_anywhere_loses_no_whole_pose(
+    whole: bytes, tmp_path: Path, cut: int
+) -> None:
     job = make_job(tmp_path)
     key = publish(job)[0].key
     (path,) = (tmp_path / FOLDER).iterdir()
@@ -116,11 +149,15 @@ def test_a_flipped_bit_makes_the_poses_from_there_on_new(whole: bytes, tmp_path:
 
 
 @pytest.mark.parametrize("room", [0, 30])
-def test_a_journal_that_has_no_room_for_its_head_is_left_empty(room: int, whole: bytes, tmp_path: Path) -> None:
+def test_a_journal_that_has_no_room_for_its_head_is_left_empty(
+    room: int, whole: bytes, tmp_path: Path
+) -> None:
     job = make_job(tmp_path)
     with limited_room(tmp_path, (), limited_files=True) as set_room:
         set_room(room)
-        with pytest.raises(OutputError, match=r"journal cannot be written: .*(disk is full|too large)"):
+        with pytest.raises(
+            OutputError, match=r"journal cannot be written: .*(disk is full|too large)"
+        ):
             run_sweep(job, comm=COMM)
         set_room(None)
         (path,) = (tmp_path / FOLDER).iterdir()
@@ -144,7 +181,9 @@ def test_a_changed_scene_takes_no_pose_of_the_old_one(tmp_path: Path) -> None:
     softer = ('joints.drive.stiffness.axial="40 N/um"',)
     outcome, second = publish(make_job(tmp_path, overrides=softer))
     assert outcome.computed == 9
-    assert (second.points["tcp"].compliance[:, 0, 0] > 1.2 * first.points["tcp"].compliance[:, 0, 0]).all()
+    assert (
+        second.points["tcp"].compliance[:, 0, 0] > 1.2 * first.points["tcp"].compliance[:, 0, 0]
+    ).all()
     assert publish(make_job(tmp_path))[0].computed == 0
 
 
@@ -154,10 +193,14 @@ def test_a_finer_grid_takes_the_poses_it_shares_with_the_coarse_one(tmp_path: Pa
     assert run_sweep(make_job(tmp_path, overrides=finer), comm=COMM).computed == 8
 
 
-def test_a_pose_that_fails_is_named_and_the_others_are_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pose_that_fails_is_named_and_the_others_are_computed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fail_in_one(shared: MachinePoses, pose: Pose, positions: FloatArray) -> PoseResult:
         if pose.positions["X"] == 0.0:
-            return PoseResult(positions, "failed", f"coupling: {ModelError('the machine fell apart')}")
+            return PoseResult(
+                positions, "failed", f"coupling: {ModelError('the machine fell apart')}"
+            )
         return solve_machine_pose(shared, pose, positions)
 
     with monkeypatch.context() as patch:
@@ -192,7 +235,11 @@ def test_a_result_survives_its_bytes() -> None:
     for item in dataclasses.fields(result):
         mine, other = getattr(result, item.name), getattr(back, item.name)
         if isinstance(mine, np.ndarray):
-            assert mine.dtype == other.dtype and mine.tobytes() == other.tobytes() and mine.shape == other.shape
+            assert (
+                mine.dtype == other.dtype
+                and mine.tobytes() == other.tobytes()
+                and mine.shape == other.shape
+            )
         else:
             assert mine == other
     for length in range(len(encode_result(result))):
@@ -201,5 +248,8 @@ def test_a_result_survives_its_bytes() -> None:
 
 
 def test_two_writers_of_one_journal_are_refused(tmp_path: Path) -> None:
-    with open_journal(tmp_path, "k" * 64, "a"), pytest.raises(OutputError, match="another process writes"):
+    with (
+        open_journal(tmp_path, "k" * 64, "a"),
+        pytest.raises(OutputError, match="another process writes"),
+    ):
         open_journal(tmp_path, "k" * 64, "a")

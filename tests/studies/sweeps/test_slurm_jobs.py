@@ -1,4 +1,6 @@
-"""Array jobs: the script as it is written, what is missing by task, and what Slurm says of the tasks."""
+"""Array jobs: the script as it is written, what is missing by task, and what Slurm says of the
+tasks.
+"""
 
 import dataclasses
 from pathlib import Path
@@ -54,8 +56,15 @@ exec /opt/headstock/headstock sweep /data/a.toml line -o '/data/100% mine' --set
 def test_the_script_says_everything_a_task_needs() -> None:
     options = SlurmOptions(3, 2, "long", "0:30:00", ("--account=ours",))
     changed = ("--set", 'joints.drive.stiffness.axial="40 N/um"')
-    places = (Path("/opt/headstock/headstock"), Path("/data/a.toml"), "line", Path("/data/100% mine"))
-    job = ArrayJob(*places, "abc", options, changed, Path("/data/mine"), {"HEADSTOCK_STORE": "/data/the store"})
+    places = (
+        Path("/opt/headstock/headstock"),
+        Path("/data/a.toml"),
+        "line",
+        Path("/data/100% mine"),
+    )
+    job = ArrayJob(
+        *places, "abc", options, changed, Path("/data/mine"), {"HEADSTOCK_STORE": "/data/the store"}
+    )
     assert render_script(job) == SCRIPT
 
 
@@ -84,8 +93,17 @@ ROW = '/data/x"\n#SBATCH --wrap="touch /tmp/owned'
     ],
     ids=lambda change: str(change)[:60],
 )
-def test_a_value_that_would_add_lines_to_the_script_is_refused_by_name(change: dict[str, Any]) -> None:
-    job = ArrayJob(Path("/opt/headstock"), Path("/data/a.toml"), "line", Path("/data/mine"), "abc", SlurmOptions())
+def test_a_value_that_would_add_lines_to_the_script_is_refused_by_name(
+    change: dict[str, Any],
+) -> None:
+    job = ArrayJob(
+        Path("/opt/headstock"),
+        Path("/data/a.toml"),
+        "line",
+        Path("/data/mine"),
+        "abc",
+        SlurmOptions(),
+    )
     render_script(job)
     with pytest.raises(ScriptValueError, match="no place in"):
         render_script(dataclasses.replace(job, **change))
@@ -106,7 +124,9 @@ def test_a_submission_is_found_again_for_the_same_sweep_only(tmp_path: Path) -> 
     assert read_submission(tmp_path, "other") is None
 
 
-def wait(monkeypatch: pytest.MonkeyPatch, *answers: "dict[int, str] | SlurmError") -> tuple[dict[int, TaskState], list[str]]:
+def wait(
+    monkeypatch: pytest.MonkeyPatch, *answers: "dict[int, str] | SlurmError"
+) -> tuple[dict[int, TaskState], list[str]]:
     """Wait while squeue gives these answers, one after the other."""
     left = list(answers)
     told: list[str] = []
@@ -138,7 +158,13 @@ def test_waiting_ends_when_every_task_has(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_task_put_back_into_the_queue_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    states, _ = wait(monkeypatch, {1: "NODE_FAIL None"}, {1: "PENDING BeginTime"}, {1: "RUNNING None"}, {1: "COMPLETED None"})
+    states, _ = wait(
+        monkeypatch,
+        {1: "NODE_FAIL None"},
+        {1: "PENDING BeginTime"},
+        {1: "RUNNING None"},
+        {1: "COMPLETED None"},
+    )
     assert states[1].state == "COMPLETED"
 
 
@@ -146,10 +172,17 @@ def test_a_job_slurm_has_forgotten_has_ended(monkeypatch: pytest.MonkeyPatch) ->
     assert wait(monkeypatch, {1: "RUNNING None"}, {}, {})[0][1].state == "RUNNING"
 
 
-def test_a_controller_that_restarts_is_waited_for_and_one_that_is_gone_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_controller_that_restarts_is_waited_for_and_one_that_is_gone_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     silence = SlurmError("squeue ended with 1: Unable to contact slurm controller")
-    assert wait(monkeypatch, {1: "RUNNING None"}, silence, {1: "COMPLETED None"})[0][1].state == "COMPLETED"
-    with pytest.raises(SlurmError, match="job 17 can no longer be watched: squeue ended with 1: Unable to contact"):
+    assert (
+        wait(monkeypatch, {1: "RUNNING None"}, silence, {1: "COMPLETED None"})[0][1].state
+        == "COMPLETED"
+    )
+    with pytest.raises(
+        SlurmError, match="job 17 can no longer be watched: squeue ended with 1: Unable to contact"
+    ):
         wait(monkeypatch, silence, silence, silence)
 
 
@@ -157,7 +190,9 @@ def test_what_is_missing_is_told_with_state_and_log(tmp_path: Path) -> None:
     (tmp_path / FOLDER).mkdir()
     log_file(tmp_path, "17", 2).write_text("begun\nslurmstepd: error: CANCELLED\n\n")
     states = {1: TaskState("COMPLETED", ""), 2: TaskState("CANCELLED", "")}
-    lines = describe_missing(tmp_path, SWEEP, SUBMISSION, {2: [1, 4, 7], 3: [8]}, states).splitlines()
+    lines = describe_missing(
+        tmp_path, SWEEP, SUBMISSION, {2: [1, 4, 7], 3: [8]}, states
+    ).splitlines()
     assert lines == [
         "4 of 9 poses are not computed:",
         f"  task 2 (cancelled): X -150 mm; X 0 mm; X 150 mm; log {log_file(tmp_path, '17', 2)}: slurmstepd: error: CANCELLED",

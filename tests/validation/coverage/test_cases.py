@@ -12,10 +12,18 @@ from headstock.validation.coverage.parts import KINDS, draw_part
 from headstock.validation.references.rows import ValidationRow
 
 
-def made_up(seed: int, errors: list[float], estimates: list[float], lines: list[float]) -> PartCoverage:
+def made_up(
+    seed: int, errors: list[float], estimates: list[float], lines: list[float]
+) -> PartCoverage:
     count = len(errors)
     return PartCoverage(
-        seed, "block", np.zeros(count), np.array(errors), np.array(estimates), np.full(count, 1e-6), np.array(lines)
+        seed,
+        "block",
+        np.zeros(count),
+        np.array(errors),
+        np.array(estimates),
+        np.full(count, 1e-6),
+        np.array(lines),
     )
 
 

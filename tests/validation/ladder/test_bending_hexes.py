@@ -3,7 +3,13 @@ import pytest
 
 from headstock.geometry.frames import rigid_map
 from headstock.geometry.parts.components import Material
-from headstock.validation.ladder.paper_elements import brick_mass, brick_model, brick_stiffness, held_modes, solve_held
+from headstock.validation.ladder.paper_elements import (
+    brick_mass,
+    brick_model,
+    brick_stiffness,
+    held_modes,
+    solve_held,
+)
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 BRICK = np.array([0.03, 0.05, 0.08])
@@ -30,7 +36,9 @@ def test_one_row_of_bricks_is_exact_in_pure_bending_where_plain_ones_lock() -> N
     material = Material("m", 210e9, 0.0, 7850.0)
     sides, count = (0.01, 0.02, 0.5), 5
     model = brick_model(sides, (1, 1, count), material)
-    held, top = (np.flatnonzero(np.abs(model.points[:, 2] - sign * 0.25) < 1e-9) for sign in (-1.0, 1.0))
+    held, top = (
+        np.flatnonzero(np.abs(model.points[:, 2] - sign * 0.25) < 1e-9) for sign in (-1.0, 1.0)
+    )
     loads = np.zeros((3 * len(model.points), 1))
     loads[3 * top + 2, 0] = model.points[top, 0] / (model.points[top, 0] ** 2).sum()
     tip = solve_held(model, held, loads)[3 * top, 0].mean()
@@ -53,6 +61,8 @@ def test_frequencies_of_a_slender_column_tend_to_those_of_its_beam() -> None:
     held = np.flatnonzero(model.points[:, 2] < -0.25 + 1e-9)
     found, shapes = held_modes(model, held, 4)
     speed = np.sqrt(210e9 / 7850.0) / np.sqrt(12.0) / (2.0 * np.pi * 0.25)
-    assert found[:2] == pytest.approx([1.8751**2 * 0.01 * speed, 1.8751**2 * 0.013 * speed], rel=2e-3)
+    assert found[:2] == pytest.approx(
+        [1.8751**2 * 0.01 * speed, 1.8751**2 * 0.013 * speed], rel=2e-3
+    )
     assert shapes.shape == (4, len(model.points), 3)
     assert np.abs(shapes[:, held]).max() == 0.0

@@ -1,4 +1,6 @@
-"""Claims are decided by the numbers of a ladder: small ladders whose verdicts are known beforehand."""
+"""Claims are decided by the numbers of a ladder: small ladders whose verdicts are known
+beforehand.
+"""
 
 import math
 
@@ -6,18 +8,34 @@ import pytest
 
 from common import present
 from headstock.validation.ladder.claims import Statement
-from headstock.validation.ladder.points import LadderKind, LadderPoint, Rungs, ndof_within, pick_rungs
+from headstock.validation.ladder.points import (
+    LadderKind,
+    LadderPoint,
+    Rungs,
+    ndof_within,
+    pick_rungs,
+)
 from headstock.validation.ladder.references import Group, ladder_beam
 
 BEAM = ladder_beam("kono-cantilever")
 TWIST, SHEAR = "dx(Mc)", "dy(Fy)"
 
 
-def rungs(kind: LadderKind, quantity: str, deviations: dict[int, float], group: Group = "static") -> Rungs:
+def rungs(
+    kind: LadderKind, quantity: str, deviations: dict[int, float], group: Group = "static"
+) -> Rungs:
     """A ladder of one quantity with given deviations from the analytic value by nDOF."""
     right = BEAM.references[quantity].analytic
     points = [
-        LadderPoint(kind, ndof, group, {} if math.isnan(off) else {quantity: right * (1.0 + off)}, {quantity: 0.9}, 1.0, 1.0)
+        LadderPoint(
+            kind,
+            ndof,
+            group,
+            {} if math.isnan(off) else {quantity: right * (1.0 + off)},
+            {quantity: 0.9},
+            1.0,
+            1.0,
+        )
         for ndof, off in deviations.items()
     ]
     return pick_rungs(BEAM, points, group, kind)
@@ -41,11 +59,19 @@ def test_a_limit_that_a_right_model_cannot_meet_names_the_reference() -> None:
 
 
 def test_a_missing_mode_counts_against_a_limit() -> None:
-    assert not present(Statement(rungs("hex8", "X3", {30: math.nan, 60: 0.01}, "modal"), "", ["X3"]).below(0.2)).held
-    missing = present(Statement(rungs("hex8", "X3", {30: math.nan, 60: 0.01}, "modal"), "", ["X3"]).coarsest_lacks())
+    assert not present(
+        Statement(rungs("hex8", "X3", {30: math.nan, 60: 0.01}, "modal"), "", ["X3"]).below(0.2)
+    ).held
+    missing = present(
+        Statement(
+            rungs("hex8", "X3", {30: math.nan, 60: 0.01}, "modal"), "", ["X3"]
+        ).coarsest_lacks()
+    )
     assert missing.held
     assert missing.value is None
-    assert not present(Statement(rungs("hex8", "X3", {60: 0.01}, "modal"), "", ["X3"]).coarsest_lacks()).held
+    assert not present(
+        Statement(rungs("hex8", "X3", {60: 0.01}, "modal"), "", ["X3"]).coarsest_lacks()
+    ).held
 
 
 def test_what_stays_above_a_limit_stays_there_in_every_model_of_the_range() -> None:
@@ -57,25 +83,41 @@ def test_what_stays_above_a_limit_stays_there_in_every_model_of_the_range() -> N
 
 
 def test_what_only_the_coarsest_model_shows_says_where_it_ends() -> None:
-    claim = present(Statement(rungs("hex8", TWIST, {100: -0.9, 1000: -0.75, 9000: -0.6}), "", [TWIST]).coarsest_exceeds(0.7))
+    claim = present(
+        Statement(
+            rungs("hex8", TWIST, {100: -0.9, 1000: -0.75, 9000: -0.6}), "", [TWIST]
+        ).coarsest_exceeds(0.7)
+    )
     assert claim.held
     assert claim.note == "no longer from nDOF 9000 on"
-    assert not present(Statement(rungs("hex8", TWIST, {100: -0.6}), "", [TWIST]).coarsest_exceeds(0.7)).held
+    assert not present(
+        Statement(rungs("hex8", TWIST, {100: -0.6}), "", [TWIST]).coarsest_exceeds(0.7)
+    ).held
 
 
 def test_deviations_between_two_limits() -> None:
-    assert present(Statement(rungs("tet10", TWIST, {100: -0.3, 1000: 0.13}), "", [TWIST]).between(0.12, 0.40)).held
-    outside = present(Statement(rungs("tet10", TWIST, {100: -0.3, 1000: 0.05}), "", [TWIST]).between(0.12, 0.40))
+    assert present(
+        Statement(rungs("tet10", TWIST, {100: -0.3, 1000: 0.13}), "", [TWIST]).between(0.12, 0.40)
+    ).held
+    outside = present(
+        Statement(rungs("tet10", TWIST, {100: -0.3, 1000: 0.05}), "", [TWIST]).between(0.12, 0.40)
+    )
     assert not outside.held
     assert outside.value == pytest.approx(0.05)
 
 
 def test_deviations_that_shrink_grow_or_stay() -> None:
-    assert present(Statement(rungs("segmented", TWIST, {12: 0.3, 30: -0.1, 60: 0.05}), "", [TWIST]).shrinks()).held
-    grown = present(Statement(rungs("segmented", TWIST, {12: 0.1, 30: -0.13}), "", [TWIST]).shrinks())
+    assert present(
+        Statement(rungs("segmented", TWIST, {12: 0.3, 30: -0.1, 60: 0.05}), "", [TWIST]).shrinks()
+    ).held
+    grown = present(
+        Statement(rungs("segmented", TWIST, {12: 0.1, 30: -0.13}), "", [TWIST]).shrinks()
+    )
     assert not grown.held
     assert grown.value == pytest.approx(0.03)
-    still = present(Statement(rungs("segmented", TWIST, {12: 0.03, 30: 0.03}), "", [TWIST]).shrinks())
+    still = present(
+        Statement(rungs("segmented", TWIST, {12: 0.03, 30: 0.03}), "", [TWIST]).shrinks()
+    )
     assert still.held
     assert "nothing is left to shrink" in still.note
 
@@ -87,7 +129,9 @@ def test_deviations_that_are_almost_constant_stay_within_a_band() -> None:
     assert flat.value == pytest.approx(0.003)
     assert not present(Statement(ladder, "flat", [TWIST]).constant(0.002, above=60)).held
     assert not present(Statement(ladder, "flat", [TWIST]).constant(0.01, above=12)).held
-    assert Statement(ladder, "flat", [TWIST]).constant(0.01, above=400) is None, "one model shows nothing"
+    assert Statement(ladder, "flat", [TWIST]).constant(0.01, above=400) is None, (
+        "one model shows nothing"
+    )
 
 
 def test_one_kind_deviates_less_than_another_in_a_range_of_ndof() -> None:
@@ -110,23 +154,35 @@ def test_one_kind_deviates_less_than_another_in_a_range_of_ndof() -> None:
 
 
 def test_two_kinds_of_models_are_compared_at_about_equal_ndof() -> None:
-    few, many = rungs("segmented", TWIST, {30: 0.2, 100: 0.02}), rungs("hex8", TWIST, {110: 0.05, 900: 0.01})
+    few, many = (
+        rungs("segmented", TWIST, {30: 0.2, 100: 0.02}),
+        rungs("hex8", TWIST, {110: 0.05, 900: 0.01}),
+    )
     assert present(Statement(many, "", [TWIST]).like(few, 0.05, above=100)).held
-    assert present(Statement(many, "", [TWIST]).like(few, 0.05, above=100)).value == pytest.approx(0.03)
+    assert present(Statement(many, "", [TWIST]).like(few, 0.05, above=100)).value == pytest.approx(
+        0.03
+    )
     assert not present(Statement(many, "", [TWIST]).like(few, 0.02, above=100)).held
     assert present(Statement(few, "", [TWIST]).softer_than(many)).held
     assert not present(Statement(many, "", [TWIST]).softer_than(few)).held
 
 
 def test_how_many_times_the_dofs_one_kind_needs() -> None:
-    few, many = rungs("segmented", TWIST, {12: 0.2, 30: 0.05}), rungs("hex8", TWIST, {90: 0.3, 900: 0.09, 1800: -0.02})
+    few, many = (
+        rungs("segmented", TWIST, {12: 0.2, 30: 0.05}),
+        rungs("hex8", TWIST, {90: 0.3, 900: 0.09, 1800: -0.02}),
+    )
     assert ndof_within(many, [TWIST], 0.1) == 900
     claim = present(Statement(many, "", [TWIST]).costlier_than(few, 0.1, least=30.0))
     assert claim.held
     assert claim.value == pytest.approx(30.0)
     never = present(Statement(many, "", [TWIST]).costlier_than(few, 0.1, least=31.0))
     assert not never.held
-    out_of_reach = present(Statement(rungs("hex8", TWIST, {90: 0.3, 1200: 0.2}), "", [TWIST]).costlier_than(few, 0.1, least=30.0))
+    out_of_reach = present(
+        Statement(rungs("hex8", TWIST, {90: 0.3, 1200: 0.2}), "", [TWIST]).costlier_than(
+            few, 0.1, least=30.0
+        )
+    )
     assert out_of_reach.held
     assert "more than 1200" in out_of_reach.decides
 
@@ -134,8 +190,12 @@ def test_how_many_times_the_dofs_one_kind_needs() -> None:
 def test_what_is_reached_is_reached_by_the_largest_model() -> None:
     solid = BEAM.references[SHEAR].solid / BEAM.references[SHEAR].analytic - 1.0
     assert present(
-        Statement(rungs("tet10", SHEAR, {900: 0.5, 9000: solid + 0.001}), "", [SHEAR]).reaches(3e-3, against="solid")
+        Statement(rungs("tet10", SHEAR, {900: 0.5, 9000: solid + 0.001}), "", [SHEAR]).reaches(
+            3e-3, against="solid"
+        )
     ).held
     assert not present(
-        Statement(rungs("tet10", SHEAR, {900: solid, 9000: solid + 0.01}), "", [SHEAR]).reaches(3e-3, against="solid")
+        Statement(rungs("tet10", SHEAR, {900: solid, 9000: solid + 0.01}), "", [SHEAR]).reaches(
+            3e-3, against="solid"
+        )
     ).held

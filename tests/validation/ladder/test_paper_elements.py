@@ -1,4 +1,6 @@
-"""Linear hexes with bending shapes give what the paper says of its own finite elements on figures 7, 9 and 14."""
+"""Linear hexes with bending shapes give what the paper says of its own finite elements on figures
+7, 9 and 14.
+"""
 
 import pytest
 
@@ -11,7 +13,11 @@ from headstock.validation.ladder.references import ladder_beam
 @pytest.fixture(scope="module")
 def claims() -> dict[tuple[int, str], Claim]:
     beams = [ladder_beam(name) for name in ("kono-cantilever", "kono-fixed-beam")]
-    return {(claim.figure, claim.text): claim for beam in beams for claim in judge_ladder(beam, paper_points(beam))}
+    return {
+        (claim.figure, claim.text): claim
+        for beam in beams
+        for claim in judge_ladder(beam, paper_points(beam))
+    }
 
 
 @pytest.mark.parametrize(
@@ -33,12 +39,19 @@ def test_the_paper_s_statements_on_linear_elements_hold_for_elements_with_bendin
     assert claims[statement].held, claims[statement].decides
 
 
-def test_two_per_cent_in_shear_is_missed_by_what_the_analytic_value_leaves_out(claims: dict[tuple[int, str], Claim]) -> None:
+def test_two_per_cent_in_shear_is_missed_by_what_the_analytic_value_leaves_out(
+    claims: dict[tuple[int, str], Claim],
+) -> None:
     claim = claims[7, "< 2 % from nDOF 200, dx(Mc) apart"]
     assert not claim.held
     assert abs(present(claim.value)) < 0.0225
     assert "converged 3D elasticity itself lies at +2.29 %" in claim.note
 
 
-def test_the_fixed_beam_s_torsion_is_off_by_the_reference_and_says_so(claims: dict[tuple[int, str], Claim]) -> None:
-    assert "converged 3D elasticity itself lies at +21.5 %" in claims[14, "T1 still > 20 % above nDOF 1000"].note
+def test_the_fixed_beam_s_torsion_is_off_by_the_reference_and_says_so(
+    claims: dict[tuple[int, str], Claim],
+) -> None:
+    assert (
+        "converged 3D elasticity itself lies at +21.5 %"
+        in claims[14, "T1 still > 20 % above nDOF 1000"].note
+    )

@@ -2,7 +2,12 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
-from headstock.validation.ladder.theory_shapes import PairedMode, find_theory_shapes, read_shape, section_motions
+from headstock.validation.ladder.theory_shapes import (
+    PairedMode,
+    find_theory_shapes,
+    read_shape,
+    section_motions,
+)
 from headstock.validation.references.bending import euler_bernoulli_shape
 from headstock.validation.references.prismatic_beams import EndConditions
 from headstock.validation.references.torsion import wave_numbers
@@ -33,7 +38,9 @@ def theory_field(name: str, points: FloatArray, ends: EndConditions) -> FloatArr
     return field
 
 
-def pair(points: FloatArray, fields: FloatArray, ends: EndConditions = "clamped-free") -> dict[str, PairedMode]:
+def pair(
+    points: FloatArray, fields: FloatArray, ends: EndConditions = "clamped-free"
+) -> dict[str, PairedMode]:
     sections = section_motions(points, fields, axis=2, span=(0.0, SIDES[2]), sides=SIDES)
     return find_theory_shapes(sections, SHAPES, ends)
 
@@ -43,9 +50,16 @@ def pair(points: FloatArray, fields: FloatArray, ends: EndConditions = "clamped-
 def test_modes_in_any_order_are_named_by_their_shapes(ends: EndConditions, sections: int) -> None:
     points = beam_points(sections)
     order = np.random.default_rng(3).permutation(len(NAMES))
-    fields = np.array([(-1.0) ** k * (1.0 + k) * theory_field(NAMES[number], points, ends) for k, number in enumerate(order)])
+    fields = np.array(
+        [
+            (-1.0) ** k * (1.0 + k) * theory_field(NAMES[number], points, ends)
+            for k, number in enumerate(order)
+        ]
+    )
     found = pair(points, fields, ends)
-    assert {name: found[name].index for name in NAMES} == {NAMES[number]: k for k, number in enumerate(order)}
+    assert {name: found[name].index for name in NAMES} == {
+        NAMES[number]: k for k, number in enumerate(order)
+    }
     assert all(mode.mac > 0.99 for mode in found.values())
 
 
@@ -72,13 +86,17 @@ def test_a_stretching_mode_is_none_of_them() -> None:
     assert pair(points, field) == {}
 
 
-def test_the_shape_of_a_clamped_beam_meets_its_end_conditions_and_the_slope_is_its_derivative() -> None:
+def test_the_shape_of_a_clamped_beam_meets_its_end_conditions_and_the_slope_is_its_derivative() -> (
+    None
+):
     places = np.linspace(0.0, 1.0, 2001, dtype=np.float64)
     for ends in ("clamped-free", "clamped-clamped"):
         deflection, slope = euler_bernoulli_shape(ends, 3, places)
         assert abs(deflection[0]) < 1e-12
         assert abs(slope[0]) < 1e-12
-        np.testing.assert_allclose(np.gradient(deflection, places)[1:-1], slope[1:-1], atol=5e-4 * np.abs(slope).max())
+        np.testing.assert_allclose(
+            np.gradient(deflection, places)[1:-1], slope[1:-1], atol=5e-4 * np.abs(slope).max()
+        )
     assert abs(deflection[-1]) < 1e-9
     with pytest.raises(ValueError, match="must be clamped"):
         euler_bernoulli_shape("free-free", 1, places)

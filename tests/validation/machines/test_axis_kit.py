@@ -40,21 +40,30 @@ def test_the_scene_has_the_travels_leads_and_driven_masses_of_table_1() -> None:
     scene = load_scene(SCENE, variant="calibrated+R+controlled")
     machine = scene.machine
     driven = {"X": ("x_slider",), "Y": ("y_slider", "z_slider"), "Z": ("z_slider",)}
-    assert {name: drive.lead for name, drive in scene.drives.items()} == pytest.approx({"X": 0.010, "Y": 0.010, "Z": 0.005})
-    assert {name: axis.limits[1] - axis.limits[0] for name, axis in machine.axes.items()} == pytest.approx(
-        dict.fromkeys("XYZ", 0.2)
+    assert {name: drive.lead for name, drive in scene.drives.items()} == pytest.approx(
+        {"X": 0.010, "Y": 0.010, "Z": 0.005}
     )
-    masses = {name: sum(machine.components[body].mass or 0.0 for body in bodies) for name, bodies in driven.items()}
+    assert {
+        name: axis.limits[1] - axis.limits[0] for name, axis in machine.axes.items()
+    } == pytest.approx(dict.fromkeys("XYZ", 0.2))
+    masses = {
+        name: sum(machine.components[body].mass or 0.0 for body in bodies)
+        for name, bodies in driven.items()
+    }
     assert masses == pytest.approx({"X": 35.0, "Y": 47.0, "Z": 4.0})
 
 
-def test_the_22_frequencies_of_table_3_come_out_within_3_percent(segmented: dict[str, KitModel]) -> None:
+def test_the_22_frequencies_of_table_3_come_out_within_3_percent(
+    segmented: dict[str, KitModel],
+) -> None:
     rows = judge_table_3(segmented)
     assert len(rows) == 22 + 4
     assert [row.quantity for row in rows if not row.passed] == []
 
 
-def test_the_measured_compliance_in_z_comes_out_within_5_percent(segmented: dict[str, KitModel]) -> None:
+def test_the_measured_compliance_in_z_comes_out_within_5_percent(
+    segmented: dict[str, KitModel],
+) -> None:
     assert segmented["YCE"].compliance[2] == pytest.approx(151e-9, rel=0.05)
 
 
@@ -67,10 +76,16 @@ def test_finite_elements_agree_with_segments_and_with_the_paper_s_own(
     workshop: KitWorkshop, segmented: dict[str, KitModel]
 ) -> None:
     fine = workshop.solve("YCE", "elastic")
-    pairs = [pair for pair in pair_fidelities(segmented["YCE"], fine) if segmented["YCE"].frequencies_hz[pair.first] < 280.0]
+    pairs = [
+        pair
+        for pair in pair_fidelities(segmented["YCE"], fine)
+        if segmented["YCE"].frequencies_hz[pair.first] < 280.0
+    ]
     coarse_hz = segmented["YCE"].frequencies_hz[[pair.first for pair in pairs]]
     assert len(pairs) == len(TABLE_3["YCE"])
-    assert fine.frequencies_hz[[pair.second for pair in pairs]] == pytest.approx(coarse_hz, rel=FIDELITY_TOLERANCE)
+    assert fine.frequencies_hz[[pair.second for pair in pairs]] == pytest.approx(
+        coarse_hz, rel=FIDELITY_TOLERANCE
+    )
     met = list(match_frequencies(np.log(fine.frequencies_hz), np.log(TABLE_3_FEM)))
     assert fine.frequencies_hz[met] == pytest.approx(TABLE_3_FEM, rel=FEM_TOLERANCE)
 
@@ -86,24 +101,38 @@ def test_a_motion_in_the_wrong_sense_is_named() -> None:
 
 def test_calibrated_values_are_sensible_and_guides_fit_their_sliders() -> None:
     machine = load_scene(SCENE, variant="calibrated+segmented+YCE").machine
-    size = {name: np.array(part.solid.size) for name, part in machine.components.items() if isinstance(part.solid, Box)}
+    size = {
+        name: np.array(part.solid.size)
+        for name, part in machine.components.items()
+        if isinstance(part.solid, Box)
+    }
     assert all(0.02 <= size[name][0] <= 0.06 for name in ("column_left", "column_right", "y_base"))
     for name, joint in machine.joints.items():
         springs = joint.stiffness.diagonal()[:3]
         limit = (1e6, 5e9) if "foot" in name else (10e6, 800e6)
-        assert name.startswith("air") or all(limit[0] <= value <= limit[1] for value in springs[springs > 0.0])
+        assert name.startswith("air") or all(
+            limit[0] <= value <= limit[1] for value in springs[springs > 0.0]
+        )
     for slider, prefix, axes in (
         ("y_slider", "y_carriage", (1, 2)),
         ("z_slider", "z_carriage", (1, 2)),
         ("x_slider", "x_pad", (0, 1)),
     ):
-        points = np.array([joint.point for name, joint in machine.joints.items() if name.startswith(prefix)])
+        points = np.array(
+            [joint.point for name, joint in machine.joints.items() if name.startswith(prefix)]
+        )
         assert all(np.ptp(points[:, axis]) < size[slider][axis] for axis in axes)
-    masses = {name: component.mass for name, component in machine.components.items() if "slider" in name}
+    masses = {
+        name: component.mass for name, component in machine.components.items() if "slider" in name
+    }
     assert masses == {"x_slider": 35.0, "y_slider": 43.0, "z_slider": 4.0}
 
 
 def test_the_targets_of_the_fit_are_table_3() -> None:
     task = load_targets(SCENE.with_name("three_axis_targets.toml"), SCENE).task
-    listed = {case.name: tuple(target.frequency_hz for target in case.modes) for case in task.cases if case.modes}
+    listed = {
+        case.name: tuple(target.frequency_hz for target in case.modes)
+        for case in task.cases
+        if case.modes
+    }
     assert listed == TABLE_3

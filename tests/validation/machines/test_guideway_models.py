@@ -1,4 +1,6 @@
-"""A small table on a bed with a rail, at places of its axis, against an unreduced model that knows nothing of coupling."""
+"""A small table on a bed with a rail, at places of its axis, against an unreduced model that knows
+nothing of coupling.
+"""
 
 import numpy as np
 import pytest
@@ -27,14 +29,22 @@ Model = tuple[Machine, ComponentMesh, dict[str, Superelement]]
 @pytest.fixture(scope="module")
 def model() -> Model:
     """The shipped guideway with a coarser bed and fewer fixed-interface modes."""
-    machine = load_scene(SCENE, overrides=("components.bed.mesh.size=75 mm", "components.bed.reduction.modes_to=6 kHz")).machine
+    machine = load_scene(
+        SCENE,
+        overrides=("components.bed.mesh.size=75 mm", "components.bed.reduction.modes_to=6 kHz"),
+    ).machine
     mesh = mesh_component(machine.components["bed"])
     return machine, mesh, reduce_parts(machine, {"bed": mesh}, MPI.COMM_SELF)
 
 
-def test_statics_are_those_of_the_same_mesh_at_any_place_and_frequencies_come_from_above(model: Model) -> None:
+def test_statics_are_those_of_the_same_mesh_at_any_place_and_frequencies_come_from_above(
+    model: Model,
+) -> None:
     machine, mesh, parts = model
-    found, expected = answer_reduced(machine, parts, 0.0871), answer_same_mesh(machine, mesh, 0.0871)
+    found, expected = (
+        answer_reduced(machine, parts, 0.0871),
+        answer_same_mesh(machine, mesh, 0.0871),
+    )
     errors = relative_errors(found, expected)
     assert errors[:3].max() < 1e-7
     assert errors[3:].max() < 1e-2 and np.median(errors[3:]) < 1e-3
@@ -43,7 +53,9 @@ def test_statics_are_those_of_the_same_mesh_at_any_place_and_frequencies_come_fr
 
 def test_an_evenly_averaging_patch_imprinted_in_a_fresh_mesh_says_the_same(model: Model) -> None:
     machine, _, parts = model
-    errors = relative_errors(answer_reduced(machine, parts, 0.0871), answer_fresh_mesh(machine, 0.0871))
+    errors = relative_errors(
+        answer_reduced(machine, parts, 0.0871), answer_fresh_mesh(machine, 0.0871)
+    )
     assert errors.max() < 1e-2 and np.median(errors) < 2e-3
 
 
@@ -69,7 +81,11 @@ def test_the_unreduced_model_has_each_carriage_on_a_patch_where_it_stands() -> N
     machine = load_scene(SCENE).machine
     fixed = fix_carriages(machine, Pose("p", {"X": 0.05}))
     patch = fixed.components["bed"].interfaces["carriage_2"].patches[0]
-    assert patch.shape == "rect" and patch.size == pytest.approx((0.1, 0.03)) and patch.center[:2] == pytest.approx((-0.06, 0.09))
+    assert (
+        patch.shape == "rect"
+        and patch.size == pytest.approx((0.1, 0.03))
+        and patch.center[:2] == pytest.approx((-0.06, 0.09))
+    )
     assert all(joint.length is None and joint.screw is None for joint in fixed.joints.values())
     distance = 0.4 + 0.05
     expected = 1.0 / (1.0 / 4e8 + 1.0 / 6e8 + distance / (210e9 * np.pi * 0.014**2))

@@ -31,4 +31,6 @@ def test_before_the_cut_only_inertia_moves_the_tool_and_against_the_start() -> N
     run = run_start("al6061-t6", 0.02)
     assert not run.force.any()
     assert np.abs(run.gap[0]).max() < 1e-12
-    assert run.gap[-1, 1] < -1e-5 and np.abs(run.gap[-1, [0, 2]]).max() < 0.2 * np.abs(run.gap[-1, 1])
+    assert run.gap[-1, 1] < -1e-5 and np.abs(run.gap[-1, [0, 2]]).max() < 0.2 * np.abs(
+        run.gap[-1, 1]
+    )

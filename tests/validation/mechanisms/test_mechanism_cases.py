@@ -1,4 +1,6 @@
-"""The verification table of the Tripteor, the long runs shortened; ``headstock validate tripteor_verification`` runs all of it."""
+"""The verification table of the Tripteor, the long runs shortened; ``headstock validate
+tripteor_verification`` runs all of it.
+"""
 
 import dataclasses
 
@@ -10,7 +12,12 @@ from headstock.solvers.mechanisms.modes import tool_compliance
 from headstock.validation.case_registry import run_validation
 from headstock.validation.mechanisms import mechanism_cases
 from headstock.validation.mechanisms.mechanism_cases import check_limits, check_three_models
-from headstock.validation.mechanisms.motion_cases import Run, check_constraint_drift, check_energy_balance, check_integration_orders
+from headstock.validation.mechanisms.motion_cases import (
+    Run,
+    check_constraint_drift,
+    check_energy_balance,
+    check_integration_orders,
+)
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 from headstock.validation.references.rows import ValidationRow
 
@@ -45,7 +52,9 @@ def test_loops_stay_closed_over_ten_thousand_steps() -> None:
     assert failed(check_constraint_drift(MPI.COMM_SELF, 10_000)) == []
 
 
-def test_a_wrong_inertia_is_seen_by_the_model_in_absolute_coordinates(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_inertia_is_seen_by_the_model_in_absolute_coordinates(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     tripteor = load_tripteor()
     bodies = tuple(
         dataclasses.replace(body, inertia=body.inertia * 1.001) if body.name == "platform" else body
@@ -55,10 +64,16 @@ def test_a_wrong_inertia_is_seen_by_the_model_in_absolute_coordinates(monkeypatc
     right_system = mechanism_cases.absolute_tripteor
 
     monkeypatch.setattr(mechanism_cases, "load_tripteor", lambda: wrong)
-    monkeypatch.setattr(mechanism_cases, "absolute_tripteor", lambda _, drive: right_system(tripteor, drive))
+    monkeypatch.setattr(
+        mechanism_cases, "absolute_tripteor", lambda _, drive: right_system(tripteor, drive)
+    )
     assert any("absolute" in row.quantity for row in failed(check_three_models(MPI.COMM_SELF)))
 
 
 def test_a_wrong_spring_law_fails_the_static_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mechanism_cases, "tool_compliance", lambda model, motions: tool_compliance(model, motions) * (1.0 + 1e-5))
+    monkeypatch.setattr(
+        mechanism_cases,
+        "tool_compliance",
+        lambda model, motions: tool_compliance(model, motions) * (1.0 + 1e-5),
+    )
     assert np.sum(["static" in row.quantity for row in failed(check_limits(MPI.COMM_SELF))]) == 3

@@ -1,9 +1,14 @@
-"""Regenerative stability by second roads; ``headstock validate milling-stability`` takes finer steps."""
+"""Regenerative stability by second roads; ``headstock validate milling-stability`` takes finer
+steps.
+"""
 
 import pytest
 from mpi4py import MPI
 
-from headstock.validation.mechanisms.contouring_cases import check_contour_stability, check_stability_methods
+from headstock.validation.mechanisms.contouring_cases import (
+    check_contour_stability,
+    check_stability_methods,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -18,5 +23,7 @@ def test_faces_across_x_chatter_first_and_face_3_hardly_before_face_1() -> None:
     rows = check_contour_stability(MPI.COMM_SELF)
     assert [row for row in rows if not row.passed] == []
     limits = {row.quantity: row.value for row in rows if "limit depth on face" in row.quantity}
-    one, two, three, four = (limits[f"al7075-t6: limit depth on face {face}"] for face in (1, 2, 3, 4))
+    one, two, three, four = (
+        limits[f"al7075-t6: limit depth on face {face}"] for face in (1, 2, 3, 4)
+    )
     assert 10.0 < three < one < 0.6 * min(two, four)

@@ -32,7 +32,9 @@ def dense_frequencies(model: FullModel) -> FloatArray:
     stiffness = model.everywhere(model.operators.apply_stiffness(unit)).reshape(count, count)
     mass = model.everywhere(model.operators.apply_mass(unit)).reshape(count, count)
     free = np.flatnonzero(~model.held.ravel())
-    values = scipy.linalg.eigh(stiffness[np.ix_(free, free)], mass[np.ix_(free, free)], eigvals_only=True)
+    values = scipy.linalg.eigh(
+        stiffness[np.ix_(free, free)], mass[np.ix_(free, free)], eigvals_only=True
+    )
     return np.asarray(np.sqrt(np.abs(values)) / (2.0 * np.pi))
 
 
@@ -55,15 +57,23 @@ def test_a_face_held_along_one_axis_leaves_three_rigid_motions(mesh: ComponentMe
     held[mesh.points[:, 2] < 1e-9, 2] = True
     model = full_model(mesh, STEEL, comm=MPI.COMM_SELF, held=held)
     assert free_motions(model).shape[1] == 3
-    np.testing.assert_allclose(full_modes(model, 5).frequencies_hz[:5], dense_frequencies(model)[3:8], rtol=1e-9)
+    np.testing.assert_allclose(
+        full_modes(model, 5).frequencies_hz[:5], dense_frequencies(model)[3:8], rtol=1e-9
+    )
 
 
 def test_means_hold_a_body_without_holding_any_node(mesh: ComponentMesh) -> None:
     motions = rigid_map(mesh.points, mesh.points.mean(axis=0))
     model = full_model(mesh, STEEL, comm=MPI.COMM_SELF, means=motions.reshape(-1, 3, 6))
     assert free_motions(model).shape[1] == 0
-    displacement = full_displacement(model, np.eye(3)[np.zeros(len(mesh.points), dtype=int)] * (mesh.points[:, :1] - 0.02))
-    np.testing.assert_allclose(motions.T @ displacement.ravel(), 0.0, atol=1e-12 * np.abs(displacement).max() * len(motions))
+    displacement = full_displacement(
+        model, np.eye(3)[np.zeros(len(mesh.points), dtype=int)] * (mesh.points[:, :1] - 0.02)
+    )
+    np.testing.assert_allclose(
+        motions.T @ displacement.ravel(),
+        0.0,
+        atol=1e-12 * np.abs(displacement).max() * len(motions),
+    )
     assert np.abs(displacement).max() > 0.0
 
 

@@ -32,14 +32,18 @@ def test_gradients_equal_finite_differences(kind: CellKind) -> None:
     _, gradients = shape_functions(kind, place[None, :])
     for axis in range(3):
         shift = step * np.eye(3)[axis]
-        high, low = (shape_functions(kind, (place + sign * shift)[None, :])[0] for sign in (1.0, -1.0))
+        high, low = (
+            shape_functions(kind, (place + sign * shift)[None, :])[0] for sign in (1.0, -1.0)
+        )
         np.testing.assert_allclose(gradients[0, :, axis], (high - low)[0] / (2 * step), atol=1e-8)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_integrals_over_a_box_are_exact_for_polynomials(kind: CellKind) -> None:
     mesh = lattice_mesh(straight_lattice((2, 1, 3), (2.0, 0.5, 1.5)), kind, straight=True)
-    found = integrate_over_cells(mesh.points, mesh.cells, kind, lambda x: x[:, 0] ** 2 * x[:, 1] * x[:, 2])
+    found = integrate_over_cells(
+        mesh.points, mesh.cells, kind, lambda x: x[:, 0] ** 2 * x[:, 1] * x[:, 2]
+    )
     assert found == pytest.approx(8.0 / 3.0 * 0.125 * 1.125, rel=1e-12)
     assert mesh.quality.volume == pytest.approx(1.5, rel=1e-13)
 

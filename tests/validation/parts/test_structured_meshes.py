@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
-from headstock.validation.parts.structured_meshes import SIDES, lattice_cells, lattice_sides, refine_lattice, write_lattice
+from headstock.validation.parts.structured_meshes import (
+    SIDES,
+    lattice_cells,
+    lattice_sides,
+    refine_lattice,
+    write_lattice,
+)
 
 
 def box_lattice(counts: tuple[int, int, int], size: tuple[float, float, float]) -> FloatArray:
@@ -18,7 +24,20 @@ def test_every_mid_node_lies_midway_between_the_corners_that_gmsh_pairs() -> Non
     lattice = box_lattice((2, 3, 1), (2.0, 3.0, 1.0))
     points = lattice.reshape(-1, 3)
     cells = lattice_cells(lattice.shape[:3])
-    edges = [(0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7)]
+    edges = [
+        (0, 1),
+        (0, 3),
+        (0, 4),
+        (1, 2),
+        (1, 5),
+        (2, 3),
+        (2, 6),
+        (3, 7),
+        (4, 5),
+        (4, 7),
+        (5, 6),
+        (6, 7),
+    ]
     assert len(cells) == 6
     for position, (start, end) in enumerate(edges, start=8):
         middle = 0.5 * (points[cells[:, start]] + points[cells[:, end]])
@@ -42,14 +61,19 @@ def test_side_facets_point_outward_and_have_the_area_of_their_side(side: str) ->
     lattice = box_lattice((2, 3, 2), size)
     points = lattice.reshape(-1, 3)
     facets = lattice_sides(lattice.shape[:3])[side]
-    first, second = points[facets[:, 1]] - points[facets[:, 0]], points[facets[:, 3]] - points[facets[:, 0]]
+    first, second = (
+        points[facets[:, 1]] - points[facets[:, 0]],
+        points[facets[:, 3]] - points[facets[:, 0]],
+    )
     normal = np.cross(first, second).sum(axis=0)
     axis, sign = "uvw".index(side[0]), 1.0 if side[1] == "+" else -1.0
     expected = np.zeros(3)
     expected[axis] = sign * np.prod(size) / size[axis]
     np.testing.assert_allclose(normal, expected, atol=1e-14)
     for k in range(4):
-        np.testing.assert_allclose(points[facets[:, 4 + k]], 0.5 * (points[facets[:, k]] + points[facets[:, (k + 1) % 4]]))
+        np.testing.assert_allclose(
+            points[facets[:, 4 + k]], 0.5 * (points[facets[:, k]] + points[facets[:, (k + 1) % 4]])
+        )
     np.testing.assert_allclose(points[facets[:, 8]], points[facets[:, :4]].mean(axis=1))
 
 

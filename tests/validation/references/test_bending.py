@@ -12,7 +12,11 @@ from headstock.validation.references.bending import (
     fixed_beam_deflection,
     strip_frequencies,
 )
-from headstock.validation.references.prismatic_beams import EndConditions, PrismaticBeam, turn_section
+from headstock.validation.references.prismatic_beams import (
+    EndConditions,
+    PrismaticBeam,
+    turn_section,
+)
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 COLUMN = PrismaticBeam(0.5, 0.1, 0.038, STEEL)
@@ -38,10 +42,14 @@ def test_twenty_roots_are_found_without_a_gap() -> None:
 
 def test_frequencies_of_the_seed_column_in_both_directions() -> None:
     np.testing.assert_allclose(
-        euler_bernoulli_frequencies(COLUMN, "clamped-free", 3), [126.99852, 795.88615, 2228.50428], rtol=1e-7
+        euler_bernoulli_frequencies(COLUMN, "clamped-free", 3),
+        [126.99852, 795.88615, 2228.50428],
+        rtol=1e-7,
     )
     np.testing.assert_allclose(
-        euler_bernoulli_frequencies(turn_section(COLUMN), "clamped-free", 2), [334.20664, 2094.43725], rtol=1e-7
+        euler_bernoulli_frequencies(turn_section(COLUMN), "clamped-free", 2),
+        [334.20664, 2094.43725],
+        rtol=1e-7,
     )
 
 
@@ -49,12 +57,18 @@ def test_frequencies_scale_with_depth_over_length_squared() -> None:
     thick = PrismaticBeam(0.5, 0.1, 2 * 0.038, STEEL)
     long = PrismaticBeam(1.0, 0.1, 0.038, STEEL)
     base = euler_bernoulli_frequencies(COLUMN, "clamped-free", 3)
-    np.testing.assert_allclose(euler_bernoulli_frequencies(thick, "clamped-free", 3), 2.0 * base, rtol=1e-12)
-    np.testing.assert_allclose(euler_bernoulli_frequencies(long, "clamped-free", 3), base / 4.0, rtol=1e-12)
+    np.testing.assert_allclose(
+        euler_bernoulli_frequencies(thick, "clamped-free", 3), 2.0 * base, rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        euler_bernoulli_frequencies(long, "clamped-free", 3), base / 4.0, rtol=1e-12
+    )
 
 
 def test_a_strip_is_stiffer_by_one_over_one_minus_nu_squared() -> None:
-    ratio = strip_frequencies(COLUMN, "clamped-free", 2) / euler_bernoulli_frequencies(COLUMN, "clamped-free", 2)
+    ratio = strip_frequencies(COLUMN, "clamped-free", 2) / euler_bernoulli_frequencies(
+        COLUMN, "clamped-free", 2
+    )
     np.testing.assert_allclose(ratio**2, 1.0 / 0.91, rtol=1e-12)
 
 
@@ -62,4 +76,7 @@ def test_static_deflections_of_the_seed_to_their_printed_digits() -> None:
     assert round(1e6 * cantilever_force_deflection(COLUMN, 1e3), 2) == 433.91
     assert round(1e6 * cantilever_moment_deflection(COLUMN, 1.0), 5) == 1.30173
     assert round(1e6 * cantilever_moment_deflection(turn_section(COLUMN), 1.0), 5) == 0.18797
-    assert round(1e6 * fixed_beam_deflection(PrismaticBeam(0.75, 0.25, 0.032, STEEL), 1e3), 3) == 15.327
+    assert (
+        round(1e6 * fixed_beam_deflection(PrismaticBeam(0.75, 0.25, 0.032, STEEL), 1e3), 3)
+        == 15.327
+    )

@@ -12,7 +12,9 @@ ROD = PrismaticBeam(1.0, 0.05, 0.05, Material("nu0", 210e9, 0.0, 7850.0))
 
 
 def test_axial_frequencies_of_the_rod_and_the_seed_column() -> None:
-    np.testing.assert_allclose(axial_frequencies(ROD, "clamped-free", 3), [1293.04854, 3879.14561, 6465.24269], rtol=2e-9)
+    np.testing.assert_allclose(
+        axial_frequencies(ROD, "clamped-free", 3), [1293.04854, 3879.14561, 6465.24269], rtol=2e-9
+    )
     assert axial_frequencies(COLUMN, "clamped-free", 1)[0] == pytest.approx(2586.0971, rel=1e-8)
 
 

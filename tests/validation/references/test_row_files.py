@@ -5,9 +5,25 @@ import json
 import numpy as np
 import pytest
 
-from headstock.validation.references.rows import Target, failed_computation, judge, judge_bound, rows_as_json
+from headstock.validation.references.rows import (
+    Target,
+    failed_computation,
+    judge,
+    judge_bound,
+    rows_as_json,
+)
 
-CONTRACT = {"case", "quantity", "value", "reference", "unit", "relative_error", "tolerance", "kind", "passed"}
+CONTRACT = {
+    "case",
+    "quantity",
+    "value",
+    "reference",
+    "unit",
+    "relative_error",
+    "tolerance",
+    "kind",
+    "passed",
+}
 
 
 def test_the_text_is_strict_json_with_the_agreed_keys_and_null_for_missing_numbers() -> None:

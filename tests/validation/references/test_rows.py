@@ -4,20 +4,39 @@ import math
 
 import pytest
 
-from headstock.validation.references.rows import Target, failed_computation, judge, judge_all, judge_bound, judge_order, show
+from headstock.validation.references.rows import (
+    Target,
+    failed_computation,
+    judge,
+    judge_all,
+    judge_bound,
+    judge_order,
+    show,
+)
 from headstock.validation.references.values import ReferenceCase
 
-CASE = ReferenceCase("x", "X", "two numbers", "published", "a book", 1e-2, "none", "Hz", {"f1": 10.0, "f2": 20.0})
+CASE = ReferenceCase(
+    "x", "X", "two numbers", "published", "a book", 1e-2, "none", "Hz", {"f1": 10.0, "f2": 20.0}
+)
 
 
 def test_a_value_passes_up_to_its_tolerance_on_either_side() -> None:
     target = Target(100.0, "Hz", 0.01, "published")
-    assert [judge("c", "q", value, target).passed for value in (98.9, 99.1, 100.9, 101.1)] == [False, True, True, False]
+    assert [judge("c", "q", value, target).passed for value in (98.9, 99.1, 100.9, 101.1)] == [
+        False,
+        True,
+        True,
+        False,
+    ]
 
 
 def test_the_relative_error_keeps_its_sign() -> None:
-    assert judge("c", "q", 99.0, Target(100.0, "Hz", 0.1, "published")).relative_error == pytest.approx(-0.01)
-    assert judge("c", "q", -5.5, Target(-5.0, "Pa", 0.2, "published")).relative_error == pytest.approx(0.1)
+    assert judge(
+        "c", "q", 99.0, Target(100.0, "Hz", 0.1, "published")
+    ).relative_error == pytest.approx(-0.01)
+    assert judge(
+        "c", "q", -5.5, Target(-5.0, "Pa", 0.2, "published")
+    ).relative_error == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
@@ -28,7 +47,9 @@ def test_a_value_that_is_not_finite_never_passes(value: float) -> None:
 
 
 def test_a_bound_is_held_against_zero_on_both_sides() -> None:
-    assert [judge_bound("c", "q", value, 1e-9).passed for value in (-2e-9, -1e-9, 0.0, 1e-9, 2e-9)] == [
+    assert [
+        judge_bound("c", "q", value, 1e-9).passed for value in (-2e-9, -1e-9, 0.0, 1e-9, 2e-9)
+    ] == [
         False,
         True,
         True,
@@ -38,12 +59,22 @@ def test_a_bound_is_held_against_zero_on_both_sides() -> None:
 
 
 def test_an_order_passes_within_a_fifth_of_one() -> None:
-    assert [judge_order("c", "q", value, 3.0).passed for value in (2.79, 2.81, 3.19, 3.21)] == [False, True, True, False]
+    assert [judge_order("c", "q", value, 3.0).passed for value in (2.79, 2.81, 3.19, 3.21)] == [
+        False,
+        True,
+        True,
+        False,
+    ]
 
 
 def test_a_row_that_is_shown_only_has_neither_reference_nor_tolerance() -> None:
     row = show("c", "q", 3.0, "Hz")
-    assert row.passed and row.kind == "shown only" and math.isnan(row.reference) and math.isnan(row.tolerance)
+    assert (
+        row.passed
+        and row.kind == "shown only"
+        and math.isnan(row.reference)
+        and math.isnan(row.tolerance)
+    )
 
 
 def test_every_value_of_a_reference_case_gets_a_row_with_its_provenance() -> None:

@@ -12,13 +12,22 @@ def test_every_case_has_a_source_a_trap_a_tolerance_and_finite_values() -> None:
     for case in reference_cases().values():
         assert case.source and case.traps and case.description and case.id
         assert 0.0 < case.tolerance < 1.0
-        assert case.values and all(math.isfinite(value) and value != 0.0 for value in case.values.values())
+        assert case.values and all(
+            math.isfinite(value) and value != 0.0 for value in case.values.values()
+        )
         assert case.provenance in ("published", "derived-closed-form", "derived-numerical")
 
 
 def test_every_benchmark_of_the_acceptance_list_is_there() -> None:
     ids = {case.id for case in reference_cases().values()}
-    seeds = {"SEED-CANT-3D", "SEED-CANT-BEAM", "SEED-CANT-STATIC", "SEED-FIXED-3D", "SEED-FIXED-STATIC", "SEED-TORSION-J"}
+    seeds = {
+        "SEED-CANT-3D",
+        "SEED-CANT-BEAM",
+        "SEED-CANT-STATIC",
+        "SEED-FIXED-3D",
+        "SEED-FIXED-STATIC",
+        "SEED-TORSION-J",
+    }
     derived = {"DER-BLOCK", "DER-FREE", "DER-SQCOL", "DER-ROD-NU0"}
     assert seeds | derived | {"NAFEMS-FV5", "MH-STRAIGHT", "NAFEMS-LE10", "ASTER-SDLL02"} <= ids
 
