@@ -102,8 +102,10 @@ def test_suggested_planes_are_the_opposing_ends_with_most_between_them() -> None
     # on a block every pair holds the same volume; the larger faces come first
     assert {first.faces[0], second.faces[0]} in ({"x-", "x+"}, {"y-", "y+"}, {"z-", "z+"})
     inward = [
-        dataclasses.replace(face, normal=tuple(-v for v in face.normal)) for face in box_faces()
-    ]  # type: ignore[arg-type]
+        dataclasses.replace(face, normal=(-x, -y, -z))
+        for face in box_faces()
+        for x, y, z in [face.normal]
+    ]
     assert suggest_interfaces(inward) == []
 
 
