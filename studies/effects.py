@@ -43,10 +43,11 @@ UNITS = {
 # numbers that are each held against themselves; of the others, components of a vector say, the
 # largest of the group counts
 EACH_ITS_OWN = {"frequencies", "dynamic stiffness", "control poles", "map of frequencies"}
+# changes of an answer below which an effect may be left out, and from which it is to be named
 LITTLE, MUCH = (
     1e-3,
     1e-2,
-)  # changes of an answer below which an effect may be left out, and from which it is to be named
+)
 QUICK = 3.0  # a run that takes no longer is repeated, for the least of its times [s]
 REPEATS = 3
 # effects that act through another one

@@ -28,9 +28,8 @@ from headstock.validation.parts.structured_meshes import (
 )
 
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
-Choice = (
-    str | Callable[[FloatArray], BoolArray]
-)  # a side such as ``z+``, or from facet centres ``(n, 3)`` those wanted
+# a side such as ``z+``, or from facet centres ``(n, 3)`` those wanted
+Choice = str | Callable[[FloatArray], BoolArray]
 
 
 def present[T](value: T | None) -> T:

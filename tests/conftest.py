@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ELASTIC = {"dolfinx", "petsc4py", "slepc4py"}
 IMPORT = re.compile(r"^\s*(?:from ([\w.]+) import (\([^)]*\)|.*)|import ([\w.]+))", re.MULTILINE)
 DOCUMENTS = {"test_documents.py", "test_mechanism_document.py"}
+# what `./headstock test --quick` leaves out
 SLOW_KINDS = (
     "fem",
     "process",
@@ -28,7 +29,7 @@ SLOW_KINDS = (
     "faults",
     "slow",
     "documents",
-)  # what `./headstock test --quick` leaves out
+)
 
 
 def imported_by(path: Path) -> set[str]:

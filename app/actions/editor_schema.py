@@ -50,9 +50,12 @@ def _declare(table: type[StrictTable]) -> JsonTable:
     """
     schema: JsonTable = table.model_json_schema(mode="validation")
     for rule in list(_walk(schema)):
-        for pattern, entry in rules_in(
-            rule, "patternProperties"
-        ).items():  # one: the user's names all follow the same
+        if "description" in rule:
+            # of a docstring: paragraphs, however they wrap there
+            paragraphs = str(rule["description"]).split("\n\n")
+            rule["description"] = "\n\n".join(" ".join(each.split()) for each in paragraphs)
+        # one entry: the user's names all follow the same pattern
+        for pattern, entry in rules_in(rule, "patternProperties").items():
             del rule["patternProperties"]
             rule.update({"additionalProperties": entry, "propertyNames": {"pattern": pattern}})
     return schema

@@ -73,9 +73,8 @@ def _draw_maps(
         )
         bar = figure.colorbar(mesh, ax=frame)
         bar.ax.tick_params(labelsize=7)
-        bar.ax.ticklabel_format(
-            axis="y", useOffset=False
-        )  # the numbers themselves, no "+1.108" in a corner
+        # the numbers themselves, no "+1.108" in a corner
+        bar.ax.ticklabel_format(axis="y", useOffset=False)
         frame.set_title(
             f"{quantity.title}{f' [{quantity.unit}]' if quantity.unit else ''}",
             fontsize=9,

@@ -201,9 +201,8 @@ def _size_classes(flat: FloatArray, triangles: IntArray) -> Iterator[tuple[IntAr
     corners = flat[triangles][:, :, :2]
     spread = (np.floor(corners.max(axis=1)) - np.floor(corners.min(axis=1))).max(axis=1) + 1
     classes = np.ceil(4.0 * np.log2(np.maximum(spread, 2.0)) - 1e-9).astype(np.int64)
-    front = (
-        _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) < 0.0
-    )  # rows of pixels run downwards
+    # rows of pixels run downwards
+    front = _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) < 0.0
     for step in np.unique(classes[front]):
         members, side = np.flatnonzero(front & (classes == step)), int(np.ceil(2.0 ** (step / 4.0)))
         portion = max(1, FRAGMENTS // side**2)

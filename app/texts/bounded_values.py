@@ -17,9 +17,8 @@ from headstock.pipeline.results.frf import ResponseSummary
 
 MOST_DIGITS = 5  # significant ones of a value, however small its error is
 LARGE_FIRST_DIGIT = 3  # an error that begins with it or more keeps one digit
-LEAST_POSITIONAL = (
-    -9
-)  # power of ten of the last digit; below it numbers are written with an exponent
+# power of ten of the last digit; below it numbers are written with an exponent
+LEAST_POSITIONAL = -9
 NO_BOUND = "± ?"
 FREE = "free"  # in place of a compliance that a free motion of the machine leaves open
 

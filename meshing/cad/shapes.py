@@ -50,9 +50,8 @@ def _build_tube(tube: Tube) -> int:
 def _build_planar(solid: Box | Plate | HollowColumn) -> int:
     occ = gmsh.model.occ
     boxes = planar_boxes(solid)
-    if isinstance(
-        solid, Plate
-    ):  # ribs overlap where they cross: fuse them instead of subtracting the crossings
+    # ribs overlap where they cross: fuse them instead of subtracting the crossings
+    if isinstance(solid, Plate):
         boxes = [box for box in boxes if box[0] > 0.0]
     tags = [(3, int(occ.addBox(*low, *(high - low)))) for _, low, high in boxes]
     if len(tags) == 1:

@@ -126,9 +126,8 @@ def _measure_faces(faces: Sequence[int]) -> list[Sliver]:
     """Width and length of each face."""
     found = []
     for number, face in enumerate(faces, 1):
-        curves = gmsh.model.getBoundary(
-            [(2, face)], combined=False, oriented=False
-        )  # seams count on both sides
+        # seams count on both sides
+        curves = gmsh.model.getBoundary([(2, face)], combined=False, oriented=False)
         perimeter = sum(float(gmsh.model.occ.getMass(1, abs(curve))) for _, curve in curves)
         box = np.array(gmsh.model.occ.getBoundingBox(2, face))
         length = float(np.linalg.norm(box[3:] - box[:3]))

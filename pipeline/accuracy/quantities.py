@@ -19,9 +19,8 @@ from headstock.pipeline.stages.run_state import RunState
 MESH_SAFETY = 1.8
 RIGID_MODEL = "rigid model"
 Owner = tuple[str, str]  # component, source of error
-Factors = Mapping[
-    tuple[str, Owner], float
-]  # key of a number and owner to what the estimate is multiplied by
+# key of a number and owner to what the estimate is multiplied by
+Factors = Mapping[tuple[str, Owner], float]
 # errors are taken to fall with this power of the mesh size, though most fall faster, and what that
 # leaves counts half as much again
 LEVEL_RATE = 1.5

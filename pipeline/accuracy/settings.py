@@ -44,10 +44,11 @@ REDUCTION_SHARE = 0.25  # of the accuracy, left to the modes
 # hexes (about 1)
 DEFAULT_RATE, SLOWEST_RATE, FASTEST_RATE = 2.2, 0.8, 4.0
 FILE_RATE = 1.5  # CAD parts have sharp inner edges all over
+# five times the dofs: where errors fall slowly, more would overshoot
 LEAST_STEP, LARGEST_STEP = (
     0.85,
     0.6,
-)  # five times the dofs: where errors fall slowly, more would overshoot
+)
 # Tets grow from the rims of patches and of rigid interfaces. Next to a rim stresses grow without
 # limit, and errors fall like the first or second power of the size there, which falls faster than
 # the size elsewhere; grading makes that cheap.

@@ -150,9 +150,8 @@ def read_summary(folder: Path) -> RunSummary:
         raise OutputError(
             f"{path} is not a summary: it holds a {type(summary).__name__}; `headstock run SCENE -o {folder}` writes one"
         )
-    return cast(
-        RunSummary, summary
-    )  # a damaged one shows where it is read: no program but this one writes it
+    # a damaged one shows where it is read: no program but this one writes it
+    return cast(RunSummary, summary)
 
 
 def read_view(folder: Path) -> MachineView:

@@ -15,9 +15,8 @@ from headstock.solvers.paths.response import PathDeviation, ZoneFigures
 from headstock.solvers.second_order import Port, name_port
 
 _PARTS = ("total", "quasi_static", "sway", "dynamic")
-type ZoneSummary = dict[
-    str, float | None
-]  # ``peak_um`` or ``peak_urad`` and so on, ``settling_s`` without a value where it never settles
+# ``peak_um`` or ``peak_urad`` and so on, ``settling_s`` without a value where it never settles
+type ZoneSummary = dict[str, float | None]
 
 
 class OutputSummary(TypedDict):

@@ -77,9 +77,8 @@ class RunSummary(TypedDict):
     modal: list[ModesSummary]
     warnings: list[str]
     failures: list[str]
-    files: NotRequired[
-        dict[str, dict[str, str]]
-    ]  # not where the summary is kept without them, as in studies
+    # not where the summary is kept without them, as in studies
+    files: NotRequired[dict[str, dict[str, str]]]
     provenance: NotRequired[ProvenanceSummary]
     static_poses: NotRequired[dict[str, dict[str, PointSummary]]]  # of several poses
     probes: NotRequired[dict[str, dict[str, ProbeSummary]]]

@@ -20,9 +20,8 @@ DISTRIBUTION = "headstock"
 UNKNOWN = "unknown"
 MAX_BYTES = 1 << 20  # of a scene
 COMMIT = re.compile(r"[0-9a-f]{40}([0-9a-f]{24})?")
-PROJECT = (
-    Path(__file__).resolve().parents[2]
-)  # with machines/, tests/ and the launcher, in a checkout
+# with machines/, tests/ and the launcher, in a checkout
+PROJECT = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True)

@@ -24,10 +24,11 @@ from headstock.scene.schema.connections import JointTable, ScrewTable
 from headstock.scene.schema.scene import SceneTable
 
 RIGID = "rigid"
+# Young's modulus [Pa] and Poisson's ratio of a screw whose table gives none
 SCREW_STEEL = (
     210e9,
     0.3,
-)  # Young's modulus [Pa] and Poisson's ratio of a screw whose table gives none
+)
 _DIMENSIONS = {
     ("stiffness", False): STIFFNESS,
     ("stiffness", True): ROTATIONAL_STIFFNESS,
@@ -252,9 +253,8 @@ def joint_rotation(table: JointTable) -> FloatArray:
     if KINDS[table.kind].axis_is == "z":
         if axis is None:
             axis = np.array([0.0, 0.0, 1.0])
-        side = frame_axes(
-            axis, normal
-        )  # columns: axis, second, third: a right-handed turn puts the axis last
+        # columns: axis, second, third: a right-handed turn puts the axis last
+        side = frame_axes(axis, normal)
         return (
             np.column_stack([side[:, 1], side[:, 2], side[:, 0]])
             if normal is None

@@ -304,9 +304,8 @@ def _resolve_unit(unit: str, example: str) -> tuple[Decimal, str]:
     except (pint.errors.PintError, AttributeError) as error:
         raise UnitError(f"unknown unit {unit!r}; write for example {example}") from error
     factor, _ = _REGISTRY.get_root_units(parsed)
-    grams = 3 * int(
-        dict(parsed.dimensionality).get("[mass]", 0)
-    )  # the registry's root mass is the gram
+    # the registry's root mass is the gram
+    grams = 3 * int(dict(parsed.dimensionality).get("[mass]", 0))
     return Decimal(str(factor)).scaleb(-grams), str(parsed.dimensionality)
 
 

@@ -17,11 +17,12 @@ from headstock.scene.reading.units import show_value
 from headstock.scene.schema.scene import SceneTable
 
 MAX_PROBLEMS = 200
+# what pydantic puts among the keys: a faulty key, and which kind of value was taken
 TAGS = (
     "[key]",
     "[waypoints]",
     "[file]",
-)  # what pydantic puts among the keys: a faulty key, and which kind of value was taken
+)
 _KINDS = {
     "string_type": 'is not text; write it in quotes, such as "text"',
     "bool_type": "is neither true nor false; write one of them without quotes",

@@ -21,9 +21,8 @@ SOUND_RESIDUAL = 1e-13  # below it a solve is as good as its factorisation
 # of the strain energy of soft shapes, below which displacements need no refinement; parts 1:300 or
 # so
 NEGLIGIBLE_ROUNDOFF = 1e-6
-ENERGY_BLIND = float(
-    np.sqrt(np.finfo(float).eps)
-)  # of displacements: energies see the square of what they are off by
+# of displacements: energies see the square of what they are off by
+ENERGY_BLIND = float(np.sqrt(np.finfo(float).eps))
 REFINEMENT_STEPS = 5
 
 

@@ -17,9 +17,8 @@ from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.linear.symmetric_matrices import is_symmetric
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
-Inverse = Callable[
-    [ComplexArray, ComplexArray], ComplexArray
-]  # of the pencil at poles (p,), each times its column of (m, p)
+# of the pencil at poles (p,), each times its column of (m, p)
+Inverse = Callable[[ComplexArray, ComplexArray], ComplexArray]
 START_FACTOR, START_EXTRA = 1.25, 24  # undamped modes in the first space, against those wanted
 ROUNDS = 12
 LARGEST_SHARE = 0.5  # of all modes: from here on all poles cost no more

@@ -19,10 +19,11 @@ ROUNDOFF = 1e-13  # of the largest entry: what a factorisation of the damping ma
 # |omega_k^2 - omega^2| over omega^2 below which a mode is not eliminated: it would cost as many
 # digits
 NEAR = 1e-3
+# of a pole and of its half-width, where it only says where a peak is
 PEAK_TOLERANCE, PEAK_SHARE = (
     1e-6,
     0.1,
-)  # of a pole and of its half-width, where it only says where a peak is
+)
 BLOCK = 4_000_000  # entries of the products of dampers that are held at a time
 
 

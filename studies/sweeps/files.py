@@ -19,9 +19,8 @@ from headstock.scene.studies import SweepKind
 from headstock.studies.sweeps.journals import FIGURES, PoseState
 from headstock.studies.sweeps.results import PointMap, SampledErrors, SweepResults
 
-type Numbers = (
-    float | None | Sequence[Numbers]
-)  # nested like the dimensions of an array, None for NaN
+# nested like the dimensions of an array, None for NaN
+type Numbers = float | None | Sequence[Numbers]
 
 SWEEP_FILE = "sweep.h5"
 FORMAT, VERSION = "headstock sweep", 1

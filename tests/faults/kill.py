@@ -70,9 +70,8 @@ def _undisturbed(places: Places) -> tuple[dict[str, Numbers], float]:
     for variant in VARIANTS:
         start = time.perf_counter()
         code, said = finish_run(places, variant)
-        seconds = (
-            time.perf_counter() - start
-        )  # the last one, with forms compiled and nothing stored
+        # the last one, with forms compiled and nothing stored
+        seconds = time.perf_counter() - start
         if code:
             raise FaultError(f"an undisturbed run of {variant} ended with {code}: {said}")
         expected[variant] = read_numbers(places.results)

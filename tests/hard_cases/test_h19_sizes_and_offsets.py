@@ -32,9 +32,8 @@ STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 SIZE = np.array([0.4, 0.7, 1.0])
 SIZES = [1e-6, 1e-3, 1e4]
 WANTED = ReductionRequest(ModeTarget(count=8), recovery=False)
-ReduceAt = tuple[
-    Callable[[float], Superelement], Superelement
-]  # a body of any length, and that of 1 m
+# a body of any length, and that of 1 m
+ReduceAt = tuple[Callable[[float], Superelement], Superelement]
 
 
 def meshed(length: float, coupling: CouplingKind, cells: CellShape) -> Component:

@@ -20,9 +20,8 @@ from headstock.scene.scene import Scene
 # a mesh of a file takes no size, and that problem is not to hide another one
 PLAIN_SCENE = SCENE.replace('mesh = { size = "20 mm" }\n', "")
 SOLID = 'solid = { box = ["40 mm", "60 mm", "200 mm"] }'
-ESCAPE = re.compile(
-    r"\\[unt]"
-)  # meant as an escape of TOML; other backslashes stand for themselves
+# meant as an escape of TOML; other backslashes stand for themselves
+ESCAPE = re.compile(r"\\[unt]")
 ATTACKS = [
     # up and out
     "../secret.msh", "../../secret.msh", "./../secret.msh", "parts/../../secret.msh", "parts/./../../secret.msh", "parts//..//../secret.msh",

@@ -297,9 +297,8 @@ def test_imprints_on_mesh_files_take_the_facets_inside(
     areas, centroids = patch_moments(back.points, back.patches)
     assert areas["half"] == pytest.approx(0.015 * 0.02, rel=1e-9)
     assert np.allclose(centroids["half"], [0.0075, 0.0, 0.05], atol=1e-9)
-    assert areas["disk"] == pytest.approx(
-        4 * 0.005**2, rel=1e-9
-    )  # of 24 facets the four whose middles lie within 6 mm
+    # of 24 facets the four whose middles lie within 6 mm
+    assert areas["disk"] == pytest.approx(4 * 0.005**2, rel=1e-9)
 
 
 def test_h12_points_lines_and_single_facets_are_refused_unless_forced(

@@ -269,9 +269,8 @@ def test_triangles_of_a_survey_close_the_part(drilled: Path) -> None:
     survey = survey_step(StepFile(drilled))
     a, b, c = (survey.points[survey.triangles[:, i]] for i in range(3))
     volume = float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
-    polygon = 1.0 - 12 / (2 * np.pi) * np.sin(
-        2 * np.pi / 12
-    )  # what an inscribed 12-gon leaves of a hole's circle
+    # what an inscribed 12-gon leaves of a hole's circle
+    polygon = 1.0 - 12 / (2 * np.pi) * np.sin(2 * np.pi / 12)
     assert BLOCK_VOLUME < volume < BLOCK_VOLUME + polygon * HOLE_AREA * 20e-9
     assert set(survey.owners) == {face.number for face in survey.faces}
 

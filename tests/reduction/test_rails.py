@@ -289,9 +289,8 @@ def test_on_a_rigid_body_a_rail_is_a_fixed_interface_wherever_the_carriage_stand
 def test_a_machine_with_a_rail_answers_the_same_when_it_is_turned(
     fidelity: Fidelity, elastic: Superelement
 ) -> None:
-    shift = (
-        0.5 * LENGTH if fidelity == "elastic" else 0.0
-    )  # the structured mesh begins at the origin
+    # the structured mesh begins at the origin
+    shift = 0.5 * LENGTH if fidelity == "elastic" else 0.0
     frame = Frame(np.array([1.0, -2.0, 0.5]), rotation_about(np.array([1.0, 2.0, -0.5]), 1.1))
     part = elastic if fidelity == "elastic" else reduce_bar("segmented")
     found = []

@@ -51,10 +51,11 @@ from headstock.solvers.second_order import ComplexArray, Port, input_columns, ou
 from headstock.validation.coverage.parts import PRODUCT, CoveragePart, draw_part
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
 
+# modes of a judged mesh, and of the true one among which theirs are sought
 WATCHED, PARTNERS = (
     8,
     14,
-)  # modes of a judged mesh, and of the true one among which theirs are sought
+)
 JUDGED_MODES, TRUE_MODES = 24, 40  # fixed-interface modes kept
 LOSS_FACTOR = 0.03
 LINES = 150

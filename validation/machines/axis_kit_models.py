@@ -38,6 +38,7 @@ TABLE_3: dict[str, tuple[float, ...]] = {
 # which of them the authors put beside measured mode 9, the Y-translation of the sliders: a number
 # of table 3, from 1
 MODE_9 = {"R": 4, "BE": 5, "YCE": 7}
+# YCE with the finite element method [Hz]
 TABLE_3_FEM = (
     78.2,
     144.0,
@@ -46,7 +47,7 @@ TABLE_3_FEM = (
     237.0,
     250.0,
     276.0,
-)  # YCE with the finite element method [Hz]
+)
 MEASURED_COMPLIANCE = {
     "x": 9.3,
     "y": 11.5,

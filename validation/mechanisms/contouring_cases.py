@@ -45,11 +45,12 @@ FINER_UNTIL = 0.8  # the tool is well into face 1 then [s]
 LEG_STEPS = 8192
 # Insperger and Stepan (2004), Int. J. Numer. Meth. Eng. 61, 117-141, sec. 5: one mode, two teeth
 MASS, HZ, ZETA, CHIP, NORMAL, TEETH = 0.03993, 922.0, 0.011, 6e8, 2e8, 2
+# frequency of chatter over the natural one, waves between two cuts
 TURNING = (
     (1.0213, 3),
     (1.0057, 1),
     (1.0471, 5),
-)  # frequency of chatter over the natural one, waves between two cuts
+)
 MATHIEU = ((1.0, 0.05), (0.5, -0.1), (2.0, 0.2))  # parametric excitation, weight of the delay
 MARCHED_STEPS = 1600
 SLOTTING = ((5000.0, 0.2e-3), (5000.0, 1e-3), (15000.0, 1e-3))  # rpm, depth of cut [m]

@@ -311,9 +311,8 @@ def test_a_comparison_without_responses_takes_every_reduction_from_a_store_that_
     assert len(reductions) == 2
     compared = json.loads((tmp_path / "out" / "compare.json").read_text())["variants"]
     ran = json.loads((tmp_path / "run" / "summary.json").read_text())["components"]["bar"]
-    assert (
-        compared["thick"]["reduced_dofs"] < ran["reduced_dofs"]
-    )  # what is stored is richer than what is asked for
+    # what is stored is richer than what is asked for
+    assert compared["thick"]["reduced_dofs"] < ran["reduced_dofs"]
     efforts = [variant["effort"] for variant in compared.values()]
     assert [(effort["elastic_components"], effort["from_store"]) for effort in efforts] == [
         (1, 1),

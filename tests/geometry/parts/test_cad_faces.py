@@ -5,8 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.cad_faces import (
     CadFace,
+    Vector,
     find_holes,
     fit_cylinder,
     name_faces,
@@ -17,21 +19,31 @@ from headstock.geometry.parts.cad_faces import (
 SIZE = (0.1, 0.2, 0.4)
 
 
+def as_vector(values: FloatArray) -> Vector:
+    x, y, z = map(float, values)
+    return x, y, z
+
+
 def box_faces() -> list[CadFace]:
     """The faces of a block from the origin, in the order x- x+ y- y+ z- z+."""
     faces: list[CadFace] = []
     for axis in range(3):
         for sign in (-1.0, 1.0):
-            low, high, normal = [0.0] * 3, list(SIZE), [0.0] * 3
+            low, high, normal = np.zeros(3), np.array(SIZE), np.zeros(3)
             low[axis] = high[axis] = SIZE[axis] if sign > 0 else 0.0
             normal[axis] = sign
-            center = tuple((a + b) / 2 for a, b in zip(low, high, strict=True))
             area = float(np.prod([SIZE[i] for i in range(3) if i != axis]))
             faces.append(
                 CadFace(
-                    len(faces) + 1, "plane", area, center, tuple(normal), tuple(low), tuple(high)
+                    len(faces) + 1,
+                    "plane",
+                    area,
+                    center=as_vector(0.5 * (low + high)),
+                    normal=as_vector(normal),
+                    low=as_vector(low),
+                    high=as_vector(high),
                 )
-            )  # type: ignore[arg-type]
+            )
     return faces
 
 

@@ -192,9 +192,8 @@ def test_column_with_core_holes_loses_their_area(make_component: Make) -> None:
     assert areas["foot"] == pytest.approx(0.2 * 0.15 - 2 * np.pi * 0.03**2, rel=1e-3)
     solid = closed_form_properties(make_component(RIBBED))
     assert solid is not None
-    holes = (
-        np.pi * 0.03**2 * (2 * (2 * 0.02 + 0.01) + 2 * 0.01)
-    )  # caps and horizontal rib in two cells, vertical rib in two
+    # caps and horizontal rib in two cells, vertical rib in two
+    holes = np.pi * 0.03**2 * (2 * (2 * 0.02 + 0.01) + 2 * 0.01)
     assert mesh.quality.volume == pytest.approx(solid.volume - holes, rel=1e-3)
 
 

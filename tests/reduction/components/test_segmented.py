@@ -108,9 +108,8 @@ def test_end_loads_are_answered_as_timoshenko_s_beam_with_any_number_of_segments
 @pytest.mark.parametrize("along", ["x", "y"])
 def test_a_bar_along_another_axis_has_the_same_compliances(along: str) -> None:
     upright, lying = compliance(cantilever(bar(6))), compliance(cantilever(bar(6, along)))
-    order = {"x": [1, 2, 0], "y": [2, 0, 1]}[
-        along
-    ]  # axis of the lying bar that stands for x, y, z of the upright one
+    # axis of the lying bar that stands for x, y, z of the upright one
+    order = {"x": [1, 2, 0], "y": [2, 0, 1]}[along]
     picked = [*order, *(3 + i for i in order)]
     np.testing.assert_allclose(lying[np.ix_(picked, picked)], upright, rtol=1e-8, atol=1e-14)
 

@@ -195,9 +195,8 @@ def test_rotations_are_applied_in_the_order_they_are_written(tmp_path: Path) -> 
     turns = '[{ axis = "x", angle = "90 deg" }, { axis = "z", angle = "90 deg" }]'
     text = f'free = true\n{STEEL}[components.p]\nsolid = {{ box = ["1 m", "1 m", "1 m"] }}\nmaterial = "steel"\nrotate = {turns}\n'
     rotation = load(tmp_path, text).components["p"].placement.rotation
-    np.testing.assert_allclose(
-        rotation @ [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], atol=1e-15
-    )  # z to -y, then -y to x
+    # z to -y, then -y to x
+    np.testing.assert_allclose(rotation @ [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], atol=1e-15)
 
 
 def test_the_orientation_turns_the_machine_and_leaves_gravity(tmp_path: Path) -> None:

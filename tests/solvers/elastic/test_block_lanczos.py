@@ -15,9 +15,8 @@ from headstock.solvers.errors import ConvergenceError
 
 COMM = MPI.COMM_SELF
 SIZE = 400
-Pencil = tuple[
-    FloatArray, Callable[[FloatArray], FloatArray], Callable[[FloatArray], FloatArray]
-]  # K^-1 and M as operators
+# K^-1 and M as operators
+Pencil = tuple[FloatArray, Callable[[FloatArray], FloatArray], Callable[[FloatArray], FloatArray]]
 
 
 @pytest.fixture(scope="module")

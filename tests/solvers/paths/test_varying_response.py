@@ -17,9 +17,8 @@ from headstock.solvers.second_order import SecondOrderSystem
 
 SOURCE, TIP = ("path", "acceleration"), ("tip", "x")
 LENGTH = 0.08
-MOVE = SetPoint(
-    LENGTH, 0.5, Ramp("linear", 0.02)
-)  # 30 g would be needed to stop a machine so: much happens within a few periods
+# 30 g would be needed to stop a machine so: much happens within a few periods
+MOVE = SetPoint(LENGTH, 0.5, Ramp("linear", 0.02))
 MODEL = PathModel(SOURCE, (TIP,), slow_hz=50.0, up_to_hz=2000.0)
 MASSES = np.diag([30.0, 20.0, 5.0])
 

@@ -27,9 +27,8 @@ def test_residuals_set_the_size_of_the_errors_where_that_is_asked_for() -> None:
     noise = np.sqrt(residuals @ residuals / 18.0)
     assert found.noise == pytest.approx(noise)
     assert found.sigmas == pytest.approx(noise * stated.sigmas)
-    assert found.quantile == pytest.approx(
-        2.100922, rel=1e-6
-    )  # Student's t with 18 degrees of freedom
+    # Student's t with 18 degrees of freedom
+    assert found.quantile == pytest.approx(2.100922, rel=1e-6)
 
 
 def test_a_prior_counts_as_one_more_measurement() -> None:
