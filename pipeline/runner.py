@@ -99,7 +99,7 @@ def run_scene(
     """
     if comm.rank == 0:
         prepare_output(output, (RESULTS_FILE, SUMMARY_FILE))
-    rounds = _Rounds(
+    rounds = _StageRunner(
         scene.limits.time_s,
         comm,
         store or Store(default_store_root()),
@@ -133,7 +133,7 @@ def run_scene(
     return results
 
 
-class _Rounds:
+class _StageRunner:
     """Runs stages and keeps their records: once, or in as many rounds as an accuracy needs."""
 
     def __init__(
@@ -203,7 +203,7 @@ class _Rounds:
         self.observer(record)
 
 
-def _run_rounds(scene: Scene, rounds: _Rounds) -> RunState:
+def _run_rounds(scene: Scene, rounds: _StageRunner) -> RunState:
     """One round; or as many as an accuracy needs, and then what is asked for beyond the analyses
     that errors are estimated of.
     """

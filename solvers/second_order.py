@@ -22,7 +22,7 @@ class SecondOrderSystem:
     """``M q'' + C q' + K q = B f``, ``y = B^T q`` for collocated ports and ``y = L q`` in general.
 
     At a frequency above zero the stiffness is ``K + i H``; at rest and in time there is no ``H``
-    (``damping_models.equivalent_viscous`` puts a viscous damping in its place).
+    (``linear.damping.equivalent_viscous`` puts a viscous damping in its place).
 
     Attributes:
         mass: ``(n, n)`` symmetric, positive semidefinite.

@@ -1,5 +1,5 @@
 """Pictures by VTK's off-screen renderer. Without a display VTK may end the process: only
-``picture_worker`` calls this.
+``worker`` calls this.
 """
 
 import numpy as np

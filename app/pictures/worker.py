@@ -1,4 +1,4 @@
-"""Child process that draws a folder of results: ``picture_worker DIR TARGET vtk|painted
+"""Child process that draws a folder of results: ``worker DIR TARGET vtk|painted
 machine|all``.
 """
 

@@ -192,7 +192,7 @@ def draw_rows[Row](
     identity: str,
     colors: Mapping[str, str] | None = None,
 ) -> Markup:
-    """A table of the report, of the columns that it has there.
+    """A table of the report, of the columns that it has there and that say something.
 
     Args:
         columns: Of the table.
@@ -200,7 +200,12 @@ def draw_rows[Row](
         identity: ``id`` in the page.
         colors: Name in the first column to the colour of a dot before it.
     """
-    shown = [column for column in columns if column.report]
+    rows = list(rows)
+    shown = [
+        column
+        for column in columns
+        if column.report and (column.missing or any(column.value(row) is not None for row in rows))
+    ]
     body, numeric = [], [False] * len(shown)
     for row in rows:
         cells = []

@@ -397,7 +397,7 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
                 _whole_compliance_table(f"compliance_6x6_{stem}", point),
             ]
             tables.append(_budget_table(f"budget_{stem}", point["budget"]))
-    tables += [_mode_table(modes) for modes in summary["modal"]]
+    tables += [_tabulate_modes(modes) for modes in summary["modal"]]
     for pose, probes in summary.get("probes", {}).items():
         tables.append(tabulate(f"probes_{file_stem(pose)}", PROBE_COLUMNS, probes.items()))
     if "contouring" in summary:
@@ -532,7 +532,7 @@ def _budget_table(name: str, budget: Mapping[str, dict[str, float]]) -> PlainTab
     )
 
 
-def _mode_table(modes: ModesSummary) -> PlainTable:
+def _tabulate_modes(modes: ModesSummary) -> PlainTable:
     found = list_modes(modes)
     parts = sorted({part for row in found for part in row.energy_share})
     headings = (

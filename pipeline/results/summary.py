@@ -1,4 +1,4 @@
-"""``summary.json``: what a run found as one typed mapping, and its text."""
+"""``summary.json``: what a run found as one typed mapping."""
 
 import math
 from typing import Literal, NotRequired, TypedDict

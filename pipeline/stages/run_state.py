@@ -105,7 +105,7 @@ class PoseModel(Protocol):
 
     @property
     def system(self) -> SecondOrderSystem:
-        """Its equations of motion, undamped modes and all."""
+        """Its equations of motion."""
 
     @property
     def all_modes(self) -> ModalResult:

@@ -1,3 +1,3 @@
-"""Per topic: what is wrong with its tables, and what they build; ``loader`` is the one door. Never
-running anything.
+"""Per topic: what is wrong with its tables, and what they build; ``loader`` is the door for whole
+scenes. Never running anything.
 """

@@ -1,3 +1,3 @@
-"""Cutting forces, tool paths, stability, regeneration and contouring. Never how the structure under
-them is modelled.
+"""Cutting forces, tool paths, stability, regeneration and contouring by a mechanism. Never finite
+elements or superelements.
 """

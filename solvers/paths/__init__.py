@@ -1,3 +1,3 @@
 """A tool that leaves its path while axes accelerate: set points, response, systems that vary along
-the way, control. Never scenes.
+the way. Never the loops of drives themselves, which are in ``control``.
 """
