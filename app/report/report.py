@@ -447,36 +447,33 @@ def report_environment() -> jinja2.Environment:
         ),
     }
     environment.filters |= filters
-    drawing: dict[str, Any] = {
+    environment.globals |= {
         "draw_budget": draw_budget,
         "draw_stack": draw_stack,
         "draw_frequencies": draw_frequencies,
-    }
-    drawing |= {"draw_response": draw_response, "has_more_fields": has_more_fields}
-    drawing |= {"draw_overlay": draw_overlay, "overlaid_responses": overlaid_responses}
-    drawing |= {
+        "draw_response": draw_response,
+        "has_more_fields": has_more_fields,
+        "draw_overlay": draw_overlay,
+        "overlaid_responses": overlaid_responses,
         "draw_map": draw_map,
         "map_layers": map_layers,
         "draw_contour": draw_contour,
         "draw_poles": draw_poles,
         "draw_path": draw_path,
-    }
-    tables = {
-        "components": COMPONENT_COLUMNS,
-        "probes": PROBE_COLUMNS,
-        "poles": POLE_COLUMNS,
-        "drives": DRIVE_COLUMNS,
-        "ports": PORT_COLUMNS,
-        "zones": ZONE_COLUMNS,
-    }
-    drawing |= {
         "draw_rows": draw_rows,
         "list_ports": list_ports,
         "list_zones": list_zones,
-        "columns": tables,
+        "columns": {
+            "components": COMPONENT_COLUMNS,
+            "probes": PROBE_COLUMNS,
+            "poles": POLE_COLUMNS,
+            "drives": DRIVE_COLUMNS,
+            "ports": PORT_COLUMNS,
+            "zones": ZONE_COLUMNS,
+        },
         "enumerate": enumerate,
+        "directions": DIRECTIONS,
     }
-    environment.globals |= {**drawing, "directions": DIRECTIONS}
     return environment
 
 

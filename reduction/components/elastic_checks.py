@@ -7,6 +7,7 @@ import numpy as np
 from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
 from headstock.geometry.parts.components import Component
 from headstock.meshing.component_mesh import ComponentMesh
+from headstock.meshing.elements.topology import EDGES, cell_family
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions, rotation_dofs
 from headstock.solvers.errors import AccuracyError, ModelError
@@ -15,24 +16,7 @@ RIGID_FORCE_LIMIT = 1e-9
 HELD_LIMIT = 1e-9
 LARGEST_ASPECT = 10.0
 THINNEST = 1e-2
-# pairs of corners in gmsh's order
-EDGES = {
-    "tet4": ((0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)),
-    "hex8": (
-        (0, 1),
-        (0, 3),
-        (0, 4),
-        (1, 2),
-        (1, 5),
-        (2, 3),
-        (2, 6),
-        (3, 7),
-        (4, 5),
-        (4, 7),
-        (5, 6),
-        (6, 7),
-    ),
-}
+LINEAR = ("tet4", "hex8")
 
 
 def without_rigid_stiffness(
@@ -109,7 +93,7 @@ def judge_element_order(component: Component, mesh: ComponentMesh) -> tuple[str,
     Source: MacNeal (1994), Finite Elements: Their Design and Performance, ch. 6: parasitic shear
     grows with the square of length over thickness.
     """
-    if mesh.kind not in EDGES:
+    if mesh.kind not in LINEAR:
         return ()
     aspect = float(_aspect_ratios(mesh).max())
     extents = np.ptp(mesh.points, axis=0)
@@ -132,7 +116,7 @@ def judge_element_order(component: Component, mesh: ComponentMesh) -> tuple[str,
 
 def _aspect_ratios(mesh: ComponentMesh) -> FloatArray:
     """Longest over shortest edge of each cell ``(n_cells,)``."""
-    pairs = np.array(EDGES[mesh.kind])
+    pairs = np.array(EDGES[cell_family(mesh.kind)])
     lengths = np.linalg.norm(
         mesh.points[mesh.cells[:, pairs[:, 1]]] - mesh.points[mesh.cells[:, pairs[:, 0]]], axis=2
     )

@@ -12,6 +12,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray, MeshQuality
+from headstock.meshing.elements.topology import EDGES
 
 # gmsh's pairs of corners behind the middle nodes
 HEX_CORNERS = (
@@ -24,23 +25,8 @@ HEX_CORNERS = (
     (1, 1, 1),
     (0, 1, 1),
 )
-HEX_EDGES = (
-    (0, 1),
-    (0, 3),
-    (0, 4),
-    (1, 2),
-    (1, 5),
-    (2, 3),
-    (2, 6),
-    (3, 7),
-    (4, 5),
-    (4, 7),
-    (5, 6),
-    (6, 7),
-)
 HEX_FACES = ((0, 1, 2, 3), (0, 1, 5, 4), (0, 3, 7, 4), (1, 2, 6, 5), (2, 3, 7, 6), (4, 5, 6, 7))
 TET_CORNERS = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))
-TET_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3))
 _GAUSS_POINTS = 5
 # gmsh's corners of the six sides of a hexahedron
 _SIDE_CORNERS = {
@@ -57,7 +43,7 @@ def node_places(kind: CellKind) -> FloatArray:
     """
     hexahedral = kind.startswith("hex")
     corners = np.array(HEX_CORNERS if hexahedral else TET_CORNERS, dtype=float)
-    groups = [*HEX_EDGES, *HEX_FACES, tuple(range(8))] if hexahedral else list(TET_EDGES)
+    groups = [*EDGES["hex"], *HEX_FACES, tuple(range(8))] if hexahedral else [*EDGES["tet"]]
     middles = [corners[list(group)].mean(axis=0) for group in groups]
     return np.vstack([corners, *middles])[: int(kind[3:])]
 
@@ -209,7 +195,7 @@ def tetrahedral_cells(shape: Sequence[int]) -> IntArray:
             corners[number + 1 :, axis] += 2
         if np.linalg.det(corners[1:]) < 0.0:
             corners = corners[[0, 2, 1, 3]]
-        middles = [(corners[a] + corners[b]) // 2 for a, b in TET_EDGES]
+        middles = [(corners[a] + corners[b]) // 2 for a, b in EDGES["tet"]]
         steps = grid + np.vstack([corners, middles])[None, :, :]
         cells.append(numbers[steps[..., 0], steps[..., 1], steps[..., 2]])
     return np.asarray(np.concatenate(cells), dtype=np.int64)
@@ -293,6 +279,6 @@ def write_lattice(path: Path, lattice: FloatArray) -> None:
 def _facet_nodes(corners: tuple[int, int, int, int]) -> list[int]:
     """Positions within a cell of the nine nodes of a side: corners, edges in a ring, centre."""
     ring = [tuple(sorted((corners[k], corners[(k + 1) % 4]))) for k in range(4)]
-    edges = [8 + [tuple(sorted(edge)) for edge in HEX_EDGES].index(pair) for pair in ring]
+    edges = [8 + [tuple(sorted(edge)) for edge in EDGES["hex"]].index(pair) for pair in ring]
     center = 20 + [tuple(sorted(face)) for face in HEX_FACES].index(tuple(sorted(corners)))
     return [*corners, *edges, center]
