@@ -24,6 +24,7 @@ import scipy.sparse.linalg
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import IntArray
+from headstock.meshing.elements.topology import reference_nodes
 from headstock.validation.ladder.points import LadderPoint, cantilever_displacements
 from headstock.validation.ladder.references import LadderBeam
 from headstock.validation.ladder.theory_shapes import (
@@ -32,19 +33,7 @@ from headstock.validation.ladder.theory_shapes import (
     section_motions,
 )
 
-CORNERS = np.array(
-    [
-        [-1, -1, -1],
-        [1, -1, -1],
-        [1, 1, -1],
-        [-1, 1, -1],
-        [-1, -1, 1],
-        [1, -1, 1],
-        [1, 1, 1],
-        [-1, 1, 1],
-    ],
-    dtype=float,
-)
+CORNERS = reference_nodes("hex8")
 GAUSS = 1.0 / np.sqrt(3.0)
 # rows of the strain: xx yy zz xy yz zx, each with the displacement component and the derivative it
 # takes
