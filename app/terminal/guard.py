@@ -49,7 +49,7 @@ def run_guarded(action: Callable[..., int], *, debug: bool) -> int:
     except BaseException as error:
         shared = comm is not None and _is_shared(error)
         if shared and comm.rank > 0:
-            return FAILED  # rank 0 says why
+            return _share_code(comm, None)  # rank 0 says why
         code, message = _judge(error.__cause__ if shared and error.__cause__ is not None else error)
         if comm is not None and comm.rank > 0:
             time.sleep(HOLD_BACK_SECONDS)
@@ -60,9 +60,20 @@ def run_guarded(action: Callable[..., int], *, debug: bool) -> int:
         print(
             "\n".join(printable(line) for line in message.split("\n")), file=sys.stderr, flush=True
         )
-        if comm is not None and comm.size > 1 and not shared:
+        if shared:
+            return _share_code(comm, code)
+        if comm is not None and comm.size > 1:
             comm.Abort(code)
     return code
+
+
+def _share_code(comm: Any, code: int | None) -> int:
+    """The exit code of rank 0 on every rank: an MPI runtime hands on that of the rank that ends
+    first.
+    """
+    from headstock.solvers.ranks import share_from_root
+
+    return share_from_root(comm, code)
 
 
 def _is_shared(error: BaseException) -> bool:
