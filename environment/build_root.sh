@@ -9,7 +9,7 @@ package_lists=$project/environment/packages.txt
 packages() { printf '%s\n' "$package_lists" | while read -r list; do grep -v -e '^#' -e '^$' "$list"; done; }
 
 root_path() {
-    key=$({ echo "layout 1 $suite"; packages; } | sha256sum | cut -c1-12)
+    key=$({ echo "layout 2 $suite"; packages; } | sha256sum | cut -c1-12)
     printf '%s\n' "$cache/root-$key"
 }
 
@@ -86,6 +86,7 @@ bootstrap() {
     chmod 755 -- "$target"
     set -- --variant=apt --include="$(packages | tr '\n' ',' | sed 's/,$//')" \
         --aptopt='APT::Install-Recommends "false"' --aptopt='Acquire::Retries "3"' \
+        --dpkgopt='path-exclude=/usr/include/boost/*' --dpkgopt='path-exclude=/usr/libexec/valgrind/*' \
         --dpkgopt=force-unsafe-io --dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-exclude=/usr/share/man/*' \
         --dpkgopt='path-exclude=/usr/share/locale/*' --dpkgopt='path-include=/usr/share/locale/locale.alias' \
         "$suite" "$target" "$@"

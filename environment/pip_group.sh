@@ -1,16 +1,22 @@
-# Sourced by ../headstock: pinned pip packages beside the environment, installed when first asked for.
+# Sourced by ../headstock: pinned pip packages beside the environment, installed when first needed.
 
-# install_pip_group GROUP: puts the packages of environment/GROUP.txt on PATH and PYTHONPATH; false where they are not to be had.
+# install_pip_group GROUP [OPTION ...]: puts the packages of environment/GROUP.txt on PATH and PYTHONPATH, installed by pip with these
+# options; false where they are not to be had, and then the log says why.
 install_pip_group() {
     requirements=$project/environment/$1.txt
-    key=$({ echo "$root $python"; cat -- "$requirements"; } | sha256sum | cut -c1-12)
+    log=$cache/pip-$1.log
+    environment=${root##*/}
+    # inside a root its own groups are found again
+    if [ -z "$root" ] && [ -e /etc/headstock-root ]; then read -r environment </etc/headstock-root; fi
+    key=$({ echo "$environment $python"; cat -- "$requirements"; } | sha256sum | cut -c1-12)
     group_folder=$cache/pip-$1-$key
+    shift
     if [ -z "$dry_run" ] && [ ! -d "$group_folder" ]; then
         mkdir -p -- "$cache"
         exec 8>"$cache/pip.lock"
         flock 8
         filled=yes
-        [ -d "$group_folder" ] || fill_pip_group "$1" || filled=
+        [ -d "$group_folder" ] || fill_pip_group "$@" || filled=
         exec 8>&-
         [ -n "$filled" ] || return 1
     fi
@@ -19,17 +25,49 @@ install_pip_group() {
 }
 
 fill_pip_group() {
-    say "installing the packages of environment/$1.txt (once)"
     growing=$group_folder.growing.$$
-    log=$cache/pip-$1.log
-    if ! (run_inside "$python" -m pip install --quiet --require-hashes --no-deps --no-build-isolation \
-        --target "$growing" -r "$requirements") >"$log" 2>&1; then
+    if [ -z "$root" ] && [ -n "${found_code:-}" ] && "$python" -P -c "$found_code" 2>/dev/null; then
+        mkdir -- "$group_folder"
+        return
+    fi
+    say "installing the packages of environment/${requirements##*/} (once)"
+    if ! (run_inside "$python" -m pip install --quiet --require-hashes --no-deps --no-build-isolation --disable-pip-version-check \
+        --target "$growing" -r "$requirements" "$@") >"$log" 2>&1; then
         rm -rf -- "$growing"
+        return 1
+    fi
+    # the symbol tables of VTK's libraries are a quarter of their size
+    [ ! -d "$growing/vtkmodules" ] || run_inside find "$growing/vtkmodules" -name '*.so*' -exec strip --strip-unneeded {} + >>"$log" 2>&1 || :
+    mv -- "$growing" "$group_folder"
+}
+
+# A group that was asked for: its log's end where it cannot be had.
+require_pip_group() {
+    if ! install_pip_group "$1"; then
         tail -n 15 -- "$log" >&2
         say "pip could not install environment/$1.txt; the whole log is $log"
         return 1
     fi
-    mv -- "$growing" "$group_folder"
 }
+
+# The packages of pictures.txt, for every command. Without a registry the program goes on and has no stills; the next try is
+# ten minutes later, so that not every command waits for it.
+install_pictures() {
+    # a Python of the caller's own choice is taken as it is, and who started us inside a root brought the group along
+    case ${HEADSTOCK_PYTHON:+chosen}$PYTHONPATH in chosen* | */pip-pictures-*) return 0 ;; esac
+    failed=$cache/pip-pictures.failed
+    [ -z "${_HEADSTOCK_COMPLETE:-}$(find "$failed" -mmin -10 2>/dev/null)" ] || return 0
+    found_code=$pictures_code
+    if install_pip_group pictures --only-binary :all: --retries 0 --timeout 8; then found_code=; return; fi
+    found_code=
+    : >"$failed"
+    say "no pictures of the machine: pip could not install environment/pictures.txt; the log is $log"
+}
+
+# whether the environment itself has a VTK that draws without a display
+pictures_code='
+import pyvista
+from vtkmodules.vtkRenderingOpenGL2 import vtkEGLRenderWindow
+'
 
 run_inside() { if [ -n "$root" ]; then enter_root "$@"; else "$@"; fi; }

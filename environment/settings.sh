@@ -94,6 +94,8 @@ export_settings() {
     fi
     export PYTHONPATH="$project/.typing${PYTHONPATH:+:$PYTHONPATH}"
     unset PYTHONDONTWRITEBYTECODE
+    # without a display VTK looks for one first, and says so
+    if [ -z "${DISPLAY:-}" ]; then export VTK_DEFAULT_OPENGL_WINDOW="${VTK_DEFAULT_OPENGL_WINDOW:-vtkEGLRenderWindow}"; fi
     if read_only_checkout; then export PYTHONPYCACHEPREFIX="$cache/bytecode"; fi
     # shared memory only; UCX would look for a network first and complain where it finds none
     export OMPI_MCA_btl="${OMPI_MCA_btl:-self,sm}" OMPI_MCA_pml="${OMPI_MCA_pml:-ob1}" OMPI_MCA_osc="${OMPI_MCA_osc:-^ucx}"

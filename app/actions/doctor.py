@@ -104,9 +104,11 @@ LIBRARIES = (
         needed=False,
     ),
     Question(
-        "VTK",
-        "import vtk; print(vtk.vtkVersion().GetVTKVersion())",
-        remedy="pictures only: python3-pyvista and xvfb",
+        "pyvista",
+        "import pyvista; p = pyvista.Plotter(off_screen=True, window_size=(8, 8)); p.screenshot(None, return_img=True); "
+        "print(pyvista.__version__, 'with VTK', '.'.join(map(str, pyvista.vtk_version_info)), 'draws by', type(p.render_window).__name__[3:])",
+        remedy="pictures only: ./headstock installs environment/pictures.txt where pip reaches a registry; "
+        "drawing needs OpenGL, on Debian libegl1, libegl-mesa0 and libgl1-mesa-dri",
         needed=False,
     ),
 )

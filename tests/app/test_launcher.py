@@ -735,7 +735,7 @@ def sourced(script: str, environment: Mapping[str, str]) -> "subprocess.Complete
     setting = f'set -eu; project={str(ROOT)!r} cache="$XDG_CACHE_HOME/headstock" dry_run= me={os.geteuid()}\nsay() {{ echo "$*" >&2; }}\n'
     parts = "".join(
         f". {str(ROOT / 'environment' / name)!r}\n"
-        for name in ("find_python.sh", "build_root.sh", "settings.sh")
+        for name in ("find_python.sh", "build_root.sh", "pip_group.sh", "settings.sh")
     )
     return run(["/bin/sh", "-c", setting + parts + script], environment)
 
@@ -788,6 +788,76 @@ def test_the_python_that_runs_these_tests_passes_the_probe(host: Host) -> None:
     (host.bin / "python3").symlink_to(sys.executable)
     done = sourced("probe_pythons", host.environment())
     assert done.returncode == 0, done.stderr
+
+
+# ---- pictures ----
+
+# stands for the root's Python: pip makes the folder it is asked for, or finds no registry
+PIP = """#!/bin/sh
+case "$*" in *" pip install "*) ;; *) printf "%s\\n" "PYTHONPATH=$PYTHONPATH" "$@"; exit 0 ;; esac
+echo "$@" >>{log}
+[ {code} = 0 ] || {{ echo "no registry" >&2; exit {code}; }}
+while [ "$1" != --target ]; do shift; done
+mkdir -p "$2/pyvista"
+"""
+
+
+def pip_calls(host: Host, log: Path, code: int = 0) -> "subprocess.CompletedProcess[str]":
+    host.write("bwrap", PIP.format(log=log, code=code))
+    return run([ROOT / "headstock", "exec", "true"], host.environment(OPENBLAS_CORETYPE="Haswell"))
+
+
+def test_pyvista_is_installed_once_and_found_by_every_command(host: Host, tmp_path: Path) -> None:
+    log = tmp_path / "pip.log"
+    first, second = pip_calls(host, log), pip_calls(host, log)
+    (group,) = (host.cache / "headstock").glob("pip-pictures-????????????")
+    for done in (first, second):
+        assert done.stdout.startswith(f"PYTHONPATH={ROOT}/.typing:{group}\n"), done.stderr
+    (call,) = log.read_text().splitlines()
+    assert "--require-hashes" in call and f"-r {ROOT}/environment/pictures.txt" in call
+    assert "installing the packages of environment/pictures.txt" in first.stderr
+    assert second.stderr == ""
+
+
+def test_without_a_registry_the_program_goes_on_and_tries_again_later(
+    host: Host, tmp_path: Path
+) -> None:
+    log = tmp_path / "pip.log"
+    pip_calls(host, log)
+    (group,) = (host.cache / "headstock").glob("pip-pictures-????????????")
+    shutil.rmtree(group)
+    log.unlink()
+    first, second = pip_calls(host, log, code=1), pip_calls(host, log, code=1)
+    assert [done.returncode for done in (first, second)] == [0, 0]
+    assert "no pictures of the machine" in first.stderr
+    assert "no registry" not in first.stderr
+    assert second.stderr == ""
+    assert len(log.read_text().splitlines()) == 1
+    os.utime(host.cache / "headstock" / "pip-pictures.failed", (1, 1))
+    assert "pip-pictures" in pip_calls(host, log).stdout
+    assert len(log.read_text().splitlines()) == 2
+
+
+def test_a_system_python_with_a_vtk_that_draws_gets_no_second_one(
+    host: Host, tmp_path: Path
+) -> None:
+    answer = (
+        '#!/bin/sh\ncase "$*" in *vtkEGLRenderWindow*) exit 0 ;; *" pip "*) echo pip >&2 ;; esac\n'
+    )
+    host.write("python3", answer)
+    root, python = "root=", f"python={host.bin}/python3"
+    script = f"{root} {python} inner_path=$PATH PYTHONPATH=; install_pictures; echo $PYTHONPATH"
+    done = sourced(script, host.environment())
+    (group,) = (host.cache / "headstock").glob("pip-pictures-????????????")
+    assert done.stdout == f":{group}\n", done.stderr
+    assert list(group.iterdir()) == []
+    assert "pip" not in done.stderr
+
+
+def test_a_python_of_the_callers_choice_is_taken_as_it_is(host: Host) -> None:
+    script = f"root= python=false inner_path= PYTHONPATH=; HEADSTOCK_PYTHON={sys.executable} install_pictures; echo $PYTHONPATH"
+    assert sourced(script, host.environment()).stdout == "\n"
+    assert not list((host.cache / "headstock").glob("pip-pictures*"))
 
 
 # ---- running on a Python that is there ----
@@ -847,7 +917,7 @@ def test_where_the_users_cache_cannot_be_written_a_folder_of_their_own_takes_its
 
 def test_every_pip_package_is_pinned_to_a_version_and_its_hashes() -> None:
     lists = {path for path in (ROOT / "environment").glob("*.txt") if path.name != "packages.txt"}
-    assert {path.stem for path in lists} >= {"lint", "tests", "benchmarks"}
+    assert {path.stem for path in lists} >= {"pictures", "lint", "tests", "benchmarks"}
     for path in lists:
         lines = [
             line
