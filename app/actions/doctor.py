@@ -44,7 +44,7 @@ class Check:
 @dataclass(frozen=True)
 class Question:
     """Code whose last printed line says what is there; ``expected`` must begin it, ``remedy`` says
-    what to do otherwise.
+    what to do otherwise. ``modules`` are the packages that it imports because the program does.
     """
 
     name: str
@@ -52,14 +52,29 @@ class Question:
     expected: str = ""
     remedy: str = PACKAGES
     needed: bool = True
+    modules: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Package:
+    """A Python package of which a version is all there is to ask.
+
+    Attributes:
+        module: Top-level module, which has the name of its distribution.
+        without: What there is not where it is missing; empty where that is everything.
+    """
+
+    module: str
+    without: str = ""
 
 
 LIBRARIES = (
     Question(
         "dolfinx",
-        "import dolfinx; print(dolfinx.__version__)",
+        "import basix, dolfinx, ffcx, ufl; print(dolfinx.__version__)",
         "0.9",
         "the code runs on dolfinx 0.9 only: " + PACKAGES,
+        modules=("basix", "dolfinx", "ffcx", "ufl"),
     ),
     Question(
         "PETSc",
@@ -67,6 +82,7 @@ LIBRARIES = (
         "print('real' if PETSc.ScalarType is numpy.float64 else PETSc.ScalarType.__name__, 'scalars,', '.'.join(map(str, v)))",
         "real",
         "PETSc must have real double scalars: on Debian python3-petsc4py-real",
+        modules=("petsc4py",),
     ),
     Question(
         "MUMPS",
@@ -77,13 +93,16 @@ LIBRARIES = (
         "PETSc must be built with MUMPS",
     ),
     Question(
-        "SLEPc", "from slepc4py import SLEPc; print('.'.join(map(str, SLEPc.Sys.getVersion())))"
+        "SLEPc",
+        "from slepc4py import SLEPc; print('.'.join(map(str, SLEPc.Sys.getVersion())))",
+        modules=("slepc4py",),
     ),
     Question(
         "MPI library",
         "from mpi4py import MPI; print(MPI.Get_library_version().split(',')[0].strip())",
+        modules=("mpi4py",),
     ),
-    Question("gmsh", "import gmsh; print(gmsh.__version__)"),
+    Question("gmsh", "import gmsh; print(gmsh.__version__)", modules=("gmsh",)),
     Question(
         "isolation",
         "from headstock.meshing.process.guarded import isolate; print(isolate([]) or 'readers of CAD, mesh and HDF5 files see nothing else')",
@@ -93,7 +112,9 @@ LIBRARIES = (
         needed=False,
     ),
     Question(
-        "h5py", "import h5py; print(h5py.__version__, 'with HDF5', h5py.version.hdf5_version)"
+        "h5py",
+        "import h5py; print(h5py.__version__, 'with HDF5', h5py.version.hdf5_version)",
+        modules=("h5py",),
     ),
     Question(
         "BLAS",
@@ -105,26 +126,29 @@ LIBRARIES = (
     ),
     Question(
         "pyvista",
-        "import pyvista; p = pyvista.Plotter(off_screen=True, window_size=(8, 8)); p.screenshot(None, return_img=True); "
+        "import pyvista, vtkmodules; p = pyvista.Plotter(off_screen=True, window_size=(8, 8)); p.screenshot(None, return_img=True); "
         "print(pyvista.__version__, 'with VTK', '.'.join(map(str, pyvista.vtk_version_info)), 'draws by', type(p.render_window).__name__[3:])",
         remedy="pictures only: ./headstock installs environment/pictures.txt where pip reaches a registry; "
         "drawing needs OpenGL, on Debian libegl1, libegl-mesa0 and libgl1-mesa-dri",
         needed=False,
+        modules=("vtkmodules",),
     ),
 )
-
-
+# with the modules of the questions, all that the program imports besides the standard library
 PYTHON_PACKAGES = (
-    "numpy",
-    "scipy",
-    "pydantic",
-    "pint",
-    "typer",
-    "rich",
-    "matplotlib",
-    "jinja2",
-    "meshio",
-    "mpi4py",
+    Package("numpy"),
+    Package("scipy"),
+    Package("pydantic"),
+    Package("pydantic_core"),
+    Package("pint"),
+    Package("typer"),
+    Package("click"),
+    Package("rich"),
+    Package("matplotlib"),
+    Package("jinja2"),
+    Package("markupsafe"),
+    Package("meshio"),
+    Package("control", without="state spaces as objects of python-control: pip install control"),
 )
 
 
@@ -136,8 +160,8 @@ def check_environment() -> list[Check]:
     with ThreadPoolExecutor(2) as pool:
         libraries = list(pool.map(ask, LIBRARIES))
         ranks = pool.submit(check_ranks)
-    packages = [check_package(name) for name in PYTHON_PACKAGES] + [
-        check_package(name, "warning") for name in TEST_PACKAGES
+    packages = [check_package(package) for package in PYTHON_PACKAGES] + [
+        check_package(Package(name, without="the tests")) for name in TEST_PACKAGES
     ]
     return [
         *check_python(),
@@ -179,18 +203,24 @@ def ask(question: Question) -> Check:
     """Run a question's code in a Python of its own."""
     code, answer = run_child([sys.executable, "-P", "-c", question.code])
     if code == 0 and answer.startswith(question.expected):
-        return Check(question.name, answer, "ok")
+        optional = bool(question.modules) and not question.needed
+        return Check(question.name, answer + " (optional)" * optional, "ok")
     return Check(
         question.name, answer, "missing" if question.needed else "warning", question.remedy
     )
 
 
-def check_package(name: str, otherwise: Status = "missing") -> Check:
-    """Version of an installed Python package."""
+def check_package(package: Package) -> Check:
+    """Version of an installed Python package, and whether it is optional."""
     try:
-        return Check(name, importlib.metadata.version(name), "ok")
+        version = importlib.metadata.version(package.module)
     except importlib.metadata.PackageNotFoundError:
-        return Check(name, "not installed", otherwise, PACKAGES)
+        if package.without:
+            return Check(
+                package.module, "not installed (optional)", "warning", f"without: {package.without}"
+            )
+        return Check(package.module, "not installed", "missing", PACKAGES)
+    return Check(package.module, version + " (optional)" * bool(package.without), "ok")
 
 
 def check_python() -> list[Check]:

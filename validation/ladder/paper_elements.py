@@ -19,12 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.sparse
-import scipy.sparse.linalg
 
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.elements.topology import reference_nodes
+from headstock.solvers.elastic.sparse_eigenpairs import lowest_symmetric_pairs, solve_symmetric
 from headstock.validation.ladder.points import LadderPoint, cantilever_displacements
 from headstock.validation.ladder.references import LadderBeam
 from headstock.validation.ladder.theory_shapes import (
@@ -132,9 +132,7 @@ def solve_held(model: BrickModel, held: IntArray, loads: FloatArray) -> FloatArr
     """
     free = _free_dofs(model, held)
     found = np.zeros_like(loads)
-    found[free] = scipy.sparse.linalg.splu(model.stiffness[free][:, free].tocsc()).solve(
-        loads[free]
-    )
+    found[free] = solve_symmetric(model.stiffness[free][:, free], loads[free])
     return found
 
 
@@ -155,13 +153,10 @@ def held_modes(model: BrickModel, held: IntArray, count: int) -> tuple[FloatArra
         values, vectors = scipy.linalg.eigh(stiffness.toarray(), mass.toarray())
         values, vectors = values[:count], vectors[:, :count]
     else:
-        values, vectors = scipy.sparse.linalg.eigsh(
-            stiffness.tocsc(), k=count, M=mass.tocsc(), sigma=0.0, tol=1e-12
-        )
-    order = np.argsort(values)
-    shapes = np.zeros((3 * len(model.points), len(order)))
-    shapes[free] = vectors[:, order]
-    return np.sqrt(values[order]) / (2.0 * np.pi), shapes.T.reshape(len(order), -1, 3)
+        values, vectors = lowest_symmetric_pairs(stiffness, mass, count, shift=0.0)
+    shapes = np.zeros((3 * len(model.points), len(values)))
+    shapes[free] = vectors
+    return np.sqrt(values) / (2.0 * np.pi), shapes.T.reshape(len(values), -1, 3)
 
 
 def _free_dofs(model: BrickModel, held: IntArray) -> IntArray:

@@ -2,7 +2,7 @@
 superelements give.
 
 Nothing of the reduction or the coupling is used: elastic components keep every node, rigid joints
-become Lagrange multipliers, and frequencies come from a sparse shift-and-invert search.
+become Lagrange multipliers, and frequencies come from SLEPc's search on the whole matrices.
 
 A machine on rails with its carriages fixed where they stand in a pose: what an unreduced model can
 take.
@@ -16,7 +16,6 @@ import numpy as np
 import scipy.sparse
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
-from scipy.sparse.linalg import LinearOperator, SuperLU, eigsh, splu
 
 from headstock.geometry.frames import FloatArray, Frame, rigid_transfer, rotate_dofs
 from headstock.geometry.machine.carriages import Carriage, place_carriages
@@ -30,6 +29,7 @@ from headstock.reduction.components.interface_patches import MeshPatch, measure_
 from headstock.reduction.components.rail_fits import fit_rail
 from headstock.reduction.rails import Rail, carriage_rows
 from headstock.solvers.elastic.elasticity import assemble_elasticity
+from headstock.solvers.elastic.sparse_eigenpairs import lowest_symmetric_pairs, solve_symmetric
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +126,7 @@ def monolithic_compliance(model: MonolithicMachine, point: str) -> FloatArray:
     matrix, size = _bordered(model), model.stiffness.shape[0]
     right = np.zeros((matrix.shape[0], 6))
     right[:size] = rows.T.toarray()
-    solution = splu(matrix.tocsc()).solve(right)[:size]
-    return np.asarray(rows @ solution)
+    return np.asarray(rows @ solve_symmetric(matrix, right)[:size])
 
 
 def monolithic_frequencies(model: MonolithicMachine, count: int, *, shift_hz: float) -> FloatArray:
@@ -141,12 +140,12 @@ def monolithic_frequencies(model: MonolithicMachine, count: int, *, shift_hz: fl
             eigenvalue, rigid-body modes included.
     """
     border = model.constraints.shape[0]
-    mass = scipy.sparse.block_diag([model.mass, csr_matrix((border, border))], format="csc")
+    mass = scipy.sparse.block_diag([model.mass, csr_matrix((border, border))], format="csr")
     shift = -((2.0 * np.pi * shift_hz) ** 2)
-    values = eigsh(
-        _bordered(model).tocsc(), k=count, M=mass, sigma=shift, tol=1e-12, return_eigenvectors=False
+    squares, _ = lowest_symmetric_pairs(
+        _bordered(model), mass, count, shift=shift, constraints=border
     )
-    return np.asarray(np.sqrt(np.abs(np.sort(values))) / (2.0 * np.pi))
+    return np.asarray(np.sqrt(np.abs(squares)) / (2.0 * np.pi))
 
 
 def _bordered(model: MonolithicMachine) -> csr_matrix:
@@ -361,58 +360,6 @@ def view_carriages(
         origin[fit.axis] = carriage.place
         views[f"{component.name}.{carriage.joint}"] = InterfaceView(csr_matrix(rows), origin)
     return views
-
-
-def solve_monolithic(
-    model: MonolithicMachine, point: str, count: int
-) -> tuple[FloatArray, FloatArray]:
-    """Compliance at a point and the lowest frequencies of a supported machine without constraints.
-
-    Args:
-        model: The whole machine, its joints all springs, its stiffness positive definite.
-        point: Name of the point.
-        count: How many frequencies.
-
-    Returns:
-        Compliance ``(6, 6)`` [m/N, rad/N, rad/(N m)] and frequencies ``(count,)`` [Hz].
-
-    Raises:
-        ValueError: The machine has rigid joints.
-    """
-    if model.constraints.shape[0]:
-        raise ValueError("this method takes machines whose joints are all springs")
-    rows = model.points[point]
-    factor = factorise(model.stiffness)
-    return np.asarray(rows @ factor.solve(rows.T.toarray())), lowest_frequencies(
-        model, factor, count
-    )
-
-
-def factorise(matrix: csr_matrix) -> SuperLU:
-    """Factors of a symmetric matrix that needs no pivoting, in an ordering for symmetric
-    matrices.
-    """
-    options = {"SymmetricMode": True}
-    return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-
-
-def lowest_frequencies(
-    model: MonolithicMachine, factor: SuperLU, count: int, *, shift: float = 0.0
-) -> FloatArray:
-    """The lowest natural frequencies [Hz] ``(count,)`` of a machine without constraints.
-
-    Args:
-        model: The whole machine.
-        factor: Of ``K - shift M``.
-        count: Frequencies sought.
-        shift: Of ``omega^2``, below them all [rad^2/s^2].
-    """
-    inverse = LinearOperator(model.stiffness.shape, matvec=factor.solve, dtype=float)
-    stiffness, mass = model.stiffness.tocsc(), model.mass.tocsc()
-    values = eigsh(
-        stiffness, k=count, M=mass, sigma=shift, OPinv=inverse, tol=1e-12, return_eigenvectors=False
-    )
-    return np.asarray(np.sqrt(np.abs(np.sort(values))) / (2.0 * np.pi))
 
 
 def _patch_under(machine: Machine, carriage: Carriage) -> Interface:

@@ -1,5 +1,5 @@
 """Components meshed and reduced the way a scene does it, and unreduced models of them: distributed,
-and by scipy alone.
+and as plain sparse matrices.
 """
 
 from collections.abc import Mapping, Sequence
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.sparse
-import scipy.sparse.linalg
 from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
@@ -21,6 +20,7 @@ from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.elastic.block_lanczos import ModeTarget, lowest_eigenpairs
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver, rigid_motions
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
+from headstock.solvers.elastic.sparse_eigenpairs import lowest_symmetric_pairs, solve_symmetric
 from headstock.solvers.ranks import share_from_root, sum_over_ranks
 
 _BLOCK = 6
@@ -295,15 +295,8 @@ def lowest_frequencies(matrices: ConstrainedMatrices, count: int) -> FloatArray:
     """The lowest natural frequencies [Hz] ``(count,)``, rigid ones among them, by shift and
     invert.
     """
-    values = scipy.sparse.linalg.eigsh(
-        matrices.stiffness,
-        k=count,
-        M=matrices.mass,
-        sigma=_SHIFT,
-        return_eigenvectors=False,
-        tol=1e-13,
-    )
-    return np.asarray(np.sqrt(np.abs(np.sort(values))) / (2.0 * np.pi))
+    squares, _ = lowest_symmetric_pairs(matrices.stiffness, matrices.mass, count, shift=_SHIFT)
+    return np.asarray(np.sqrt(np.abs(squares)) / (2.0 * np.pi))
 
 
 def guyan_matrices(matrices: ConstrainedMatrices) -> tuple[FloatArray, FloatArray]:
@@ -314,7 +307,7 @@ def guyan_matrices(matrices: ConstrainedMatrices) -> tuple[FloatArray, FloatArra
     count = matrices.boundary
     inner = matrices.stiffness[count:, count:]
     coupling = matrices.stiffness[count:, :count].toarray()
-    shapes = np.vstack([np.eye(count), -scipy.sparse.linalg.splu(inner.tocsc()).solve(coupling)])
+    shapes = np.vstack([np.eye(count), -solve_symmetric(inner, coupling)])
     return shapes.T @ (matrices.stiffness @ shapes), shapes.T @ (matrices.mass @ shapes)
 
 
@@ -324,7 +317,7 @@ def held_compliance(matrices: ConstrainedMatrices) -> FloatArray:
     """
     loads = np.zeros((matrices.stiffness.shape[0] - 6, 6))
     loads[:6] = np.eye(6)
-    return np.asarray(scipy.sparse.linalg.splu(matrices.stiffness[6:, 6:].tocsc()).solve(loads)[:6])
+    return solve_symmetric(matrices.stiffness[6:, 6:], loads)[:6]
 
 
 def _whole_matrices(

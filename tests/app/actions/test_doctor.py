@@ -1,3 +1,4 @@
+import ast
 import json
 import sys
 from pathlib import Path
@@ -6,7 +7,10 @@ import pytest
 
 from headstock.app.actions import doctor as environment_checks
 from headstock.app.actions.doctor import (
+    LIBRARIES,
+    PYTHON_PACKAGES,
     Check,
+    Package,
     Question,
     ask,
     check_environment,
@@ -19,6 +23,8 @@ from headstock.app.actions.doctor import (
 
 pytestmark = pytest.mark.process
 
+ROOT = Path(__file__).resolve().parents[3]
+
 GOOD = Check("python", "3.13.5", "ok")
 BROKEN = Check("PETSc", "complex scalars", "missing", "install the real one")
 SLOW = Check("BLAS", "reference", "warning", "install a fast one")
@@ -30,6 +36,51 @@ def test_this_environment_is_healthy() -> None:
     assert {"dolfinx", "PETSc", "MUMPS", "SLEPc", "gmsh", "h5py", "MPI, 2 ranks", "C compiler"} <= {
         check.name for check in checks
     }
+
+
+def imported_packages(code: str) -> set[str]:
+    """Top-level packages that code imports, by statement or by name, besides the standard library
+    and this program.
+    """
+    found = set()
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            found.add(node.module)
+        elif (
+            isinstance(node, ast.Call)
+            and ast.unparse(node.func).split(".")[-1] in {"import_module", "__import__"}
+            and isinstance(node.args[0], ast.Constant)
+        ):
+            found.add(str(node.args[0].value))
+    return {name.split(".")[0] for name in found} - sys.stdlib_module_names - {"headstock"}
+
+
+def test_the_doctor_asks_for_exactly_the_packages_that_the_program_imports() -> None:
+    layers = sorted((ROOT / ".typing" / "headstock").iterdir())
+    trees = [path for layer in layers for path in layer.resolve().rglob("*.py")]
+    assert len(trees) > 300
+    imported = set().union(*(imported_packages(path.read_text()) for path in trees))
+    # type stubs of the standard library, imported for type checkers alone
+    imported -= {"_typeshed"}
+    asked = [module for question in LIBRARIES for module in question.modules]
+    asked += [package.module for package in PYTHON_PACKAGES]
+    assert sorted(asked) == sorted(imported)
+
+
+def test_a_question_imports_the_packages_it_stands_for() -> None:
+    for question in LIBRARIES:
+        assert set(question.modules) <= imported_packages(question.code), question.name
+    assert sum(len(question.modules) for question in LIBRARIES) > 8
+
+
+def test_an_optional_package_is_shown_as_optional_with_what_is_lost() -> None:
+    missing = check_package(Package("no-such-package-of-any-kind", without="singing"))
+    assert (missing.status, missing.remedy) == ("warning", "without: singing")
+    assert missing.found == "not installed (optional)"
+    assert check_package(Package("numpy", without="singing")).found.endswith("(optional)")
+    assert not check_package(Package("numpy")).found.endswith("(optional)")
 
 
 def test_what_is_missing_makes_the_exit_code_1_and_is_named(
@@ -75,7 +126,7 @@ def test_an_optional_library_only_warns() -> None:
 
 
 def test_a_package_that_is_not_installed_is_missing() -> None:
-    assert check_package("no-such-package-of-any-kind").status == "missing"
+    assert check_package(Package("no-such-package-of-any-kind")).status == "missing"
 
 
 def test_a_child_that_hangs_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
