@@ -100,8 +100,7 @@ ADAPTERS = {
     "rich": {"app", "app/terminal", "app/actions", "app/commands"},
     "matplotlib": {"app/charts", "app/pictures"},
     "jinja2": {"app/report", "app/actions"},
-    "vtk": {"app/pictures"},
-    "vtkmodules": {"app/pictures"},
+    "PIL": {"app/pictures", "app/report"},
     "pyvista": {"app/pictures"},
 }
 

@@ -17,7 +17,6 @@ from mpi4py import MPI
 
 from headstock.app.actions.running import require_ranks
 from headstock.app.charts.comparison import draw_comparison
-from headstock.app.pictures.png_images import encode_png
 from headstock.app.report.pages import render_comparison
 from headstock.app.terminal.comparison import print_comparison, print_effort, print_variant
 from headstock.app.terminal.console import print_remarks, warn_of_unused_accuracy
@@ -212,7 +211,7 @@ def _change(
 
 def _publish(summary: ComparisonSummary, folder: Path, json_file: Path | None) -> list[str]:
     """Write every file of a comparison; remarks for the user."""
-    figures = {name: encode_png(pixels) for name, pixels in draw_comparison(summary).items()}
+    figures = draw_comparison(summary)
     tables = {f"{name}.csv": table for name, table in comparison_csv(summary).items()}
     remarks = write_beside(
         folder, {f"{name}.png": image for name, image in figures.items()} | tables

@@ -126,12 +126,12 @@ LIBRARIES = (
     ),
     Question(
         "pyvista",
-        "import pyvista, vtkmodules; p = pyvista.Plotter(off_screen=True, window_size=(8, 8)); p.screenshot(None, return_img=True); "
+        "import pyvista; p = pyvista.Plotter(off_screen=True, window_size=(8, 8)); p.screenshot(None, return_img=True); "
         "print(pyvista.__version__, 'with VTK', '.'.join(map(str, pyvista.vtk_version_info)), 'draws by', type(p.render_window).__name__[3:])",
         remedy="pictures only: ./headstock installs environment/pictures.txt where pip reaches a registry; "
         "drawing needs OpenGL, on Debian libegl1, libegl-mesa0 and libgl1-mesa-dri",
         needed=False,
-        modules=("vtkmodules",),
+        modules=("pyvista",),
     ),
 )
 # with the modules of the questions, all that the program imports besides the standard library
@@ -145,6 +145,7 @@ PYTHON_PACKAGES = (
     Package("click"),
     Package("rich"),
     Package("matplotlib"),
+    Package("PIL"),
     Package("jinja2"),
     Package("markupsafe"),
     Package("meshio"),

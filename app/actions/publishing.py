@@ -8,8 +8,14 @@ from pathlib import Path
 
 import jinja2
 
-from headstock.app.pictures.pictures import Drawing, draw_machine, draw_pictures, stills_by_pose
-from headstock.app.report.report import render_report, write_report
+from headstock.app.pictures.pictures import (
+    Drawing,
+    Wanted,
+    draw_machine,
+    draw_results,
+    stills_by_pose,
+)
+from headstock.app.report.report import Stills, render_report, write_report
 from headstock.app.texts.tables import encode_csv, list_tables, tabulate_path, tabulate_response
 from headstock.pipeline.results.files import SUMMARY_FILE
 from headstock.pipeline.results.frf import ResponseCurves
@@ -21,6 +27,8 @@ from headstock.pipeline.stages.volume_files import VOLUME_FOLDER
 from headstock.pipeline.storage.outputs import OutputError, replace_outputs
 from headstock.pipeline.storage.store import Store, default_store_root
 
+# what `report` draws besides the machine
+MORE: tuple[Wanted, ...] = ("modes", "charts")
 TABLES_FOLDER, FIGURES_FOLDER = "tables", "figures"
 PARTS = (TABLES_FOLDER, FIGURES_FOLDER, MODES_FOLDER, VOLUME_FOLDER)
 
@@ -33,7 +41,7 @@ def publish_run(
     paths: Sequence[PathCurves] = (),
     *,
     figures: bool = True,
-    more: Drawing | None = None,
+    more: Sequence[Drawing] = (),
 ) -> list[str]:
     """Write report, tables and modes, and pictures of the machine while that goes on; remarks for
     the user.
@@ -58,16 +66,13 @@ def publish_run(
             *write_mode_files(folder, summary["modal"], view),
         ]
         drawn = drawing.result() if drawing is not None else Drawing({})
-    images = {**(more.images if more is not None else {}), **drawn.images}
+    images = {name: image for part in (*more, drawn) for name, image in part.images.items()}
     remarks += replace_outputs(
         folder, FIGURES_FOLDER, {f"{name}.png": image for name, image in images.items()}
     )
-    write_report(folder, summary, view, stills_by_pose(view, drawn.images), curves, paths)
-    return list(
-        dict.fromkeys(
-            [*remarks, *(item.remark for item in (drawn, more) if item is not None and item.remark)]
-        )
-    )
+    stills = Stills(stills_by_pose(view, drawn.images), drawn.remark)
+    write_report(folder, summary, view, stills, curves, paths)
+    return list(dict.fromkeys([*remarks, *(part.remark for part in (drawn, *more) if part.remark)]))
 
 
 def publish_again(
@@ -98,7 +103,9 @@ def publish_again(
         raise OutputError(
             f"{folder / SUMMARY_FILE} holds something else than this version writes ({type(error).__name__}: {error}); run the scene again"
         ) from error
-    return publish_run(folder, summary, view, curves, paths, more=draw_pictures(folder, "all"))
+    with ThreadPoolExecutor(2) as pool:
+        more = list(pool.map(lambda wanted: draw_results(folder, wanted), MORE))
+    return publish_run(folder, summary, view, curves, paths, more=more)
 
 
 def _write_tables(

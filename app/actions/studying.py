@@ -15,7 +15,6 @@ import headstock.validation
 from headstock.app.actions.running import require_ranks
 from headstock.app.charts.ladder import draw_ladder
 from headstock.app.charts.study import draw_costs, draw_study
-from headstock.app.pictures.png_images import encode_png
 from headstock.app.terminal.console import print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.ladder import ladder_tables, list_claims, print_ladder
@@ -143,7 +142,7 @@ def _publish(
         _add_costs(table, listing, extra)
     figure = draw_study(table)
     if figure is not None:
-        extra["study.png"] = encode_png(figure)
+        extra["study.png"] = figure
     remarks = write_beside(folder, extra)
     write_output(folder / TABLE_FILE, study_csv(table))
     if origin is not None:
@@ -160,7 +159,7 @@ def _add_costs(table: StudyTable, listing: StudyListing, extra: Extra) -> None:
     extra["cost.csv"] = encode_csv(cost_table(points))
     figure = draw_costs(points, {family.name: family.label for family in table.study.families})
     if figure is not None:
-        extra["cost.png"] = encode_png(figure)
+        extra["cost.png"] = figure
     listing["costs"], listing["digits"] = list_costs(points), digit_words(points)
 
 
@@ -176,8 +175,6 @@ def _add_ladder(
             for table in ladder_tables(beam, points, [*claims, *own])
         }
     )
-    extra.update(
-        {f"{name}.png": encode_png(pixels) for name, pixels in draw_ladder(beam, points).items()}
-    )
+    extra.update({f"{name}.png": image for name, image in draw_ladder(beam, points).items()})
     print_ladder(beam, points, claims, own)
     listing["claims"], listing["own_claims"] = list_claims(claims), list_claims(own)

@@ -15,7 +15,6 @@ from mpi4py import MPI
 from headstock.app.actions.cluster_sweeping import ClusterRequest, sweep_on_slurm
 from headstock.app.actions.running import require_ranks
 from headstock.app.charts.sweep import draw_sweep
-from headstock.app.pictures.png_images import encode_png
 from headstock.app.report.pages import render_sweep
 from headstock.app.terminal.console import (
     counted,
@@ -199,7 +198,7 @@ def _publish(
             dump_json(summary if words is None else {**summary, "provenance": words}).encode(),
         )
     write_output(folder / CSV_FILE, encode_csv(tabulate_sweep(summary)))
-    figures = {name: encode_png(pixels) for name, pixels in draw_sweep(summary).items()}
+    figures = draw_sweep(summary)
     remarks = write_beside(folder, {f"{name}.png": image for name, image in figures.items()})
     write_output(folder / REPORT_FILE, render_sweep(summary, figures, words).encode())
     remove_other_journals(folder, results.key)

@@ -14,7 +14,6 @@ from rich.console import Console
 from rich.markup import escape
 
 from headstock.app.actions.running import require_ranks
-from headstock.app.pictures.png_images import encode_png
 from headstock.app.terminal.console import make_console, print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
@@ -142,6 +141,6 @@ def _draw_figures(rows: Sequence[ValidationRow], output: Path) -> None:
     print_remarks(
         write_beside(
             output,
-            {f"{name}.png": encode_png(pixels) for name, pixels in draw_axis_kit(rows).items()},
+            {f"{name}.png": image for name, image in draw_axis_kit(rows).items()},
         )
     )

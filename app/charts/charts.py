@@ -1,7 +1,8 @@
 """Compliance budgets, natural frequencies and responses as images, and what all charts share:
-figures, axes, legends, pixels.
+figures, axes, legends, PNG files.
 """
 
+import io
 import itertools
 import textwrap
 from collections.abc import Sequence
@@ -14,7 +15,6 @@ from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
-from numpy.typing import NDArray
 
 from headstock.app.texts.curves import (
     MOST_FIELDS,
@@ -43,8 +43,8 @@ DASHES = ("-", "--", ":", "-.")
 CURVE, DIRECT = "#4f7cac", "#b5566e"
 
 
-def draw_charts(summary: RunSummary, colors: dict[str, str]) -> dict[str, NDArray[np.uint8]]:
-    """Every chart of a summary: name to ``(height, width, 4)`` pixels.
+def draw_charts(summary: RunSummary, colors: dict[str, str]) -> dict[str, bytes]:
+    """Every chart of a summary: name to a PNG file.
 
     Args:
         summary: Content of ``summary.json``.
@@ -61,7 +61,7 @@ def draw_charts(summary: RunSummary, colors: dict[str, str]) -> dict[str, NDArra
     return found
 
 
-def _draw_budget(budget: dict[str, dict[str, float]], colors: dict[str, str]) -> NDArray[np.uint8]:
+def _draw_budget(budget: dict[str, dict[str, float]], colors: dict[str, str]) -> bytes:
     figure = new_figure(10.0, 3.2)
     for number, (direction, shares) in enumerate(budget.items()):
         axes = figure.add_subplot(1, len(budget), number + 1)
@@ -75,10 +75,10 @@ def _draw_budget(budget: dict[str, dict[str, float]], colors: dict[str, str]) ->
             f"{direction}: share of the compliance [%]", fontsize=9, color=INK, loc="left"
         )
         calm_axes(axes)
-    return read_pixels(figure)
+    return encode_figure(figure)
 
 
-def _draw_frequencies(modal: Sequence[ModesSummary]) -> NDArray[np.uint8]:
+def _draw_frequencies(modal: Sequence[ModesSummary]) -> bytes:
     figure = new_figure(10.0, 0.9 + 0.55 * len(modal))
     axes = figure.add_subplot()
     for row, modes in enumerate(modal):
@@ -89,7 +89,7 @@ def _draw_frequencies(modal: Sequence[ModesSummary]) -> NDArray[np.uint8]:
     axes.set_xlim(left=0.0)
     axes.set_xlabel("natural frequency [Hz]", fontsize=9, color=INK)
     calm_axes(axes)
-    return read_pixels(figure)
+    return encode_figure(figure)
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -148,23 +148,22 @@ def calm_axes(axes: Axes, *, grid: Literal["x", "y", "both"] = "x") -> None:
     axes.set_axisbelow(True)
 
 
-def read_pixels(figure: Figure) -> NDArray[np.uint8]:
-    """Pixels ``(height, width, 4)`` of a figure."""
+def encode_figure(figure: Figure) -> bytes:
+    """A figure as a PNG file."""
     canvas: Any = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.array(canvas.buffer_rgba(), dtype=np.uint8)
+    file = io.BytesIO()
+    canvas.print_png(file)
+    return file.getvalue()
 
 
-def draw_responses(responses: Sequence[ResponseCurves]) -> dict[str, NDArray[np.uint8]]:
-    """A grid of Bode plots per pose, and one of all poses: name to ``(height, width, 4)``
-    pixels.
-    """
+def draw_responses(responses: Sequence[ResponseCurves]) -> dict[str, bytes]:
+    """A grid of Bode plots per pose, and one of all poses: name to a PNG file."""
     drawn = {f"frf_{file_stem(curves.pose)}": _draw_grid([curves]) for curves in responses}
     together = overlaid_responses({curves.pose: curves for curves in responses})
     return drawn | ({"frf_all_poses": _draw_grid(together)} if together else {})
 
 
-def _draw_grid(responses: Sequence[ResponseCurves]) -> NDArray[np.uint8]:
+def _draw_grid(responses: Sequence[ResponseCurves]) -> bytes:
     curves = responses[0]
     outputs, inputs = curves.outputs[:MOST_FIELDS], curves.inputs[:MOST_FIELDS]
     figure = new_figure(1.5 + 3.4 * len(inputs), 0.8 + 2.7 * len(outputs))
@@ -194,7 +193,7 @@ def _draw_grid(responses: Sequence[ResponseCurves]) -> NDArray[np.uint8]:
             figure.axes[0].get_lines()[: len(responses)],
             [f"pose {each.pose}" for each in responses],
         )
-    return read_pixels(figure)
+    return encode_figure(figure)
 
 
 def _draw_magnitude(

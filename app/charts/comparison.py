@@ -8,9 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
-from headstock.app.charts.charts import FAINT, INK, add_legend, calm_axes, new_figure, read_pixels
+from headstock.app.charts.charts import FAINT, INK, add_legend, calm_axes, encode_figure, new_figure
 from headstock.app.texts.bounded_values import show_digits
 from headstock.app.texts.comparison import alike_rigid_modes, list_points, row_frequencies
 from headstock.geometry.frames import DIRECTIONS
@@ -24,8 +23,8 @@ VARIANT_LENGTH = 14
 MOST_UPRIGHT = 15  # bars whose numbers stand upright beside each other
 
 
-def draw_comparison(summary: ComparisonSummary) -> dict[str, NDArray[np.uint8]]:
-    """Figure name to ``(height, width, 4)`` pixels; no figure for what was not computed."""
+def draw_comparison(summary: ComparisonSummary) -> dict[str, bytes]:
+    """Figure name to a PNG file; no figure for what was not computed."""
     figures = {}
     if summary["modes"]:
         figures["frequencies"] = _draw_levels(summary)
@@ -35,7 +34,7 @@ def draw_comparison(summary: ComparisonSummary) -> dict[str, NDArray[np.uint8]]:
     return figures
 
 
-def _draw_levels(summary: ComparisonSummary) -> NDArray[np.uint8]:
+def _draw_levels(summary: ComparisonSummary) -> bytes:
     names = list(summary["variants"])
     alike = alike_rigid_modes(summary)
     rows = [row for row in summary["modes"] if row not in alike]
@@ -80,7 +79,7 @@ def _draw_levels(summary: ComparisonSummary) -> NDArray[np.uint8]:
         ]
         _write_levels(axes, x, [(hz, color) for hz, color in cells if hz is not None], gap)
     _name_levels(axes, ends, len(names) - 0.6, gap)
-    return read_pixels(figure)
+    return encode_figure(figure)
 
 
 def spread_labels(levels: Sequence[float], gap: float) -> list[float]:
@@ -155,7 +154,7 @@ def _name_levels(
         )
 
 
-def _draw_compliances(summary: ComparisonSummary, points: list[str]) -> NDArray[np.uint8]:
+def _draw_compliances(summary: ComparisonSummary, points: list[str]) -> bytes:
     variants = summary["variants"]
     width = max(6.0, 1.6 + 0.34 * 3 * len(variants))
     figure = new_figure(width, 2.9 * len(points) + 0.4)
@@ -180,4 +179,4 @@ def _draw_compliances(summary: ComparisonSummary, points: list[str]) -> NDArray[
         axes.margins(y=0.15)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     add_legend(figure, handles, labels)
-    return read_pixels(figure)
+    return encode_figure(figure)

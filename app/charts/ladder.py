@@ -10,9 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
-from numpy.typing import NDArray
 
-from headstock.app.charts.charts import INK, calm_axes, new_figure, read_pixels
+from headstock.app.charts.charts import INK, calm_axes, encode_figure, new_figure
 from headstock.pipeline.results.views import COLORS
 from headstock.validation.ladder.points import (
     KINDS,
@@ -54,11 +53,11 @@ TICKS = (-100, -50, -20, -10, -5, 0, 5, 10, 20, 50, 100, 200, 500)
 LEAST_SHOWN = 1e-3  # percent, in the overview
 
 
-def draw_ladder(beam: LadderBeam, points: Sequence[LadderPoint]) -> dict[str, NDArray[np.uint8]]:
+def draw_ladder(beam: LadderBeam, points: Sequence[LadderPoint]) -> dict[str, bytes]:
     """Every figure of a ladder by file name: those of the paper over nDOF and over time, and all
     models together.
     """
-    found: dict[str, NDArray[np.uint8]] = {}
+    found: dict[str, bytes] = {}
     cases: tuple[tuple[Group, tuple[LadderKind, ...]], ...] = (
         ("static", KINDS[:1]),
         ("static", PANELS),
@@ -81,7 +80,7 @@ def _timed(points: Sequence[LadderPoint]) -> list[LadderPoint]:
     return [point for point in points if math.isfinite(point.cpu_seconds)]
 
 
-def _draw_figure(panels: Sequence[Rungs], number: int, over: Over) -> NDArray[np.uint8]:
+def _draw_figure(panels: Sequence[Rungs], number: int, over: Over) -> bytes:
     """One panel per kind of model, on the same axes; the legend in the first row where that has one
     panel of several.
     """
@@ -123,7 +122,7 @@ def _draw_figure(panels: Sequence[Rungs], number: int, over: Over) -> NDArray[np
         axes.set_ylabel("deviation from analytic [%]", fontsize=9, color=INK)
     for axes in grid[-1]:
         axes.set_xlabel(X_LABELS[over], fontsize=9, color=INK)
-    return read_pixels(figure)
+    return encode_figure(figure)
 
 
 def _draw_panel(axes: Axes, rungs: Rungs, names: Sequence[str], over: Over) -> None:
@@ -207,7 +206,7 @@ def _handles(names: Sequence[str], *, segmented: bool) -> list[Line2D]:
     return lines
 
 
-def _draw_overview(beam: LadderBeam, points: Sequence[LadderPoint]) -> NDArray[np.uint8]:
+def _draw_overview(beam: LadderBeam, points: Sequence[LadderPoint]) -> bytes:
     """Largest deviation from converged 3D elasticity over time, all models together."""
     both: tuple[Group, ...] = ("static", "modal")
     groups = [group for group in both if any(point.group == group for point in points)]
@@ -248,7 +247,7 @@ def _draw_overview(beam: LadderBeam, points: Sequence[LadderPoint]) -> NDArray[n
         axes.set_ylabel("largest deviation from converged 3D [%]", fontsize=9, color=INK)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
-    return read_pixels(figure)
+    return encode_figure(figure)
 
 
 FIGURE_NAME = "axis_construction_kit_figures_17_18"
@@ -259,8 +258,8 @@ TITLES = {
 BAR_WIDTH = 0.26
 
 
-def draw_axis_kit(rows: Sequence[ValidationRow]) -> dict[str, NDArray[np.uint8]]:
-    """Figure name to ``(height, width, 4)`` pixels; nothing when the rows hold no such
+def draw_axis_kit(rows: Sequence[ValidationRow]) -> dict[str, bytes]:
+    """Figure name to a PNG file; nothing when the rows hold no such
     compliances.
     """
     found = {row.quantity: row for row in rows if row.case == CASE}
@@ -272,7 +271,7 @@ def draw_axis_kit(rows: Sequence[ValidationRow]) -> dict[str, NDArray[np.uint8]]
         _draw_bars(axes, found, fidelity)
     panels[0].set_ylabel("deviation from the measured compliance [%]", fontsize=9, color=INK)
     panels[-1].legend(fontsize=8, frameon=False, loc="upper left")
-    return {FIGURE_NAME: read_pixels(figure)}
+    return {FIGURE_NAME: encode_figure(figure)}
 
 
 def _draw_bars(axes: Axes, found: Mapping[str, ValidationRow], fidelity: str) -> None:

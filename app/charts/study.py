@@ -8,21 +8,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
-from numpy.typing import NDArray
 
 from headstock.app.charts.charts import (
     FAINT,
     INK,
     add_legend,
     calm_axes,
+    encode_figure,
     line_style,
     new_figure,
-    read_pixels,
 )
 from headstock.scene.reading.units import DIMENSIONS, read_unit, unit_of
 from headstock.scene.studies import shorten_key, show_value
@@ -89,7 +87,7 @@ class _Axis:
     logarithmic: bool
 
 
-def draw_study(table: StudyTable) -> NDArray[np.uint8] | None:
+def draw_study(table: StudyTable) -> bytes | None:
     """The watched numbers over the first varied key (a mesh size before others); None where no
     number is watched.
 
@@ -127,7 +125,7 @@ def draw_study(table: StudyTable) -> NDArray[np.uint8] | None:
         if title
     }
     add_legend(figure, list(titled.values()), list(titled))
-    return read_pixels(figure)
+    return encode_figure(figure)
 
 
 def describe_column(column: str, short: str) -> str:
@@ -260,7 +258,7 @@ def _lines(table: StudyTable, key: str) -> dict[str, Sequence[StudyRow]]:
     return dict(lines)
 
 
-def draw_costs(points: Sequence[CostPoint], labels: dict[str, str]) -> NDArray[np.uint8] | None:
+def draw_costs(points: Sequence[CostPoint], labels: dict[str, str]) -> bytes | None:
     """Three panels side by side; None where nothing can be drawn.
 
     Args:
@@ -279,7 +277,7 @@ def draw_costs(points: Sequence[CostPoint], labels: dict[str, str]) -> NDArray[n
     panels[0].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100.0 * value:g} %"))
     handles, names = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
-    return read_pixels(figure)
+    return encode_figure(figure)
 
 
 def _draw_cost_panel(

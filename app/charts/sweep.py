@@ -1,9 +1,8 @@
 """Maps and curves of a sweep as images, by matplotlib."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from headstock.app.charts.charts import INK, calm_axes, line_style, new_figure, read_pixels
+from headstock.app.charts.charts import INK, calm_axes, encode_figure, line_style, new_figure
 from headstock.app.texts.sweep_quantities import Quantity, list_quantities
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import SCENE_UNITS
@@ -15,7 +14,7 @@ MANY = 60  # poses that need no markers
 LEGEND_LINES = 20  # beside a chart
 
 
-def draw_sweep(summary: SweepSummary) -> dict[str, NDArray[np.uint8]]:
+def draw_sweep(summary: SweepSummary) -> dict[str, bytes]:
     """Pictures of a sweep by name: maps over a plane, curves along one axis or a way; a volume in
     its middle planes.
 
@@ -53,9 +52,7 @@ def middle_plane(summary: SweepSummary, values: FloatArray, axes: list[int]) -> 
     return np.asarray(table[place])
 
 
-def _draw_maps(
-    summary: SweepSummary, quantities: list[Quantity], axes: list[int]
-) -> NDArray[np.uint8]:
+def _draw_maps(summary: SweepSummary, quantities: list[Quantity], axes: list[int]) -> bytes:
     rows = -(-len(quantities) // PER_ROW)
     figure = new_figure(12.0, 0.4 + 3.5 * rows)
     positions = np.array(summary["positions"], dtype=float)
@@ -84,10 +81,10 @@ def _draw_maps(
         frame.set_xlabel(spans[0][1], fontsize=8)
         frame.set_ylabel(spans[1][1], fontsize=8)
         frame.tick_params(labelsize=7)
-    return read_pixels(figure)
+    return encode_figure(figure)
 
 
-def _draw_curves(summary: SweepSummary, quantities: list[Quantity]) -> NDArray[np.uint8]:
+def _draw_curves(summary: SweepSummary, quantities: list[Quantity]) -> bytes:
     places, label = way_of(summary)
     units = list(dict.fromkeys(quantity.unit for quantity in quantities))
     figure = new_figure(10.0, 0.4 + 3.6 * len(units))
@@ -108,7 +105,7 @@ def _draw_curves(summary: SweepSummary, quantities: list[Quantity]) -> NDArray[n
         frame.set_xlabel(label, fontsize=9, color=INK)
         frame.set_ylabel(f"[{unit}]" if unit else "", fontsize=9, color=INK)
         calm_axes(frame)
-    return read_pixels(figure)
+    return encode_figure(figure)
 
 
 def way_of(summary: SweptAxes) -> tuple[FloatArray, str]:

@@ -1,10 +1,10 @@
-"""Pictures of parts with a label on everything that is seen, from four sides: a small rasteriser
-and matplotlib's text.
+"""Pictures of parts with a label on everything that is seen, from four sides: pyvista draws, and
+matplotlib sets the text.
 """
 
 import io
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
+from PIL import Image
 from scipy.ndimage import distance_transform_edt, find_objects
 
+from headstock.app.pictures.pictures import draw_pictures
+from headstock.app.pictures.scenes import Picture
+from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.skins import IntArray
 
@@ -25,11 +28,9 @@ CAMERAS = {
     "+x +y −z": (0.8, 1.0, -0.7),
     "−x −y −z": (-0.8, -1.0, -0.7),
 }
+OWNERS = "owners "
 PIXELS = (900, 720)
-SAMPLES = 2  # per pixel and direction
-MARGIN = 24
 DPI = 100
-LIGHT = np.array([0.3, 0.5, 0.8]) / np.linalg.norm([0.3, 0.5, 0.8])
 GOLDEN = 0.618034
 CLEARANCE = 7.0  # pixels around a label's middle that must belong to what it names
 SEEN = 1.5  # pixels; smaller areas get no label
@@ -38,7 +39,10 @@ LEADERS = [
     (22 * np.cos(angle), -22 * np.sin(angle))
     for angle in np.radians([45, 135, 315, 225, 0, 180, 90, 270])
 ]
-FRAGMENTS = 2_000_000  # worked on at once
+
+
+class DrawingError(HeadstockError):
+    """Nothing could be drawn; says why."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,9 +84,14 @@ class Label:
 
 
 def draw_numbered(surface: LabelledSurface) -> tuple[bytes, set[int]]:
-    """A PNG of a surface from four sides, and the owners that got a label in at least one of
-    them.
+    """A PNG of a surface from four sides, and the owners that got a label in at least one of them.
+
+    Raises:
+        DrawingError: pyvista is missing, or finds no OpenGL.
     """
+    drawing = draw_pictures(_list_pictures(surface))
+    if drawing.remark is not None:
+        raise DrawingError(drawing.remark)
     width, height = PIXELS
     figure = Figure(figsize=(2 * width / DPI, (2 * height + 40) / DPI), dpi=DPI)
     canvas: Any = FigureCanvasAgg(figure)
@@ -91,15 +100,15 @@ def draw_numbered(surface: LabelledSurface) -> tuple[bytes, set[int]]:
     )
     labelled: set[int] = set()
     share = 2 * height / (2 * height + 40)
-    for index, (name, camera) in enumerate(CAMERAS.items()):
+    for index, name in enumerate(CAMERAS):
         axes = figure.add_axes(
             (0.5 * (index % 2), share * (0.5 - 0.5 * (index // 2)), 0.5, share / 2)
         )
         axes.set_axis_off()
-        image, seen = _render(surface, np.array(camera))
-        axes.imshow(image, interpolation="none", aspect="auto")
+        axes.imshow(_open_image(drawing.images[name]), interpolation="none", aspect="auto")
         axes.text(12, height - 12, f"seen from {name}", fontsize=9, color="#555555")
-        for label in _place_labels(seen, surface.labels):
+        owners = _read_owners(drawing.images[OWNERS + name])
+        for label in _place_labels(_find_spots(owners), surface.labels):
             if label.text_at != label.place:
                 axes.plot(
                     *zip(label.place, label.text_at, strict=True), color="#475467", linewidth=0.6
@@ -116,102 +125,47 @@ def draw_numbered(surface: LabelledSurface) -> tuple[bytes, set[int]]:
     return buffer.getvalue(), labelled
 
 
-def _render(
-    surface: LabelledSurface, camera: FloatArray
-) -> tuple[NDArray[np.float64], dict[int, Spot]]:
-    """Image ``(height, width, 3)`` and where each visible owner is best labelled."""
-    axes = _camera_axes(camera / np.linalg.norm(camera))
-    seen = surface.points @ axes.T
-    size = np.array(PIXELS) * SAMPLES
-    low, high = seen[:, :2].min(axis=0), seen[:, :2].max(axis=0)
-    scale = float(((size - 2 * MARGIN * SAMPLES) / np.maximum(high - low, 1e-300)).min())
-    flat = (seen[:, :2] - (low + high) / 2) * scale * [1.0, -1.0] + size / 2
-    winner = _find_nearest(
-        np.column_stack([flat, seen[:, 2]]), surface.triangles, int(size[0]), int(size[1])
-    )
-    owners = np.concatenate([surface.owners, [0]])[winner]
-    corners = seen[surface.triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    shade = np.concatenate([0.62 + 0.38 * np.clip(normals @ LIGHT, 0.0, 1.0), [1.0]])[winner]
+def _list_pictures(surface: LabelledSurface) -> list[Picture]:
+    """From each side the surface as it looks, and its owners as colours."""
+    # corners of their own for every owner, so that each has its colour up to its border
+    pairs = np.column_stack([surface.triangles.ravel(), np.repeat(surface.owners, 3)])
+    corners, flat = np.unique(pairs, axis=0, return_inverse=True)
+    points, owners, triangles = surface.points[corners[:, 0]], corners[:, 1], flat.reshape(-1, 3)
     numbers = np.arange(int(surface.owners.max()) + 1)
     palette = hsv_to_rgb(
         np.column_stack(
             [(GOLDEN * numbers) % 1.0, np.full(len(numbers), 0.28), np.full(len(numbers), 0.98)]
         )
     )
-    palette[0] = 1.0
-    image = palette[owners] * shade[..., None]
-    border = np.zeros(owners.shape, dtype=bool)
-    border[:, 1:] |= owners[:, 1:] != owners[:, :-1]
-    border[1:] |= owners[1:] != owners[:-1]
-    image[border] = 0.25
-    fine = image.reshape(PIXELS[1], SAMPLES, PIXELS[0], SAMPLES, 3).mean(axis=(1, 3))
-    return fine, _find_spots(owners[::SAMPLES, ::SAMPLES])
-
-
-def _camera_axes(camera: FloatArray) -> FloatArray:
-    right = np.cross([0.0, 0.0, 1.0], camera)
-    right /= np.linalg.norm(right)
-    return np.array([right, np.cross(camera, right), camera])
-
-
-def _find_nearest(flat: FloatArray, triangles: IntArray, width: int, height: int) -> IntArray:
-    """Index ``(height, width)`` of the nearest triangle at each pixel, -1 for none; points are
-    ``(n, 3)`` pixels and depth.
-    """
-    depth = np.full(width * height, -np.inf)
-    winner = np.full(width * height, -1, dtype=np.int64)
-    for chosen, side in _size_classes(flat, triangles):
-        corners = flat[triangles[chosen]]
-        starts = np.floor(corners[:, :, :2].min(axis=1)).astype(np.int64)
-        grid = np.stack(
-            np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), axis=-1
-        ).reshape(-1, 2)
-        pixels = starts[:, None, :] + grid
-        a, b, c = (corners[:, i, None, :2] for i in range(3))
-        spots = pixels + 0.5
-        whole = _cross(b - a, c - a)
-        whole = np.where(whole == 0.0, np.inf, whole)
-        u, v = _cross(c - b, spots - b) / whole, _cross(a - c, spots - c) / whole
-        w = 1.0 - u - v
-        inside = (
-            (u >= 0)
-            & (v >= 0)
-            & (w >= 0)
-            & np.isfinite(whole)
-            & (pixels >= 0).all(axis=2)
-            & (pixels < [width, height]).all(axis=2)
+    codes = np.column_stack([owners >> 16, owners >> 8 & 255, owners & 255]) / 255.0
+    borders = _find_borders(points, triangles, owners)
+    found = []
+    for name, camera in CAMERAS.items():
+        looks = Picture(
+            name, points, triangles, borders, palette[owners], PIXELS, camera=np.array(camera)
         )
-        heights = (
-            u * corners[:, 0, None, 2] + v * corners[:, 1, None, 2] + w * corners[:, 2, None, 2]
-        )[inside]
-        places = (pixels[..., 1] * width + pixels[..., 0])[inside]
-        names = np.broadcast_to(chosen[:, None], inside.shape)[inside]
-        closer = np.flatnonzero(heights > depth[places])
-        closer = closer[np.argsort(heights[closer], kind="stable")]  # the last one written stays
-        depth[places[closer]], winner[places[closer]] = heights[closer], names[closer]
-    return winner.reshape(height, width)
+        found += [looks, replace(looks, name=OWNERS + name, colors=codes, flat=True)]
+    return found
 
 
-def _size_classes(flat: FloatArray, triangles: IntArray) -> Iterator[tuple[IntArray, int]]:
-    """Triangles that face the camera, in portions of about one size, with the side of the square of
-    pixels that holds each.
-    """
-    corners = flat[triangles][:, :, :2]
-    spread = (np.floor(corners.max(axis=1)) - np.floor(corners.min(axis=1))).max(axis=1) + 1
-    classes = np.ceil(4.0 * np.log2(np.maximum(spread, 2.0)) - 1e-9).astype(np.int64)
-    # rows of pixels run downwards
-    front = _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) < 0.0
-    for step in np.unique(classes[front]):
-        members, side = np.flatnonzero(front & (classes == step)), int(np.ceil(2.0 ** (step / 4.0)))
-        portion = max(1, FRAGMENTS // side**2)
-        for start in range(0, len(members), portion):
-            yield members[start : start + portion], side
+def _find_borders(points: FloatArray, triangles: IntArray, owners: IntArray) -> IntArray:
+    """Edges ``(k, 2)`` of triangles beside which no other triangle has the same owner."""
+    scale = 1e-7 * float(np.ptp(points, axis=0).max())
+    _, same = np.unique(np.round(points / scale), axis=0, return_inverse=True)
+    edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    keys = np.column_stack([np.sort(same.ravel()[edges], axis=1), owners[edges[:, 0]]])
+    _, first, counts = np.unique(keys, axis=0, return_index=True, return_counts=True)
+    return np.asarray(edges[first[counts == 1]])
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+def _open_image(png: bytes) -> Image.Image:
+    return Image.open(io.BytesIO(png))
+
+
+def _read_owners(png: bytes) -> IntArray:
+    """Owner ``(height, width)`` of each pixel, 0 for none."""
+    red, green, blue, opacity = np.moveaxis(np.asarray(_open_image(png), dtype=np.int64), 2, 0)
+    return np.where(opacity > 0, (red << 16) + (green << 8) + blue, 0)
 
 
 def _find_spots(owners: IntArray) -> dict[int, Spot]:

@@ -8,23 +8,30 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from headstock.app.pictures.scenes import Picture, PictureList
 from headstock.meshing.process.guarded import LAUNCHER_PREFIXES
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.views import MachineView
+from headstock.pipeline.storage.records import write_record
 from headstock.pipeline.storage.store import Store, read_entry, write_entry
 
 WORKER = "headstock.app.pictures.worker"
 TIME_LIMIT = 120.0
-PAINTER_FILES = ("scenes.py", "vtk.py", "png_images.py", "worker.py")
-Wanted = Literal["machine", "all"]
+RENDERER_FILES = ("scenes.py", "renderer.py", "worker.py")
+GL_WINDOW = "VTK_DEFAULT_OPENGL_WINDOW"
+REMEDY = "./headstock doctor tells what is missing"
+Wanted = Literal["machine", "modes", "charts"]
+DRAWN = {"machine": "picture of the machine", "modes": "pictures of modes", "charts": "charts"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +67,7 @@ def draw_machine(folder: Path, view: MachineView, store: Store) -> Drawing:
         return Drawing(
             {name: image.astype(np.uint8).tobytes() for name, image in kept.images.items()}
         )
-    drawing = draw_pictures(folder, "machine")
+    drawing = draw_results(folder, "machine")
     if drawing.images and drawing.remark is None:
         write_entry(
             store,
@@ -72,32 +79,42 @@ def draw_machine(folder: Path, view: MachineView, store: Store) -> Drawing:
     return drawing
 
 
-def draw_pictures(folder: Path, wanted: Wanted) -> Drawing:
-    """Draw the machine, or the machine, its modes and every chart, of a folder of results."""
-    remark = None
-    for renderer, prefix in _renderers():
-        # without a name in the file system, so that nothing stays behind however this process ends
-        with tempfile.TemporaryFile() as target:
-            command = [
-                *prefix,
-                sys.executable,
-                "-P",
-                "-m",
-                WORKER,
-                str(folder.resolve()),
-                str(target.fileno()),
-                renderer,
-                wanted,
-            ]
-            problem = _run(command, target.fileno())
-            if problem is None:
-                target.seek(0)
-                with np.load(target, allow_pickle=False) as images:
-                    return Drawing(
-                        {name: images[name].tobytes() for name in sorted(images.files)}, remark
-                    )
-        remark = f"VTK could not draw ({problem}): pictures are painted by matplotlib"
-    return Drawing({}, f"no pictures were drawn: {problem}")
+def draw_results(folder: Path, wanted: Wanted) -> Drawing:
+    """Draw the machine, its modes or every chart of a folder of results."""
+    return _draw(wanted, str(folder.resolve()), ())
+
+
+def draw_pictures(pictures: Sequence[Picture]) -> Drawing:
+    """Draw pictures by name."""
+    with _written(pictures) as source:
+        return _draw("pictures", str(source), (source,))
+
+
+def open_window(pictures: Sequence[Picture]) -> str | None:
+    """Show pictures in a window until the user closes it; what went wrong, or None."""
+    with _written(pictures) as source:
+        return _run("window", str(source), 0, (source,))
+
+
+@contextmanager
+def _written(pictures: Sequence[Picture]) -> Iterator[int]:
+    """Number of an open file with pictures, at its start."""
+    with tempfile.TemporaryFile() as file:
+        with h5py.File(file, "w") as record:
+            write_record(record, PictureList(tuple(pictures)))
+        file.seek(0)
+        yield file.fileno()
+
+
+def _draw(kind: str, source: str, files: Sequence[int]) -> Drawing:
+    # without a name in the file system, so that nothing stays behind however this process ends
+    with tempfile.TemporaryFile() as target:
+        problem = _run(kind, source, target.fileno(), (*files, target.fileno()))
+        if problem is not None:
+            return Drawing({}, f"no {DRAWN.get(kind, 'pictures')}: {problem}")
+        target.seek(0)
+        with np.load(target, allow_pickle=False) as images:
+            return Drawing({name: images[name].tobytes() for name in sorted(images.files)})
 
 
 def stills_by_pose(view: MachineView, images: Mapping[str, bytes]) -> dict[str, bytes]:
@@ -106,12 +123,15 @@ def stills_by_pose(view: MachineView, images: Mapping[str, bytes]) -> dict[str, 
     return {pose: images[name] for pose, name in named.items() if name in images}
 
 
-def _renderers() -> Sequence[tuple[str, list[str]]]:
-    return [("vtk", []), ("painted", [])]
+def _run(kind: str, source: str, target: int, files: Sequence[int]) -> str | None:
+    """Run a child to its end; what went wrong, or None.
 
-
-def _run(command: list[str], target: int) -> str | None:
-    """Run a command that writes to an open file to its end; what went wrong, or None."""
+    Args:
+        kind: What it does.
+        source: Folder of results, or number of an open file.
+        target: Number of the open file that it writes to.
+        files: Numbers of open files that it inherits.
+    """
     environment = {
         name: value for name, value in os.environ.items() if not name.startswith(LAUNCHER_PREFIXES)
     }
@@ -119,6 +139,12 @@ def _run(command: list[str], target: int) -> str | None:
         "OMP_NUM_THREADS": "1",
         "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
     }
+    if kind == "window":
+        environment.pop(GL_WINDOW, None)
+    else:
+        # also where there is a display: pictures are the same everywhere
+        environment[GL_WINDOW] = "vtkEGLRenderWindow"
+    command = [sys.executable, "-P", "-m", WORKER, kind, source, str(target)]
     try:
         child = subprocess.Popen(
             command,
@@ -127,14 +153,13 @@ def _run(command: list[str], target: int) -> str | None:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             start_new_session=True,
-            pass_fds=[target],
+            pass_fds=files,
         )
     except OSError as error:
         return str(error)
     try:
-        _, complaint = child.communicate(timeout=TIME_LIMIT)
+        _, complaint = child.communicate(timeout=None if kind == "window" else TIME_LIMIT)
     except BaseException as error:
-        # the display server belongs to the same group
         os.killpg(child.pid, signal.SIGKILL)
         child.communicate()
         if isinstance(error, subprocess.TimeoutExpired):
@@ -142,13 +167,18 @@ def _run(command: list[str], target: int) -> str | None:
         raise
     if child.returncode == 0:
         return None
+    if b"Failed to load EGL" in complaint:
+        return f"VTK finds no EGL library; {REMEDY}"
     lines = complaint.decode(errors="replace").strip().splitlines()
-    return lines[-1][:200] if lines else f"it ended with code {child.returncode}"
+    if child.returncode < 0:
+        name = signal.Signals(-child.returncode).name
+        return f"VTK ended the process ({name}); {REMEDY}"
+    return f"{lines[-1][:200] if lines else f'exit code {child.returncode}'}; {REMEDY}"
 
 
 def _view_key(view: MachineView) -> str:
     digest = hashlib.sha256()
-    for name in PAINTER_FILES:
+    for name in RENDERER_FILES:
         digest.update(Path(__file__).with_name(name).read_bytes())
     arrays = [np.array([])]
     for name, skin in view.skins.items():

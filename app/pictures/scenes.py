@@ -2,7 +2,7 @@
 stands.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +30,29 @@ RAMP = (
 )
 
 
+MARGIN = 1.06
+JOINT_COLOR, TOOL_COLOR = (0.85, 0.47, 0.02), (0.80, 0.10, 0.20)
+# radius of a mark against the size of the machine
+JOINT_SHARE, TOOL_SHARE = 0.006, 0.010
+
+
+@dataclass(frozen=True, eq=False)
+class Marks:
+    """Balls of one colour.
+
+    Attributes:
+        places: ``(n, 3)`` in the machine frame [m].
+        color: Red, green, blue, 0..1.
+        share: Radius relative to the size of what the picture shows.
+        in_front: Whether no body hides them.
+    """
+
+    places: FloatArray
+    color: tuple[float, float, float]
+    share: float
+    in_front: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class Picture:
     """One picture to be drawn.
@@ -40,10 +63,11 @@ class Picture:
         triangles: ``(m, 3)``.
         edges: ``(k, 2)``.
         colors: ``(n, 3)`` red, green, blue of the points, 0..1.
-        ghost: ``(n, 3)`` where the points are at rest; None when they are.
-        marks: ``(j, 3)`` places of joints.
-        tools: ``(t, 3)`` places of the named points.
         size: Width and height in pixels.
+        ghost: ``(n, 3)`` where the points are at rest; None when they are.
+        marks: Of joints and named points.
+        camera: ``(3,)`` towards the viewer.
+        flat: Colours exactly as given: no light, no edges, nothing smoothed.
     """
 
     name: str
@@ -51,10 +75,53 @@ class Picture:
     triangles: IntArray
     edges: IntArray
     colors: FloatArray
-    ghost: FloatArray | None
-    marks: FloatArray
-    tools: FloatArray
     size: tuple[int, int]
+    ghost: FloatArray | None = None
+    marks: tuple[Marks, ...] = ()
+    camera: FloatArray = field(default_factory=lambda: CAMERA)
+    flat: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class PictureList:
+    """Pictures as they are handed to the process that draws."""
+
+    pictures: tuple[Picture, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PictureFrame:
+    """What part of space a picture shows, seen along parallel rays.
+
+    Attributes:
+        axes: Rows ``(3, 3)``: to the right, up and towards the viewer, in the machine frame.
+        middle: ``(3,)`` point in the middle of the picture [m].
+        half_height: From there to the upper rim [m].
+        reach: Diagonal of what is shown [m].
+    """
+
+    axes: FloatArray
+    middle: FloatArray
+    half_height: float
+    reach: float
+
+    @property
+    def towards(self) -> FloatArray:
+        """Unit vector ``(3,)`` towards the viewer."""
+        return np.asarray(self.axes[2])
+
+
+def frame_picture(picture: Picture) -> PictureFrame:
+    """The frame that shows all points of a picture, at rest too, with a margin."""
+    points = picture.points if picture.ghost is None else np.vstack([picture.points, picture.ghost])
+    axes = camera_axes(picture.camera)
+    seen = points @ axes.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    half = 0.5 * (high - low)
+    width, height = picture.size
+    half_height = MARGIN * max(half[1], half[0] * height / width, 1e-9)
+    reach = float(np.linalg.norm(np.ptp(points, axis=0)))
+    return PictureFrame(axes, axes.T @ (0.5 * (low + high)), half_height, reach)
 
 
 def rest_picture(name: str, view: MachineView, pose: PoseView, size: tuple[int, int]) -> Picture:
@@ -72,9 +139,13 @@ def rest_picture(name: str, view: MachineView, pose: PoseView, size: tuple[int, 
         for color in component_colors(view).values()
     ]
     colors = np.repeat(palette, [len(skin.points) for skin in view.skins.values()], axis=0)
-    marks = np.array([joint.frame.origin for joint in pose.joints.values()]).reshape(-1, 3)
+    joints = np.array([joint.frame.origin for joint in pose.joints.values()]).reshape(-1, 3)
     tools = np.array([point.tool_place for point in pose.points.values()]).reshape(-1, 3)
-    return Picture(name, points, triangles, edges, colors, None, marks, tools, size)
+    marks = (
+        Marks(joints, JOINT_COLOR, JOINT_SHARE),
+        Marks(tools, TOOL_COLOR, TOOL_SHARE, in_front=True),
+    )
+    return Picture(name, points, triangles, edges, colors, size, marks=marks)
 
 
 def mode_picture(
@@ -101,16 +172,15 @@ def mode_picture(
         ]
     )
     moved = points + shift * (SHOWN_SHARE * machine_size(view, pose) / largest)
-    return Picture(
-        name, moved, triangles, edges, colors, points, np.zeros((0, 3)), np.zeros((0, 3)), size
-    )
+    return Picture(name, moved, triangles, edges, colors, size, ghost=points)
 
 
-def camera_axes() -> FloatArray:
+def camera_axes(towards: FloatArray) -> FloatArray:
     """Rows ``(3, 3)``: to the right, up and towards the viewer, in the machine frame."""
-    right = np.cross([0.0, 0.0, 1.0], CAMERA)
+    towards = towards / np.linalg.norm(towards)
+    right = np.cross([0.0, 0.0, 1.0], towards)
     right /= np.linalg.norm(right)
-    return np.array([right, np.cross(CAMERA, right), CAMERA])
+    return np.array([right, np.cross(towards, right), towards])
 
 
 class _Surface(NamedTuple):

@@ -1,5 +1,5 @@
-"""Child process that draws a folder of results: ``worker DIR TARGET vtk|painted
-machine|all``.
+"""Child process that draws: ``worker KIND SOURCE TARGET``, with KIND machine, modes or charts of the
+folder SOURCE, or pictures, or a window, of the record in the open file with the number SOURCE.
 """
 
 import importlib
@@ -9,24 +9,23 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 
-from headstock.app.pictures.png_images import encode_png
-from headstock.app.pictures.scenes import Picture, mode_picture, rest_picture
+from headstock.app.pictures.scenes import Picture, PictureList, mode_picture, rest_picture
 from headstock.pipeline.results.files import read_curves, read_summary, read_view
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView, component_colors
+from headstock.pipeline.storage.records import read_record
 
 MACHINE_SIZE = (1500, 960)
 MODE_SIZE = (720, 480)
 MODES_DRAWN = 40
 LIFETIME = 150  # seconds
+# imported where they are used: pyvista and matplotlib take most of a second each
 CHARTS = "headstock.app.charts.charts"
-RENDERERS = {
-    "vtk": ("headstock.app.pictures.vtk", "draw_with_vtk"),
-    "painted": ("headstock.app.pictures.painted", "paint"),
-}
+RENDERER = "headstock.app.pictures.renderer"
 
 
 def list_machine_pictures(view: MachineView) -> list[Picture]:
@@ -54,31 +53,44 @@ def list_mode_pictures(summary: RunSummary, view: MachineView) -> list[Picture]:
 
 
 def main(arguments: list[str]) -> int:
-    """Draw everything that is wanted and write it to the open file with the number TARGET (npz of
-    PNG files).
-    """
+    """Draw everything that is wanted and write it to the open file TARGET (npz of PNG files)."""
+    kind, source, target = arguments
+    if kind == "window":
+        importlib.import_module(RENDERER).open_window(_read_pictures(int(source)))
+        return 0
     signal.alarm(LIFETIME)  # where nobody waits any more
-    folder, target = Path(arguments[0]), int(arguments[1])
-    renderer, wanted = arguments[2:]
-    view = read_view(folder)
-    pictures = list_machine_pictures(view)
-    images = {}
-    if wanted == "all":
-        # matplotlib takes most of a second to import
-        charts = importlib.import_module(CHARTS)
-        summary = read_summary(folder)
-        pictures += list_mode_pictures(summary, view)
-        images = charts.draw_charts(summary, component_colors(view))
-        images |= importlib.import_module(CHARTS).draw_responses(read_curves(folder))
-    if view.skins:
-        module, function = RENDERERS[renderer]
-        images |= getattr(importlib.import_module(module), function)(pictures)
+    if kind == "charts":
+        images = _draw_charts(Path(source))
+    else:
+        if kind == "pictures":
+            pictures = _read_pictures(int(source))
+        else:
+            view = read_view(Path(source))
+            pictures = (
+                list_machine_pictures(view)
+                if kind == "machine"
+                else list_mode_pictures(read_summary(Path(source)), view)
+            )
+        images = importlib.import_module(RENDERER).draw_pictures(pictures) if pictures else {}
     packed: dict[str, Any] = {
-        name: np.frombuffer(encode_png(pixels), dtype=np.uint8) for name, pixels in images.items()
+        name: np.frombuffer(image, dtype=np.uint8) for name, image in images.items()
     }
-    with os.fdopen(target, "wb") as file:
+    with os.fdopen(int(target), "wb") as file:
         np.savez(file, **packed)
     return 0
+
+
+def _read_pictures(source: int) -> list[Picture]:
+    with os.fdopen(source, "rb") as file, h5py.File(file, "r") as record:
+        return list(read_record(record, PictureList).pictures)
+
+
+def _draw_charts(folder: Path) -> dict[str, bytes]:
+    charts, view = importlib.import_module(CHARTS), read_view(folder)
+    return {
+        **charts.draw_charts(read_summary(folder), component_colors(view)),
+        **charts.draw_responses(read_curves(folder)),
+    }
 
 
 if __name__ == "__main__":

@@ -3,14 +3,15 @@ and work without scripts.
 """
 
 import base64
+import io
 import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
+from PIL import Image
 
-from headstock.app.pictures.png_images import encode_png
 from headstock.app.report import svg
 from headstock.app.texts.tables import sort_shares
 from headstock.geometry.frames import FloatArray
@@ -242,9 +243,9 @@ def draw_map(found: MapSummary, name: str, layer: int | None = None) -> Markup:
         for channel in range(3)
     ]
     pixels[good, :3] = np.round(np.stack(channels, axis=-1)).astype(np.uint8)
-    picture = base64.b64encode(
-        encode_png(np.ascontiguousarray(pixels.transpose(1, 0, 2)[::-1]))
-    ).decode()
+    file = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(pixels.transpose(1, 0, 2)[::-1])).save(file, "png")
+    picture = base64.b64encode(file.getvalue()).decode()
     spans = [(float(positions[0]), float(positions[-1])) for positions in found["positions"][:2]]
     ratio = (spans[1][1] - spans[1][0]) / ((spans[0][1] - spans[0][0]) or 1.0)
     inside = MAP_WIDTH - MAP_LEFT - 8

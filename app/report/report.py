@@ -6,7 +6,7 @@ import base64
 import functools
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -80,11 +80,19 @@ SHARES_NAMED = 3
 SMALLEST_NAMED = 0.02
 
 
+@dataclass(frozen=True, eq=False)
+class Stills:
+    """Pose to a PNG of the machine, and why there is none."""
+
+    images: Mapping[str, bytes] = field(default_factory=dict)
+    remark: str | None = None
+
+
 def write_report(
     folder: Path,
     summary: RunSummary,
     view: MachineView | None = None,
-    stills: Mapping[str, bytes] | None = None,
+    stills: Stills | None = None,
     curves: Sequence[ResponseCurves] = (),
     paths: Sequence[PathCurves] = (),
 ) -> Path:
@@ -94,7 +102,7 @@ def write_report(
         folder: Folder of results.
         summary: Content of ``summary.json``.
         view: What there is to draw; without it the report has no machine view.
-        stills: Pose to a PNG of the machine, for browsers without WebGL and for paper.
+        stills: Pictures of the machine, for browsers without WebGL and for paper.
         curves: Of the frequency responses.
         paths: Of the path analysis.
 
@@ -109,7 +117,7 @@ def write_report(
 def render_report(
     summary: RunSummary,
     view: MachineView | None = None,
-    stills: Mapping[str, bytes] | None = None,
+    stills: Stills | None = None,
     curves: Sequence[ResponseCurves] = (),
     paths: Sequence[PathCurves] = (),
 ) -> str:
@@ -121,11 +129,11 @@ def render_report(
     Args:
         summary: Content of ``summary.json``.
         view: What there is to draw; without it the report has no machine view.
-        stills: Pose to a PNG of the machine, for browsers without WebGL and for paper.
+        stills: Pictures of the machine, for browsers without WebGL and for paper.
         curves: Of the frequency responses.
         paths: Of the path analysis.
     """
-    view = view or MachineView()
+    view, stills = view or MachineView(), stills or Stills()
     colors = component_colors(view)
     static = static_by_pose(summary)
     tables = [*list_tables(summary), *map(tabulate_response, curves)]
@@ -140,8 +148,9 @@ def render_report(
             machine=None if machine is None else Markup(machine.text),
             omissions=_omissions(machine),
             stills={
-                pose: base64.b64encode(image).decode() for pose, image in (stills or {}).items()
+                pose: base64.b64encode(image).decode() for pose, image in stills.images.items()
             },
+            still_remark=stills.remark,
             poses=list(view.poses),
             colors=colors,
             notes=judge_numbers(summary),

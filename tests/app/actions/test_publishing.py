@@ -16,7 +16,6 @@ from headstock.app.actions.publishing import publish_again, publish_run
 from headstock.app.command_line import main
 from headstock.app.pictures import pictures
 from headstock.app.pictures.pictures import draw_machine
-from headstock.app.pictures.png_images import encode_png
 from headstock.app.pictures.scenes import rest_picture
 from headstock.app.texts.tables import PlainTable, encode_csv
 from headstock.geometry.frames import Frame
@@ -141,22 +140,52 @@ def test_pictures_of_an_unchanged_machine_come_from_the_store(
         draw_machine(folder, MachineView(view.skins, {}, moved), Store(store_root))
 
 
-def test_a_machine_is_painted_where_vtk_has_no_display_and_the_user_is_told(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_report_without_pyvista_says_why_it_has_no_picture_and_still_has_charts(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pictures, "_renderers", lambda: [("vtk", ["false"]), ("painted", [])])
-    drawn = pictures.draw_pictures(folder, "machine")
-    assert set(drawn.images) == {"machine_reference", "machine_measured"}
-    assert drawn.remark is not None and "matplotlib" in drawn.remark
+    (tmp_path / "pyvista.py").write_text("raise ModuleNotFoundError('no such room: pyvista')\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "empty"))
+    remarks = publish_again(folder, read_summary(folder), read_view(folder))
+    why = "ModuleNotFoundError: no such room: pyvista; ./headstock doctor tells what is missing"
+    assert remarks == [f"no picture of the machine: {why}", f"no pictures of modes: {why}"]
+    assert f"No picture of the machine: {why}." in (folder / "report.html").read_text()
+    assert {path.stem for path in (folder / "figures").glob("*.png")} == {
+        "frequencies",
+        "budget_reference_tcp",
+        "budget_measured_tcp",
+    }
 
 
-def test_a_report_is_written_even_if_nothing_can_be_drawn(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_renderer_that_ends_its_process_leaves_a_report_and_a_remark(
+    folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(pictures, "_renderers", lambda: [("painted", ["false"])])
-    (remark,) = publish_again(folder, read_summary(folder), read_view(folder))[-1:]
-    assert "no pictures were drawn" in remark
-    assert (folder / "report.html").stat().st_size > 500_000
+    (tmp_path / "pyvista.py").write_text("import os\nos.abort()\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "empty"))
+    assert main(["report", str(folder)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "warning: no picture of the machine: VTK ended the process (SIGABRT)" in said
+    assert "VTK ended the process (SIGABRT)" in (folder / "report.html").read_text()
+    assert main(["show", str(MACHINES / "three_axis.toml"), "-o", str(tmp_path / "x.png")]) == 1
+    assert "VTK ended the process (SIGABRT)" in capsys.readouterr().err
+    assert not (tmp_path / "x.png").exists()
+
+
+def test_without_opengl_the_missing_library_is_named(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # a library that cannot be loaded, found before the system's
+    (tmp_path / "libEGL.so.1").touch()
+    monkeypatch.setenv("LD_LIBRARY_PATH", str(tmp_path))
+    drawn = pictures.draw_results(folder, "machine")
+    assert drawn.images == {}
+    assert drawn.remark == (
+        "no picture of the machine: VTK finds no EGL library; ./headstock doctor tells what is missing"
+    )
 
 
 def test_a_summary_that_is_none_is_named_and_nothing_is_overwritten(
@@ -187,13 +216,6 @@ def test_a_spreadsheet_takes_no_text_of_a_scene_for_a_formula() -> None:
     assert encode_csv(table).decode() == 'name,value\r\n"\'=HYPERLINK(""x"")",-1.5\r\n"a,b\nc",\r\n'
 
 
-def test_a_png_holds_the_pixels_it_was_given() -> None:
-    matplotlib_image = pytest.importorskip("matplotlib.image")
-    pixels = np.random.default_rng(3).integers(0, 256, (7, 5, 4), dtype=np.uint8)
-    read = matplotlib_image.imread(io.BytesIO(encode_png(pixels)))
-    np.testing.assert_array_equal(np.round(255 * read).astype(np.uint8), pixels)
-
-
 def test_a_picture_of_the_machine_shows_bodies_where_they_stand_and_the_tool_where_it_is() -> None:
     pose = PoseView(
         {"a": Frame(np.array([1.0, 0.0, 0.0]))},
@@ -206,4 +228,6 @@ def test_a_picture_of_the_machine_shows_bodies_where_they_stand_and_the_tool_whe
     np.testing.assert_array_equal(
         [picture.points.min(axis=0), picture.points.max(axis=0)], [[1, 0, 0], [2, 1, 1]]
     )
-    np.testing.assert_array_equal(picture.tools, [[1, 0, 1]])
+    tools = picture.marks[1]
+    np.testing.assert_array_equal(tools.places, [[1, 0, 1]])
+    assert tools.in_front

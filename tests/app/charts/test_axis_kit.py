@@ -1,7 +1,5 @@
 """Figures 17 and 18 are drawn from the rows of the validation, and from nothing else."""
 
-import numpy as np
-
 from headstock.app.charts.ladder import FIGURE_NAME, draw_axis_kit
 from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
 from headstock.validation.machines.axis_kit_models import MEASURED_COMPLIANCE, VARIANTS
@@ -24,8 +22,8 @@ def make_rows(factor: float) -> list[ValidationRow]:
 
 def test_the_figure_shows_the_deviations_of_the_rows() -> None:
     twice, thrice = (draw_axis_kit(make_rows(factor))[FIGURE_NAME] for factor in (2.0, 3.0))
-    assert twice.shape[2] == 4
-    assert twice.shape != thrice.shape or np.any(twice != thrice)
+    assert twice.startswith(b"\x89PNG") and thrice.startswith(b"\x89PNG")
+    assert twice != thrice
 
 
 def test_other_cases_have_no_such_figure() -> None:

@@ -16,7 +16,6 @@ from headstock.app.charts.sweep import draw_sweep
 from headstock.app.report.frf import draw_overlay
 from headstock.app.report.pages import render_comparison
 from headstock.app.texts.curves import response_unit, round_ticks
-from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.studies import Study, StudyFamily
@@ -33,13 +32,13 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """Figures that charts were made of, drawn."""
     found: list[Figure] = []
 
-    def keep(figure: Figure) -> FloatArray:
+    def keep(figure: Figure) -> bytes:
         FigureCanvasAgg(figure).draw()  # type: ignore[no-untyped-call] # matplotlib's own
         found.append(figure)
-        return np.zeros((1, 1, 4), dtype=np.uint8)
+        return b""
 
     for module in (study, comparison, sweep, charts):
-        monkeypatch.setattr(module, "read_pixels", keep)
+        monkeypatch.setattr(module, "encode_figure", keep)
     return found
 
 
