@@ -124,6 +124,7 @@ LIBRARIES = (
         "factorisations are many times slower without OpenBLAS: libopenblas0-pthread",
         needed=False,
     ),
+    Question("pillow", "import PIL; print(PIL.__version__)", modules=("PIL",)),
     Question(
         "pyvista",
         "import pyvista; p = pyvista.Plotter(off_screen=True, window_size=(8, 8)); p.screenshot(None, return_img=True); "
@@ -145,7 +146,6 @@ PYTHON_PACKAGES = (
     Package("click"),
     Package("rich"),
     Package("matplotlib"),
-    Package("PIL"),
     Package("jinja2"),
     Package("markupsafe"),
     Package("meshio"),
