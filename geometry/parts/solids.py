@@ -83,15 +83,17 @@ class StepFile:
 
 @dataclass(frozen=True)
 class MeshFile:
-    """A solid given as a finished mesh (gmsh ``.msh``, Abaqus ``.inp``, Nastran ``.bdf``).
+    """A solid given as a finished mesh, in a format of ``meshing/formats.py``.
 
     Attributes:
         path: Absolute path.
         unit: Length of one unit of the file's coordinates [m].
+        beside: Absolute paths of the files that hold its arrays (XDMF).
     """
 
     path: Path
     unit: float = 1.0
+    beside: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ headstock.meshing.files.foreign``.
 import sys
 from pathlib import Path
 
-import meshio
 import numpy as np
 
 from headstock.geometry.parts.solids import MeshFile
@@ -19,13 +18,10 @@ from headstock.meshing.files.cells import (
     order_hex27_faces,
     vtk_to_gmsh,
 )
+from headstock.meshing.files.nastran import read_nastran_mesh
 from headstock.meshing.process.job import MeshData, MeshJob
 from headstock.meshing.process.serving import serve_job
 
-MESHIO_KINDS: dict[str, CellKind] = {
-    "tetra": "tet4", "tetra10": "tet10", "hexahedron": "hex8", "hexahedron20": "hex20", "hexahedron27": "hex27",
-}  # fmt: skip
-MESHIO_SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid")
 COUNT_KINDS: dict[int, CellKind] = {count: kind for kind, count in NODE_COUNTS.items()}
 
 
@@ -73,29 +69,6 @@ def _abaqus_sets(
         for name, members in deck.node_sets.items()
     }
     return facets, {name: members for name, members in nodes.items() if name not in facets}
-
-
-def read_nastran_mesh(path: Path) -> MeshData:
-    """Read a ``.bdf`` file; it brings no named sets.
-
-    Raises:
-        MeshError: The file holds no or several kinds of solid cells, or refers to another file.
-    """
-    with path.open(encoding="utf-8", errors="replace") as file:
-        for number, line in enumerate(file, 1):
-            # meshio passes over it, and the cells in the other file would be missing without a word
-            if line.lstrip()[:7].upper() == "INCLUDE":
-                raise MeshError(
-                    f"{path.name}:{number}: INCLUDE is not supported; write the whole mesh into one file"
-                )
-    mesh = meshio.read(path, file_format="nastran")
-    solids = [block for block in mesh.cells if block.type.startswith(MESHIO_SOLIDS)]
-    kinds = {block.type for block in solids}
-    if len(kinds) != 1 or next(iter(kinds)) not in MESHIO_KINDS:
-        raise MeshError(kinds_message(path, sorted(kinds)))
-    kind = MESHIO_KINDS[next(iter(kinds))]
-    cells = np.concatenate([np.asarray(block.data, dtype=np.int64) for block in solids])
-    return MeshData(np.asarray(mesh.points, dtype=float), vtk_to_gmsh(cells, kind), kind)
 
 
 def perform_job(job: MeshJob) -> MeshData:

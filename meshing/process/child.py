@@ -4,23 +4,18 @@ import errno
 import math
 import os
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.errors import MeshError, PartFileError
+from headstock.meshing.formats import find_format
 from headstock.meshing.process.guarded import ChildEnd, ChildLimits, run_guarded_child
 from headstock.meshing.process.job import MeshData, MeshJob, format_job, read_data
 from headstock.meshing.process.serving import BAD_FILE, REFUSED
 
 # what answers in the child: `perform_job` there, which calls `mesh_shape` of meshing/cad/meshing.py
 GMSH_WORKER = "headstock.meshing.cad.worker"
-FOREIGN_WORKER = "headstock.meshing.files.foreign"
-MESH_FILES = {
-    ".msh": GMSH_WORKER,
-    ".inp": FOREIGN_WORKER,
-    ".bdf": FOREIGN_WORKER,
-    ".nas": FOREIGN_WORKER,
-}
 MEMORY_BYTES = 8 << 30
 # What honest mesh files need, so that a small file that lies about its counts is stopped early.
 # Measured on tets and hexes: readers take up to 40 times the file's size, and 0.25 GiB of address
@@ -64,12 +59,13 @@ def run_job(
                 else f"{what}: there is no file {path}"
             )
         if job.task == "file":
-            if path.suffix.lower() not in MESH_FILES:
-                raise MeshError(
-                    f"{what}: {path.name}: mesh files end in .msh (gmsh), .inp (Abaqus) or .bdf (Nastran)"
-                )
-            worker = MESH_FILES[path.suffix.lower()]
-            limits = _limit_reading(limits, path)
+            try:
+                worker = find_format(path).worker
+            except MeshError as error:
+                raise MeshError(f"{what}: {error}") from error
+            if isinstance(job.solid, MeshFile):
+                readable += job.solid.beside
+            limits = _limit_reading(limits, readable)
     # without a name in the file system, so that nothing stays behind however this process ends
     with tempfile.TemporaryFile() as result:
         end = run_guarded_child(
@@ -81,8 +77,8 @@ def run_job(
         raise _failure(end, job, what)
 
 
-def _limit_reading(limits: ChildLimits, path: Path) -> ChildLimits:
-    size = path.stat().st_size
+def _limit_reading(limits: ChildLimits, readable: Sequence[Path]) -> ChildLimits:
+    size = sum(path.stat().st_size for path in readable if path.is_file())
     return ChildLimits(
         min(limits.memory_bytes, READING_BYTES + READING_FACTOR * size),
         min(limits.cpu_seconds, math.ceil(READING_SECONDS + READING_SECONDS_PER_MB * size / 1e6)),

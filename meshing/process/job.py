@@ -115,6 +115,8 @@ def parse_job(text: str) -> MeshJob:
     fields = job.pop("solid")
     if "path" in fields:
         fields["path"] = Path(fields["path"])
+    if "beside" in fields:
+        fields["beside"] = tuple(Path(path) for path in fields["beside"])
     groups = {
         name: [Patch(**patch) for patch in patches] for name, patches in job.pop("groups").items()
     }

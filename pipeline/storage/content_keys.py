@@ -24,12 +24,13 @@ import headstock.scene
 import headstock.solvers
 from headstock.geometry.parts.components import Component, Load, Support
 from headstock.geometry.parts.solids import MeshFile, Solid, StepFile, SuperelementFile
+from headstock.meshing.formats import MESH_SUFFIXES, files_beside
 from headstock.pipeline.storage.json_texts import JsonValue
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.keys import find_keys, split_key, value_at
 
 SIGNIFICANT_DIGITS = 12
-MESH_LIBRARIES = ("gmsh", "numpy")
+MESH_LIBRARIES = ("gmsh", "meshio", "numpy")
 REDUCTION_LIBRARIES = ("fenics-dolfinx", "petsc4py", "slepc4py", "gmsh", "numpy", "scipy")
 PACKAGES = (
     headstock.geometry,
@@ -188,13 +189,17 @@ def _solid_content(component: Component) -> Solid | dict[str, JsonValue]:
     solid = component.solid
     if isinstance(solid, StepFile | MeshFile | SuperelementFile):
         details = {
-            name: value for name, value in dataclasses.asdict(solid).items() if name != "path"
+            name: value
+            for name, value in dataclasses.asdict(solid).items()
+            if name not in ("path", "beside")
         }
-        with solid.path.open("rb") as file:
-            content = hashlib.file_digest(file, "sha256").hexdigest()
+        # the arrays of an XDMF file lie in others, which it names
+        beside = solid.beside if isinstance(solid, MeshFile) else ()
+        if beside:
+            details["beside"] = {path.name: _file_digest(path) for path in beside}
         return {
             "type": type(solid).__name__,
-            "content": content,
+            "content": _file_digest(solid.path),
             "suffix": solid.path.suffix.lower(),
             **details,
         }
@@ -213,5 +218,13 @@ def file_digests(folder: Path, raw: TomlTable) -> Iterator[tuple[str, str]]:
     for name in [
         str(value_at(raw, key)) for pattern in FILE_KEYS for key in find_keys(raw, pattern)
     ]:
-        with (folder / name).open("rb") as file:
-            yield name, hashlib.file_digest(file, "sha256").hexdigest()
+        path = folder / name
+        yield name, _file_digest(path)
+        if path.suffix.lower() in MESH_SUFFIXES:
+            for other in files_beside(path):
+                yield str(Path(name).parent / other), _file_digest(path.parent / other)
+
+
+def _file_digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -34,6 +34,8 @@ from headstock.geometry.parts.solids import (
     SuperelementFile,
     Tube,
 )
+from headstock.meshing.errors import MeshError
+from headstock.meshing.formats import MESH_SUFFIXES, files_beside
 from headstock.meshing.sizing import (
     PATCH_CELLS,
     count_patch_cells,
@@ -60,9 +62,10 @@ from headstock.scene.schema.scene import SceneTable
 FEWEST_STATIONS = 4
 FILE_SUFFIXES: dict[str, tuple[str, ...]] = {
     "step": (".step", ".stp"),
-    "mesh": (".msh", ".inp", ".bdf", ".nas"),
+    "mesh": MESH_SUFFIXES,
     "superelement": (".h5", ".hdf5"),
 }
+ARRAY_SUFFIXES = (".h5", ".hdf5")
 # matrices from a file bring their own stiffness and mass
 NO_MATERIAL = Material("from the file", 0.0, 0.0, 0.0)
 PLANAR_FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
@@ -95,15 +98,30 @@ def build_solid(table: SolidTable, folder: Path) -> Solid:
     if table.step is not None:
         return StepFile(resolve_file(folder, table.step, FILE_SUFFIXES["step"]), table.solid)
     if table.mesh is not None:
-        return MeshFile(
-            resolve_file(folder, table.mesh, FILE_SUFFIXES["mesh"]),
-            1.0 if table.unit is None else table.unit,
-        )
+        path = resolve_file(folder, table.mesh, FILE_SUFFIXES["mesh"])
+        return MeshFile(path, 1.0 if table.unit is None else table.unit, _beside(path, folder))
     if table.superelement is not None:
         return SuperelementFile(
             resolve_file(folder, table.superelement, FILE_SUFFIXES["superelement"])
         )
     return Box(_three(table.box or []))
+
+
+def _beside(path: Path, folder: Path) -> tuple[Path, ...]:
+    """The files that hold the arrays of a mesh file, which lie in its folder.
+
+    Raises:
+        ValueError: One is missing or out of bounds.
+    """
+    try:
+        names = files_beside(path)
+    except (MeshError, OSError) as error:
+        raise ValueError(str(error)) from error
+    inside = path.parent.relative_to(folder.resolve())
+    try:
+        return tuple(resolve_file(folder, str(inside / name), ARRAY_SUFFIXES) for name in names)
+    except ValueError as error:
+        raise ValueError(f"{path.name} reads its arrays from another file: {error}") from error
 
 
 def bounding_box(

@@ -1,0 +1,207 @@
+"""Reads finished meshes in Exodus files and adds side sets to them; the reader runs in a child:
+``python -m headstock.meshing.files.exodus``.
+
+meshio writes Exodus without side sets; its reader knows neither them, nor sets without a name, nor
+blocks of the type TETRA4.
+"""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.solids import MeshFile
+from headstock.meshing.component_mesh import IntArray
+from headstock.meshing.errors import MeshError
+from headstock.meshing.files.cells import MESHIO_SOLIDS, RawMesh, assemble_mesh, guard_reader
+from headstock.meshing.process.job import MeshData, MeshJob
+from headstock.meshing.process.serving import serve_job
+
+try:
+    import netCDF4
+except ImportError:
+    netCDF4 = None  # noqa: N816
+
+NO_NETCDF = "Exodus files need the Python package netCDF4 (Debian: python3-netcdf4)"
+# first letters of a block's type, and its number of nodes, to the kind
+FAMILIES = {
+    "TET": "tetra",
+    "HEX": "hexahedron",
+    "WED": "wedge",
+    "PYR": "pyramid",
+    "TRI": "triangle",
+}
+FAMILIES |= {"SHE": "quad", "QUA": "quad"}
+CORNERS = {"tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5, "triangle": 3, "quad": 4}
+# corners of sides 1, 2, ... (Exodus II: A finite element data model, SAND92-2137, table 4)
+SIDES = {
+    "tetra": ((0, 1, 3), (1, 2, 3), (0, 3, 2), (0, 2, 1)),
+    "hexahedron": (
+        (0, 1, 5, 4),
+        (1, 2, 6, 5),
+        (2, 3, 7, 6),
+        (0, 4, 7, 3),
+        (0, 3, 2, 1),
+        (4, 5, 6, 7),
+    ),
+}
+LONGEST_NAME = 32
+
+
+def read_exodus_mesh(path: Path) -> MeshData:
+    """Read an ``.exo`` file; its side sets and node sets become named sets.
+
+    Raises:
+        MeshError: The package netCDF4 is missing, or the file holds no or several kinds of solid
+            cells.
+    """
+    if netCDF4 is None:
+        raise MeshError(f"{path.name}: {NO_NETCDF}")
+    with netCDF4.Dataset(str(path)) as file:
+        file.set_auto_mask(False)
+        variables = file.variables
+        raw = RawMesh(_read_points(path, variables))
+        blocks = [
+            (_block_kind(path, variables[name]), np.asarray(variables[name][:], dtype=np.int64) - 1)
+            for name in _numbered(variables, "connect")
+        ]
+        raw.solids = [block for block in blocks if block[0].startswith(MESHIO_SOLIDS)]
+        for name, label in _named_sets(variables, "elem_ss", "ss", "side_set"):
+            elements = np.asarray(variables[name][:], dtype=np.int64) - 1
+            sides = np.asarray(variables[name.replace("elem", "side")][:], dtype=np.int64)
+            _add_side_set(path, raw, blocks, label=label, elements=elements, sides=sides)
+        for name, label in _named_sets(variables, "node_ns", "ns", "node_set"):
+            raw.add_nodes(label, np.asarray(variables[name][:], dtype=np.int64) - 1)
+    return assemble_mesh(path, raw)
+
+
+def _read_points(path: Path, variables: Mapping[str, "netCDF4.Variable"]) -> FloatArray:
+    if "coord" in variables:
+        points = np.asarray(variables["coord"][:], dtype=float).T
+    else:
+        missing = [name for name in ("coordx", "coordy", "coordz") if name not in variables]
+        if missing:
+            raise MeshError(
+                f"{path.name} has no coordinates {', '.join(missing)}; it is no Exodus file of a solid mesh"
+            )
+        points = np.stack(
+            [np.asarray(variables[f"coord{axis}"][:], dtype=float) for axis in "xyz"], axis=1
+        )
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise MeshError(f"{path.name}: its coordinates are not three per node")
+    return points
+
+
+def _block_kind(path: Path, block: "netCDF4.Variable") -> str:
+    """The kind of the cells of a block by meshio's name, such as ``tetra10``."""
+    family = FAMILIES.get(str(getattr(block, "elem_type", ""))[:3].upper(), "")
+    if len(block.shape) != 2:
+        raise MeshError(f"{path.name}: {block.name} is no table of nodes; the file is damaged")
+    count = block.shape[1]
+    if not family:
+        return "other"  # points, bars, arbitrary polyhedra
+    return family if count == CORNERS[family] else f"{family}{count}"
+
+
+def _numbered(variables: Mapping[str, object], start: str) -> list[str]:
+    found = [name for name in variables if name.startswith(start) and name[len(start) :].isdigit()]
+    return sorted(found, key=lambda name: int(name[len(start) :]))
+
+
+def _named_sets(
+    variables: Mapping[str, "netCDF4.Variable"], start: str, kind: str, unnamed: str
+) -> list[tuple[str, str]]:
+    """Variable and name of each set that has members; ``unnamed`` and its number without a name."""
+    names, numbers = variables.get(f"{kind}_names"), variables.get(f"{kind}_prop1")
+    found = []
+    for name in _numbered(variables, start):
+        place = int(name[len(start) :]) - 1
+        label = b""
+        if names is not None and place < len(names):
+            label = np.asarray(names[place]).tobytes().partition(b"\0")[0].strip()
+        known = numbers is not None and place < len(numbers)
+        number = int(numbers[place]) if known and numbers is not None else place + 1
+        found.append((name, label.decode("utf-8", errors="replace") or f"{unnamed}_{number}"))
+    return found
+
+
+def _add_side_set(
+    path: Path,
+    raw: RawMesh,
+    blocks: list[tuple[str, IntArray]],
+    *,
+    label: str,
+    elements: IntArray,
+    sides: IntArray,
+) -> None:
+    """Facets of a side set: numbers of elements, counted over all blocks, and of their sides."""
+    if len(elements) != len(sides):
+        raise MeshError(
+            f"{path.name}: side set {label} has {len(elements)} elements and {len(sides)} sides; it is damaged"
+        )
+    start = 0
+    for kind, cells in blocks:
+        inside = (elements >= start) & (elements < start + len(cells))
+        own, numbers = cells[elements[inside] - start], sides[inside]
+        start += len(cells)
+        if not kind.startswith(MESHIO_SOLIDS):
+            raw.add_facets(label, kind, own)
+            continue
+        table = SIDES.get(kind.rstrip("0123456789"), ())
+        if inside.any() and (not table or not 1 <= numbers.min() <= numbers.max() <= len(table)):
+            raise MeshError(
+                f"{path.name}: side set {label} names sides that a {kind} does not have"
+            )
+        for number, corners in enumerate(table, 1):
+            chosen = own[numbers == number][:, list(corners)]
+            raw.add_facets(label, "triangle" if len(corners) == 3 else "quad", chosen)
+    if len(elements) and not 0 <= elements.min() <= elements.max() < start:
+        raise MeshError(f"{path.name}: side set {label} names elements that the file does not hold")
+
+
+def add_side_sets(path: Path, cells: IntArray, sets: Mapping[str, IntArray]) -> None:
+    """Add side sets to an Exodus file with one block of cells.
+
+    Args:
+        path: Of the file.
+        cells: Its cells, corners first, ``(n_cells, k)``.
+        sets: Corners of the facets of each set, ``(n, 3 or 4)``.
+    """
+    corners = 4 if cells.shape[1] in (4, 10) else 8
+    table = np.array(SIDES["tetra" if corners == 4 else "hexahedron"])
+    sides = np.sort(cells[:, table].reshape(-1, table.shape[1]), axis=1)
+    place = {key.tobytes(): number for number, key in enumerate(np.ascontiguousarray(sides))}
+    with netCDF4.Dataset(str(path), "a") as file:
+        for known in ("eb_prop1", "ns_prop1"):  # meshio counts from 0, which is no number of a set
+            if known in file.variables:
+                file.variables[known][:] += 1
+        file.createDimension("num_side_sets", len(sets))
+        numbers = file.createVariable("ss_prop1", "i4", ("num_side_sets",))
+        numbers.setncattr("name", "ID")
+        status = file.createVariable("ss_status", "i4", ("num_side_sets",))
+        names = file.createVariable("ss_names", "S1", ("num_side_sets", "len_string"))
+        for index, (name, facets) in enumerate(sets.items()):
+            keys = np.ascontiguousarray(np.sort(facets, axis=1))
+            found = np.array([place[key.tobytes()] for key in keys])
+            numbers[index], status[index] = index + 1, 1
+            names[index] = np.frombuffer(name.encode().ljust(LONGEST_NAME + 1, b"\0"), dtype="S1")
+            file.createDimension(f"num_side_ss{index + 1}", len(found))
+            elements = file.createVariable(
+                f"elem_ss{index + 1}", "i4", (f"num_side_ss{index + 1}",)
+            )
+            elements[:] = found // len(table) + 1
+            own = file.createVariable(f"side_ss{index + 1}", "i4", (f"num_side_ss{index + 1}",))
+            own[:] = found % len(table) + 1
+
+
+def perform_job(job: MeshJob) -> MeshData:
+    """Read an Exodus mesh."""
+    if not isinstance(job.solid, MeshFile):
+        raise MeshError(f"a {type(job.solid).__name__} is no mesh file")
+    return guard_reader(job.solid.path, read_exodus_mesh)
+
+
+if __name__ == "__main__":
+    sys.exit(serve_job(sys.argv[1:], perform_job))

@@ -1,0 +1,340 @@
+"""Reads finished meshes whose arrays lie in HDF5, XDMF and MED, in a child: ``python -m
+headstock.meshing.files.hdf5``.
+
+XDMF values and kinds of cells are read by meshio; several grids in one file, as dolfinx writes
+meshes with tags, and mixed second-order cells are not, nor are names of other files checked there.
+meshio's reader of MED knows no 27-node hexes, and fails at families without groups and at fields.
+"""
+
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import h5py
+import numpy as np
+from meshio.xdmf.common import xdmf_idx_to_meshio_type, xdmf_to_meshio_type
+from meshio.xdmf.main import XdmfReader
+from numpy.typing import NDArray
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.solids import MeshFile
+from headstock.meshing.component_mesh import IntArray
+from headstock.meshing.errors import MeshError
+from headstock.meshing.files.cells import (
+    MESHIO_FACETS,
+    MESHIO_SOLIDS,
+    RawMesh,
+    assemble_mesh,
+    guard_reader,
+)
+from headstock.meshing.process.job import MeshData, MeshJob
+from headstock.meshing.process.serving import serve_job
+
+MED_NAME_BYTES = 80
+AnyArray = NDArray[Any]
+CORNERS = {"vertex": 1, "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6}
+CORNERS["hexahedron"] = 8
+NODE_FAMILIES, CELL_FAMILIES = "NOEUD", "ELEME"
+MED_KINDS = {
+    "TR3": "triangle", "TR6": "triangle6", "TR7": "triangle7", "QU4": "quad", "QU8": "quad8", "QU9": "quad9",
+    "TE4": "tetra", "T10": "tetra10", "HE8": "hexahedron", "H20": "hexahedron20", "H27": "hexahedron27",
+    "PE6": "wedge", "P15": "wedge15", "P18": "wedge18", "PY5": "pyramid", "P13": "pyramid13",
+}  # fmt: skip
+
+
+class GuardedXdmf(XdmfReader):  # type: ignore[misc]
+    """Reads values of an XDMF file, and of HDF5 files only those that are given."""
+
+    def __init__(self, path: Path, beside: Sequence[Path]) -> None:
+        super().__init__(path)
+        self.files = {other.name: other for other in beside}
+
+    def values(self, element: ElementTree.Element) -> AnyArray:
+        """The array of the one data item of an element.
+
+        Raises:
+            MeshError: It is none, or lies elsewhere.
+        """
+        items = element.findall("DataItem")
+        if len(items) != 1:
+            raise MeshError(
+                f"{self.filename.name}: a {element.tag} has {len(items)} data items, one is read"
+            )
+        (item,) = items
+        form, text = item.get("Format", "XML"), (item.text or "").strip()
+        if item.get("ItemType", "Uniform") != "Uniform" or "Reference" in item.attrib:
+            raise MeshError(
+                f"{self.filename.name}: data items made of others are not read; export it again"
+            )
+        if form == "XML":
+            item.set("Format", "XML")
+            return np.asarray(self._read_data_item(item))
+        name, colon, place = text.rpartition(":")
+        if form != "HDF" or not colon:
+            raise MeshError(
+                f"{self.filename.name}: data of format {form!r} are not read; write HDF or XML"
+            )
+        if name.strip() not in self.files:
+            raise MeshError(f"{self.filename.name} reads {text!r}, which is no HDF5 file beside it")
+        with h5py.File(self.files[name.strip()], "r") as file:
+            array = read_plain(file, place.strip())
+        stated = [int(size) for size in (item.get("Dimensions") or "").split()]
+        if math.prod(stated) != array.size:
+            raise MeshError(
+                f"{self.filename.name}: {text} has the shape {array.shape}, stated are {stated}; one of the two files is of another mesh"
+            )
+        return array.reshape(stated)
+
+
+def read_plain(group: h5py.Group, place: str) -> AnyArray:
+    """An array of an HDF5 file whose numbers lie in the file itself.
+
+    Raises:
+        MeshError: There is none, or it lies elsewhere.
+    """
+    for name in (part for part in place.split("/") if part):
+        kind = (
+            group.get(name, getclass=True, getlink=True) if isinstance(group, h5py.Group) else None
+        )
+        if kind is None:
+            raise MeshError(f"{Path(group.file.filename).name} holds no array {place}")
+        if kind is not h5py.HardLink:
+            raise MeshError(f"{place} is a link to another place, which is not followed")
+        group = group[name]
+    if not isinstance(group, h5py.Dataset) or group.external or group.is_virtual:
+        raise MeshError(f"{place} is no array of this file")
+    return np.asarray(group[()])
+
+
+def read_xdmf_mesh(path: Path, beside: Sequence[Path]) -> MeshData:
+    """Read an ``.xdmf`` file; integer values of surface elements become named sets.
+
+    Elements may stand beside the solid cells in one grid, or in grids of their own, as dolfinx
+    writes mesh tags. A set is called by the name of the values, and by the value where there are
+    several.
+
+    Args:
+        path: Of the file.
+        beside: HDF5 files that it may read.
+
+    Raises:
+        MeshError: The file holds no or several kinds of solid cells, or reaches for other files.
+    """
+    text = path.read_bytes()
+    if b"<!ENTITY" in text:
+        raise MeshError(f"{path.name} defines entities, which are not expanded; export it again")
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise MeshError(f"{path.name} is no XML, or is cut short: {error}") from error
+    if root.tag != "Xdmf":
+        raise MeshError(f"{path.name} is no XDMF file: it begins with {root.tag[:80]!r}")
+    reader = GuardedXdmf(path, beside)
+    grids = [grid for grid in root.iter("Grid") if grid.get("GridType", "Uniform") == "Uniform"]
+    raw: RawMesh | None = None
+    pending = []
+    for grid in grids:
+        topology = grid.find("Topology")
+        if topology is None:
+            continue  # a field on a mesh that another grid holds
+        blocks = list(_xdmf_cells(reader, topology))
+        if not any(kind.startswith(MESHIO_SOLIDS) for kind, _ in blocks):
+            pending.append((grid, blocks))
+            continue
+        if raw is not None:
+            if grid.find("Geometry") is not None:
+                raise MeshError(f"{path.name} holds several meshes; write one")
+            continue  # values on its cells
+        geometry = grid.find("Geometry")
+        if geometry is None:
+            raise MeshError(f"{path.name}: the grid with the solid cells has no coordinates")
+        raw = RawMesh(_xdmf_points(reader, geometry), _solid_blocks(blocks))
+        _add_tags(reader, grid, blocks, raw)
+    if raw is None:
+        return assemble_mesh(path, RawMesh(np.zeros((0, 3))))
+    for grid, blocks in pending:
+        geometry = grid.find("Geometry")
+        if geometry is not None:
+            places = _same_places(raw.points, _xdmf_points(reader, geometry))
+            blocks = [(kind, _renumber(places, nodes)) for kind, nodes in blocks]
+        _add_tags(reader, grid, blocks, raw)
+    return assemble_mesh(path, raw)
+
+
+def _solid_blocks(blocks: Sequence[tuple[str, IntArray]]) -> list[tuple[str, IntArray]]:
+    return [(kind, nodes) for kind, nodes in blocks if kind.startswith(MESHIO_SOLIDS)]
+
+
+def _xdmf_points(reader: GuardedXdmf, geometry: ElementTree.Element) -> FloatArray:
+    kind = geometry.get("GeometryType") or geometry.get("Type") or "XYZ"
+    points = reader.values(geometry)
+    if kind != "XYZ" or points.ndim != 2 or points.shape[1] != 3:
+        raise MeshError(
+            f"{reader.filename.name}: coordinates of type {kind} and shape {points.shape}; XYZ is read"
+        )
+    return points.astype(float)
+
+
+def _xdmf_cells(
+    reader: GuardedXdmf, topology: ElementTree.Element
+) -> Iterator[tuple[str, IntArray]]:
+    """Kind and nodes ``(n, k)`` of each block of cells."""
+    kind = topology.get("TopologyType") or topology.get("Type") or ""
+    values = reader.values(topology).astype(np.int64)
+    if kind == "Mixed":
+        yield from _split_mixed(reader.filename.name, values.ravel())
+        return
+    if kind not in xdmf_to_meshio_type:
+        raise MeshError(f"{reader.filename.name}: cells of the type {kind!r} are not known")
+    name = str(xdmf_to_meshio_type[kind])
+    yield name, values.reshape(-1, _node_count(name))
+
+
+def _split_mixed(name: str, values: IntArray) -> Iterator[tuple[str, IntArray]]:
+    """Blocks of cells of a mixed topology: per cell its type, for points and lines their count, and
+    its nodes.
+    """
+    place, current = 0, ""
+    rows: list[list[int]] = []
+    numbers = [int(value) for value in values]
+    while place < len(numbers):
+        kind = xdmf_idx_to_meshio_type.get(numbers[place])
+        if kind is None:
+            raise MeshError(f"{name}: cells of the type {numbers[place]} are not known")
+        start = place + (2 if kind in ("vertex", "line") else 1)
+        place = start + _node_count(kind)
+        if kind != current and rows:
+            yield current, np.array(rows, dtype=np.int64)
+            rows = []
+        current = kind
+        rows.append(numbers[start:place])
+        if place > len(numbers):
+            raise MeshError(f"{name}: the list of cells is cut short")
+    if rows:
+        yield current, np.array(rows, dtype=np.int64)
+
+
+def _node_count(kind: str) -> int:
+    family = kind.rstrip("0123456789")
+    return int(kind[len(family) :] or CORNERS[family])
+
+
+def _add_tags(
+    reader: GuardedXdmf,
+    grid: ElementTree.Element,
+    blocks: Sequence[tuple[str, IntArray]],
+    raw: RawMesh,
+) -> None:
+    """Sets of surface elements by the integer values that a grid gives its cells."""
+    if not any(kind.startswith(MESHIO_FACETS) for kind, _ in blocks):
+        return
+    for attribute in grid.findall("Attribute"):
+        if attribute.get("Center") != "Cell":
+            continue
+        values = reader.values(attribute).ravel()
+        if not np.issubdtype(values.dtype, np.integer):
+            continue
+        name = attribute.get("Name", "tags")
+        if len(values) != sum(len(nodes) for _, nodes in blocks):
+            raise MeshError(
+                f"{reader.filename.name}: {name} has {len(values)} values, the grid other many cells"
+            )
+        owners = np.split(values, np.cumsum([len(nodes) for _, nodes in blocks])[:-1])
+        tagged = [
+            (kind, nodes, tags)
+            for (kind, nodes), tags in zip(blocks, owners, strict=True)
+            if kind.startswith(MESHIO_FACETS)
+        ]
+        found = np.unique(np.concatenate([tags for _, _, tags in tagged]))
+        for value in found:
+            for kind, nodes, tags in tagged:
+                label = name if len(found) == 1 else f"{name}_{value}"
+                raw.add_facets(label, kind, nodes[tags == value])
+
+
+def _same_places(points: FloatArray, others: FloatArray) -> IntArray:
+    """Number of the point at the same place for each of ``others``, -1 where there is none."""
+    _, groups = np.unique(np.vstack([points, others]), axis=0, return_inverse=True)
+    first = np.full(groups.max() + 1, -1, dtype=np.int64)
+    first[groups[: len(points)].ravel()] = np.arange(len(points))
+    return first[groups[len(points) :].ravel()]
+
+
+def _renumber(places: IntArray, nodes: IntArray) -> IntArray:
+    if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(places):
+        raise MeshError("surface elements use nodes that the file does not hold; it is damaged")
+    return places[nodes]
+
+
+def read_med_mesh(path: Path) -> MeshData:
+    """Read a ``.med`` file; groups of surface elements and of nodes become named sets.
+
+    Raises:
+        MeshError: The file holds no or several meshes, or no or several kinds of solid cells.
+    """
+    with h5py.File(path, "r") as file:
+        meshes = file.get("ENS_MAA")
+        if not isinstance(meshes, h5py.Group) or len(meshes) != 1:
+            raise MeshError(
+                f"{path.name} holds {len(meshes or ())} meshes; write a MED file with one"
+            )
+        (name,) = meshes
+        mesh = meshes[name]
+        step = mesh if "NOE" in mesh else mesh[sorted(mesh)[0]]
+        flat = read_plain(step, "NOE/COO")
+        if int(mesh.attrs["ESP"]) != 3 or len(flat) % 3:
+            raise MeshError(f"{path.name}: its coordinates are not three per node")
+        raw = RawMesh(flat.reshape(3, -1).T.astype(float))
+        families = file.get(f"FAS/{name}")
+        groups = {
+            kind: _med_groups(families[kind]) if families is not None and kind in families else {}
+            for kind in (NODE_FAMILIES, CELL_FAMILIES)
+        }
+        if "FAM" in step["NOE"]:
+            tags = read_plain(step, "NOE/FAM")
+            for number, names in groups[NODE_FAMILIES].items():
+                for group in names:
+                    raw.add_nodes(group, np.flatnonzero(tags == number))
+        for code, cells in step["MAI"].items():
+            kind = MED_KINDS.get(code)
+            if kind is None:
+                continue  # points, lines, polygons
+            nodes = read_plain(cells, "NOD").reshape(_node_count(kind), -1).T.astype(np.int64) - 1
+            if kind.startswith(MESHIO_SOLIDS):
+                raw.solids.append((kind, nodes))
+            elif "FAM" in cells:
+                tags = read_plain(cells, "FAM")
+                for number, names in groups[CELL_FAMILIES].items():
+                    for group in names:
+                        raw.add_facets(group, kind, nodes[tags == number])
+    return assemble_mesh(path, raw)
+
+
+def _med_groups(families: h5py.Group) -> dict[int, list[str]]:
+    """Names of the groups that each family belongs to, by its number."""
+    found: dict[int, list[str]] = {}
+    for family in families.values():
+        if "GRO" in family:
+            rows = read_plain(family, "GRO/NOM").astype(np.uint8).reshape(-1, MED_NAME_BYTES)
+            found[int(family.attrs["NUM"])] = [
+                row.tobytes().partition(b"\0")[0].decode("utf-8", errors="replace").strip()
+                for row in rows
+            ]
+    return found
+
+
+def perform_job(job: MeshJob) -> MeshData:
+    """Read an XDMF or MED mesh."""
+    solid = job.solid
+    if not isinstance(solid, MeshFile):
+        raise MeshError(f"a {type(solid).__name__} is no mesh file")
+    if solid.path.suffix.lower() == ".med":
+        return guard_reader(solid.path, read_med_mesh)
+    return guard_reader(solid.path, lambda path: read_xdmf_mesh(path, solid.beside))
+
+
+if __name__ == "__main__":
+    sys.exit(serve_job(sys.argv[1:], perform_job))
