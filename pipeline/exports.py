@@ -1,9 +1,11 @@
-"""Files for other programs and scenes: a component as a superelement file, and the state space of a
-machine for MATLAB.
+"""Files for other programs and scenes: a component as a superelement file or as a mesh, and the
+state space of a machine for MATLAB.
 """
 
 import dataclasses
+import importlib
 import io
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +13,20 @@ import numpy as np
 import scipy.io
 from mpi4py import MPI
 
+from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.solids import SuperelementFile
+from headstock.meshing.formats import find_format
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.stages.components import make_superelements
+from headstock.pipeline.stages.components import load_or_make_mesh, make_superelements
 from headstock.pipeline.stages.machine import damp_system, run_couple_stage
 from headstock.pipeline.stages.run_state import RunState
-from headstock.pipeline.storage.outputs import OutputError, check_output, write_output
+from headstock.pipeline.storage.outputs import (
+    OutputError,
+    PendingOutputs,
+    check_output,
+    naming_output,
+    write_output,
+)
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.pipeline.storage.superelements import write_superelement
@@ -23,8 +34,11 @@ from headstock.scene.requests import Analyses, FrfRequest
 from headstock.scene.scene import Scene
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.state_space import StateSpace, to_state_space
-from headstock.solvers.ranks import share_from_root
+from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.solvers.second_order import Port, name_port
+
+# loaded only where a mesh is written: it takes meshio and netCDF4 with it
+WRITING_MODULE = "headstock.meshing.files.writing"
 
 
 def export_state_space(
@@ -167,3 +181,59 @@ def export_superelement(
         write_superelement(path, superelement, origin)
         text = f"{path}: {component}, {superelement.full_dofs} -> {len(superelement.labels)} dofs"
     return str(share_from_root(comm, text))
+
+
+def export_mesh(
+    scene: Scene,
+    component: str | None,
+    path: Path,
+    *,
+    comm: MPI.Comm,
+    store: Store | None = None,
+) -> str:
+    """Write the mesh of a component with its patches as named sets, in metres.
+
+    Args:
+        scene: The scene; the same on every rank.
+        component: Name of one of its components; None for the only one that has a shape.
+        path: File to write, whole or not at all; its ending chooses the format.
+        comm: Collective; rank 0 meshes and writes.
+        store: Where meshes are kept; by default the user's.
+
+    Returns:
+        What was written, in a few words; on every rank.
+
+    Raises:
+        ModelError: The scene has no such component, or it has no shape.
+        MeshError: It cannot be meshed, or the format cannot hold the mesh.
+        OutputError: The file cannot be written.
+    """
+    find_format(path, written=True)
+    if not path.absolute().parent.is_dir():
+        raise OutputError(f"{path} cannot be written: there is no folder {path.parent}")
+    check_output(path)
+    plan = plan_scene(scene)
+    shaped = [
+        name
+        for name, part in plan.components.items()
+        if not isinstance(part.solid, SuperelementFile)
+    ]
+    if component is None and len(shaped) == 1:
+        (component,) = shaped
+    if component not in shaped:
+        what = "name the component to mesh" if component is None else f"no mesh of {component!r}"
+        raise ModelError(f"{what}; components with a shape: {', '.join(shaped) or 'none'}")
+    state = RunState(scene, plan, comm, store or Store(default_store_root()))
+    return make_on_root(comm, partial(_write_mesh, state, plan.components[component], path))
+
+
+def _write_mesh(state: RunState, component: Component, path: Path) -> str:
+    writing = importlib.import_module(WRITING_MODULE)
+    mesh, _ = load_or_make_mesh(state, component)
+    with naming_output(path), PendingOutputs() as pending:
+        for name, content in writing.encode_mesh(mesh, path).items():
+            pending.add(path.with_name(name), content)
+        pending.publish()
+    sets = ", ".join(mesh.patches) or "none"
+    size = f"{len(mesh.cells)} {mesh.kind}, {len(mesh.points)} nodes in metres"
+    return f"{path}: {component.name}, {size}, sets: {sets}"

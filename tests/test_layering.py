@@ -87,6 +87,7 @@ MOST_MODULES = 20  # in a folder: what is longer is no longer seen at a glance
 ADAPTERS = {
     "gmsh": {"meshing/cad", "meshing/files"},
     "meshio": {"meshing/files"},
+    "netCDF4": {"meshing/files"},
     "basix": {"solvers/elastic"},
     "dolfinx": {"solvers/elastic"},
     "ffcx": {"solvers/elastic"},

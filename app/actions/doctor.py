@@ -117,6 +117,13 @@ LIBRARIES = (
         modules=("h5py",),
     ),
     Question(
+        "netCDF4",
+        "import netCDF4; print(netCDF4.__version__)",
+        remedy="Exodus meshes only: on Debian python3-netcdf4",
+        needed=False,
+        modules=("netCDF4",),
+    ),
+    Question(
         "BLAS",
         "import numpy.linalg, threadpoolctl; print(*{f\"{i['internal_api']} {i['version']} ({i.get('architecture', '')})\""
         " for i in threadpoolctl.threadpool_info() if i['user_api'] == 'blas'} or ['reference'])",

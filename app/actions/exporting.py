@@ -1,4 +1,6 @@
-"""``headstock export``: one component as a superelement file, or a machine as a state space."""
+"""``headstock export``: one component as a superelement file or as a mesh, or a machine as a state
+space.
+"""
 
 from dataclasses import dataclass
 from functools import partial
@@ -10,7 +12,9 @@ from mpi4py import MPI
 from headstock.app.actions.running import require_ranks
 from headstock.app.terminal.console import warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE
-from headstock.pipeline.exports import export_state_space, export_superelement
+from headstock.meshing.errors import MeshError
+from headstock.meshing.formats import find_format
+from headstock.pipeline.exports import export_mesh, export_state_space, export_superelement
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.units import FREQUENCY, UnitError, parse_quantity
@@ -41,6 +45,31 @@ def export_component(request: ExportRequest, comm: MPI.Comm) -> int:
     written = export_superelement(
         scene, request.component, request.output, comm=comm, origin=request.origin
     )
+    if comm.rank == 0:
+        click.echo(written)
+    return DONE
+
+
+def export_component_mesh(request: ExportRequest, component: str | None, comm: MPI.Comm) -> int:
+    """Mesh a component, write the mesh and say so.
+
+    Args:
+        request: Of the command line.
+        component: Its name; None for the only one that has a shape.
+        comm: Of all ranks.
+
+    Raises:
+        click.UsageError: There is no format with this ending.
+        SceneError: The scene has problems.
+        HeadstockError: The component does not exist, cannot be meshed, or the file failed.
+    """
+    require_ranks(request.ranks, comm)
+    try:
+        find_format(request.output, written=True)
+    except MeshError as error:
+        raise click.UsageError(str(error)) from error
+    scene = make_on_root(comm, partial(_load, request))
+    written = export_mesh(scene, component, request.output, comm=comm)
     if comm.rank == 0:
         click.echo(written)
     return DONE

@@ -162,7 +162,15 @@ def effects(
 def export(
     scene: SceneFile,
     component: Annotated[
-        str | None, typer.Argument(metavar="[COMPONENT]", help="Component to reduce.")
+        str | None, typer.Argument(metavar="[COMPONENT]", help="Component to reduce or to mesh.")
+    ] = None,
+    mesh: Annotated[
+        Path | None,
+        typer.Option(
+            "--mesh",
+            metavar="FILE",
+            help="Write the component's mesh with its patches: .xdmf, .exo, .med, .bdf or .msh.",
+        ),
     ] = None,
     output: Annotated[
         Path | None,
@@ -188,16 +196,24 @@ def export(
     no_host: NoHost = False,
     debug: Debug = False,
 ) -> int:
-    """Write one component as a superelement file for other scenes, or the machine's state space as
-    a file for MATLAB.
+    """Write one component as a superelement file for other scenes or as a mesh for other programs,
+    or the machine's state space as a file for MATLAB.
     """
-    if (component is None) == (state_space is None):
+    if mesh is not None and (output is not None or state_space is not None):
+        raise click.UsageError("--mesh FILE goes without -o and --state-space")
+    if mesh is None and (component is None) == (state_space is None):
         raise click.UsageError(
-            'name a component to reduce, or write --state-space "500 Hz" for the whole machine'
+            "name a component to reduce, write --mesh FILE for its mesh, or "
+            '--state-space "500 Hz" for the whole machine'
         )
 
     def action(comm: "MPI.Comm") -> int:
-        from headstock.app.actions.exporting import ExportRequest, export_component, export_machine
+        from headstock.app.actions.exporting import (
+            ExportRequest,
+            export_component,
+            export_component_mesh,
+            export_machine,
+        )
 
         default = Path(f"{component}.h5") if component is not None else Path(f"{scene.stem}.mat")
         chosen = choose_scene(scene, variant, set_)
@@ -205,10 +221,12 @@ def export(
         request = ExportRequest(
             scene=chosen,
             component=component or "",
-            output=output or default,
+            output=mesh or output or default,
             ranks=ranks,
             origin=origin,
         )
+        if mesh is not None:
+            return export_component_mesh(request, component, comm)
         return (
             export_component(request, comm)
             if state_space is None

@@ -18,7 +18,7 @@ from headstock.meshing.elements.topology import (
     cell_family,
     corner_count,
 )
-from headstock.meshing.errors import MeshError
+from headstock.meshing.errors import MeshError, PartFileError
 from headstock.meshing.process.job import MeshData
 
 MESHIO_KINDS: dict[str, CellKind] = {
@@ -58,16 +58,24 @@ def guard_reader(path: Path, reader: Callable[[Path], MeshData]) -> MeshData:
         node sets.
 
     Raises:
-        MeshError: The file is missing, cannot be read, or holds no usable mesh.
+        PartFileError: The file cannot be read, or holds no usable mesh.
+        MeshError: The file is missing.
     """
     if not path.is_file():
         raise MeshError(f"there is no file {path}")
     try:
-        data = reader(path)
-    except MeshError:
+        return _check_mesh(path, reader(path))
+    except MeshError as error:
+        raise PartFileError(str(error)) from error
+    except MemoryError:
         raise
     except (Exception, SystemExit) as error:  # foreign readers raise anything, gmsh the bare class
-        raise MeshError(f"{path.name} cannot be read: {type(error).__name__}: {error}") from error
+        raise PartFileError(
+            f"{path.name} cannot be read: {type(error).__name__}: {error}; it is damaged or of another kind: export it again"
+        ) from error
+
+
+def _check_mesh(path: Path, data: MeshData) -> MeshData:
     if not len(data.cells) or not np.isfinite(data.points).all():
         raise MeshError(
             f"{path.name}: {'coordinates that are not finite numbers' if len(data.cells) else 'no solid cells'}"

@@ -5,9 +5,11 @@ meshio writes Exodus without side sets; its reader knows neither them, nor sets 
 blocks of the type TETRA4.
 """
 
+import importlib.util
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +21,9 @@ from headstock.meshing.files.cells import MESHIO_SOLIDS, RawMesh, assemble_mesh,
 from headstock.meshing.process.job import MeshData, MeshJob
 from headstock.meshing.process.serving import serve_job
 
-try:
+HAS_NETCDF = importlib.util.find_spec("netCDF4") is not None
+if HAS_NETCDF:  # a Python of the user's own may be without it
     import netCDF4
-except ImportError:
-    netCDF4 = None  # noqa: N816
 
 NO_NETCDF = "Exodus files need the Python package netCDF4 (Debian: python3-netcdf4)"
 # first letters of a block's type, and its number of nodes, to the kind
@@ -57,7 +58,7 @@ def read_exodus_mesh(path: Path) -> MeshData:
         MeshError: The package netCDF4 is missing, or the file holds no or several kinds of solid
             cells.
     """
-    if netCDF4 is None:
+    if not HAS_NETCDF:
         raise MeshError(f"{path.name}: {NO_NETCDF}")
     with netCDF4.Dataset(str(path)) as file:
         file.set_auto_mask(False)
@@ -77,7 +78,7 @@ def read_exodus_mesh(path: Path) -> MeshData:
     return assemble_mesh(path, raw)
 
 
-def _read_points(path: Path, variables: Mapping[str, "netCDF4.Variable"]) -> FloatArray:
+def _read_points(path: Path, variables: Mapping[str, "netCDF4.Variable[Any]"]) -> FloatArray:
     if "coord" in variables:
         points = np.asarray(variables["coord"][:], dtype=float).T
     else:
@@ -94,7 +95,7 @@ def _read_points(path: Path, variables: Mapping[str, "netCDF4.Variable"]) -> Flo
     return points
 
 
-def _block_kind(path: Path, block: "netCDF4.Variable") -> str:
+def _block_kind(path: Path, block: "netCDF4.Variable[Any]") -> str:
     """The kind of the cells of a block by meshio's name, such as ``tetra10``."""
     family = FAMILIES.get(str(getattr(block, "elem_type", ""))[:3].upper(), "")
     if len(block.shape) != 2:
@@ -111,7 +112,7 @@ def _numbered(variables: Mapping[str, object], start: str) -> list[str]:
 
 
 def _named_sets(
-    variables: Mapping[str, "netCDF4.Variable"], start: str, kind: str, unnamed: str
+    variables: Mapping[str, "netCDF4.Variable[Any]"], start: str, kind: str, unnamed: str
 ) -> list[tuple[str, str]]:
     """Variable and name of each set that has members; ``unnamed`` and its number without a name."""
     names, numbers = variables.get(f"{kind}_names"), variables.get(f"{kind}_prop1")

@@ -1,6 +1,5 @@
 """Writes the mesh of a component with its patches, by meshio, in the node order of each format."""
 
-import importlib.util
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -22,7 +21,7 @@ from headstock.meshing.elements.topology import (
 )
 from headstock.meshing.errors import MeshError
 from headstock.meshing.files.cells import MESHIO_KINDS, MIRRORED, VTK_EDGES
-from headstock.meshing.files.exodus import LONGEST_NAME, NO_NETCDF, add_side_sets
+from headstock.meshing.files.exodus import HAS_NETCDF, LONGEST_NAME, NO_NETCDF, add_side_sets
 from headstock.meshing.files.nastran import format_bulk_data
 from headstock.meshing.formats import find_format
 
@@ -69,7 +68,7 @@ class _GridWriter(XdmfWriter):  # type: ignore[misc]
     def __init__(self, path: Path, mesh: meshio.Mesh, sets: Mapping[str, meshio.Mesh]) -> None:
         self.filename, self.data_format, self.data_counter = path, "HDF", 0
         self.compression = self.compression_opts = None
-        self.h5_filename = path.with_suffix(".h5")
+        self.h5_filename = path.with_name(f"{path.stem}_mesh.h5")
         root = ElementTree.Element("Xdmf", Version="3.0")
         domain = ElementTree.SubElement(root, "Domain")
         with h5py.File(self.h5_filename, "w") as self.h5_file:
@@ -100,7 +99,7 @@ def _write_xdmf(mesh: ComponentMesh, path: Path) -> None:
 
 
 def _write_exodus(mesh: ComponentMesh, path: Path) -> None:
-    if importlib.util.find_spec("netCDF4") is None:
+    if not HAS_NETCDF:
         raise MeshError(f"{path.name}: {NO_NETCDF}")
     for name in mesh.patches:
         if len(name.encode()) > LONGEST_NAME:

@@ -173,11 +173,11 @@ def _run_mesh_stage(state: RunState, stage: Stage) -> Outcome:
     if state.is_root and _load_reduced(state, component):
         outcome = Outcome(cached=True, detail="not needed")
     elif state.is_root:
-        mesh, outcome = _load_or_make_mesh(state, component)
+        mesh, outcome = load_or_make_mesh(state, component)
     if state.is_root and any(
         probe.component == component.name for probe in state.scene.machine.probes.values()
     ):
-        state.probe_meshes[component.name] = mesh or _load_or_make_mesh(state, component)[0]
+        state.probe_meshes[component.name] = mesh or load_or_make_mesh(state, component)[0]
     mesh = share_from_root(state.comm, mesh)
     if mesh is not None:
         state.meshes[component.name] = mesh
@@ -326,7 +326,12 @@ def stored_mesh(state: RunState, component: Component) -> ComponentMesh | None:
     return read_entry(state.store, key, ComponentMesh).value
 
 
-def _load_or_make_mesh(state: RunState, component: Component) -> tuple[ComponentMesh, Outcome]:
+def load_or_make_mesh(state: RunState, component: Component) -> tuple[ComponentMesh, Outcome]:
+    """The mesh of a component from the store, or made and kept there, and what was done; on rank 0.
+
+    Raises:
+        MeshError: It cannot be meshed as described.
+    """
     supports, loads = component_supports(state, component), component_loads(state, component)
     key = mesh_key(component, supports, loads)
     read = read_entry(state.store, key, ComponentMesh)

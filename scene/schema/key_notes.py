@@ -71,7 +71,7 @@ NOTES = {
     "Solid.box": "sizes x, y, z",
     "Solid.step": "STEP file; the unit is the file's own; `headstock show` numbers its faces",
     "Solid.solid": "which solid of a STEP file with several, by number from 1 or by name",
-    "Solid.mesh": "finished mesh: gmsh `.msh`, Abaqus `.inp`, Nastran `.bdf`",
+    "Solid.mesh": "finished mesh: gmsh `.msh`, Abaqus `.inp`, Nastran `.bdf`, XDMF `.xdmf`, MED `.med`, Exodus `.exo`",
     "Solid.unit": "length of one unit of a mesh file",
     "Solid.superelement": "reduced matrices in Headstock's own HDF5 layout",
     "Interface.face": "`x- x+ y- y+ z- z+` (plane faces at that end), `face:N` (as `headstock show` numbers them), `outer`, `inner` (tubes), "
