@@ -52,15 +52,18 @@ MASKED_KEYS = (
     *("date", "host", "commit", "version", "versions", "provenance", "sha256", "key"),
 )
 MASKED_COLUMNS = re.compile(
-    r"seconds|\bCPU\b|memory|\[MB\]|^(?:(?:load|components|couple|modes|total) \[s\]|(?:cpu )?spread|MB|best)$",
+    r"seconds|\bCPU\b|memory|\[MB\]|^(?:(?:load|components|couple|modes|static|frf|total) \[s\]|(?:cpu )?spread|MB|best)$",
     re.IGNORECASE,
 )
 MASKED_SECTIONS = ("cost", "origin")  # of reports, by id
 MASKED_TEXTS = (
     (re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d[\d:.]*(?:Z|[+-]\d\d:?\d\d)?"), "DATE"),
     (re.compile(r"(?<![\w.])(?=\d*[a-f])[0-9a-f]{12,64}(?![\w.+])"), "DIGEST"),
-    (re.compile(r"^(?:<[^>]*>)*seconds from scene.*"), "SECONDS"),
-    (re.compile(r"\b(scene|components|coupling|modes) \d+\.\d\d(?=,|$)"), r"\1 COST"),
+    (re.compile(r"^(?:<[^>]*>)*(?:seconds from scene|processor seconds|peak memory).*"), "SECONDS"),
+    (
+        re.compile(r"\b(scene|components|coupling|modes|compliances|responses) \d+\.\d\d(?=,|$)"),
+        r"\1 COST",
+    ),
     (re.compile(r"\b(headstock|Headstock) \d+\.\d+\.\d+\S*"), r"\1 VERSION"),
     (
         re.compile(

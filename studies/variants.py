@@ -18,10 +18,13 @@ from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure
 from headstock.pipeline.results.estimates import Estimate
+from headstock.pipeline.results.frf import PoseResponse
 from headstock.pipeline.results.results import ComponentFacts
 from headstock.pipeline.runner import gather_facts
 from headstock.pipeline.stages.components import ELASTIC_MODULE, make_superelements
 from headstock.pipeline.stages.estimates import estimate_compliance_errors, estimate_mode_errors
+from headstock.pipeline.stages.frf import prepare_response, respond
+from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
@@ -31,7 +34,7 @@ from headstock.reduction.motions.compliance_budget import (
     find_weakest_link,
     point_budget,
 )
-from headstock.reduction.motions.mode_naming import name_modes
+from headstock.reduction.motions.mode_naming import NamedModes, name_modes
 from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import Problem, SceneError
@@ -39,12 +42,14 @@ from headstock.scene.requests import ModalRequest
 from headstock.scene.scene import Scene
 from headstock.scene.schema.overrides import AS_WRITTEN
 from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.frequency_response import FrfModel
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.ranks import share_from_root
 
 # modes are looked for further up than the scene asks, since a partner may lie beyond its limit
 REACH = 1.5
-STEPS = ("load", "components", "couple", "modes")
+STEPS = ("load", "components", "couple", "modes", "static", "frf")
+FIDELITIES: tuple[Fidelity, ...] = ("rigid", "segmented", "elastic")
 
 
 @dataclass(frozen=True)
@@ -55,16 +60,24 @@ class VariantChoice:
         name: What it is called in tables.
         variant: Variants of the scene, ``A+B`` for several; None for the scene as written.
         overrides: ``key=value`` settings applied after it.
+        fidelity: What every component that deforms is made to be; None for as the variant has it.
+        cannot: Why there is no such model, in plain words; empty where there is one.
     """
 
     name: str
     variant: str | None = None
     overrides: tuple[str, ...] = ()
+    fidelity: Fidelity | None = None
+    cannot: str = ""
+
+
+class FidelityError(ModelError):
+    """A machine has no answer at the fidelity it was asked for, though it may at others."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """What it cost to get from the scene file to the modes.
+    """What it cost to get from the scene file to the answers.
 
     Attributes:
         seconds: Wall-clock time of each of ``STEPS`` [s].
@@ -72,6 +85,7 @@ class Effort:
         import_seconds: Time to load the finite element library, which is no part of the steps [s].
         reduced: Elastic components there are.
         stored: How many of them came from the store.
+        peak_rss_mb: Most memory of the process, or of one it started, in any step [MB].
     """
 
     seconds: dict[str, float]
@@ -79,15 +93,16 @@ class Effort:
     import_seconds: float = 0.0
     reduced: int = 0
     stored: int = 0
+    peak_rss_mb: float = 0.0
 
     @property
     def total(self) -> float:
-        """Wall-clock time from scene to modes [s]."""
+        """Wall-clock time from scene to answers [s]."""
         return sum(self.seconds.values())
 
     @property
     def cpu_total(self) -> float:
-        """Processor time from scene to modes [s]."""
+        """Processor time from scene to answers [s]."""
         return sum(self.cpu_seconds.values())
 
 
@@ -101,13 +116,15 @@ class VariantSolution:
         pose: Name of the pose.
         coupled: The machine in it.
         modal: Modes up to ``REACH`` times what the scene asks for; None without a modal analysis.
-        mode_names: Of all of them.
+        named: Names and energy shares of all of them.
         wanted: How many of them the scene asks for.
         points: Compliance and budget by point name; empty without a static analysis.
         weak_links: Point to direction to the part that gives most of the compliance.
-        effort: From scene to modes, without error estimates.
+        effort: From scene to answers, without error estimates.
         mode_errors: An estimate [Hz] per natural frequency of ``modal``.
         point_errors: Point to direction to an estimate [m/N] of the compliance along it.
+        response: Frequency response as a run finds it; None where none is asked for.
+        frf: The same machine, ready to be asked at other frequencies.
         failures: Analyses that were refused, with the reason.
     """
 
@@ -116,13 +133,15 @@ class VariantSolution:
     pose: str
     coupled: CoupledMachine
     modal: ModalResult | None
-    mode_names: tuple[str, ...]
+    named: NamedModes
     wanted: int
     points: dict[str, PointBudget]
     weak_links: dict[str, dict[str, WeakLink | None]]
     effort: Effort
     mode_errors: tuple[Estimate, ...]
     point_errors: dict[str, dict[str, Estimate]] = field(default_factory=dict)
+    response: PoseResponse | None = None
+    frf: FrfModel | None = None
     failures: tuple[str, ...] = ()
 
 
@@ -143,6 +162,8 @@ def solve_variant(
 
     Raises:
         SceneError: The variant of the scene has problems.
+        FidelityError: The machine has no answer at the fidelity of the choice; on rank 0 alone,
+            after all that ranks do together.
         HeadstockError: A computation failed.
     """
     with measure() as loading:
@@ -157,27 +178,72 @@ def solve_variant(
     if not state.is_root:
         return None
     stands = choose_pose(scene, pose)
+    try:
+        return _answer(state, choice, stands, _add_steps(effort, {"load": loading}), superelements)
+    except ModelError as error:
+        if choice.fidelity is None:
+            raise
+        raise FidelityError(str(error)) from error
+
+
+def _answer(
+    state: RunState,
+    choice: VariantChoice,
+    pose: Pose,
+    effort: Effort,
+    superelements: dict[str, Superelement],
+) -> VariantSolution:
+    """Every answer of the machine in a pose that the scene asks for; on rank 0.
+
+    Args:
+        state: With the reduced components.
+        choice: The variant.
+        pose: Where its axes are.
+        effort: What the components cost.
+        superelements: By component.
+
+    Raises:
+        ModelError: The machine cannot move, or nothing is determined.
+    """
     with measure() as coupling:
-        coupled = couple(superelements, scene.machine, stands, gravity=state.plan.gravity)
+        coupled = couple(superelements, state.scene.machine, pose, gravity=state.plan.gravity)
     with measure() as solving:
-        modal, wanted = _solve_modes(coupled, scene.analyses.modal)
-    costs = {"load": loading, "couple": coupling, "modes": solving}
+        modal, wanted = _solve_modes(coupled, state.scene.analyses.modal)
     solution = VariantSolution(
         choice=choice,
         components={
             name: gather_facts(state, name, reduced) for name, reduced in state.reduced.items()
         },
-        pose=stands.name,
+        pose=pose.name,
         coupled=coupled,
         modal=modal,
-        mode_names=() if modal is None else name_modes(coupled, modal).names,
+        named=NamedModes((), (), ()) if modal is None else name_modes(coupled, modal),
         wanted=wanted,
         points={},
         weak_links={},
-        effort=_add_steps(effort, costs),
+        effort=_add_steps(effort, {"couple": coupling, "modes": solving}),
         mode_errors=() if modal is None else estimate_mode_errors(state.parts, coupled, modal),
     )
-    return _with_compliances(solution, state)
+    return _with_response(_with_compliances(solution, state), state, pose)
+
+
+def name_uncompared(scene: Scene) -> tuple[str, ...]:
+    """Answers that a comparison has none of, each with what would give it."""
+    asked, found = scene.analyses, []
+    point = next(iter(scene.machine.points), "COMPONENT.INTERFACE")
+    if asked.static is None:
+        found.append("no compliances are compared: the scene has no [analyses.static]")
+    if asked.modal is None:
+        found.append("no modes are compared: the scene has no [analyses.modal]")
+    if asked.frf is None:
+        found.append(
+            "no frequency responses are compared: the scene has no [analyses.frf]; "
+            f'add inputs = ["{point}"], to = "500 Hz" there, and damping in [effects]'
+        )
+    others = [name for name in ("map", "path", "control") if getattr(asked, name) is not None]
+    if others:
+        found.append(f"not compared: {', '.join(others)}; run --variant has them one by one")
+    return tuple(found)
 
 
 def choose_pose(scene: Scene, name: str | None) -> Pose:
@@ -210,22 +276,23 @@ def _make_components(state: RunState) -> tuple[Effort, dict[str, Superelement]]:
 
     superelements = make_superelements(state, announce=import_elements, observer=records.append)
     stored = [record.cached for record in records if record.stage.kind == "reduce"]
-    seconds, cpu_seconds = (
-        sum(record.seconds for record in records),
-        sum(record.cpu_seconds for record in records),
-    )
+    nothing = dict.fromkeys(STEPS, 0.0)
     return Effort(
-        {"components": seconds}, {"components": cpu_seconds}, sum(imports), len(stored), sum(stored)
+        nothing | {"components": sum(record.seconds for record in records)},
+        nothing | {"components": sum(record.cpu_seconds for record in records)},
+        sum(imports),
+        len(stored),
+        sum(stored),
+        max((record.peak_rss_mb for record in records), default=0.0),
     ), superelements
 
 
 def _add_steps(effort: Effort, costs: dict[str, Cost]) -> Effort:
-    seconds = effort.seconds | {step: cost.seconds for step, cost in costs.items()}
-    cpu_seconds = effort.cpu_seconds | {step: cost.cpu_seconds for step, cost in costs.items()}
     return dataclasses.replace(
         effort,
-        seconds={step: seconds[step] for step in STEPS},
-        cpu_seconds={step: cpu_seconds[step] for step in STEPS},
+        seconds=effort.seconds | {step: cost.seconds for step, cost in costs.items()},
+        cpu_seconds=effort.cpu_seconds | {step: cost.cpu_seconds for step, cost in costs.items()},
+        peak_rss_mb=max(effort.peak_rss_mb, *(cost.peak_rss_mb for cost in costs.values())),
     )
 
 
@@ -254,22 +321,50 @@ def _with_compliances(solution: VariantSolution, state: RunState) -> VariantSolu
     request = state.scene.analyses.static
     if request is None:
         return solution
+    coupled = solution.coupled
     try:
-        points = {name: point_budget(solution.coupled, name) for name in request.at}
+        with measure() as cost:
+            points = {name: point_budget(coupled, name) for name in request.at}
+            links = {
+                name: {
+                    direction: find_weakest_link(coupled, name, direction, budget)
+                    for direction in DIRECTIONS
+                }
+                for name, budget in points.items()
+            }
     except ModelError as error:
         return dataclasses.replace(solution, failures=(f"static analysis: {error}",))
-    links = {
-        name: {
-            direction: find_weakest_link(solution.coupled, name, direction, budget)
-            for direction in DIRECTIONS
-        }
-        for name, budget in points.items()
-    }
     errors = {
-        name: estimate_compliance_errors(state.parts, solution.coupled, budget.displacements)
+        name: estimate_compliance_errors(state.parts, coupled, budget.displacements)
         for name, budget in points.items()
     }
-    return dataclasses.replace(solution, points=points, weak_links=links, point_errors=errors)
+    return dataclasses.replace(
+        solution,
+        points=points,
+        weak_links=links,
+        point_errors=errors,
+        effort=_add_steps(solution.effort, {"static": cost}),
+    )
+
+
+def _with_response(solution: VariantSolution, state: RunState, pose: Pose) -> VariantSolution:
+    if state.scene.analyses.frf is None:
+        return solution
+    machine = CoupledPose(state.parts, pose, solution.coupled)
+    try:
+        with measure() as cost:
+            model = prepare_response(machine)
+            respond(machine, judged=False, model=model)
+    except ModelError as error:
+        failures = (*solution.failures, f"frequency response: {error}")
+        return dataclasses.replace(solution, failures=failures)
+    return dataclasses.replace(
+        solution,
+        # once more with its error estimate, which is no part of the cost
+        response=respond(machine, model=model).answer,
+        frf=model,
+        effort=_add_steps(solution.effort, {"frf": cost}),
+    )
 
 
 def choose_variants(
@@ -286,11 +381,11 @@ def choose_variants(
         names: Variants, ``A+B`` for joined ones, ``as written`` for the scene itself; all of them
             when empty, and the scene as written where none of them is the same.
         fidelities: Each variant once per fidelity, taken by every component that it has elastic or
-            segmented.
+            segmented; one that a component cannot have says so in ``cannot``.
         overrides: ``key=value`` settings for all of them.
 
     Raises:
-        SceneError: A variant has problems; holds those of all variants.
+        SceneError: A variant has problems, or no two models are left to compare; holds all of them.
     """
     base = load_scene(path, overrides=overrides)
     scenes: list[tuple[VariantChoice, Scene]] = []
@@ -306,30 +401,51 @@ def choose_variants(
     ):
         scenes = [(choice, scene) for choice, scene in scenes if choice.variant is not None]
     choices = [
-        made for choice, scene in scenes for made in _with_fidelities(choice, scene, fidelities)
+        made
+        for choice, scene in scenes
+        for made in _with_fidelities(choice, scene, fidelities, alone=len(scenes) == 1)
     ]
-    if fidelities:
-        problems += [problem for choice in choices for problem in _find_problems(path, choice)]
+    refused = {choice.name: _find_problems(path, choice) for choice in choices if choice.fidelity}
+    if sum(not refused.get(choice.name) for choice in choices) < min(2, len(choices)):
+        problems += [problem for found in refused.values() for problem in found]
     if problems:
         raise SceneError(list(dict.fromkeys(problems)))
-    return tuple(choices)
+    return tuple(
+        dataclasses.replace(choice, cannot=_name_refusal(refused.get(choice.name, [])))
+        for choice in choices
+    )
 
 
-def _with_fidelities(
-    choice: VariantChoice, scene: Scene, fidelities: Sequence[Fidelity]
-) -> list[VariantChoice]:
-    deforming = [
+def deforming_parts(scene: Scene) -> list[str]:
+    """Components whose fidelity may be chosen: neither rigid nor imported as a superelement."""
+    return [
         name
         for name, component in scene.machine.components.items()
         if component.fidelity != "rigid" and not isinstance(component.solid, SuperelementFile)
     ]
+
+
+def _with_fidelities(
+    choice: VariantChoice, scene: Scene, fidelities: Sequence[Fidelity], *, alone: bool
+) -> list[VariantChoice]:
+    """The choice once per fidelity.
+
+    Args:
+        choice: A variant.
+        scene: Of it.
+        fidelities: None for the variant as it is.
+        alone: It is the only variant: the scene as written needs no name beside the fidelity.
+    """
+    deforming = deforming_parts(scene)
     if not deforming or not fidelities:
         return [choice]
+    before = "" if alone and choice.variant is None else f"{choice.name} "
     return [
         VariantChoice(
-            f"{choice.name} {fidelity}",
+            f"{before}{fidelity}",
             choice.variant,
             (*choice.overrides, *(f"components.{name}.fidelity={fidelity}" for name in deforming)),
+            fidelity,
         )
         for fidelity in fidelities
     ]
@@ -341,3 +457,7 @@ def _find_problems(path: Path, choice: VariantChoice) -> list[Problem]:
     except SceneError as error:
         return list(error.problems)
     return []
+
+
+def _name_refusal(problems: Sequence[Problem]) -> str:
+    return "; ".join(f"{problem.key}: {problem.message}" for problem in problems)

@@ -21,26 +21,33 @@ from headstock.app.report.pages import render_comparison
 from headstock.app.terminal.comparison import print_comparison, print_effort, print_variant
 from headstock.app.terminal.console import print_remarks, warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE, FAILED
-from headstock.app.texts.comparison import comparison_csv
+from headstock.app.texts.comparison import comparison_csv, tabulate_lines
+from headstock.app.texts.tables import encode_csv
 from headstock.geometry.parts.components import Fidelity
+from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
-from headstock.scene.reading.findings import suggest_names
+from headstock.scene.reading.findings import SceneError, suggest_names
+from headstock.solvers.errors import ModelError
 from headstock.solvers.ranks import make_on_root, share_from_root
-from headstock.studies.comparison import (
+from headstock.studies.comparison import Comparison, compare_variants
+from headstock.studies.comparison_summary import (
     ComparisonSummary,
     EffortSummary,
-    compare_variants,
     summarise_comparison,
     summarise_effort,
 )
 from headstock.studies.variants import (
+    FIDELITIES,
+    FidelityError,
     VariantChoice,
     VariantSolution,
     choose_variants,
+    deforming_parts,
+    name_uncompared,
     solve_variant,
 )
 
@@ -89,20 +96,24 @@ def compare_request(
     with (
         claim_output(folder, (JSON_FILE, PAGE_FILE)) if comm.rank == 0 else contextlib.nullcontext()
     ):
-        summary, solutions = _solve_all(request, choices, comm)
-        if summary is not None:
+        comparison, efforts = _solve_all(request, choices, comm)
+        if comparison is not None:
+            summary = summarise_comparison(comparison)
+            if request.effort:
+                summary["effort"] = {"change": list(request.change), "variants": efforts}
             if origin is not None:
                 summary["provenance"] = origin.summarise()
-            remarks = _publish(summary, folder, request.json_file)
+            remarks = _publish(summary, comparison.lines, folder, request.json_file)
             print_comparison(summary)
             print_effort(summary)
             print_remarks(remarks)
             print(
                 f"done in {time.perf_counter() - start:.2f} s, results in {folder} ({PAGE_FILE}, {JSON_FILE})"
             )
-    return int(
-        share_from_root(comm, FAILED if any(solution.failures for solution in solutions) else DONE)
+    failed = comparison is not None and any(
+        solution.failures for solution in comparison.solutions.values()
     )
+    return int(share_from_root(comm, FAILED if failed else DONE))
 
 
 def _with_settings(request: CompareRequest) -> CompareRequest:
@@ -110,10 +121,14 @@ def _with_settings(request: CompareRequest) -> CompareRequest:
     scene = load_scene(request.scene.path, overrides=request.scene.overrides)
     warn_of_unused_accuracy(scene)
     settings = scene.compare
+    # a scene without variants has its fidelities to compare
+    fidelities = settings.fidelities or (
+        () if scene.variants or request.variants or settings.variants else FIDELITIES
+    )
     return dataclasses.replace(
         request,
         variants=request.variants or settings.variants,
-        fidelities=request.fidelities or settings.fidelities,
+        fidelities=request.fidelities or fidelities,
         pose=request.pose or settings.pose,
         # a reference of the scene may be no column of what was asked for on the command line
         reference=request.reference
@@ -138,11 +153,11 @@ def _choose(request: CompareRequest) -> tuple[VariantChoice, ...]:
             f"there is no variant {request.reference!r}; {suggest_names(request.reference, names, what='columns')}"
         )
     for choice in choices:
+        if choice.cannot:
+            continue
         scene = load_scene(path, variant=choice.variant, overrides=choice.overrides)
         if scene.is_lumped:
-            raise click.UsageError(
-                f"{path} describes a lumped mechanism; compare takes machines of components and joints"
-            )
+            raise click.UsageError(_refuse_lumped(request))
         if request.pose is not None and request.pose not in scene.poses:
             raise click.UsageError(
                 f"there is no pose {request.pose!r}; {suggest_names(request.pose, scene.poses, what='poses')}"
@@ -150,41 +165,93 @@ def _choose(request: CompareRequest) -> tuple[VariantChoice, ...]:
         if request.change:
             changed = _change(choice, request.change, scene.variants)
             load_scene(path, variant=changed.variant, overrides=changed.overrides)
+        if request.fidelities and len(choices) == 1 and not deforming_parts(scene):
+            raise click.UsageError(
+                f"there is nothing to compare in {path}: all components are rigid or imported superelements; write fidelity = "
+                f'"elastic" in [components.NAME] of those that bend, or --set components.{next(iter(scene.machine.components))}.fidelity=elastic'
+            )
     return choices
+
+
+def _refuse_lumped(request: CompareRequest) -> str:
+    """Why a lumped mechanism is not compared, and with what it would be."""
+    path = request.scene.path
+    scene = load_scene(path, overrides=request.scene.overrides)
+    others = [
+        name for name in scene.variants if not _is_lumped(path, name, request.scene.overrides)
+    ]
+    remedy = (
+        f"variants of components and joints: --variants {','.join(others)}"
+        if others
+        else 'write model = "components" in [mechanism], and the fidelity of its legs in [components.NAME]'
+    )
+    return f"{path} describes a lumped mechanism, and finite elements have nothing to compare with there; {remedy}"
+
+
+def _is_lumped(path: Path, variant: str, overrides: tuple[str, ...]) -> bool:
+    """Whether a variant alone is a lumped mechanism, or no scene."""
+    try:
+        return load_scene(path, variant=variant, overrides=overrides).is_lumped
+    except SceneError:
+        return True
 
 
 def _solve_all(
     request: CompareRequest, choices: tuple[VariantChoice, ...], comm: MPI.Comm
-) -> tuple[ComparisonSummary | None, list[VariantSolution]]:
-    """Every variant's solution and what they say side by side; both are on rank 0 only."""
+) -> tuple[Comparison | None, dict[str, dict[str, EffortSummary]]]:
+    """Every variant side by side, and what each cost; both are on rank 0 only.
+
+    Raises:
+        ModelError: No two models of those asked for have an answer.
+    """
     path = request.scene.path
     solutions: list[VariantSolution] = []
     efforts: dict[str, dict[str, EffortSummary]] = {}
+    cannot = {choice.name: choice.cannot for choice in choices if choice.cannot}
     for choice in choices:
-        with _store(cold=request.effort) as store:
-            solution = solve_variant(path, choice, pose=request.pose, comm=comm, store=store)
-            runs = {"first": solution}
-            if request.change:
-                known = tuple(load_scene(path).variants)
-                changed = _change(choice, request.change, known)
-                runs["changed"] = solve_variant(
-                    path, changed, pose=request.pose, comm=comm, store=store
-                )
-        if solution is not None:
-            solutions.append(solution)
+        if choice.cannot:
+            continue
+        try:
+            runs = _solve_runs(request, choice, comm)
+        except FidelityError as error:
+            cannot[choice.name] = str(error)
+            continue
+        if "first" in runs:
+            solutions.append(runs["first"])
             efforts[choice.name] = {
-                name: summarise_effort(run.effort) for name, run in runs.items() if run is not None
+                name: summarise_effort(run.effort) for name, run in runs.items()
             }
             print_variant(choice.name, efforts[choice.name])
-    if not solutions:
-        return None, []
-    name = load_scene(path).name
-    summary = summarise_comparison(
-        compare_variants(solutions, scene=name, reference=request.reference)
+    if comm.rank != 0:
+        return None, {}
+    if len(solutions) < min(2, len(choices)):
+        reasons = "; ".join(f"{name} cannot: {why}" for name, why in cannot.items())
+        raise ModelError(f"there are no two models to compare: {reasons}")
+    scene = load_scene(path, overrides=request.scene.overrides)
+    comparison = compare_variants(
+        solutions,
+        scene=scene.name,
+        reference=None if request.reference in cannot else request.reference,
+        cannot=cannot,
+        columns=[choice.name for choice in choices],
     )
-    if request.effort:
-        summary["effort"] = {"change": list(request.change), "variants": efforts}
-    return summary, solutions
+    missing = name_uncompared(scene) if request.fidelities else ()
+    return dataclasses.replace(comparison, not_compared=missing), efforts
+
+
+def _solve_runs(
+    request: CompareRequest, choice: VariantChoice, comm: MPI.Comm
+) -> dict[str, VariantSolution]:
+    """The first model of a variant and the changed one after it; empty but on rank 0."""
+    path = request.scene.path
+    with _store(cold=request.effort) as store:
+        runs = {"first": solve_variant(path, choice, pose=request.pose, comm=comm, store=store)}
+        if request.change:
+            changed = _change(choice, request.change, tuple(load_scene(path).variants))
+            runs["changed"] = solve_variant(
+                path, changed, pose=request.pose, comm=comm, store=store
+            )
+    return {name: run for name, run in runs.items() if run is not None}
 
 
 @contextlib.contextmanager
@@ -205,14 +272,31 @@ def _change(
     settings = tuple(item for item in change if item not in known)
     parts = [choice.variant] if choice.variant else []
     return VariantChoice(
-        choice.name, "+".join([*parts, *joined]) or None, (*choice.overrides, *settings)
+        choice.name,
+        "+".join([*parts, *joined]) or None,
+        (*choice.overrides, *settings),
+        choice.fidelity,
     )
 
 
-def _publish(summary: ComparisonSummary, folder: Path, json_file: Path | None) -> list[str]:
-    """Write every file of a comparison; remarks for the user."""
-    figures = draw_comparison(summary)
+def _publish(
+    summary: ComparisonSummary,
+    lines: dict[str, ResponseCurves],
+    folder: Path,
+    json_file: Path | None,
+) -> list[str]:
+    """Write every file of a comparison; remarks for the user.
+
+    Args:
+        summary: What is compared.
+        lines: Variant to its frequency response, if there is one.
+        folder: For the files.
+        json_file: A copy of the summary, if one is wanted.
+    """
+    figures = draw_comparison(summary, lines)
     tables = {f"{name}.csv": table for name, table in comparison_csv(summary).items()}
+    if lines:
+        tables["responses.csv"] = encode_csv(tabulate_lines(lines))
     remarks = write_beside(
         folder, {f"{name}.png": image for name, image in figures.items()} | tables
     )

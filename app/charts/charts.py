@@ -5,7 +5,7 @@ figures, axes, legends, PNG files.
 import io
 import itertools
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypedDict
 
 import numpy as np
@@ -163,7 +163,16 @@ def draw_responses(responses: Sequence[ResponseCurves]) -> dict[str, bytes]:
     return drawn | ({"frf_all_poses": _draw_grid(together)} if together else {})
 
 
-def _draw_grid(responses: Sequence[ResponseCurves]) -> bytes:
+def draw_overlay(responses: Mapping[str, ResponseCurves]) -> bytes:
+    """Bode plots of several models over each other, as a PNG file.
+
+    Args:
+        responses: Name of the model to its curves; the same inputs and outputs.
+    """
+    return _draw_grid(list(responses.values()), list(responses))
+
+
+def _draw_grid(responses: Sequence[ResponseCurves], labels: Sequence[str] = ()) -> bytes:
     curves = responses[0]
     outputs, inputs = curves.outputs[:MOST_FIELDS], curves.inputs[:MOST_FIELDS]
     figure = new_figure(1.5 + 3.4 * len(inputs), 0.8 + 2.7 * len(outputs))
@@ -191,7 +200,7 @@ def _draw_grid(responses: Sequence[ResponseCurves]) -> bytes:
         add_legend(
             figure,
             figure.axes[0].get_lines()[: len(responses)],
-            [f"pose {each.pose}" for each in responses],
+            labels or [f"pose {each.pose}" for each in responses],
         )
     return encode_figure(figure)
 

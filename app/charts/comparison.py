@@ -4,34 +4,115 @@ compliances as bars.
 
 import itertools
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from headstock.app.charts.charts import FAINT, INK, add_legend, calm_axes, encode_figure, new_figure
+from headstock.app.charts.charts import (
+    FAINT,
+    INK,
+    add_legend,
+    calm_axes,
+    draw_overlay,
+    encode_figure,
+    new_figure,
+)
 from headstock.app.texts.bounded_values import show_digits
 from headstock.app.texts.comparison import alike_rigid_modes, list_points, row_frequencies
 from headstock.geometry.frames import DIRECTIONS
+from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.views import COLORS
-from headstock.studies.comparison import ComparisonSummary
+from headstock.studies.comparison_summary import ComparisonSummary
 
 LEVEL_HALF_WIDTH = 0.3
 LABEL_INCHES = 0.17
 NAME_LENGTH = 60
 VARIANT_LENGTH = 14
+MOST_TICKS = 12
+CELL_WITH_NUMBER, LEAST_NUMBER = 0.22, 0.1  # inches; MAC worth a number
 MOST_UPRIGHT = 15  # bars whose numbers stand upright beside each other
 
 
-def draw_comparison(summary: ComparisonSummary) -> dict[str, bytes]:
-    """Figure name to a PNG file; no figure for what was not computed."""
+def draw_comparison(
+    summary: ComparisonSummary, lines: Mapping[str, ResponseCurves]
+) -> dict[str, bytes]:
+    """Figure name to a PNG file; no figure for what was not computed.
+
+    Args:
+        summary: What is compared.
+        lines: Variant to its frequency response, all on the same lines; empty without one.
+    """
     figures = {}
     if summary["modes"]:
         figures["frequencies"] = _draw_levels(summary)
     points = list_points(summary)
     if points:
         figures["compliances"] = _draw_compliances(summary, points)
+    if lines:
+        figures["responses"] = draw_overlay(_without_traces(summary, lines))
+    if any(variant["mac"] for variant in summary["variants"].values()):
+        figures["mac"] = _draw_mac(summary)
     return figures
+
+
+def _without_traces(
+    summary: ComparisonSummary, lines: Mapping[str, ResponseCurves]
+) -> dict[str, ResponseCurves]:
+    """The curves without entries that are no more than a trace of symmetry lost in every variant."""
+    first = next(iter(lines.values()))
+    traces = np.array(
+        [[entry["negligible"] for entry in summary["variants"][name]["frf"]] for name in lines]
+    ).all(axis=0)
+    hidden = traces.reshape(len(first.outputs), len(first.inputs))
+    return {
+        name: replace(curves, receptance=np.where(hidden, np.nan, curves.receptance))
+        for name, curves in lines.items()
+    }
+
+
+def _draw_mac(summary: ComparisonSummary) -> bytes:
+    """MAC of the reference's modes with those of each other variant, the larger the darker."""
+    shown = {
+        name: np.array(each["mac"]) for name, each in summary["variants"].items() if each["mac"]
+    }
+    rows = max(len(table) for table in shown.values())
+    widths = [max(table.shape[1], 6) for table in shown.values()]
+    across = min(3, len(shown))
+    down = -(-len(shown) // across)
+    cell = min(0.3, 11.0 / (across * max(widths)))
+    figure = new_figure(
+        max(5.0, cell * across * max(widths) + 1.2), down * (max(cell * rows, 1.2) + 0.9)
+    )
+    image = None
+    for number, (name, table) in enumerate(shown.items()):
+        axes = figure.add_subplot(down, across, number + 1)
+        image = axes.imshow(table, cmap="Blues", vmin=0.0, vmax=1.0, origin="lower", aspect="equal")
+        for axis, count in ((axes.xaxis, table.shape[1]), (axes.yaxis, table.shape[0])):
+            step = max(1, count // MOST_TICKS)
+            axis.set_ticks(range(0, count, step), [str(i + 1) for i in range(0, count, step)])
+        axes.set_xlabel(f"mode of {name}", fontsize=9, color=INK)
+        axes.set_ylabel(f"mode of {summary['reference']}", fontsize=9, color=INK)
+        axes.tick_params(labelsize=7, colors=INK, length=0)
+        if cell >= CELL_WITH_NUMBER:
+            for (row, column), value in np.ndenumerate(table):
+                if value >= LEAST_NUMBER:
+                    color = "white" if value > 0.5 else INK
+                    axes.text(
+                        column,
+                        row,
+                        f"{value:.2f}".removeprefix("0"),
+                        ha="center",
+                        va="center",
+                        fontsize=6,
+                        color=color,
+                    )
+    if image is not None:
+        bar = figure.colorbar(image, ax=figure.axes, shrink=0.8)
+        bar.set_label("MAC", fontsize=9, color=INK)
+        bar.ax.tick_params(labelsize=7, colors=INK, length=0)
+    return encode_figure(figure)
 
 
 def _draw_levels(summary: ComparisonSummary) -> bytes:

@@ -176,7 +176,7 @@ def compare(
         typer.Option(
             "--fidelity",
             metavar="A,B",
-            help="Each variant with its elastic parts rigid, segmented or elastic.",
+            help="Each variant with its elastic parts rigid, segmented or elastic [all three without variants].",
         ),
     ] = None,
     output: Annotated[
@@ -190,7 +190,9 @@ def compare(
     ] = None,
     reference: Annotated[
         str | None,
-        typer.Option("--reference", metavar="NAME", help="Column to hold the others against."),
+        typer.Option(
+            "--reference", metavar="NAME", help="Column to compare the others with [the richest]."
+        ),
     ] = None,
     effort: Annotated[
         bool,
@@ -212,8 +214,8 @@ def compare(
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Hold variants of a scene side by side: modes paired by shape, compliances, weak links, dofs,
-    seconds.
+    """Compare lumped models with finite elements, or variants of a scene: modes paired by shape,
+    compliances, responses, weak links, seconds.
     """
 
     def action(comm: "MPI.Comm") -> int:

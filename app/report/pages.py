@@ -3,6 +3,7 @@ shows its modes and compliance.
 """
 
 import base64
+import functools
 from collections.abc import Mapping, Sequence
 from typing import TypedDict
 
@@ -14,15 +15,24 @@ from headstock.app.report.viewer_data import script_json
 from headstock.app.texts.comparison import (
     alike_rigid_modes,
     comparison_csv,
-    describe_store,
     list_points,
     variant_error_words,
+)
+from headstock.app.texts.model_answers import (
+    CANNOT,
+    cannot_words,
+    cost_rows,
+    nearest_mac,
+    response_sections,
+    share_rows,
+    show_change,
+    verdict_words,
 )
 from headstock.app.texts.sweep_quantities import list_quantities, sampled_error_words
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.studies import SweepKind
-from headstock.studies.comparison import ComparisonSummary
+from headstock.studies.comparison_summary import ComparisonSummary
 from headstock.studies.sweeps.files import Numbers, SweepSummary
 from headstock.studies.sweeps.journals import PoseState
 
@@ -178,10 +188,14 @@ def render_comparison(summary: ComparisonSummary, figures: Mapping[str, bytes]) 
                 name: base64.b64encode(table).decode()
                 for name, table in comparison_csv(summary).items()
             },
-            stores={
-                name: describe_store(variant["effort"])
-                for name, variant in summary["variants"].items()
-            },
+            cannot=CANNOT,
+            cannot_notes=cannot_words(summary),
+            verdicts=verdict_words(summary),
+            responses=response_sections(summary),
+            costs=cost_rows(summary),
+            shares=functools.partial(share_rows, summary),
+            nearest=functools.partial(nearest_mac, summary),
+            change=show_change,
             style=Markup(read_asset(STYLE)),
         )
     )

@@ -1,12 +1,17 @@
 """Variants side by side as the terminal shows them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from headstock.app.terminal.console import make_console, make_table, print_table, spaced
+from headstock.app.terminal.console import (
+    WIDTH_WITHOUT_TERMINAL,
+    make_console,
+    make_table,
+    print_table,
+)
 from headstock.app.texts.bounded_values import show_bound, show_bounded, show_digits
 from headstock.app.texts.comparison import (
     STEP_NAMES,
@@ -17,15 +22,26 @@ from headstock.app.texts.comparison import (
     row_frequencies,
     variant_error_words,
 )
+from headstock.app.texts.model_answers import (
+    CANNOT,
+    MISSING,
+    ModelRow,
+    cannot_words,
+    cost_rows,
+    nearest_mac,
+    response_sections,
+    share_rows,
+    show_change,
+    verdict_words,
+)
 from headstock.geometry.frames import DIRECTIONS
-from headstock.studies.comparison import (
-    CellSummary,
+from headstock.studies.comparison_summary import (
     ComparisonSummary,
     EffortSummary,
+    RowSummary,
     VariantSummary,
 )
 
-MISSING = "–"
 NAME_WIDTH = 40  # of the first column where there is no terminal
 
 
@@ -44,77 +60,112 @@ def print_variant(name: str, runs: Mapping[str, EffortSummary]) -> None:
 
 
 def print_comparison(summary: ComparisonSummary) -> None:
-    """The table a designer decides from: modes, compliances, weak links, and what each variant
-    costs.
+    """The table a designer decides from: modes, compliances, responses, weak links, and what each
+    variant costs; then what a simpler model of the same machine is good for.
     """
-    variants = summary["variants"]
     console = make_console()
     console.print()
-    table = make_table("", *(f">{name}" for name in variants))
-    table.columns[0].min_width = NAME_WIDTH if not console.is_terminal else None
+    rows = _Rows(summary, make_table("", *(f">{name}" for name in summary["columns"])))
+    piped = console.width == WIDTH_WITHOUT_TERMINAL and not console.is_terminal
+    rows.table.columns[0].min_width = NAME_WIDTH if piped else None
     if summary["modes"]:
-        _add_heads(
-            table,
-            "Natural frequencies [Hz]",
-            [_describe_fidelity(variant) for variant in variants.values()],
-        )
-        alike = alike_rigid_modes(summary)
-        if alike:
-            spans = [[row_frequencies(row)[name] for row in alike] for name in variants]
-            _add_cells(
-                table,
-                f"{len(alike)} rigid-body modes, alike",
-                [f"{min(span):.4g} .. {max(span):.4g}" for span in spans],
-            )
-        for row in (row for row in summary["modes"] if row not in alike):
-            origin = "" if row["origin"] == summary["reference"] else f" (first in {row['origin']})"
-            cells = [
-                _mode_cell(row["variants"][name], variant) for name, variant in variants.items()
-            ]
-            _add_cells(table, f"{row['name']}{origin}", cells)
-        table.add_section()
-        _add_cells(
-            table, "largest deviation", [_largest_deviation(summary, name) for name in variants]
-        )
-        _add_cells(
-            table, "modes it misses, adds", [_missed_and_added(summary, name) for name in variants]
-        )
+        _add_modes(rows)
     for point in list_points(summary):
-        _add_point(table, summary, point)
-    table.add_section()
-    _add_cells(
-        table,
-        "dofs of the components",
-        [spaced(variant["full_dofs"]) for variant in variants.values()],
-    )
-    _add_cells(
-        table, "dofs solved for", [spaced(variant["coupled_dofs"]) for variant in variants.values()]
-    )
-    efforts = [variant["effort"] for variant in variants.values()]
-    _add_cells(
-        table,
-        "seconds from scene to modes",
-        [f"{e['seconds']['total']:.2f}\n{describe_store(e)}" for e in efforts],
-    )
+        _add_point(rows, point)
+    for section in response_sections(summary, drive_points=True):
+        rows.table.add_section()
+        rows.add_head(section.title)
+        rows.add_rows(section.rows)
+    rows.table.add_section()
+    rows.add_rows(cost_rows(summary))
+    what = "models" if summary["verdicts"] else "variants"
     print_table(
         console,
-        f"{summary['scene']}: variants in pose {summary['pose']}, held against {summary['reference']}",
-        table,
+        f"{summary['scene']}: {what} in pose {summary['pose']}, compared with {summary['reference']}",
+        rows.table,
     )
+    for words in verdict_words(summary):
+        console.print(words, style="bold", markup=False)
+    for words in cannot_words(summary):
+        console.print(words, markup=False)
     _print_notes(console, summary)
+
+
+class _Rows:
+    """Rows of the table, in the order of its columns."""
+
+    def __init__(self, summary: ComparisonSummary, table: Table) -> None:
+        self.summary, self.table = summary, table
+
+    def add_head(self, title: str, cells: Mapping[str, str] | None = None) -> None:
+        """A heading of a section."""
+        shown = [(cells or {}).get(name, "") for name in self.summary["columns"]]
+        self.table.add_row(Text(title, style="bold"), *(Text(cell, style="dim") for cell in shown))
+
+    def add(self, head: str, cells: Mapping[str, str]) -> None:
+        """A row; a model that there is none of cannot answer."""
+        shown = [
+            CANNOT if name in self.summary["cannot"] else cells.get(name, MISSING)
+            for name in self.summary["columns"]
+        ]
+        self.table.add_row(Text(head), *(Text(cell) for cell in shown))
+
+    def add_rows(self, rows: Sequence[ModelRow]) -> None:
+        """Rows whose cells are laid out."""
+        for row in rows:
+            self.add(
+                row.head,
+                {
+                    name: "\n".join(filter(None, (cell.text, cell.small)))
+                    for name, cell in row.cells.items()
+                },
+            )
+
+
+def _add_modes(rows: _Rows) -> None:
+    summary, variants = rows.summary, rows.summary["variants"]
+    rows.add_head(
+        "Natural frequencies [Hz]",
+        {name: _describe_fidelity(variant) for name, variant in variants.items()},
+    )
+    alike = alike_rigid_modes(summary)
+    if alike:
+        spans = {name: [row_frequencies(row)[name] for row in alike] for name in variants}
+        rows.add(
+            f"{len(alike)} rigid-body modes, alike",
+            {name: f"{min(span):.4g} .. {max(span):.4g}" for name, span in spans.items()},
+        )
+    for row in (row for row in summary["modes"] if row not in alike):
+        rows.add(
+            _name_row(summary, row),
+            {name: _mode_cell(summary, row, name) for name in variants},
+        )
+    rows.table.add_section()
+    rows.add("largest deviation", {name: _largest_deviation(summary, name) for name in variants})
+    rows.add("modes it misses, adds", {name: _missed_and_added(summary, name) for name in variants})
+
+
+def _name_row(summary: ComparisonSummary, row: RowSummary) -> str:
+    """A mode's name, with its number where the columns are models of one machine."""
+    own = row["variants"][summary["reference"]]
+    if row["origin"] != summary["reference"]:
+        return f"{row['name']} (first in {row['origin']})"
+    number = f"f{own['number']}  " if summary["verdicts"] and own is not None else ""
+    return f"{number}{row['name']}"
 
 
 def _print_notes(console: Console, summary: ComparisonSummary) -> None:
     imports = sum(variant["effort"]["import_seconds"] for variant in summary["variants"].values())
     apart = (
-        f"; loading the finite element library ({imports:.2f} s) is not counted" if imports else ""
+        f" Loading the finite element library ({imports:.2f} s) is not counted." if imports else ""
     )
     text = (
         f"Modes are paired by shape: MAC at places that stand for the mass of each body, {summary['same_from']:g} and more is the same "
-        f"mode, {MISSING} means that the variant has none; deviations are from the first variant of a row{apart}."
+        f"mode, {MISSING} means that the variant has none; deviations are from the first variant of a row. Seconds leave out error "
+        f"estimates; memory is that of the whole process.{apart}"
     )
     console.print(text, markup=False)
-    for words in variant_error_words(summary):
+    for words in (*variant_error_words(summary), *summary["not_compared"]):
         console.print(words, markup=False)
     for name, variant in summary["variants"].items():
         for failure in variant["failures"]:
@@ -142,56 +193,47 @@ def print_effort(summary: ComparisonSummary) -> None:
         used = [f"{efforts[run]['cpu_seconds']['total']:.3f}" for run in runs]
         table.add_row(*(Text(cell) for cell in (name, *walls, *used, steps)))
     changed = f", then with {', '.join(change)} from the same store" if change else ""
-    print_table(console, f"Effort from scene to modes, from an empty store{changed}", table)
+    print_table(console, f"Effort from scene to answers, from an empty store{changed}", table)
 
 
-def _add_heads(table: Table, title: str, cells: list[str]) -> None:
-    table.add_row(Text(title, style="bold"), *(Text(cell, style="dim") for cell in cells))
-
-
-def _add_cells(table: Table, head: str, cells: list[str]) -> None:
-    table.add_row(Text(head), *(Text(cell) for cell in cells))
-
-
-def _add_point(table: Table, summary: ComparisonSummary, point: str) -> None:
-    variants = summary["variants"]
-    table.add_section()
-    _add_heads(table, f"Compliance at {point} [µm/kN]", [""] * len(variants))
+def _add_point(rows: _Rows, point: str) -> None:
+    summary, variants = rows.summary, rows.summary["variants"]
+    rows.table.add_section()
+    rows.add_head(f"Compliance at {point} [µm/kN]")
     for j, direction in enumerate(DIRECTIONS):
-        cells = []
+        first = read_compliance(summary, summary["reference"], point, j, j)
+        cells = {}
         for name, variant in variants.items():
-            value, first = (
-                read_compliance(summary, name, point, j, j),
-                read_compliance(summary, summary["reference"], point, j, j),
-            )
-            if value is None:
-                cells.append(MISSING)
-                continue
-            errors = variant["static"][point]["error_um_per_kN"]
-            cells.append(f"{_with_error(value, errors[direction])}{_percent(value, first)}")
-        _add_cells(table, f"d{direction}/F{direction}", cells)
-    found = [variant["static"].get(point) for variant in variants.values()]
+            value = read_compliance(summary, name, point, j, j)
+            if value is not None:
+                shown = _with_error(value, variant["static"][point]["error_um_per_kN"][direction])
+                cells[name] = "\n".join(filter(None, (shown, show_change(value, first))))
+        rows.add(f"d{direction}/F{direction}", cells)
+        if summary["verdicts"]:
+            rows.add_rows(share_rows(summary, point, direction))
     for direction in DIRECTIONS:
-        links = [place["weak_link"].get(direction) if place else None for place in found]
-        if not any(links):
-            continue
-        _add_cells(
-            table,
-            f"weak link {direction}",
-            [
-                MISSING if link is None else f"{link['name']}\n{100 * link['share']:.0f} %"
-                for link in links
-            ],
-        )
+        links = {
+            name: variant["static"][point]["weak_link"].get(direction)
+            for name, variant in variants.items()
+            if point in variant["static"]
+        }
+        cells = {
+            name: f"{link['name']}\n{100 * link['share']:.0f} %"
+            for name, link in links.items()
+            if link is not None
+        }
+        if cells:
+            rows.add(f"weak link {direction}", cells)
 
 
 def _with_error(value: float, error: float | None) -> str:
     return f"{show_bounded(value, error)} {show_bound(value, error)}"
 
 
-def _mode_cell(cell: CellSummary | None, variant: VariantSummary) -> str:
+def _mode_cell(summary: ComparisonSummary, row: RowSummary, name: str) -> str:
+    cell, variant = row["variants"][name], summary["variants"][name]
     if cell is None:
-        return MISSING
+        return _missing_cell(summary, row, variant)
     hz, elastic = cell["frequency_hz"], cell["number"] > variant["rigid_count"]
     shown = _with_error(hz, cell["error_hz"]) if elastic else show_digits(hz, 4)
     if cell["mac"] is None:
@@ -200,10 +242,10 @@ def _mode_cell(cell: CellSummary | None, variant: VariantSummary) -> str:
     return f"{shown}\n{deviation}MAC {cell['mac']:.2f}"
 
 
-def _percent(value: float, first: float | None) -> str:
-    if not first or value == first:
-        return ""
-    return f"\n{100 * (value / first - 1.0):+.1f} %"
+def _missing_cell(summary: ComparisonSummary, row: RowSummary, variant: VariantSummary) -> str:
+    """A mode that a variant has not got, with the nearest shape that it has."""
+    best = nearest_mac(summary, row, variant)
+    return MISSING if best is None else f"{MISSING}\nMAC {best:.2f} at best"
 
 
 def _largest_deviation(summary: ComparisonSummary, name: str) -> str:

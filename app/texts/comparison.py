@@ -2,14 +2,30 @@
 for CSV files.
 """
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 from headstock.app.texts.bounded_values import bound_size, error_words, largest_shares, show_size
-from headstock.app.texts.tables import PlainTable, encode_csv
+from headstock.app.texts.tables import PlainTable, encode_csv, tabulate_response
 from headstock.geometry.frames import DIRECTIONS
+from headstock.pipeline.results.frf import ResponseCurves
 from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
-from headstock.studies.comparison import CellSummary, ComparisonSummary, EffortSummary, RowSummary
+from headstock.studies.comparison_summary import (
+    CellSummary,
+    ComparisonSummary,
+    EffortSummary,
+    RowSummary,
+)
 
 ALIKE = 0.9  # MAC from which rigid-body modes of variants are told in one line
-STEP_NAMES = {"load": "scene", "components": "components", "couple": "coupling", "modes": "modes"}
+STEP_NAMES = {
+    "load": "scene",
+    "components": "components",
+    "couple": "coupling",
+    "modes": "modes",
+    "static": "compliances",
+    "frf": "responses",
+}
 
 
 def describe_store(effort: EffortSummary) -> str:
@@ -43,8 +59,10 @@ def variant_error_words(summary: ComparisonSummary) -> list[str]:
 
 def alike_rigid_modes(summary: ComparisonSummary) -> list[RowSummary]:
     """Rows in which the machine moves as one body, much the same in every variant: one line is
-    enough for all of them.
+    enough for all of them, unless the columns are models of one machine.
     """
+    if summary["verdicts"]:
+        return []
     return [
         row
         for row in summary["modes"]
@@ -134,6 +152,7 @@ def comparison_csv(summary: ComparisonSummary) -> dict[str, bytes]:
             "coupled dofs",
             *(f"{step} [s]" for step in (*STEP_NAMES, "total")),
             "CPU [s]",
+            "peak memory [MB]",
             "from store",
         ),
         tuple(
@@ -144,12 +163,31 @@ def comparison_csv(summary: ComparisonSummary) -> dict[str, bytes]:
                 variant["coupled_dofs"],
                 *(variant["effort"]["seconds"][step] for step in (*STEP_NAMES, "total")),
                 variant["effort"]["cpu_seconds"]["total"],
+                variant["effort"]["peak_rss_mb"],
                 describe_store(variant["effort"]),
             )
             for name, variant in summary["variants"].items()
         ),
     )
     return {table.name: encode_csv(table) for table in (modes, compliances, costs)}
+
+
+def tabulate_lines(lines: Mapping[str, ResponseCurves]) -> PlainTable:
+    """A row per frequency: real and imaginary part of every entry of every variant, in SI.
+
+    Args:
+        lines: Variant to its response, all on the same frequencies.
+    """
+    tables = {name: tabulate_response(curves) for name, curves in lines.items()}
+    first = next(iter(tables.values()))
+    headings = [f"{name} {text}" for name, table in tables.items() for text in table.headings[1:]]
+    rows = zip(*(table.rows for table in tables.values()), strict=True)
+    return replace(
+        first,
+        name="responses",
+        headings=(first.headings[0], *headings),
+        rows=tuple((cells[0][0], *(item for row in cells for item in row[1:])) for cells in rows),
+    )
 
 
 def _list_cell(cell: CellSummary | None) -> tuple[float | None, ...]:

@@ -207,28 +207,39 @@ def run_frf_stage(state: RunState, stage: Stage) -> Outcome:
     return Outcome(detail=detail, answers=(response,), warnings=solved.warnings)
 
 
-def respond(machine: PoseModel, *, judged: bool = True) -> Solved[PoseResponse]:
+def prepare_response(machine: PoseModel) -> FrfModel:
+    """A machine in a pose, with the damping of its scene, ready to be asked for its response."""
+    request, modes = _frf_request(machine), machine.all_modes
+    system = damp_system(machine.parts.scene, machine.system, modes)
+    return prepare_frf(system, inputs=request.inputs, outputs=request.outputs, modes=modes)
+
+
+def _frf_request(machine: PoseModel) -> FrfRequest:
+    request = machine.parts.scene.analyses.frf
+    if request is None:
+        raise ValueError("a frequency response needs an analysis in the scene")
+    return request
+
+
+def respond(
+    machine: PoseModel, *, judged: bool = True, model: FrfModel | None = None
+) -> Solved[PoseResponse]:
     """Frequency response of a machine in a pose with the damping of its scene.
 
     Args:
         machine: In the pose.
         judged: Name the softest modes, and estimate errors of a machine of superelements.
+        model: Of ``prepare_response``, where it is already known.
     """
     scene, bare, modes = machine.parts.scene, machine.system, machine.all_modes
-    request, coupled = scene.analyses.frf, machine.coupled
-    if request is None:
-        raise ValueError("a frequency response needs an analysis in the scene")
-    system = damp_system(scene, bare, modes)
+    request, coupled = _frf_request(machine), machine.coupled
     warnings = [*warn_of_no_damping(scene, bare)]
-    model = prepare_frf(system, inputs=request.inputs, outputs=request.outputs, modes=modes)
+    model = model or prepare_response(machine)
+    system = model.direct.system
     poles = find_peaks(model, request.to_hz)
     response = evaluate_frf(model, frequency_grid(request, poles))
     damped = system.damping is not None or system.hysteretic is not None
-    bounded = bool(
-        (np.abs(poles.real) > UNDAMPED * np.abs(poles))[
-            np.abs(poles) <= 2.0 * np.pi * request.to_hz
-        ].all()
-    )
+    bounded = peaks_have_tops(poles, request.to_hz)
     if not bounded:
         warnings.append(
             "frequency response: a mode in the range has no damping, so its peak has no top; "
@@ -270,6 +281,17 @@ def respond(machine: PoseModel, *, judged: bool = True) -> Solved[PoseResponse]:
         error_left_out=() if estimate is None else estimate.left_out,
     )
     return Solved(found, tuple(warnings))
+
+
+def peaks_have_tops(poles: ComplexArray, to_hz: float) -> bool:
+    """Whether every mode up to a frequency has damping.
+
+    Args:
+        poles: Of the system [rad/s].
+        to_hz: The frequency.
+    """
+    near = poles[np.abs(poles) <= 2.0 * np.pi * to_hz]
+    return bool((np.abs(near.real) > UNDAMPED * np.abs(near)).all())
 
 
 def frequency_grid(request: FrfRequest, poles: ComplexArray) -> FloatArray:

@@ -13,7 +13,8 @@ from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.store import Store
 from headstock.scene.reading.findings import SceneError
-from headstock.studies.comparison import Comparison, compare_variants, summarise_comparison
+from headstock.studies.comparison import Comparison, compare_variants
+from headstock.studies.comparison_summary import summarise_comparison
 from headstock.studies.variants import STEPS, VariantSolution, choose_variants, solve_variant
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]

@@ -19,7 +19,7 @@ from headstock.app.texts.curves import response_unit, round_ticks
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.studies import Study, StudyFamily
-from headstock.studies.comparison import ComparisonSummary, LinkSummary
+from headstock.studies.comparison_summary import ComparisonSummary, LinkSummary
 from headstock.studies.parameters.records import StudyRecord
 from headstock.studies.parameters.tables import StudyTable, tabulate_study, varied_numbers
 from headstock.studies.sweeps.files import SweepSummary
@@ -154,7 +154,9 @@ def make_comparison() -> ComparisonSummary:
             "error_um_per_kN": {"x": 0.12, "y": 0.01, "z": None},
             "error_share": {"x": {"discretisation": 0.12}},
         }
-        seconds = dict.fromkeys(("load", "components", "couple", "modes", "total"), 1.0)
+        seconds = dict.fromkeys(
+            ("load", "components", "couple", "modes", "static", "frf", "total"), 1.0
+        )
         effort = {"seconds": seconds, "cpu_seconds": seconds, "elastic_components": 0}
         errors = {
             "error_hz": [0.5] * 4,
@@ -162,8 +164,9 @@ def make_comparison() -> ComparisonSummary:
             "error_left_out": [],
             "rigid_count": 0,
         }
+        effort |= {"from_store": 0, "peak_rss_mb": 100.0}
         return (
-            {"static": {"tcp": point}, "failures": [], "effort": effort | {"from_store": 0}}
+            {"static": {"tcp": point}, "frf": [], "mac": [], "failures": [], "effort": effort}
             | dict.fromkeys(("full_dofs", "reduced_dofs", "coupled_dofs"), 6)
             | errors
         )
@@ -188,12 +191,13 @@ def make_comparison() -> ComparisonSummary:
         for number, value in enumerate(hz)
     ]
     return sketch(ComparisonSummary, {
-        "scene": "s", "pose": "p", "reference": names[0], "same_from": 0.5, "modes": rows, "variants": {name: variant() for name in names}
+        "scene": "s", "pose": "p", "reference": names[0], "same_from": 0.5, "modes": rows, "variants": {name: variant() for name in names},
+        "columns": names, "cannot": {}, "verdicts": {}, "not_compared": [],
     })  # fmt: skip
 
 
 def test_labels_of_a_comparison_do_not_touch_and_have_no_bare_point(figures: list[Figure]) -> None:
-    draw_comparison(make_comparison())
+    draw_comparison(make_comparison(), {})
     levels, bars = figures
     texts = [text for text in levels.axes[0].texts if text.get_text()]
     shown = {text.get_text() for text in texts}

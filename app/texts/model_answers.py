@@ -1,0 +1,400 @@
+"""Variants as models of one machine, in rows and words: where compliance comes from, responses,
+costs, what a simpler model is good for and what it cannot answer.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from headstock.app.texts.bounded_values import show_bound, show_bounded, show_digits
+from headstock.app.texts.comparison import describe_store, list_points
+from headstock.app.texts.curves import name_entry, response_unit
+from headstock.app.texts.tables import sort_shares
+from headstock.geometry.frames import DIRECTIONS
+from headstock.reduction.motions.body_motions import join_names, split_number
+from headstock.solvers.second_order import Port
+from headstock.studies.comparison_summary import (
+    ComparisonSummary,
+    EntrySummary,
+    JudgedModeSummary,
+    RowSummary,
+    VariantSummary,
+    VerdictSummary,
+)
+
+CANNOT = "cannot"
+MISSING = "–"
+NAMED_SHARE = 0.1  # of a compliance: less is not worth a row
+PEAKS_SHOWN = 3
+MODES_NAMED = 3
+DEFORMING = (
+    "bend",
+    "twist",
+    "stretch",
+    "deform",
+    "breathe",
+    "ovalize",
+)  # verbs of the names of modes
+
+
+@dataclass(frozen=True)
+class ModelCell:
+    """What a model says in a row: a value, and smaller below it what belongs to it."""
+
+    text: str
+    small: str = ""
+
+
+@dataclass(frozen=True)
+class ModelRow:
+    """An answer of every model that has it.
+
+    Attributes:
+        head: What is answered.
+        cells: Variant to what it says; those that say nothing are not in it.
+    """
+
+    head: str
+    cells: dict[str, ModelCell] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ModelSection:
+    """Rows under a heading."""
+
+    title: str
+    rows: tuple[ModelRow, ...]
+
+
+def show_change(value: float | None, first: float | None) -> str:
+    """``-12.1 %``; nothing without a first value, or of the first itself."""
+    if value is None or not first or value == first:
+        return ""
+    return _signed(value / first - 1.0)
+
+
+def _signed(change: float) -> str:
+    shown = f"{100.0 * change:+.1f} %"
+    return "0.0 %" if shown in ("+0.0 %", "-0.0 %") else shown
+
+
+def share_rows(summary: ComparisonSummary, point: str, direction: str) -> list[ModelRow]:
+    """Which parts the compliance at a point in a direction comes from, largest first; joints and
+    components whose names differ by a number only are one part.
+
+    Args:
+        summary: Of a comparison.
+        point: Where.
+        direction: ``x``, ``y`` or ``z``.
+    """
+    budgets = {
+        name: variant["static"][point]["budget"][direction]
+        for name, variant in summary["variants"].items()
+        if point in variant["static"]
+    }
+    families: dict[str, list[str]] = {}
+    for part in sorted({part for budget in budgets.values() for part in budget}):
+        families.setdefault(split_number(part)[0], []).append(part)
+    totals = {
+        join_names(members): {
+            name: sum(budget.get(member, 0.0) for member in members)
+            for name, budget in budgets.items()
+            if budget
+        }
+        for members in families.values()
+    }
+    most = {part: max(shares.values(), default=0.0) for part, shares in totals.items()}
+    return [
+        ModelRow(
+            f"  {part}",
+            {name: ModelCell(f"{100.0 * share:.0f} %") for name, share in totals[part].items()},
+        )
+        for part, size in sort_shares(most)
+        if size >= NAMED_SHARE
+    ]
+
+
+def response_sections(
+    summary: ComparisonSummary, *, drive_points: bool = False
+) -> list[ModelSection]:
+    """A section per entry of the frequency responses that is more than a trace of symmetry lost.
+
+    Args:
+        summary: Of a comparison.
+        drive_points: Only entries of a load and the motion at the same place, where there are any.
+    """
+    entries: dict[tuple[Port, Port], dict[str, EntrySummary]] = {}
+    for name, variant in summary["variants"].items():
+        for entry in variant["frf"]:
+            output, given = ((each[0], each[1]) for each in (entry["output"], entry["input"]))
+            entries.setdefault((output, given), {})[name] = entry
+    direct = drive_points and any(output == given for output, given in entries)
+    return [
+        _response_section(ports[0], ports[1], found, summary["reference"])
+        for ports, found in entries.items()
+        if not all(entry["negligible"] for entry in found.values())
+        and (not direct or ports[0] == ports[1])
+    ]
+
+
+def _response_section(
+    output: Port, given: Port, found: Mapping[str, EntrySummary], reference: str
+) -> ModelSection:
+    unit, factor = response_unit("receptance", output, given)
+    own = found.get(reference)
+
+    def worst(entry: EntrySummary) -> ModelCell | None:
+        size, hz = entry["worst"], entry["worst_hz"]
+        if size is None or hz is None:
+            return None
+        change = show_change(size, own["worst"] if own else None)
+        return ModelCell(
+            f"{show_digits(factor * size, 4)}",
+            "\n".join(filter(None, (f"at {show_digits(hz, 4)} Hz", change))),
+        )
+
+    def real(entry: EntrySummary) -> ModelCell | None:
+        value, hz, error = entry["worst_real"], entry["worst_real_hz"], entry["worst_real_error"]
+        if value is None or hz is None:
+            return None
+        size = None if error is None else factor * error
+        change = show_change(value, own["worst_real"] if own else None)
+        return ModelCell(
+            f"{show_bounded(factor * value, size)} {show_bound(factor * value, size)}",
+            "\n".join(filter(None, (f"at {show_digits(hz, 4)} Hz", change))),
+        )
+
+    def peaks(entry: EntrySummary) -> ModelCell | None:
+        largest = sorted(entry["peaks"], key=lambda peak: -peak["size"])[:PEAKS_SHOWN]
+        texts = [
+            f"{show_digits(peak['frequency_hz'], 4)} Hz: {show_digits(factor * peak['size'], 3)}"
+            for peak in largest
+        ]
+        return ModelCell("\n".join(texts)) if texts else None
+
+    def away(entry: EntrySummary) -> ModelCell | None:
+        far = entry["difference"]
+        if far is None:
+            return None
+        share = f"{100.0 * far['share_of_peak']:.0f} % of its peak"
+        return ModelCell(
+            show_digits(factor * far["size"], 3), f"at {show_digits(far['at_hz'], 4)} Hz\n{share}"
+        )
+
+    def holds(entry: EntrySummary) -> ModelCell | None:
+        far = entry["difference"]
+        if far is None:
+            return None
+        to = far["holds_to_hz"]
+        return ModelCell("nowhere" if to is None else f"{show_digits(to, 3)} Hz")
+
+    def row(head: str, make: Callable[[EntrySummary], ModelCell | None]) -> ModelRow:
+        cells = {
+            name: ModelCell(CANNOT) if entry["cannot"] else make(entry)
+            for name, entry in found.items()
+        }
+        return ModelRow(head, {name: cell for name, cell in cells.items() if cell is not None})
+
+    rows = (
+        row("worst dynamic compliance", worst),
+        row("most negative real part", real),
+        row("largest peaks", peaks),
+        row(f"largest difference from {reference}", away),
+        row(f"within 10 % of {reference} up to", holds),
+    )
+    return ModelSection(
+        f"Response {name_entry(output, given)} [{unit}]", tuple(each for each in rows if each.cells)
+    )
+
+
+def cost_rows(summary: ComparisonSummary) -> list[ModelRow]:
+    """What each model costs."""
+
+    def row(head: str, make: Callable[[VariantSummary], ModelCell]) -> ModelRow:
+        return ModelRow(head, {name: make(each) for name, each in summary["variants"].items()})
+
+    def seconds(variant: VariantSummary) -> ModelCell:
+        effort = variant["effort"]
+        return ModelCell(f"{effort['seconds']['total']:.2f}", describe_store(effort))
+
+    return [
+        row("dofs of the components", lambda each: ModelCell(_spaced(each["full_dofs"]))),
+        row("dofs solved for", lambda each: ModelCell(_spaced(each["coupled_dofs"]))),
+        row("seconds from scene to answers", seconds),
+        row(
+            "processor seconds",
+            lambda each: ModelCell(f"{each['effort']['cpu_seconds']['total']:.2f}"),
+        ),
+        row("peak memory [MB]", lambda each: ModelCell(f"{each['effort']['peak_rss_mb']:.0f}")),
+    ]
+
+
+def _spaced(count: int) -> str:
+    return f"{count:,}".replace(",", " ")
+
+
+def nearest_mac(
+    summary: ComparisonSummary, row: RowSummary, variant: VariantSummary
+) -> float | None:
+    """Largest MAC of a mode of the reference with any mode of a model that has not got it; None
+    where that was not computed.
+
+    Args:
+        summary: Of a comparison.
+        row: Of the mode.
+        variant: The model.
+    """
+    own = row["variants"][summary["reference"]]
+    if own is None or own["number"] > len(variant["mac"]):
+        return None
+    return max(variant["mac"][own["number"] - 1], default=None)
+
+
+def cannot_words(summary: ComparisonSummary) -> list[str]:
+    """What a model cannot answer, and why; once for models that share the reason."""
+    owners: dict[str, list[str]] = {}
+    for name, why in summary["cannot"].items():
+        owners.setdefault(why, []).append(name)
+    for name, variant in summary["variants"].items():
+        for why in dict.fromkeys(entry["cannot"] for entry in variant["frf"] if entry["cannot"]):
+            owners.setdefault(f"response: {why}", []).append(name)
+    return [f"{', '.join(names)}: cannot: {why}" for why, names in owners.items()]
+
+
+def verdict_words(summary: ComparisonSummary) -> list[str]:
+    """One sentence per simpler model: what it holds, what it does not, and what it costs."""
+    return [
+        f"{name}: {_describe_verdict(summary, name, verdict)}"
+        for name, verdict in summary["verdicts"].items()
+    ]
+
+
+def _describe_verdict(summary: ComparisonSummary, name: str, verdict: VerdictSummary) -> str:
+    held, lost = _sort_compliances(summary, name, verdict)
+    if verdict["held"]:
+        held.append(
+            f"{_name_numbers(verdict['held'])} within {_percent(verdict['held_within'] or 0.0)}"
+        )
+    reached, nowhere = _reach_of_responses(summary["variants"][name]["frf"])
+    held += reached
+    lost += _name_modes(
+        verdict["off"],
+        lambda mode: (
+            f"f{mode['number']} {100.0 * (mode['deviation'] or 0.0):+.0f} % ({_bends(mode)})"
+        ),
+    )
+    lost += nowhere
+    parts = [f"holds {_join(held)}" if held else "holds no answer within 10 %"]
+    if lost:
+        parts.append(f"off by more: {_join(lost)}")
+    if verdict["missed"]:
+        missed = _name_modes(
+            verdict["missed"],
+            lambda mode: f"f{mode['number']} ({_bends(mode)}, MAC {mode['mac']:.2f} at best)",
+        )
+        parts.append(f"misses {_join(missed)}")
+    own, best = (summary["variants"][each]["effort"] for each in (name, summary["reference"]))
+    times = [
+        f"{effort['seconds']['total']:.2g} s"
+        + (f" ({describe_store(effort)})" if effort["elastic_components"] else "")
+        for effort in (own, best)
+    ]
+    return f"{'; '.join(parts)}; {times[0]} against {times[1]}"
+
+
+def _reach_of_responses(entries: Sequence[EntrySummary]) -> tuple[list[str], list[str]]:
+    """Up to where the responses at drive points are held, or all where there is none; and those
+    that are off from the first line on.
+    """
+    known = [(entry, entry["difference"]) for entry in entries if not entry["negligible"]]
+    direct = [item for item in known if item[0]["output"] == item[0]["input"]] or known
+    held, lost = [], []
+    for entry, far in direct:
+        if far is not None:
+            to, place = far["holds_to_hz"], " ".join(entry["output"])
+            if to is None:
+                lost.append(place)
+            else:
+                held.append(f"{place} up to {show_digits(to, 3)} Hz")
+    return (
+        [f"response within 10 % at {_join(held)}"] if held else [],
+        [f"response at {_join(lost)} from the lowest frequency on"] if lost else [],
+    )
+
+
+def _sort_compliances(
+    summary: ComparisonSummary, name: str, verdict: VerdictSummary
+) -> tuple[list[str], list[str]]:
+    """Compliances that are held, in one item, and those that are not, each with its cause."""
+    found, points = verdict["compliance"], list_points(summary)
+    several = len(points) > 1
+    held, lost = {}, []
+    for place, change in found.items():
+        point, direction = place.rsplit(" ", 1)
+        if abs(change) <= verdict["holds"]:
+            held[place] = change
+            continue
+        part = _cause(summary, name, point, direction)
+        at = f" at {point}" if several else ""
+        lost.append(f"d{direction}/F{direction}{at} {100.0 * change:+.0f} % ({part})")
+    if not held:
+        return [], lost
+    most = _percent(max(map(abs, held.values())))
+    if len(held) == len(found):
+        return [f"compliance within {most}"], lost
+    shown = [place if several else place.rsplit(" ", 1)[1] for place in held]
+    return [f"compliance in {', '.join(shown)} within {most}"], lost
+
+
+def _cause(summary: ComparisonSummary, name: str, point: str, direction: str) -> str:
+    """The part whose contribution to a compliance differs most from that in the reference."""
+    place, parts = DIRECTIONS.index(direction), []
+    for variant in (summary["variants"][name], summary["variants"][summary["reference"]]):
+        found = variant["static"][point]
+        size = found["compliance_um_per_kN"][place][place] or 0.0
+        parts.append({part: size * share for part, share in found["budget"][direction].items()})
+    own, best = parts
+    return max(
+        sorted(own.keys() | best.keys()),
+        key=lambda part: abs(best.get(part, 0.0) - own.get(part, 0.0)),
+    )
+
+
+def _name_modes(
+    modes: Sequence[JudgedModeSummary], name: Callable[[JudgedModeSummary], str]
+) -> list[str]:
+    named = [name(mode) for mode in modes[:MODES_NAMED]]
+    more = len(modes) - len(named)
+    return [*named, f"{more} more mode{'s' if more > 1 else ''}"] if more else named
+
+
+def _bends(mode: JudgedModeSummary) -> str:
+    """Frequency and name of a mode, and the component that deforms where the name does not say."""
+    shown, part = f"{show_digits(mode['frequency_hz'], 3)} Hz, {mode['name']}", mode["part"]
+    told = any(
+        part in clause.split() and any(f" {verb}" in clause for verb in DEFORMING)
+        for clause in mode["name"].split(", ")
+    )
+    if told or mode["part_share"] < NAMED_SHARE:
+        return shown
+    return f"{shown}, {100.0 * mode['part_share']:.0f} % of its strain energy in {part}"
+
+
+def _name_numbers(numbers: Sequence[int]) -> str:
+    """``f1..f4, f6``."""
+    spans: list[list[int]] = []
+    for number in numbers:
+        if spans and number == spans[-1][-1] + 1:
+            spans[-1].append(number)
+        else:
+            spans.append([number])
+    return ", ".join(
+        f"f{span[0]}" if len(span) == 1 else f"f{span[0]}..f{span[-1]}" for span in spans
+    )
+
+
+def _percent(size: float) -> str:
+    return f"{100.0 * size:.2g} %"
+
+
+def _join(items: Sequence[str]) -> str:
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"

@@ -1,0 +1,349 @@
+"""A comparison of variants as ``compare.json`` has it."""
+
+from collections.abc import Iterable
+from typing import NotRequired, TypedDict
+
+import numpy as np
+
+from headstock.pipeline.results.estimates import Estimate, FrequencyErrors, scale_shares
+from headstock.pipeline.results.static import UM_PER_KN
+from headstock.pipeline.storage.json_texts import check_finite, null_open
+from headstock.pipeline.storage.provenance import ProvenanceSummary
+from headstock.reduction.motions.compliance_budget import PointBudget, WeakLink
+from headstock.studies.comparison import Comparison, ModeRow, full_dofs
+from headstock.studies.responses import ResponseEntry
+from headstock.studies.variants import Effort, VariantSolution
+from headstock.studies.verdicts import JudgedMode, Verdict, judge_models
+
+
+class CellSummary(TypedDict):
+    """A mode of one variant in its row."""
+
+    number: int
+    frequency_hz: float
+    error_hz: float | None
+    deviation: float | None
+    mac: float | None
+
+
+class RowSummary(TypedDict):
+    """One mode throughout the variants; None where a variant has not got it."""
+
+    name: str
+    origin: str
+    variants: dict[str, CellSummary | None]
+
+
+class LinkSummary(TypedDict):
+    """What gives most at a point in a direction."""
+
+    name: str
+    share: float
+    change_if_doubled: float
+
+
+class VariantPointSummary(TypedDict):
+    """Compliance of a variant at a point; directions x, y, z are keys of errors, budgets and
+    links.
+    """
+
+    compliance_um_per_kN: list[list[float | None]]
+    compliance_6x6: list[list[float | None]]
+    error_um_per_kN: dict[str, float | None]
+    error_share: dict[str, dict[str, float | None]]
+    error_left_out: list[str]
+    budget: dict[str, dict[str, float]]
+    weak_link: dict[str, LinkSummary | None]
+
+
+class EffortSummary(TypedDict):
+    """What a model cost, by step and in ``total`` [s], and how many of its components came from the
+    store.
+    """
+
+    seconds: dict[str, float]
+    cpu_seconds: dict[str, float]
+    import_seconds: float
+    elastic_components: int
+    from_store: int
+    peak_rss_mb: float
+
+
+class PeakSummary(TypedDict):
+    """A maximum of the size of a response, in SI."""
+
+    frequency_hz: float
+    size: float
+
+
+class DifferenceSummary(TypedDict):
+    """How far a response is from that of the reference, sizes in SI."""
+
+    size: float
+    at_hz: float
+    share_of_peak: float
+    holds_to_hz: float | None
+
+
+class EntrySummary(TypedDict):
+    """An entry of a frequency response, compliances in SI; ``cannot`` says why it has none."""
+
+    output: list[str]
+    input: list[str]
+    worst: float | None
+    worst_hz: float | None
+    worst_mode: str
+    worst_real: float | None
+    worst_real_hz: float | None
+    worst_real_error: float | None
+    peaks: list[PeakSummary]
+    difference: DifferenceSummary | None
+    negligible: bool
+    cannot: str
+
+
+class JudgedModeSummary(TypedDict):
+    """A mode of the reference that a model has elsewhere or not at all."""
+
+    number: int
+    frequency_hz: float
+    name: str
+    part: str
+    part_share: float
+    deviation: float | None
+    mac: float
+
+
+class VerdictSummary(TypedDict):
+    """What a model of the same machine at another fidelity is good for; see ``Verdict``."""
+
+    holds: float
+    compliance: dict[str, float]
+    held: list[int]
+    held_within: float | None
+    off: list[JudgedModeSummary]
+    missed: list[JudgedModeSummary]
+
+
+class VariantSummary(FrequencyErrors):
+    """A column of a comparison; lists have an item per mode that was asked for. ``mac`` is that of
+    the reference's wanted modes (rows) with all modes of the variant; empty of the reference.
+    """
+
+    variant: str | None
+    overrides: list[str]
+    fidelity: dict[str, str]
+    full_dofs: int
+    reduced_dofs: int
+    coupled_dofs: int
+    frequencies_hz: list[float]
+    error_hz: list[float | None]
+    mode_names: list[str]
+    strain_share: list[dict[str, float]]
+    mac: list[list[float]]
+    static: dict[str, VariantPointSummary]
+    frf: list[EntrySummary]
+    effort: EffortSummary
+    failures: list[str]
+
+
+class EffortsSummary(TypedDict):
+    """Costs from an empty store: of each variant its ``first`` model, and one ``changed`` after
+    it.
+    """
+
+    change: list[str]
+    variants: dict[str, dict[str, EffortSummary]]
+
+
+class ComparisonSummary(TypedDict):
+    """The content of ``compare.json``."""
+
+    scene: str
+    pose: str
+    reference: str
+    same_from: float
+    modes: list[RowSummary]
+    columns: list[str]
+    variants: dict[str, VariantSummary]
+    cannot: dict[str, str]
+    verdicts: dict[str, VerdictSummary]
+    not_compared: list[str]
+    effort: NotRequired[EffortsSummary]
+    provenance: NotRequired[ProvenanceSummary]
+
+
+def summarise_comparison(comparison: Comparison) -> ComparisonSummary:
+    """The content of ``compare.json``.
+
+    Raises:
+        AccuracyError: A result is not a finite number.
+    """
+    return {
+        "scene": comparison.scene,
+        "pose": comparison.pose,
+        "reference": comparison.reference,
+        "same_from": comparison.same_from,
+        "modes": [_summarise_row(row, comparison) for row in comparison.rows],
+        "columns": list(comparison.columns),
+        "variants": {
+            name: _summarise_variant(solution, comparison)
+            for name, solution in comparison.solutions.items()
+        },
+        "cannot": dict(comparison.cannot),
+        "verdicts": {
+            name: _summarise_verdict(verdict) for name, verdict in judge_models(comparison).items()
+        },
+        "not_compared": list(comparison.not_compared),
+    }
+
+
+def _summarise_row(row: ModeRow, comparison: Comparison) -> RowSummary:
+    cells: dict[str, CellSummary | None] = dict.fromkeys(comparison.solutions)
+    for name, cell in row.cells.items():
+        cells[name] = {
+            "number": cell.index + 1,
+            "frequency_hz": check_finite(f"frequencies of variant {name}", [cell.frequency_hz])[0],
+            "error_hz": comparison.solutions[name].mode_errors[cell.index].total,
+            "deviation": cell.deviation,
+            "mac": cell.correlation,
+        }
+    return {"name": row.name, "origin": row.origin, "variants": cells}
+
+
+def _summarise_variant(solution: VariantSolution, comparison: Comparison) -> VariantSummary:
+    choice, modal, errors = solution.choice, solution.modal, solution.mode_errors[: solution.wanted]
+    frequencies = np.zeros(0) if modal is None else modal.frequencies_hz[: solution.wanted]
+    return {
+        "variant": choice.variant,
+        "overrides": list(choice.overrides),
+        "fidelity": {name: facts.fidelity for name, facts in solution.components.items()},
+        "full_dofs": full_dofs(solution),
+        "reduced_dofs": sum(facts.reduced_dofs for facts in solution.components.values()),
+        "coupled_dofs": len(solution.coupled.system.labels),
+        "frequencies_hz": check_finite(f"frequencies of variant {choice.name}", frequencies),
+        "error_hz": [error.total for error in errors],
+        "error_share": [dict(error.shares) for error in errors],
+        "error_left_out": _left_out(errors),
+        "rigid_count": 0 if modal is None else min(modal.rigid_count, solution.wanted),
+        "mode_names": list(solution.named.names[: solution.wanted]),
+        "strain_share": list(solution.named.strain_shares[: solution.wanted]),
+        "mac": [
+            [float(value) for value in row]
+            for row in comparison.correlations.get(choice.name, np.zeros((0, 0)))
+        ],
+        "static": {
+            name: _summarise_point(name, budget, solution)
+            for name, budget in solution.points.items()
+        },
+        "frf": [_summarise_entry(entry) for entry in comparison.entries.get(choice.name, ())],
+        "effort": summarise_effort(solution.effort),
+        "failures": list(solution.failures),
+    }
+
+
+def _summarise_point(
+    name: str, budget: PointBudget, solution: VariantSolution
+) -> VariantPointSummary:
+    what = f"static compliance at {name} in variant {solution.choice.name}"
+    along = np.diag(budget.compliance)[:3]
+    # a free direction has no number, and no error
+    errors = {
+        direction: Estimate() if np.isnan(value) else error
+        for (direction, error), value in zip(
+            solution.point_errors[name].items(), along, strict=True
+        )
+    }
+    return {
+        "compliance_um_per_kN": null_open(
+            what, budget.compliance[:3, :3] * UM_PER_KN, free=budget.free
+        ),
+        "compliance_6x6": null_open(what, budget.compliance, free=budget.free),
+        "error_um_per_kN": {
+            direction: None if error.total is None else UM_PER_KN * error.total
+            for direction, error in errors.items()
+        },
+        "error_share": {
+            direction: scale_shares(error, UM_PER_KN) for direction, error in errors.items()
+        },
+        "error_left_out": _left_out(errors.values()),
+        "budget": {direction: dict(shares) for direction, shares in budget.shares.items()},
+        "weak_link": {
+            direction: _summarise_link(link)
+            for direction, link in solution.weak_links[name].items()
+        },
+    }
+
+
+def _left_out(errors: Iterable[Estimate]) -> list[str]:
+    return sorted({words for error in errors for words in error.left_out})
+
+
+def _summarise_link(link: WeakLink | None) -> LinkSummary | None:
+    return (
+        None
+        if link is None
+        else {"name": link.name, "share": link.share, "change_if_doubled": link.change}
+    )
+
+
+def summarise_effort(effort: Effort) -> EffortSummary:
+    """What it cost to get from the scene to the answers."""
+    return {
+        "seconds": {step: round(value, 4) for step, value in effort.seconds.items()}
+        | {"total": round(effort.total, 4)},
+        "cpu_seconds": {step: round(value, 4) for step, value in effort.cpu_seconds.items()}
+        | {"total": round(effort.cpu_total, 4)},
+        "import_seconds": round(effort.import_seconds, 4),
+        "elastic_components": effort.reduced,
+        "from_store": effort.stored,
+        "peak_rss_mb": round(effort.peak_rss_mb, 1),
+    }
+
+
+def _summarise_entry(entry: ResponseEntry) -> EntrySummary:
+    difference = entry.difference
+    return {
+        "output": list(entry.output),
+        "input": list(entry.given),
+        "worst": entry.worst,
+        "worst_hz": entry.worst_hz,
+        "worst_mode": entry.worst_mode,
+        "worst_real": entry.worst_real,
+        "worst_real_hz": entry.worst_real_hz,
+        "worst_real_error": entry.worst_real_error,
+        "peaks": [{"frequency_hz": peak.frequency_hz, "size": peak.size} for peak in entry.peaks],
+        "difference": None
+        if difference is None
+        else {
+            "size": difference.size,
+            "at_hz": difference.at_hz,
+            "share_of_peak": difference.share_of_peak,
+            "holds_to_hz": difference.holds_to_hz,
+        },
+        "negligible": entry.negligible,
+        "cannot": entry.cannot,
+    }
+
+
+def _summarise_verdict(verdict: Verdict) -> VerdictSummary:
+    return {
+        "holds": verdict.holds,
+        "compliance": dict(verdict.compliance),
+        "held": list(verdict.held),
+        "held_within": verdict.held_within,
+        "off": [_summarise_judged(mode) for mode in verdict.off],
+        "missed": [_summarise_judged(mode) for mode in verdict.missed],
+    }
+
+
+def _summarise_judged(mode: JudgedMode) -> JudgedModeSummary:
+    return {
+        "number": mode.number,
+        "frequency_hz": mode.frequency_hz,
+        "name": mode.name,
+        "part": mode.part,
+        "part_share": mode.part_share,
+        "deviation": mode.deviation,
+        "mac": mode.correlation,
+    }

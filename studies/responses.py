@@ -1,0 +1,255 @@
+"""Frequency responses of variants of a machine over each other: on common lines, with their peaks,
+and how far each is from that of a reference.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import find_peaks as find_maxima
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results.frf import PoseResponse, ResponseCurves
+from headstock.pipeline.stages.frf import peaks_have_tops
+from headstock.solvers.linear.frequency_response import FrfModel, evaluate_frf, find_peaks
+from headstock.solvers.second_order import ComplexArray, Port
+from headstock.studies.variants import VariantSolution
+
+HOLDS = 0.1  # share of the reference's value up to which another model is said to hold it
+PROMINENCE = 1.1  # times the higher of the valleys beside it: less is no peak
+# of the drive points' responses: what symmetry makes zero is left with this of an uneven mesh
+NEGLIGIBLE = 1e-3
+UNBOUNDED = (
+    "a mode in the range has no damping, so its peak has no top; write [effects] "
+    "damping = { modal = 0.02 }, or give joints or materials damping"
+)
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A maximum of the size of a response: where [Hz], and its size [m/N, rad/N, ...]."""
+
+    frequency_hz: float
+    size: float
+
+
+@dataclass(frozen=True)
+class LineDifference:
+    """How far a response is from that of a reference.
+
+    Attributes:
+        size: Largest size of the difference of any line [m/N, ...].
+        at_hz: Frequency of that line [Hz].
+        share_of_peak: That size over the largest response of the reference in the band.
+        holds_to_hz: Frequency up to which no line differs by more than ``HOLDS`` of the
+            reference's own size [Hz]; None where the first one does.
+    """
+
+    size: float
+    at_hz: float
+    share_of_peak: float
+    holds_to_hz: float | None
+
+
+@dataclass(frozen=True)
+class ResponseEntry:
+    """What one entry of a response says, in SI.
+
+    Attributes:
+        output: Point and direction of the motion.
+        given: Point and direction of the load.
+        worst: Largest dynamic compliance in the band; None where a peak has no top.
+        worst_hz: Its frequency [Hz].
+        worst_mode: Name of the natural mode nearest to it; empty where output and load differ.
+        worst_real: Most negative real part; None where output and load differ, or where there is
+            none.
+        worst_real_hz: Its frequency [Hz].
+        worst_real_error: How far it may be off; None without a bound.
+        peaks: The maxima, rising in frequency.
+        difference: From the reference; None of the reference itself and of other ports.
+        negligible: Output and load differ, and the response is less than ``NEGLIGIBLE`` of those
+            of the two drive points.
+        cannot: Why there are no such numbers, in plain words.
+    """
+
+    output: Port
+    given: Port
+    worst: float | None = None
+    worst_hz: float | None = None
+    worst_mode: str = ""
+    worst_real: float | None = None
+    worst_real_hz: float | None = None
+    worst_real_error: float | None = None
+    peaks: tuple[Peak, ...] = ()
+    difference: LineDifference | None = None
+    negligible: bool = False
+    cannot: str = ""
+
+
+def overlay_responses(
+    solutions: Mapping[str, VariantSolution], reference: str
+) -> dict[str, ResponseCurves]:
+    """Response of each variant on the lines of all of them in the band of the reference.
+
+    Args:
+        solutions: By variant.
+        reference: Its ports and its band count; empty where it has no response.
+    """
+    first = solutions[reference].response
+    if first is None:
+        return {}
+    inputs, outputs = first.curves.inputs, first.curves.outputs
+    known: dict[str, tuple[PoseResponse, FrfModel]] = {
+        name: (solution.response, solution.frf)
+        for name, solution in solutions.items()
+        if solution.response is not None
+        and solution.frf is not None
+        and (solution.response.curves.inputs, solution.response.curves.outputs) == (inputs, outputs)
+    }
+    own = first.curves.frequencies_hz
+    lines = np.unique(
+        np.concatenate([response.curves.frequencies_hz for response, _ in known.values()])
+    )
+    lines = lines[(lines >= own[0]) & (lines <= own[-1])]
+    return {
+        name: ResponseCurves(
+            pose=response.curves.pose,
+            inputs=inputs,
+            outputs=outputs,
+            frequencies_hz=lines,
+            receptance=evaluate_frf(model, lines).receptance,
+            motion=first.curves.motion,
+            spacing=first.curves.spacing,
+        )
+        for name, (response, model) in known.items()
+    }
+
+
+def compare_entries(
+    solution: VariantSolution, lines: Mapping[str, ResponseCurves], reference: str
+) -> tuple[ResponseEntry, ...]:
+    """What each entry of a variant's response says.
+
+    Args:
+        solution: A variant with a response.
+        lines: Of ``overlay_responses``.
+        reference: Variant that the others are compared with.
+    """
+    response, model, name = solution.response, solution.frf, solution.choice.name
+    if response is None or model is None:
+        return ()
+    curves, found = response.curves, []
+    to_hz = float(curves.frequencies_hz[-1])
+    bounded = peaks_have_tops(find_peaks(model, to_hz), to_hz)
+    mine, other = lines.get(name), lines.get(reference)
+    for row, output in enumerate(curves.outputs):
+        for column, given in enumerate(curves.inputs):
+            if not bounded:
+                found.append(ResponseEntry(output, given, cannot=UNBOUNDED))
+                continue
+            difference = None
+            if mine is not None and other is not None and name != reference:
+                difference = _differ(
+                    mine.frequencies_hz,
+                    mine.receptance[:, row, column],
+                    other.receptance[:, row, column],
+                )
+            found.append(_describe_entry(response, row, column, difference))
+    return tuple(found)
+
+
+def _describe_entry(
+    response: PoseResponse, row: int, column: int, difference: LineDifference | None
+) -> ResponseEntry:
+    curves = response.curves
+    output, given = curves.outputs[row], curves.inputs[column]
+    sizes = np.abs(curves.receptance[:, row, column])
+    peaks = _list_peaks(curves.frequencies_hz, sizes)
+    tops = _largest_sizes(curves)
+    negligible = output != given and bool(
+        tops[row, column] < NEGLIGIBLE * _usual_size(curves, tops, output, given)
+    )
+    figures = next((own for own in response.figures if own.port == output == given), None)
+    if figures is not None and figures.softest:
+        return ResponseEntry(
+            output,
+            given,
+            worst=1.0 / figures.softest,
+            worst_hz=figures.softest_hz,
+            worst_mode=figures.softest_mode,
+            worst_real=figures.worst_real,
+            worst_real_hz=figures.worst_real_hz,
+            worst_real_error=figures.worst_real_error,
+            peaks=peaks,
+            difference=difference,
+        )
+    if not np.isfinite(sizes).any():
+        return ResponseEntry(output, given, cannot="nothing moves there, or nothing holds it")
+    worst = int(np.nanargmax(sizes))
+    return ResponseEntry(
+        output,
+        given,
+        worst=float(sizes[worst]),
+        worst_hz=float(curves.frequencies_hz[worst]),
+        peaks=peaks,
+        difference=difference,
+        negligible=negligible,
+    )
+
+
+def _largest_sizes(curves: ResponseCurves) -> FloatArray:
+    """Largest size of each entry ``(n_outputs, n_inputs)``; 0 where there is none."""
+    sizes = np.abs(curves.receptance)
+    return np.asarray(np.where(np.isfinite(sizes), sizes, 0.0).max(axis=0))
+
+
+def _usual_size(curves: ResponseCurves, tops: FloatArray, output: Port, given: Port) -> float:
+    """Size that an entry would have if both ports moved together: the geometric mean of those of
+    the two drive points; without one, the largest of entries in the same unit.
+    """
+    own = [
+        float(tops[curves.outputs.index(port), curves.inputs.index(port)])
+        for port in (output, given)
+        if port in curves.outputs and port in curves.inputs
+    ]
+    if len(own) == 2:
+        return float(np.sqrt(own[0] * own[1]))
+    turns = (output[1].startswith("r"), given[1].startswith("r"))
+    alike = [
+        float(tops[row, column])
+        for row, one in enumerate(curves.outputs)
+        for column, other in enumerate(curves.inputs)
+        if (one[1].startswith("r"), other[1].startswith("r")) == turns
+    ]
+    return max(alike)
+
+
+def _list_peaks(frequencies_hz: FloatArray, sizes: FloatArray) -> tuple[Peak, ...]:
+    known = np.isfinite(sizes) & (sizes > 0.0)
+    lines, logs = frequencies_hz[known], np.log(sizes[known])
+    places, _ = find_maxima(logs, prominence=np.log(PROMINENCE))
+    return tuple(Peak(float(lines[place]), float(np.exp(logs[place]))) for place in places)
+
+
+def _differ(
+    frequencies_hz: FloatArray, mine: ComplexArray, other: ComplexArray
+) -> LineDifference | None:
+    known = np.isfinite(mine) & np.isfinite(other)
+    if not known.any() or not np.abs(other[known]).any():
+        return None
+    lines, away, sizes = (
+        frequencies_hz[known],
+        np.abs(mine - other)[known],
+        np.abs(other[known]),
+    )
+    most, beyond = int(np.argmax(away)), np.flatnonzero(away > HOLDS * sizes)
+    if not len(beyond):
+        holds_to: float | None = float(lines[-1])
+    else:
+        holds_to = None if beyond[0] == 0 else float(lines[beyond[0] - 1])
+    return LineDifference(
+        size=float(away[most]),
+        at_hz=float(lines[most]),
+        share_of_peak=float(away[most] / sizes.max()),
+        holds_to_hz=holds_to,
+    )
