@@ -7,8 +7,9 @@ from pathlib import Path
 import click
 import numpy as np
 
-from headstock.app.pictures.numbered import LabelledSurface, draw_numbered
-from headstock.app.terminal.console import add_row, counted, make_console, make_table, print_table
+from headstock.app.actions.sketching import show_machine, write_picture
+from headstock.app.pictures.numbered import LabelledSurface
+from headstock.app.terminal.console import add_row, make_console, make_table, print_table
 from headstock.geometry.parts.cad_faces import (
     CadFace,
     SuggestedInterface,
@@ -17,16 +18,12 @@ from headstock.geometry.parts.cad_faces import (
     name_faces,
     suggest_interfaces,
 )
-from headstock.geometry.parts.components import Component
-from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.cad_survey import CadSurvey, survey_step
-from headstock.meshing.components.skins import unmeshed_skin
 from headstock.meshing.step_units import doubt_size
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import check_output, prepare_output, write_output
 from headstock.scene.building.loader import load_scene
-from headstock.scene.scene import Scene
 
 STEP_SUFFIXES = (".step", ".stp")
 FACES_SHOWN = 40
@@ -38,6 +35,10 @@ class ShowRequest:
     """What the command line asked for."""
 
     path: Path
+    variant: str | None = None
+    overrides: tuple[str, ...] = ()
+    pose: str | None = None
+    window: bool = False
     picture: Path | None
     solid: int | str | None
     component: str | None
@@ -59,12 +60,25 @@ def show_file(request: ShowRequest) -> int:
     if request.path.suffix.lower() in STEP_SUFFIXES:
         if request.component is not None:
             raise click.UsageError("--component goes with a scene; a STEP file takes --solid")
+        given = [name for name, value in _scene_options(request) if value]
+        if given:
+            raise click.UsageError(
+                f"{given[0]} goes with a scene; {request.path.name} is a STEP file"
+            )
         return _show_part(
             StepFile(request.path.absolute(), request.solid), request.path.stem, request
         )
-    scene = load_scene(request.path)
+    scene = load_scene(request.path, variant=request.variant, overrides=request.overrides)
     if request.component is None:
-        return _show_scene(scene, request)
+        return show_machine(
+            scene,
+            pose=request.pose,
+            picture=request.picture,
+            window=request.window,
+            json_file=request.json_file,
+        )
+    if request.pose is not None or request.window:
+        raise click.UsageError("--pose and --window show the whole machine: leave --component out")
     component = scene.machine.components.get(request.component)
     if component is None or not isinstance(component.solid, StepFile):
         known = [
@@ -116,7 +130,7 @@ def _show_part(solid: StepFile, name: str, request: ShowRequest) -> int:
         console.print(format_suggestions(name, suggestions), markup=False, soft_wrap=True)
     numbers = {face.number: str(face.number) for face in survey.faces}
     surface = LabelledSurface(survey.points, survey.triangles, survey.owners, numbers, title)
-    _write_picture(surface, request.picture or Path(f"{name}_faces.png"))
+    write_picture(surface, request.picture or Path(f"{name}_faces.png"))
     if request.json_file is not None:
         content = {
             "file": solid.path.name,
@@ -181,61 +195,10 @@ def _in_mm(values: Vector) -> str:
     return " ".join(f"{round(1e3 * value, 1) + 0.0:.1f}" for value in values)
 
 
-def _show_scene(scene: Scene, request: ShowRequest) -> int:
-    console = make_console()
-    table = make_table("component", "fidelity", "solid", ">size mm", "interfaces")
-    skins: dict[str, Skin] = {}
-    for name, component in scene.machine.components.items():
-        skin = unmeshed_skin(component.solid)
-        size = "" if skin is None else _in_mm(tuple(np.ptp(skin.points, axis=0)))
-        add_row(
-            table,
-            name,
-            component.fidelity,
-            _describe_solid(component),
-            size,
-            ", ".join(component.interfaces),
-        )
-        if skin is not None:
-            skins[name] = skin
-    print_table(
-        console, f"{scene.name}: {counted(len(scene.machine.components), 'component')}", table
-    )
-    if not skins:
-        console.print("no component has a shape that can be drawn before meshing", markup=False)
-        return 0
-    _write_picture(
-        _join_components(scene, skins), request.picture or Path(f"{scene.path.stem}_machine.png")
-    )
-    return 0
-
-
-def _describe_solid(component: Component) -> str:
-    path = getattr(component.solid, "path", None)
-    return path.name if isinstance(path, Path) else type(component.solid).__name__.lower()
-
-
-def _join_components(scene: Scene, skins: dict[str, Skin]) -> LabelledSurface:
-    frames = {name: scene.machine.components[name].placement for name in skins}
-    starts = np.cumsum([0, *(len(skin.points) for skin in skins.values())])
-    points = np.vstack(
-        [
-            skin.points @ frames[name].rotation.T + frames[name].origin
-            for name, skin in skins.items()
-        ]
-    )
-    triangles = np.vstack(
-        [skin.triangles + start for skin, start in zip(skins.values(), starts, strict=False)]
-    )
-    owners = np.repeat(
-        np.arange(1, len(skins) + 1), [len(skin.triangles) for skin in skins.values()]
-    )
-    return LabelledSurface(points, triangles, owners, dict(enumerate(skins, 1)), scene.name)
-
-
-def _write_picture(surface: LabelledSurface, path: Path) -> None:
-    image, labelled = draw_numbered(surface)
-    write_output(path, image)
-    hidden = len(surface.labels) - len(labelled)
-    remark = f" ({hidden} too small or hidden for a label)" if hidden else ""
-    make_console().print(f"\npicture: {path}{remark}", markup=False)
+def _scene_options(request: ShowRequest) -> list[tuple[str, object]]:
+    return [
+        ("--variant", request.variant),
+        ("--set", request.overrides),
+        ("--pose", request.pose),
+        ("--window", request.window),
+    ]

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import click
 import typer
 
-from headstock.app.commands.options import Debug, JsonFile, Ranks, read_solid, write_json_file
+from headstock.app.commands.options import (
+    Debug,
+    JsonFile,
+    Overrides,
+    Ranks,
+    Variant,
+    read_solid,
+    write_json_file,
+)
 from headstock.app.terminal.guard import run_guarded
 
 if TYPE_CHECKING:
@@ -28,8 +36,19 @@ def show(
         Path, typer.Argument(metavar="FILE", help="STEP file (.step, .stp) or scene (.toml).")
     ],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="PNG", help="Picture [NAME_faces.png].")
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="PNG", help="Picture [NAME_faces.png or NAME_machine.png]."
+        ),
     ] = None,
+    variant: Variant = None,
+    set_: Overrides = None,
+    pose: Annotated[
+        str | None, typer.Option("--pose", metavar="NAME", help="Pose of a scene [the first].")
+    ] = None,
+    window: Annotated[
+        bool, typer.Option("--window", help="Open a window with the machine to turn it.")
+    ] = False,
     solid: Annotated[
         str | None,
         typer.Option("--solid", metavar="NAME|N", help="Which solid of a STEP file with several."),
@@ -44,8 +63,8 @@ def show(
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Draw a STEP part with numbered faces and suggest interfaces, or draw the machine of a
-    scene.
+    """Draw a STEP part with numbered faces and suggest interfaces, or the machine of a scene with
+    its joints and points, before anything is computed.
     """
 
     def action() -> int:
@@ -54,6 +73,10 @@ def show(
         return show_file(
             ShowRequest(
                 path=file,
+                variant=variant,
+                overrides=tuple(set_ or ()),
+                pose=pose,
+                window=window,
                 picture=output,
                 solid=read_solid(solid),
                 component=component,

@@ -3,7 +3,7 @@ matplotlib sets the text.
 """
 
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,11 +15,11 @@ from matplotlib.patheffects import withStroke
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, find_objects
 
-from headstock.app.pictures.pictures import draw_pictures
-from headstock.app.pictures.scenes import Picture
+from headstock.app.pictures.pictures import draw_pictures, open_window
+from headstock.app.pictures.scenes import Marks, Note, Picture, frame_picture
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.skins import IntArray
+from headstock.geometry.parts.skins import IntArray, sharp_edges
 
 # towards the viewer; between them they see every side twice
 CAMERAS = {
@@ -29,16 +29,24 @@ CAMERAS = {
     "−x −y −z": (-0.8, -1.0, -0.7),
 }
 OWNERS = "owners "
+INK = (0.06, 0.09, 0.16)
 PIXELS = (900, 720)
+WINDOW = (1400, 900)
 DPI = 100
 GOLDEN = 0.618034
 CLEARANCE = 7.0  # pixels around a label's middle that must belong to what it names
 SEEN = 1.5  # pixels; smaller areas get no label
+TEXT_SHADE = 0.65
+NOTE_REACHES = (1.0, 1.7)
+LEADER = "#475467"
 LETTER, LINE = 7.0, 12.0  # pixels of text
 LEADERS = [
     (22 * np.cos(angle), -22 * np.sin(angle))
     for angle in np.radians([45, 135, 315, 225, 0, 180, 90, 270])
 ]
+
+
+Color = tuple[float, float, float]
 
 
 class DrawingError(HeadstockError):
@@ -55,6 +63,11 @@ class LabelledSurface:
         owners: ``(m,)`` numbers from 1.
         labels: Text of each owner.
         title: Heading of the picture.
+        palette: ``(owners + 1, 3)`` red, green, blue of each owner from 1, 0..1; None for soft
+            colours of their own.
+        marks: Of joints and points.
+        notes: Texts besides the labels.
+        legend: What marks mean, each in its colour.
     """
 
     points: FloatArray
@@ -62,6 +75,10 @@ class LabelledSurface:
     owners: IntArray
     labels: Mapping[int, str]
     title: str
+    palette: FloatArray | None = None
+    marks: tuple[Marks, ...] = ()
+    notes: tuple[Note, ...] = ()
+    legend: tuple[tuple[str, Color], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -74,13 +91,16 @@ class Spot:
 
 @dataclass(frozen=True)
 class Label:
-    """A text in a picture: what it names, where, and half its width and height in pixels."""
+    """A text in a picture: what it names, where, and half its width and height in pixels; a note
+    belongs to owner 0.
+    """
 
     owner: int
     text: str
     place: tuple[float, float]
     text_at: tuple[float, float]
     half: tuple[float, float]
+    color: Color = INK
 
 
 def draw_numbered(surface: LabelledSurface) -> tuple[bytes, set[int]]:
@@ -89,7 +109,8 @@ def draw_numbered(surface: LabelledSurface) -> tuple[bytes, set[int]]:
     Raises:
         DrawingError: pyvista is missing, or finds no OpenGL.
     """
-    drawing = draw_pictures(_list_pictures(surface))
+    pictures = _list_pictures(surface)
+    drawing = draw_pictures(pictures)
     if drawing.remark is not None:
         raise DrawingError(drawing.remark)
     width, height = PIXELS
@@ -108,21 +129,51 @@ def draw_numbered(surface: LabelledSurface) -> tuple[bytes, set[int]]:
         axes.imshow(_open_image(drawing.images[name]), interpolation="none", aspect="auto")
         axes.text(12, height - 12, f"seen from {name}", fontsize=9, color="#555555")
         owners = _read_owners(drawing.images[OWNERS + name])
-        for label in _place_labels(_find_spots(owners), surface.labels):
+        frame = frame_picture(next(picture for picture in pictures if picture.name == name))
+        places = [frame.project(note.place[None], PIXELS)[0] for note in surface.notes]
+        labels = _place_labels(_find_spots(owners), surface.labels)
+        for label in labels + _place_notes(surface.notes, places, labels):
             if label.text_at != label.place:
                 axes.plot(
-                    *zip(label.place, label.text_at, strict=True), color="#475467", linewidth=0.6
+                    *zip(label.place, label.text_at, strict=True), color=LEADER, linewidth=0.6
                 )
             text = axes.text(
-                *label.text_at, label.text, fontsize=8, ha="center", va="center", color="#101828"
+                *label.text_at, label.text, fontsize=8, ha="center", va="center", color=label.color
             )
             text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
             labelled.add(label.owner)
         axes.set_xlim(-0.5, width - 0.5)
         axes.set_ylim(height - 0.5, -0.5)
+    for number, (entry, color) in enumerate(surface.legend):
+        figure.text(
+            0.99, 1.0 - 14 * (number + 1) / (2 * height), entry, fontsize=9, color=color, ha="right"
+        )
+    labelled.discard(0)
     buffer = io.BytesIO()
     canvas.print_png(buffer)
     return buffer.getvalue(), labelled
+
+
+def show_numbered(surface: LabelledSurface) -> None:
+    """Show a surface with its labels and notes in a window until the user closes it.
+
+    Raises:
+        DrawingError: pyvista is missing, or cannot open a window.
+    """
+    middles = {
+        owner: surface.points[surface.triangles[surface.owners == owner]].reshape(-1, 3)
+        for owner in surface.labels
+    }
+    labels = [
+        Note(surface.labels[owner], 0.5 * (corners.min(axis=0) + corners.max(axis=0)), INK)
+        for owner, corners in middles.items()
+        if len(corners)
+    ]
+    looks = _list_pictures(surface)[0]
+    notes = (*labels, *surface.notes)
+    problem = open_window([replace(looks, name=surface.title, size=WINDOW, notes=notes)])
+    if problem is not None:
+        raise DrawingError(f"no window: {problem}")
 
 
 def _list_pictures(surface: LabelledSurface) -> list[Picture]:
@@ -132,30 +183,32 @@ def _list_pictures(surface: LabelledSurface) -> list[Picture]:
     corners, flat = np.unique(pairs, axis=0, return_inverse=True)
     points, owners, triangles = surface.points[corners[:, 0]], corners[:, 1], flat.reshape(-1, 3)
     numbers = np.arange(int(surface.owners.max()) + 1)
-    palette = hsv_to_rgb(
-        np.column_stack(
-            [(GOLDEN * numbers) % 1.0, np.full(len(numbers), 0.28), np.full(len(numbers), 0.98)]
-        )
-    )
+    soft = [(GOLDEN * numbers) % 1.0, np.full(len(numbers), 0.28), np.full(len(numbers), 0.98)]
+    palette = hsv_to_rgb(np.column_stack(soft)) if surface.palette is None else surface.palette
     codes = np.column_stack([owners >> 16, owners >> 8 & 255, owners & 255]) / 255.0
-    borders = _find_borders(points, triangles, owners)
+    find_edges = _find_borders if surface.palette is None else sharp_edges
+    edges = find_edges(points, triangles)
     found = []
     for name, camera in CAMERAS.items():
         looks = Picture(
-            name, points, triangles, borders, palette[owners], PIXELS, camera=np.array(camera)
+            name,
+            points,
+            triangles,
+            edges,
+            palette[owners],
+            PIXELS,
+            marks=surface.marks,
+            camera=np.array(camera),
         )
-        found += [looks, replace(looks, name=OWNERS + name, colors=codes, flat=True)]
+        found += [looks, replace(looks, name=OWNERS + name, colors=codes, marks=(), flat=True)]
     return found
 
 
-def _find_borders(points: FloatArray, triangles: IntArray, owners: IntArray) -> IntArray:
-    """Edges ``(k, 2)`` of triangles beside which no other triangle has the same owner."""
-    scale = 1e-7 * float(np.ptp(points, axis=0).max())
-    _, same = np.unique(np.round(points / scale), axis=0, return_inverse=True)
-    edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    keys = np.column_stack([np.sort(same.ravel()[edges], axis=1), owners[edges[:, 0]]])
-    _, first, counts = np.unique(keys, axis=0, return_index=True, return_counts=True)
-    return np.asarray(edges[first[counts == 1]])
+def _find_borders(points: FloatArray, triangles: IntArray) -> IntArray:
+    """Edges ``(k, 2)`` that belong to one triangle: owners share no points."""
+    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    found, counts = np.unique(edges, axis=0, return_counts=True)
+    return np.asarray(found[counts == 1])
 
 
 def _open_image(png: bytes) -> Image.Image:
@@ -196,6 +249,32 @@ def _place_labels(spots: Mapping[int, Spot], texts: Mapping[int, str]) -> list[L
                 labels.append(label)
                 break
     return labels
+
+
+def _place_notes(
+    notes: Sequence[Note], places: Sequence[FloatArray], labels: Sequence[Label]
+) -> list[Label]:
+    """Texts beside what they name, on a leader, where they cover no other text; else none."""
+    found: list[Label] = []
+    width, height = PIXELS
+    for note, place in zip(notes, places, strict=True):
+        half = (LETTER * len(note.text) / 2 + 2, LINE / 2)
+        red, green, blue = (TEXT_SHADE * part for part in note.color)
+        dark = (red, green, blue)
+        for reach in NOTE_REACHES:
+            for x, y in LEADERS:
+                at = (float(place[0] + reach * x), float(place[1] + reach * y))
+                label = Label(0, note.text, (float(place[0]), float(place[1])), at, half, dark)
+                inside = (
+                    half[0] <= at[0] <= width - half[0] and half[1] <= at[1] <= height - half[1]
+                )
+                if inside and not any(_overlap(label, other) for other in (*labels, *found)):
+                    found.append(label)
+                    break
+            else:
+                continue
+            break
+    return found
 
 
 def _overlap(first: Label, second: Label) -> bool:

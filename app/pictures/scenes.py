@@ -3,7 +3,7 @@ stands.
 """
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -38,19 +38,34 @@ JOINT_SHARE, TOOL_SHARE = 0.006, 0.010
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """Balls of one colour.
+    """Balls, arrows or cones of one colour.
 
     Attributes:
-        places: ``(n, 3)`` in the machine frame [m].
+        places: ``(n, 3)`` in the machine frame [m]: middles of balls, tails of arrows, tips of
+            cones.
         color: Red, green, blue, 0..1.
-        share: Radius relative to the size of what the picture shows.
+        share: Radius of a ball, length of an arrow or a cone, relative to the size of what the
+            picture shows.
         in_front: Whether no body hides them.
+        shape: What they look like.
+        directions: ``(n, 3)`` unit vectors along arrows and into cones; None for balls.
     """
 
     places: FloatArray
     color: tuple[float, float, float]
     share: float
     in_front: bool = False
+    shape: Literal["ball", "arrow", "cone"] = "ball"
+    directions: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Note:
+    """A text at a point ``(3,)`` of the machine frame [m], in a colour."""
+
+    text: str
+    place: FloatArray
+    color: tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +81,7 @@ class Picture:
         size: Width and height in pixels.
         ghost: ``(n, 3)`` where the points are at rest; None when they are.
         marks: Of joints and named points.
+        notes: Texts of a window; those of a file are set where there is room.
         camera: ``(3,)`` towards the viewer.
         flat: Colours exactly as given: no light, no edges, nothing smoothed.
     """
@@ -78,6 +94,7 @@ class Picture:
     size: tuple[int, int]
     ghost: FloatArray | None = None
     marks: tuple[Marks, ...] = ()
+    notes: tuple[Note, ...] = ()
     camera: FloatArray = field(default_factory=lambda: CAMERA)
     flat: bool = False
 
@@ -104,6 +121,11 @@ class PictureFrame:
     middle: FloatArray
     half_height: float
     reach: float
+
+    def project(self, points: FloatArray, size: tuple[int, int]) -> FloatArray:
+        """Pixels ``(n, 2)``, to the right and down, of points ``(n, 3)`` in a picture of a size."""
+        seen = (points - self.middle) @ self.axes[:2].T * (0.5 * size[1] / self.half_height)
+        return np.asarray(seen * [1.0, -1.0] + 0.5 * np.array(size))
 
     @property
     def towards(self) -> FloatArray:
@@ -133,19 +155,16 @@ def rest_picture(name: str, view: MachineView, pose: PoseView, size: tuple[int, 
         pose: Placements, joints and points in the pose.
         size: Width and height in pixels.
     """
-    points, triangles, edges = _assemble(view, pose)
-    palette = [
-        [int(color[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
-        for color in component_colors(view).values()
-    ]
-    colors = np.repeat(palette, [len(skin.points) for skin in view.skins.values()], axis=0)
+    joined = join_skins_in_pose(view, pose)
+    counts = [len(skin.points) for skin in view.skins.values()]
+    colors = np.repeat(joined.palette[1:], counts, axis=0)
     joints = np.array([joint.frame.origin for joint in pose.joints.values()]).reshape(-1, 3)
     tools = np.array([point.tool_place for point in pose.points.values()]).reshape(-1, 3)
     marks = (
         Marks(joints, JOINT_COLOR, JOINT_SHARE),
         Marks(tools, TOOL_COLOR, TOOL_SHARE, in_front=True),
     )
-    return Picture(name, points, triangles, edges, colors, size, marks=marks)
+    return Picture(name, joined.points, joined.triangles, joined.edges, colors, size, marks=marks)
 
 
 def mode_picture(
@@ -161,7 +180,7 @@ def mode_picture(
         index: Which mode, from zero.
         size: Width and height in pixels.
     """
-    points, triangles, edges = _assemble(view, pose)
+    joined = join_skins_in_pose(view, pose)
     shift = np.vstack([pose.shifts[part][index] for part in view.skins]).astype(float)
     largest = largest_shift([shift])
     share = np.linalg.norm(shift, axis=1) / largest
@@ -171,8 +190,8 @@ def mode_picture(
             for channel in range(3)
         ]
     )
-    moved = points + shift * (SHOWN_SHARE * machine_size(view, pose) / largest)
-    return Picture(name, moved, triangles, edges, colors, size, ghost=points)
+    moved = joined.points + shift * (SHOWN_SHARE * machine_size(view, pose) / largest)
+    return Picture(name, moved, joined.triangles, joined.edges, colors, size, ghost=joined.points)
 
 
 def camera_axes(towards: FloatArray) -> FloatArray:
@@ -183,17 +202,27 @@ def camera_axes(towards: FloatArray) -> FloatArray:
     return np.array([right, np.cross(towards, right), towards])
 
 
-class _Surface(NamedTuple):
-    """Points ``(n, 3)`` [m] of all skins in the machine frame, and their triangles ``(m, 3)`` and
-    edges ``(e, 2)``.
+@dataclass(frozen=True, eq=False)
+class JoinedSkins:
+    """All skins of a machine in a pose as one surface.
+
+    Attributes:
+        points: ``(n, 3)`` in the machine frame [m].
+        triangles: ``(m, 3)``.
+        edges: ``(e, 2)``.
+        owners: ``(m,)`` number of the component of each triangle, from 1.
+        palette: ``(components + 1, 3)`` red, green, blue of each, 0..1; white for none.
     """
 
     points: FloatArray
     triangles: IntArray
     edges: IntArray
+    owners: IntArray
+    palette: FloatArray
 
 
-def _assemble(view: MachineView, pose: PoseView) -> _Surface:
+def join_skins_in_pose(view: MachineView, pose: PoseView) -> JoinedSkins:
+    """Every component's skin where it stands in a pose."""
     points: list[FloatArray] = [np.zeros((0, 3))]
     triangles: list[IntArray] = [np.zeros((0, 3), dtype=np.int64)]
     edges: list[IntArray] = [np.zeros((0, 2), dtype=np.int64)]
@@ -204,4 +233,13 @@ def _assemble(view: MachineView, pose: PoseView) -> _Surface:
         triangles.append(skin.triangles + start)
         edges.append(skin.edges + start)
         start += len(skin.points)
-    return _Surface(np.vstack(points), np.vstack(triangles), np.vstack(edges))
+    counts = [len(skin.triangles) for skin in view.skins.values()]
+    colors = ["#ffffff", *component_colors(view).values()]
+    palette = [[int(color[i : i + 2], 16) / 255.0 for i in (1, 3, 5)] for color in colors]
+    return JoinedSkins(
+        np.vstack(points),
+        np.vstack(triangles),
+        np.vstack(edges),
+        np.repeat(np.arange(1, len(counts) + 1), counts),
+        np.array(palette),
+    )

@@ -34,9 +34,13 @@ def mesh_skin(mesh: ComponentMesh) -> Skin:
     return _boundary_skin(mesh.points, mesh.cells, mesh.kind)
 
 
-def unmeshed_skin(solid: Solid) -> Skin | None:
+def unmeshed_skin(solid: Solid, *, thinned: bool = True) -> Skin | None:
     """What is seen of a solid that is not meshed: closed forms, the faces of a STEP file, the
     boundary of a mesh file.
+
+    Args:
+        solid: The solid.
+        thinned: Take triangles out of the fine surface of a STEP file, which takes seconds.
 
     Returns:
         None for an imported superelement, which has no shape.
@@ -49,7 +53,7 @@ def unmeshed_skin(solid: Solid) -> Skin | None:
         drawn = Skin(
             survey.points, survey.triangles, sharp_edges(survey.points, survey.triangles), "solid"
         )
-        return decimate_skin(drawn, largest=LARGEST_SKIN)[0]
+        return decimate_skin(drawn, largest=LARGEST_SKIN)[0] if thinned else drawn
     if isinstance(solid, MeshFile):
         data = read_mesh_file(solid, solid.path.name)
         drawn = _boundary_skin(data.points, data.cells, cast(CellKind, data.kind))

@@ -2,6 +2,7 @@
 how the surfaces move in modes.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +14,7 @@ from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.skins import IntArray, Skin, split_skin
 from headstock.geometry.parts.solid_skins import inertia_skin, solid_skin
 from headstock.reduction.coupling.coupling import CoupledMachine
-from headstock.reduction.coupling.dof_layout import locate_interface, turn_dofs
+from headstock.reduction.coupling.dof_layout import DofLayout, locate_interface, turn_dofs
 from headstock.reduction.motions.body_fields import carried_motion
 from headstock.reduction.superelement import Superelement
 
@@ -130,6 +131,17 @@ def component_skin(component: Component, superelement: Superelement, skin: Skin 
 def view_pose(coupled: CoupledMachine, machine: Machine) -> PoseView:
     """Where everything is in the pose a machine was coupled in."""
     frames = {spring.name: spring.frame for spring in coupled.joint_springs}
+    return place_view(machine, coupled.layout, frames)
+
+
+def place_view(machine: Machine, layout: DofLayout, frames: Mapping[str, Frame]) -> PoseView:
+    """Where components, joints and points are.
+
+    Args:
+        machine: Whose joints and points they are.
+        layout: Its bodies as placed.
+        frames: Joint to its frame in the machine frame; joints that are not in it are left out.
+    """
     joints = {
         name: JointView(joint.kind, str(joint.ends[0]), str(joint.ends[1]), frames[name])
         for name, joint in machine.joints.items()
@@ -138,13 +150,13 @@ def view_pose(coupled: CoupledMachine, machine: Machine) -> PoseView:
     points = {}
     for name, point in machine.points.items():
         tool, work = (
-            None if end.component is None else locate_interface(coupled.layout, end)
+            None if end.component is None else locate_interface(layout, end)
             for end in (point.tool, point.work)
         )
         place = work if tool is None else tool
         if place is not None:
             points[name] = PointView(str(point.tool), str(point.work), place, work)
-    return PoseView(dict(coupled.placements), joints, points)
+    return PoseView(dict(layout.placements), joints, points)
 
 
 def shift_skins(

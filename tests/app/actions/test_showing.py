@@ -8,15 +8,23 @@ from pathlib import Path
 import gmsh
 import numpy as np
 import pytest
+import pyvista
 
+from headstock.app.actions import sketching
 from headstock.app.command_line import main
-from headstock.app.pictures import numbered
+from headstock.app.pictures import numbered, renderer
 from headstock.app.pictures.numbered import LabelledSurface, draw_numbered
+from headstock.app.pictures.scenes import Picture
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solid_skins import box_skin
+from headstock.meshing.components.meshing import describe_component
 from headstock.meshing.errors import MeshError
+from headstock.pipeline.stages.rigid_view import view_rigid
+from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.coupling.coupling import couple
 from headstock.scene.building.loader import load_scene
 
+MACHINES = Path(__file__).resolve().parents[3] / "machines"
 SUPPORT = Path(__file__).parent.parent.parent / "data" / "support.step"
 
 
@@ -60,13 +68,122 @@ def test_every_side_of_a_box_gets_its_number() -> None:
     assert image[:4] == b"\x89PNG"
 
 
-def test_a_scene_is_drawn_with_its_components(
-    folder: Path, capsys: pytest.CaptureFixture[str]
+def test_a_machine_is_drawn_before_anything_is_computed(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert main(["new", "first"]) == 0
-    assert main(["show", "first/first.toml"]) == 0
-    assert is_png(folder / "first_machine.png")
-    assert "part" in capsys.readouterr().out
+    drawn: list[LabelledSurface] = []
+
+    def draw(surface: LabelledSurface) -> tuple[bytes, set[int]]:
+        drawn.append(surface)
+        return draw_numbered(surface)
+
+    monkeypatch.setattr(sketching, "draw_numbered", draw)
+    scene, at_x = str(MACHINES / "three_axis.toml"), ["--set", 'poses.measured.X="40 mm"']
+    assert main(["show", scene, "--json", "machine.json"]) == 0
+    printed = capsys.readouterr().out
+    assert is_png(folder / "three_axis_machine.png")
+    assert sorted(path.name for path in folder.iterdir() if path.name[0] != ".") == [
+        "machine.json",
+        "three_axis_machine.png",
+    ]
+    listed = json.loads((folder / "machine.json").read_text())
+    assert listed["joints"]["y_drive"] == {
+        "kind": "ball_screw",
+        "between": ["y_slider.back", "y_base.screw"],
+        "at_m": pytest.approx([0.064, 0.0, 0.47]),
+        "axes": [pytest.approx([0.0, 1.0, 0.0])],
+    }
+    assert "x_slider" in printed and "linear_guide" in printed and "tcp" in printed
+    assert main(["show", scene, *at_x, "--pose", "measured", "--variant", "R"]) == 0
+    first, second = ({note.text: note.place for note in surface.notes} for surface in drawn)
+    # the slider's pads move with it, and so does the tool's work, not the base's mounts
+    np.testing.assert_allclose(second["x_pad_1"] - first["x_pad_1"], [0.04, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(second["air_spring_1"], first["air_spring_1"], atol=1e-12)
+    assert set(first) == {*listed["joints"], *listed["points"]}
+
+
+def test_what_is_drawn_of_a_machine_is_what_its_results_show() -> None:
+    scene = load_scene(MACHINES / "three_axis.toml", variant="R")
+    pose = scene.poses["measured"]
+    view = view_rigid(scene, pose).poses["measured"]
+    coupled = couple(
+        {
+            name: reduce_rigid(part, describe_component(part))
+            for name, part in scene.machine.components.items()
+        },
+        scene.machine,
+        pose,
+    )
+    for spring in coupled.joint_springs:
+        np.testing.assert_array_equal(view.joints[spring.name].frame.origin, spring.frame.origin)
+        np.testing.assert_array_equal(
+            view.joints[spring.name].frame.rotation, spring.frame.rotation
+        )
+
+
+@pytest.mark.parametrize(("machine", "bodies"), [("tripteor", 10), ("guideway", 2)])
+def test_mechanisms_and_rails_are_drawn_too(folder: Path, machine: str, bodies: int) -> None:
+    assert main(["show", str(MACHINES / f"{machine}.toml"), "-o", "m.png", "--json", "m.json"]) == 0
+    assert is_png(folder / "m.png")
+    assert len(json.loads((folder / "m.json").read_text())["components"]) == bodies
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["three_axis.toml", "--pose", "nowhere"], "no pose 'nowhere'; poses: reference, measured"),
+        (["three_axis.toml", "--window"], "--window needs a display, and DISPLAY is not set"),
+        (["three_axis.toml", "--variant", "Z"], "variant 'Z'"),
+        (
+            ["three_axis.toml", "--set", 'components.base.fidelity="soft"'],
+            "components.base.fidelity",
+        ),
+        (["step_column.step", "--pose", "x"], "--pose goes with a scene"),
+    ],
+)
+def test_a_bad_request_ends_with_code_2_and_no_picture(
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    words: str,
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    assert main(["show", str(MACHINES / arguments[0]), *arguments[1:]]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
+    assert list(folder.glob("*.png")) == []
+
+
+def test_a_window_shows_the_machine_with_all_names(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[Picture] = []
+
+    def keep(pictures: list[Picture]) -> None:
+        shown.extend(pictures)
+
+    monkeypatch.setenv("DISPLAY", ":7")
+    monkeypatch.setattr(numbered, "open_window", keep)
+    assert main(["show", str(MACHINES / "cantilever.toml"), "--window"]) == 0
+    assert {note.text for note in shown[0].notes} >= {"column", "clamp"}
+    assert list(folder.glob("*.png")) == []
+
+    made = pyvista.Plotter(off_screen=True)
+    monkeypatch.setattr(made, "show", lambda: None)
+    monkeypatch.setattr(pyvista, "Plotter", lambda **given: made)
+    renderer.open_window(shown)
+    assert made.renderer.bounds[1] > 0.0
+    made.close()
+
+
+def test_numbers_of_hidden_faces_are_not_drawn_through_a_part() -> None:
+    inner, outer = (box_skin(np.full(3, -size), np.full(3, size)) for size in (0.1, 0.3))
+    points = np.vstack([inner.points, outer.points])
+    triangles = np.vstack([inner.triangles, outer.triangles + len(inner.points)])
+    owners = np.repeat(np.arange(1, 13), 2)
+    labels = {n: str(n) for n in range(1, 13)}
+    _, labelled = draw_numbered(LabelledSurface(points, triangles, owners, labels, "boxes"))
+    assert labelled == set(range(7, 13))
 
 
 def test_a_new_box_scene_loads_and_names_what_it_computes(folder: Path) -> None:
