@@ -23,6 +23,7 @@ COMMANDS = (
     scene_commands.plan,
     scene_commands.run,
     batch_commands.study,
+    batch_commands.converge,
     batch_commands.sweep,
     scene_commands.effects,
     batch_commands.compare,

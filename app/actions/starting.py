@@ -51,10 +51,14 @@ rho = "7850 kg/m^3"
 solid = {solid}
 material = "steel"
 fidelity = "elastic"                # "rigid": six degrees of freedom and no mesh
-# mesh = {{ size = "{size}" }}{pad}# smaller is finer; left out, the size follows from the shape
+{free}# mesh = {{ size = "{size}" }}{pad}# smaller is finer; left out, the size follows from the shape
 
 {interfaces}
-
+{held}
+[analyses.modal]                    # natural frequencies and modes
+count = {count}
+"""
+HELD = """
 [joints.clamp]                      # {foot} is held by the ground: rigidly, or by the springs of a mount
 between = ["ground", "{part}.{foot}"]
 kind = "rigid"
@@ -66,10 +70,9 @@ tcp = {{ tool = "{part}.{tip}", work = "ground" }}
 
 [analyses.static]                   # compliance at the points, and which part of the machine it comes from
 at = "tcp"
-
-[analyses.modal]                    # natural frequencies and modes
-count = 6
 """
+FREE = "free = true                         # held nowhere: six rigid-body modes come first\n"
+HELD_MODES, FREE_MODES = 6, 12
 BOX_INTERFACES = """\
 [components.part.interfaces]        # areas that joints hold on to
 foot = { face = "z-" }
@@ -104,7 +107,7 @@ def start_scene(request: StartRequest) -> int:
         text, doubt = _box_scene(folder), None
     else:
         survey = survey_step(StepFile(request.part.absolute(), request.solid))
-        text = _part_scene(request, survey)
+        text = write_part_scene(request.part, survey, _scene_name(folder), solid=request.solid)
         doubt = doubt_size(request.part, max(survey.size))
     try:
         _fill_folder(folder, text, request.part)
@@ -170,33 +173,48 @@ def _box_scene(folder: Path) -> str:
         size="20 mm",
         pad="         ",
         interfaces=BOX_INTERFACES,
-        foot="foot",
-        tip="tip",
+        free="",
+        held=HELD.format(part=PART_NAME, foot="foot", tip="tip"),
+        count=HELD_MODES,
     )
 
 
-def _part_scene(request: StartRequest, survey: CadSurvey) -> str:
-    part = request.part
-    if part is None:
-        raise ValueError("a part scene needs a part")
+def write_part_scene(
+    part: Path, survey: CadSurvey, scene: str, *, solid: int | str | None, free: bool = False
+) -> str:
+    """The text of a scene around a STEP part that lies beside it.
+
+    Args:
+        part: The file.
+        survey: Its faces.
+        scene: Name of the scene's file.
+        solid: Which solid of the file; None where it holds one.
+        free: Held nowhere, and coupled nowhere in a way that would stiffen it; else at the first of
+            its two ends.
+
+    Raises:
+        HeadstockError: It has no two planes to hold it at.
+    """
     suggestions = suggest_interfaces(survey.faces)
     foot, tip = _choose_ends(survey.faces, suggestions)
     others = [found for found in suggestions if found.faces not in (foot.faces, tip.faces)]
-    table, *lines = format_suggestions(PART_NAME, [foot, tip]).splitlines()
+    chosen = [tip] if free else [foot, tip]
+    table, *lines = format_suggestions(PART_NAME, chosen).splitlines()
     lines[-1] = lines[-1].replace(" }", ', coupling = "average" }', 1)
     lines += [f"# {line}" for line in format_suggestions(PART_NAME, others).splitlines()[1:]]
-    choice = "" if request.solid is None else f", solid = {_quote(request.solid)}"
+    choice = "" if solid is None else f", solid = {_quote(solid)}"
     return SCENE.format(
         heading=f"A first scene for {part.name}, whose faces `headstock show {part.name}` numbers and draws.",
-        scene=_scene_name(request.folder),
+        scene=scene,
         name=part.stem.replace('"', "'").replace("\\", "/"),
         part=PART_NAME,
         solid=f"{{ step = {_quote(part.name)}{choice} }}",
         size=f"{1e3 * max(survey.size) / 25:.2g} mm",
         pad="         ",
         interfaces="\n".join([table, *lines]),
-        foot=foot.name,
-        tip=tip.name,
+        free=FREE if free else "",
+        held="" if free else HELD.format(part=PART_NAME, foot=foot.name, tip=tip.name),
+        count=FREE_MODES if free else HELD_MODES,
     )
 
 

@@ -1,4 +1,4 @@
-"""Commands that run a scene many times: study, sweep, compare, identify. Heavy modules are imported
+"""Commands that run a scene many times: study, converge, sweep, compare, identify. Heavy modules are imported
 by the command that needs them.
 """
 
@@ -17,6 +17,8 @@ from headstock.app.commands.options import (
     SceneFile,
     Variant,
     choose_scene,
+    read_percent,
+    read_solid,
     split_list,
     trace_command,
 )
@@ -78,6 +80,70 @@ def study(
             json_file=json,
         )
         return study_request(request, comm, origin)
+
+    return run_guarded(action, debug=debug)
+
+
+def converge(
+    scene: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Scene (.toml) or STEP part (.step, .stp).")
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder of results [results/NAME-converge]."
+        ),
+    ] = None,
+    accuracy: Annotated[
+        str,
+        typer.Option(
+            "--accuracy", metavar="SHARE", help="How well every number is to be known, as in 1%."
+        ),
+    ] = "1 %",
+    most_dofs: Annotated[
+        int,
+        typer.Option("--most-dofs", metavar="N", min=1000, help="Of the finest mesh, about."),
+    ] = 300_000,
+    most_seconds: Annotated[
+        float,
+        typer.Option("--most-seconds", metavar="S", min=1.0, help="Of all meshes together, about."),
+    ] = 600.0,
+    free: Annotated[
+        bool, typer.Option("--free", help="Hold a STEP part nowhere, not at one of its ends.")
+    ] = False,
+    solid: Annotated[
+        str | None,
+        typer.Option("--solid", metavar="NAME|N", help="Which solid of a STEP file with several."),
+    ] = None,
+    variant: Variant = None,
+    set_: Overrides = None,
+    ranks: Ranks = None,
+    retry: Annotated[bool, typer.Option("--retry", help="Compute failed meshes again.")] = False,
+    no_host: NoHost = False,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """Say how fine a part or a machine must be meshed; one that was stopped goes on where it was."""
+    share = read_percent(accuracy)
+    words = click.get_current_context().find_root().obj
+
+    def action(comm: "MPI.Comm") -> int:
+        from headstock.app.actions.converging import ConvergeRequest, converge_request
+        from headstock.studies.parameters.convergence import ConvergenceGoal
+
+        request = ConvergeRequest(
+            scene=choose_scene(scene, variant, set_),
+            goal=ConvergenceGoal(share, most_dofs, most_seconds),
+            solid=read_solid(solid),
+            free=free,
+            output=output,
+            ranks=ranks,
+            retry=retry,
+            json_file=json,
+            with_host=not no_host,
+            command=words,
+        )
+        return converge_request(request, comm)
 
     return run_guarded(action, debug=debug)
 

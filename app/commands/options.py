@@ -123,6 +123,18 @@ def read_solid(text: str | None) -> int | str | None:
     return int(text) if text is not None and text.isdecimal() else text
 
 
+def read_percent(text: str) -> float:
+    """A share such as ``1 %`` or ``0.01``, above 0 and below 1."""
+    number, percent, _ = text.strip().partition("%")
+    try:
+        share = float(number) / (100.0 if percent else 1.0)
+    except ValueError:
+        share = 0.0
+    if not 0.0 < share < 1.0:
+        raise click.BadParameter(f"{text!r} is no share; write 1% or 0.01")
+    return share
+
+
 def split_list(text: str | None) -> tuple[str, ...]:
     """The parts of ``A, B,C``."""
     return tuple(part.strip() for part in (text or "").split(",") if part.strip())

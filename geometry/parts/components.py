@@ -127,6 +127,7 @@ class MeshSettings:
     growth: float | None = None
     rim_size: float | None = None
     smallest: float | None = None
+    leave_out: float | None = None
 
 
 @dataclass(frozen=True)

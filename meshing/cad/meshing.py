@@ -12,6 +12,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.solids import MeshFile, StepFile
+from headstock.meshing.cad.features import PlainShape, leave_out_features
 from headstock.meshing.cad.imprints import Imprints, OpenShape, imprint_patches
 from headstock.meshing.cad.shapes import Shape, build_shape
 from headstock.meshing.cad.sizes import (
@@ -81,7 +82,11 @@ def mesh_shape(job: MeshJob) -> MeshData:
         as_shown = boundary_faces(volume)
         removed: list[str] = []
         if isinstance(solid, StepFile) and job.task != "describe":
-            volume, removed = _remove_narrow_features(job, solid, volume, size)
+            if job.leave_out is None:
+                volume, removed = _remove_narrow_features(job, solid, volume, size)
+            else:
+                plain = _leave_out_features(job, solid, volume, job.leave_out)
+                volume, as_shown, removed = plain.volume, plain.faces, plain.remarks
         if isinstance(solid, StepFile):
             refuse_slivers(as_shown, left=set(boundary_faces(volume)), size=size, unit=job.unit)
         imprints = imprint_patches(_open_shape(job, solid, volume, size, as_shown), job.groups)
@@ -211,12 +216,26 @@ def shape_bounds(volume: int) -> tuple[FloatArray, FloatArray]:
     return box[:3], box[3:]
 
 
+def _named_faces(job: MeshJob) -> list[int]:
+    """Numbers of the faces that patches name by them."""
+    faces = [patch.face for patches in job.groups.values() for patch in patches]
+    return [int(face.removeprefix("face:")) for face in faces if face.startswith("face:")]
+
+
+def _leave_out_features(job: MeshJob, solid: StepFile, volume: int, radius: float) -> PlainShape:
+    def rebuild() -> int:
+        gmsh.clear()
+        return build_shape(solid)
+
+    return leave_out_features(
+        volume, rebuild, boundary_faces, radius=radius, named=_named_faces(job), unit=job.unit
+    )
+
+
 def _remove_narrow_features(
     job: MeshJob, solid: StepFile, volume: int, size: float
 ) -> tuple[int, list[str]]:
-    faces = boundary_faces(volume)
-    patches = [patch.face for patches in job.groups.values() for patch in patches]
-    named = [int(face.removeprefix("face:")) for face in patches if face.startswith("face:")]
+    faces, named = boundary_faces(volume), _named_faces(job)
     width = NARROW_SHARE * _smallest(job, size)
     left, remarks = remove_narrow_features(volume, faces, width=width, named=named, unit=job.unit)
     if left is None:

@@ -94,7 +94,7 @@ def measure_curved_faces(
     rows: list[tuple[float, ...]] = []
     rims: list[tuple[float, float]] = []
     for tag in faces:
-        radius = _face_radius(tag)
+        radius = face_radius(tag)
         if np.isfinite(radius):
             rows.append((tag, gmsh.model.occ.getMass(2, tag), radius, float(tag in chosen)))
         elif tag in chosen:
@@ -189,7 +189,8 @@ def _add_field(entities: str, value: float, tags: list[int]) -> int:
     return field
 
 
-def _face_radius(face: int) -> float:
+def face_radius(face: int) -> float:
+    """Smallest radius of curvature of a face where it is measured; inf for planes."""
     if gmsh.model.getType(2, face) == "Plane":
         return float("inf")
     low, high = gmsh.model.getParametrizationBounds(2, face)

@@ -399,6 +399,9 @@ def _shape_job(
         smallest=None
         if component.mesh.smallest is None
         else round_length(component.mesh.smallest / scale),
+        leave_out=None
+        if component.mesh.leave_out is None
+        else round_length(component.mesh.leave_out / scale),
         order=component.mesh.order,
         straight=_has_plane_faces_only(component),
     )

@@ -47,6 +47,8 @@ class MeshJob:
         rim_size: Element size at their rims.
         smallest: What curvature and short edges do not go below; None for the default share of the
             element size.
+        leave_out: Largest radius of the fillets, holes and pins that are taken off before meshing;
+            None for none.
         refinement: How many times finer than usual imprints and curved faces are meshed.
         order: 1 or 2.
         straight: Leave second-order edges straight: the parent elevates the mesh.
@@ -63,6 +65,7 @@ class MeshJob:
     rims: tuple[str, ...] = ()
     rim_size: float | None = None
     smallest: float | None = None
+    leave_out: float | None = None
     order: int = 2
     straight: bool = False
 

@@ -209,7 +209,7 @@ def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
     if isinstance(solid, StepFile):
         return _shrink(
             component,
-            _grade(component, _round(COARSER_THAN_RULE * automatic_size(component)), accuracy),
+            grade_mesh(component, _round(COARSER_THAN_RULE * automatic_size(component)), accuracy),
             step,
         )
     if isinstance(solid, MeshFile | SuperelementFile):
@@ -221,13 +221,21 @@ def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
     cells = _choose_cells(component, size)
     return _shrink(
         component,
-        MeshSettings(size, cells=cells) if cells == "hex" else _grade(component, size, accuracy),
+        MeshSettings(size, cells=cells)
+        if cells == "hex"
+        else grade_mesh(component, size, accuracy),
         step,
     )
 
 
-def _grade(component: Component, size: float, accuracy: float) -> MeshSettings:
-    """Tets of a size that grow from the rims of patches and of rigid interfaces."""
+def grade_mesh(component: Component, size: float, accuracy: float) -> MeshSettings:
+    """Tets of a size that grow from the rims of patches and of rigid interfaces.
+
+    Args:
+        component: Elastic.
+        size: Of the elements elsewhere [m].
+        accuracy: Relative error allowed: for a coarse one they grow faster.
+    """
     imprinted, rigid = np.isfinite(_narrowest_patch(component)), _has_rigid_rims(component)
     if not imprinted and not rigid:
         return MeshSettings(size)

@@ -71,7 +71,7 @@ NO_MATERIAL = Material("from the file", 0.0, 0.0, 0.0)
 PLANAR_FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 # what only our own mesher can follow; the order of a mesh file's elements is raised and its
 # refusals are overruled
-OWN_MESH_KEYS = ("size", "cells", "across_patches", "growth", "rim_size", "smallest")
+OWN_MESH_KEYS = ("size", "cells", "across_patches", "growth", "rim_size", "smallest", "leave_out")
 
 
 def build_material(name: str, table: MaterialTable) -> Material:
@@ -259,6 +259,7 @@ def _build_mesh_settings(table: MeshTable) -> MeshSettings:
         growth=table.growth,
         rim_size=table.rim_size,
         smallest=table.smallest,
+        leave_out=table.leave_out,
     )
 
 
@@ -480,6 +481,11 @@ def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyP
         yield ("mesh", "smallest"), "a box has no curved faces and no short edges; remove smallest"
     if mesh.smallest is not None and mesh.size is not None and mesh.smallest > mesh.size:
         yield ("mesh", "smallest"), "is larger than size; write a smaller one, or remove it"
+    if mesh.leave_out is not None and not isinstance(solid, StepFile):
+        yield (
+            ("mesh", "leave_out"),
+            "takes fillets and holes off STEP parts only; remove leave_out",
+        )
     yield from _find_rimless(table)
 
 

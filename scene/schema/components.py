@@ -300,6 +300,7 @@ class MeshTable(StrictTable):
     ) = None
     rim_size: PositiveLength | None = None
     smallest: PositiveLength | None = None
+    leave_out: PositiveLength | None = None
     force: Flag = False
 
 

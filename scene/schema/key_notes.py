@@ -89,6 +89,7 @@ NOTES = {
     "Mesh.growth": "tets only: by what share of the distance from a patch's rim elements may grow, `0.3` for steady, `0.6` for cheap; "
     "unless given, evenly up to the next edge of the face, which takes more elements",
     "Mesh.smallest": "what curvature and short edges do not go below (default: a twentieth of `size`); round holes keep seven edges",
+    "Mesh.leave_out": "STEP parts only: fillets, holes and pins with radii up to this are taken off before meshing",
     "Mesh.rim_size": "size at the rims of rigid interfaces, where stresses are singular; with `growth`",
     "Mesh.force": "accept elements of order 1 where they lock grossly (drawn out, or in a thin part), to study just that",
     "Mesh.cells": "`hex` for boxes only",

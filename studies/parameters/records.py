@@ -19,14 +19,17 @@ POINTS = JournalForm(b'{"key":', lines=True)
 
 
 class Measured(TypedDict, total=False):
-    """What a study with a reference makes of a point's results: kind of the model, its dofs,
-    quantities and the MAC of modes.
+    """What a study makes of a point's results beyond its summary.
+
+    With a reference: kind of the model, its dofs, quantities and the MAC of modes. For convergence:
+    how bodies move in the modes of the first pose, a column per mode.
     """
 
     kind: str
     ndof: int
     values: dict[str, float]
     macs: dict[str, float]
+    fields: list[list[float]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -146,6 +146,7 @@ def run_study(
     *,
     comm: MPI.Comm,
     observer: Callable[[StudyProgress], None] = lambda progress: None,
+    warm_up: bool = True,
 ) -> list[StudyRecord]:
     """Compute every point that is not finished yet and record each as it ends; collective.
 
@@ -158,6 +159,8 @@ def run_study(
         folder: Holds ``points.jsonl``.
         comm: Ranks that compute each point together.
         observer: Told of each point on rank 0.
+        warm_up: Where seconds are measured from an empty store, the first point of each kind of
+            element is computed once before.
 
     Returns:
         One record per point, in order; empty on other ranks.
@@ -178,7 +181,7 @@ def run_study(
     with open_records(folder) if root and waiting else contextlib.nullcontext() as journal:
         for number, point in enumerate(points):
             if number in waiting:
-                record, error = _compute_point(job, point, comm, warm)
+                record, error = _compute_point(job, point, comm, warm if warm_up else None)
                 if journal is not None:
                     known[keys[number]] = replace(record, key=keys[number])
                     append_record(journal, known[keys[number]])
@@ -242,10 +245,10 @@ def _load_point(job: StudyJob, point: StudyPoint) -> Scene:
 
 
 def _compute_point(
-    job: StudyJob, point: StudyPoint, comm: MPI.Comm, warm: set[ElementKind]
+    job: StudyJob, point: StudyPoint, comm: MPI.Comm, warm: set[ElementKind] | None
 ) -> tuple[StudyRecord, HeadstockError | None]:
     """A record without a key, and the error a point ended with; adds to the kinds of elements that
-    this process has run.
+    this process has run, if those count.
     """
     costs: list[Cost] = []
     peaks: list[float] = []
@@ -257,8 +260,11 @@ def _compute_point(
         kinds = share_from_root(
             comm, _element_kinds(_reload(job, point)) if comm.rank == 0 else None
         )
-        warm_up = job.study.cold and point.family != TRUTH and not kinds <= warm
-        warm |= kinds
+        warm_up = (
+            warm is not None and job.study.cold and point.family != TRUTH and not kinds <= warm
+        )
+        if warm is not None:
+            warm |= kinds
         for number in range(-warm_up, 1 if point.family == TRUTH else job.study.repeats):
             with (
                 _scratch_store(cold=job.study.cold) as (scratch, store),

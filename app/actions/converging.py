@@ -1,0 +1,196 @@
+"""``headstock converge``: how fine a part or a machine must be meshed, in one command; one that was
+stopped goes on where it was.
+"""
+
+import contextlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+from mpi4py import MPI
+
+from headstock.app.actions.running import require_ranks
+from headstock.app.actions.showing import STEP_SUFFIXES
+from headstock.app.actions.starting import write_part_scene
+from headstock.app.charts.convergence import draw_convergence
+from headstock.app.terminal.console import print_remarks
+from headstock.app.terminal.convergence import (
+    FILES,
+    convergence_csv,
+    list_convergence,
+    print_convergence,
+    print_feature_trial,
+    print_mesh,
+)
+from headstock.app.terminal.guard import DONE
+from headstock.geometry.parts.solids import MeshFile, StepFile
+from headstock.meshing.components.cad_survey import survey_step
+from headstock.meshing.errors import MeshError
+from headstock.meshing.step_units import doubt_size
+from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.outputs import (
+    claim_output,
+    prepare_output,
+    write_beside,
+    write_output,
+)
+from headstock.pipeline.storage.provenance import SceneChoice, trace_origin
+from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import Scene
+from headstock.solvers.ranks import make_on_root
+from headstock.studies.parameters.convergence import (
+    Convergence,
+    ConvergenceGoal,
+    MeshSeries,
+    choose_series,
+    measure_fields,
+    plan_study,
+    run_convergence,
+)
+from headstock.studies.parameters.features import MeshAdvice, try_features
+from headstock.studies.parameters.limits import MeshNeed, find_need
+from headstock.studies.parameters.runs import StudyJob, hash_scene
+
+MEASURE = "motions of surfaces, 1"  # its number rises when they are measured otherwise
+WATCHED = ("static", "modal")
+ACCURACIES = (0.03, 0.01, 0.003, 0.001)  # of which the table tells what they take
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConvergeRequest:
+    """What the command line asked for."""
+
+    scene: SceneChoice  # or a STEP file
+    goal: ConvergenceGoal
+    solid: int | str | None = None
+    free: bool = False
+    output: Path | None = None
+    ranks: int | None = None
+    retry: bool = False
+    json_file: Path | None = None
+    with_host: bool = True
+    command: tuple[str, ...] = ()
+
+
+def converge_request(request: ConvergeRequest, comm: MPI.Comm) -> int:
+    """Compute meshes from coarse to fine on all ranks, print what they say and write it.
+
+    Raises:
+        SceneError: The scene has problems.
+        click.UsageError: There is nothing to mesh or to watch, or an option does not fit.
+        HeadstockError: No mesh could be computed, or a file cannot be written.
+    """
+    require_ranks(request.ranks, comm)
+    folder = request.output or Path("results") / f"{request.scene.path.stem}-converge"
+    chosen = make_on_root(comm, lambda: _choose_scene(request, folder))
+    job, series = make_on_root(comm, lambda: _make_job(chosen, retry=request.retry))
+    with claim_output(folder, FILES) if comm.rank == 0 else contextlib.nullcontext():
+        found = run_convergence(job, series, request.goal, folder, comm=comm, observer=print_mesh)
+        trials = try_features(
+            job, found, request.goal, folder, comm=comm, observer=print_feature_trial
+        )
+        if found is not None:
+            advice = MeshAdvice(found, _find_needs(found, request.goal), tuple(trials))
+            print_remarks(_publish(advice, chosen, folder, request, comm.size))
+    return DONE
+
+
+def _choose_scene(request: ConvergeRequest, folder: Path) -> SceneChoice:
+    """The scene; around a STEP part the one that ``new --part`` makes, in the output folder."""
+    chosen = request.scene
+    if chosen.path.suffix.lower() not in STEP_SUFFIXES:
+        if request.free or request.solid is not None:
+            raise click.UsageError("--free and --solid go with a STEP file; a scene says it itself")
+        return chosen
+    try:
+        survey = survey_step(StepFile(chosen.path.absolute(), request.solid))
+    except MeshError as error:
+        raise click.UsageError(f"{error}; see what `headstock show {chosen.path}` says") from error
+    doubt = doubt_size(chosen.path, max(survey.size))
+    name = f"{chosen.path.stem}.toml"
+    text = write_part_scene(
+        chosen.path, survey, name, solid=request.solid, free=request.free
+    ).replace("#:schema ./scene.schema.json\n", "")
+    prepare_output(folder, (name, chosen.path.name))
+    write_output(folder / name, text.encode())
+    write_output(folder / chosen.path.name, chosen.path.read_bytes())
+    print_remarks([] if doubt is None else [doubt])
+    return SceneChoice(folder / name, chosen.variant, chosen.overrides, chosen.analyses)
+
+
+def _make_job(chosen: SceneChoice, *, retry: bool) -> tuple[StudyJob, MeshSeries]:
+    content = hash_scene(chosen.path) if chosen.path.is_file() else ""
+    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
+    analyses = [name for name in WATCHED if getattr(scene.analyses, name) is not None]
+    series = _check_scene(scene, chosen.path, analyses)
+    job = StudyJob(
+        path=chosen.path,
+        study=plan_study(analyses),
+        raw=scene.raw,
+        content=content,
+        variant=chosen.variant,
+        overrides=chosen.overrides,
+        measure=measure_fields,
+        measure_name=MEASURE,
+        retry=retry,
+    )
+    return job, series
+
+
+def _check_scene(scene: Scene, path: Path, analyses: list[str]) -> MeshSeries:
+    """The meshes of a scene.
+
+    Raises:
+        click.UsageError: Nothing is meshed, nothing can be watched, or meshes are chosen otherwise.
+    """
+    if not analyses:
+        raise click.UsageError(
+            f"{path} asks for no number that could converge: write [analyses.modal] with count = 6, or [analyses.static]"
+        )
+    if scene.accuracy is not None:
+        raise click.UsageError(
+            f"{path} leaves its meshes to accuracy = {100.0 * scene.accuracy.to:g} %: take that line out, and see how fine they must be"
+        )
+    series = choose_series(scene)
+    if not series.parts:
+        raise click.UsageError(f"{path} has no mesh to refine: {_describe_parts(scene)}")
+    return series
+
+
+def _describe_parts(scene: Scene) -> str:
+    """Why no component is meshed, and what to write."""
+    parts = scene.machine.components
+    kinds = [
+        f"{name} is {'a mesh file' if isinstance(part.solid, MeshFile) else 'imported' if part.fidelity == 'elastic' else part.fidelity}"
+        for name, part in parts.items()
+    ]
+    stiff = [name for name, part in parts.items() if part.fidelity != "elastic"]
+    remedy = f"; try --set components.{stiff[0]}.fidelity=elastic" if stiff else ""
+    return f"{', '.join(kinds[:4])}{', …' if len(kinds) > 4 else ''}{remedy}"
+
+
+def _find_needs(found: Convergence, goal: ConvergenceGoal) -> tuple[MeshNeed, ...]:
+    others = [accuracy for accuracy in ACCURACIES if accuracy != goal.accuracy]
+    return tuple(
+        find_need(accuracy, found.costs, found.watched, found.limits)
+        for accuracy in (goal.accuracy, *others)
+    )
+
+
+def _publish(
+    advice: MeshAdvice, chosen: SceneChoice, folder: Path, request: ConvergeRequest, ranks: int
+) -> list[str]:
+    """Write the files and print; remarks for the user."""
+    listing = list_convergence(advice, request.scene.path)
+    listing["provenance"] = trace_origin(
+        chosen, ranks=ranks, command=request.command, with_host=request.with_host
+    ).summarise()
+    figure = draw_convergence(advice.found, advice.needs[0])
+    remarks = write_beside(folder, {} if figure is None else {"convergence.png": figure})
+    table, text = FILES
+    write_output(folder / table, convergence_csv(advice.found))
+    write_output(folder / text, dump_json(listing).encode())
+    if request.json_file is not None:
+        write_output(request.json_file, dump_json(listing).encode())
+    print_convergence(advice, folder=folder)
+    return remarks

@@ -1,0 +1,99 @@
+"""Mesh convergence as a figure: how far numbers are from their limits, over degrees of freedom and
+over seconds.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, NullFormatter
+
+from headstock.app.charts.charts import (
+    FAINT,
+    INK,
+    add_legend,
+    calm_axes,
+    encode_figure,
+    line_style,
+    new_figure,
+)
+from headstock.app.charts.study import COLORS, LINE
+from headstock.studies.parameters.convergence import Convergence
+from headstock.studies.parameters.limits import MeshNeed, relative_errors
+
+SMALLEST = 1e-6  # a smaller error is drawn as that
+STAR: dict[str, Any] = {"marker": "*", "markersize": 13, "color": "#111111", "linestyle": ""}
+
+
+def draw_convergence(found: Convergence, need: MeshNeed) -> bytes | None:
+    """Two panels side by side; None where no number has a limit.
+
+    Args:
+        found: What the meshes say.
+        need: The mesh that is marked.
+    """
+    lines = [
+        (
+            each.name,
+            [None if error is None else abs(error) for error in relative_errors(each, limit)],
+        )
+        for each, limit in zip(found.watched, found.limits, strict=True)
+        if limit.order is not None
+    ]
+    if not lines:
+        return None
+    figure = new_figure(10.0, 4.2)
+    panels = figure.subplots(1, 2, sharey=True)
+    costs = found.costs
+    _draw_panel(panels[0], costs.dofs, lines, need.dofs, need)
+    _draw_panel(panels[1], costs.seconds, lines, need.seconds, need)
+    panels[0].set_xlabel("degrees of freedom", fontsize=9, color=INK)
+    panels[1].set_xlabel("wall-clock time from scene to results [s]", fontsize=9, color=INK)
+    panels[0].set_ylabel("distance from the limit", fontsize=9, color=INK)
+    panels[0].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100.0 * value:g} %"))
+    handles = [Line2D([], [], **LINE, **line_style(number, COLORS)) for number in range(len(lines))]
+    labels = [name for name, _ in lines]
+    star = f"needed for {100.0 * need.accuracy:g} %"
+    add_legend(figure, [*handles, Line2D([], [], **STAR)], [*labels, star])
+    return encode_figure(figure)
+
+
+def _draw_panel(
+    axes: Axes,
+    costs: Sequence[float],
+    lines: Sequence[tuple[str, Sequence[float | None]]],
+    needed: float,
+    need: MeshNeed,
+) -> None:
+    calm_axes(axes, grid="both")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.axhline(need.accuracy, color=FAINT, linewidth=1.2, linestyle="--", zorder=1.0)
+    for number, (_, errors) in enumerate(lines):
+        points = [
+            (cost, max(error, SMALLEST))
+            for cost, error in zip(costs, errors, strict=True)
+            if error is not None
+        ]
+        x, y = zip(*points, strict=True)
+        axes.plot(x, y, **LINE, **line_style(number, COLORS))
+    axes.plot([needed], [need.accuracy], zorder=5.0, **STAR)
+    low, high = min(*costs, needed), max(*costs, needed)
+    axes.set_xlim(low / 1.3, high * 1.3)
+    ticks = _choose_ticks(low, high)
+    axes.set_xticks(ticks, [f"{tick:,.10g}".replace(",", " ") for tick in ticks])
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.tick_params(which="minor", length=0)
+
+
+def _choose_ticks(low: float, high: float) -> list[float]:
+    """Round numbers between two: 1, 2 and 5 of each decade, or every decade where those are many."""
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    for steps in ((1.0, 2.0, 5.0), (1.0,)):
+        ticks = [step * 10.0**power for power in decades for step in steps]
+        shown = [tick for tick in ticks if low / 1.3 <= tick <= 1.3 * high]
+        if 1 < len(shown) <= 7:
+            return shown
+    return shown

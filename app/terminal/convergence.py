@@ -1,0 +1,408 @@
+"""Mesh convergence on the terminal, as CSV and as JSON: a row per mesh, limits and orders of every
+number, the mesh that an accuracy takes, and all of it in one sentence.
+"""
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NotRequired, TypedDict
+
+from rich.console import Console
+
+from headstock.app.terminal.console import (
+    add_row,
+    counted,
+    make_console,
+    make_table,
+    print_remarks,
+    print_table,
+    spaced,
+)
+from headstock.app.texts.bounded_values import show_bound, show_bounded
+from headstock.app.texts.tables import Cell, PlainTable, encode_csv
+from headstock.pipeline.storage.provenance import ProvenanceSummary
+from headstock.scene.studies import describe_point
+from headstock.studies.parameters.convergence import (
+    Convergence,
+    MeshSeries,
+    show_count,
+    show_size,
+)
+from headstock.studies.parameters.features import FeatureTrial, MeshAdvice
+from headstock.studies.parameters.limits import Limit, MeshNeed, WatchedSeries, relative_errors
+from headstock.studies.parameters.records import POINTS_FILE
+from headstock.studies.parameters.runs import StudyProgress
+from headstock.studies.parameters.tables import median_seconds
+
+ERROR_LENGTH = 300
+SETTINGS_SHOWN = 6
+BESIDE_MESHES, PER_MESH, FEWEST_SHOWN = 48, 11, 2  # columns of the table of numbers
+FILES = ("convergence.csv", "convergence.json")
+
+
+def print_mesh(progress: StudyProgress) -> None:
+    """One line per mesh, when it is finished."""
+    record, seconds = progress.record, median_seconds(progress.record)
+    spent = f"{seconds[0]:8.2f} s" if seconds else f"{'':8}  "
+    dofs = 0 if record.summary is None else record.summary["totals"]["full_dofs"]
+    state = f"  {spaced(dofs)} dofs" if record.status == "done" else f"  failed: {record.error}"
+    known = "  finished before" if progress.known else ""
+    line = f"  mesh {progress.number + 1}  {spent}  {describe_point(progress.point)}{state[:ERROR_LENGTH]}{known}"
+    make_console().print(line, markup=False, soft_wrap=True)
+
+
+def print_feature_trial(progress: StudyProgress) -> None:
+    """One line per mesh without small features, when it is finished."""
+    record, seconds = progress.record, median_seconds(progress.record)
+    radius = next(iter(progress.point.varied.values()))
+    spent = f"{seconds[0]:8.2f} s" if seconds else f"{'':8}  "
+    dofs = 0 if record.summary is None else record.summary["totals"]["full_dofs"]
+    state = f"  {spaced(dofs)} dofs" if record.status == "done" else f"  failed: {record.error}"
+    known = "  finished before" if progress.known else ""
+    line = (
+        f"  again   {spent}  without fillets and holes up to {radius}{state[:ERROR_LENGTH]}{known}"
+    )
+    make_console().print(line, markup=False, soft_wrap=True)
+
+
+def print_convergence(advice: MeshAdvice, *, folder: Path) -> None:
+    """Meshes, numbers, needs, small features, and the sentence; files are in the folder."""
+    console, found = make_console(), advice.found
+    console.print()
+    _print_meshes(console, found)
+    _print_numbers(console, found)
+    _print_needs(console, found.series, advice.needs)
+    _print_trials(console, advice.trials)
+    print_remarks([f"left out: {failure[:ERROR_LENGTH]}" for failure in found.failures])
+    console.print(f"no finer mesh: {found.end[:ERROR_LENGTH]}", markup=False)
+    console.print(sum_up(advice), style="bold", markup=False)
+    files = f"{counted(len(found.records), 'mesh', 'meshes')}, results in {folder} ({POINTS_FILE}, convergence.csv, convergence.png)"
+    console.print(files, markup=False)
+
+
+def sum_up(advice: MeshAdvice) -> str:
+    """One sentence: the first number, what an accuracy takes, and what may be left out."""
+    found, need = advice.found, advice.needs[0]
+    first, limit = found.watched[0], found.limits[0]
+    bounded = f"{show_bounded(limit.value, limit.error)} {show_bound(limit.value, limit.error)}"
+    seen = "" if limit.order is not None else f" ({limit.remark})"
+    every = " in every number" if len(found.watched) > 1 else ""
+    cost = f"{_show_seconds(need.seconds)} s, {show_count(need.memory_mb)} MB"
+    mesh = f"about {show_count(need.dofs)} dofs ({show_sizes(found.series, need.factor)})"
+    ways = {
+        "coarsest": f"{mesh} are enough",
+        "between": f"you need {mesh}",
+        "beyond": f"you need {mesh}, beyond the finest mesh,",
+    }
+    target = f"{100.0 * need.accuracy:g} %{every}"
+    answer = (
+        f"{target} takes far more than {show_count(found.costs.dofs[-1])} dofs"
+        if need.reach == "far"
+        else f"{ways[need.reach]} for {target}: {cost}"
+    )
+    return "; ".join(
+        [f"{first.name} = {bounded} {first.unit}{seen}", answer, *_sum_features(advice)]
+    )
+
+
+def _sum_features(advice: MeshAdvice) -> list[str]:
+    """What may be left out, as the last trial found it; nothing where none was made."""
+    if not advice.trials:
+        return []
+    last = advice.trials[-1]
+    radius, change = show_size(last.radius), _show_percent(last.change, signed=False)
+    if last.matters:
+        return [f"even fillets and holes up to {radius} matter ({change} of {last.decisive})"]
+    return [f"fillets and holes up to {radius} do not matter ({change} at most)"]
+
+
+def show_sizes(series: MeshSeries, factor: float) -> str:
+    """The element size, or those of several components, at a factor."""
+    sizes = series.sizes(factor)
+    if len(set(sizes.values())) == 1:
+        return f"size {next(iter(sizes.values()))}"
+    if len(sizes) <= 3:
+        return "sizes " + ", ".join(f"{name} {size}" for name, size in sizes.items())
+    return f"{factor:.2g} times the sizes in convergence.json"
+
+
+def _print_meshes(console: Console, found: Convergence) -> None:
+    first, limit = found.watched[0], found.limits[0]
+    own = relative_errors(first, limit)
+    every = [relative_errors(*pair) for pair in zip(found.watched, found.limits, strict=True)]
+    table = make_table(
+        ">size", ">dofs", ">s", ">MB", f">{first.name} [{first.unit}]", ">from limit", "<furthest"
+    )
+    costs = found.costs
+    for number, factor in enumerate(costs.factors):
+        value, bound = first.values[number], first.bounds[number]
+        shown = "-" if value is None else f"{show_bounded(value, bound)} {show_bound(value, bound)}"
+        errors = {
+            each.name: abs(error)
+            for each, errors in zip(found.watched, every, strict=True)
+            if (error := errors[number]) is not None
+        }
+        worst = max(errors, key=lambda name: errors[name]) if errors else ""
+        sizes = set(found.series.sizes(factor).values())
+        add_row(
+            table,
+            sizes.pop() if len(sizes) == 1 else f"× {factor:.2g}",
+            spaced(costs.dofs[number]),
+            _show_seconds(costs.seconds[number]),
+            spaced(round(costs.memory_mb[number])),
+            shown,
+            _show_percent(own[number]),
+            f"{_show_percent(errors[worst], signed=False)} {worst}" if worst else "",
+        )
+    print_table(
+        console, "Meshes: what a run of each takes, and how far it is from the limit", table
+    )
+
+
+def _print_numbers(console: Console, found: Convergence) -> None:
+    count = len(found.costs.factors)
+    shown = min(count, max(FEWEST_SHOWN, (console.width - BESIDE_MESHES) // PER_MESH))
+    sizes = [
+        _head(found.series, factor, finest=place == count - 1)
+        for place, factor in enumerate(found.costs.factors)
+    ][-shown:]
+    table = make_table("<number", ">limit", ">order", *(f">{size}" for size in sizes), "")
+    for each, limit in zip(found.watched, found.limits, strict=True):
+        errors = relative_errors(each, limit)[-shown:]
+        value = f"{show_bounded(limit.value, limit.error)} {show_bound(limit.value, limit.error)} {each.unit}"
+        order = "-" if limit.order is None else f"{limit.order:.1f}"
+        add_row(table, each.name, value, order, *map(_show_percent, errors), limit.remark)
+    print_table(
+        console,
+        "Numbers: limit of an infinitely fine mesh, observed order, and how far each mesh is from it",
+        table,
+    )
+
+
+def _head(series: MeshSeries, factor: float, *, finest: bool) -> str:
+    sizes = set(series.sizes(factor).values())
+    return sizes.pop() if len(sizes) == 1 else "finest" if finest else f"× {factor:.2g}"
+
+
+def _print_needs(console: Console, series: MeshSeries, needs: Sequence[MeshNeed]) -> None:
+    table = make_table(">for", ">dofs", ">s", ">MB", "size", "decided by")
+    ways = {
+        "coarsest": "the coarsest mesh does",
+        "between": "",
+        "beyond": ", beyond the finest mesh",
+    }
+    for need in sorted(needs, key=lambda need: -need.accuracy):
+        by = "" if need.reach == "coarsest" else need.decisive
+        if need.reach == "far":
+            accuracy = f"{100.0 * need.accuracy:g} %"
+            add_row(table, accuracy, "-", "-", "-", "-", f"{by}, too far beyond to tell")
+            continue
+        add_row(
+            table,
+            f"{100.0 * need.accuracy:g} %",
+            show_count(need.dofs),
+            _show_seconds(need.seconds),
+            show_count(need.memory_mb),
+            show_sizes(series, need.factor).removeprefix("size ").removeprefix("sizes "),
+            f"{by}{ways[need.reach]}",
+        )
+    print_table(console, "How fine, for every number to be as good as that", table)
+    asked = needs[0]
+    if asked.reach != "far":
+        written = [f"{key}={value}" for key, value in series.settings(asked.factor).items()]
+        shown = " ".join(f"--set {shlex.quote(text)}" for text in written[:SETTINGS_SHOWN])
+        more = " … (convergence.json)" if len(written) > SETTINGS_SHOWN else ""
+        target = f"for {100.0 * asked.accuracy:g} %: {shown}{more}"
+        console.print(target, markup=False, soft_wrap=True)
+
+
+def _print_trials(console: Console, trials: Sequence[FeatureTrial]) -> None:
+    if not trials:
+        return
+    table = make_table(">radius up to", ">dofs", ">with them", ">change", "<of", "")
+    for trial in trials:
+        add_row(
+            table,
+            show_size(trial.radius),
+            spaced(trial.dofs),
+            spaced(trial.dofs_with),
+            _show_percent(trial.change, signed=False),
+            trial.decisive,
+            "matters" if trial.matters else "does not matter",
+        )
+    title = "Without fillets, holes and pins (mesh.leave_out): largest change of a number"
+    print_table(console, title, table)
+
+
+def _show_seconds(seconds: float) -> str:
+    return f"{seconds:.2g}" if seconds < 100.0 else show_count(seconds)
+
+
+def _show_percent(share: float | None, *, signed: bool = True) -> str:
+    if share is None:
+        return "-"
+    text = f"{100.0 * share:+.2g}" if abs(share) < 0.1 else f"{100.0 * share:+.0f}"
+    return f"{text if signed else text.lstrip('+')} %"
+
+
+class MeshListing(TypedDict):
+    """A mesh that was computed."""
+
+    sizes: dict[str, str]
+    settings: dict[str, object]
+    dofs: int
+    seconds: float
+    memory_mb: float
+
+
+class NumberListing(TypedDict):
+    """A number on every mesh, and its limit; None where a mesh has not got it."""
+
+    name: str
+    title: str
+    unit: str
+    values: list[float | None]
+    error_estimates: list[float | None]
+    from_limit: list[float | None]
+    limit: float
+    limit_error: float | None
+    order: float | None
+    remark: str
+
+
+class NeedListing(TypedDict):
+    """The mesh that an accuracy takes."""
+
+    accuracy: float
+    sizes: dict[str, str]
+    settings: dict[str, object]
+    dofs: int
+    seconds: float
+    memory_mb: float
+    decided_by: str
+    reach: str
+
+
+class FeatureListing(TypedDict):
+    """A mesh without fillets, holes and pins up to a radius, beside the same with them."""
+
+    radius_m: float
+    change: float
+    decided_by: str
+    dofs: int
+    dofs_with: int
+    matters: bool
+
+
+class ConvergenceListing(TypedDict):
+    """The content of ``convergence.json``; meshes from coarse to fine."""
+
+    scene: str
+    sentence: str
+    meshes: list[MeshListing]
+    numbers: list[NumberListing]
+    needs: list[NeedListing]
+    features: list[FeatureListing]
+    end: str
+    failures: list[str]
+    provenance: NotRequired[ProvenanceSummary]
+
+
+def list_convergence(advice: MeshAdvice, scene: Path) -> ConvergenceListing:
+    """Everything that is printed, for ``--json``."""
+    found = advice.found
+    costs, series = found.costs, found.series
+    return {
+        "scene": scene.name,
+        "sentence": sum_up(advice),
+        "meshes": [
+            {
+                "sizes": series.sizes(factor),
+                "settings": dict(series.settings(factor)),
+                "dofs": dofs,
+                "seconds": seconds,
+                "memory_mb": memory,
+            }
+            for factor, dofs, seconds, memory in zip(
+                costs.factors, costs.dofs, costs.seconds, costs.memory_mb, strict=True
+            )
+        ],
+        "numbers": [
+            _list_number(each, limit)
+            for each, limit in zip(found.watched, found.limits, strict=True)
+        ],
+        "needs": [
+            {
+                "accuracy": need.accuracy,
+                "sizes": series.sizes(need.factor),
+                "settings": dict(series.settings(need.factor)),
+                "dofs": need.dofs,
+                "seconds": need.seconds,
+                "memory_mb": need.memory_mb,
+                "decided_by": need.decisive,
+                "reach": need.reach,
+            }
+            for need in advice.needs
+        ],
+        "features": [
+            {
+                "radius_m": trial.radius,
+                "change": trial.change,
+                "decided_by": trial.decisive,
+                "dofs": trial.dofs,
+                "dofs_with": trial.dofs_with,
+                "matters": trial.matters,
+            }
+            for trial in advice.trials
+        ],
+        "end": found.end,
+        "failures": list(found.failures),
+    }
+
+
+def _list_number(each: WatchedSeries, limit: Limit) -> NumberListing:
+    return {
+        "name": each.name,
+        "title": each.title,
+        "unit": each.unit,
+        "values": list(each.values),
+        "error_estimates": list(each.bounds),
+        "from_limit": relative_errors(each, limit),
+        "limit": limit.value,
+        "limit_error": limit.error,
+        "order": limit.order,
+        "remark": limit.remark,
+    }
+
+
+def convergence_csv(found: Convergence) -> bytes:
+    """A row per mesh; of each number its value, what stands behind ±, and how far from the
+    limit.
+    """
+    costs = found.costs
+    pairs = list(zip(found.watched, found.limits, strict=True))
+    errors = [relative_errors(*pair) for pair in pairs]
+    names = [
+        head
+        for each in found.watched
+        for head in (f"{each.name} [{each.unit}]", f"± {each.name}", f"{each.name} from limit")
+    ]
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
+        (
+            ", ".join(found.series.sizes(factor).values()),
+            costs.dofs[number],
+            costs.seconds[number],
+            costs.memory_mb[number],
+            *(
+                cell
+                for each, own in zip(found.watched, errors, strict=True)
+                for cell in (each.values[number], each.bounds[number], own[number])
+            ),
+        )
+        for number, factor in enumerate(costs.factors)
+    )
+    limits = [cell for limit in found.limits for cell in (limit.value, limit.error, limit.order)]
+    last = ("limit, ±, order", None, None, None, *limits)
+    return encode_csv(
+        PlainTable("convergence", ("size", "dofs", "seconds", "MB", *names), (*rows, last))
+    )

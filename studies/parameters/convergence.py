@@ -1,0 +1,432 @@
+"""A scene on finer and finer meshes, until orders of convergence are seen: which meshes, how far to
+go, and the numbers that are watched, modes paired by shape.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+from scipy.sparse import csr_array
+
+from headstock.geometry.errors import HeadstockError
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.skins import Skin
+from headstock.geometry.parts.solids import MeshFile
+from headstock.meshing.components.meshing import automatic_size
+from headstock.pipeline.accuracy.settings import (
+    COARSER_THAN_RULE,
+    RIM_POWER,
+    START_ACCURACY,
+    grade_mesh,
+    is_chosen,
+)
+from headstock.pipeline.results.estimates import DISCRETISATION
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.results.summary import RunSummary
+from headstock.pipeline.results.views import ShiftArray
+from headstock.scene.reading.files import TomlValue
+from headstock.scene.scene import Scene
+from headstock.scene.studies import Study, StudyFamily
+from headstock.solvers.linear.mode_pairing import ModeSet, pair_modes
+from headstock.solvers.ranks import share_from_root
+from headstock.studies.parameters.limits import (
+    TIME_SLOPE,
+    Limit,
+    MeshCosts,
+    WatchedSeries,
+    estimate_cost,
+    estimate_dofs,
+    find_limit,
+)
+from headstock.studies.parameters.records import Measured, StudyRecord
+from headstock.studies.parameters.runs import StudyJob, StudyProgress, run_study
+from headstock.studies.parameters.tables import median_seconds
+
+# Sizes fall by this share: tets by the root of a half (about 2.8 times the dofs), hexes by half, so
+# that their grids are nested.
+TET_STEP, HEX_STEP = math.sqrt(0.5), 0.5
+COARSER_THAN_WRITTEN = 2.0
+MOST_MESHES = 9
+FEWEST_ACROSS = 2
+FEWEST_MESHES = {TET_STEP: 4, HEX_STEP: 3}
+MOST_FAILURES = 3
+BUDGET = "BudgetError"
+CELLS = (
+    6  # along each side of a body's bounding box, over which motions of its surface are averaged
+)
+DIGITS = 4
+
+
+class ConvergenceError(HeadstockError):
+    """No mesh of a series could be computed."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSeries:
+    """Meshes of a scene that differ in all their sizes by the same factor.
+
+    Attributes:
+        parts: Components whose mesh is ours to choose, with an element size each (at factor 1).
+        factors: From coarse to fine.
+        step: Of each factor to the next.
+    """
+
+    parts: Mapping[str, Component]
+    factors: tuple[float, ...]
+    step: float
+
+    def settings(self, factor: float) -> dict[str, TomlValue]:
+        """Keys of the scene at a factor: every length of a mesh follows, rims faster, where stresses
+        are singular, and elements across patches, too.
+        """
+        found: dict[str, TomlValue] = {}
+        for name, part in self.parts.items():
+            mesh = part.mesh
+            for key, size, power in (
+                ("size", mesh.size, 1.0),
+                ("rim_size", mesh.rim_size, RIM_POWER),
+                ("smallest", mesh.smallest, 1.0),
+            ):
+                if size is not None:
+                    found[f"components.{name}.mesh.{key}"] = show_size(factor**power * size)
+            if mesh.growth is not None:
+                found[f"components.{name}.mesh.growth"] = mesh.growth
+            if any(p.shape != "whole" for i in part.interfaces.values() for p in i.patches):
+                across = max(FEWEST_ACROSS, math.ceil(mesh.across_patches / factor - 1e-9))
+                found[f"components.{name}.mesh.across_patches"] = across
+        return found
+
+    def sizes(self, factor: float) -> dict[str, str]:
+        """Element size of each component at a factor."""
+        return {
+            name: show_size(factor * part.mesh.size)
+            for name, part in self.parts.items()
+            if part.mesh.size is not None
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class ConvergenceGoal:
+    """When to stop.
+
+    Attributes:
+        accuracy: Relative; every number is to be known better, on a mesh that is as good.
+        most_dofs: Of the finest mesh, about.
+        most_seconds: Of all meshes together, about [s].
+    """
+
+    accuracy: float
+    most_dofs: int
+    most_seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class Convergence:
+    """What a series of meshes says; coarse to fine.
+
+    Attributes:
+        series: The meshes, of which some were computed.
+        costs: Of those.
+        records: Of those.
+        watched: The numbers.
+        limits: One of each.
+        end: Why no finer mesh was computed.
+        failures: Meshes that could not be computed, with the reason.
+    """
+
+    series: MeshSeries
+    costs: MeshCosts
+    records: tuple[StudyRecord, ...]
+    watched: tuple[WatchedSeries, ...]
+    limits: tuple[Limit, ...]
+    end: str = ""
+    failures: tuple[str, ...] = ()
+
+
+def show_size(size: float) -> str:
+    """A length [m] as a scene has it, to three digits."""
+    return f"{float(f'{1e3 * size:.3g}'):g} mm"
+
+
+def choose_series(scene: Scene) -> MeshSeries:
+    """The meshes of a scene: from a few times the sizes that are written, or that the sizing rule
+    chooses.
+
+    Args:
+        scene: Without components to mesh it has an empty series.
+    """
+    parts: dict[str, Component] = {}
+    written = False
+    for name, part in scene.machine.components.items():
+        if is_chosen(part) and not isinstance(part.solid, MeshFile):
+            written |= part.mesh.size is not None
+            parts[name] = _with_size(part)
+    hexes = bool(parts) and all(part.mesh.cells == "hex" for part in parts.values())
+    step = HEX_STEP if hexes else TET_STEP
+    start = COARSER_THAN_WRITTEN if written or hexes else COARSER_THAN_RULE
+    return MeshSeries(parts, tuple(start * step**number for number in range(MOST_MESHES)), step)
+
+
+def _with_size(part: Component) -> Component:
+    """A component with an element size; where none is written elements grow from the rims of
+    patches and of rigid interfaces, as a search for an accuracy begins.
+    """
+    mesh = part.mesh
+    if mesh.size is not None:
+        return part
+    size = automatic_size(part)
+    if mesh.cells == "tet" and mesh.growth is None:
+        graded = grade_mesh(part, size, START_ACCURACY)
+        mesh = dataclasses.replace(mesh, growth=graded.growth, rim_size=graded.rim_size)
+    return dataclasses.replace(part, mesh=dataclasses.replace(mesh, size=size))
+
+
+def run_convergence(
+    job: StudyJob,
+    series: MeshSeries,
+    goal: ConvergenceGoal,
+    folder: Path,
+    *,
+    comm: MPI.Comm,
+    observer: Callable[[StudyProgress], None] = lambda progress: None,
+) -> Convergence | None:
+    """Compute meshes from coarse to fine until the goal is reached or a limit is met; collective.
+
+    Args:
+        job: With a study of the analyses to compute; its meshes are set here.
+        series: The meshes.
+        goal: When to stop.
+        folder: Holds ``points.jsonl``, from which finished meshes are taken.
+        comm: Ranks that compute each mesh together.
+        observer: Told of each mesh on rank 0.
+
+    Returns:
+        What was found, on rank 0; None elsewhere.
+
+    Raises:
+        ConvergenceError: No mesh could be computed.
+        StudyError: The scene file changed meanwhile.
+        OutputError: A record cannot be written.
+    """
+    found: Convergence | None = None
+    for count in range(1, len(series.factors) + 1):
+        step = dataclasses.replace(job, study=_extend(job.study, series, count))
+
+        def tell(progress: StudyProgress, newest: int = count - 1) -> None:
+            if progress.number == newest:
+                observer(dataclasses.replace(progress, total=progress.number + 1))
+
+        records = run_study(step, folder, comm=comm, observer=tell, warm_up=count == 1)
+        found = _judge(series, records, goal) if comm.rank == 0 else None
+        if share_from_root(comm, None if found is None else bool(found.end)):
+            break
+    if found is not None and not found.records:
+        raise ConvergenceError(f"no mesh could be computed: {found.failures[-1]}")
+    return found
+
+
+def _extend(study: Study, series: MeshSeries, count: int) -> Study:
+    """The study of the first few meshes."""
+    settings = [series.settings(factor) for factor in series.factors]
+    columns = {key: tuple(each[key] for each in settings) for key in settings[0]}
+    (family,) = study.families
+    family = dataclasses.replace(
+        family,
+        settings={key: values[0] for key, values in columns.items() if len(set(values)) == 1},
+        vary={key: values[:count] for key, values in columns.items() if len(set(values)) > 1},
+        pairwise=True,
+    )
+    return dataclasses.replace(study, families=(family,))
+
+
+def plan_study(analyses: Sequence[str]) -> Study:
+    """The study behind a series of meshes: seconds are those of the whole computation."""
+    return Study("converge", (StudyFamily("", "", {}, {}, analyses=tuple(analyses)),), cold=True)
+
+
+def _judge(
+    series: MeshSeries, records: Sequence[StudyRecord], goal: ConvergenceGoal
+) -> Convergence:
+    """What the meshes so far say, and whether they are enough."""
+    done = [
+        (factor, record)
+        for factor, record in zip(series.factors, records, strict=False)
+        if record.status == "done"
+    ]
+    failed = [
+        f"size {', '.join(series.sizes(factor).values())}: {record.error}"
+        for factor, record in zip(series.factors, records, strict=False)
+        if record.status == "failed"
+    ]
+    costs = _gather_costs(done)
+    chosen = tuple(record for _, record in done)
+    watched = tuple(watch_numbers(chosen)) if chosen else ()
+    limits = tuple(find_limit(costs.factors, each) for each in watched)
+    found = Convergence(series, costs, chosen, watched, limits, failures=tuple(failed))
+    return dataclasses.replace(found, end=_find_end(found, records, goal))
+
+
+def _find_end(found: Convergence, records: Sequence[StudyRecord], goal: ConvergenceGoal) -> str:
+    """Why no finer mesh is computed; empty where one is."""
+    last, number = records[-1], len(records)
+    if last.status == "failed" and (found.records or number == MOST_FAILURES):
+        fits = "the next mesh does not fit" if last.error.startswith(BUDGET) else "the next mesh"
+        return f"{fits}: {last.error}" if found.records else last.error
+    if not found.records:
+        return ""
+    if len(found.records) >= FEWEST_MESHES[found.series.step] and all(
+        limit.order is not None
+        and limit.share <= goal.accuracy
+        and abs((each.values[-1] or 0.0) / limit.value - 1.0) <= goal.accuracy
+        for each, limit in zip(found.watched, found.limits, strict=True)
+    ):
+        return "every number is known well enough"
+    if number == len(found.series.factors):
+        return f"{number} meshes are the most that are tried"
+    costs, factor = found.costs, found.series.factors[number]
+    dofs = estimate_dofs(costs, factor)
+    seconds = estimate_cost(costs.dofs, costs.seconds, dofs, TIME_SLOPE)
+    if dofs > goal.most_dofs:
+        return f"the next mesh would have about {show_count(dofs)} dofs; --most-dofs is {goal.most_dofs}"
+    if sum(costs.seconds) + seconds > goal.most_seconds:
+        return f"the next mesh would take about {seconds:.2g} s more; --most-seconds is {goal.most_seconds:g}"
+    return ""
+
+
+def show_count(count: float) -> str:
+    """About so many, to two digits in groups of three: ``180 000``."""
+    return f"{int(float(f'{count:.2g}')):,}".replace(",", " ")
+
+
+def _gather_costs(done: Sequence[tuple[float, StudyRecord]]) -> MeshCosts:
+    records = [record for _, record in done]
+    totals = [record.summary["totals"] for record in records if record.summary is not None]
+    times = [median_seconds(record) for record in records]
+    return MeshCosts(
+        tuple(factor for factor, _ in done),
+        tuple(int(total["full_dofs"]) for total in totals),
+        tuple(0.0 if time is None else time[0] for time in times),
+        tuple(
+            max((*record.peak_mb, float(total["peak_rss_mb"])))
+            for record, total in zip(records, totals, strict=True)
+        ),
+    )
+
+
+def watch_numbers(records: Sequence[StudyRecord]) -> Iterator[WatchedSeries]:
+    """Natural frequencies and compliances of the first pose on every mesh, coarse to fine; modes
+    are those of the finest mesh, paired by shape.
+    """
+    summaries = [record.summary for record in records if record.summary is not None]
+    yield from _watch_frequencies(records, summaries)
+    yield from _watch_compliances(summaries)
+
+
+def _watch_frequencies(
+    records: Sequence[StudyRecord], summaries: Sequence[RunSummary]
+) -> Iterator[WatchedSeries]:
+    if not summaries[-1]["modal"]:
+        return
+    poses = [summary["modal"][0] for summary in summaries]
+    sets = [
+        ModeSet(
+            np.array(pose["frequencies_hz"]),
+            np.array(record.measured["fields"]).T,
+            pose["rigid_count"],
+        )
+        for pose, record in zip(poses, records, strict=True)
+    ]
+    partners = [{pair.first: pair.second for pair in pair_modes(sets[-1], modes)} for modes in sets]
+    finest = poses[-1]
+    for number in range(finest["rigid_count"], len(finest["frequencies_hz"])):
+        found = [(pose, partner.get(number)) for pose, partner in zip(poses, partners, strict=True)]
+        name = f"f{number - finest['rigid_count'] + 1}"
+        yield WatchedSeries(
+            name,
+            "Hz",
+            f"{name}, {finest['mode_names'][number]}",
+            tuple(None if at is None else pose["frequencies_hz"][at] for pose, at in found),
+            tuple(None if at is None else pose["error_hz"][at] for pose, at in found),
+            tuple(
+                None if at is None else pose["error_share"][at].get(DISCRETISATION)
+                for pose, at in found
+            ),
+            _sum_fixed(finest["error_share"][number]),
+        )
+
+
+def _watch_compliances(summaries: Sequence[RunSummary]) -> Iterator[WatchedSeries]:
+    for point, finest in summaries[-1]["static"].items():
+        for axis, direction in enumerate("xyz"):
+            points = [summary["static"][point] for summary in summaries]
+            values = [each["compliance_um_per_kN"][axis][axis] for each in points]
+            if values[-1]:
+                yield WatchedSeries(
+                    f"{point} {direction}",
+                    "µm/kN",
+                    f"static compliance at {point} along {direction}",
+                    tuple(values),
+                    tuple(each["error_um_per_kN"].get(direction) for each in points),
+                    tuple(
+                        each["error_share"].get(direction, {}).get(DISCRETISATION)
+                        for each in points
+                    ),
+                    _sum_fixed(finest["error_share"].get(direction, {})),
+                )
+
+
+def _sum_fixed(shares: Mapping[str, float | None]) -> float:
+    """What no finer mesh takes away of an error: all but the discretisation."""
+    return sum(size or 0.0 for source, size in shares.items() if source != DISCRETISATION)
+
+
+def measure_fields(scene: Scene, results: Results) -> Measured:
+    """How the bodies move in each mode of the first pose, the same places on every mesh.
+
+    Args:
+        scene: Not needed; every measure of a study is given it.
+        results: With modes, or without.
+
+    Returns:
+        ``fields``: a row per mode, weighted so that scalar products are about kinetic energies.
+    """
+    if not results.modal:
+        return {"fields": []}
+    pose = results.view.poses[results.modal[0].pose.name]
+    parts = []
+    for name, shifts in pose.shifts.items():
+        mass = results.components[name].mass_kg
+        parts.append(math.sqrt(mass) * _average_cells(results.view.skins[name], shifts))
+    field: FloatArray = np.concatenate(parts, axis=1)
+    return {"fields": [[float(f"{x:.{DIGITS}g}") for x in mode] for mode in field]}
+
+
+def _average_cells(skin: Skin, shifts: ShiftArray) -> FloatArray:
+    """Mean motion of a surface in each cell of its bounding box, times the root of the cell's share
+    of its area: it hardly depends on the triangles, where nearest points would.
+
+    Args:
+        skin: Of a body.
+        shifts: ``(modes, points, 3)``.
+
+    Returns:
+        ``(modes, 3 cells)``.
+    """
+    corners = skin.points[skin.triangles]
+    areas = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    low, high = skin.points.min(axis=0), skin.points.max(axis=0)
+    along = (corners.mean(axis=1) - low) / np.maximum(high - low, np.finfo(float).tiny)
+    places = np.clip((CELLS * along).astype(int), 0, CELLS - 1) @ [CELLS**2, CELLS, 1]
+    total = np.bincount(places, areas, minlength=CELLS**3)
+    # triangles to cells; mean motion times the root of the share: sum / area * sqrt(area / whole)
+    weights = areas / np.sqrt(total[places] * total.sum())
+    gather = csr_array((weights, (places, np.arange(len(areas)))), shape=(CELLS**3, len(areas)))
+    moved = shifts[:, skin.triangles].astype(float).mean(axis=2)
+    return np.stack([(gather @ mode).ravel() for mode in moved])

@@ -1,0 +1,154 @@
+"""The command ``converge``: what it says of a part or a machine, and how it ends."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from headstock.app.command_line import main
+from headstock.app.terminal.convergence import ConvergenceListing
+from headstock.studies.parameters.records import POINTS_FILE
+
+DATA = Path(__file__).resolve().parents[2] / "data"
+SCENE = """
+name = "cantilever"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.part]
+solid = { box = ["40 mm", "40 mm", "200 mm"] }
+material = "steel"
+mesh = { size = "20 mm" }
+[components.part.interfaces]
+foot = { face = "z-" }
+tip = { face = "z+", coupling = "average" }
+[joints.clamp]
+between = ["ground", "part.foot"]
+kind = "rigid"
+[points]
+tcp = { tool = "part.tip", work = "ground" }
+[analyses.static]
+at = "tcp"
+[analyses.modal]
+count = 5
+"""
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def converge(path: Path, folder: Path, *options: str) -> ConvergenceListing:
+    assert main(["converge", str(path), "-o", str(folder), *options]) == 0
+    listing: ConvergenceListing = json.loads((folder / "convergence.json").read_text())
+    return listing
+
+
+def frequencies(path: Path, folder: Path, size: str, *settings: str) -> list[float]:
+    words = ["run", str(path), "-o", str(folder), "--set", f"components.part.mesh.size={size}"]
+    assert main([*words, *settings]) == 0
+    summary = json.loads((folder / "summary.json").read_text())
+    return [float(hz) for hz in summary["modal"][0]["frequencies_hz"]]
+
+
+@pytest.mark.slow
+def test_limits_cover_a_fine_mesh_of_another_kind_and_the_needed_mesh_is_as_good_as_asked(
+    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = converge(scene_file, tmp_path / "out")
+    printed = capsys.readouterr().out
+    assert found["sentence"] in " ".join(printed.split())
+    assert "every number is known well enough" in printed
+    # hexes of a fifth of the width: a square section, whose bending modes come in pairs
+    truth = frequencies(
+        scene_file, tmp_path / "fine", "6.67 mm", "--set", "components.part.mesh.cells=hex"
+    )
+    numbers = {number["name"]: number for number in found["numbers"]}
+    for place, hz in enumerate(truth):
+        number = numbers[f"f{place + 1}"]
+        assert number["limit_error"] is not None
+        # the hexes are themselves too stiff by a little
+        assert abs(number["limit"] - hz) <= number["limit_error"] + 1e-3 * hz
+    need = found["needs"][0]
+    assert need["accuracy"] == 0.01
+    tried = frequencies(scene_file, tmp_path / "tried", need["sizes"]["part"])
+    assert max(abs(a / b - 1.0) for a, b in zip(tried, truth, strict=True)) <= 0.013
+
+
+def test_a_second_call_computes_nothing_again_and_files_hold_what_is_printed(
+    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ("--most-dofs", "3000")
+    first = converge(scene_file, tmp_path / "out", *options)
+    lines = (tmp_path / "out" / POINTS_FILE).read_text()
+    capsys.readouterr()
+    again = converge(scene_file, tmp_path / "out", *options, "--json", str(tmp_path / "a.json"))
+    printed = capsys.readouterr().out
+    assert printed.count("finished before") == len(first["meshes"])
+    assert (tmp_path / "out" / POINTS_FILE).read_text() == lines
+    assert again["numbers"] == first["numbers"]
+    assert "--most-dofs is 3000" in again["end"]
+    assert json.loads((tmp_path / "a.json").read_text())["sentence"] == again["sentence"]
+    with (tmp_path / "out" / "convergence.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["dofs"]) for row in rows[:-1]] == [mesh["dofs"] for mesh in first["meshes"]]
+    assert float(rows[-1]["f1 [Hz]"]) == first["numbers"][0]["limit"]
+    # a looser limit goes on from there
+    more = converge(scene_file, tmp_path / "out", "--most-dofs", "6000")
+    assert more["meshes"][: len(first["meshes"])] == first["meshes"]
+    assert len(more["meshes"]) > len(first["meshes"])
+
+
+def test_a_step_part_is_tried_free_and_without_its_small_features(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = converge(DATA / "support.step", tmp_path / "out", "--free", "--most-dofs", "60000")
+    assert "free = true" in (tmp_path / "out" / "support.toml").read_text()
+    assert [number["name"] for number in found["numbers"]] == [f"f{n}" for n in range(1, 7)]
+    assert {mesh["sizes"]["part"] for mesh in found["meshes"]} >= {"5.14 mm"}
+    assert all(trial["dofs"] < trial["dofs_with"] for trial in found["features"])
+    printed = capsys.readouterr().out
+    assert ("fillets and holes up to" in printed) == bool(found["features"])
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--set", "components.part.fidelity=rigid"], "part is rigid; try --set components.part"),
+        (["--set", "accuracy=1 %"], "take that line out"),
+        (["--free"], "go with a STEP file"),
+        (["--accuracy", "200%"], "no share"),
+    ],
+)
+def test_what_cannot_be_refined_is_refused_with_a_remedy(
+    scene_file: Path,
+    tmp_path: Path,
+    options: list[str],
+    words: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["converge", str(scene_file), "-o", str(tmp_path / "out"), *options]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "out" / POINTS_FILE).exists()
+
+
+def test_a_file_that_is_no_part_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "part.step").write_text("no part")
+    for name in ("none.step", "part.step"):
+        assert main(["converge", str(tmp_path / name), "-o", str(tmp_path / "out")]) == 2
+        assert name in capsys.readouterr().err
+
+
+def test_a_scene_without_anything_to_watch_says_what_to_write(
+    scene_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene_file.write_text(SCENE[: SCENE.index("[analyses.static]")])
+    assert main(["converge", str(scene_file)]) == 2
+    assert "[analyses.modal] with count = 6" in capsys.readouterr().err
