@@ -242,7 +242,7 @@ def name_uncompared(scene: Scene) -> tuple[str, ...]:
         )
     others = [name for name in ("map", "path", "control") if getattr(asked, name) is not None]
     if others:
-        found.append(f"not compared: {', '.join(others)}; run --variant has them one by one")
+        found.append(f"not compared: {', '.join(others)}; run computes them for one model")
     return tuple(found)
 
 

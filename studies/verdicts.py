@@ -5,6 +5,7 @@ does not, and which modes it has not got.
 from dataclasses import dataclass
 
 from headstock.geometry.frames import DIRECTIONS
+from headstock.reduction.motions.body_motions import name_families
 from headstock.studies.comparison import Comparison
 from headstock.studies.responses import HOLDS
 from headstock.studies.variants import VariantSolution
@@ -18,7 +19,8 @@ class JudgedMode:
         number: In the reference, from 1.
         frequency_hz: In the reference [Hz].
         name: In the reference.
-        part: Component with the largest share of its strain energy; empty without one.
+        part: Component with the largest share of its strain energy, or several whose names differ
+            by a number only; empty without one.
         part_share: That share.
         deviation: Relative deviation of the model's frequency; None where it has no such mode.
         correlation: MAC of its partner, or the largest with any mode of the model.
@@ -109,10 +111,10 @@ def _judge_modes(
         own, cell = row.cells[comparison.reference], row.cells.get(name)
         if not rigid <= own.index < best.wanted:
             continue
+        shares = best.named.strain_shares[own.index]
         strained = {
-            part: share
-            for part, share in best.named.strain_shares[own.index].items()
-            if part in best.components
+            family: sum(shares[part] for part in members)
+            for family, members in name_families(shares.keys() & best.components.keys()).items()
         }
         part = max(strained, key=lambda key: strained[key], default="")
         nearest = 0.0 if table is None else float(table[own.index].max())

@@ -32,10 +32,11 @@ from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import COLORS
-from headstock.solvers.second_order import ComplexArray
+from headstock.solvers.second_order import ComplexArray, Port
 
 DPI = 130
 BARS_SHOWN = 8
+OVERLAYS_ACROSS = 3
 JOINT_COLOR = "#94a3b8"
 INK, FAINT = "#1f2937", "#cbd5e1"
 LETTER_INCHES, LINE_INCHES, HANDLE_INCHES = 0.066, 0.17, 0.55  # of a legend at 8 points
@@ -163,16 +164,40 @@ def draw_responses(responses: Sequence[ResponseCurves]) -> dict[str, bytes]:
     return drawn | ({"frf_all_poses": _draw_grid(together)} if together else {})
 
 
-def draw_overlay(responses: Mapping[str, ResponseCurves]) -> bytes:
+def draw_overlay(
+    responses: Mapping[str, ResponseCurves], entries: Sequence[tuple[Port, Port]]
+) -> bytes:
     """Bode plots of several models over each other, as a PNG file.
 
     Args:
         responses: Name of the model to its curves; the same inputs and outputs.
+        entries: Output and input of each plot.
     """
-    return _draw_grid(list(responses.values()), list(responses))
+    known = list(responses.values())
+    first, across = known[0], min(OVERLAYS_ACROSS, len(entries))
+    down = -(-len(entries) // across)
+    figure = new_figure(1.5 + 3.4 * across, 0.8 + 3.0 * down)
+    grid = figure.add_gridspec(2 * down, across, height_ratios=[3.0, 1.0] * down)
+    for number, (output, given) in enumerate(entries):
+        row, column = divmod(number, across)
+        upper = figure.add_subplot(grid[2 * row, column])
+        lower = figure.add_subplot(grid[2 * row + 1, column])
+        place = (first.outputs.index(output), first.inputs.index(given))
+        values = [curves.values[:, *place] for curves in known]
+        unit, factor = response_unit(first.motion, output, given)
+        _draw_magnitude(upper, known, [factor * np.abs(value) for value in values], COLORS)
+        _draw_phase(lower, known, values, COLORS)
+        # what lies over another curve is thinner, so that both are seen
+        for axes in (upper, lower):
+            for above, line in enumerate(reversed(axes.get_lines()[: len(known)])):
+                line.set_linewidth(1.2 + above)
+        upper.set_title(f"{name_entry(output, given)} [{unit}]", fontsize=9, color=INK, loc="left")
+        lower.set_xlabel("frequency [Hz]", fontsize=9, color=INK)
+    add_legend(figure, figure.axes[0].get_lines()[: len(known)], list(responses))
+    return encode_figure(figure)
 
 
-def _draw_grid(responses: Sequence[ResponseCurves], labels: Sequence[str] = ()) -> bytes:
+def _draw_grid(responses: Sequence[ResponseCurves]) -> bytes:
     curves = responses[0]
     outputs, inputs = curves.outputs[:MOST_FIELDS], curves.inputs[:MOST_FIELDS]
     figure = new_figure(1.5 + 3.4 * len(inputs), 0.8 + 2.7 * len(outputs))
@@ -200,7 +225,7 @@ def _draw_grid(responses: Sequence[ResponseCurves], labels: Sequence[str] = ()) 
         add_legend(
             figure,
             figure.axes[0].get_lines()[: len(responses)],
-            labels or [f"pose {each.pose}" for each in responses],
+            [f"pose {each.pose}" for each in responses],
         )
     return encode_figure(figure)
 

@@ -5,7 +5,6 @@ compliances as bars.
 import itertools
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,8 +23,10 @@ from headstock.app.texts.comparison import alike_rigid_modes, list_points, row_f
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.views import COLORS
+from headstock.solvers.second_order import Port
 from headstock.studies.comparison_summary import ComparisonSummary
 
+Entry = tuple[Port, Port]
 LEVEL_HALF_WIDTH = 0.3
 LABEL_INCHES = 0.17
 NAME_LENGTH = 60
@@ -50,26 +51,23 @@ def draw_comparison(
     points = list_points(summary)
     if points:
         figures["compliances"] = _draw_compliances(summary, points)
-    if lines:
-        figures["responses"] = draw_overlay(_without_traces(summary, lines))
+    entries = _list_entries(summary, lines)
+    if entries:
+        figures["responses"] = draw_overlay(lines, entries)
     if any(variant["mac"] for variant in summary["variants"].values()):
         figures["mac"] = _draw_mac(summary)
     return figures
 
 
-def _without_traces(
-    summary: ComparisonSummary, lines: Mapping[str, ResponseCurves]
-) -> dict[str, ResponseCurves]:
-    """The curves without entries that are no more than a trace of symmetry lost in every variant."""
-    first = next(iter(lines.values()))
-    traces = np.array(
-        [[entry["negligible"] for entry in summary["variants"][name]["frf"]] for name in lines]
-    ).all(axis=0)
-    hidden = traces.reshape(len(first.outputs), len(first.inputs))
-    return {
-        name: replace(curves, receptance=np.where(hidden, np.nan, curves.receptance))
-        for name, curves in lines.items()
-    }
+def _list_entries(summary: ComparisonSummary, lines: Mapping[str, ResponseCurves]) -> list[Entry]:
+    """Output and input of every entry that is more than a trace of symmetry lost in a variant."""
+    found = [
+        ((entry["output"][0], entry["output"][1]), (entry["input"][0], entry["input"][1]))
+        for name in lines
+        for entry in summary["variants"][name]["frf"]
+        if not entry["negligible"]
+    ]
+    return list(dict.fromkeys(found))
 
 
 def _draw_mac(summary: ComparisonSummary) -> bytes:

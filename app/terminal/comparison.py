@@ -238,7 +238,10 @@ def _mode_cell(summary: ComparisonSummary, row: RowSummary, name: str) -> str:
     shown = _with_error(hz, cell["error_hz"]) if elastic else show_digits(hz, 4)
     if cell["mac"] is None:
         return shown
-    deviation = "" if cell["deviation"] is None else f"{100 * cell['deviation']:+.1f} %  "
+    first = row["variants"][row["origin"]]
+    known = first is not None and cell["deviation"] is not None
+    change = show_change(hz, first["frequency_hz"]) if first is not None and known else ""
+    deviation = f"{change}  " if change else ""
     return f"{shown}\n{deviation}MAC {cell['mac']:.2f}"
 
 

@@ -10,7 +10,7 @@ from headstock.app.texts.comparison import describe_store, list_points
 from headstock.app.texts.curves import name_entry, response_unit
 from headstock.app.texts.tables import sort_shares
 from headstock.geometry.frames import DIRECTIONS
-from headstock.reduction.motions.body_motions import join_names, split_number
+from headstock.reduction.motions.body_motions import name_families
 from headstock.solvers.second_order import Port
 from headstock.studies.comparison_summary import (
     ComparisonSummary,
@@ -91,16 +91,14 @@ def share_rows(summary: ComparisonSummary, point: str, direction: str) -> list[M
         for name, variant in summary["variants"].items()
         if point in variant["static"]
     }
-    families: dict[str, list[str]] = {}
-    for part in sorted({part for budget in budgets.values() for part in budget}):
-        families.setdefault(split_number(part)[0], []).append(part)
+    families = name_families({part for budget in budgets.values() for part in budget})
     totals = {
-        join_names(members): {
+        family: {
             name: sum(budget.get(member, 0.0) for member in members)
             for name, budget in budgets.items()
             if budget
         }
-        for members in families.values()
+        for family, members in families.items()
     }
     most = {part: max(shares.values(), default=0.0) for part, shares in totals.items()}
     return [
@@ -353,9 +351,12 @@ def _cause(summary: ComparisonSummary, name: str, point: str, direction: str) ->
         size = found["compliance_um_per_kN"][place][place] or 0.0
         parts.append({part: size * share for part, share in found["budget"][direction].items()})
     own, best = parts
+    families = name_families(own.keys() | best.keys())
     return max(
-        sorted(own.keys() | best.keys()),
-        key=lambda part: abs(best.get(part, 0.0) - own.get(part, 0.0)),
+        families,
+        key=lambda family: abs(
+            sum(best.get(part, 0.0) - own.get(part, 0.0) for part in families[family])
+        ),
     )
 
 
@@ -370,8 +371,10 @@ def _name_modes(
 def _bends(mode: JudgedModeSummary) -> str:
     """Frequency and name of a mode, and the component that deforms where the name does not say."""
     shown, part = f"{show_digits(mode['frequency_hz'], 3)} Hz, {mode['name']}", mode["part"]
+    stem = part.rstrip("0123456789.,")
     told = any(
-        part in clause.split() and any(f" {verb}" in clause for verb in DEFORMING)
+        any(word.startswith(stem) for word in clause.split())
+        and any(f" {verb}" in clause for verb in DEFORMING)
         for clause in mode["name"].split(", ")
     )
     if told or mode["part_share"] < NAMED_SHARE:

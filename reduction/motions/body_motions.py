@@ -2,7 +2,7 @@
 motions that nothing resists.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -119,6 +119,14 @@ def join_names(names: Sequence[str], limit: int = 4) -> str:
     parts = [_join_family(stem, sorted(numbers)) for stem, numbers in families.items()]
     shown = " + ".join(parts[:limit])
     return f"{shown} ..." if len(parts) > limit else shown
+
+
+def name_families(names: Iterable[str]) -> dict[str, list[str]]:
+    """Names that differ by a number only, by what they are called together: ``pad_1..4``."""
+    families: dict[str, list[str]] = {}
+    for name in sorted(names):
+        families.setdefault(split_number(name)[0], []).append(name)
+    return {join_names(members): members for members in families.values()}
 
 
 def split_number(name: str) -> tuple[str, int | None]:

@@ -9,9 +9,8 @@ from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.motions.body_motions import (
     free_motion_error,
-    join_names,
+    name_families,
     rigid_dofs,
-    split_number,
 )
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.static_response import solve_balanced
@@ -209,11 +208,10 @@ def find_weakest_link(
     shares = budget.shares[direction]
     if len(shares) < 2:
         return None
-    families: dict[str, list[str]] = {}
-    for name in sorted(shares):
-        families.setdefault(split_number(name)[0], []).append(name)
-    totals = {stem: sum(shares[name] for name in members) for stem, members in families.items()}
-    members = families[min(totals, key=lambda stem: (-round(totals[stem], 9), stem))]
+    families = name_families(shares)
+    totals = {family: sum(shares[name] for name in members) for family, members in families.items()}
+    largest = min(totals, key=lambda family: (-round(totals[family], 9), family))
+    members = families[largest]
     axis = DIRECTIONS.index(direction)
     load = coupled.system.inputs[point, direction]
     row = coupled.system.outputs[point, direction]
@@ -224,9 +222,9 @@ def find_weakest_link(
     changed = float(row @ solve_balanced(stiffened, load[:, None]).displacements[:, 0])
     change = changed / float(budget.compliance[axis, axis]) - 1.0
     return WeakLink(
-        join_names(members),
+        largest,
         direction,
-        sum(shares[name] for name in members),
+        totals[largest],
         change,
         len(members) > 1,
     )
