@@ -13,6 +13,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import GROUND
 from headstock.geometry.machine.machine import Pose, position_units, show_position
 from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.solids import SuperelementFile
 from headstock.pipeline.results.views import JointView, MachineView, PoseView
 from headstock.pipeline.stages.rigid_view import view_rigid
 from headstock.pipeline.storage.json_texts import dump_json
@@ -166,7 +167,7 @@ def _print_tables(scene: Scene, pose: Pose, view: MachineView) -> None:
     table = make_table("component", "fidelity", "solid", ">size mm", ">at mm", "interfaces")
     for name, part in machine.components.items():
         size = np.ptp(view.skins[name].points, axis=0)
-        cells = (part.fidelity, _describe_solid(part), _in_mm(size))
+        cells = (_describe_fidelity(part), _describe_solid(part), _in_mm(size))
         at = _in_mm(placed.placements[name].origin)
         add_row(table, name, *cells, at, ", ".join(part.interfaces))
     print_table(console, f"{scene.name}: {counted(len(machine.components), 'component')}", table)
@@ -193,7 +194,7 @@ def _list_machine(scene: Scene, placed: PoseView) -> dict[str, object]:
     return {
         "components": {
             name: {
-                "fidelity": part.fidelity,
+                "fidelity": _describe_fidelity(part),
                 "solid": _describe_solid(part),
                 "at_m": placed.placements[name].origin.tolist(),
                 "interfaces": list(part.interfaces),
@@ -219,6 +220,10 @@ def _list_machine(scene: Scene, placed: PoseView) -> dict[str, object]:
             for name, point in placed.points.items()
         },
     }
+
+
+def _describe_fidelity(component: Component) -> str:
+    return "superelement" if isinstance(component.solid, SuperelementFile) else component.fidelity
 
 
 def _describe_solid(component: Component) -> str:
