@@ -1,6 +1,7 @@
 """Running exactly the stages of a plan, on one or many ranks."""
 
 import dataclasses
+import functools
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -38,7 +39,7 @@ from headstock.pipeline.stages.run_state import (
     run_stage,
 )
 from headstock.pipeline.stages.static import run_recover_stage, run_static_stage
-from headstock.pipeline.stages.volume_files import write_volumes
+from headstock.pipeline.stages.volume_files import volume_grid, write_volumes
 from headstock.pipeline.stages.warnings import find_warnings
 from headstock.pipeline.storage.content_keys import library_versions
 from headstock.pipeline.storage.outputs import PendingOutputs, prepare_output
@@ -260,6 +261,7 @@ def gather_results(
         failures=tuple(state.failures),
         files=files or {},
         provenance=provenance,
+        volumes=functools.partial(volume_grid, state),
         view=MachineView(
             state.skins,
             {name: axis.direction for name, axis in state.scene.machine.axes.items()},

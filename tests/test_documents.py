@@ -11,6 +11,7 @@ import pytest
 
 from headstock.app.actions.editor_schema import plain_schema, rules_in, targets_schema
 from headstock.app.actions.scene_reference import render_reference
+from headstock.pipeline.results.files import read_mesh, read_summary
 from headstock.scene.building.loader import load_scene
 from headstock.scene.schema.key_notes import NOTES
 
@@ -64,6 +65,33 @@ def test_every_command_of_a_document_runs_as_typed(document: str, checkout: Path
         assert done.returncode == 0, (
             f"{document}:\n{text}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
         )
+
+
+def test_the_python_of_the_page_of_files_finds_the_arrays_of_its_table(checkout: Path) -> None:
+    page = "docs/files.md"
+    (command,), (program,) = blocks(page, "sh"), blocks(page, "python")
+    printed = [
+        subprocess.run(
+            line,
+            cwd=checkout,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=SECONDS,
+        ).stdout
+        for line in (["sh", "-eu", "-c", command], [sys.executable, "-P", "-c", program])
+    ]
+    summary = read_summary(checkout / "results" / "files")
+    compliance = summary["static"]["tcp"]["compliance_um_per_kN"][0][0]
+    assert printed[1] == f"{compliance:.0f} um/kN\n"
+    mesh = read_mesh(checkout / "results" / "files", "column")
+    kept = [
+        name for name in mesh.array_names if not re.search(r"mode (?!01)|static tcp [yz]", name)
+    ]
+    table = re.findall(r"^\| (`[^|]*`) \| (?:points|cells|field)", (ROOT / page).read_text(), re.M)
+    stated = {name for row in table for name in re.findall(r"`([^`]+)`", row)}
+    assert stated - set(kept) == {"damping ratios [1]"} and set(kept) <= stated
 
 
 def test_every_scene_of_the_readme_loads(tmp_path: Path) -> None:

@@ -102,7 +102,7 @@ ADAPTERS = {
     "matplotlib": {"app/charts", "app/pictures"},
     "jinja2": {"app/report", "app/actions"},
     "PIL": {"app/pictures", "app/report"},
-    "pyvista": {"app/pictures"},
+    "pyvista": {"app/pictures", "pipeline/results"},
 }
 
 MODULES = sorted(path for layer in LAYERS for path in (ROOT / layer).rglob("*.py"))

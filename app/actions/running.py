@@ -18,12 +18,12 @@ from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.results.answers import find_answers
 from headstock.pipeline.results.files import REPORT_FILE, RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.results.frf import PoseResponse
+from headstock.pipeline.results.mode_files import VOLUME_FOLDER
 from headstock.pipeline.results.path import PathResult
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.rigid_checks import find_unheld_motions
-from headstock.pipeline.stages.volume_files import VOLUME_FOLDER
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import claim_output, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice

@@ -3,21 +3,24 @@ together, and read again.
 """
 
 import hashlib
+import importlib
 import io
 import json
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import h5py
 import numpy as np
 
 from headstock.pipeline.results.frf import ResponseCurves, parse_curves
+from headstock.pipeline.results.grids import MESH_MODULE
+from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, file_stem
 from headstock.pipeline.results.path import PathCurves, parse_path
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import RunSummary, summarise
-from headstock.pipeline.results.views import MachineView
+from headstock.pipeline.results.views import MachineView, pick_name
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import OutputError, PendingOutputs, naming_output
 from headstock.pipeline.storage.records import (
@@ -27,6 +30,9 @@ from headstock.pipeline.storage.records import (
     write_record,
     write_words,
 )
+
+if TYPE_CHECKING:
+    import pyvista
 
 FORMAT = "headstock results"
 VERSION = 1
@@ -162,6 +168,36 @@ def read_view(folder: Path) -> MachineView:
             summary.
     """
     return _read_results(folder, lambda file: read_record(file["view"], MachineView))
+
+
+def read_mesh(folder: Path, component: str, pose: str | None = None) -> "pyvista.UnstructuredGrid":
+    """A component from the files of a run, as ``Results.mesh`` has it: of ``volume/`` where it is
+    there, else of ``modes/``.
+
+    Args:
+        folder: Of results.
+        component: Name of a component.
+        pose: Name of a pose; the first where none is named.
+
+    Raises:
+        KeyError: There is no such component or pose; the message has those that are.
+        OutputError: There are no results, or no mesh of the component.
+    """
+    view = read_view(folder)
+    name = pick_name("component", component, view.skins)
+    file = f"{file_stem(pick_name('pose', pose, view.poses))}.vtu"
+    for part in (VOLUME_FOLDER, MODES_FOLDER):
+        path = folder / part / file
+        if path.is_file():
+            mesh = importlib.import_module(MESH_MODULE).read_component(
+                path, list(view.skins).index(name)
+            )
+            if mesh is not None:
+                return mesh
+    raise OutputError(
+        f"{folder} has no mesh of {name!r} in {VOLUME_FOLDER}/{file} or {MODES_FOLDER}/{file};"
+        " `headstock run SCENE --volume` writes them"
+    )
 
 
 def read_curves(folder: Path) -> tuple[ResponseCurves, ...]:

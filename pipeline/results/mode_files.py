@@ -1,44 +1,45 @@
-"""Shapes for other programs: modes and static ones in a ``.vtu`` per pose for ParaView, an animated
-``.glb`` per mode (glTF 2.0).
+"""Shapes for other programs: modes and static ones in a ``.vtu`` per pose and a ``.pvd`` over them
+for ParaView, an animated ``.glb`` per mode (glTF 2.0).
 """
 
-import base64
 import json
 import math
 import re
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import starmap
 from pathlib import Path
-from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 
 from headstock.geometry.frames import Frame
 from headstock.geometry.parts.skins import Skin
+from headstock.pipeline.results.grids import (
+    POSES_FILE,
+    AnyArray,
+    encode_collection,
+    encode_grid,
+    merge_grids,
+    mode_numbers,
+    surface_grid,
+)
 from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.views import MachineView, PoseView, component_colors
 from headstock.pipeline.storage.json_texts import JsonValue
 from headstock.pipeline.storage.outputs import replace_outputs
 
-MODES_FOLDER = "modes"
+MODES_FOLDER, VOLUME_FOLDER = "modes", "volume"
 # the largest displacement is shown as this share of the machine's size
 SHOWN_SHARE = 0.06
 PERIOD_SECONDS = 2.0
 KEYFRAMES = 25
-VTK_TRIANGLE = 5
 GLTF_FLOAT, GLTF_UINT = 5126, 5125
 GLTF_VERTICES, GLTF_INDICES = 34962, 34963
 Z_UP_TO_Y_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
-AnyArray = NDArray[Any]
 
 
 def write_mode_files(folder: Path, modal: Sequence[ModesSummary], view: MachineView) -> list[str]:
-    """Write ``modes/POSE.vtu`` and ``modes/POSE_NN.glb`` into a folder of results, and remove those
-    of an earlier run.
+    """Write ``modes/POSE.vtu``, ``modes/poses.pvd`` over them and ``modes/POSE_NN.glb`` into a folder
+    of results, and remove those of an earlier run.
 
     Args:
         folder: Folder of results.
@@ -56,14 +57,26 @@ def write_mode_files(folder: Path, modal: Sequence[ModesSummary], view: MachineV
     for name, pose in view.poses.items():
         modes, stem = by_pose.get(name) if pose.shifts else None, file_stem(name)
         if pose.pushes or modes is not None:
-            contents[f"{stem}.vtu"] = encode_vtu(view, pose, modes)
+            numbers = (
+                {}
+                if modes is None
+                else mode_numbers(modes["frequencies_hz"], modes["damping_ratio"])
+            )
+            bodies = [surface_grid(view, name, component, numbers) for component in view.skins]
+            contents[f"{stem}.vtu"] = encode_grid(merge_grids(bodies))
         if modes is not None:
             count = len(modes["frequencies_hz"])
             contents |= {
                 f"{stem}_{index + 1:02d}.glb": encode_glb(view, pose, modes, index)
                 for index in range(count)
             }
-    return replace_outputs(folder, MODES_FOLDER, contents)
+    return replace_outputs(folder, MODES_FOLDER, with_collection(contents))
+
+
+def with_collection(contents: dict[str, bytes]) -> dict[str, bytes]:
+    """Files by name, and one over those of the poses among them."""
+    poses = [name for name in contents if name.endswith(".vtu")]
+    return contents | ({POSES_FILE: encode_collection(poses)} if poses else {})
 
 
 def file_stem(name: str) -> str:
@@ -86,134 +99,6 @@ def largest_shift(shifts: Sequence[AnyArray]) -> float:
         max((float(np.linalg.norm(part, axis=-1).max(initial=0.0)) for part in shifts), default=0.0)
         or 1.0
     )
-
-
-def encode_vtu(view: MachineView, pose: PoseView, modes: ModesSummary | None) -> bytes:
-    """Surface of the machine in a pose [m] with its displacements.
-
-    Point data: ``component`` numbers the bodies, ``mode_01`` and so on are mode shapes
-    [m/sqrt(kg)], ``static_POINT_x`` displacements under a unit force at a point [m/N]. Field data:
-    ``frequencies_hz`` and, for a damped machine, ``damping_ratio`` of every mode, NaN where there
-    is none. The names are the same whatever the results, so that a ParaView state fits the next
-    run.
-
-    Args:
-        view: Surface of each component in its own frame [m].
-        pose: Placements and displacements in the pose.
-        modes: Natural modes of the pose; None where no modal analysis was run.
-    """
-    points, triangles, numbers = [], [], []
-    start = 0
-    for number, (name, skin) in enumerate(view.skins.items()):
-        frame = pose.placements[name]
-        points.append(skin.points @ frame.rotation.T + frame.origin)
-        triangles.append(skin.triangles + start)
-        numbers.append(np.full(len(skin.points), number, dtype=np.int32))
-        start += len(skin.points)
-    fields: dict[str, AnyArray] = {"component": np.concatenate(numbers)}
-    for index in range(0 if modes is None else len(modes["frequencies_hz"])):
-        fields[mode_array(index)] = np.vstack(
-            [pose.shifts[name][index] for name in view.skins]
-        ).astype(np.float32)
-    for push, shifts in pose.pushes.items():
-        fields[push_array(push)] = np.vstack([shifts[name] for name in view.skins]).astype(
-            np.float32
-        )
-    block = CellBlock(VTK_TRIANGLE, np.vstack(triangles))
-    numbers_of_modes = (
-        {} if modes is None else mode_numbers(modes["frequencies_hz"], modes["damping_ratio"])
-    )
-    return encode_grid(Grid(np.vstack(points), (block,), fields, {}, numbers_of_modes))
-
-
-@dataclass(frozen=True, eq=False)
-class CellBlock:
-    """Cells of one kind: VTK's number of it, and ``(n, nodes)`` points of each in VTK's order."""
-
-    kind: int
-    cells: AnyArray
-
-
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """An unstructured grid: points ``(n, 3)``, cells, and arrays by name over points, over cells
-    and of the whole.
-    """
-
-    points: AnyArray
-    blocks: tuple[CellBlock, ...]
-    point_data: dict[str, AnyArray]
-    cell_data: dict[str, AnyArray]
-    field_data: dict[str, AnyArray]
-
-
-def mode_array(index: int) -> str:
-    """Name of the array of a mode, whatever its frequency."""
-    return f"mode_{index + 1:02d}"
-
-
-def push_array(push: str) -> str:
-    """Name of the array of the response to a unit force, ``POINT DIRECTION``."""
-    return f"static_{push.replace(' ', '_')}"
-
-
-def mode_numbers(
-    frequencies_hz: Sequence[float], damping_ratio: Sequence[float | None]
-) -> dict[str, AnyArray]:
-    """Frequencies [Hz] and damping ratios of the modes of a pose as arrays; no ratios where nothing
-    is damped.
-    """
-    found = {"frequencies_hz": np.array(frequencies_hz, dtype=np.float64)}
-    if any(ratio is not None for ratio in damping_ratio):
-        found["damping_ratio"] = np.array(
-            [math.nan if ratio is None else ratio for ratio in damping_ratio]
-        )
-    return found if len(frequencies_hz) else {}
-
-
-def encode_grid(grid: Grid) -> bytes:
-    """A grid as ``.vtu``.
-
-    It is written here since libraries that could take a second and more to import, longer than a
-    small run takes.
-
-    Source: VTK file formats, XML unstructured grids with base64 data behind a 64-bit length.
-    """
-    sizes = np.concatenate(
-        [np.full(len(block.cells), block.cells.shape[1], dtype=np.int64) for block in grid.blocks]
-    )
-    kinds = np.concatenate(
-        [np.full(len(block.cells), block.kind, dtype=np.uint8) for block in grid.blocks]
-    )
-    cells = [
-        _data_array(
-            "connectivity",
-            np.concatenate([block.cells.ravel() for block in grid.blocks]).astype(np.int64),
-        ),
-        _data_array("offsets", np.cumsum(sizes)),
-        _data_array("types", kinds),
-    ]
-    about, over_points, over_cells = (
-        "".join(starmap(encode, data.items()))
-        for encode, data in (
-            (_field_array, grid.field_data),
-            (_data_array, grid.point_data),
-            (_data_array, grid.cell_data),
-        )
-    )
-    return "\n".join(
-        [
-            '<?xml version="1.0"?>',
-            '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
-            f"<UnstructuredGrid><FieldData>{about}</FieldData>",
-            f'<Piece NumberOfPoints="{len(grid.points)}" NumberOfCells="{len(kinds)}">',
-            f"<Points>{_data_array('points', grid.points)}</Points>",
-            f"<Cells>{''.join(cells)}</Cells>",
-            f"<PointData>{over_points}</PointData>",
-            f"<CellData>{over_cells}</CellData>",
-            "</Piece></UnstructuredGrid></VTKFile>\n",
-        ]
-    ).encode()
 
 
 def encode_glb(view: MachineView, pose: PoseView, modes: ModesSummary, index: int) -> bytes:
@@ -340,18 +225,3 @@ def _glb_container(text: bytes, binary: bytes) -> bytes:
 def _glb_chunks(chunks: Sequence[tuple[bytes, bytes]]) -> Iterator[bytes]:
     for kind, data in chunks:
         yield struct.pack("<I4s", len(data), kind) + data
-
-
-def _field_array(name: str, values: AnyArray) -> str:
-    # a field has no length of its own: without it readers expect one value
-    return _data_array(name, values).replace(
-        " format=", f' NumberOfTuples="{len(values)}" format=', 1
-    )
-
-
-def _data_array(name: str, array: AnyArray) -> str:
-    kinds = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
-    data = np.ascontiguousarray(array).tobytes()
-    text = base64.b64encode(struct.pack("<Q", len(data)) + data).decode()
-    width = f' NumberOfComponents="{array.shape[1]}"' if array.ndim == 2 else ""
-    return f'<DataArray type="{kinds[array.dtype.str[1:]]}" Name={quoteattr(name)}{width} format="binary">{text}</DataArray>'

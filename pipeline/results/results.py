@@ -1,15 +1,22 @@
 """``Results``: everything that a run found, with its warnings, costs and provenance."""
 
+import importlib
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import MeshQuality
 from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.results.answers import Answer, find_answers
+from headstock.pipeline.results.grids import MESH_MODULE, Grid, pose_numbers, surface_grid
 from headstock.pipeline.results.modal import PoseModes
 from headstock.pipeline.results.static import PointCompliance, StaticAnswer
-from headstock.pipeline.results.views import MachineView
+from headstock.pipeline.results.views import MachineView, pick_name
 from headstock.pipeline.storage.provenance import Provenance
+
+if TYPE_CHECKING:
+    import pyvista
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +59,8 @@ class Results:
         view: What pictures of the machine are drawn from.
         files: SHA-256 by file name of what was written beside the summary.
         provenance: Where it comes from; None where nobody said.
+        volumes: Pose and component to its volume mesh, None where it has none; None after a run
+            that kept no meshes.
     """
 
     name: str
@@ -66,6 +75,7 @@ class Results:
     view: MachineView = field(default_factory=MachineView)
     files: dict[str, str] = field(default_factory=dict)
     provenance: Provenance | None = None
+    volumes: Callable[[str, str], Grid | None] | None = None
 
     @property
     def static(self) -> dict[str, dict[str, PointCompliance]]:
@@ -76,3 +86,22 @@ class Results:
     def modal(self) -> tuple[PoseModes, ...]:
         """Natural modes, one per pose."""
         return find_answers(self.answers, PoseModes)
+
+    def mesh(self, component: str, pose: str | None = None) -> "pyvista.UnstructuredGrid":
+        """A component where it stands in a pose [m], with its modes and responses as named arrays.
+
+        An elastic one has the cells of its mesh with shapes, stresses and strain energy, others
+        have their surface with shapes. docs/files.md lists the arrays.
+
+        Args:
+            component: Name of a component.
+            pose: Name of a pose; the first where none is named.
+
+        Raises:
+            KeyError: There is no such component or pose; the message has those that are.
+        """
+        found = pick_name("component", component, self.view.skins)
+        name = pick_name("pose", pose, self.view.poses)
+        volume = self.volumes and self.volumes(name, found)
+        grid = volume or surface_grid(self.view, name, found, pose_numbers(self.modal, name))
+        return importlib.import_module(MESH_MODULE).make_mesh(grid)

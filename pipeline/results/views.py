@@ -2,7 +2,7 @@
 how the surfaces move in modes.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -99,6 +99,25 @@ class MachineView:
     axes: dict[str, FloatArray] = field(default_factory=dict)
     poses: dict[str, PoseView] = field(default_factory=dict)
     materials: dict[str, Material] = field(default_factory=dict)
+
+
+def pick_name(what: str, wanted: str | None, known: Iterable[str]) -> str:
+    """A name that is known; the first where none is wanted.
+
+    Args:
+        what: The kind of thing, for the message.
+        wanted: The name.
+        known: All there are.
+
+    Raises:
+        KeyError: It is not known.
+    """
+    names = list(known)
+    if wanted is None and names:
+        return names[0]
+    if wanted not in names:
+        raise KeyError(f"there is no {what} {wanted!r}; there are: {', '.join(names) or 'none'}")
+    return wanted
 
 
 def component_colors(view: MachineView) -> dict[str, str]:

@@ -133,5 +133,6 @@ CHECKS: dict[str, Callable[[bytes], object]] = {
     ".png": _check_picture,
     ".glb": _check_model,
     ".vtu": ElementTree.fromstring,
+    ".pvd": ElementTree.fromstring,
     ".csv": _check_table,
 }

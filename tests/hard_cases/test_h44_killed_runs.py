@@ -24,7 +24,7 @@ from faults.runs import (
 )
 from headstock.pipeline.storage.outputs import LIST_FILE
 
-KINDS = {".h5", ".json", ".html", ".png", ".glb", ".vtu", ".csv"}
+KINDS = {".h5", ".json", ".html", ".png", ".glb", ".vtu", ".pvd", ".csv"}
 CUTS = 12
 
 

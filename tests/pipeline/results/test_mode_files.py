@@ -18,7 +18,6 @@ from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.mode_files import (
     SHOWN_SHARE,
     encode_glb,
-    encode_vtu,
     file_stem,
     machine_size,
     write_mode_files,
@@ -35,6 +34,11 @@ CONTENT = {
     "damping_ratio": [None, None],
 }
 MODES = sketch(ModesSummary, CONTENT)
+ARRAYS = (
+    "mode 01 shape [m/sqrt(kg)]",
+    "mode 02 shape [m/sqrt(kg)]",
+    "static tcp x shape [m/N]",
+)
 Gltf = dict[str, Any]  # JSON of glTF 2.0
 
 
@@ -46,6 +50,11 @@ def make_view() -> MachineView:
     shifts = {name: rng.normal(size=(2, 8, 3)).astype(np.float32) for name in NAMES}
     pushes = {name: rng.normal(size=(8, 3)).astype(np.float32) for name in NAMES}
     return MachineView(skins, {}, {"a/b": PoseView(placements, {}, {}, shifts, {"tcp x": pushes})})
+
+
+def write_modes(folder: Path, modes: ModesSummary) -> Path:
+    assert write_mode_files(folder, [modes], make_view()) == []
+    return folder / "modes" / "a_b.vtu"
 
 
 def read_glb(content: bytes) -> tuple[Gltf, bytes]:
@@ -74,20 +83,18 @@ def accessor(gltf: Gltf, binary: bytes, number: int) -> FloatArray:
 
 def test_a_vtu_holds_the_placed_surface_and_every_mode(tmp_path: Path) -> None:
     view = make_view()
-    path = tmp_path / "a.vtu"
-    path.write_bytes(encode_vtu(view, view.poses["a/b"], MODES))
-    mesh = meshio.read(path)
+    mesh = meshio.read(write_modes(tmp_path, MODES))
     assert len(mesh.points) == 16
     np.testing.assert_allclose(mesh.points[8:].min(axis=0), [0.8, 2.0, 3.0], atol=1e-12)
     (cells,) = mesh.cells
     assert cells.type == "triangle" and len(cells.data) == 24 and cells.data.max() == 15
     np.testing.assert_array_equal(mesh.point_data["component"], [0] * 8 + [1] * 8)
-    assert list(mesh.point_data) == ["component", "mode_01", "mode_02", "static_tcp_x"]
+    assert list(mesh.point_data) == ["component", *ARRAYS]
     np.testing.assert_array_equal(
-        mesh.point_data["static_tcp_x"],
+        mesh.point_data[ARRAYS[2]],
         np.vstack([view.poses["a/b"].pushes["tcp x"][n] for n in NAMES]),
     )
-    found = mesh.point_data["mode_02"]
+    found = mesh.point_data[ARRAYS[1]]
     np.testing.assert_array_equal(
         found, np.vstack([view.poses["a/b"].shifts[name][1] for name in NAMES])
     )
@@ -96,32 +103,46 @@ def test_a_vtu_holds_the_placed_surface_and_every_mode(tmp_path: Path) -> None:
 def test_the_frequencies_of_a_vtu_stand_in_its_field_data_and_its_names_do_not_change_with_them(
     tmp_path: Path,
 ) -> None:
-    view = make_view()
     for frequencies in ([0.0, 87.25], [0.0, 91.5]):
-        path = tmp_path / "a.vtu"
-        path.write_bytes(
-            encode_vtu(
-                view,
-                view.poses["a/b"],
-                sketch(
-                    ModesSummary,
-                    CONTENT | {"frequencies_hz": frequencies, "damping_ratio": [None, 0.02]},
-                ),
-            )
+        path = write_modes(
+            tmp_path,
+            sketch(
+                ModesSummary,
+                CONTENT | {"frequencies_hz": frequencies, "damping_ratio": [None, 0.02]},
+            ),
         )
         grid = pyvista.read(path)
-        np.testing.assert_array_equal(grid.field_data["frequencies_hz"], frequencies)
-        np.testing.assert_array_equal(grid.field_data["damping_ratio"], [np.nan, 0.02])
-        assert grid.point_data.keys() == ["component", "mode_01", "mode_02", "static_tcp_x"]
+        np.testing.assert_array_equal(grid.field_data["frequencies [Hz]"], frequencies)
+        np.testing.assert_array_equal(grid.field_data["damping ratios [1]"], [np.nan, 0.02])
+        assert grid.point_data.keys() == ["component", *ARRAYS]
 
 
 def test_static_shapes_are_written_without_modes(tmp_path: Path) -> None:
     view = make_view()
     pose = dataclasses.replace(view.poses["a/b"], shifts={})
     assert write_mode_files(tmp_path, [], dataclasses.replace(view, poses={"a/b": pose})) == []
-    written = list((tmp_path / "modes").iterdir())
-    assert [path.name for path in written] == ["a_b.vtu"]
-    assert list(meshio.read(written[0]).point_data) == ["component", "static_tcp_x"]
+    written = sorted((tmp_path / "modes").iterdir())
+    assert [path.name for path in written] == ["a_b.vtu", "poses.pvd"]
+    assert list(meshio.read(written[0]).point_data) == ["component", ARRAYS[2]]
+
+
+def test_the_poses_are_the_steps_of_one_collection_with_the_same_arrays(tmp_path: Path) -> None:
+    view = make_view()
+    moved = dataclasses.replace(
+        view.poses["a/b"], placements={name: Frame(np.full(3, 5.0)) for name in NAMES}
+    )
+    both = dataclasses.replace(view, poses={"z": view.poses["a/b"], "a": moved})
+    summaries = [sketch(ModesSummary, CONTENT | {"pose_name": name}) for name in both.poses]
+    write_mode_files(tmp_path, summaries, both)
+    reader = pyvista.get_reader(tmp_path / "modes" / "poses.pvd")
+    assert reader.time_values == [0.0, 1.0]
+    steps = []
+    for time in reader.time_values:
+        reader.set_active_time_value(time)
+        steps.append(reader.read()[0])
+    assert steps[0].point_data.keys() == steps[1].point_data.keys() == ["component", *ARRAYS]
+    # in the order of the scene, not of the names
+    np.testing.assert_allclose(steps[1].points.min(axis=0), 5.0 - np.array([0.0, 0.0, 0.0]))
 
 
 def test_a_glb_moves_every_body_from_rest_to_the_shown_amplitude_and_back() -> None:
@@ -164,6 +185,7 @@ def test_files_are_named_after_pose_and_number_and_those_of_an_earlier_run_go(
         "a_b.vtu",
         "a_b_01.glb",
         "a_b_02.glb",
+        "poses.pvd",
     ]
 
 

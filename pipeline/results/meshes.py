@@ -1,0 +1,41 @@
+"""Components as pyvista meshes, from the grids of a run or from its files."""
+
+from pathlib import Path
+
+import numpy as np
+import pyvista
+
+from headstock.pipeline.results.grids import COMPONENT, Grid
+
+
+def make_mesh(grid: Grid) -> pyvista.UnstructuredGrid:
+    """A grid as pyvista has it."""
+    mesh = pyvista.UnstructuredGrid(
+        {block.kind: block.cells for block in grid.blocks}, np.asarray(grid.points, dtype=float)
+    )
+    for there, data in (
+        (mesh.point_data, grid.point_data),
+        (mesh.cell_data, grid.cell_data),
+        (mesh.field_data, grid.field_data),
+    ):
+        for name, values in data.items():
+            there[name] = values
+    return mesh
+
+
+def read_component(path: Path, number: int) -> pyvista.UnstructuredGrid | None:
+    """The cells of a component in a ``.vtu`` file of a run; None where it has none there.
+
+    Args:
+        path: The file.
+        number: Of the component, as the file has it over its points.
+    """
+    whole = pyvista.read(path)
+    own = np.flatnonzero(whole.point_data[COMPONENT] == number)
+    if not len(own):
+        return None
+    mesh = whole.extract_points(own, adjacent_cells=False)
+    for data in (mesh.point_data, mesh.cell_data):
+        for name in [name for name in data if name.startswith("vtkOriginal")]:
+            data.pop(name)
+    return mesh
