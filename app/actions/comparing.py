@@ -235,7 +235,8 @@ def _solve_all(
         cannot=cannot,
         columns=[choice.name for choice in choices],
     )
-    missing = name_uncompared(scene) if request.fidelities else ()
+    own = load_scene(path, variant=solutions[0].choice.variant, overrides=request.scene.overrides)
+    missing = name_uncompared(own) if request.fidelities else ()
     return dataclasses.replace(comparison, not_compared=missing), efforts
 
 

@@ -313,11 +313,18 @@ def test_a_scene_with_variants_compares_them_until_fidelities_are_asked_for(scen
     scene.write_text(
         SCENE + '[variants.thick]\n"components.bar.solid.box" = ["50 mm", "60 mm", "500 mm"]\n'
     )
+    scene.write_text(scene.read_text().replace("[analyses.frf]", '[variants.thick."analyses.frf"]'))
     plain = compare(scene, "--set", "components.bar.fidelity=segmented")
     assert plain["columns"] == ["as written", "thick"] and plain["verdicts"] == {}
     asked = compare(scene, "--variants", "thick", "--fidelity", "rigid,segmented")
     assert asked["columns"] == ["thick rigid", "thick segmented"]
     assert set(asked["verdicts"]) == {"thick rigid"}
+    # what is missing is what these columns lack, not the scene as written
+    assert asked["not_compared"] == [] and asked["variants"]["thick rigid"]["frf"]
+    (told,) = compare(scene, "--variants", "as written", "--fidelity", "rigid,segmented")[
+        "not_compared"
+    ]
+    assert 'inputs = ["tcp"]' in told
 
 
 def test_seconds_say_whether_the_components_came_from_the_store(
