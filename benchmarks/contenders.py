@@ -2,6 +2,7 @@
 line of JSON.
 """
 
+import dataclasses
 import json
 import sys
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from mpi4py import MPI
 from stage_clock import StageClock
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import DEFAULT_EIGENSOLVER, Eigensolver
 from headstock.reduction.components import elastic as elastic_reduction
 from headstock.solvers.elastic.elasticity import assemble_elasticity
 from headstock.solvers.elastic.factorization import Factorization
@@ -29,17 +31,29 @@ Result = dict[str, Any]
 Factorizer = Callable[[scipy.sparse.csc_matrix], Callable[[FloatArray], FloatArray]]
 
 
-def run_headstock(folder: Path, modes: int) -> Result:
-    """The reduction as a run does it, from the mesh to the superelement; assembly counted."""
+def run_headstock(
+    folder: Path, modes: int, eigensolver: Eigensolver = DEFAULT_EIGENSOLVER
+) -> Result:
+    """The reduction as a run does it, from the mesh to the superelement; assembly and error
+    estimates counted.
+    """
     component, mesh, clock = column("20k", modes), read_mesh(folder), StageClock()
+    reduction = dataclasses.replace(component.reduction, eigensolver=eigensolver)
+    component = dataclasses.replace(component, reduction=reduction)
     clock.watch(elastic_reduction, "assemble_elasticity", "assembly")
     clock.watch(Factorization, "__init__", "factorisation")
     clock.watch(elastic_reduction, "find_fixed_interface_modes", "fixed-interface modes")
+    clock.watch(elastic_reduction, "_estimate_errors", "error estimates")
     clock.restart()
     with clock.stage("constraint modes, projection"):
         element = elastic_reduction.reduce_elastic(component, mesh, comm=MPI.COMM_SELF)
     total = clock.total()
     return _result(clock, total, element.modal_frequencies_hz, element.stiffness, element.mass)
+
+
+def run_krylov_schur(folder: Path, modes: int) -> Result:
+    """The same with the other eigensolver."""
+    return run_headstock(folder, modes, "krylov_schur")
 
 
 def run_floor(folder: Path, modes: int) -> Result:
@@ -186,6 +200,7 @@ def _result(
 
 CONTENDERS: dict[str, Callable[[Path, int], Result]] = {
     "headstock": run_headstock,
+    "headstock, Krylov-Schur": run_krylov_schur,
     "floor": run_floor,
     "scipy + SuperLU": run_superlu,
     "scipy + CHOLMOD": run_cholmod,

@@ -36,7 +36,7 @@ MODES = 20
 MANY_MODES = 60
 MANY_MODES_SIZE = "100k"
 PEERS = ("scipy + CHOLMOD", "scipy + SuperLU", "Exudyn")
-OWN = ("headstock", "floor")
+OWN = ("headstock", "headstock, Krylov-Schur", "floor")
 # eigsh to machine precision on another solver: the reference of the frequencies
 TIGHT = "scipy + CHOLMOD"
 SPARE_BYTES = 1 << 30

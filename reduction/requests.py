@@ -21,7 +21,7 @@ from headstock.reduction.superelement import (
     Truncation,
     lowest_participating,
 )
-from headstock.solvers.elastic.block_lanczos import ModeTarget, cluster_end
+from headstock.solvers.elastic.eigenpairs import ModeTarget, cluster_end
 from headstock.solvers.errors import ModelError
 
 GRAVITY = "gravity"  # loads of this name are unit accelerations that no load of the scene asked for

@@ -31,7 +31,7 @@ from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import check_superelement
-from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.elastic.sturm_count import count_frequencies_below
 from headstock.validation.parts.component_models import full_displacement, full_model, full_modes
 from headstock.validation.parts.structured_meshes import lattice_mesh, straight_lattice

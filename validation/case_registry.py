@@ -77,6 +77,7 @@ from headstock.validation.parts.closed_form_cases import (
     check_torsion_constants,
 )
 from headstock.validation.parts.deep_beam import check_harmonic_beam, check_transient_beam
+from headstock.validation.parts.eigensolver_cases import check_eigensolvers
 from headstock.validation.parts.modal_benchmarks import (
     check_block,
     check_deep_beam,
@@ -192,6 +193,12 @@ CASES: tuple[Case, ...] = (
         "benchmarks",
         "MacNeal and Harder's straight cantilever, slanted elements",
         check_straight_cantilever,
+    ),
+    Case(
+        "eigensolvers",
+        "benchmarks",
+        "repeated modes, thin parts and free bodies by each eigensolver",
+        check_eigensolvers,
     ),
     Case(
         "thin-parts",

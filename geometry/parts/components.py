@@ -130,18 +130,23 @@ class MeshSettings:
     leave_out: float | None = None
 
 
+Eigensolver = Literal["block_lanczos", "krylov_schur"]
+DEFAULT_EIGENSOLVER: Eigensolver = "block_lanczos"
+
+
 @dataclass(frozen=True)
 class ReductionSettings:
     """Which fixed-interface modes are kept: up to a frequency [Hz], a count, or with both whichever
     are fewer.
 
     With neither the planner decides. With ``verify`` a second factorisation counts the modes
-    (Sturm), so that none can be missing.
+    (Sturm), so that none can be missing. ``eigensolver`` is the method that finds them.
     """
 
     modes_to_hz: float | None = None
     modes: int | None = None
     verify: bool = False
+    eigensolver: Eigensolver = DEFAULT_EIGENSOLVER
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from headstock.geometry.parts.components import (
     CellShape,
     Component,
     MeshSettings,
-    ReductionSettings,
 )
 from headstock.geometry.parts.mass_properties import solid_volume
 from headstock.geometry.parts.solids import Box, MeshFile, StepFile, SuperelementFile
@@ -93,7 +92,7 @@ def start_component(component: Component, accuracy: float, modes_to_hz: float | 
         accuracy: Relative error allowed.
         modes_to_hz: Up to where fixed-interface modes are kept; None for a count of the planner's.
     """
-    reduction = ReductionSettings(modes_to_hz=modes_to_hz, verify=component.reduction.verify)
+    reduction = dataclasses.replace(component.reduction, modes_to_hz=modes_to_hz, modes=None)
     if isinstance(component.solid, MeshFile):
         return dataclasses.replace(component, reduction=reduction)
     return dataclasses.replace(
@@ -173,8 +172,8 @@ def refine_modes(
     """
     factor = min(4.0, max(1.3, (1.0 / ratio) ** (1.0 / MODE_RATE))) if ratio > 0.0 else 2.0
     reach = max(factor * cutoff_hz, MODE_MARGIN * highest_hz)
-    settings = ReductionSettings(
-        modes_to_hz=float(f"{reach:.3g}"), verify=component.reduction.verify
+    settings = dataclasses.replace(
+        component.reduction, modes_to_hz=float(f"{reach:.3g}"), modes=None
     )
     return dataclasses.replace(component, reduction=settings)
 

@@ -197,15 +197,13 @@ def choose_reduction(component: Component, analyses: Analyses) -> tuple[Reductio
         # without interfaces modes are those of the component itself, and a margin only serves the
         # estimate of their errors
         limit = reach * (margin if component.interfaces else EXACT_MARGIN)
-        settings = ReductionSettings(
-            modes_to_hz=limit, modes=MOST_DEFAULT_MODES, verify=asked.verify
-        )
+        settings = dataclasses.replace(asked, modes_to_hz=limit, modes=MOST_DEFAULT_MODES)
         text = f"fixed-interface modes up to {limit:g} Hz, {MOST_DEFAULT_MODES} at most"
         return settings, f"{what} up to {reach:g} Hz: {text}"
     wanted = (modal.count if modal is not None else None) or 0
     count = default_mode_count(wanted)
-    return ReductionSettings(
-        modes=count, verify=asked.verify
+    return dataclasses.replace(
+        asked, modes=count
     ), f"modal analysis of {wanted} frequencies: {count} fixed-interface modes"
 
 

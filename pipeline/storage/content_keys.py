@@ -22,7 +22,12 @@ import headstock.pipeline
 import headstock.reduction
 import headstock.scene
 import headstock.solvers
-from headstock.geometry.parts.components import Component, Load, Support
+from headstock.geometry.parts.components import (
+    DEFAULT_EIGENSOLVER,
+    Component,
+    Load,
+    Support,
+)
 from headstock.geometry.parts.solids import MeshFile, Solid, StepFile, SuperelementFile
 from headstock.meshing.formats import MESH_SUFFIXES, files_beside
 from headstock.pipeline.storage.json_texts import JsonValue
@@ -112,6 +117,12 @@ def superelement_key(
             "libraries": library_versions(REDUCTION_LIBRARIES),
             "material": (material.youngs_modulus, material.poisson_ratio, material.density),
             "mass": component.mass,
+            # only where another is asked for: what was stored before there was a choice stays good
+            **(
+                {}
+                if component.reduction.eigensolver == DEFAULT_EIGENSOLVER
+                else {"eigensolver": component.reduction.eigensolver}
+            ),
             "couplings": {
                 name: (interface.coupling, interface.rail)
                 for name, interface in component.interfaces.items()

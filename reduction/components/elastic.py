@@ -120,7 +120,9 @@ def reduce_operators(
     means = MeanConstraints(basis, operators)
     with ConstrainedSolver(operators, basis.held[local_dofs(operators)], means.columns) as solver:
         psi = find_constraint_modes(basis, means, solver)
-        modes = find_fixed_interface_modes(solver, request.modes)
+        modes = find_fixed_interface_modes(
+            solver, request.modes, eigensolver=component.reduction.eigensolver
+        )
         if component.reduction.verify and request.modes is not None:
             verify_mode_count(solver, modes)
         result = project_component(component, solver, ReductionSpace(basis, means, psi, modes))

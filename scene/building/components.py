@@ -241,7 +241,10 @@ def build_component(
         fidelity=table.fidelity,
         mesh=_build_mesh_settings(table.mesh),
         reduction=ReductionSettings(
-            table.reduction.modes_to, table.reduction.modes, table.reduction.verify
+            table.reduction.modes_to,
+            table.reduction.modes,
+            table.reduction.verify,
+            table.reduction.eigensolver,
         ),
         segments=SegmentSettings(table.segments.count, table.segments.along),
         mass=table.mass,

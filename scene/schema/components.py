@@ -312,6 +312,7 @@ class ReductionTable(StrictTable):
     modes_to: PositiveFrequency | None = None
     modes: CountFromZero | None = None
     verify: Flag = False
+    eigensolver: Literal["block_lanczos", "krylov_schur"] = "block_lanczos"
 
     @model_validator(mode="after")
     def _check(self) -> Self:

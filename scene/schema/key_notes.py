@@ -95,6 +95,7 @@ NOTES = {
     "Mesh.cells": "`hex` for boxes only",
     "Reduction.modes_to": "keep fixed-interface modes up to this frequency",
     "Reduction.modes": "keep this many",
+    "Reduction.eigensolver": "how fixed-interface modes are found (both of SLEPc); block Lanczos is faster and misses no twin of a repeated mode",
     "Reduction.verify": "count the modes below the highest by a Sturm sequence, to prove that none is missing",
     "Joint.between": "two ends",
     "Joint.kind": "see the table of kinds below",

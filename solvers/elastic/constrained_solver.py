@@ -7,6 +7,8 @@ from types import TracebackType
 import numpy as np
 import scipy.linalg
 from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
 from headstock.solvers.elastic.elasticity import ElasticOperators
@@ -141,6 +143,16 @@ class ConstrainedSolver:
             "conditioned; look for slivers, for supports and interfaces that barely hold the component, or for a sheet too thin for "
             "solid elements"
         )
+
+    @property
+    def factors(self) -> PETSc.KSP:
+        """Solver on the factors of what is neither held nor pinned, without constraints."""
+        return self._factorization.factors
+
+    @property
+    def elimination_order(self) -> NDArray[np.int64]:
+        """The owned dofs in the order of the rows of ``factors``."""
+        return self._factorization.elimination_order
 
     @property
     def attainable_change(self) -> float:

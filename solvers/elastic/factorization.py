@@ -103,18 +103,30 @@ class Factorization:
         self._comm = operators.comm
         self._free, self._ordered = _elimination_order(operators, held)
         self.free_total = int(self._comm.allreduce(len(self._free)))
-        self._factor: PETSc.Mat | None = None
+        self._factors: PETSc.KSP | None = None
         if self.free_total:
             self._matrix = free_block(operators, held, operators.stiffness, order=self._free)
             self._matrix.setOption(PETSc.Mat.Option.SPD, True)
-            self._factor = _factorize(self._matrix, self._comm, ordered=self._ordered)
+            self._factors = _factorize(self._matrix, self._comm, ordered=self._ordered)
+
+    @property
+    def elimination_order(self) -> NDArray[np.int64]:
+        """The owned dofs that are not held, in the order of the rows of ``factors``."""
+        return self._free
+
+    @property
+    def factors(self) -> PETSc.KSP:
+        """Solver with ``K_ff`` and its factors; there are none where every dof is held."""
+        if self._factors is None:
+            raise ConvergenceError("there is nothing to solve for: every dof is held")
+        return self._factors
 
     def solve(self, loads: FloatArray) -> FloatArray:
         """Displacements ``(3 n_owned, k)`` under loads ``(3 n_owned, k)``: ``K_ff u_f = F_f``, held
         dofs zero.
         """
         result = np.zeros(loads.shape)
-        if self._factor is None or loads.shape[1] == 0:
+        if self._factors is None or loads.shape[1] == 0:
             return result
         right = np.asfortranarray(loads[self._free])
         left = np.zeros(right.shape, order="F")
@@ -124,7 +136,7 @@ class Factorization:
         found = PETSc.Mat().createDense((rows, columns), array=left, comm=self._comm)
         for matrix in (given, found):
             matrix.assemble()
-        self._factor.matSolve(given, found)
+        self._factors.matSolve(given, found)
         result[self._free] = found.getDenseArray()
         given.destroy()
         found.destroy()
@@ -136,10 +148,10 @@ class Factorization:
 
     def close(self) -> None:
         """Release the factors."""
-        if self._factor is not None:
-            self._factor.destroy()
+        if self._factors is not None:
+            self._factors.destroy()
             self._matrix.destroy()
-            self._factor = None
+            self._factors = None
 
     def __enter__(self) -> "Factorization":
         return self
@@ -180,6 +192,38 @@ def free_block(
     )
     csr = (upper.indptr, upper.indices, upper.data)
     block = PETSc.Mat().createSBAIJ(((len(free), total), (len(free), total)), 1, csr=csr, comm=comm)
+    block.assemble()
+    return block
+
+
+def full_block(
+    operators: ElasticOperators,
+    held: BoolArray,
+    scalar: scipy.sparse.csr_matrix,
+    *,
+    order: NDArray[np.int64],
+) -> PETSc.Mat:
+    """Both triangles, between the dofs that are not held, of a matrix that acts alike in x, y and z;
+    the caller destroys it.
+
+    Args:
+        operators: How rows and columns are distributed.
+        held: ``(3 n_owned,)`` dofs to leave out.
+        scalar: ``(n_owned, n_local)`` by nodes.
+        order: The owned dofs that are not held, as they are to follow each other.
+    """
+    total = int(operators.comm.allreduce(len(order)))
+    numbers = _free_numbers(operators, held, order)
+    rows = scipy.sparse.csr_matrix(scalar)[order // 3]
+    # the dof of the same direction at each neighbour
+    lengths = np.diff(rows.indptr)
+    columns = numbers[3 * rows.indices + np.repeat(order % 3, lengths)]
+    kept = columns >= 0
+    pointers = np.concatenate([[0], np.cumsum(kept)]).astype(PETSc.IntType)[rows.indptr]
+    csr = (pointers, columns[kept], rows.data[kept])
+    block = PETSc.Mat().createAIJ(
+        ((len(order), total), (len(order), total)), csr=csr, comm=operators.comm
+    )
     block.assemble()
     return block
 
@@ -249,8 +293,8 @@ def ordering_option(matrix: PETSc.Mat) -> dict[str, int]:
     return {"mat_mumps_icntl_7": MINIMUM_DEGREE if matrix.getSize()[0] < SMALL_MATRIX else PORD}
 
 
-def _factorize(matrix: PETSc.Mat, comm: MPI.Comm, *, ordered: bool) -> PETSc.Mat:
-    """Cholesky factor of a matrix, which is used up: CHOLMOD on one rank, MUMPS on several and
+def _factorize(matrix: PETSc.Mat, comm: MPI.Comm, *, ordered: bool) -> PETSc.KSP:
+    """Solver with the Cholesky factor of a matrix: CHOLMOD on one rank, MUMPS on several and
     where CHOLMOD gives up.
     """
     if comm.size == 1 and _has_cholmod():
@@ -266,7 +310,7 @@ def _factorize(matrix: PETSc.Mat, comm: MPI.Comm, *, ordered: bool) -> PETSc.Mat
             # message names the reason
             pass
     try:
-        factor = _factorize_with("mumps", matrix, MUMPS_OPTIONS | ordering_option(matrix))
+        solver = _factorize_with("mumps", matrix, MUMPS_OPTIONS | ordering_option(matrix))
     except PETSc.Error as error:
         if lacks_memory(error):
             raise out_of_memory(
@@ -275,6 +319,7 @@ def _factorize(matrix: PETSc.Mat, comm: MPI.Comm, *, ordered: bool) -> PETSc.Mat
         raise ConvergenceError(
             f"factorisation of a stiffness with {matrix.getSize()[0]} dofs failed: {error}"
         ) from error
+    factor = solver.getPC().getFactorMatrix()
     status = factor.getMumpsInfog(1)
     if status in MUMPS_OUT_OF_MEMORY:
         raise out_of_memory(f"the factorisation of a stiffness with {matrix.getSize()[0]} dofs")
@@ -296,24 +341,24 @@ def _factorize(matrix: PETSc.Mat, comm: MPI.Comm, *, ordered: bool) -> PETSc.Mat
             f"a stiffness with {matrix.getSize()[0]} dofs is not positive definite: {negative} negative pivot(s); check that the "
             "component is held and its elements are sound"
         )
-    return factor
+    return solver
 
 
 def _factorize_with(
     package: str, matrix: PETSc.Mat, settings: Mapping[str, int], *, given: bool = False
-) -> PETSc.Mat:
-    pc = PETSc.PC().create(matrix.getComm())
+) -> PETSc.KSP:
+    solver = PETSc.KSP().create(matrix.getComm())
+    solver.setType(PETSc.KSP.Type.PREONLY)
+    solver.setOperators(matrix)
+    pc = solver.getPC()
     pc.setOptionsPrefix("headstock_")
     options = PETSc.Options("headstock_")
     for name, value in settings.items():
         options[name] = value
-    pc.setOperators(matrix)
     pc.setType(PETSc.PC.Type.CHOLESKY)
     pc.setFactorSolverType(package)
     if given:
         pc.setFactorOrdering(PETSc.Mat.OrderingType.NATURAL)
     pc.setFromOptions()
     pc.setUp()
-    factor = pc.getFactorMatrix()
-    pc.destroy()
-    return factor
+    return solver

@@ -5,12 +5,15 @@ import pytest
 import scipy.linalg
 import scipy.sparse
 import scipy.sparse.linalg
+from elastic_pencils import eigen_problem
 from mpi4py import MPI
 
 from common import make_box, make_component
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.elastic.block_lanczos import ModeTarget, lowest_eigenpairs
+from headstock.solvers.elastic.block_lanczos import block_lanczos_pairs
+from headstock.solvers.elastic.constrained_modes import lowest_modes
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.elastic.sturm_count import count_frequencies_below
 from headstock.validation.parts.component_models import FullModel, FullModes, full_model, full_modes
 
@@ -87,14 +90,7 @@ def test_twins_span_the_same_plane_from_any_start(column: tuple[FullModel, FullM
     model, modes = column
     start = np.random.default_rng(99).standard_normal((model.operators.owned_dofs, 8))
     with ConstrainedSolver(model.operators, model.owned_held, np.zeros((len(start), 0))) as solver:
-        again = lowest_eigenpairs(
-            solver.apply_inverse,
-            model.operators.apply_mass,
-            start,
-            ModeTarget(count=8),
-            comm=COMM,
-            dimension=solver.free_total,
-        )
+        again = lowest_modes(solver, start, ModeTarget(count=8))
     pairs = [first for first in twins(modes.frequencies_hz) if first + 1 < 8]
     assert pairs
     for first in pairs:
@@ -115,13 +111,7 @@ def test_a_mode_that_occurs_more_often_than_the_block_is_wide_is_found_completel
     turn = np.linalg.qr(rng.standard_normal((size, size)))[0]
     inverse = (turn / values) @ turn.T
     start = rng.standard_normal((size, 4))
-    found = lowest_eigenpairs(
-        lambda x: inverse @ x,
-        lambda x: x,
-        start,
-        ModeTarget(count=3 + multiplicity),
-        comm=COMM,
-        dimension=size,
-    ).values
+    problem = eigen_problem(lambda x: inverse @ x, lambda x: x, size)
+    found = block_lanczos_pairs(problem, start, ModeTarget(count=3 + multiplicity)).values
     np.testing.assert_allclose(found[: 1 + multiplicity], values[: 1 + multiplicity], rtol=1e-9)
     np.testing.assert_allclose(found, values[: len(found)], rtol=1e-7)

@@ -12,7 +12,7 @@ from headstock.meshing.component_mesh import ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
-from headstock.solvers.elastic.block_lanczos import CLUSTER_GAP, ModeTarget, cluster_end
+from headstock.solvers.elastic.eigenpairs import CLUSTER_GAP, ModeTarget, cluster_end
 
 COMM = MPI.COMM_SELF
 # nearly square: bending in x and in y differ by 0.2 %, as 1.723 and 1.727 Hz do

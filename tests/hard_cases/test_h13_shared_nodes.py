@@ -16,7 +16,7 @@ from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.components.interface_patches import measure_patch
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
-from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 
 COMM = MPI.COMM_SELF
 SIZE = (0.2, 0.3, 0.4)

@@ -15,7 +15,7 @@ from headstock.geometry.parts.components import CouplingKind
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
-from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.errors import ModelError
 
 COMM = MPI.COMM_SELF

@@ -12,7 +12,7 @@ from headstock.geometry.parts.components import Load, Material, Patch
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
-from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.validation.parts.component_models import FullModes, full_model, full_modes
 
 COMM = MPI.COMM_SELF

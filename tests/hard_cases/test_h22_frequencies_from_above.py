@@ -10,7 +10,7 @@ from common import Dense, make_box, make_component
 from headstock.geometry.frames import FloatArray
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
-from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 
 COMM = MPI.COMM_SELF
 SIZE = (0.038, 0.1, 0.5)

@@ -43,7 +43,7 @@ from headstock.reduction.estimates.response_errors import (
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.requests import ReductionRequest
-from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.mode_pairing import ModeSet, pair_modes

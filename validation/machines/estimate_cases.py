@@ -32,7 +32,7 @@ from headstock.reduction.estimates.frequency_errors import bound_frequency_error
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement, Truncation, lowest_participating
 from headstock.scene.building.loader import load_scene
-from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.validation.machines.monolithic_machines import (
     MonolithicMachine,

@@ -31,7 +31,7 @@ from headstock.reduction.estimates.response_errors import (
 )
 from headstock.reduction.requests import ReductionRequest
 from headstock.scene.building.loader import load_scene
-from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.frequency_response import FrequencyResponse, evaluate_frf, prepare_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import ComplexArray, Port, input_columns, output_rows

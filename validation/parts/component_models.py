@@ -12,13 +12,21 @@ from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
-from headstock.geometry.parts.components import Component, Load, Material, Support
+from headstock.geometry.parts.components import (
+    DEFAULT_EIGENSOLVER,
+    Component,
+    Eigensolver,
+    Load,
+    Material,
+    Support,
+)
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.meshing import mesh_component
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
-from headstock.solvers.elastic.block_lanczos import ModeTarget, lowest_eigenpairs
+from headstock.solvers.elastic.constrained_modes import lowest_modes
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver, rigid_motions
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.elastic.sparse_eigenpairs import lowest_symmetric_pairs, solve_symmetric
 from headstock.solvers.ranks import share_from_root, sum_over_ranks
@@ -111,9 +119,16 @@ def held_by(mesh: ComponentMesh, supports: Sequence[Support]) -> BoolArray:
     return held
 
 
-def full_modes(model: FullModel, count: int) -> FullModes:
+def full_modes(
+    model: FullModel, count: int, *, eigensolver: Eigensolver = DEFAULT_EIGENSOLVER
+) -> FullModes:
     """The lowest elastic modes of a component: those that are mass-orthogonal to the rigid motions
     that nothing holds.
+
+    Args:
+        model: Operators and what holds it.
+        count: How many at least; a cluster at the end is completed.
+        eigensolver: By which method.
 
     Raises:
         ConvergenceError: The eigensolver did not finish.
@@ -130,14 +145,7 @@ def full_modes(model: FullModel, count: int) -> FullModes:
     with ConstrainedSolver(operators, model.owned_held, constraints) as solver:
         dimension = solver.free_total - constraints.shape[1]
         target = ModeTarget(count=min(count, dimension))
-        pairs = lowest_eigenpairs(
-            solver.apply_inverse,
-            operators.apply_mass,
-            start,
-            target,
-            comm=operators.comm,
-            dimension=dimension,
-        )
+        pairs = lowest_modes(solver, start, target, eigensolver=eigensolver)
     return FullModes(np.sqrt(pairs.values) / (2.0 * np.pi), pairs.vectors)
 
 

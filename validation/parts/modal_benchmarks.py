@@ -19,7 +19,7 @@ from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
-from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.validation.parts.beam_cases import beam_mode_kinds
 from headstock.validation.parts.closed_form_cases import (

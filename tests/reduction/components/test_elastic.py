@@ -12,7 +12,7 @@ from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest, mode_target
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import check_superelement
-from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.errors import ModelError
 
 COMM = MPI.COMM_SELF

@@ -8,19 +8,16 @@ from mpi4py import MPI
 
 from common import make_box, make_component
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Eigensolver
 from headstock.reduction.components import fixed_interface_modes
 from headstock.reduction.components.fixed_interface_modes import (
     DENSE_LIMIT,
     find_fixed_interface_modes,
     require_resolved,
 )
-from headstock.solvers.elastic.block_lanczos import (
-    EigenPairs,
-    ModeTarget,
-    Operator,
-    lowest_eigenpairs,
-)
+from headstock.solvers.elastic.constrained_modes import lowest_modes
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
+from headstock.solvers.elastic.eigenpairs import EigenPairs, ModeTarget
 from headstock.solvers.elastic.elasticity import assemble_elasticity
 from headstock.solvers.errors import AccuracyError
 
@@ -119,6 +116,20 @@ def test_the_dense_road_and_the_iterative_one_agree(solver: ConstrainedSolver) -
     assert solver.free_total < DENSE_LIMIT
 
 
+def test_krylov_schur_finds_what_block_lanczos_does_and_leaves_the_factors_whole(
+    solver: ConstrainedSolver, exact: FloatArray
+) -> None:
+    limit = np.sqrt(0.5 * (exact[9] + exact[10])) / (2.0 * np.pi)
+    for target in (ModeTarget(count=20), ModeTarget(up_to_hz=limit)):
+        one = find_fixed_interface_modes(solver, target)
+        other = find_fixed_interface_modes(solver, target, eigensolver="krylov_schur")
+        np.testing.assert_allclose(other.eigenvalues, one.eigenvalues, rtol=1e-9)
+        assert other.cutoff_hz == pytest.approx(one.cutoff_hz, rel=1e-3)
+    loads = np.where(solver.held[:, None], 0.0, np.ones((len(solver.held), 2)))
+    residual = solver.operators.apply_stiffness(solver.solve(loads)) - loads
+    assert np.abs(residual[~solver.held]).max() < 1e-9 * solver.operators.stiffness_scale
+
+
 def test_a_frequency_above_every_mode_keeps_them_all(
     solver: ConstrainedSolver, exact: FloatArray
 ) -> None:
@@ -143,21 +154,17 @@ def test_a_search_that_misses_by_more_than_conditioning_allows_is_refused(
         for error in errors:
 
             def missing(
-                inverse: Operator,
-                mass: Operator,
+                solver: ConstrainedSolver,
                 start: FloatArray,
                 target: ModeTarget,
                 *,
-                comm: MPI.Comm,
-                dimension: int,
+                eigensolver: Eigensolver = "block_lanczos",
                 error: float = error,
             ) -> EigenPairs:
-                pairs = lowest_eigenpairs(
-                    inverse, mass, start, target, comm=comm, dimension=dimension
-                )
+                pairs = lowest_modes(solver, start, target, eigensolver=eigensolver)
                 return dataclasses.replace(pairs, values=pairs.values * (1.0 + error))
 
-            monkeypatch.setattr(fixed_interface_modes, "lowest_eigenpairs", missing)
+            monkeypatch.setattr(fixed_interface_modes, "lowest_modes", missing)
             if error == errors[0]:
                 find_fixed_interface_modes(solver, ModeTarget(count=4))
             else:

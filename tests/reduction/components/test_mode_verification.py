@@ -23,8 +23,8 @@ from headstock.reduction.components.fixed_interface_modes import (
     find_fixed_interface_modes,
     verify_mode_count,
 )
-from headstock.solvers.elastic.block_lanczos import ModeTarget
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.elastic.elasticity import assemble_elasticity
 from headstock.solvers.errors import AccuracyError
 

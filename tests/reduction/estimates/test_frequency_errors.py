@@ -18,7 +18,7 @@ from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.estimates.frequency_errors import bound_frequency_errors, truncated_parts
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement, most_participation
-from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
 
 COMM = MPI.COMM_SELF

@@ -22,7 +22,7 @@ from headstock.reduction.estimates.mesh_errors import (
 )
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.requests import ReductionRequest
-from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
 
 SIZE = (0.04, 0.1, 0.4)

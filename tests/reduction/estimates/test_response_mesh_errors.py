@@ -31,7 +31,7 @@ from headstock.reduction.estimates.response_errors import (
 )
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.requests import ReductionRequest
-from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import SecondOrderSystem, input_columns, output_rows

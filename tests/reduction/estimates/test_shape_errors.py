@@ -31,8 +31,8 @@ from headstock.reduction.estimates.mesh_errors import (
 )
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.requests import ReductionRequest
-from headstock.solvers.elastic.block_lanczos import ModeTarget
 from headstock.solvers.elastic.discretisation_error import sees_errors
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
 
 OUTER, INNER, LENGTH = 0.1, 0.06, 0.2

@@ -26,7 +26,7 @@ from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.motions.body_fields import choose_places, machine_field, place_motion
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Recovery, Superelement
-from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
 
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)

@@ -1,22 +1,15 @@
-from collections.abc import Callable
-
 import numpy as np
 import pytest
-from mpi4py import MPI
+from elastic_pencils import Operator, eigen_problem
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.elastic.block_lanczos import (
-    EigenPairs,
-    ModeTarget,
-    cluster_end,
-    lowest_eigenpairs,
-)
+from headstock.solvers.elastic.block_lanczos import block_lanczos_pairs
+from headstock.solvers.elastic.eigenpairs import EigenPairs, ModeTarget, cluster_end
 from headstock.solvers.errors import ConvergenceError
 
-COMM = MPI.COMM_SELF
 SIZE = 400
 # K^-1 and M as operators
-Pencil = tuple[FloatArray, Callable[[FloatArray], FloatArray], Callable[[FloatArray], FloatArray]]
+Pencil = tuple[FloatArray, Operator, Operator]
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +29,7 @@ def search(
 ) -> EigenPairs:
     _, inverse, mass = pencil
     start = np.random.default_rng(seed).standard_normal((SIZE, width))
-    return lowest_eigenpairs(inverse, mass, start, target, comm=COMM, dimension=dimension)
+    return block_lanczos_pairs(eigen_problem(inverse, mass, SIZE, dimension), start, target)
 
 
 @pytest.mark.parametrize("width", [1, 4, 12])
@@ -88,23 +81,15 @@ def test_a_target_beyond_the_limit_of_the_search_is_refused_with_what_was_reache
     start = np.random.default_rng(0).standard_normal((1500, 125))
     target = ModeTarget(up_to_hz=0.5)
     with pytest.raises(ConvergenceError, match="ask for fewer modes"):
-        lowest_eigenpairs(
-            lambda x: x / values, lambda x: x, start, target, comm=COMM, dimension=1500
-        )
+        block_lanczos_pairs(eigen_problem(lambda x: x / values, lambda x: x, 1500), start, target)
 
 
 def test_a_space_that_closes_early_is_widened_until_every_mode_is_found() -> None:
     # only three different values: from two directions no more than six vectors can be reached
     values = np.repeat([1.0, 4.0, 9.0], 20)
     start = np.random.default_rng(8).standard_normal((60, 2))
-    found = lowest_eigenpairs(
-        lambda x: x / values[:, None],
-        lambda x: x,
-        start,
-        ModeTarget(count=25),
-        comm=COMM,
-        dimension=60,
-    )
+    problem = eigen_problem(lambda x: x / values[:, None], lambda x: x, 60)
+    found = block_lanczos_pairs(problem, start, ModeTarget(count=25))
     np.testing.assert_allclose(found.values, values[: len(found.values)], rtol=1e-9)
     assert len(found.values) == 40
 
@@ -126,14 +111,8 @@ def test_a_spectrum_without_gaps_is_cut_at_its_widest_soon_after_the_modes_wante
 def test_of_a_count_no_more_are_found_than_converge_and_the_next_lies_above_its_bound() -> None:
     values = np.concatenate([[1.0, 2.0], 4.0 + 1e-6 * np.arange(2998) ** 1.5])
     start = np.random.default_rng(3).standard_normal((3000, 6))
-    found = lowest_eigenpairs(
-        lambda x: x / values[:, None],
-        lambda x: x,
-        start,
-        ModeTarget(count=6),
-        comm=COMM,
-        dimension=3000,
-    )
+    problem = eigen_problem(lambda x: x / values[:, None], lambda x: x, 3000)
+    found = block_lanczos_pairs(problem, start, ModeTarget(count=6))
     assert not found.complete
     np.testing.assert_allclose(found.values, values[: len(found.values)], rtol=1e-9)
     assert len(found.values) >= 2 and found.next_value <= values[len(found.values)] * (1.0 + 1e-9)

@@ -41,7 +41,9 @@ def test_a_factorisation_without_memory_blames_no_element(
 ) -> None:
     factor = SimpleNamespace(getMumpsInfog=lambda _: -13)
     monkeypatch.setattr(factorization, "_has_cholmod", lambda: False)
-    monkeypatch.setattr(factorization, "_factorize_with", lambda *_, **__: factor)
+    preconditioner = SimpleNamespace(getFactorMatrix=lambda: factor)
+    solver = SimpleNamespace(getPC=lambda: preconditioner)
+    monkeypatch.setattr(factorization, "_factorize_with", lambda *_, **__: solver)
     with pytest.raises(
         OutOfMemoryError,
         match=r"the factorisation of a stiffness with \d+ dofs needed more memory than there is; write a larger",

@@ -24,6 +24,7 @@ QUICK = (
     "block", "rod", "rod-orders", "all-modes", "static-exactness", "rigid-body-content",
     "beam-truncation", "rod-step", "two-mass-drive", "sampled-control", "drive-friction",
     "nafems-5h", "column-response", "seed-cantilever-static", "square-column", "straight-cantilever", "fv5",
+    "eigensolvers",
 )  # fmt: skip
 
 

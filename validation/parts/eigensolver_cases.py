@@ -1,0 +1,93 @@
+"""The eigensolvers on what is hard for them, repeated modes, thin parts and free bodies, against dense
+algebra.
+"""
+
+from dataclasses import dataclass
+from typing import get_args
+
+import numpy as np
+import scipy.linalg
+from mpi4py import MPI
+
+from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.geometry.parts.components import Component, Eigensolver, MeshSettings
+from headstock.geometry.parts.solids import Box
+from headstock.validation.parts.closed_form_cases import STEEL
+from headstock.validation.parts.component_models import (
+    full_model,
+    full_modes,
+    rigid_face_matrices,
+    shared_mesh,
+)
+from headstock.validation.references.rows import ValidationRow, judge_bound
+
+CASE = "eigensolvers"
+COUNT = 12
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A block of hexahedra, held at its lower end or free.
+
+    Attributes:
+        name: What is hard about it.
+        extent: Sides [m].
+        size: Of its elements [m].
+        held: Whether its face z = 0 is held.
+        allowed: Largest relative error of a frequency; what rounding of its stiffness allows.
+    """
+
+    name: str
+    extent: tuple[float, float, float]
+    size: float
+    held: bool
+    allowed: float
+
+
+PARTS = (
+    _Part("square column, modes in pairs", (0.1, 0.1, 0.4), 0.05, True, 1e-9),
+    _Part("sheet 1:100", (0.4, 0.004, 0.4), 0.05, True, 1e-7),
+    _Part("free square column", (0.1, 0.1, 0.4), 0.05, False, 1e-8),
+)
+
+
+def check_eigensolvers(comm: MPI.Comm) -> list[ValidationRow]:
+    """The lowest twelve frequencies by each eigensolver against those of dense matrices, one for
+    one, so that a lost twin shows.
+    """
+    rows = []
+    for part in PARTS:
+        component = Component(
+            name="part",
+            solid=Box(part.extent),
+            material=STEEL,
+            mesh=MeshSettings(size=part.size, cells="hex"),
+        )
+        mesh = shared_mesh(component, comm=comm)
+        base = mesh.points[:, 2] < 1e-9
+        held = np.repeat((base & part.held)[:, None], 3, axis=1)
+        model = full_model(mesh, STEEL, comm=comm, held=held)
+        matrices = rigid_face_matrices(mesh, STEEL, {})
+        exact = _dense_frequencies(
+            matrices.stiffness.toarray(), matrices.mass.toarray(), held.ravel()
+        )
+        for eigensolver in get_args(Eigensolver):
+            found = full_modes(model, COUNT, eigensolver=eigensolver).frequencies_hz
+            worst = float(np.abs(found[:COUNT] / exact[:COUNT] - 1.0).max())
+            quantity = f"{part.name}, {eigensolver}: largest error of {COUNT} frequencies"
+            note = f"{model.operators.total_nodes * 3} dofs"
+            rows.append(judge_bound(CASE, quantity, worst, part.allowed, note))
+    return rows
+
+
+def _dense_frequencies(stiffness: FloatArray, mass: FloatArray, held: BoolArray) -> FloatArray:
+    """Elastic frequencies [Hz], rising.
+
+    Of a held part as ``M x = mu K x``, which is exact where frequencies are low.
+    """
+    kept = np.ix_(~held, ~held)
+    if held.any():
+        values = scipy.linalg.eigh(mass[kept], stiffness[kept], eigvals_only=True)[::-1]
+        return np.asarray(1.0 / (2.0 * np.pi * np.sqrt(values)))
+    values = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)[6:]
+    return np.asarray(np.sqrt(values) / (2.0 * np.pi))
