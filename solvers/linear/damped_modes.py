@@ -9,11 +9,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from scipy.linalg.lapack import dpotrf
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
+from headstock.solvers.linear.quadratic_poles import (
+    SMALL,
+    find_lowest_poles,
+    real_product,
+    state_eigenpairs,
+    takes_energy,
+)
 from headstock.solvers.linear.symmetric_matrices import is_symmetric
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
@@ -29,7 +35,6 @@ POLISHED = 1e-8  # change of a pole in the last round, after which the next digi
 ROUGH = 1e-9  # error of a pole over its size from which it is polished
 LEEWAY = 10.0  # times its estimated error: as far as a pole may move before it counts as another
 LEADING = 0.05  # share of the wanted undamped modes from which a pole is one of theirs
-NEGATIVE = 1e-12  # of the largest entry: below zero by more than this, a damper feeds energy
 REAL_POLE = 1e-9
 MASSLESS_CONDITION = 1e14
 LOWEST_TOLERANCE = 1e-10  # of a pole, where only the lowest are computed
@@ -73,7 +78,7 @@ def find_lower_poles(
     """
     size = len(squares)
     start = int(START_FACTOR * wanted) + START_EXTRA if invert is None else wanted + POLISH_EXTRA
-    if start > LARGEST_SHARE * size or not _takes_energy(viscous):
+    if start > LARGEST_SHARE * size or not takes_energy(viscous):
         return None
     space = np.eye(size, start)
     for _ in range(ROUNDS):
@@ -138,7 +143,7 @@ def _polish(
     for _ in range(POLISH_ROUNDS):
         moved = invert(poles[left], shapes[:, left])
         moved /= np.linalg.norm(moved, axis=0)
-        pushed = _real_product(viscous, moved)
+        pushed = real_product(viscous, moved)
         slope = np.einsum("mp,mp->p", moved, 2.0 * poles[left] * moved + pushed)
         steps = (
             np.einsum(
@@ -162,36 +167,6 @@ def _count_neighbours(poles: ComplexArray) -> np.ndarray[tuple[int, ...], np.dty
         (np.abs(poles[:, None] - poles) <= POLISHED * np.abs(poles)[:, None]).sum(axis=1),
         dtype=np.int64,
     )
-
-
-def _real_product(matrix: FloatArray, columns: ComplexArray) -> ComplexArray:
-    found = matrix @ np.hstack([columns.real, columns.imag])
-    return np.asarray(found[:, : columns.shape[1]] + 1j * found[:, columns.shape[1] :])
-
-
-def state_eigenpairs(squares: FloatArray, viscous: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-    """All poles and shapes of ``p'' + C p' + K p = 0`` for a diagonal K ``(m,)`` or a symmetric one
-    ``(m, m)``.
-    """
-    count = len(viscous)
-    stiffness = np.diag(squares) if squares.ndim == 1 else squares
-    state = np.block([[np.zeros((count, count)), np.eye(count)], [-stiffness, -viscous]])
-    # balance displacement against velocity: both then have the size of the highest frequency
-    scale = max(
-        float(np.sqrt(np.abs(stiffness).max(initial=0.0))),
-        float(np.abs(viscous).max(initial=0.0)),
-        1.0,
-    )
-    state[:count, count:] *= scale
-    state[count:, :count] /= scale
-    poles, vectors = scipy.linalg.eig(state, check_finite=False)
-    return np.asarray(poles, dtype=np.complex128), np.asarray(vectors[:count], dtype=np.complex128)
-
-
-def _takes_energy(viscous: FloatArray) -> bool:
-    shift = NEGATIVE * len(viscous) * float(np.abs(viscous).max(initial=0.0))
-    _, info = dpotrf(viscous + shift * np.eye(len(viscous)), lower=1) if shift else (None, 0)
-    return bool(info == 0)
 
 
 def _project(
@@ -253,7 +228,8 @@ def solve_damped(
 
     In these coordinates stiffness and mass are diagonal, so that springs which differ by many
     decades cost no digits. Where only the lowest are wanted they come from a small space
-    (``find_lower_poles``), to the same digits; from the whole state matrix if that fails.
+    (``find_lower_poles``, for more modes ``find_lowest_poles``), to the same digits; from the whole
+    state matrix if that fails.
 
     Unsymmetric terms of control or gyroscopes are found by a test and take the general road,
     without undamped modes and shares.
@@ -262,8 +238,8 @@ def solve_damped(
         system: Positive definite mass; the damping need not be proportional. Structural damping
             must have been replaced (``equivalent_viscous``).
         undamped: All undamped modes, where they are already known.
-        lowest: Only the poles that are for the most part one of this many lowest undamped modes;
-            None for all.
+        lowest: Only the poles that are for the most part one of this many lowest undamped modes, of
+            large systems all in their circle; None for all.
 
     Raises:
         ModelError: Dofs without mass that damping acts on, which have no place in a state matrix.
@@ -314,7 +290,8 @@ def _elastic_poles(
 ) -> tuple[ComplexArray, ComplexArray]:
     few = None
     if lowest is not None and is_symmetric(damping):
-        few = find_lower_poles(squares, damping, lowest, tolerance=LOWEST_TOLERANCE)
+        find = find_lower_poles if len(squares) <= SMALL else find_lowest_poles
+        few = find(squares, damping, lowest, tolerance=LOWEST_TOLERANCE)
     return state_eigenpairs(squares, damping) if few is None else few
 
 

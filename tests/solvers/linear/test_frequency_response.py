@@ -23,6 +23,7 @@ from headstock.solvers.linear.frequency_response import (
     refine_grid,
     solve_frf,
 )
+from headstock.solvers.linear.quadratic_poles import state_eigenpairs
 from headstock.solvers.second_order import ComplexArray, Motion, SecondOrderSystem
 
 PORTS = (("a", "x"), ("b", "x"))
@@ -395,7 +396,7 @@ def test_peaks_of_few_dampers_are_the_poles_of_the_whole_state_matrix_from_one_s
     system = SecondOrderSystem(np.eye(size), damping, stiffness, port, port, ("q",) * size)
     model = prepare_frf(system, inputs=[("tip", "x")], outputs=[("tip", "x")])
     solved: list[int] = []
-    whole = damped_modes.state_eigenpairs
+    whole = state_eigenpairs
 
     def counted(squares: FloatArray, viscous: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         solved.append(len(viscous))

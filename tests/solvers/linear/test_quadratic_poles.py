@@ -1,0 +1,108 @@
+"""Poles in a circle against all poles of the whole state matrix: none missing, however damped."""
+
+import numpy as np
+import pytest
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.linear.damped_modes import damping_of_undamped, solve_damped
+from headstock.solvers.linear.quadratic_poles import (
+    SMALL,
+    find_poles_within,
+    state_eigenpairs,
+)
+from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+
+SIZE, INSIDE = 320, 30
+
+
+def _modal(strength: float, kind: str) -> tuple[FloatArray, FloatArray]:
+    """Squares and damping of a chain in modal coordinates: dashpots at some masses, or a loss
+    factor that differs from spring to spring; ``twins`` are two equal chains.
+    """
+    random = np.random.default_rng(3)
+    size = SIZE // 2 if kind == "twins" else SIZE
+    springs = 1e6 * random.uniform(0.5, 2.0, size + 1)
+    stiffness = np.diag(springs[:-1] + springs[1:])
+    stiffness -= np.diag(springs[1:-1], 1) + np.diag(springs[1:-1], -1)
+    squares, shapes = np.linalg.eigh(stiffness)
+    if kind == "losses":
+        losses = np.diag(np.sqrt(random.uniform(0.0, 1.0, size)))
+        damping = strength * 1e-6 * losses @ stiffness @ losses
+    else:
+        damping = np.zeros((size, size))
+        places = random.choice(size, size // 20, replace=False)
+        damping[places, places] = strength * random.uniform(0.2, 1.0, len(places))
+    modal = shapes.T @ damping @ shapes
+    if kind == "twins":
+        squares = np.repeat(squares, 2)
+        modal = np.kron(modal, np.eye(2))
+    return squares, 0.5 * (modal + modal.T)
+
+
+def _all_within(squares: FloatArray, viscous: FloatArray, radius: float) -> ComplexArray:
+    poles, _ = state_eigenpairs(squares, viscous)
+    real = np.abs(poles.imag) <= 1e-6 * np.abs(poles)  # equal ones may come as a conjugate pair
+    return np.asarray(poles[(real | (poles.imag > 0.0)) & (np.abs(poles) <= radius)])
+
+
+@pytest.mark.parametrize("kind", ["dashpots", "losses", "twins"])
+@pytest.mark.parametrize("strength", [0.1, 30.0, 1e3, 3e4, 1e7])
+def test_no_pole_in_the_circle_is_missing_or_off(kind: str, strength: float) -> None:
+    squares, viscous = _modal(strength, kind)
+    radius = 0.5 * float(np.sqrt(squares[INSIDE - 1]) + np.sqrt(squares[INSIDE]))
+    expected = _all_within(squares, viscous, radius)
+    found = find_poles_within(squares, viscous, radius, tolerance=1e-10)
+    if found is None:
+        # nearly all motions creep in the circle: as many poles as a whole state matrix has
+        assert strength >= 3e4 and kind == "losses"
+        return
+    assert len(found.poles) == len(expected) > 5
+    # what a state matrix of such norm resolves
+    rounding = 1e-15 * float(np.abs(viscous).max())
+    for pole in expected:
+        near = found.poles[np.argmin(np.abs(found.poles - pole))]
+        assert abs(near - pole) <= 1e-8 * abs(pole) + rounding
+        if pole.imag > 1e-6 * abs(pole):
+            assert near.imag == pytest.approx(pole.imag, rel=1e-8)
+            assert near.real / abs(near) == pytest.approx(
+                pole.real / abs(pole), rel=1e-8, abs=1e-11 + rounding / abs(pole)
+            )
+    matched = {int(np.argmin(np.abs(expected - pole))) for pole in found.poles}
+    if kind != "twins":
+        assert len(matched) == len(expected)
+    residuals = (found.poles**2 + squares[:, None]) * found.shapes
+    residuals += found.poles * (viscous @ found.shapes)
+    weights = squares[:, None] + np.abs(found.poles) ** 2
+    assert np.abs(residuals / weights).max() < 1e-3
+
+
+def test_a_negative_damper_is_left_to_the_whole_state_matrix() -> None:
+    squares, viscous = _modal(30.0, "dashpots")
+    viscous -= 0.5 * np.eye(SIZE)
+    assert find_poles_within(squares, viscous, float(np.sqrt(squares[20])), tolerance=1e-9) is None
+
+
+@pytest.mark.parametrize("strength", [0.1, 30.0, 300.0])
+def test_damping_of_undamped_modes_is_that_of_the_whole_state_matrix(strength: float) -> None:
+    squares, viscous = _modal(strength, "dashpots")
+    assert len(squares) > SMALL
+    names = tuple(map(str, range(SIZE)))
+    system = SecondOrderSystem(np.eye(SIZE), viscous, np.diag(squares), {}, {}, names)
+    few, whole = solve_damped(system, lowest=12), solve_damped(system)
+    assert len(few.poles) < 0.5 * len(whole.poles)
+    for found, expected in zip(
+        damping_of_undamped(few, 12), damping_of_undamped(whole, 12), strict=True
+    ):
+        assert len(found) == 12 and found == pytest.approx(expected, rel=1e-8)
+
+
+def test_the_fast_pole_of_an_overdamped_mode_is_found_beyond_the_circle() -> None:
+    squares = np.linspace(1.0, 300.0, SIZE) ** 2
+    viscous = np.diag(0.02 * np.sqrt(squares))
+    viscous[3, 3] = 8.0 * np.sqrt(squares[3])
+    system = SecondOrderSystem(
+        np.eye(SIZE), viscous, np.diag(squares), {}, {}, tuple(map(str, range(SIZE)))
+    )
+    ratios, frequencies = damping_of_undamped(solve_damped(system, lowest=6), 6)
+    assert ratios == pytest.approx([0.01, 0.01, 0.01, 4.0, 0.01, 0.01], rel=1e-9)
+    assert frequencies[3] == 0.0
