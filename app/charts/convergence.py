@@ -52,6 +52,9 @@ def draw_convergence(found: Convergence, need: MeshNeed) -> bytes | None:
     panels[0].set_xlabel("degrees of freedom", fontsize=9, color=INK)
     panels[1].set_xlabel("wall-clock time from scene to results [s]", fontsize=9, color=INK)
     panels[0].set_ylabel("distance from the limit", fontsize=9, color=INK)
+    low, high = panels[0].get_ylim()
+    panels[0].set_yticks(_choose_ticks(1.3 * low, high / 1.3))
+    panels[0].yaxis.set_minor_formatter(NullFormatter())
     panels[0].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100.0 * value:g} %"))
     handles = [Line2D([], [], **LINE, **line_style(number, COLORS)) for number in range(len(lines))]
     labels = [name for name, _ in lines]
