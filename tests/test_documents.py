@@ -16,7 +16,13 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.schema.key_notes import NOTES
 
 ROOT = Path(__file__).resolve().parent.parent
-DOCUMENTS = ("README.md", "docs/tutorial.md", "docs/comparing.md", "docs/show.md")
+DOCUMENTS = (
+    "README.md",
+    "docs/tutorial.md",
+    "docs/comparing.md",
+    "docs/show.md",
+    "docs/mesh_files.md",
+)
 BLOCK = re.compile(r"^```(\w+)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 # these would run the tests again, build an environment, or run for minutes; their own tests see to
 # them

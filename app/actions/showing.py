@@ -18,14 +18,18 @@ from headstock.geometry.parts.cad_faces import (
     name_faces,
     suggest_interfaces,
 )
-from headstock.geometry.parts.solids import StepFile
+from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.components.cad_survey import CadSurvey, survey_step
+from headstock.meshing.components.mesh_survey import suggest_sets, survey_mesh
+from headstock.meshing.formats import MESH_SUFFIXES, files_beside
 from headstock.meshing.step_units import doubt_size
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import check_output, prepare_output, write_output
 from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.units import LENGTH, UnitError, parse_quantity
 
 STEP_SUFFIXES = (".step", ".stp")
+PART_SUFFIXES = (*STEP_SUFFIXES, *MESH_SUFFIXES)
 FACES_SHOWN = 40
 SHORT_LINE = 100
 
@@ -44,30 +48,28 @@ class ShowRequest:
     component: str | None
     every_face: bool
     json_file: Path | None
+    unit: str | None = None
 
 
 def show_file(request: ShowRequest) -> int:
-    """Show a STEP file, a component of a scene that is read from one, or a scene.
+    """Show a STEP or mesh file, a component of a scene that is read from one, or a scene.
 
     Raises:
         SceneError: The scene has problems.
-        MeshError: The STEP file cannot be read.
+        MeshError: The file of the part cannot be read.
         click.UsageError: An option does not fit.
     """
     if request.picture is not None:
         prepare_output(request.picture.absolute().parent)
         check_output(request.picture)
-    if request.path.suffix.lower() in STEP_SUFFIXES:
+    if request.path.suffix.lower() in PART_SUFFIXES:
         if request.component is not None:
             raise click.UsageError("--component goes with a scene; a STEP file takes --solid")
         given = [name for name, value in _scene_options(request) if value]
         if given:
-            raise click.UsageError(
-                f"{given[0]} goes with a scene; {request.path.name} is a STEP file"
-            )
-        return _show_part(
-            StepFile(request.path.absolute(), request.solid), request.path.stem, request
-        )
+            raise click.UsageError(f"{given[0]} goes with a scene; {request.path.name} is a part")
+        solid, survey = survey_part(request.path, request.solid, request.unit)
+        return _show_part(solid, survey, request.path.stem, request)
     scene = load_scene(request.path, variant=request.variant, overrides=request.overrides)
     if request.component is None:
         return show_machine(
@@ -80,16 +82,62 @@ def show_file(request: ShowRequest) -> int:
     if request.pose is not None or request.window:
         raise click.UsageError("--pose and --window show the whole machine: leave --component out")
     component = scene.machine.components.get(request.component)
-    if component is None or not isinstance(component.solid, StepFile):
+    if component is None or not isinstance(component.solid, StepFile | MeshFile):
         known = [
             name
             for name, part in scene.machine.components.items()
-            if isinstance(part.solid, StepFile)
+            if isinstance(part.solid, StepFile | MeshFile)
         ]
         raise click.UsageError(
-            f"no component {request.component!r} is read from a STEP file; those are: {', '.join(known) or 'none'}"
+            f"no component {request.component!r} is read from a STEP or mesh file; those are: {', '.join(known) or 'none'}"
         )
-    return _show_part(component.solid, component.name, request)
+    part = component.solid
+    survey = (
+        survey_mesh(part, f"{part.unit:g} m") if isinstance(part, MeshFile) else survey_step(part)
+    )
+    return _show_part(part, survey, component.name, request)
+
+
+def survey_part(
+    path: Path, solid: int | str | None, unit: str | None
+) -> tuple[StepFile | MeshFile, CadSurvey]:
+    """A part's file and what it holds.
+
+    Args:
+        path: STEP or mesh file.
+        solid: Which solid of a STEP file.
+        unit: Length of one unit of a mesh file, such as ``1 mm``; None to guess it.
+
+    Raises:
+        MeshError: The file cannot be read.
+        click.UsageError: An option does not fit.
+    """
+    if path.suffix.lower() in STEP_SUFFIXES:
+        if unit is not None:
+            raise click.UsageError("--unit goes with a mesh file; a STEP file names its unit")
+        step = StepFile(path.absolute(), solid)
+        return step, survey_step(step)
+    if solid is not None:
+        raise click.UsageError("--solid goes with a STEP file; a mesh file holds one body")
+    if not path.is_file():
+        raise click.UsageError(f"there is no file {path}")
+    try:
+        length = 1.0 if unit is None else parse_quantity(unit, LENGTH).value
+    except UnitError as error:
+        raise click.UsageError(f"--unit {error}") from error
+    beside = tuple(path.absolute().parent / name for name in files_beside(path))
+    mesh = MeshFile(path.absolute(), length, beside)
+    return mesh, survey_mesh(mesh, unit)
+
+
+def part_suggestions(survey: CadSurvey) -> list[SuggestedInterface]:
+    """Named sets of a mesh file first, then what the faces suggest."""
+    named = suggest_sets(survey)
+    taken = {found.name for found in named}
+    return [
+        *named,
+        *(found for found in suggest_interfaces(survey.faces) if found.name not in taken),
+    ]
 
 
 def format_suggestions(name: str, suggestions: Sequence[SuggestedInterface]) -> str:
@@ -111,18 +159,26 @@ def _spread(found: SuggestedInterface, patches: Sequence[str]) -> list[str]:
     return [f"{found.name}.patches = [  # {found.reason}", *(f"    {row}," for row in rows), "]"]
 
 
-def _show_part(solid: StepFile, name: str, request: ShowRequest) -> int:
-    survey = survey_step(solid)
+def _show_part(
+    solid: StepFile | MeshFile, survey: CadSurvey, name: str, request: ShowRequest
+) -> int:
     console = make_console()
     x, y, z = (1e3 * side for side in survey.size)
     unit = survey.unit or "not understood"
     title = f"{solid.path.name}: {len(survey.faces)} faces, {x:.4g} × {y:.4g} × {z:.4g} mm"
     console.print(f"{title} (unit of the file: {unit})", style="bold", markup=False)
-    doubt = doubt_size(solid.path, max(survey.size))
+    if isinstance(solid, MeshFile) and request.component is None and request.unit is None:
+        console.print(
+            f"a mesh file names no unit: its lengths are taken as {unit}; --unit says otherwise",
+            style="yellow",
+            markup=False,
+        )
+    doubt = None if isinstance(solid, MeshFile) else doubt_size(solid.path, max(survey.size))
     if doubt is not None:
         console.print(f"warning: {doubt}", style="yellow", markup=False)
+    _print_sets(survey)
     _print_faces(survey, request.every_face)
-    suggestions = suggest_interfaces(survey.faces)
+    suggestions = part_suggestions(survey)
     if suggestions:
         console.print(
             "\nInterfaces to choose from, to paste into a scene:\n", style="bold", markup=False
@@ -138,10 +194,20 @@ def _show_part(solid: StepFile, name: str, request: ShowRequest) -> int:
             "warnings": [] if doubt is None else [doubt],
             "faces": [dataclasses.asdict(face) for face in survey.faces],
             "holes": [dataclasses.asdict(hole) for hole in find_holes(survey.faces)],
+            "sets": [dataclasses.asdict(one) for one in survey.sets],
             "suggested_interfaces": {found.name: list(found.faces) for found in suggestions},
         }
         write_output(request.json_file, dump_json(content).encode())
     return 0
+
+
+def _print_sets(survey: CadSurvey) -> None:
+    if not survey.sets:
+        return
+    table = make_table("set", ">facets", ">area cm²", ">centre mm")
+    for one in survey.sets:
+        add_row(table, one.name, str(one.facets), f"{1e4 * one.area:.4g}", _in_mm(one.center))
+    print_table(make_console(), "Named sets", table)
 
 
 def _print_faces(survey: CadSurvey, every_face: bool) -> None:

@@ -1,5 +1,5 @@
-"""``headstock new``: a folder with a scene that runs as it is, for a box or for a STEP part of the
-user's own.
+"""``headstock new``: a folder with a scene that runs as it is, for a box or for a part of the user's
+own from a STEP or mesh file.
 """
 
 import dataclasses
@@ -14,7 +14,12 @@ import click
 import numpy as np
 
 from headstock.app.actions.editor_schema import scene_schema
-from headstock.app.actions.showing import STEP_SUFFIXES, format_suggestions
+from headstock.app.actions.showing import (
+    PART_SUFFIXES,
+    format_suggestions,
+    part_suggestions,
+    survey_part,
+)
 from headstock.app.terminal.console import make_console
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.parts.cad_faces import (
@@ -23,8 +28,8 @@ from headstock.geometry.parts.cad_faces import (
     name_faces,
     suggest_interfaces,
 )
-from headstock.geometry.parts.solids import StepFile
-from headstock.meshing.components.cad_survey import CadSurvey, survey_step
+from headstock.geometry.parts.solids import MeshFile
+from headstock.meshing.components.cad_survey import CadSurvey
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.errors import MeshError
 from headstock.meshing.step_units import doubt_size
@@ -87,13 +92,14 @@ class StartRequest:
     folder: Path
     part: Path | None
     solid: int | str | None
+    unit: str | None = None
 
 
 def start_scene(request: StartRequest) -> int:
-    """Make a new folder with a scene, and with a copy of the STEP part where one is given.
+    """Make a new folder with a scene, and with a copy of the part where one is given.
 
     Raises:
-        click.UsageError: The folder is taken, or the part is no STEP file.
+        click.UsageError: The folder is taken, or the part is no STEP or mesh file.
         HeadstockError: The part cannot be read or meshed, or has no two planes to hold it at.
     """
     folder = request.folder.absolute() if request.folder.name in ("", "..") else request.folder
@@ -101,16 +107,27 @@ def start_scene(request: StartRequest) -> int:
         raise click.UsageError(
             f"{folder} exists and is not an empty folder; nothing was changed: choose another name"
         )
-    if request.part is not None and request.part.suffix.lower() not in STEP_SUFFIXES:
-        raise click.UsageError(f"{request.part.name} is no STEP file (.step, .stp)")
+    if request.part is not None and request.part.suffix.lower() not in PART_SUFFIXES:
+        raise click.UsageError(
+            f"{request.part.name} is no STEP or mesh file ({', '.join(PART_SUFFIXES)})"
+        )
+    files: list[Path] = []
     if request.part is None:
         text, doubt = _box_scene(folder), None
     else:
-        survey = survey_step(StepFile(request.part.absolute(), request.solid))
-        text = write_part_scene(request.part, survey, _scene_name(folder), solid=request.solid)
-        doubt = doubt_size(request.part, max(survey.size))
+        solid, survey = survey_part(request.part, request.solid, request.unit)
+        unit = (request.unit or f"1 {survey.unit}") if isinstance(solid, MeshFile) else None
+        text = write_part_scene(
+            request.part, survey, _scene_name(folder), solid=request.solid, unit=unit
+        )
+        files = [request.part]
+        if isinstance(solid, MeshFile):
+            files += solid.beside
+            doubt = _name_guess(request, survey)
+        else:
+            doubt = doubt_size(request.part, max(survey.size))
     try:
-        _fill_folder(folder, text, request.part)
+        _fill_folder(folder, text, files)
     except OSError as error:
         raise click.UsageError(f"{folder} cannot be made: {error.strerror or error}") from error
     console = make_console()
@@ -129,6 +146,17 @@ def start_scene(request: StartRequest) -> int:
     return 0
 
 
+def _name_guess(request: StartRequest, survey: CadSurvey) -> str | None:
+    """A warning where the unit of a mesh file was guessed."""
+    if request.unit is not None:
+        return None
+    longest = max(survey.size)
+    return (
+        f"a mesh file names no unit: lengths are taken as {survey.unit}, the part is {longest:.4g} m long; "
+        "change `unit` in the scene, or use --unit, if that is wrong"
+    )
+
+
 def _try_mesh(path: Path) -> None:
     """Mesh the part as its scene has it: what cannot be meshed is better known now.
 
@@ -145,7 +173,7 @@ def _try_mesh(path: Path) -> None:
         ) from error
 
 
-def _fill_folder(folder: Path, text: str, part: Path | None) -> None:
+def _fill_folder(folder: Path, text: str, files: Sequence[Path]) -> None:
     """All or nothing: the folder appears when it is complete."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".headstock-new-", dir=folder.parent) as made:
@@ -153,8 +181,8 @@ def _fill_folder(folder: Path, text: str, part: Path | None) -> None:
         scene.mkdir()
         (scene / _scene_name(folder)).write_text(text)
         (scene / SCHEMA).write_text(dump_json(scene_schema()))
-        if part is not None:
-            shutil.copyfile(part, scene / part.name)
+        for file in files:
+            shutil.copyfile(file, scene / file.name)
         scene.replace(folder)  # an empty folder of that name gives way
 
 
@@ -180,9 +208,15 @@ def _box_scene(folder: Path) -> str:
 
 
 def write_part_scene(
-    part: Path, survey: CadSurvey, scene: str, *, solid: int | str | None, free: bool = False
+    part: Path,
+    survey: CadSurvey,
+    scene: str,
+    *,
+    solid: int | str | None,
+    free: bool = False,
+    unit: str | None = None,
 ) -> str:
-    """The text of a scene around a STEP part that lies beside it.
+    """The text of a scene around a part that lies beside it.
 
     Args:
         part: The file.
@@ -191,30 +225,45 @@ def write_part_scene(
         solid: Which solid of the file; None where it holds one.
         free: Held nowhere, and coupled nowhere in a way that would stiffen it; else at the first of
             its two ends.
+        unit: Length unit of a mesh file; None of a STEP file.
 
     Raises:
         HeadstockError: It has no two planes to hold it at.
     """
-    suggestions = suggest_interfaces(survey.faces)
-    foot, tip = _choose_ends(survey.faces, suggestions)
-    others = [found for found in suggestions if found.faces not in (foot.faces, tip.faces)]
+    foot, tip = _choose_ends(survey.faces, suggest_interfaces(survey.faces))
+    others = [
+        found
+        for found in part_suggestions(survey)
+        if found.faces not in (foot.faces, tip.faces) and found.name not in (foot.name, tip.name)
+    ]
     chosen = [tip] if free else [foot, tip]
     table, *lines = format_suggestions(PART_NAME, chosen).splitlines()
     lines[-1] = lines[-1].replace(" }", ', coupling = "average" }', 1)
     lines += [f"# {line}" for line in format_suggestions(PART_NAME, others).splitlines()[1:]]
     choice = "" if solid is None else f", solid = {_quote(solid)}"
-    return SCENE.format(
+    shape = f"{{ step = {_quote(part.name)}{choice} }}"
+    if unit is not None:
+        shape = f"{{ mesh = {_quote(part.name)}, unit = {_quote(unit)} }}"
+    text = SCENE.format(
         heading=f"A first scene for {part.name}, whose faces `headstock show {part.name}` numbers and draws.",
         scene=scene,
         name=part.stem.replace('"', "'").replace("\\", "/"),
         part=PART_NAME,
-        solid=f"{{ step = {_quote(part.name)}{choice} }}",
+        solid=shape,
         size=f"{1e3 * max(survey.size) / 25:.2g} mm",
         pad="         ",
         interfaces="\n".join([table, *lines]),
         free=FREE if free else "",
         held="" if free else HELD.format(part=PART_NAME, foot=foot.name, tip=tip.name),
         count=FREE_MODES if free else HELD_MODES,
+    )
+    # a finished mesh has the size it has
+    return (
+        text
+        if unit is None
+        else "".join(
+            line for line in text.splitlines(keepends=True) if not line.startswith("# mesh = ")
+        )
     )
 
 

@@ -33,7 +33,7 @@ class SchemaKind(StrEnum):
 
 def show(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="STEP file (.step, .stp) or scene (.toml).")
+        Path, typer.Argument(metavar="FILE", help="STEP or mesh file, or scene (.toml).")
     ],
     output: Annotated[
         Path | None,
@@ -53,9 +53,13 @@ def show(
         str | None,
         typer.Option("--solid", metavar="NAME|N", help="Which solid of a STEP file with several."),
     ] = None,
+    unit: Annotated[
+        str | None,
+        typer.Option("--unit", metavar="LENGTH", help="Length unit of a mesh file, as 1 mm."),
+    ] = None,
     component: Annotated[
         str | None,
-        typer.Option("--component", metavar="NAME", help="This STEP component of a scene."),
+        typer.Option("--component", metavar="NAME", help="This component of a scene."),
     ] = None,
     every_face: Annotated[
         bool, typer.Option("--all", help="List every face, not only the largest.")
@@ -63,7 +67,7 @@ def show(
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Draw a STEP part with numbered faces and suggest interfaces, or the machine of a scene with
+    """Draw a part with numbered faces and suggest interfaces, or the machine of a scene with
     its joints and points, before anything is computed.
     """
 
@@ -82,6 +86,7 @@ def show(
                 component=component,
                 every_face=every_face,
                 json_file=json,
+                unit=unit,
             )
         )
 
@@ -92,11 +97,17 @@ def new(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder to make.")],
     part: Annotated[
         Path | None,
-        typer.Option("--part", metavar="STEP", help="STEP part to start from; it is copied."),
+        typer.Option(
+            "--part", metavar="FILE", help="STEP or mesh file to start from; it is copied."
+        ),
     ] = None,
     solid: Annotated[
         str | None,
         typer.Option("--solid", metavar="NAME|N", help="Which solid of a STEP file with several."),
+    ] = None,
+    unit: Annotated[
+        str | None,
+        typer.Option("--unit", metavar="LENGTH", help="Length unit of a mesh file, as 1 mm."),
     ] = None,
     debug: Debug = False,
 ) -> int:
@@ -105,7 +116,9 @@ def new(
     def action() -> int:
         from headstock.app.actions.starting import StartRequest, start_scene
 
-        return start_scene(StartRequest(folder=folder, part=part, solid=read_solid(solid)))
+        return start_scene(
+            StartRequest(folder=folder, part=part, solid=read_solid(solid), unit=unit)
+        )
 
     return run_guarded(action, debug=debug)
 

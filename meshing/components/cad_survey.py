@@ -19,9 +19,26 @@ from headstock.meshing.step_units import STEP_UNIT, read_length_unit
 TIME_LIMIT = 120.0
 
 
+@dataclass(frozen=True)
+class NamedSet:
+    """A set of a mesh file, where it lies on the surface.
+
+    Attributes:
+        name: As the file calls it.
+        facets: Their number.
+        area: [m^2].
+        center: Centroid [m].
+    """
+
+    name: str
+    facets: int
+    area: float
+    center: Vector
+
+
 @dataclass(frozen=True, eq=False)
 class CadSurvey:
-    """The faces of one solid of a STEP file, in metres.
+    """The faces of one solid of a STEP file, or of a mesh file, in metres.
 
     Attributes:
         faces: In the order in which ``face:N`` counts them.
@@ -29,6 +46,7 @@ class CadSurvey:
         triangles: ``(m, 3)`` outward, indices into ``points``.
         owners: ``(m,)`` number of the face each triangle belongs to.
         unit: Length unit the file names, as far as it was understood.
+        sets: Named sets of a mesh file.
     """
 
     faces: tuple[CadFace, ...]
@@ -36,6 +54,7 @@ class CadSurvey:
     triangles: IntArray
     owners: IntArray
     unit: str | None
+    sets: tuple[NamedSet, ...] = ()
 
     @property
     def size(self) -> Vector:

@@ -72,6 +72,13 @@ def _boundary_skin(all_points: FloatArray, cells: IntArray, kind: CellKind) -> S
     return decimate_skin(skin, largest=LARGEST_SKIN)[0]
 
 
+def surface_triangles(surface: MeshSurface) -> tuple[IntArray, IntArray]:
+    """Triangles ``(m, 3)`` of a surface between the corners of its facets, and the facet of each."""
+    triangles = _triangles(surface, split=False)
+    each = len(triangles) // max(len(surface.facets), 1)
+    return triangles, np.repeat(np.arange(len(surface.facets)), each)
+
+
 def _triangles(surface: MeshSurface, *, split: bool) -> IntArray:
     local = np.array((SPLIT if split else WHOLE)[surface.corners])
     return np.asarray(surface.facets[:, local].reshape(-1, 3))

@@ -1,5 +1,5 @@
-"""Patches on the surface of a finished mesh: named sets, and facets at the ends of the bounding
-box.
+"""Patches on the surface of a finished mesh: named sets, facets at the ends of the bounding box, and
+faces by their number.
 """
 
 import numpy as np
@@ -8,6 +8,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Patch
 from headstock.geometry.parts.patches import FACE_DIRECTIONS, imprint_window, in_plane_axes
 from headstock.meshing.component_mesh import IntArray
+from headstock.meshing.elements.regions import split_surface
 from headstock.meshing.elements.surface import (
     MeshSurface,
     corner_normals,
@@ -39,6 +40,14 @@ def select_facets(data: MeshData, surface: MeshSurface, patch: Patch) -> IntArra
         )
     if patch.face in FACE_DIRECTIONS:
         return _imprinted(data, surface, end_facets(data.points, surface, patch.face), patch)
+    if patch.face.startswith("face:"):
+        owners = split_surface(data.points, surface)
+        chosen = np.flatnonzero(owners == int(patch.face.removeprefix("face:")))
+        if len(chosen):
+            return _imprinted(data, surface, chosen, patch)
+        raise MeshError(
+            f"there is no face {patch.face!r}: the surface has {owners.max()} faces, which headstock show numbers"
+        )
     raise MeshError(
         f"face {patch.face!r} selects nothing on a mesh file; available: {available_names(data, surface)}"
     )

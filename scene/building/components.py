@@ -286,7 +286,7 @@ def find_face_fault(face: str, solid: Solid) -> str:
     if face in known:
         return ""
     prefix, colon, rest = face.partition(":")
-    if colon and prefix == "face" and not isinstance(solid, MeshFile):
+    if colon and prefix == "face":
         return (
             ""
             if rest.isdecimal() and int(rest[:9]) > 0
@@ -294,7 +294,7 @@ def find_face_fault(face: str, solid: Solid) -> str:
         )
     if colon and prefix == "set" and isinstance(solid, MeshFile):
         return "" if rest else "names no set; write set:NAME with a surface set of the mesh"
-    more = ["set:NAME"] if isinstance(solid, MeshFile) else ["face:N"]
+    more = ["face:N", "set:NAME"] if isinstance(solid, MeshFile) else ["face:N"]
     return f"{face[:80]!r} is not a face of this {kind_of(solid)}; faces: {', '.join(known + more)}"
 
 

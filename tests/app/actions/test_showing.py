@@ -307,3 +307,50 @@ def test_what_cannot_be_shown_is_named(
     )
     assert main(arguments) in (1, 2)
     assert words in capsys.readouterr().err
+
+
+def write_support_mesh(folder: Path, name: str) -> Path:
+    assert main(["new", "cad", "--part", str(SUPPORT)]) == 0
+    scene = str(folder / "cad" / "cad.toml")
+    # fillets of 10 mm and holes of 3 mm in facets that are coarse against them
+    size = 'components.part.mesh.size="6 mm"'
+    assert main(["export", scene, "--set", size, "--mesh", str(folder / name)]) == 0
+    return folder / name
+
+
+def test_a_part_from_a_mesh_takes_the_three_commands_of_a_step_part(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_support_mesh(folder, "part.xdmf")
+    capsys.readouterr()
+    assert main(["show", "part.xdmf", "-o", "mesh.png", "--json", "mesh.json"]) == 0
+    printed = capsys.readouterr().out
+    assert is_png(folder / "mesh.png") and "lengths are taken as m" in printed
+    listed = json.loads((folder / "mesh.json").read_text())
+    assert {one["name"] for one in listed["sets"]} == {"top", "bottom"}
+    # the holes that the STEP file has, found in facets
+    assert {round(1000 * hole["radius"], 2) for hole in listed["holes"]} == {1.5, 12.5}
+    table = printed[printed.index("[components.part.interfaces]") : printed.index("picture:")]
+    pasted = tomllib.loads(table)["components"]["part"]["interfaces"]
+    assert pasted["bottom"] == {"face": "set:bottom"} and set(pasted) >= {"holes_1", "bore"}
+    assert main(["new", "mine", "--part", "part.xdmf", "--unit", "1 m"]) == 0
+    assert (folder / "mine" / "part_mesh.h5").is_file()
+    scene = load_scene(folder / "mine" / "mine.toml")
+    bore = pasted["bore"]["face"]
+    override = f'components.part.interfaces.bore.face="{bore}"'
+    run = ["run", str(scene.path), "-o", "results", "--set", override]
+    assert main([*run, "--set", "analyses.modal.count=1"]) == 0
+    summary = json.loads((folder / "results" / "summary.json").read_text())
+    # of the STEP part at this size, as the tutorial has it
+    assert summary["modal"][0]["frequencies_hz"][0] == pytest.approx(4455.0, rel=2e-3)
+
+
+def test_options_of_one_kind_of_file_are_refused_with_the_other(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "part.med").write_bytes(b"")
+    assert main(["show", str(SUPPORT), "--unit", "1 mm"]) == 2
+    assert main(["show", "part.med", "--solid", "2"]) == 2
+    assert main(["show", "part.med", "--unit", "1 kg"]) == 2
+    assert main(["new", "mine", "--part", "part.stl"]) == 2
+    assert "--unit goes with a mesh file" in capsys.readouterr().err
