@@ -46,7 +46,8 @@ def select_facets(data: MeshData, surface: MeshSurface, patch: Patch) -> IntArra
         if len(chosen):
             return _imprinted(data, surface, chosen, patch)
         raise MeshError(
-            f"there is no face {patch.face!r}: the surface has {owners.max()} faces, which headstock show numbers"
+            f"there is no face {patch.face!r}: the surface has {owners.max()}, which headstock show numbers; "
+            f"available: {available_names(data, surface)}"
         )
     raise MeshError(
         f"face {patch.face!r} selects nothing on a mesh file; available: {available_names(data, surface)}"

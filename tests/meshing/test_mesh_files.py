@@ -430,6 +430,6 @@ def test_missing_faces_of_a_mesh_file_name_the_available_ones(
     make_component: Make, box_mesh: Callable[[CellKind], ComponentMesh], tmp_path: Path
 ) -> None:
     write_inp(tmp_path / "box.inp", box_mesh("hex8"))
-    for face in ("face:1", "outer", "set:none"):
+    for face in ("face:7", "outer", "set:none"):
         with pytest.raises(MeshError, match=r"available: .*z\+, set:NALL"):
             mesh_component(make_component(MeshFile(tmp_path / "box.inp"), {"a": Patch(face)}))
