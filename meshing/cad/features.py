@@ -1,45 +1,21 @@
 """Fillets, holes and pins with small radii taken off a CAD shape, as a mesh without them has it."""
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass
 
 import gmsh
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
-from headstock.meshing.cad.sizes import face_radius
+from headstock.meshing.cad.known_faces import (
+    GONE,
+    PlainShape,
+    face_radius,
+    follow_faces,
+    know_face,
+)
 from headstock.meshing.cad.slivers import list_faces
 
 LARGEST_CHANGE = 0.1  # of the volume: what takes more off was no detail
 LARGEST_SHARE = 0.9  # of the faces, likewise
-GONE = -1
-SAME, NEAR = 1e-6, 0.3  # of the size of a face: where and how large one may be to be known again
-
-
-@dataclass(frozen=True, eq=False)
-class PlainShape:
-    """A shape without its small features.
-
-    Attributes:
-        volume: Tag of what is left.
-        faces: Tags of its faces in the order in which ``face:N`` counts those of the whole shape,
-            ``GONE`` where one is no more; then those that are new.
-        remarks: What to tell the user.
-    """
-
-    volume: int
-    faces: list[int]
-    remarks: list[str]
-
-
-@dataclass(frozen=True, eq=False)
-class _Face:
-    """What a face is known by when its tag has changed."""
-
-    kind: str
-    radius: float
-    area: float
-    center: FloatArray
 
 
 def leave_out_features(
@@ -65,7 +41,7 @@ def leave_out_features(
         unit: Length of the model's unit [m].
     """
     faces = list_boundary(volume)
-    before = [_know_face(face) for face in faces]
+    before = [know_face(face) for face in faces]
     whole = float(gmsh.model.occ.getMass(3, volume))
     kept = {faces[number - 1] for number in named if 0 < number <= len(faces)}
     features = [group for group in _find_features(faces, radius) if not group & kept]
@@ -74,7 +50,7 @@ def leave_out_features(
         gone = set().union(*features)
         left = _take_off(volume, gone) if len(gone) <= LARGEST_SHARE * len(faces) else None
         if left is not None and _is_sound(left, whole):
-            now = _follow_faces(before, list_boundary(left))
+            now = follow_faces(before, list_boundary(left))
             if all(now[number - 1] != GONE for number in named if 0 < number <= len(faces)):
                 change = _volume_share(left, whole) - 1.0
                 remark = _describe(gone, faces, radius * unit, change, refused)
@@ -96,53 +72,6 @@ def leave_out_features(
         volume,
         list_boundary(volume),
         [f"no fillet, hole or pin {what} could be left out (mesh.leave_out)"],
-    )
-
-
-def _know_face(face: int) -> _Face:
-    return _Face(
-        str(gmsh.model.getType(2, face)),
-        face_radius(face),
-        float(gmsh.model.occ.getMass(2, face)),
-        np.array(gmsh.model.occ.getCenterOfMass(2, face)),
-    )
-
-
-def _follow_faces(before: Sequence[_Face], now: Sequence[int]) -> list[int]:
-    """New tags in the old order: faces that stayed as they were, then those that only grew or
-    shrank; the rest at the end.
-    """
-    left = {tag: _know_face(tag) for tag in now}
-    found: dict[int, int] = {}
-    for fits in (_is_same, _is_changed):
-        for number, face in enumerate(before):
-            if number in found:
-                continue
-            candidates = [tag for tag, other in left.items() if fits(face, other)]
-            if len(candidates) == 1:
-                found[number] = candidates[0]
-                del left[candidates[0]]
-    return [*(found.get(number, GONE) for number in range(len(before))), *left]
-
-
-def _is_same(face: _Face, other: _Face) -> bool:
-    size = np.sqrt(face.area)
-    return (
-        face.kind == other.kind
-        and abs(other.area / face.area - 1.0) <= SAME
-        and float(np.linalg.norm(face.center - other.center)) <= SAME * size
-    )
-
-
-def _is_changed(face: _Face, other: _Face) -> bool:
-    """Of the same kind and radius, and about where it was."""
-    size = np.sqrt(face.area)
-    radii = face.radius == other.radius or abs(other.radius / face.radius - 1.0) <= SAME
-    return (
-        face.kind == other.kind
-        and radii
-        and 0.5 <= other.area / face.area <= 2.0
-        and float(np.linalg.norm(face.center - other.center)) <= NEAR * size
     )
 
 

@@ -12,8 +12,9 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.solids import MeshFile, StepFile
-from headstock.meshing.cad.features import PlainShape, leave_out_features
+from headstock.meshing.cad.features import leave_out_features
 from headstock.meshing.cad.imprints import Imprints, OpenShape, imprint_patches
+from headstock.meshing.cad.known_faces import PlainShape
 from headstock.meshing.cad.shapes import Shape, build_shape
 from headstock.meshing.cad.sizes import (
     SizePlan,
@@ -83,10 +84,10 @@ def mesh_shape(job: MeshJob) -> MeshData:
         removed: list[str] = []
         if isinstance(solid, StepFile) and job.task != "describe":
             if job.leave_out is None:
-                volume, removed = _remove_narrow_features(job, solid, volume, size)
+                plain = _remove_narrow_features(job, solid, volume, size)
             else:
                 plain = _leave_out_features(job, solid, volume, job.leave_out)
-                volume, as_shown, removed = plain.volume, plain.faces, plain.remarks
+            volume, as_shown, removed = plain.volume, plain.faces, plain.remarks
         if isinstance(solid, StepFile):
             refuse_slivers(as_shown, left=set(boundary_faces(volume)), size=size, unit=job.unit)
         imprints = imprint_patches(_open_shape(job, solid, volume, size, as_shown), job.groups)
@@ -232,16 +233,16 @@ def _leave_out_features(job: MeshJob, solid: StepFile, volume: int, radius: floa
     )
 
 
-def _remove_narrow_features(
-    job: MeshJob, solid: StepFile, volume: int, size: float
-) -> tuple[int, list[str]]:
-    faces, named = boundary_faces(volume), _named_faces(job)
+def _remove_narrow_features(job: MeshJob, solid: StepFile, volume: int, size: float) -> PlainShape:
     width = NARROW_SHARE * _smallest(job, size)
-    left, remarks = remove_narrow_features(volume, faces, width=width, named=named, unit=job.unit)
-    if left is None:
+    plain = remove_narrow_features(
+        volume, boundary_faces, width=width, named=_named_faces(job), unit=job.unit
+    )
+    if plain is None:
         gmsh.clear()
-        return build_shape(solid), []
-    return left, remarks
+        volume = build_shape(solid)
+        return PlainShape(volume, boundary_faces(volume), [])
+    return plain
 
 
 def _open_shape(

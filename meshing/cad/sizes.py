@@ -10,6 +10,7 @@ import gmsh
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.cad.known_faces import face_radius, radius_of
 from headstock.meshing.cad.slivers import NAMED_FACES, list_faces
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.sizing import count_rim_cells
@@ -32,7 +33,6 @@ THIN_WALL = 2.0  # times the thickness is the smallest radius of a face that cou
 WALL_CHORD = 1.2
 LOST_SHARE = {1: 1e-2, 2: 5e-4}  # of the volume, and of the area of a plane patch with a round rim
 CLASSES_PER_OCTAVE = 4
-SPOTS = (0.2, 0.5, 0.8)  # shares of both parameter ranges at which curvature is measured
 RIM_SAMPLES = 200  # points of a curve from which distances are taken
 TRIANGLE = 2  # gmsh's number of its kind
 TRIANGLES = 2.3  # per area / size^2
@@ -189,22 +189,6 @@ def _add_field(entities: str, value: float, tags: list[int]) -> int:
     return field
 
 
-def face_radius(face: int) -> float:
-    """Smallest radius of curvature of a face where it is measured; inf for planes."""
-    if gmsh.model.getType(2, face) == "Plane":
-        return float("inf")
-    low, high = gmsh.model.getParametrizationBounds(2, face)
-    spots = np.array(
-        [
-            [low[0] + a * (high[0] - low[0]), low[1] + b * (high[1] - low[1])]
-            for a in SPOTS
-            for b in SPOTS
-        ]
-    )
-    largest, smallest, _, _ = gmsh.model.getPrincipalCurvatures(face, spots.ravel())
-    return _radius(float(np.nanmax(np.abs([largest, smallest]))))
-
-
 def _rim_sizes(face: int, order: int) -> list[tuple[float, float]]:
     """Round rims of a plane patch with the element size at which together they lose no more than
     the share of its area.
@@ -213,7 +197,9 @@ def _rim_sizes(face: int, order: int) -> list[tuple[float, float]]:
     for _, curve in gmsh.model.getBoundary([(2, face)], oriented=False):
         if gmsh.model.getType(1, curve) != "Line":
             low, high = gmsh.model.getParametrizationBounds(1, curve)
-            radius = _radius(float(gmsh.model.getCurvature(1, curve, [(low[0] + high[0]) / 2])[0]))
+            radius = radius_of(
+                float(gmsh.model.getCurvature(1, curve, [(low[0] + high[0]) / 2])[0])
+            )
             if np.isfinite(radius):
                 rims.append(
                     (int(curve), radius, float(gmsh.model.occ.getMass(1, curve)) * radius / 2)
@@ -227,10 +213,6 @@ def _rim_sizes(face: int, order: int) -> list[tuple[float, float]]:
         else LARGEST_TURN
     )
     return [(curve, angle * radius) for curve, radius, _ in rims]
-
-
-def _radius(curvature: float) -> float:
-    return 1.0 / curvature if curvature > 0.0 and np.isfinite(curvature) else float("inf")
 
 
 def add_grading_fields(rims: Mapping[int, float], *, growth: float, size: float) -> list[int]:

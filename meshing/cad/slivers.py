@@ -2,12 +2,13 @@
 leaves unusable elements.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import gmsh
 import numpy as np
 
+from headstock.meshing.cad.known_faces import GONE, PlainShape, follow_faces, know_face
 from headstock.meshing.errors import MeshError
 
 # an element on a narrower face would have a scaled Jacobian below the floor of the mesh checks
@@ -37,26 +38,31 @@ def find_slivers(faces: Sequence[int], size: float) -> list[Sliver]:
 
 
 def remove_narrow_features(
-    volume: int, faces: Sequence[int], *, width: float, named: Collection[int], unit: float
-) -> tuple[int | None, list[str]]:
+    volume: int,
+    list_boundary: Callable[[int], list[int]],
+    *,
+    width: float,
+    named: Collection[int],
+    unit: float,
+) -> PlainShape | None:
     """Take features that consist of faces narrower than a width off a volume, such as steps that a
     tool has left.
 
     Args:
         volume: Tag.
-        faces: Of the volume, in the order in which ``face:N`` counts them; those that stay keep
-            their tags.
+        list_boundary: Tags of the faces of a volume, in the order in which ``face:N`` counts them.
         width: Narrower faces go, and those that they alone surround.
         named: Numbers of faces that something refers to and that must stay.
         unit: Length of the model's unit [m].
 
     Returns:
-        The tag of what is left, None where the CAD kernel spoiled the volume and it must be built
-        again, and what to tell the user.
+        None where the CAD kernel spoiled the volume, or a named face was not known again: the
+        volume must be built anew.
     """
+    faces = list_boundary(volume)
     narrow = {faces[face.number - 1] for face in _measure_faces(faces) if face.width < width}
     if not narrow:
-        return volume, []
+        return PlainShape(volume, faces, [])
     around = {
         face: {abs(curve) for _, curve in gmsh.model.getBoundary([(2, face)], oriented=False)}
         for face in faces
@@ -65,21 +71,24 @@ def remove_narrow_features(
     feature = narrow | {face for face in faces if around[face] <= edges}
     numbers = [number for number, face in enumerate(faces, 1) if face in feature]
     if len(feature) > len(faces) / 2 or set(numbers) & set(named):
-        return volume, []
+        return PlainShape(volume, faces, [])
+    known = [know_face(face) for face in faces]
     before = float(gmsh.model.occ.getMass(3, volume))
     try:
         found = gmsh.model.occ.defeature([volume], sorted(feature))
     except Exception:  # gmsh raises the bare class
-        return None, []
+        return None
     gmsh.model.occ.synchronize()
     left = [tag for dim, tag in found if dim == 3]
     change = float(gmsh.model.occ.getMass(3, left[0])) / before - 1.0 if len(left) == 1 else np.inf
     if not abs(change) <= LARGEST_CHANGE:
-        return None, []
+        return None
+    now = follow_faces(known, list_boundary(left[0]))
+    if any(now[number - 1] == GONE for number in named if 0 < number <= len(faces)):
+        return None
     gone = f"{len(feature)} of {len(faces)} faces{list_faces(numbers)}, narrower than {width * unit:.2g} m or surrounded by such faces"
-    return left[0], [
-        f"{gone}, are left out of the mesh; the volume changes by {change:.1e} (mesh.smallest)"
-    ]
+    remark = f"{gone}, are left out of the mesh; the volume changes by {change:.1e} (mesh.smallest)"
+    return PlainShape(left[0], now, [remark])
 
 
 def list_faces(numbers: Sequence[int]) -> str:

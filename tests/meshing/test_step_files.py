@@ -350,6 +350,20 @@ def test_a_step_of_54_um_is_left_out_of_the_mesh_and_its_faces_are_named(
     assert kept.quality.volume == pytest.approx((60 * 40 * 20 - 15 * 10 * 0.054) * 1e-9, rel=1e-9)
 
 
+def test_a_face_keeps_its_number_when_a_narrow_feature_is_left_out(
+    make_component: Make, stepped: Path
+) -> None:
+    faces = survey_step(StepFile(stepped)).faces
+    walls = [face for face in faces if face.area > 700e-6]  # the whole top and those around it
+    patches = {f"side{face.number}": Patch(f"face:{face.number}") for face in walls}
+    mesh = mesh_component(make_component(StepFile(stepped), patches, size=0.03))
+    assert any("left out" in remark for remark in mesh.quality.remarks)
+    _, centroids = patch_moments(mesh.points, mesh.patches)
+    assert len(walls) >= 5
+    for face in walls:
+        assert centroids[f"side{face.number}"] == pytest.approx(face.center, abs=1e-3)
+
+
 def test_a_narrow_feature_that_an_interface_names_stays(
     make_component: Make, stepped: Path
 ) -> None:
