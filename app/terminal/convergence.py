@@ -126,10 +126,18 @@ def show_sizes(series: MeshSeries, factor: float) -> str:
     return f"{factor:.2g} times the sizes in convergence.json"
 
 
+def _errors(found: Convergence) -> list[list[float | None]]:
+    """Of each watched number, the distances of its values from the limit."""
+    return [
+        relative_errors(series, limit)
+        for series, limit in zip(found.watched, found.limits, strict=True)
+    ]
+
+
 def _print_meshes(console: Console, found: Convergence) -> None:
     first, limit = found.watched[0], found.limits[0]
     own = relative_errors(first, limit)
-    every = [relative_errors(*pair) for pair in zip(found.watched, found.limits, strict=True)]
+    every = _errors(found)
     table = make_table(
         ">size", ">dofs", ">s", ">MB", f">{first.name} [{first.unit}]", ">from limit", "<furthest"
     )
@@ -380,8 +388,7 @@ def convergence_csv(found: Convergence) -> bytes:
     limit.
     """
     costs = found.costs
-    pairs = list(zip(found.watched, found.limits, strict=True))
-    errors = [relative_errors(*pair) for pair in pairs]
+    errors = _errors(found)
     names = [
         head
         for each in found.watched

@@ -111,7 +111,13 @@ class RawMesh:
     node_sets: dict[str, list[IntArray]] = field(default_factory=dict)
 
     def add_facets(self, name: str, kind: str, nodes: IntArray) -> None:
-        """Add surface elements to a named set; elements of other kinds are passed over."""
+        """Add surface elements to a named set; elements of other kinds are passed over.
+
+        Args:
+            name: Of the set.
+            kind: Of the elements, by meshio's name.
+            nodes: ``(n, k)``, corners first.
+        """
         corners = {"t": 3, "q": 4}.get(kind[:1]) if kind.startswith(MESHIO_FACETS) else None
         if corners is not None and len(nodes):
             self.facets.setdefault(_clean(name), []).append(nodes[:, :corners])

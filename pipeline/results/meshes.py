@@ -3,9 +3,16 @@
 from pathlib import Path
 
 import numpy as np
-import pyvista
 
+from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.results.grids import COMPONENT, Grid
+
+try:
+    import pyvista
+except ImportError as missing:
+    raise HeadstockError(
+        "meshes of components are pyvista's: pip install pyvista, or ./headstock doctor"
+    ) from missing
 
 
 def make_mesh(grid: Grid) -> pyvista.UnstructuredGrid:

@@ -82,7 +82,14 @@ def cluster_end(frequencies: FloatArray, count: int) -> int:
 def select_pairs(
     values: FloatArray, bounds: FloatArray, target: ModeTarget, complete: bool
 ) -> int | None:
-    """Number of converged leading pairs that fulfil the target, or None if not there yet."""
+    """Number of converged leading pairs that fulfil the target, or None if not there yet.
+
+    Args:
+        values: ``(m,)`` of the inverse, falling.
+        bounds: ``(m,)`` relative residual bounds.
+        target: Which modes.
+        complete: The values are all there are.
+    """
     frequencies = np.asarray(1.0 / (2.0 * np.pi * np.sqrt(values)))
     wanted = target.count_wanted(frequencies)
     if complete:

@@ -168,6 +168,12 @@ def polish_poles(
 ) -> tuple[ComplexArray, ComplexArray] | None:
     """Poles from where they are nearly right, each on its own; None where one does not converge.
 
+    Args:
+        squares: ``(m,)`` undamped eigenvalues [rad^2/s^2].
+        viscous: ``(m, m)`` modal damping [1/s].
+        poles: ``(k,)`` [1/s].
+        shapes: ``(m, k)``.
+
     Source: Parlett (1974), Math. Comp. 28, 679-693, for the cubic convergence of Rayleigh quotient
     iteration.
     """
