@@ -9,8 +9,8 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 
 # relative residual bound of the inverse. One more step of the inverse, which block Lanczos has for
-# nothing, leaves residuals of 2e-6 of K x, and eigenvalues off by the square of the bound
-RITZ_TOLERANCE = 3e-6
+# nothing, leaves residuals below 1e-6 of K x, and eigenvalues off by the square of the bound
+RITZ_TOLERANCE = 1e-6
 NEIGHBOUR_TOLERANCE = 1e-3
 CLUSTER_GAP = 5e-3
 # beyond the modes wanted; waves across a sheet that is held all over have frequencies without gaps
