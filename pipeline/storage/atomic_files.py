@@ -98,10 +98,10 @@ def lock_folder(folder: Path) -> Iterator[bool]:
 def _open_temporary(path: Path) -> tuple[int, Path]:
     while True:
         handle, name = tempfile.mkstemp(prefix=_prefix(path), suffix=SUFFIX, dir=path.parent)
-        lock_file(handle)
-        if os.fstat(handle).st_nlink:
+        if lock_file(handle) and os.fstat(handle).st_nlink:
             return handle, Path(name)
-        os.close(handle)  # another writer took it for abandoned before it was locked
+        # another writer took it for abandoned before it was locked, and has removed it or is about to
+        os.close(handle)
 
 
 def remove_abandoned(path: Path) -> None:
