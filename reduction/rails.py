@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from headstock.geometry.frames import FloatArray, rigid_transfer, skew
 from headstock.geometry.machine.carriages import DEGREE, LEAST_INTERVALS, count_stations, rail_span
@@ -159,6 +158,8 @@ def carriage_rows(rail: Rail, place: float, length: float) -> FloatArray:
         ModelError: The carriage is longer than the rail, hangs over one of its ends, or is too
             short for the stations.
     """
+    from scipy.interpolate import BSpline  # a third of a second, which most commands do not need
+
     place = _check_place(rail, place, length)
     points, mean, slope = _weigh_carriage(rail.knots, place, length, rail.blur)
     degree = _degree(rail.knots)

@@ -9,7 +9,6 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt, sosfiltfilt
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
@@ -215,6 +214,9 @@ def filter_deviation(found: PathDeviation, low_pass: LowPass | None) -> PathDevi
     """
     if low_pass is None:
         return found
+    # a quarter of a second, which most commands do not need
+    from scipy.signal import butter, sosfilt, sosfiltfilt
+
     rate = 1.0 / float(found.times[1] - found.times[0])
     sections = butter(FILTER_ORDER, low_pass.frequency_hz, fs=rate, output="sos")
     padding = int(np.ceil(PADDING * rate / low_pass.frequency_hz))
