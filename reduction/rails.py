@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # whose interpolation, a third of a second, is loaded where it is used
 
 from headstock.geometry.frames import FloatArray, rigid_transfer, skew
 from headstock.geometry.machine.carriages import DEGREE, LEAST_INTERVALS, count_stations, rail_span
@@ -158,12 +159,12 @@ def carriage_rows(rail: Rail, place: float, length: float) -> FloatArray:
         ModelError: The carriage is longer than the rail, hangs over one of its ends, or is too
             short for the stations.
     """
-    from scipy.interpolate import BSpline  # a third of a second, which most commands do not need
-
     place = _check_place(rail, place, length)
     points, mean, slope = _weigh_carriage(rail.knots, place, length, rail.blur)
     degree = _degree(rail.knots)
-    splines = BSpline(rail.knots, np.eye(len(rail.knots) - degree - 1), degree)(points)
+    splines = scipy.interpolate.BSpline(rail.knots, np.eye(len(rail.knots) - degree - 1), degree)(
+        points
+    )
     control = rail.control.reshape(splines.shape[1], STATION_DOFS, -1)
     means = np.tensordot(mean @ splines, control, axes=1)
     rows = np.zeros((6, control.shape[2]))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
+import scipy  # whose filters, a quarter of a second, are loaded where they are used
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
@@ -214,20 +215,17 @@ def filter_deviation(found: PathDeviation, low_pass: LowPass | None) -> PathDevi
     """
     if low_pass is None:
         return found
-    # a quarter of a second, which most commands do not need
-    from scipy.signal import butter, sosfilt, sosfiltfilt
-
     rate = 1.0 / float(found.times[1] - found.times[0])
-    sections = butter(FILTER_ORDER, low_pass.frequency_hz, fs=rate, output="sos")
+    sections = scipy.signal.butter(FILTER_ORDER, low_pass.frequency_hz, fs=rate, output="sos")
     padding = int(np.ceil(PADDING * rate / low_pass.frequency_hz))
 
     def apply(values: FloatArray) -> FloatArray:
         rest = np.zeros((padding, values.shape[1]))
         padded = np.vstack([rest, values, np.repeat(values[-1:], padding, axis=0)])
         run = (
-            sosfilt
+            scipy.signal.sosfilt
             if low_pass.kind == "causal"
-            else lambda *args, axis: sosfiltfilt(*args, axis=axis, padtype=None)
+            else lambda *args, axis: scipy.signal.sosfiltfilt(*args, axis=axis, padtype=None)
         )
         return np.asarray(run(sections, padded, axis=0)[padding:-padding])
 
