@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.interpolate import PPoly
+import scipy  # whose interpolation, a third of a second, is loaded where it is used
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
@@ -170,13 +170,13 @@ def _acceleration_pieces(move: SetPoint) -> tuple[FloatArray, FloatArray, FloatA
     return np.append(breaks[:-1][kept], breaks[-1]), first[kept], last[kept]
 
 
-def _position(move: SetPoint) -> PPoly:
+def _position(move: SetPoint) -> "scipy.interpolate.PPoly":
     breaks, first, last = _acceleration_pieces(move)
     spans = np.diff(breaks)
     cubic, square = (last - first) / (6.0 * spans), 0.5 * first
     speeds = np.concatenate([[0.0], np.cumsum(0.5 * (first + last) * spans)])[:-1]
     ways = speeds * spans + square * spans**2 + cubic * spans**3
-    return PPoly(
+    return scipy.interpolate.PPoly(
         np.array([cubic, square, speeds, np.concatenate([[0.0], np.cumsum(ways)])[:-1]]), breaks
     )
 
