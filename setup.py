@@ -1,4 +1,6 @@
-"""Root folders are sub-packages of headstock; the rooms in them are found, not listed."""
+"""Root folders are sub-packages of headstock, and ``api`` is headstock itself; the rooms in them are
+found, not listed.
+"""
 
 from setuptools import find_packages, setup
 
@@ -16,9 +18,12 @@ LAYERS = (
 
 setup(
     packages=[
-        f"headstock.{name}"
-        for layer in LAYERS
-        for name in (layer, *(f"{layer}.{room}" for room in find_packages(layer)))
+        "headstock",
+        *(
+            f"headstock.{name}"
+            for layer in LAYERS
+            for name in (layer, *(f"{layer}.{room}" for room in find_packages(layer)))
+        ),
     ],
-    package_dir={f"headstock.{layer}": layer for layer in LAYERS},
+    package_dir={"headstock": "api"} | {f"headstock.{layer}": layer for layer in LAYERS},
 )

@@ -149,9 +149,15 @@ class Tree:
         return max(map(length, inside), default=0)
 
 
+def list_layers(root: Path) -> list[str]:
+    """Names of the folders that are linked as layers, and of the front door where there is one."""
+    names = {link.name for link in (root / ".typing" / "headstock").iterdir()} | {"api"}
+    return sorted(name for name in names if (root / name).is_dir())
+
+
 def read_work_tree() -> Tree:
     """The files as they are on disk."""
-    layers = sorted(link.name for link in (ROOT / ".typing" / "headstock").iterdir())
+    layers = list_layers(ROOT)
     places = [
         path.relative_to(ROOT).as_posix()
         for layer in layers
@@ -175,7 +181,7 @@ def read_commit(commit: str) -> Tree:
     with tempfile.TemporaryDirectory() as folder, tarfile.open(fileobj=BytesIO(archive)) as files:
         files.extractall(folder, filter="data")
         top = Path(folder)
-        layers = sorted(link.name for link in (top / ".typing" / "headstock").iterdir())
+        layers = list_layers(top)
         paths = [
             path
             for layer in layers

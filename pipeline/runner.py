@@ -117,9 +117,8 @@ def run_scene(
             if state.is_root:
                 for message in find_warnings(state):
                     state.warn(message)
-                files[RESULTS_FILE] = add_results(
-                    pending, output, gather_results(state, provenance=provenance)
-                )
+                found = gather_results(state, tuple(rounds.records), provenance=provenance)
+                files[RESULTS_FILE] = add_results(pending, output, found)
             # the others wait here, so that all ranks end together
             return Outcome(detail=share_from_root(state.comm, str(output)))
 

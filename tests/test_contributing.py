@@ -15,7 +15,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 PATCH = ROOT / "tests" / "data" / "adding_an_analysis.patch"
-LAYERS = sorted(link.name for link in (ROOT / ".typing" / "headstock").iterdir())
+LAYERS = sorted(
+    link.name for link in (ROOT / ".typing" / "headstock").iterdir() if (ROOT / link.name).is_dir()
+)
 
 
 def files_in(title: str) -> set[str]:
@@ -54,7 +56,7 @@ def files_with(*patterns: str) -> set[str]:
 def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the tree with the patch."""
     copy = tmp_path_factory.mktemp("extended")
-    for name in (".typing", "machines", "tests", *LAYERS):
+    for name in (".typing", "machines", "tests", "api", *LAYERS):
         shutil.copytree(ROOT / name, copy / name, symlinks=True)
     shutil.copy(ROOT / "pyproject.toml", copy)
     # a repository around the copy would take the paths for its own

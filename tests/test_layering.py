@@ -27,7 +27,9 @@ LAYERS = (
     "validation",
     "app",
 )
-APART = {("scene", "reduction")}
+# The folder that is the package headstock itself: its front door, beside app.
+DOOR = "api"
+APART = {("scene", "reduction"), (DOOR, "app"), (DOOR, "validation")}
 # What the files of a layer that are in no room are: nouns that its rooms import, or doors that
 # import its rooms.
 GROUNDS = {"geometry", "meshing", "solvers", "reduction", "scene"}
@@ -94,7 +96,7 @@ ADAPTERS = {
     "ufl": {"solvers/elastic"},
     "petsc4py": {"solvers/elastic"},
     "slepc4py": {"solvers/elastic"},
-    "pydantic": {"scene/schema", "studies/identification"},
+    "pydantic": {"scene/schema", "studies/identification", DOOR},
     "pint": {"scene/reading"},
     "typer": {"app", "app/commands", "app/actions", "app/terminal"},
     "click": {"app", "app/commands", "app/actions", "app/terminal"},
@@ -105,7 +107,7 @@ ADAPTERS = {
     "pyvista": {"app/pictures", "pipeline/results"},
 }
 
-MODULES = sorted(path for layer in LAYERS for path in (ROOT / layer).rglob("*.py"))
+MODULES = sorted(path for layer in (*LAYERS, DOOR) for path in (ROOT / layer).rglob("*.py"))
 FOLDERS = sorted({path.parent for path in MODULES})
 TREES = {path: ast.parse(path.read_text()) for path in MODULES}
 
@@ -115,7 +117,8 @@ def layer_of(path: Path) -> str:
 
 
 def module_name(path: Path) -> str:
-    return ".".join(("headstock", *path.relative_to(ROOT).with_suffix("").parts))
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(("headstock", *(parts[1:] if parts[0] == DOOR else parts)))
 
 
 def room_of(path: Path) -> str:
@@ -158,7 +161,8 @@ def may_import(importer: tuple[str, str], imported: tuple[str, str]) -> bool:
     if layer != other:
         if (layer, other) == ("scene", "meshing"):
             return other_room == ""
-        return LAYERS.index(other) < LAYERS.index(layer) and (layer, other) not in APART
+        order = (*LAYERS, DOOR)
+        return order.index(other) < order.index(layer) and (layer, other) not in APART
     if room == other_room:
         return True
     if room == "":
@@ -266,7 +270,11 @@ def test_only_the_command_line_folder_imports_inside_functions() -> None:
     assert offenders(wrong) == {}
 
 
-@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.relative_to(ROOT).as_posix())
+@pytest.mark.parametrize(
+    "folder",
+    [folder for folder in FOLDERS if folder.name != DOOR],
+    ids=lambda folder: folder.relative_to(ROOT).as_posix(),
+)
 def test_a_package_file_holds_a_docstring_and_nothing_else(folder: Path) -> None:
     tree = ast.parse((folder / "__init__.py").read_text())
     assert ast.get_docstring(tree)
@@ -304,9 +312,14 @@ def test_a_module_that_is_named_in_a_string_exists() -> None:
     assert offenders(wrong) == {}
 
 
-def test_headstock_is_a_namespace_without_a_file_of_its_own() -> None:
+def test_the_front_door_is_the_package_itself() -> None:
+    mapped = ROOT / ".typing" / "headstock"
+    files = {path.name for path in (ROOT / DOOR).iterdir() if path.is_file()}
+    links = {link.name for link in mapped.iterdir() if link.is_symlink()}
+    assert files == links - set(LAYERS)
+    assert all((mapped / name).resolve() == ROOT / DOOR / name for name in files)
+    assert '"headstock": "api"' in (ROOT / "setup.py").read_text()
     assert not (ROOT / "__init__.py").exists()
-    assert not (ROOT / ".typing" / "headstock" / "__init__.py").exists()
 
 
 def test_no_module_shares_its_name_with_a_function_in_it() -> None:
@@ -348,7 +361,7 @@ def test_the_keys_of_the_store_cover_every_module_that_an_entry_is_computed_by(s
 
 
 def text_files() -> Iterator[Path]:
-    folders = (*LAYERS, "tests", "benchmarks", "machines", "docs", "environment", ".ci")
+    folders = (*LAYERS, DOOR, "tests", "benchmarks", "machines", "docs", "environment", ".ci")
     for folder in folders:
         for path in sorted((ROOT / folder).rglob("*")):
             if (

@@ -18,7 +18,16 @@ PARTS = (
     "CHANGELOG.md",
     "CITATION.cff",
 )
-ASSETS = {".py", ".toml", ".yaml", ".html", ".css", ".js"}
+ASSETS = {".py", ".pyi", ".toml", ".yaml", ".html", ".css", ".js"}
+# `api` is the package itself
+LAYERS = [
+    "api",
+    *(
+        link.name
+        for link in (ROOT / ".typing" / "headstock").iterdir()
+        if (ROOT / link.name).is_dir()
+    ),
+]
 COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
 
 
@@ -26,8 +35,7 @@ def build_wheel(folder: Path) -> Path:
     """The wheel of this tree, built from a copy: setuptools leaves folders beside what it
     builds.
     """
-    layers = [link.name for link in (ROOT / ".typing" / "headstock").iterdir()]
-    for layer in layers:
+    for layer in LAYERS:
         shutil.copytree(
             ROOT / layer, folder / "tree" / layer, ignore=shutil.ignore_patterns("__pycache__")
         )
@@ -81,12 +89,11 @@ def test_a_scene_runs_from_the_wheel_which_holds_every_module_and_asset(tmp_path
     wheel, installed = build_wheel(tmp_path), tmp_path / "installed"
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(installed)
-    layers = [link.resolve() for link in (ROOT / ".typing" / "headstock").iterdir()]
     # the rest of app/report/viewer is what its script was packed from
     files = {
-        path.relative_to(ROOT)
-        for layer in layers
-        for path in layer.rglob("*")
+        path.relative_to(ROOT if layer != "api" else ROOT / layer)
+        for layer in LAYERS
+        for path in (ROOT / layer).rglob("*")
         if path.suffix in ASSETS or path.name == "py.typed"
     }
     assert {path for path in files if not (installed / "headstock" / path).is_file()} == set()

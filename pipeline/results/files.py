@@ -2,6 +2,8 @@
 together, and read again.
 """
 
+import dataclasses
+import functools
 import hashlib
 import importlib
 import io
@@ -14,6 +16,8 @@ from typing import TYPE_CHECKING, cast
 import h5py
 import numpy as np
 
+from headstock.pipeline.planning.plan import Stage, StageRecord
+from headstock.pipeline.results.answers import Answer
 from headstock.pipeline.results.frf import ResponseCurves, parse_curves
 from headstock.pipeline.results.grids import MESH_MODULE
 from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, file_stem
@@ -30,6 +34,14 @@ from headstock.pipeline.storage.records import (
     write_record,
     write_words,
 )
+from headstock.pipeline.storage.typed_json import (
+    LARGE,
+    AnyArray,
+    decode_value,
+    dump_coded,
+    encode_value,
+    reachable_classes,
+)
 
 if TYPE_CHECKING:
     import pyvista
@@ -44,7 +56,7 @@ REPORT_FILE = "report.html"
 # pattern of the path of a data set to its unit; answers name those of their own
 UNITS = {
     r"provenance/.*": "",
-    r"labels": "",
+    r"labels|record/text": "",
     r"view/.*/(edges|nodes|triangles|cells)": "",
     r"view/.*/(origin|tool_place|work_place)|view/skins/.*/points": "m",
     r"view/.*/rotation|view/axes/.*": "1",
@@ -113,7 +125,35 @@ def _fill(file: h5py.File, results: Results) -> None:
     for answer in results.answers:
         answer.fill(file)
         units |= answer.units
+    _fill_record(file, results)
     mark_units(file, units)
+
+
+def _fill_record(file: h5py.File, results: Results) -> None:
+    """Everything but the view once more as one text, for ``open_results``; arrays that are in the
+    file are named in it.
+    """
+    known: dict[tuple[str, tuple[int, ...], bytes], str] = {}
+
+    def remember(name: str, item: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(item, h5py.Dataset) and item.size > LARGE and not name.startswith("view/"):
+            known[_fingerprint(item[()])] = name
+
+    def keep(array: AnyArray) -> str:
+        name = known.setdefault(_fingerprint(array), f"record/arrays/{len(known)}")
+        if name not in file:
+            file[name] = array
+        return name
+
+    file.visititems(remember)
+    plain = dataclasses.replace(results, view=MachineView(), volumes=None)
+    text = np.frombuffer(dump_coded(encode_value(plain, keep)), dtype=np.uint8)
+    file.create_dataset("record/text", data=text, compression="gzip", compression_opts=4)
+
+
+def _fingerprint(array: AnyArray) -> tuple[str, tuple[int, ...], bytes]:
+    content = np.ascontiguousarray(array)
+    return array.dtype.str, array.shape, hashlib.sha256(content).digest()
 
 
 def mark_units(file: h5py.File, units: Mapping[str, str]) -> None:
@@ -158,6 +198,42 @@ def read_summary(folder: Path) -> RunSummary:
         )
     # a damaged one shows where it is read: no program but this one writes it
     return cast(RunSummary, summary)
+
+
+def open_results(folder: Path) -> Results:
+    """Everything a run found, from its folder; ``Results.mesh`` reads the ``.vtu`` files.
+
+    Raises:
+        OutputError: The files are missing, damaged, of another version or of different runs.
+    """
+    summary = read_summary(folder)
+
+    def read(file: h5py.File) -> Results:
+        kinds = reachable_classes([Results, *Answer.__subclasses__()])
+        coded = json.loads(file["record/text"][()].tobytes())
+        found = decode_value(coded, kinds, lambda name: np.asarray(file[name][()]))
+        if not isinstance(found, Results):
+            raise RecordError(f"record/text holds a {type(found).__name__}")
+        return dataclasses.replace(found, view=read_record(file["view"], MachineView))
+
+    results = _read_results(folder, read)
+    # the stage that wrote the record cannot be in it
+    last = [
+        StageRecord(
+            Stage(stage["stage"], stage["component"], stage["reason"], stage["pose"]),
+            stage["seconds"],
+            cached=stage["cached"],
+            peak_rss_mb=stage["peak_rss_mb"],
+            cpu_seconds=stage["cpu_seconds"],
+        )
+        for stage in summary["stages"][len(results.stages) :]
+    ]
+    return dataclasses.replace(
+        results,
+        stages=(*results.stages, *last),
+        files={name: entry["sha256"] for name, entry in summary["files"].items()},
+        saved_mesh=functools.partial(read_mesh, folder),
+    )
 
 
 def read_view(folder: Path) -> MachineView:

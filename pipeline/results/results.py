@@ -9,6 +9,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import MeshQuality
 from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.results.answers import Answer, find_answers
+from headstock.pipeline.results.frf import PoseResponse
 from headstock.pipeline.results.grids import MESH_MODULE, Grid, pose_numbers, surface_grid
 from headstock.pipeline.results.modal import PoseModes
 from headstock.pipeline.results.static import PointCompliance, StaticAnswer
@@ -17,6 +18,8 @@ from headstock.pipeline.storage.provenance import Provenance
 
 if TYPE_CHECKING:
     import pyvista
+
+type MeshReader = Callable[[str, str | None], pyvista.UnstructuredGrid]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,8 @@ class Results:
         provenance: Where it comes from; None where nobody said.
         volumes: Pose and component to its volume mesh, None where it has none; None after a run
             that kept no meshes.
+        saved_mesh: Component and pose to its mesh in the files of the run; None where the results
+            are those of a run just made.
     """
 
     name: str
@@ -76,6 +81,7 @@ class Results:
     files: dict[str, str] = field(default_factory=dict)
     provenance: Provenance | None = None
     volumes: Callable[[str, str], Grid | None] | None = None
+    saved_mesh: MeshReader | None = None
 
     @property
     def static(self) -> dict[str, dict[str, PointCompliance]]:
@@ -86,6 +92,25 @@ class Results:
     def modal(self) -> tuple[PoseModes, ...]:
         """Natural modes, one per pose."""
         return find_answers(self.answers, PoseModes)
+
+    @property
+    def modes(self) -> dict[str, PoseModes]:
+        """Pose name to natural modes."""
+        return {modes.pose.name: modes for modes in self.modal}
+
+    @property
+    def compliance(self) -> dict[str, FloatArray]:
+        """Point name to ``(6, 6)`` static compliance in the first pose [m/N, 1/N, 1/(N m)]; of all
+        poses, with budget and errors, in ``static``.
+        """
+        points = next(iter(self.static.values()), {})
+        return {name: point.compliance for name, point in points.items()}
+
+    @property
+    def frf(self) -> dict[str, PoseResponse]:
+        """Pose name to frequency response."""
+        responses = find_answers(self.answers, PoseResponse)
+        return {response.curves.pose: response for response in responses}
 
     def mesh(self, component: str, pose: str | None = None) -> "pyvista.UnstructuredGrid":
         """A component where it stands in a pose [m], with its modes and responses as named arrays.
@@ -100,6 +125,8 @@ class Results:
         Raises:
             KeyError: There is no such component or pose; the message has those that are.
         """
+        if self.saved_mesh is not None:
+            return self.saved_mesh(component, pose)
         found = pick_name("component", component, self.view.skins)
         name = pick_name("pose", pose, self.view.poses)
         volume = self.volumes and self.volumes(name, found)

@@ -144,7 +144,28 @@ def trace_origin(
     """
     if not choice.path.is_file() or choice.path.stat().st_size > MAX_BYTES:
         raise OSError(f"{choice.path} is no scene file")
-    content = choice.path.read_bytes()
+    return trace_content(
+        choice, choice.path.read_bytes(), ranks=ranks, command=command, with_host=with_host
+    )
+
+
+def trace_content(
+    choice: SceneChoice,
+    content: bytes,
+    *,
+    ranks: int,
+    command: Sequence[str] | None = None,
+    with_host: bool = True,
+) -> Provenance:
+    """Where what is computed now from the content of a scene file comes from.
+
+    Args:
+        choice: Name of the file, and what is changed of its content.
+        content: Of the scene file, or of what would be one.
+        ranks: MPI ranks.
+        command: Words of the command line; None without one.
+        with_host: State host and command line.
+    """
     program = find_version()
     return Provenance(
         scene_file=choice.path.name,

@@ -63,7 +63,7 @@ from headstock.scene.building.studies import (
     check_sweeps,
     read_sweep_paths,
 )
-from headstock.scene.reading.files import TomlValue, read_scene
+from headstock.scene.reading.files import TomlTable, TomlValue, read_scene
 from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, CompareSettings, Limits, Scene
@@ -137,9 +137,47 @@ def load_scene(
             what to write.
     """
     findings = Findings(str(path))
+    raw = read_tables(path, findings, variant=variant, overrides=overrides, values=values)
+    return build_scene(raw, findings, path=path, variant=variant)
+
+
+def read_tables(
+    path: Path,
+    findings: Findings,
+    *,
+    variant: str | None = None,
+    overrides: Sequence[str] = (),
+    values: Mapping[str, TomlValue] | None = None,
+) -> TomlTable:
+    """The tables of a scene file with everything applied that changes them.
+
+    Args:
+        path: A ``.toml`` file.
+        findings: Receives lines, origins and problems.
+        variant: As ``load_scene`` has it.
+        overrides: The same.
+        values: The same.
+    """
     raw = apply_variant(read_scene(path, findings), variant, findings)
     apply_settings(raw, overrides, findings)
     apply_values(raw, values or {}, findings)
+    return raw
+
+
+def build_scene(
+    raw: TomlTable, findings: Findings, *, path: Path, variant: str | None = None
+) -> Scene:
+    """Validate, check and build the tables of a scene.
+
+    Args:
+        raw: Its tables.
+        findings: Knows where they come from, and what was found so far.
+        path: Scene file; files the scene refers to lie in its folder.
+        variant: That was applied.
+
+    Raises:
+        SceneError: Anything is wrong.
+    """
     table = validate_tables(raw, findings)
     if table is None:
         findings.raise_if_any()

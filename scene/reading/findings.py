@@ -3,12 +3,14 @@ write.
 """
 
 import difflib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from headstock.scene.reading.positions import KeyPath
 
 MAX_SHOWN = 60
+_LINE = re.compile(r":(\d+)(?: \(.*\))?$", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,22 @@ class Problem:
     key: str
     source: str
     message: str
+
+    @property
+    def file(self) -> str:
+        """File it was found in; an override where there is none."""
+        return _LINE.sub("", self.place)
+
+    @property
+    def line(self) -> int | None:
+        """Line of the file, from 1; None for the file as a whole."""
+        found = _LINE.search(self.place)
+        return None if found is None else int(found[1])
+
+    @property
+    def remedy(self) -> str:
+        """What to write instead, as the message says it behind its first semicolon."""
+        return self.message.partition("; ")[2]
 
     def __str__(self) -> str:
         head = f"{self.place}: {self.key}" if self.key else self.place

@@ -874,7 +874,7 @@ def direct(
 def clone(target: Path) -> Path:
     target.mkdir(parents=True)
     shutil.copy(ROOT / "headstock", target)
-    for folder in ("environment", ".typing", "app", "geometry"):
+    for folder in ("environment", ".typing", "api", "app", "geometry"):
         shutil.copytree(ROOT / folder, target / folder, symlinks=True)
     return target
 

@@ -21,7 +21,8 @@ from headstock.scene.reading.units import LENGTH, UnitError, parse_quantity
 
 ROOT = Path(__file__).resolve().parents[2]
 LINKS = sorted((ROOT / ".typing" / "headstock").iterdir())
-SOURCES = [path for link in LINKS for path in sorted(link.resolve().rglob("*.py"))]
+FOLDERS = [ROOT / "api", *(link.resolve() for link in LINKS if link.is_symlink())]
+SOURCES = [path for folder in FOLDERS for path in sorted(folder.rglob("*.py"))]
 RUNNERS = {"eval", "exec", "compile", "__import__", "execfile", "input"}
 READERS = {
     "pickle",

@@ -1,0 +1,237 @@
+"""The nouns of a scene in Python, and ``Machine``, a whole scene: built of nouns or loaded from a
+file, changed, and saved as TOML.
+"""
+
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import cached_property
+from inspect import Parameter, Signature
+from pathlib import Path
+from typing import ClassVar, Self
+
+from pydantic import BaseModel
+
+from headstock.pipeline.storage.atomic_files import write_atomically
+from headstock.pipeline.storage.content_keys import file_digests
+from headstock.pipeline.storage.outputs import naming_output
+from headstock.pipeline.storage.provenance import SceneChoice
+from headstock.scene.building.loader import build_scene, read_tables
+from headstock.scene.reading.files import TomlTable, TomlValue
+from headstock.scene.reading.findings import Findings, SceneError
+from headstock.scene.reading.keys import split_key
+from headstock.scene.reading.toml_text import write_toml, write_value
+from headstock.scene.scene import Scene
+from headstock.scene.schema.overrides import apply_settings, apply_variant
+from headstock.scene.schema.scene import SceneTable
+from headstock.scene.schema.validation import validate_against
+from headstock.values import write_at, write_table
+
+
+class Noun:
+    """A table of the scene as an object: constructed from its keys, which docs/scene_reference.md
+    lists, and frozen. A quantity is a text with a unit, or a number in SI units.
+
+    Attributes:
+        table: As TOML has it.
+    """
+
+    schema: ClassVar[type[BaseModel]]
+
+    def __init_subclass__(cls, *, schema: type[BaseModel], **rest: object) -> None:
+        """Keys of the table become the parameters that ``help`` and notebooks show."""
+        super().__init_subclass__(**rest)
+        cls.schema = schema
+        if "__init__" not in cls.__dict__:
+            keys = [field.alias or name for name, field in schema.model_fields.items()]
+            cls.__signature__ = Signature(  # type: ignore[attr-defined]
+                [Parameter(key, Parameter.KEYWORD_ONLY) for key in keys if key.isidentifier()]
+            )
+
+    def __init__(self, **keys: object) -> None:
+        """Raises SceneError with every problem of the keys."""
+        self.table: TomlTable = write_table(self.schema, keys)
+        findings = Findings(type(self).__name__)
+        self._checked: BaseModel | None = validate_against(self.schema, self.table, findings)
+        findings.raise_if_any()
+
+    def __getattr__(self, key: str) -> object:
+        """What a key holds, in SI units, with defaults where it was not given."""
+        if key.startswith("_") or key not in self.schema.model_fields:
+            raise AttributeError(f"a {type(self).__name__} has no {key!r}")
+        return getattr(self._checked, key)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.schema.model_fields]
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both say the same, whatever units it is written in."""
+        if not isinstance(other, Noun) or self.schema is not other.schema:
+            return NotImplemented
+        return self._checked == other._checked
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        keys = ", ".join(f"{key}={value!r}" for key, value in self.table.items())
+        return f"{type(self).__name__}({keys})"
+
+
+class Machine(Noun, schema=SceneTable):
+    """A scene: a machine, its poses and what is to be computed. It is checked as
+    ``headstock check`` does when it is made, and is not changed afterwards.
+
+    Attributes:
+        table: As TOML has it, with variant and settings applied.
+        scene: Built of it; not public.
+        choice: File, variant and settings that give the same; None where there is no such file.
+    """
+
+    table: TomlTable
+    scene: Scene
+    choice: SceneChoice | None
+
+    def __init__(self, *, folder: str | Path = ".", **keys: object) -> None:
+        """Build a machine of nouns and tables, with the sections of a scene as keys.
+
+        Args:
+            folder: Where files lie that it refers to (STEP parts, meshes).
+            keys: ``name``, ``materials``, ``components``, ``joints`` and so on.
+
+        Raises:
+            SceneError: Anything is wrong; holds every problem.
+        """
+        table = write_table(SceneTable, keys)
+        path = Path(folder) / f"{table.get('name') or 'machine'}.toml".replace("/", "-")
+        self._take(table, Findings("Machine"), path=path, variant=None, choice=None)
+
+    @classmethod
+    def load(cls, choice: SceneChoice) -> Self:
+        """A machine from a scene file; raises SceneError with every problem."""
+        made = cls.__new__(cls)
+        findings = Findings(str(choice.path))
+        table = read_tables(
+            choice.path, findings, variant=choice.variant, overrides=choice.overrides
+        )
+        made._take(table, findings, path=choice.path, variant=choice.variant, choice=choice)
+        return made
+
+    def _take(
+        self,
+        table: TomlTable,
+        findings: Findings,
+        *,
+        path: Path,
+        variant: str | None,
+        choice: SceneChoice | None,
+    ) -> None:
+        self.table, self.choice = table, choice
+        self._origins, self._lines = dict(findings.origins), findings.lines
+        self.scene = build_scene(table, findings, path=path, variant=variant)
+
+    @cached_property
+    def _checked(self) -> BaseModel | None:  # type: ignore[override]
+        return validate_against(SceneTable, self.scene.raw, Findings(str(self.scene.path)))
+
+    def change(
+        self, *, variant: str | None = None, set: Mapping[str, object] | None = None
+    ) -> "Machine":
+        """The machine with a variant of its own and other values.
+
+        Args:
+            variant: Name; several joined by ``+``.
+            set: Dotted key to value, applied after the variant.
+
+        Raises:
+            SceneError: The result has problems.
+        """
+        path = self.scene.path
+        findings = Findings(str(path), self._lines, dict(self._origins))
+        overrides = write_settings(set or {})
+        table = apply_variant(self.table, variant, findings)
+        apply_settings(table, overrides, findings)
+        joined = "+".join(filter(None, [self.scene.variant, variant])) or None
+        choice = self.choice
+        if choice is not None:
+            # on the command line settings come after all variants
+            choice = (
+                replace(choice, variant=joined, overrides=(*choice.overrides, *overrides))
+                if variant is None or not choice.overrides
+                else None
+            )
+        made = Machine.__new__(Machine)
+        made._take(table, findings, path=path, variant=joined, choice=choice)
+        return made
+
+    def save(self, path: str | Path) -> Path:
+        """Write the machine as a scene file, with the files it refers to beside it.
+
+        Args:
+            path: A ``.toml`` file; it is the old one or the whole new one.
+
+        Raises:
+            SceneError: Another file of the name of one it refers to is in the way, or the path does
+                not end in .toml.
+            OutputError: A file cannot be written.
+        """
+        target, source = Path(path), self.scene.path.parent
+        findings = Findings(str(target))
+        if target.suffix.lower() != ".toml":
+            findings.add_line(None, f"a scene file ends in .toml; write {target.stem}.toml")
+        copies: list[str] = []
+        for name, digest in file_digests(source, self.scene.raw):
+            if not (target.parent / name).exists():
+                copies.append(name)
+            elif digest not in dict(file_digests(target.parent, self.scene.raw)).values():
+                findings.add_line(
+                    None,
+                    f"{target.parent / name} is another file than the machine's; save elsewhere",
+                )
+        findings.raise_if_any()
+        for name in copies:
+            (target.parent / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source / name, target.parent / name)
+        with naming_output(target):
+            write_atomically(target, write_toml(self.table).encode())
+        return target
+
+    @contextmanager
+    def on_disk(self) -> Iterator[SceneChoice]:
+        """The machine as a scene file with variant and settings: its own file where that still says
+        the same, else a temporary one. Not public.
+        """
+        if self.choice is not None and self._is_as_written(self.choice):
+            yield self.choice
+            return
+        with tempfile.TemporaryDirectory(prefix="headstock-scene-") as folder:
+            yield SceneChoice(self.save(Path(folder) / self.scene.path.name))
+
+    def _is_as_written(self, choice: SceneChoice) -> bool:
+        try:
+            return self.table == read_tables(
+                choice.path,
+                Findings(str(choice.path)),
+                variant=choice.variant,
+                overrides=choice.overrides,
+            )
+        except SceneError:
+            return False
+
+
+def write_settings(values: Mapping[str, object]) -> Sequence[str]:
+    """``key=value`` of each setting, as the command line has it.
+
+    Args:
+        values: Dotted key to value; numbers are in SI units.
+    """
+    return tuple(f"{key}={write_value(_setting(key, value))}" for key, value in values.items())
+
+
+def _setting(key: str, value: object) -> TomlValue:
+    try:
+        path = split_key(key)
+    except ValueError:
+        path = (key,)  # what is wrong with it the scene says
+    return write_at(SceneTable, path, value)

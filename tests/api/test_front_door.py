@@ -1,0 +1,143 @@
+"""``import headstock``: what it loads, what it offers, and that it does what the command line does."""
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import headstock as hs
+from headstock.app.command_line import main
+
+ROOT = Path(__file__).resolve().parents[2]
+COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
+ANALYSES = '[analyses.static]\nat = "tcp"\n[analyses.modal]\ncount = 3\n'
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.toml"
+    path.write_text(COLUMN.read_text() + ANALYSES)
+    return path
+
+
+def loaded_by(code: str) -> set[str]:
+    """Packages that a fresh interpreter has loaded after some code."""
+    listing = f"{code}\nimport sys\nprint(*{{name.partition('.')[0] for name in sys.modules}})"
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", listing], capture_output=True, text=True, check=True
+    )
+    return set(done.stdout.split())
+
+
+@pytest.mark.parametrize("code", ["import headstock", "import headstock.geometry.frames"])
+def test_an_import_loads_neither_the_schema_nor_the_solvers(code: str) -> None:
+    heavy = {"pydantic", "pint", "dolfinx", "petsc4py", "mpi4py", "scipy", "h5py", "pyvista"}
+    found = loaded_by(code)
+    assert "headstock" in found
+    assert found & heavy == set()
+    assert ("numpy" in found) == ("geometry" in code)
+
+
+def test_loading_a_scene_loads_no_finite_elements() -> None:
+    code = f"import headstock as hs; hs.load({str(COLUMN)!r})"
+    assert loaded_by(code) & {"dolfinx", "gmsh", "pyvista", "matplotlib", "typer"} == set()
+
+
+def test_every_public_name_is_there_and_no_other() -> None:
+    for name in hs.__all__:
+        assert getattr(hs, name) is not None
+    assert dir(hs) == sorted(hs.__all__)
+    with pytest.raises(AttributeError, match=r"no public name 'analyze'; it has: .*load"):
+        hs.analyze  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_the_stub_has_the_same_names() -> None:
+    tree = ast.parse((ROOT / "api" / "__init__.pyi").read_text())
+    names = {
+        alias.asname
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    names |= {ast.unparse(node.target) for node in tree.body if isinstance(node, ast.AnnAssign)}
+    assert names == set(hs.__all__)
+
+
+def test_a_run_finds_what_the_command_line_finds(scene: Path, tmp_path: Path) -> None:
+    stages: list[str] = []
+    result = hs.run(
+        hs.load(scene),
+        output=tmp_path / "out",
+        progress=lambda done: stages.append(done.stage.kind),
+    )
+    assert main(["run", str(scene), "-o", str(tmp_path / "other"), "--no-figures"]) == 0
+    summary = json.loads((tmp_path / "other" / "summary.json").read_text())
+    assert summary["modal"][0]["frequencies_hz"] == list(result.modes["reference"].frequencies_hz)
+    assert summary["static"]["tcp"]["compliance_6x6"] == result.compliance["tcp"].tolist()
+    assert stages == [entry["stage"] for entry in summary["stages"]]
+    assert stages == [stage.kind for stage in hs.plan(scene).stages]
+    mine = json.loads((tmp_path / "out" / "summary.json").read_text())["provenance"]
+    shared = ("scene_sha256", "scene_text", "variant", "overrides", "version", "commit")
+    assert [mine[key] for key in shared] == [summary["provenance"][key] for key in shared]
+
+
+def test_a_report_is_made_of_what_a_run_wrote(scene: Path, tmp_path: Path) -> None:
+    hs.run(scene, output=tmp_path / "out")
+    assert main(["report", str(tmp_path / "out")]) == 0
+    assert "Hz" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_run_without_output_leaves_no_file(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(scene.parent)
+    hs.run(scene)
+    assert [path.name for path in scene.parent.iterdir()] == ["scene.toml"]
+
+
+def test_results_come_back_from_their_folder(scene: Path, tmp_path: Path) -> None:
+    first = hs.run(scene, output=tmp_path / "out")
+    again = hs.open(tmp_path / "out")
+    assert type(again) is type(first)
+    pose, other = first.modes["reference"], again.modes["reference"]
+    assert np.array_equal(pose.frequencies_hz, other.frequencies_hz)
+    assert pose.errors == other.errors
+    assert again.stages[-1].stage.kind == "write"
+    assert again.mesh("column").n_points == first.mesh("column").n_points
+
+
+def test_only_the_analyses_that_are_named_run(scene: Path) -> None:
+    result = hs.run(scene, analyses=["modal"])
+    assert result.modes
+    assert result.compliance == {}
+    with pytest.raises(hs.SceneError, match=r"modal'\? analyses of this scene: modal, static"):
+        hs.run(scene, analyses=["modall"])
+
+
+def test_an_error_names_file_line_key_and_remedy(scene: Path) -> None:
+    scene.write_text(scene.read_text().replace('material = "steel"', 'material = "stel"'))
+    with pytest.raises(hs.SceneError) as caught:
+        hs.load(scene)
+    (problem,) = caught.value.problems
+    assert (problem.file, problem.key) == (str(scene), "components.column.material")
+    assert scene.read_text().splitlines()[(problem.line or 0) - 1].startswith("material")
+    assert "steel" in problem.remedy
+
+
+def test_a_setting_in_si_units_is_the_setting_with_a_unit(scene: Path) -> None:
+    key = "components.column.solid.box[2]"
+    in_si, with_unit = hs.load(scene, set={key: 0.4}), hs.load(scene, set={key: "400 mm"})
+    assert in_si == with_unit == hs.load(scene).change(set={key: np.float64(0.4)})
+    assert in_si != hs.load(scene)
+
+
+def test_a_setting_that_does_not_fit_is_refused_as_on_the_command_line(scene: Path) -> None:
+    with pytest.raises(hs.SceneError, match=r"--set components\.colum\.fidelity") as caught:
+        hs.load(scene, set={"components.colum.fidelity": "rigid"})
+    assert "column" in caught.value.problems[0].message
+
+
+def test_check_returns_warnings() -> None:
+    assert hs.check(COLUMN) == ()
