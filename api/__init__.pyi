@@ -9,3 +9,4 @@ from headstock.runs import run as run
 from headstock.scene.reading.findings import SceneError as SceneError
 
 __version__: str
+__all__: list[str]

@@ -65,8 +65,7 @@ def _encode_array(array: AnyArray, keep: Callable[[AnyArray], str]) -> Coded:
         return {"stored": keep(array)}
     flat = np.ascontiguousarray(array).ravel()
     values = flat.astype(complex).view(float) if array.dtype.kind == "c" else flat
-    shape: list[Coded] = list(array.shape)
-    return {"array": [array.dtype.str, shape, values.tolist()]}
+    return {"array": [array.dtype.str, list(array.shape), list(values.tolist())]}
 
 
 def decode_value(
