@@ -10,9 +10,9 @@ import jinja2
 
 from headstock.app.pictures.pictures import (
     Drawing,
-    Wanted,
+    draw_charts,
     draw_machine,
-    draw_results,
+    draw_modes,
     stills_by_pose,
 )
 from headstock.app.report.report import Stills, render_report, write_report
@@ -26,8 +26,6 @@ from headstock.pipeline.results.views import MachineView
 from headstock.pipeline.storage.outputs import OutputError, replace_outputs
 from headstock.pipeline.storage.store import Store, default_store_root
 
-# what `report` draws besides the machine
-MORE: tuple[Wanted, ...] = ("modes", "charts")
 TABLES_FOLDER, FIGURES_FOLDER = "tables", "figures"
 PARTS = (TABLES_FOLDER, FIGURES_FOLDER, MODES_FOLDER, VOLUME_FOLDER)
 
@@ -59,7 +57,7 @@ def publish_run(
     """
     store = Store(default_store_root())
     with ThreadPoolExecutor(1) as pool:
-        drawing = pool.submit(draw_machine, folder, view, store) if figures else None
+        drawing = pool.submit(draw_machine, view, store) if figures else None
         remarks = [
             *_write_tables(folder, summary, curves, paths),
             *write_mode_files(folder, summary["modal"], view),
@@ -102,8 +100,9 @@ def publish_again(
         raise OutputError(
             f"{folder / SUMMARY_FILE} holds something else than this version writes ({type(error).__name__}: {error}); run the scene again"
         ) from error
-    with ThreadPoolExecutor(2) as pool:
-        more = list(pool.map(lambda wanted: draw_results(folder, wanted), MORE))
+    with ThreadPoolExecutor(1) as pool:
+        modes = pool.submit(draw_modes, summary, view)
+        more = (draw_charts(folder), modes.result())
     return publish_run(folder, summary, view, curves, paths, more=more)
 
 

@@ -7,7 +7,8 @@ import click
 import numpy as np
 
 from headstock.app.pictures.numbered import Color, LabelledSurface, draw_numbered, show_numbered
-from headstock.app.pictures.scenes import TOOL_COLOR, TOOL_SHARE, Marks, Note, join_skins_in_pose
+from headstock.app.pictures.picture import Marks, Note
+from headstock.app.pictures.scenes import TOOL_COLOR, TOOL_SHARE, join_skins_in_pose
 from headstock.app.terminal.console import add_row, counted, make_console, make_table, print_table
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import GROUND

@@ -6,6 +6,7 @@ import io
 import itertools
 import textwrap
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Literal, TypedDict
 
 import numpy as np
@@ -27,11 +28,12 @@ from headstock.app.texts.curves import (
 )
 from headstock.app.texts.tables import sort_shares, static_by_pose
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results.files import read_curves, read_summary, read_view
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import RunSummary
-from headstock.pipeline.results.views import COLORS
+from headstock.pipeline.results.views import COLORS, component_colors
 from headstock.solvers.second_order import ComplexArray, Port
 
 DPI = 130
@@ -42,6 +44,12 @@ INK, FAINT = "#1f2937", "#cbd5e1"
 LETTER_INCHES, LINE_INCHES, HANDLE_INCHES = 0.066, 0.17, 0.55  # of a legend at 8 points
 DASHES = ("-", "--", ":", "-.")
 CURVE, DIRECT = "#4f7cac", "#b5566e"
+
+
+def draw_folder(folder: Path) -> dict[str, bytes]:
+    """Every chart of a folder of results: name to a PNG file."""
+    charts = draw_charts(read_summary(folder), component_colors(read_view(folder)))
+    return charts | draw_responses(read_curves(folder))
 
 
 def draw_charts(summary: RunSummary, colors: dict[str, str]) -> dict[str, bytes]:

@@ -15,8 +15,8 @@ from matplotlib.patheffects import withStroke
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, find_objects
 
+from headstock.app.pictures.picture import Marks, Note, Picture, frame_picture
 from headstock.app.pictures.pictures import draw_pictures, open_window
-from headstock.app.pictures.scenes import Marks, Note, Picture, frame_picture
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.skins import IntArray, sharp_edges

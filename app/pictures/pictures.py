@@ -12,26 +12,23 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from headstock.app.pictures.scenes import Picture, PictureList
+from headstock.app.pictures.picture import Picture, write_pictures
+from headstock.app.pictures.scenes import list_machine_pictures, list_mode_pictures
 from headstock.meshing.process.guarded import LAUNCHER_PREFIXES
 from headstock.pipeline.results.mode_files import file_stem
+from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView
-from headstock.pipeline.storage.records import write_record
 from headstock.pipeline.storage.store import Store, read_entry, write_entry
 
 WORKER = "headstock.app.pictures.worker"
 TIME_LIMIT = 120.0
-RENDERER_FILES = ("scenes.py", "renderer.py", "worker.py")
+RENDERER_FILES = ("picture.py", "scenes.py", "renderer.py")
 GL_WINDOW = "VTK_DEFAULT_OPENGL_WINDOW"
 REMEDY = "./headstock doctor tells what is missing"
-Wanted = Literal["machine", "modes", "charts"]
-DRAWN = {"machine": "picture of the machine", "modes": "pictures of modes", "charts": "charts"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,12 +48,11 @@ class StoredImages:
     images: dict[str, NDArray[np.int64]]
 
 
-def draw_machine(folder: Path, view: MachineView, store: Store) -> Drawing:
+def draw_machine(view: MachineView, store: Store) -> Drawing:
     """A picture of the machine in each pose, from the store when nothing that is seen has changed.
 
     Args:
-        folder: Holds the results that the child reads.
-        view: The same results.
+        view: What there is to draw.
         store: Where pictures are kept.
     """
     if not view.skins or not view.poses:
@@ -67,7 +63,7 @@ def draw_machine(folder: Path, view: MachineView, store: Store) -> Drawing:
         return Drawing(
             {name: image.astype(np.uint8).tobytes() for name, image in kept.images.items()}
         )
-    drawing = draw_results(folder, "machine")
+    drawing = draw_pictures(list_machine_pictures(view), "picture of the machine")
     if drawing.images and drawing.remark is None:
         write_entry(
             store,
@@ -79,15 +75,22 @@ def draw_machine(folder: Path, view: MachineView, store: Store) -> Drawing:
     return drawing
 
 
-def draw_results(folder: Path, wanted: Wanted) -> Drawing:
-    """Draw the machine, its modes or every chart of a folder of results."""
-    return _draw(wanted, str(folder.resolve()), ())
+def draw_modes(summary: RunSummary, view: MachineView) -> Drawing:
+    """Draw the modes of each pose."""
+    return draw_pictures(list_mode_pictures(summary, view), "pictures of modes")
 
 
-def draw_pictures(pictures: Sequence[Picture]) -> Drawing:
-    """Draw pictures by name."""
+def draw_charts(folder: Path) -> Drawing:
+    """Draw every chart of a folder of results."""
+    return _draw("charts", str(folder.resolve()), (), what="charts")
+
+
+def draw_pictures(pictures: Sequence[Picture], what: str = "pictures") -> Drawing:
+    """Draw pictures by name, and what to call them where they cannot be drawn."""
+    if not pictures:
+        return Drawing({})
     with _written(pictures) as source:
-        return _draw("pictures", str(source), (source,))
+        return _draw("pictures", str(source), (source,), what=what)
 
 
 def open_window(pictures: Sequence[Picture]) -> str | None:
@@ -100,18 +103,17 @@ def open_window(pictures: Sequence[Picture]) -> str | None:
 def _written(pictures: Sequence[Picture]) -> Iterator[int]:
     """Number of an open file with pictures, at its start."""
     with tempfile.TemporaryFile() as file:
-        with h5py.File(file, "w") as record:
-            write_record(record, PictureList(tuple(pictures)))
+        write_pictures(file, pictures)
         file.seek(0)
         yield file.fileno()
 
 
-def _draw(kind: str, source: str, files: Sequence[int]) -> Drawing:
+def _draw(kind: str, source: str, files: Sequence[int], *, what: str) -> Drawing:
     # without a name in the file system, so that nothing stays behind however this process ends
     with tempfile.TemporaryFile() as target:
         problem = _run(kind, source, target.fileno(), (*files, target.fileno()))
         if problem is not None:
-            return Drawing({}, f"no {DRAWN.get(kind, 'pictures')}: {problem}")
+            return Drawing({}, f"no {what}: {problem}")
         target.seek(0)
         with np.load(target, allow_pickle=False) as images:
             return Drawing({name: images[name].tobytes() for name in sorted(images.files)})
@@ -128,7 +130,7 @@ def _run(kind: str, source: str, target: int, files: Sequence[int]) -> str | Non
 
     Args:
         kind: What it does.
-        source: Folder of results, or number of an open file.
+        source: Folder of results for charts, else number of an open file.
         target: Number of the open file that it writes to.
         files: Numbers of open files that it inherits.
     """

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pyvista
 
-from headstock.app.pictures.scenes import Marks, Picture, PictureFrame, frame_picture
+from headstock.app.pictures.picture import Marks, Picture, PictureFrame, frame_picture
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import IntArray
 

@@ -1,19 +1,21 @@
-"""What one picture shows: coloured triangles and edges in the machine frame, and where the camera
-stands.
-"""
+"""What pictures show of a machine: it at rest and in its modes."""
 
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 
+from headstock.app.pictures.picture import Marks, Picture
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.skins import IntArray
-from headstock.pipeline.results.mode_files import SHOWN_SHARE, largest_shift, machine_size
+from headstock.pipeline.results.mode_files import (
+    SHOWN_SHARE,
+    file_stem,
+    largest_shift,
+    machine_size,
+)
+from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView, PoseView, component_colors
 
-# towards the viewer: from the front, the right and above
-CAMERA = np.array([1.25, -1.0, 0.75]) / np.linalg.norm([1.25, -1.0, 0.75])
 # small to large displacement, the same stops as in the viewer
 RAMP = (
     np.array(
@@ -30,120 +32,35 @@ RAMP = (
 )
 
 
-MARGIN = 1.06
 JOINT_COLOR, TOOL_COLOR = (0.85, 0.47, 0.02), (0.80, 0.10, 0.20)
+MACHINE_SIZE, MODE_SIZE = (1500, 960), (720, 480)
+MODES_DRAWN = 40
 # radius of a mark against the size of the machine
 JOINT_SHARE, TOOL_SHARE = 0.006, 0.010
 
 
-@dataclass(frozen=True, eq=False)
-class Marks:
-    """Balls, arrows or cones of one colour.
-
-    Attributes:
-        places: ``(n, 3)`` in the machine frame [m]: middles of balls, tails of arrows, tips of
-            cones.
-        color: Red, green, blue, 0..1.
-        share: Radius of a ball, length of an arrow or a cone, relative to the size of what the
-            picture shows.
-        in_front: Whether no body hides them.
-        shape: What they look like.
-        directions: ``(n, 3)`` unit vectors along arrows and into cones; None for balls.
-    """
-
-    places: FloatArray
-    color: tuple[float, float, float]
-    share: float
-    in_front: bool = False
-    shape: Literal["ball", "arrow", "cone"] = "ball"
-    directions: FloatArray | None = None
+def list_machine_pictures(view: MachineView) -> list[Picture]:
+    """The machine at rest in each pose."""
+    return [
+        rest_picture(f"machine_{file_stem(name)}", view, pose, MACHINE_SIZE)
+        for name, pose in view.poses.items()
+    ]
 
 
-@dataclass(frozen=True, eq=False)
-class Note:
-    """A text at a point ``(3,)`` of the machine frame [m], in a colour."""
-
-    text: str
-    place: FloatArray
-    color: tuple[float, float, float]
-
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """One picture to be drawn.
-
-    Attributes:
-        name: Stem of its file.
-        points: ``(n, 3)`` in the machine frame [m].
-        triangles: ``(m, 3)``.
-        edges: ``(k, 2)``.
-        colors: ``(n, 3)`` red, green, blue of the points, 0..1.
-        size: Width and height in pixels.
-        ghost: ``(n, 3)`` where the points are at rest; None when they are.
-        marks: Of joints and named points.
-        notes: Texts of a window; those of a file are set where there is room.
-        camera: ``(3,)`` towards the viewer.
-        flat: Colours exactly as given: no light, no edges, nothing smoothed.
-    """
-
-    name: str
-    points: FloatArray
-    triangles: IntArray
-    edges: IntArray
-    colors: FloatArray
-    size: tuple[int, int]
-    ghost: FloatArray | None = None
-    marks: tuple[Marks, ...] = ()
-    notes: tuple[Note, ...] = ()
-    camera: FloatArray = field(default_factory=lambda: CAMERA)
-    flat: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class PictureList:
-    """Pictures as they are handed to the process that draws."""
-
-    pictures: tuple[Picture, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class PictureFrame:
-    """What part of space a picture shows, seen along parallel rays.
-
-    Attributes:
-        axes: Rows ``(3, 3)``: to the right, up and towards the viewer, in the machine frame.
-        middle: ``(3,)`` point in the middle of the picture [m].
-        half_height: From there to the upper rim [m].
-        reach: Diagonal of what is shown [m].
-    """
-
-    axes: FloatArray
-    middle: FloatArray
-    half_height: float
-    reach: float
-
-    def project(self, points: FloatArray, size: tuple[int, int]) -> FloatArray:
-        """Pixels ``(n, 2)``, to the right and down, of points ``(n, 3)`` in a picture of a size."""
-        seen = (points - self.middle) @ self.axes[:2].T * (0.5 * size[1] / self.half_height)
-        return np.asarray(seen * [1.0, -1.0] + 0.5 * np.array(size))
-
-    @property
-    def towards(self) -> FloatArray:
-        """Unit vector ``(3,)`` towards the viewer."""
-        return np.asarray(self.axes[2])
-
-
-def frame_picture(picture: Picture) -> PictureFrame:
-    """The frame that shows all points of a picture, at rest too, with a margin."""
-    points = picture.points if picture.ghost is None else np.vstack([picture.points, picture.ghost])
-    axes = camera_axes(picture.camera)
-    seen = points @ axes.T
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    half = 0.5 * (high - low)
-    width, height = picture.size
-    half_height = MARGIN * max(half[1], half[0] * height / width, 1e-9)
-    reach = float(np.linalg.norm(np.ptp(points, axis=0)))
-    return PictureFrame(axes, axes.T @ (0.5 * (low + high)), half_height, reach)
+def list_mode_pictures(summary: RunSummary, view: MachineView) -> list[Picture]:
+    """The modes of each pose."""
+    return [
+        mode_picture(
+            f"mode_{file_stem(modes['pose_name'])}_{index + 1:02d}",
+            view,
+            view.poses[modes["pose_name"]],
+            index,
+            MODE_SIZE,
+        )
+        for modes in summary["modal"]
+        if view.poses[modes["pose_name"]].shifts
+        for index in range(min(len(modes["frequencies_hz"]), MODES_DRAWN))
+    ]
 
 
 def rest_picture(name: str, view: MachineView, pose: PoseView, size: tuple[int, int]) -> Picture:
@@ -192,14 +109,6 @@ def mode_picture(
     )
     moved = joined.points + shift * (SHOWN_SHARE * machine_size(view, pose) / largest)
     return Picture(name, moved, joined.triangles, joined.edges, colors, size, ghost=joined.points)
-
-
-def camera_axes(towards: FloatArray) -> FloatArray:
-    """Rows ``(3, 3)``: to the right, up and towards the viewer, in the machine frame."""
-    towards = towards / np.linalg.norm(towards)
-    right = np.cross([0.0, 0.0, 1.0], towards)
-    right /= np.linalg.norm(right)
-    return np.array([right, np.cross(towards, right), towards])
 
 
 @dataclass(frozen=True, eq=False)

@@ -125,19 +125,19 @@ def test_pictures_of_an_unchanged_machine_come_from_the_store(
     folder: Path, store_root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     view = read_view(folder)
-    first = draw_machine(folder, view, Store(store_root))
+    first = draw_machine(view, Store(store_root))
 
     def refuse(*arguments: object) -> None:
         raise AssertionError("a child was started")
 
     monkeypatch.setattr(pictures, "_run", refuse)
-    assert draw_machine(folder, view, Store(store_root)).images == first.images
+    assert draw_machine(view, Store(store_root)).images == first.images
     moved = {
         name: PoseView(pose.placements | {"base": Frame(np.ones(3))}, {}, {})
         for name, pose in view.poses.items()
     }
     with pytest.raises(AssertionError, match="a child was started"):
-        draw_machine(folder, MachineView(view.skins, {}, moved), Store(store_root))
+        draw_machine(MachineView(view.skins, {}, moved), Store(store_root))
 
 
 def test_a_report_without_pyvista_says_why_it_has_no_picture_and_still_has_charts(
@@ -181,7 +181,7 @@ def test_without_opengl_the_missing_library_is_named(
     # a library that cannot be loaded, found before the system's
     (tmp_path / "libEGL.so.1").touch()
     monkeypatch.setenv("LD_LIBRARY_PATH", str(tmp_path))
-    drawn = pictures.draw_results(folder, "machine")
+    drawn = draw_machine(read_view(folder), Store(tmp_path / "empty"))
     assert drawn.images == {}
     assert drawn.remark == (
         "no picture of the machine: VTK finds no EGL library; ./headstock doctor tells what is missing"

@@ -14,7 +14,7 @@ from headstock.app.actions import sketching
 from headstock.app.command_line import main
 from headstock.app.pictures import numbered, renderer
 from headstock.app.pictures.numbered import LabelledSurface, draw_numbered
-from headstock.app.pictures.scenes import Picture
+from headstock.app.pictures.picture import Picture
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solid_skins import box_skin
 from headstock.meshing.components.meshing import describe_component
