@@ -11,7 +11,7 @@ from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
 from headstock.geometry.parts.components import Fidelity
 from headstock.scene.reading.files import TomlTable
-from headstock.scene.reading.findings import Problem, SceneError
+from headstock.scene.reading.findings import Findings, Problem, SceneError
 from headstock.scene.requests import Analyses, Request
 from headstock.scene.studies import Study, Sweep
 
@@ -121,6 +121,7 @@ class Scene:
             says.
         modal_damping: Damping ratios of the first, second, ... elastic mode, the last for all
             others; empty for none.
+        findings: Where each key comes from, for what only the files of parts can tell.
     """
 
     name: str
@@ -143,6 +144,7 @@ class Scene:
     on_request: Analyses = field(default_factory=Analyses)
     deferred: dict[str, tuple[Problem, ...]] = field(default_factory=dict)
     drives: dict[str, Drive] = field(default_factory=dict)
+    findings: Findings = field(default_factory=lambda: Findings(""))
 
     @property
     def is_lumped(self) -> bool:

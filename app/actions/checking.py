@@ -9,6 +9,7 @@ from typing import TypedDict
 
 from headstock.app.terminal.console import counted, make_console, print_remarks
 from headstock.pipeline.planning.plan import Plan, StageKind
+from headstock.pipeline.stages.part_files import find_missing_patches
 from headstock.pipeline.stages.rigid_checks import find_unheld_motions
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import write_output
@@ -32,6 +33,9 @@ def check_scene(
     """
     try:
         scene = load_scene(path, variant=variant, overrides=overrides)
+        problems, remarks = find_missing_patches(scene)
+        if problems:
+            raise SceneError(problems)
     except SceneError as error:
         _write(json_file, path, [dataclasses.asdict(problem) for problem in error.problems], ())
         raise
@@ -45,7 +49,7 @@ def check_scene(
         for name, problems in scene.deferred.items()
         for problem in problems
     ]
-    warnings = [*scene.warnings, *lacking, *find_unheld_motions(scene)]
+    warnings = [*scene.warnings, *lacking, *find_unheld_motions(scene), *remarks]
     print_remarks(warnings)
     _write(json_file, path, [], warnings)
     return 0

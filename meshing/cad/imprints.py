@@ -11,7 +11,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Patch
 from headstock.geometry.parts.patches import FACE_DIRECTIONS
 from headstock.geometry.parts.solids import Tube
-from headstock.meshing.errors import MeshError
+from headstock.meshing.errors import MeshError, PartFileError, PatchError
 
 END_TOLERANCE = 1e-6
 BOX_TOLERANCE = 1e-3
@@ -90,6 +90,8 @@ def imprint_patches(shape: OpenShape, groups: dict[str, list[Patch]]) -> Imprint
                     struck |= set(pieces.values())
                     widths |= dict.fromkeys(pieces, min(patch.size))
                     faces = list(pieces)
+            except PartFileError as error:
+                raise PatchError(f"{name}: {error}", name) from error
             except MeshError as error:
                 raise MeshError(f"{name}: {error}") from error
             inputs[name] += faces
@@ -125,14 +127,14 @@ def choose_faces(shape: OpenShape, face: str) -> list[int]:
     """Tags of the faces a name selects.
 
     Raises:
-        MeshError: There is no such face; the message lists what there is.
+        PartFileError: There is no such face; the message lists what there is.
     """
     if face in FACE_DIRECTIONS:
         found = _end_faces(shape, face)
     elif face.startswith("face:"):
         number = face.removeprefix("face:")
         if not number.isdigit() or not 1 <= int(number) <= len(shape.faces):
-            raise MeshError(
+            raise PartFileError(
                 f"there is no {face!r}; CAD faces are face:1 .. face:{len(shape.faces)}"
             )
         found = [shape.faces[int(number) - 1]]
@@ -143,7 +145,7 @@ def choose_faces(shape: OpenShape, face: str) -> list[int]:
     else:
         found = []
     if not found:
-        raise MeshError(
+        raise PartFileError(
             f"face {face!r} selects nothing; available: {', '.join(available_faces(shape))}"
         )
     return found

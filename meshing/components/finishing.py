@@ -39,7 +39,7 @@ from headstock.meshing.elements.surface import (
     measure_gaps,
 )
 from headstock.meshing.elements.topology import cell_family, corner_count
-from headstock.meshing.errors import MeshError, MeshQualityError
+from headstock.meshing.errors import MeshError, MeshQualityError, PatchError
 from headstock.meshing.files.patches import available_names, select_facets, set_nodes
 from headstock.meshing.process.job import MeshData
 
@@ -114,6 +114,25 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
     )
     gaps = _find_gaps(points, surface, data, component, quality)
     return ComponentMesh(points, cells, kind, straight, patches, quality, gaps)
+
+
+def find_patch_faults(data: MeshData, component: Component, groups: Groups) -> list[PatchError]:
+    """What is wrong with the patches on a mesh file, the first fault of each group.
+
+    Args:
+        data: What the file holds [m].
+        component: The component it is of.
+        groups: Its patches by group.
+    """
+    _, cells, kind, _ = _shape_elements(data, component)
+    surface = extract_surface(cells, kind)
+    faults = []
+    for name, patches in groups.items():
+        try:
+            _resolve_file_patches(data, surface, component, {name: patches})
+        except PatchError as error:
+            faults.append(error)
+    return faults
 
 
 def _find_flat_tets(points: FloatArray, cells: IntArray, kind: CellKind) -> FlatTets:
@@ -286,32 +305,35 @@ def _resolve_file_patches(
     Forced point and line groups leave their nodes in ``node_sets``.
 
     Raises:
-        MeshError: A patch selects nothing, or a single point, line or facet of a larger face
+        PatchError: A patch selects nothing, or a single point, line or facet of a larger face
             without ``force``.
     """
     facets: dict[str, IntArray] = {}
     nodes: dict[str, IntArray] = {}
     for name, patches in groups.items():
         what = f"component {component.name!r}: {name}"
-        try:
-            chosen = np.unique(
-                np.concatenate([select_facets(data, surface, patch) for patch in patches])
-            )
-        except MeshError as error:
-            raise MeshError(f"{what}: {error}") from error
+        found = []
+        for index, patch in enumerate(patches):
+            try:
+                found.append(select_facets(data, surface, patch))
+            except MeshError as error:
+                raise PatchError(f"{what}: {error}", name, index) from error
+        chosen = np.unique(np.concatenate(found))
         facets[name] = surface.facets[chosen][:, : surface.corners]
         members = np.unique(np.concatenate([set_nodes(data, patch) for patch in patches]))
         forced = name in component.interfaces and component.interfaces[name].force
         if not len(chosen) and len(members):
             if not forced:
-                raise MeshError(
+                raise PatchError(
                     f"{what}: {len(members)} nodes span no facet of the surface; a point or a line has a compliance that depends "
-                    "on the mesh; name an area, or write force = true"
+                    "on the mesh; name an area, or write force = true",
+                    name,
                 )
             nodes[name] = members
         elif not len(chosen):
-            raise MeshError(
-                f"{what}: no facet of the surface lies in the patch; available: {available_names(data, surface)}"
+            raise PatchError(
+                f"{what}: no facet of the surface lies in the patch; available: {available_names(data, surface)}",
+                name,
             )
         elif (
             name in component.interfaces
@@ -319,9 +341,10 @@ def _resolve_file_patches(
             and len(chosen) == 1
             and _is_part_of_face(data.points, surface, chosen[0])
         ):
-            raise MeshError(
+            raise PatchError(
                 f"{what}: a single facet of a larger face has a compliance that depends on the mesh; name a larger area, or write "
-                "force = true"
+                "force = true",
+                name,
             )
     return dataclasses.replace(data, facets=facets, node_sets=nodes)
 

@@ -24,10 +24,10 @@ from headstock.geometry.parts.solids import (
     Tube,
 )
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.meshing.components.finishing import finish_mesh, patch_moments
+from headstock.meshing.components.finishing import find_patch_faults, finish_mesh, patch_moments
 from headstock.meshing.elements.hex_grid import count_grid_cells, grid_lines, mesh_box_grid
 from headstock.meshing.elements.quality import integrate_mesh
-from headstock.meshing.errors import MeshError, MeshQualityError
+from headstock.meshing.errors import MeshError, MeshQualityError, PatchError
 from headstock.meshing.process.child import run_job
 from headstock.meshing.process.job import MeshData, MeshJob, format_job, scale_properties
 from headstock.meshing.sizing import (
@@ -109,6 +109,26 @@ def mesh_component(
         component,
         groups,
     )
+
+
+def find_file_patch_faults(
+    component: Component, supports: Sequence[Support] = (), loads: Sequence[Load] = ()
+) -> list[PatchError]:
+    """What is wrong with the patches of a component from a mesh file, which is read for it; none of
+    any other solid.
+
+    Args:
+        component: Whose patches.
+        supports: Of any component.
+        loads: Of any component.
+
+    Raises:
+        MeshError: The file cannot be read.
+    """
+    if not isinstance(component.solid, MeshFile):
+        return []
+    data = read_mesh_file(component.solid, f"component {component.name!r}")
+    return find_patch_faults(data, component, patch_groups(component, supports, loads))
 
 
 def describe_component(component: Component) -> SolidProperties:

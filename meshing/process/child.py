@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from headstock.geometry.parts.solids import MeshFile, StepFile
-from headstock.meshing.errors import MeshError, PartFileError
+from headstock.meshing.errors import MeshError, PartFileError, PatchError
 from headstock.meshing.formats import find_format
 from headstock.meshing.process.guarded import ChildEnd, ChildLimits, run_guarded_child
 from headstock.meshing.process.job import MeshData, MeshJob, format_job, read_data
-from headstock.meshing.process.serving import BAD_FILE, REFUSED
+from headstock.meshing.process.serving import BAD_FILE, BAD_PATCH, REFUSED
 
 # what answers in the child: `perform_job` there, which calls `mesh_shape` of meshing/cad/meshing.py
 GMSH_WORKER = "headstock.meshing.cad.worker"
@@ -96,6 +96,9 @@ def _failure(end: ChildEnd, job: MeshJob, what: str) -> MeshError:
         )
         error.__cause__ = OSError(lost, os.strerror(lost))
         return error
+    if end.code == BAD_PATCH:
+        group, _, text = end.last_line.partition(" ")
+        return PatchError(f"{what}: {text}", group)
     reason = _explain(end, job)
     # a file is named once where it is all that is looked at
     text = reason if reason.startswith(what) else f"{what}: {reason}"

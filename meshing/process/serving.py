@@ -6,11 +6,11 @@ import os
 import sys
 from collections.abc import Callable
 
-from headstock.meshing.errors import MeshError, PartFileError
+from headstock.meshing.errors import MeshError, PartFileError, PatchError
 from headstock.meshing.process.guarded import accept_guard
 from headstock.meshing.process.job import MeshData, MeshJob, parse_job, write_data
 
-REFUSED, BAD_FILE = 3, 4
+REFUSED, BAD_FILE, BAD_PATCH = 3, 4, 5
 
 
 def serve_job(arguments: list[str], perform: Callable[[MeshJob], MeshData]) -> int:
@@ -21,11 +21,15 @@ def serve_job(arguments: list[str], perform: Callable[[MeshJob], MeshData]) -> i
         perform: Does the job.
 
     Returns:
-        Exit code: 0 done, 3 refused for a stated reason, 4 the file is to blame.
+        Exit code: 0 done, 3 refused for a stated reason, 4 the file is to blame, 5 it lacks a patch, whose
+        group is the line's first word.
     """
     (result,) = accept_guard(arguments)
     try:
         data = perform(parse_job(sys.stdin.read()))
+    except PatchError as error:
+        sys.stderr.write("\n" + " ".join((error.group, *str(error).split())) + "\n")
+        return BAD_PATCH
     except MeshError as error:
         sys.stderr.write("\n" + " ".join(str(error).split()) + "\n")
         return BAD_FILE if isinstance(error, PartFileError) else REFUSED

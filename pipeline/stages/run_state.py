@@ -12,7 +12,7 @@ from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Component, Load, Support
 from headstock.geometry.parts.skins import Skin
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
-from headstock.meshing.errors import MeshError
+from headstock.meshing.errors import MeshError, PatchError
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.resources import measure
 from headstock.pipeline.results.answers import Answer, find_answers
@@ -20,6 +20,7 @@ from headstock.pipeline.results.estimates import Estimate
 from headstock.pipeline.results.modal import PoseModes
 from headstock.pipeline.results.static import PointCompliance, StaticAnswer
 from headstock.pipeline.results.views import PoseView, ShiftArray
+from headstock.pipeline.stages.part_files import locate_patch
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.motions.mode_naming import NamedModes
@@ -250,6 +251,8 @@ def run_stage(
                 raise out_of_memory(
                     " ".join(filter(None, ("stage", stage.kind, stage.component)))
                 ) from error
+            if isinstance(error, PatchError) and stage.component is not None:
+                raise locate_patch(state.scene, stage.component, error) from error
             raise
     state.answers += outcome.answers
     for message in outcome.warnings:

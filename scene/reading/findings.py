@@ -103,7 +103,7 @@ class Findings:
 
     def add(self, key: KeyPath, message: str) -> None:
         """Report a problem at a key path (or at the closest enclosing one that is written down)."""
-        problem = self._problem(key, message)
+        problem = self.describe(key, message)
         if problem not in [known for _, known in self.problems[-MAX_SHOWN:]]:
             self.problems.append((self.origin_of(key).line or 0, problem))
 
@@ -117,7 +117,7 @@ class Findings:
             message: What is missing and what to write.
         """
         if analysis in self.on_request:
-            self.deferred.setdefault(analysis, []).append(self._problem(key, message))
+            self.deferred.setdefault(analysis, []).append(self.describe(key, message))
         else:
             self.add(key, message)
 
@@ -167,7 +167,8 @@ class Findings:
                 problem for _, problem in sorted(self.problems, key=lambda item: item[0])
             )
 
-    def _problem(self, key: KeyPath, message: str) -> Problem:
+    def describe(self, key: KeyPath, message: str) -> Problem:
+        """A problem at a key path (or at the closest enclosing one that is written down)."""
         origin = self.origin_of(key)
         return Problem(self._place(origin), show_key(key), self.source_line(origin.line), message)
 

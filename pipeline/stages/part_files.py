@@ -1,0 +1,48 @@
+"""Patches that the file of a part does not have: found before a run, and told with their place in the
+scene.
+"""
+
+from headstock.geometry.parts.components import Component
+from headstock.meshing.components.meshing import find_file_patch_faults
+from headstock.meshing.errors import MeshError, PartFileError, PatchError
+from headstock.scene.reading.findings import Problem
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.scene import Scene
+
+
+def find_missing_patches(scene: Scene) -> tuple[list[Problem], list[str]]:
+    """What is wrong with the mesh files of a scene and the patches on them, and remarks on files
+    that could not be read for another reason; STEP files are left to the mesher.
+    """
+    problems, remarks = [], []
+    supports, loads = tuple(scene.machine.supports.values()), tuple(scene.machine.loads.values())
+    for name, component in scene.machine.components.items():
+        try:
+            faults = find_file_patch_faults(component, supports, loads)
+        except PartFileError as error:
+            key = ("components", name, "solid", "mesh")
+            problems.append(scene.findings.describe(key, str(error)))
+        except MeshError as error:
+            remarks.append(f"patches are not checked: {error}")
+        else:
+            problems += [_describe(scene, component, fault) for fault in faults]
+    return problems, remarks
+
+
+def locate_patch(scene: Scene, component: str, error: PatchError) -> PatchError:
+    """The error of a patch that a part's file does not have, with its place in the scene."""
+    problem = _describe(scene, scene.machine.components[component], error)
+    return PatchError(str(problem), error.group, error.patch)
+
+
+def _describe(scene: Scene, component: Component, error: PatchError) -> Problem:
+    owner, _, name = error.group.rpartition(":")
+    key: KeyPath = (
+        (f"{owner}s", name) if owner else ("components", component.name, "interfaces", name)
+    )
+    within = scene.findings.origins
+    if (*key, "face") in within or (*key, "patches") not in within:
+        key = (*key, "face")
+    elif error.patch is not None:
+        key = (*key, "patches", error.patch, "face")
+    return scene.findings.describe(key, str(error))

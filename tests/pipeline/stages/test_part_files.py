@@ -1,0 +1,133 @@
+"""Patches that the file of a part does not have: told by ``check`` and by ``run`` with file, line, key
+and what there is, and an exit code of 2.
+"""
+
+from pathlib import Path
+
+import pytest
+from mpi4py import MPI
+
+from common import make_box
+from headstock.app.actions.checking import check_scene
+from headstock.app.terminal.guard import BAD_INPUT, run_guarded
+from headstock.meshing.errors import PatchError
+from headstock.meshing.files.writing import encode_mesh
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.stages.part_files import find_missing_patches
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import Scene
+
+pytestmark = [pytest.mark.process]
+
+STEP = Path(__file__).parents[2] / "data" / "support.step"
+SCENE = """\
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.part]
+solid = { FILE }
+material = "steel"
+fidelity = "rigid"
+[components.part.interfaces.foot]
+patches = [
+    { face = "z-" },
+    { face = "FOOT" },
+]
+[components.part.interfaces.tip]
+face = "TIP"
+[joints.clamp]
+between = ["ground", "part.foot"]
+kind = "rigid"
+[points]
+tcp = { tool = "part.tip", work = "ground" }
+[analyses.static]
+at = "tcp"
+"""
+
+
+def write_scene(tmp_path: Path, name: str, *, foot: str = "set:foot", tip: str = "set:tip") -> Path:
+    """A scene of a box from a mesh file with the sets foot and tip."""
+    mesh = make_box((1, 1, 1), (0.1, 0.1, 0.2), {"foot": "z-", "tip": "z+"}, kind="hex8")
+    for file, content in encode_mesh(mesh, tmp_path / name).items():
+        (tmp_path / file).write_bytes(content)
+    return fill(tmp_path, f'mesh = "{name}"', foot=foot, tip=tip)
+
+
+def fill(tmp_path: Path, solid: str, *, foot: str, tip: str) -> Path:
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE.replace("FILE", solid).replace("FOOT", foot).replace("TIP", tip))
+    return path
+
+
+def run(scene: Scene, tmp_path: Path) -> None:
+    run_scene(scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
+
+
+@pytest.mark.parametrize("name", ["box.msh", "box.xdmf", "box.med", "box.exo", "box.bdf"])
+def test_a_set_that_a_mesh_file_lacks_is_told_with_its_line_and_the_sets_there_are(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_scene(tmp_path, name, foot="set:fot", tip="set:tips")
+    assert run_guarded(lambda: check_scene(path, None, (), None), debug=False) == BAD_INPUT
+    told = capsys.readouterr().err
+    for line, key, wrong in (
+        (12, "components.part.interfaces.foot.patches[1].face", "fot"),
+        (15, "components.part.interfaces.tip.face", "tips"),
+    ):
+        assert f"{path}:{line}: {key}\n" in told
+        assert f"there is no set '{wrong}'; available: x-, x+, y-, y+, z-, z+, set:" in told
+    assert "set:foot" in told
+    assert "set:tip\n" in told or "set:tip, " in told
+
+
+def test_a_run_tells_the_same_and_ends_as_bad_input(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_scene(tmp_path, "box.msh", foot="set:fot")
+
+    def action() -> int:
+        run(load_scene(path), tmp_path)
+        return 0
+
+    assert run_guarded(action, debug=False) == BAD_INPUT
+    told = capsys.readouterr().err
+    assert f"{path}:12: components.part.interfaces.foot.patches[1].face\n" in told
+    assert "there is no set 'fot'; available: x-" in told
+
+
+def test_sets_that_are_there_are_no_problem(tmp_path: Path) -> None:
+    scene = load_scene(write_scene(tmp_path, "box.msh"))
+    assert find_missing_patches(scene) == ([], [])
+    run(scene, tmp_path)
+
+
+def test_supports_and_loads_are_looked_up_too(tmp_path: Path) -> None:
+    path = write_scene(tmp_path, "box.msh")
+    with path.open("a") as file:
+        file.write('[supports.base]\nface = "part.set:base"\nfix = ["x"]\n')
+        file.write('[loads.push]\nface = "part.set:top"\npressure = "1 bar"\n')
+    scene = load_scene(path, overrides=["components.part.fidelity=elastic"])
+    problems, _ = find_missing_patches(scene)
+    assert [(problem.line, problem.key) for problem in problems] == [
+        (24, "supports.base.face"),
+        (27, "loads.push.face"),
+    ]
+
+
+def test_a_file_that_is_no_mesh_is_a_problem_of_the_key_that_names_it(tmp_path: Path) -> None:
+    path = write_scene(tmp_path, "box.msh")
+    (tmp_path / "box.msh").write_text("nothing of the kind")
+    problems, _ = find_missing_patches(load_scene(path))
+    assert [(problem.line, problem.key) for problem in problems] == [
+        (6, "components.part.solid.mesh")
+    ]
+
+
+def test_a_face_that_a_step_file_lacks_is_told_with_its_line(tmp_path: Path) -> None:
+    (tmp_path / "part.step").write_bytes(STEP.read_bytes())
+    path = fill(tmp_path, 'step = "part.step"', foot="face:1", tip="face:99")
+    with pytest.raises(PatchError, match=r"face:1 \.\. face:83") as error:
+        run(load_scene(path), tmp_path)
+    assert str(error.value).startswith(f"{path}:15: components.part.interfaces.tip.face\n")
