@@ -84,7 +84,7 @@ CONTROL = """--set effects.drive_control=true --set effects.screw_inertia=true -
 PLANE = """--set 'sweeps.plane.axes={X=["-350 mm","350 mm",5],Y=["-400 mm","400 mm",4],Z=["200 mm","200 mm",1]}'"""
 BLOCK = """--analysis contouring --set 'analyses.contouring.side="8 mm"' --set 'analyses.contouring.lead="4 mm"'"""
 WORKSPACE = """--set 'sweeps.small={variant="segmented+R",axes={X=["-100 mm","100 mm",3],Y=["-100 mm","100 mm",2]}}'"""
-COST = """--set 'studies.few={truth={"components.column.mesh.size"="40 mm"},watch=["modal.frequencies_hz[0:3]"],families={tet={label="tets",\
+COST = """--set 'studies.few={reference_run={"components.column.mesh.size"="40 mm"},watch=["modal.frequencies_hz[0:3]"],families={tet={label="tets",\
 vary={"components.column.mesh.size"=["100 mm","50 mm"]}}}}'"""
 CUT = """--set effects.cutting_force=true --set 'analyses.path.cut={mill={diameter="10 mm",teeth=2},spindle="6000 rpm",\
 axial_depth="1 mm",radial_depth="1 mm",material="al7075-t6"}' --set 'analyses.path.feeds=["3000 mm/min"]'"""
@@ -152,7 +152,7 @@ CASES = (
     Case(
         "linear",
         (
-            f"run machines/cantilever.toml {CANTILEVER} --set components.column.mesh={{order=1,force=true}}",
+            f"run machines/cantilever.toml {CANTILEVER} --set components.column.mesh={{order = 1, allow_locking = true}}",
         ),
     ),
     Case("free", (f"run machines/cantilever.toml {CANTILEVER} {HINGE}",)),

@@ -17,7 +17,7 @@ VARIANT = (
     "variant"  # varied like a key of the scene, by names of variants; "" is the scene as it stands
 )
 MAX_POINTS = 100_000
-TRUTH = "truth"  # family of the one point that the others are held against
+REFERENCE_RUN = "reference_run"  # family of the one point that the others are compared with
 SweepKind = Literal["grid", "list", "path"]
 
 
@@ -33,7 +33,7 @@ class StudyFamily:
         pairwise: The first values go together, then the second ones; else every combination is a
             point.
         analyses: What is computed; empty for all the scene asks for.
-        other_model: It computes another machine than the truth of a cost study (other interfaces,
+        other_model: It computes another machine than the reference run of a cost study (other interfaces,
             say): how far its numbers lie apart is a spread of the model, no error.
     """
 
@@ -57,7 +57,7 @@ class Study:
         cold: Every point starts with an empty store, so that seconds are those of the whole
             computation.
         repeats: How often each point is computed, for the spread of its seconds.
-        truth: Settings of the run that all others are held against, so that errors stand beside
+        reference_run: Settings of the run that all others are compared with, so that errors stand beside
             costs; None without one.
         reference: Published study that the results are held against; None for studies of one's own.
     """
@@ -68,7 +68,7 @@ class Study:
     cold: bool = False
     repeats: int = 1
     reference: str | None = None
-    truth: Mapping[str, TomlValue] | None = None
+    reference_run: Mapping[str, TomlValue] | None = None
 
 
 @dataclass(frozen=True, eq=False)

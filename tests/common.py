@@ -105,7 +105,7 @@ def make_component(
             label,
             (Patch("z+"),),
             "average" if coupling.startswith("average") else "rigid",
-            force=coupling.endswith("!"),
+            allow_singular=coupling.endswith("!"),
         )
         for label, coupling in (interfaces or {}).items()
     }

@@ -138,7 +138,7 @@ def _publish(
     listing = list_study(table, request.scene.path)
     if table.study.reference is not None:
         _add_ladder(ladder_beam(table.study.reference), records, listing, extra)
-    if table.study.truth is not None:
+    if table.study.reference_run is not None:
         _add_costs(table, listing, extra)
     figure = draw_study(table)
     if figure is not None:

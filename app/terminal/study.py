@@ -1,5 +1,5 @@
 """A study on the terminal, as CSV and as JSON: progress, its table, orders of convergence; with a
-truth, error beside cost.
+reference run, error beside cost.
 """
 
 import re
@@ -49,7 +49,7 @@ def print_costs(points: Sequence[CostPoint]) -> None:
     console.print()
     if not points:
         console.print(
-            "nothing to hold the points against: the study's truth failed",
+            "nothing to compare the points with: the reference run of the study failed",
             style="bold red",
             markup=False,
         )
@@ -213,7 +213,7 @@ def print_progress(progress: StudyProgress) -> None:
 
 
 def print_study(table: StudyTable, *, seconds: float, folder: Path) -> None:
-    """The table of a study (of one with a truth: errors beside costs), its orders of convergence,
+    """The table of a study (of one with a reference run: errors beside costs), its orders of convergence,
     and what was measured how.
 
     Args:
@@ -223,11 +223,11 @@ def print_study(table: StudyTable, *, seconds: float, folder: Path) -> None:
     """
     console = make_console()
     console.print()
-    if table.columns and table.study.truth is None:
+    if table.columns and table.study.reference_run is None:
         _print_rows(console, table)
     if table.series:
         _print_orders(console, table.series)
-    if table.study.truth is not None:
+    if table.study.reference_run is not None:
         print_costs(weigh_costs(table))
     failed = [row.record for row in table.rows if row.record.status == "failed"]
     for record in failed:
@@ -349,7 +349,7 @@ class SeriesListing(TypedDict):
 
 class StudyListing(TypedDict):
     """The content of ``study.json``: claims where there is a published reference, costs where there
-    is a truth.
+    is a reference run.
     """
 
     scene: str

@@ -46,10 +46,10 @@ class ScrewShaft:
         lead: Travel per turn [m]; zero where the shaft's twist is not to be seen.
         bearing: Axial stiffness of the fixed bearing [N/m].
         coupling: Torsional stiffness between the shaft and the motor, which is held [N m/rad].
-        reach: Interface up to which the shaft's free length is measured; None for the bearing's
+        floating_end: Interface up to which the shaft's free length is measured; None for the bearing's
             own.
-        far: A second fixed bearing, at the shaft's other end; None where that end floats.
-        far_bearing: Its axial stiffness [N/m].
+        second_end: A second fixed bearing, at the shaft's other end; None where that end floats.
+        second_bearing: Its axial stiffness [N/m].
         length: Of the shaft between both bearings [m]; infinite without a second one.
     """
 
@@ -58,9 +58,9 @@ class ScrewShaft:
     lead: float = 0.0
     bearing: float = np.inf
     coupling: float = np.inf
-    reach: JointEnd | None = None
-    far: JointEnd | None = None
-    far_bearing: float = np.inf
+    floating_end: JointEnd | None = None
+    second_end: JointEnd | None = None
+    second_bearing: float = np.inf
     length: float = np.inf
 
 

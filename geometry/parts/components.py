@@ -81,11 +81,11 @@ class RailSettings:
 
     Attributes:
         along: Axis of the component the rail runs along.
-        stations: Control points of the cubic spline that its motion is fitted by, four dofs each.
+        control_points: Control points of the cubic spline that its motion is fitted by, four dofs each.
     """
 
     along: Literal["x", "y", "z"]
-    stations: int
+    control_points: int
 
 
 @dataclass(frozen=True)
@@ -96,14 +96,14 @@ class Interface:
         name: Name within the component.
         patches: One or several patches that together make up the area.
         coupling: ``rigid`` (RBE2) or ``average`` (RBE3); a rail always averages.
-        force: Accept a point- or line-like patch although its compliance depends on the mesh.
+        allow_singular: Accept a point- or line-like patch although its compliance depends on the mesh.
         rail: Carriages slide along it; None for a fixed interface.
     """
 
     name: str
     patches: tuple[Patch, ...]
     coupling: CouplingKind = "rigid"
-    force: bool = False
+    allow_singular: bool = False
     rail: RailSettings | None = None
 
 
@@ -113,7 +113,7 @@ class MeshSettings:
     shape.
 
     ``across_patches`` is the least number of elements across a patch that is imprinted on a face.
-    ``force`` accepts elements of order 1 where they lock so much that they are refused otherwise.
+    ``allow_locking`` accepts elements of order 1 where they lock so much that they are refused otherwise.
     With a ``growth`` elements grow from the rims of such patches by that share of the distance;
     without one, evenly up to the next edge of the face. ``rim_size`` is their size at the rims of
     rigid interfaces [m], whole faces included, where stresses are singular.
@@ -122,7 +122,7 @@ class MeshSettings:
     size: float | None = None
     order: int = 2
     cells: CellShape = "tet"
-    force: bool = False
+    allow_locking: bool = False
     across_patches: int = 4
     growth: float | None = None
     rim_size: float | None = None

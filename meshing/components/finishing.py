@@ -306,7 +306,7 @@ def _resolve_file_patches(
 
     Raises:
         PatchError: A patch selects nothing, or a single point, line or facet of a larger face
-            without ``force``.
+            without ``allow_singular``.
     """
     facets: dict[str, IntArray] = {}
     nodes: dict[str, IntArray] = {}
@@ -321,12 +321,12 @@ def _resolve_file_patches(
         chosen = np.unique(np.concatenate(found))
         facets[name] = surface.facets[chosen][:, : surface.corners]
         members = np.unique(np.concatenate([set_nodes(data, patch) for patch in patches]))
-        forced = name in component.interfaces and component.interfaces[name].force
+        forced = name in component.interfaces and component.interfaces[name].allow_singular
         if not len(chosen) and len(members):
             if not forced:
                 raise PatchError(
                     f"{what}: {len(members)} nodes span no facet of the surface; a point or a line has a compliance that depends "
-                    "on the mesh; name an area, or write force = true",
+                    "on the mesh; name an area, or write allow_singular = true",
                     name,
                 )
             nodes[name] = members
@@ -343,7 +343,7 @@ def _resolve_file_patches(
         ):
             raise PatchError(
                 f"{what}: a single facet of a larger face has a compliance that depends on the mesh; name a larger area, or write "
-                "force = true",
+                "allow_singular = true",
                 name,
             )
     return dataclasses.replace(data, facets=facets, node_sets=nodes)

@@ -523,7 +523,7 @@ def _check_request(component: Component, groups: Groups) -> None:
             raise MeshError(
                 f"{what}: {name} has no patches; write a face such as {', '.join(FACE_DIRECTIONS)}"
             )
-        forced = name in component.interfaces and component.interfaces[name].force
+        forced = name in component.interfaces and component.interfaces[name].allow_singular
         for patch in patches:
             if patch.shape != "whole" and not forced:
                 _check_imprint(component, name, patch)
@@ -545,5 +545,5 @@ def _check_imprint(component: Component, name: str, patch: Patch) -> None:
     if min(patch.size) < LINE_LIKE * largest_extent(solid):
         raise MeshError(
             f"{what}: a {patch.shape} of {1e3 * min(patch.size):.4g} mm is a point or a line on a solid of {1e3 * largest_extent(solid):.4g} mm, "
-            "and its compliance depends on the mesh; write a larger patch, or force = true"
+            "and its compliance depends on the mesh; write a larger patch, or allow_singular = true"
         )

@@ -103,7 +103,7 @@ def _boundary_dofs(component: Component) -> int:
         interface.rail for interface in component.interfaces.values() if interface.rail is not None
     ]
     return 6 * (len(component.interfaces) - len(rails)) + STATION_DOFS * sum(
-        rail.stations for rail in rails
+        rail.control_points for rail in rails
     )
 
 

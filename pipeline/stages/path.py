@@ -246,7 +246,7 @@ def _solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> S
 
 def sample_path(request: PathRequest, move: SetPoint) -> FloatArray:
     """Instants of a move [s]."""
-    return sample_times(move, request.sampling_hz, request.ring_down)
+    return sample_times(move, request.sampling_hz, request.residual_time)
 
 
 def _judge_poses(
@@ -347,8 +347,10 @@ def _run_move(
     ports = range(len(request.outputs))
     return PathRun(
         curves,
-        figures=tuple(measure_zones(found, raw, move, port, request.ring_down) for port in ports),
+        figures=tuple(
+            measure_zones(found, raw, move, port, request.residual_time) for port in ports
+        ),
         frozen_figures=tuple(
-            measure_zones(frozen, kept, move, port, request.ring_down) for port in ports
+            measure_zones(frozen, kept, move, port, request.residual_time) for port in ports
         ),
     )

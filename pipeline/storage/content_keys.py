@@ -74,7 +74,7 @@ def mesh_key(component: Component, supports: Sequence[Support], loads: Sequence[
             "solid": _solid_content(component),
             "settings": component.mesh,
             "interfaces": {
-                name: (interface.patches, interface.force)
+                name: (interface.patches, interface.allow_singular)
                 for name, interface in component.interfaces.items()
             },
             "supports": {support.name: support.patches for support in supports},

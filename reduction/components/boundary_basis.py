@@ -175,11 +175,11 @@ def _refuse_point_like(
         f"interface {interface.name} of component {component} is {kind} of the mesh: in 3D its compliance grows without bound "
         "as the mesh is refined"
     )
-    if not interface.force:
+    if not interface.allow_singular:
         raise ModelError(
-            f"{text}; choose a larger patch or a finer mesh, or set force = true to keep it"
+            f"{text}; choose a larger patch or a finer mesh, or set allow_singular = true to keep it"
         )
-    warnings.append(f"{text}; kept because force = true")
+    warnings.append(f"{text}; kept because allow_singular = true")
 
 
 def _undetermined_rows(

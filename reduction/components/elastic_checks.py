@@ -103,7 +103,7 @@ def judge_element_order(component: Component, mesh: ComponentMesh) -> tuple[str,
             f"component {component.name}: its elements are of order 1 ({mesh.kind}), up to {aspect:.3g} times longer than thick, in a "
             f"part {thinness:.2g} times as thick as long: in bending they lock and come out many times too stiff"
         )
-        if component.mesh.force:
+        if component.mesh.allow_locking:
             return (finding,)
         raise ModelError(f"{finding}; write order = 2 (or give a mesh of second-order elements)")
     if component.mesh.order == 1:

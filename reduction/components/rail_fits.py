@@ -67,7 +67,7 @@ def fit_rail(component: str, interface: Interface, patch: MeshPatch) -> RailFit:
         raise ValueError(f"interface {interface.name!r} is no rail")
     axis = "xyz".index(interface.rail.along)
     low, high = float(patch.points[:, axis].min()), float(patch.points[:, axis].max())
-    knots = place_knots(low, high, interface.rail.stations)
+    knots = place_knots(low, high, interface.rail.control_points)
     center = np.array(patch.centroid)
     center[axis] = 0.5 * (low + high)
     fields = _section_fields(patch, axis, center)
@@ -79,7 +79,7 @@ def fit_rail(component: str, interface: Interface, patch: MeshPatch) -> RailFit:
     gram = columns.T @ weighted
     _check_condition(component, interface, gram)
     fitted = scipy.linalg.solve(gram, weighted.T, assume_a="pos").T
-    kept = fitted.reshape(len(weighted), interface.rail.stations, -1)[:, :, :STATION_DOFS]
+    kept = fitted.reshape(len(weighted), interface.rail.control_points, -1)[:, :, :STATION_DOFS]
     points = station_points(knots, center, axis)
     return RailFit(
         interface.name, axis, center, knots, points, patch, kept.reshape(len(weighted), -1)
@@ -112,7 +112,7 @@ def _check_condition(component: str, interface: Interface, gram: FloatArray) -> 
         values = np.linalg.eigvalsh(scale[:, None] * gram * scale)
         if values[0] * CONDITION_LIMIT > values[-1]:
             return
-    stations = 0 if interface.rail is None else interface.rail.stations
+    stations = 0 if interface.rail is None else interface.rail.control_points
     raise ModelError(
         f"component {component}: the mesh has too few points along rail {interface.name} to tell its {stations} stations apart, or the "
         "rail has gaps; take elements no longer than two station intervals, or fewer stations"

@@ -83,8 +83,8 @@ def place_screw(joint: Joint, shaft: ScrewShaft, distance: float) -> ScrewSpring
     near = 1.0 / (1.0 / shaft.bearing + distance / shaft.axial)
     far = (
         0.0
-        if shaft.far is None
-        else 1.0 / (1.0 / shaft.far_bearing + (shaft.length - distance) / shaft.axial)
+        if shaft.second_end is None
+        else 1.0 / (1.0 / shaft.second_bearing + (shaft.length - distance) / shaft.axial)
     )
     pitch = shaft.lead / (2.0 * np.pi)
     twist = distance / shaft.torsional
@@ -179,14 +179,14 @@ def _place_shaft(
     axial motion.
     """
     axis = spring.frame.rotation[:, 0]
-    bearing = joint.ends[1] if shaft.reach is None else shaft.reach
+    bearing = joint.ends[1] if shaft.floating_end is None else shaft.floating_end
     distance = float(abs((spring.frame.origin - locate_interface(layout, bearing)) @ axis))
     placed = place_screw(joint, shaft, distance)
     rows = spring.rows
-    if shaft.far is not None:
+    if shaft.second_end is not None:
         near, far = (
             axis @ motion_rows(layout, end, spring.frame.origin)[:3]
-            for end in (joint.ends[1], shaft.far)
+            for end in (joint.ends[1], shaft.second_end)
         )
         rows = rows.copy()
         rows[0] += placed.far_share * (far - near)

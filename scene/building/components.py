@@ -198,13 +198,13 @@ def build_interface(
     """
     patches = tuple(build_patch(patch, solid) for patch in table.patch_tables())
     if table.rail is None:
-        return Interface(name, patches, table.coupling, table.force)
+        return Interface(name, patches, table.coupling, table.allow_singular)
     return Interface(
         name,
         patches,
         "average",
-        table.force,
-        RailSettings(table.rail.along, table.rail.stations or stations or FEWEST_STATIONS),
+        table.allow_singular,
+        RailSettings(table.rail.along, table.rail.control_points or stations or FEWEST_STATIONS),
     )
 
 
@@ -257,7 +257,7 @@ def _build_mesh_settings(table: MeshTable) -> MeshSettings:
         table.size,
         table.order,
         table.cells,
-        table.force,
+        table.allow_locking,
         table.across_patches,
         growth=table.growth,
         rim_size=table.rim_size,

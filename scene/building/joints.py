@@ -120,7 +120,7 @@ def check_joints(draft: Draft, findings: Findings) -> None:
         key: KeyPath = ("joints", name, "between")
         for index, end in enumerate(joint.between):
             check_end((*key, index), end, draft, findings)
-        for part in ("far", "reach") if joint.screw is not None else ():
+        for part in ("second_end", "floating_end") if joint.screw is not None else ():
             if (named := getattr(joint.screw, part)) is not None:
                 check_end(("joints", name, "screw", part), named, draft, findings)
         first, second = joint.between
@@ -197,10 +197,10 @@ def _check_screw(table: JointTable, faults: _Faults) -> None:
             "the second end is the interface that carries the screw's fixed bearing, not ground",
             "between",
         )
-    far = None if table.screw is None else table.screw.far
+    far = None if table.screw is None else table.screw.second_end
     if far is not None and far.component == table.between[0].component:
         text = "is on the component of the first end, which is the nut's; name the nut's interface first and the bearing's second"
-        faults.add(text, "screw", "far")
+        faults.add(text, "screw", "second_end")
     if table.length is not None:
         faults.add(
             "the nut has a shaft of its own, so it slides on no rail; remove length or screw",
@@ -314,9 +314,9 @@ def build_shaft(table: ScrewTable) -> ScrewShaft:
         lead=table.lead or 0.0,
         bearing=table.bearing or math.inf,
         coupling=table.coupling or math.inf,
-        reach=table.reach,
-        far=table.far,
-        far_bearing=table.far_bearing or math.inf,
+        floating_end=table.floating_end,
+        second_end=table.second_end,
+        second_bearing=table.second_bearing or math.inf,
         length=table.length or math.inf,
     )
 
@@ -326,14 +326,18 @@ def tie_bearings(name: str, joint: Joint) -> Joint | None:
     with a single one.
     """
     shaft = joint.screw
-    if shaft is None or shaft.far is None:
+    if shaft is None or shaft.second_end is None:
         return None
     stiffness = np.zeros((6, 6))
     stiffness[0, 0] = 1.0 / (
-        1.0 / shaft.bearing + shaft.length / shaft.axial + 1.0 / shaft.far_bearing
+        1.0 / shaft.bearing + shaft.length / shaft.axial + 1.0 / shaft.second_bearing
     )
     return Joint(
-        name, (joint.ends[1], shaft.far), "spring", rotation=joint.rotation, stiffness=stiffness
+        name,
+        (joint.ends[1], shaft.second_end),
+        "spring",
+        rotation=joint.rotation,
+        stiffness=stiffness,
     )
 
 

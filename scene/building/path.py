@@ -43,7 +43,7 @@ def build_path_request(scene: SceneTable) -> PathRequest | None:
         outputs=build_ports(path.outputs or [(name, "") for name in scene.points]),
         sampling_hz=path.sampling,
         low_pass=None if path.lowpass is None else LowPass(path.lowpass, path.filter),
-        ring_down=path.ring_down,
+        residual_time=path.residual_time,
         cut=build_path_cut(scene),
         follows_pose=_follows_pose(scene, path),
     )
@@ -77,12 +77,12 @@ def check_path(draft: Draft, findings: Findings) -> None:
             if fault:
                 findings.add((*KEY, end, axis), fault)
     if (
-        table.pose_changes == "followed"
+        table.pose_model == "pose_dependent"
         and scene.drives
         and scene.effects.get("drive_control", False) is not False
     ):
         text = 'drives under control are closed in the pose of the middle; write "frozen", or leave the effect drive_control away'
-        findings.add((*KEY, "pose_changes"), text)
+        findings.add((*KEY, "pose_model"), text)
     if table.outputs is None and not scene.points:
         findings.add(
             KEY,
@@ -124,5 +124,7 @@ def _follows_pose(scene: SceneTable, table: PathTable) -> bool:
     written.
     """
     return (
-        not build_drives(scene) if table.pose_changes is None else table.pose_changes == "followed"
+        not build_drives(scene)
+        if table.pose_model is None
+        else table.pose_model == "pose_dependent"
     )

@@ -128,7 +128,7 @@ def _check_rail(
             key,
             "where the rail ends is not known without a mesh; write its area as a rect with centre and size",
         )
-    if table.rail.stations is None and (span is None or shortest is None):
+    if table.rail.control_points is None and (span is None or shortest is None):
         reason = (
             "no carriage rides on it"
             if shortest is None
@@ -136,7 +136,7 @@ def _check_rail(
         )
         findings.add(
             key,
-            f'{reason}, so its stations must be given; write rail = {{ along = "{table.rail.along}", stations = 12 }}',
+            f'{reason}, so its control_points must be given; write rail = {{ along = "{table.rail.along}", control_points = 12 }}',
         )
     if span is None or shortest is None:
         return
@@ -151,15 +151,15 @@ def _check_rail(
     _warn_of_segments(key, scene.components[component], solid, shortest, findings)
     least = default_stations(span, shortest, LEAST_INTERVALS)
     if (
-        table.rail.stations is not None
-        and table.rail.stations < least
+        table.rail.control_points is not None
+        and table.rail.control_points < least
         and scene.components[component].fidelity == "elastic"
     ):
         findings.add(
-            (*key, "stations"),
-            f"{table.rail.stations} stations on {show_position(span[1] - span[0])} are too few for a carriage of "
-            f"{show_position(shortest)}, which would feel them pass; write at least {least}, better "
-            f"{default_stations(span, shortest)}, or leave stations away",
+            (*key, "control_points"),
+            f"{table.rail.control_points} control points on {show_position(span[1] - span[0])} are too few for a carriage of "
+            f"{show_position(shortest)}, whose stiffness would vary as it passes them; write at least {least}, better "
+            f"{default_stations(span, shortest)}, or leave control_points away",
         )
 
 

@@ -23,7 +23,7 @@ from headstock.scene.schema.overrides import AS_WRITTEN, path_exists
 from headstock.scene.schema.scene import AnalysesTable, SceneTable
 from headstock.scene.schema.studies import MAX_SWEEP_POSES, FamilyTable, StudyTable, SweepTable
 from headstock.scene.studies import (
-    TRUTH,
+    REFERENCE_RUN,
     VARIANT,
     Study,
     StudyFamily,
@@ -214,15 +214,23 @@ def build_study(name: str, table: StudyTable) -> Study:
                 "", name, dict(table.set), vary, table.pairwise, tuple(table.analyses or ())
             )
         ]
-    if table.truth is not None:
+    if table.reference_run is not None:
         settings = {
-            key: value for key, value in {**table.set, **table.truth}.items() if key != VARIANT
+            key: value
+            for key, value in {**table.set, **table.reference_run}.items()
+            if key != VARIANT
         }
-        vary = {VARIANT: (str(table.truth[VARIANT]),)} if VARIANT in table.truth else {}
+        vary = (
+            {VARIANT: (str(table.reference_run[VARIANT]),)}
+            if VARIANT in table.reference_run
+            else {}
+        )
         # last: what it needs of memory would hide what the others need where a process cannot
         # forget its peak
         families.append(
-            StudyFamily(TRUTH, "held against", settings, vary, analyses=tuple(table.analyses or ()))
+            StudyFamily(
+                REFERENCE_RUN, "held against", settings, vary, analyses=tuple(table.analyses or ())
+            )
         )
     return Study(
         name=name,
@@ -231,7 +239,7 @@ def build_study(name: str, table: StudyTable) -> Study:
         cold=table.store == "cold",
         repeats=table.repeats,
         reference=table.reference,
-        truth=table.truth,
+        reference_run=table.reference_run,
     )
 
 
@@ -276,10 +284,10 @@ def _check_study(name: str, study: StudyTable, draft: Draft, findings: Findings)
     parts: list[tuple[KeyPath, StudyTable | FamilyTable]] = [(key, study), *named]
     for place, table in parts:
         varied = table.vary or {}
-        truth = (table.truth or {}) if isinstance(table, StudyTable) else {}
-        for section, paths in (("vary", varied), ("set", table.set), ("truth", truth)):
+        truth = (table.reference_run or {}) if isinstance(table, StudyTable) else {}
+        for section, paths in (("vary", varied), ("set", table.set), ("reference_run", truth)):
             for path in paths:
-                if not (section in {"vary", "truth"} and path == VARIANT) and (
+                if not (section in {"vary", "reference_run"} and path == VARIANT) and (
                     reason := path_exists(draft.raw, path)
                 ):
                     findings.add((*place, section, path), reason)

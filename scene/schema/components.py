@@ -228,7 +228,7 @@ class RailTable(StrictTable):
     """
 
     along: Literal["x", "y", "z"]
-    stations: Annotated[Count, Field(ge=4, le=1000)] | None = None
+    control_points: Annotated[Count, Field(ge=4, le=1000)] | None = None
 
 
 class InterfaceTable(StrictTable):
@@ -242,7 +242,7 @@ class InterfaceTable(StrictTable):
     strip: StripTable | None = None
     patches: Annotated[list[PatchTable], Field(min_length=1, max_length=1000)] | None = None
     coupling: Literal["rigid", "average"] = "rigid"
-    force: Flag = False
+    allow_singular: Flag = False
     rail: RailTable | None = None
 
     @model_validator(mode="after")
@@ -301,7 +301,7 @@ class MeshTable(StrictTable):
     rim_size: PositiveLength | None = None
     smallest: PositiveLength | None = None
     leave_out: PositiveLength | None = None
-    force: Flag = False
+    allow_locking: Flag = False
 
 
 class ReductionTable(StrictTable):

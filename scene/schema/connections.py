@@ -42,9 +42,9 @@ class ScrewTable(StrictTable):
     lead: PositiveLength | None = None
     bearing: PositiveStiffness | None = None
     coupling: PositiveRotationalStiffness | None = None
-    reach: End | None = None
-    far: End | None = None
-    far_bearing: PositiveStiffness | None = None
+    floating_end: End | None = None
+    second_end: End | None = None
+    second_bearing: PositiveStiffness | None = None
     length: PositiveLength | None = None
 
     @model_validator(mode="after")
@@ -53,14 +53,16 @@ class ScrewTable(StrictTable):
             raise problem(
                 f"its bore of {1e3 * self.bore:.6g} mm is not smaller than its diameter of {1e3 * self.diameter:.6g} mm"
             )
-        if (self.far is None) != (self.length is None):
+        if (self.second_end is None) != (self.length is None):
             raise problem(
-                'a second fixed bearing needs the shaft\'s length between both, and only it does; write far = "bed.bearing_2", length = "900 mm"'
+                'a second fixed bearing needs the shaft\'s length between both, and only it does; write second_end = "bed.bearing_2", length = "900 mm"'
             )
-        if self.far is not None and self.reach is not None:
-            raise problem("a shaft between two bearings has its own length; remove reach or far")
-        if self.far is None and self.far_bearing is not None:
-            raise problem('there is no second bearing; write far = "bed.bearing_2" too')
+        if self.second_end is not None and self.floating_end is not None:
+            raise problem(
+                "a shaft between two bearings has its own length; remove floating_end or second_end"
+            )
+        if self.second_end is None and self.second_bearing is not None:
+            raise problem('there is no second bearing; write second_end = "bed.bearing_2" too')
         if self.coupling is not None and self.lead is None:
             raise problem('a coupling gives way along the thread only; write lead = "10 mm" too')
         return self

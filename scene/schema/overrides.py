@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, Origin, Problem, show_key, suggest_names
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.schema.validation import known_keys
+from headstock.scene.schema.validation import known_keys, unknown_key
 
 ENTRY_SECTIONS = frozenset(
     {
@@ -228,7 +228,7 @@ def _find_obstacle(raw: TomlTable, path: KeyPath) -> str:
                 )
             keys = known_keys(path[:depth])
             if keys is not None and part not in keys:
-                return f"cannot set {show_key(path)}: unknown key {part!r}; {suggest_names(part, keys, what='known keys')}"
+                return f"cannot set {show_key(path)}: {unknown_key(path[: depth + 1])}"
             place = {}
             continue
         place = place[str(part)]

@@ -54,9 +54,9 @@ class PathTable(RequestTable):
     sampling: PositiveFrequency = 2500.0
     lowpass: PositiveFrequency | None = None
     filter: Literal["zero_phase", "causal"] = "zero_phase"
-    ring_down: PositiveTime = 0.3
+    residual_time: PositiveTime = 0.3
     cut: PathCutTable | None = None
-    pose_changes: Literal["followed", "frozen"] | None = None
+    pose_model: Literal["pose_dependent", "frozen"] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:

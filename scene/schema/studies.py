@@ -24,7 +24,7 @@ from headstock.scene.schema.types import (
     one_of,
     problem,
 )
-from headstock.scene.studies import MAX_POINTS, TRUTH
+from headstock.scene.studies import MAX_POINTS, REFERENCE_RUN
 
 MAX_REPEATS = 100
 Values = Annotated[list[Any], Field(min_length=1, max_length=MAX_POINTS)]
@@ -89,7 +89,7 @@ class StudyTable(StrictTable):
     store: Literal["warm", "cold"] = "warm"
     repeats: Annotated[Count, Field(le=MAX_REPEATS)] = 1
     reference: Literal["kono-cantilever", "kono-fixed-beam"] | None = None
-    truth: dict[str, Any] | None = None
+    reference_run: dict[str, Any] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -101,15 +101,15 @@ class StudyTable(StrictTable):
             )
         if self.watch is None and self.reference is None:
             raise problem('watches nothing; write watch = ["modal.frequencies_hz[0:6]", "seconds"]')
-        if self.truth is not None and all(
+        if self.reference_run is not None and all(
             parse_watch(path).steps[0] in MEASURED_NAMES for path in self.watch or ()
         ):
             raise problem(
-                'holds nothing against its truth; write watch = ["modal.frequencies_hz[0:6]"]'
+                'watches no result that could be compared with its reference run; write watch = ["modal.frequencies_hz[0:6]"]'
             )
-        if TRUTH in self.families:
+        if REFERENCE_RUN in self.families:
             raise problem(
-                f"calls a family {TRUTH!r}, which is the name of the run that the others are held against"
+                f"calls a family {REFERENCE_RUN!r}, which is the name of the run that the others are compared with"
             )
         _check_lengths(self.vary or {}, pairwise=self.pairwise)
         return self

@@ -13,6 +13,7 @@ from pydantic_core import ErrorDetails
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.renamed_names import SCENE_KEYS
 from headstock.scene.reading.units import show_value
 from headstock.scene.schema.scene import SceneTable
 
@@ -78,16 +79,28 @@ def _known_keys(root: type[BaseModel], path: KeyPath) -> list[str] | None:
     )
 
 
+def unknown_key(path: KeyPath) -> str:
+    """What is wrong with the last key of a path that the scene's schema does not know, or no longer
+    by this name.
+    """
+    return _unknown_key(SceneTable, path)
+
+
+def _unknown_key(root: type[BaseModel], path: KeyPath) -> str:
+    model, key = _resolve_model(root, path[:-1]), str(path[-1])
+    label = "" if model is None else model.__name__.removesuffix("Table")
+    if renamed := SCENE_KEYS.get(f"{label}.{key}"):
+        return f"{key!r} is now called {renamed!r}; write {renamed}"
+    keys = _known_keys(root, path[:-1]) or []
+    return f"unknown key {key[:80]!r}; {suggest_names(path[-1], keys, what='known keys')}"
+
+
 def _report(root: type[BaseModel], detail: ErrorDetails, findings: Findings) -> None:
     path: KeyPath = tuple(part for part in detail["loc"] if part not in TAGS)
     kind = detail["type"]
     value = detail.get("input")
     if kind == "extra_forbidden":
-        keys = _known_keys(root, path[:-1]) or []
-        findings.add(
-            path,
-            f"unknown key {str(path[-1])[:80]!r}; {suggest_names(path[-1], keys, what='known keys')}",
-        )
+        findings.add(path, _unknown_key(root, path))
     elif kind == "missing":
         findings.add(path, _missing_message(root, path))
     elif kind == "literal_error":

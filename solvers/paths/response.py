@@ -236,7 +236,7 @@ def filter_deviation(found: PathDeviation, low_pass: LowPass | None) -> PathDevi
 
 
 def measure_zones(
-    found: PathDeviation, raw: PathDeviation, move: SetPoint, output: int, ring_down: float
+    found: PathDeviation, raw: PathDeviation, move: SetPoint, output: int, residual_time: float
 ) -> tuple[ZoneFigures, ZoneFigures]:
     """Figures of one output in both zones; a zone ends before the next one begins, or so long after
     its ramp.
@@ -247,16 +247,22 @@ def measure_zones(
             ringing from one zone into another.
         move: The set point.
         output: Number of the output.
-        ring_down: How long after a ramp its ringing is looked at [s].
+        residual_time: How long after a ramp its ringing is looked at [s].
     """
     (first, first_end), (second, second_end) = move.zones
     last, ahead = float(found.times[-1]), max(second, first_end)
     return (
         _measure(
-            found, raw, output, _Zone(first, first_end, min(first_end + ring_down, ahead), ahead)
+            found,
+            raw,
+            output,
+            _Zone(first, first_end, min(first_end + residual_time, ahead), ahead),
         ),
         _measure(
-            found, raw, output, _Zone(second, second_end, min(second_end + ring_down, last), last)
+            found,
+            raw,
+            output,
+            _Zone(second, second_end, min(second_end + residual_time, last), last),
         ),
     )
 

@@ -173,7 +173,7 @@ def sample_system(
             raise AccuracyError(
                 f"{len(poses)} poses along the path leave an error of {max(misses):.2g} between them (limit {TOLERANCE:g}), of "
                 f"{turn_error:.2g} in the direction of modes (limit {TURN_TOLERANCE:g}); shorten the path, or write "
-                'pose_changes = "frozen"'
+                'pose_model = "frozen"'
             )
 
 

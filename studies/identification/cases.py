@@ -291,7 +291,10 @@ def _bodies_of(joint: Joint) -> set[str | None]:
     ends = (
         joint.ends
         if shaft is None
-        else (*joint.ends, *(end for end in (shaft.reach, shaft.far) if end is not None))
+        else (
+            *joint.ends,
+            *(end for end in (shaft.floating_end, shaft.second_end) if end is not None),
+        )
     )
     return {end.component for end in ends}
 

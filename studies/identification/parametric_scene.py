@@ -220,7 +220,7 @@ class ParametricShape:
             entry = self._entry("materials", table.material, numbers)
             material = build_material(table.material, MaterialTable.model_validate(entry))
         stations = {
-            key: item.rail.stations
+            key: item.rail.control_points
             for key, item in written.interfaces.items()
             if item.rail is not None
         }

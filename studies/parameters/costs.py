@@ -1,4 +1,4 @@
-"""Cost and error of the runs of a study, against one of its points that counts as the truth."""
+"""Cost and error of the runs of a study, compared with one of its points, the reference run."""
 
 import dataclasses
 import math
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from headstock.pipeline.results.accuracy import AccuracySummary
 from headstock.scene.reading.watch_paths import MEASURED_NAMES, Watched
-from headstock.scene.studies import TRUTH, StudyFamily, list_varied, show_value
+from headstock.scene.studies import REFERENCE_RUN, StudyFamily, list_varied, show_value
 from headstock.studies.parameters.tables import StudyRow, StudyTable, is_number, median_seconds
 
 ACCURACY = "accuracy"
@@ -22,7 +22,7 @@ class CostPoint:
         row: Of the study.
         name: Family and varied keys in a few words; keys that are the same all over the family left
             out.
-        error: Largest relative error of a watched number against the study's truth.
+        error: Largest relative error of a watched number from the reference run of the study.
         worst: Which one.
         seconds: Wall-clock time, median and spread of the repeats [s].
         cpu_seconds: Processor time of all threads and child processes, likewise [s].
@@ -60,25 +60,27 @@ class CostPoint:
 
 
 def weigh_costs(table: StudyTable) -> list[CostPoint]:
-    """Errors and costs of every finished point of a study with a truth, the truth itself left out.
+    """Errors and costs of every finished point of a study with a reference run, that one left out.
 
-    Empty when the truth failed.
+    Empty when the reference run failed.
     """
-    truths = [
-        row for row in table.rows if row.record.family == TRUTH and row.record.status == "done"
+    references = [
+        row
+        for row in table.rows
+        if row.record.family == REFERENCE_RUN and row.record.status == "done"
     ]
-    if not truths:
+    if not references:
         return []
     exact = {
         column: value
-        for column, value in truths[0].values.items()
+        for column, value in references[0].values.items()
         if is_number(value) and column not in MEASURED_NAMES
     }
     families = {family.name: family for family in table.study.families}
     weighed = [
         _weigh(row, exact, families[row.record.family])
         for row in table.rows
-        if row.record.family != TRUTH
+        if row.record.family != REFERENCE_RUN
     ]
     points = [point for point in weighed if point is not None]
     front = pareto_front([point for point in points if point.competes], "cpu")

@@ -34,7 +34,7 @@ from headstock.scene.reading.findings import Problem, SceneError
 from headstock.scene.reading.keys import read_entries
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.scene.schema.overrides import VARIANT_JOINER, split_variant
-from headstock.scene.studies import TRUTH, Study, StudyPoint, expand_study, make_point
+from headstock.scene.studies import REFERENCE_RUN, Study, StudyPoint, expand_study, make_point
 from headstock.solvers.errors import CompileError
 from headstock.solvers.ranks import share_from_root
 from headstock.studies.parameters.records import (
@@ -261,11 +261,14 @@ def _compute_point(
             comm, _element_kinds(_reload(job, point)) if comm.rank == 0 else None
         )
         warm_up = (
-            warm is not None and job.study.cold and point.family != TRUTH and not kinds <= warm
+            warm is not None
+            and job.study.cold
+            and point.family != REFERENCE_RUN
+            and not kinds <= warm
         )
         if warm is not None:
             warm |= kinds
-        for number in range(-warm_up, 1 if point.family == TRUTH else job.study.repeats):
+        for number in range(-warm_up, 1 if point.family == REFERENCE_RUN else job.study.repeats):
             with (
                 _scratch_store(cold=job.study.cold) as (scratch, store),
                 watch_memory() as peak,

@@ -82,7 +82,9 @@ def test_first_order_elements_lock_and_are_refused_by_order_and_aspect_ratio(
 def test_a_scene_may_insist_on_elements_that_lock_and_is_told_what_they_do() -> None:
     mesh, _, _ = strip("hex8")
     component = make_component({"tip": "rigid"})
-    component = dataclasses.replace(component, mesh=dataclasses.replace(component.mesh, force=True))
+    component = dataclasses.replace(
+        component, mesh=dataclasses.replace(component.mesh, allow_locking=True)
+    )
     element = reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
     assert any("many times too stiff" in warning for warning in element.warnings)
 

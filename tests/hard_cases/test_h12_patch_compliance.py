@@ -79,7 +79,7 @@ def test_a_patch_of_one_facet_is_refused_with_a_remedy(coupling: CouplingKind) -
     )
     with pytest.raises(
         ModelError,
-        match=r"pad of component block is 1 facet\(s\).*larger patch or a finer mesh, or set force = true",
+        match=r"pad of component block is 1 facet\(s\).*larger patch or a finer mesh, or set allow_singular = true",
     ):
         reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
 
@@ -87,10 +87,13 @@ def test_a_patch_of_one_facet_is_refused_with_a_remedy(coupling: CouplingKind) -
 def test_a_patch_of_one_facet_is_kept_with_a_warning_when_forced() -> None:
     mesh = make_box((4, 4, 2), SIZE, {"pad": corner_facet, "support:clamp": "z-"})
     component = Component(
-        "block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (PAD,), "rigid", force=True)}
+        "block",
+        Box(SIZE),
+        STEEL,
+        interfaces={"pad": Interface("pad", (PAD,), "rigid", allow_singular=True)},
     )
     element = reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
-    assert any("force = true" in warning for warning in element.warnings)
+    assert any("allow_singular = true" in warning for warning in element.warnings)
 
 
 def test_a_whole_face_that_is_one_facet_is_an_area() -> None:
@@ -111,7 +114,10 @@ def point_compliance(counts: tuple[int, int, int]) -> tuple[float, Superelement]
         mesh, patches=mesh.patches | {"pad": np.repeat(middle[:, None], 4, axis=1)}
     )
     component = Component(
-        "block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (PAD,), "rigid", force=True)}
+        "block",
+        Box(SIZE),
+        STEEL,
+        interfaces={"pad": Interface("pad", (PAD,), "rigid", allow_singular=True)},
     )
     element = reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
     return 1.0 / element.stiffness[2, 2], element

@@ -15,11 +15,13 @@ def make_component() -> Callable[..., Component]:
         solid: Solid,
         patches: dict[str, Patches] | None = None,
         *,
-        force: bool = False,
+        allow_singular: bool = False,
         **mesh: object,
     ) -> Component:
         interfaces = {
-            name: Interface(name, patch if isinstance(patch, tuple) else (patch,), force=force)
+            name: Interface(
+                name, patch if isinstance(patch, tuple) else (patch,), allow_singular=allow_singular
+            )
             for name, patch in (patches or {}).items()
         }
         return Component("part", solid, STEEL, interfaces=interfaces, mesh=MeshSettings(**mesh))  # type: ignore[arg-type]

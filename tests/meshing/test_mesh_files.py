@@ -315,12 +315,14 @@ def test_h12_points_lines_and_single_facets_are_refused_unless_forced(
         f"*NSET, NSET=edge\n{wrapped(edge, 8)}\n*NSET, NSET=point\n{edge[0]}\n",
     )
     for name in ("edge", "point"):
-        with pytest.raises(MeshError, match=r"depends on the mesh.*force"):
+        with pytest.raises(MeshError, match=r"depends on the mesh.*allow_singular"):
             mesh_component(
                 make_component(MeshFile(tmp_path / "box.inp"), {"a": Patch(f"set:{name}")})
             )
         forced = mesh_component(
-            make_component(MeshFile(tmp_path / "box.inp"), {"a": Patch(f"set:{name}")}, force=True)
+            make_component(
+                MeshFile(tmp_path / "box.inp"), {"a": Patch(f"set:{name}")}, allow_singular=True
+            )
         )
         assert len(np.unique(forced.patches["a"])) == (len(edge) if name == "edge" else 1)
     single = Patch("z+", "rect", (0.0025, 0.0025, 0.0), (0.006, 0.003))

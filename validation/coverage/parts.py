@@ -123,7 +123,7 @@ def draw_part(seed: int, folder: Path) -> CoveragePart:
             size=share * scatter * drawn.extent,
             order=drawn.order,
             cells="hex" if drawn.hex else "tet",
-            force=drawn.order == 1,
+            allow_locking=drawn.order == 1,
             growth=0.5 if drawn.graded else None,
             rim_size=0.3 * share * drawn.extent if drawn.graded else None,
         )

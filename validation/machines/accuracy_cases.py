@@ -83,8 +83,8 @@ SWEEP: tuple[TomlTable, ...] = (
     {"cells": "hex", "size": "25 mm"},
     {"cells": "tet", "size": "38 mm"},
     {"cells": "tet", "size": "20 mm"},
-    {"cells": "hex", "size": "25 mm", "order": 1, "force": True},
-    {"cells": "tet", "size": "16 mm", "order": 1, "force": True},
+    {"cells": "hex", "size": "25 mm", "order": 1, "allow_locking": True},
+    {"cells": "tet", "size": "16 mm", "order": 1, "allow_locking": True},
 )
 LEAST_RANK = 0.8
 LARGEST_FACTOR = 3.0

@@ -83,8 +83,8 @@ MESHES = {
             MeshSettings(size=0.025, cells="hex"),
             MeshSettings(size=0.038, cells="tet"),
             MeshSettings(size=0.020, cells="tet"),
-            MeshSettings(size=0.025, cells="hex", order=1, force=True),
-            MeshSettings(size=0.016, cells="tet", order=1, force=True),
+            MeshSettings(size=0.025, cells="hex", order=1, allow_locking=True),
+            MeshSettings(size=0.016, cells="tet", order=1, allow_locking=True),
         ),
     ),
     "hollow column": (

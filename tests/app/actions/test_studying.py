@@ -20,7 +20,7 @@ repeats = 2
 vary = { "joints.clamp.kind" = ["rigid", "mount"] }
 watch = "status"
 [studies.cost]
-truth = { "components.column.segments.count" = 40 }
+reference_run = { "components.column.segments.count" = 40 }
 vary = { "components.column.segments.count" = [2, 4, 8] }
 watch = ["modal.frequencies_hz[0:2]"]
 store = "cold"

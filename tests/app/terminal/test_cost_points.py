@@ -9,14 +9,14 @@ from headstock.app.charts.study import draw_costs
 from headstock.app.terminal.study import cost_table, digit_words, list_costs
 from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.reading.files import TomlValue
-from headstock.scene.studies import TRUTH, Study, StudyFamily
+from headstock.scene.studies import REFERENCE_RUN, Study, StudyFamily
 from headstock.studies.parameters.costs import CostPoint, cheapest_within, pareto_front, weigh_costs
 from headstock.studies.parameters.records import StudyRecord
 from headstock.studies.parameters.tables import tabulate_study
 
 SIZE = "components.column.mesh.size"
 FAMILIES = (
-    StudyFamily(TRUTH, "held against", {}, {}),
+    StudyFamily(REFERENCE_RUN, "held against", {}, {}),
     StudyFamily("tets", "tets", {}, {SIZE: ("40 mm", "20 mm", "10 mm")}),
     StudyFamily("automatic", "automatic", {}, {"accuracy": ("1 %",)}),
     StudyFamily("rigid_tip", "rigid tip", {}, {SIZE: ("40 mm", "10 mm")}, other_model=True),
@@ -53,7 +53,7 @@ def make_record(
 @pytest.fixture
 def points() -> list[CostPoint]:
     records = [
-        make_record(TRUTH, {}, 100.0, 50.0),
+        make_record(REFERENCE_RUN, {}, 100.0, 50.0),
         make_record("tets", {SIZE: "40 mm"}, 109.0, 1.0),
         make_record("tets", {SIZE: "20 mm"}, 100.9, 4.0),
         make_record("tets", {SIZE: "10 mm"}, 102.0, 8.0),
@@ -66,7 +66,7 @@ def points() -> list[CostPoint]:
         FAMILIES,
         ("modal[0].frequencies_hz[0:2]", "seconds"),
         repeats=3,
-        truth={SIZE: "5 mm"},
+        reference_run={SIZE: "5 mm"},
     )
     return weigh_costs(tabulate_study(study, records))
 
@@ -130,8 +130,11 @@ def test_another_model_is_a_spread_and_competes_with_none(points: list[CostPoint
 
 
 def test_a_point_that_lacks_a_number_is_off_without_bound_and_stays_out_of_the_picture() -> None:
-    records = [make_record(TRUTH, {}, 100.0, 1.0), make_record("tets", {SIZE: "40 mm"}, None, 1.0)]
-    study = Study("cost", FAMILIES, ("modal[0].frequencies_hz[0:2]",), truth={})
+    records = [
+        make_record(REFERENCE_RUN, {}, 100.0, 1.0),
+        make_record("tets", {SIZE: "40 mm"}, None, 1.0),
+    ]
+    study = Study("cost", FAMILIES, ("modal[0].frequencies_hz[0:2]",), reference_run={})
     points = weigh_costs(tabulate_study(study, records))
     assert points[0].error == math.inf
     assert list_costs(points)[0]["error"] is None
@@ -139,8 +142,8 @@ def test_a_point_that_lacks_a_number_is_off_without_bound_and_stays_out_of_the_p
 
 
 def test_without_a_truth_nothing_is_weighed() -> None:
-    failed = StudyRecord("", TRUTH, {}, "failed", error="no memory")
-    study = Study("cost", FAMILIES, ("modal[0].frequencies_hz[0:2]",), truth={})
+    failed = StudyRecord("", REFERENCE_RUN, {}, "failed", error="no memory")
+    study = Study("cost", FAMILIES, ("modal[0].frequencies_hz[0:2]",), reference_run={})
     assert (
         weigh_costs(tabulate_study(study, [failed, make_record("tets", {SIZE: "40 mm"}, 1.0, 1.0)]))
         == []

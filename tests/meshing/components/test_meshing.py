@@ -292,7 +292,11 @@ def test_supports_and_loads_get_their_own_groups(make_component: Make) -> None:
         (Tube(0.1, 0.08, 0.2), Patch("x-"), ["'x-'", "outer, inner"]),
         (COLUMN, Patch("z+", "disk", (3.0, 0.0, 0.0), (0.01,)), ["disk", "does not touch", "z+"]),
         (COLUMN, Patch("z+", "strip", (0.0, 0.0, 0.0), (0.01,), "z"), ["along"]),
-        (COLUMN, Patch("z+", "rect", (0.0, 0.0, 0.0), (1e-6, 0.01)), ["point or a line", "force"]),
+        (
+            COLUMN,
+            Patch("z+", "rect", (0.0, 0.0, 0.0), (1e-6, 0.01)),
+            ["point or a line", "allow_singular"],
+        ),
         (SuperelementFile(Path("x.h5")), Patch("z-"), ["no CAD shape"]),
     ],
 )

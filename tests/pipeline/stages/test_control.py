@@ -280,7 +280,7 @@ from = { X = "-10 mm" }
 to = { X = "10 mm" }
 feeds = ["600 mm/min", "3000 mm/min"]
 time_constant = "50 ms"
-ring_down = "100 ms"
+residual_time = "100 ms"
 """
 
 

@@ -182,7 +182,7 @@ def test_poses_are_followed_unless_the_scene_keeps_that_of_the_middle(tmp_path: 
     assert followed.poses is not None
     assert followed.poses.stations == 9
     assert followed.poses.error < 5e-5
-    kept = run_path(tmp_path, SCENE.replace("on_request", 'pose_changes = "frozen"\non_request'))
+    kept = run_path(tmp_path, SCENE.replace("on_request", 'pose_model = "frozen"\non_request'))
     assert kept.poses is None
     for one, other in zip(followed.runs, kept.runs, strict=True):
         np.testing.assert_array_equal(one.curves.frozen, other.curves.deviation.total)
@@ -201,7 +201,7 @@ def test_five_times_the_feed_deviates_five_times_as_far_in_a_kept_pose(tmp_path:
     slow, fast = (
         run.curves.deviation
         for run in run_path(
-            tmp_path, SCENE.replace("on_request", 'pose_changes = "frozen"\non_request')
+            tmp_path, SCENE.replace("on_request", 'pose_model = "frozen"\non_request')
         ).runs
     )
     count = int(0.4 * 2500)

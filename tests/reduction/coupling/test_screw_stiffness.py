@@ -27,8 +27,8 @@ HELD_AT_BOTH_ENDS = ScrewShaft(
     AXIAL,
     TORSIONAL,
     bearing=BEARING,
-    far=JointEnd("end_2", "far"),
-    far_bearing=FAR_BEARING,
+    second_end=JointEnd("end_2", "far"),
+    second_bearing=FAR_BEARING,
     length=LENGTH,
 )
 
@@ -89,7 +89,7 @@ def test_nut_shaft_bearing_and_twist_are_in_series(place: float) -> None:
 @pytest.mark.parametrize("place", [0.05, 0.45, 0.7])
 def test_between_rigid_bearings_the_shaft_is_the_standard_s(place: float) -> None:
     """ISO 3408-4: R = E A l / (a (l - a)) for a shaft fixed at both ends."""
-    shaft = ScrewShaft(AXIAL, TORSIONAL, far=JointEnd("end_2", "far"), length=LENGTH)
+    shaft = ScrewShaft(AXIAL, TORSIONAL, second_end=JointEnd("end_2", "far"), length=LENGTH)
     expected = 1.0 / NUT + place * (LENGTH - place) / (AXIAL * LENGTH)
     assert axial_compliance(*screw_machine(shaft), place)[0, 0] == pytest.approx(
         expected, rel=1e-10

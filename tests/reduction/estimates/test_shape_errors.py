@@ -52,7 +52,7 @@ def tube() -> tuple[ComponentMesh, CoupledMachine]:
         Tube(OUTER, INNER, LENGTH),
         LIMP,
         interfaces=FACES,
-        mesh=MeshSettings(size=0.02, order=1, force=True),
+        mesh=MeshSettings(size=0.02, order=1, allow_locking=True),
     )
     mesh = mesh_component(part)
     element = reduce_elastic(

@@ -45,7 +45,7 @@ def test_a_wrong_mechanism_is_refused_by_name(override: str, key: str, message: 
 @pytest.mark.parametrize(("override", "key", "message"), [
     ('orientation.at=["1 m", "0 m", "0 m"]', "orientation", "its own `at` and `rotate`"),
     ('analyses.map={ sweep = "plane" }', "analyses.map", "a map is made of a lumped mechanism"),
-    ('joints.screw_1.screw.reach="sleeve_1.hob"', "joints.screw_1.screw.reach", "did you mean 'hub'?"),
+    ('joints.screw_1.screw.floating_end="sleeve_1.hob"', "joints.screw_1.screw.floating_end", "did you mean 'hub'?"),
     ('joints.slide_1.length="2 m"', "joints.slide_1.length", "longer than rail beam_1.side"),
     ('mechanism.limits.q1=["0.6 m", "0.9 m"]', "poses.config_1", "outside 600 to 900 mm"),
     ('components.beam_1.at[2]="-1100 mm"', "poses.config_3", "hangs"),

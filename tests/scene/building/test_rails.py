@@ -70,7 +70,7 @@ def test_a_rail_without_stations_gets_them_from_its_length_and_the_shortest_carr
     machine = load(tmp_path).machine
     rail = machine.components["bed"].interfaces["rail"]
     # 2.5 intervals per 60 mm on 600 mm, and the three more that a cubic takes
-    assert rail.rail is not None and (rail.rail.along, rail.rail.stations, rail.coupling) == (
+    assert rail.rail is not None and (rail.rail.along, rail.rail.control_points, rail.coupling) == (
         "x",
         28,
         "average",
@@ -89,10 +89,10 @@ def test_a_rail_without_stations_gets_them_from_its_length_and_the_shortest_carr
         ('length = "60 mm"', 'length = "700 mm"', "joints.guide.length", "the carriage (700 mm) is longer than rail bed.rail (600 mm)"),
         ('length = "60 mm"\n', "", "joints.guide", 'needs its length; write length = "80 mm"'),
         (
-            'rail = { along = "x" }', 'rail = { along = "x", stations = 12 }', "components.bed.interfaces.rail.rail.stations",
-            "12 stations on 600 mm are too few for a carriage of 60 mm, which would feel them pass; write at least 18, better 28",
+            'rail = { along = "x" }', 'rail = { along = "x", control_points = 12 }', "components.bed.interfaces.rail.rail.control_points",
+            "write at least 18, better 28",
         ),
-        ('rail = { along = "x" }', 'rail = { along = "x", stations = 3 }', "components.bed.interfaces.rail.rail.stations", "4"),
+        ('rail = { along = "x" }', 'rail = { along = "x", control_points = 3 }', "components.bed.interfaces.rail.rail.control_points", "4"),
         ('rail = { along = "x" }', 'rail = { along = "z" }', "components.bed.interfaces.rail.rail", "face z+ is square to z"),
         ('rail = { along = "x" }', 'rail = { along = "x" }, coupling = "rigid"', "components.bed.interfaces.rail", "stiffened all along"),
         ('axis = "x"\nstiffness = { axial', 'axis = "x"\nlength = "10 mm"\nstiffness = { axial', "joints.screw.length", "only a carriage"),
@@ -133,7 +133,7 @@ ENDS = '"bed.foot", "slide.block"]\nkind = "ball_screw"\naxis = "x"\n'
 def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_elastic_parts(
     tmp_path: Path,
 ) -> None:
-    far = SHAFT.replace(" }", ', far = "bed.foot", length = "500 mm" }')
+    far = SHAFT.replace(" }", ', second_end = "bed.foot", length = "500 mm" }')
     nut_first = ENDS.replace('"bed.foot", "slide.block"', '"slide.block", "bed.foot"')
     machine = load(tmp_path, (ENDS, nut_first + far)).machine
     shaft = machine.joints["screw"].screw
@@ -167,20 +167,20 @@ def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_el
         ),
         (
             SHAFT,
-            SHAFT.replace(" }", ', far = "bed.foot" }'),
+            SHAFT.replace(" }", ', second_end = "bed.foot" }'),
             "joints.screw.screw",
             "needs the shaft's length",
         ),
         (
             SHAFT,
-            SHAFT.replace(" }", ', far = "bed.end", length = "1 m" }'),
-            "joints.screw.screw.far",
+            SHAFT.replace(" }", ', second_end = "bed.end", length = "1 m" }'),
+            "joints.screw.screw.second_end",
             "no interface 'end'",
         ),
         (
             SHAFT,
-            SHAFT.replace(" }", ', far = "slide.top", length = "1 m" }'),
-            "joints.screw.screw.far",
+            SHAFT.replace(" }", ', second_end = "slide.top", length = "1 m" }'),
+            "joints.screw.screw.second_end",
             "which is the nut's",
         ),
         (SHAFT, SHAFT + 'length = "20 mm"\n', "joints.screw.length", "slides on no rail"),

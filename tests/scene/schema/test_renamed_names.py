@@ -1,0 +1,79 @@
+"""Keys that have changed their name are refused under the old one, with the new one."""
+
+from pathlib import Path
+
+import pytest
+
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.reading.renamed_names import SCENE_KEYS
+from headstock.scene.schema.validation import known_keys, unknown_key
+
+SCENE = """\
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.bar]
+solid = { box = ["10 mm", "20 mm", "300 mm"] }
+material = "steel"
+[components.bar.interfaces]
+foot = { face = "z-" }
+tip = { face = "z+" }
+[joints.clamp]
+between = ["bar.foot", "ground"]
+kind = "rigid"
+[points]
+tcp = { tool = "bar.tip", work = "ground" }
+[analyses.modal]
+count = 3
+"""
+TABLES = {
+    "Interface": ("components", "bar", "interfaces", "tip"),
+    "Mesh": ("components", "bar", "mesh"),
+    "Path": ("analyses", "path"),
+    "Rail": ("components", "bar", "interfaces", "tip", "rail"),
+    "Screw": ("joints", "clamp", "screw"),
+    "Study": ("studies", "size"),
+}
+
+
+@pytest.mark.parametrize("old", sorted(SCENE_KEYS))
+def test_every_old_key_names_one_that_the_schema_has(old: str) -> None:
+    table, key = old.split(".")
+    path, new = TABLES[table], SCENE_KEYS[old]
+    keys = known_keys(path) or []
+    assert new in keys
+    assert key not in keys
+    assert f"write {new}" in unknown_key((*path, key))
+
+
+@pytest.mark.parametrize(
+    ("added", "line", "new"),
+    [
+        ("[components.bar.mesh]\nforce = true\n", 19, "allow_locking"),
+        ('[variants.old]\n"components.bar.interfaces.tip.force" = true\n', 19, "allow_singular"),
+        (
+            '[studies.size]\nvary = { "components.bar.mesh.force" = [true] }\nwatch = "seconds"\n',
+            19,
+            "allow_locking",
+        ),
+        ('[studies.size]\ntruth = {}\nvary = { "free" = [true] }\n', 19, "reference_run"),
+    ],
+)
+def test_an_old_key_in_a_scene_is_refused_at_its_line(
+    tmp_path: Path, added: str, line: int, new: str
+) -> None:
+    path = tmp_path / "bar.toml"
+    path.write_text(SCENE + added)
+    with pytest.raises(SceneError) as caught:
+        load_scene(path)
+    (problem,) = [found for found in caught.value.problems if new in found.message]
+    assert (problem.file, problem.line) == (str(path), line)
+
+
+def test_an_old_key_of_a_setting_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "bar.toml"
+    path.write_text(SCENE)
+    with pytest.raises(SceneError, match=r"(?s)--set .*write allow_locking"):
+        load_scene(path, overrides=["components.bar.mesh.force=true"])
