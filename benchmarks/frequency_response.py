@@ -4,6 +4,7 @@ large system with few dampers, also its damped modes.
 ./headstock exec python3 benchmarks/frequency_response.py [ELEMENT SIZE IN MM]
 """
 
+import itertools
 import sys
 import time
 from dataclasses import replace
@@ -13,12 +14,14 @@ import scipy.linalg
 from mpi4py import MPI
 
 from headstock.solvers.linear.damped_modes import solve_damped
+from headstock.solvers.linear.damping import equivalent_viscous
 from headstock.solvers.linear.frequency_response import evaluate_frf, find_peaks, prepare_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
 from headstock.validation.parts.response_cases import PORTS, TO_HZ, column_models, direct_response
 
-COUNT, TRIED, REPEATS, WANTED = 1000, 3, 5, 100
+COUNT, TRIED, REPEATS = 1000, 3, 5
+WANTED = (100, 200)  # damped modes
 
 
 def damped_lattice(
@@ -91,26 +94,43 @@ def compare_with_eigenvalues() -> None:
     )
 
 
+def lossy_lattice(loss: float) -> SecondOrderSystem:
+    """The lattice with a loss factor between zero and twice the given one on each inner spring,
+    as the viscous damping of equal losses, in place of its dashpots.
+    """
+    system, random = damped_lattice(), np.random.default_rng(2)
+    springs = np.triu(-system.stiffness, 1)
+    lost = springs * random.uniform(0.0, 2.0 * loss, springs.shape)
+    lost += lost.T
+    hysteretic = np.diag(lost.sum(axis=1)) - lost
+    return equivalent_viscous(replace(system, damping=None, hysteretic=hysteretic))
+
+
 def compare_damped_modes() -> None:
-    """CPU time of all damped modes in the circle of the 100 lowest undamped ones over that of the
-    undamped eigenvalue problem, for dampers of several strengths.
+    """CPU time of all damped modes in the circle of the lowest undamped ones over that of the
+    undamped eigenvalue problem, for dashpots of several strengths and for losses of every spring.
     """
     system = damped_lattice()
-    dampers, modes = np.asarray(system.damping), solve_modal(system)
-    for strength in (1.0, 10.0, 100.0, 1e4):
-        damped = replace(system, damping=strength * dampers)
+    modes = solve_modal(system)
+    cases = {
+        f"dashpots times {strength:g}": replace(system, damping=strength * system.damping)
+        for strength in (1.0, 10.0, 100.0, 1e4)
+        if system.damping is not None
+    }
+    cases |= {f"mean loss factor {loss:g}": lossy_lattice(loss) for loss in (0.025, 0.25)}
+    for wanted, (name, damped) in itertools.product(WANTED, cases.items()):
         times = []
         for _ in range(REPEATS):
             start = time.process_time()
             scipy.linalg.eigh(system.stiffness, system.mass)
             solved = time.process_time()
-            found = solve_damped(damped, modes, lowest=WANTED)
+            found = solve_damped(damped, modes, lowest=wanted)
             times.append((solved - start, time.process_time() - solved))
         eigenvalues, poles = np.median(times, axis=0)
         print(
-            f"{WANTED} damped modes of {len(system.mass)}, dampers times {strength:g}: {poles:.2f} s "
-            f"of CPU for {len(found.poles)} poles ({int((found.frequencies_hz == 0.0).sum())} "
-            f"real), over eigh {poles / eigenvalues:.1f}"
+            f"{wanted} damped modes of {len(system.mass)}, {name}: {poles:.2f} s of CPU for "
+            f"{len(found.poles)} poles ({int((found.frequencies_hz == 0.0).sum())} real), over "
+            f"eigh {poles / eigenvalues:.1f}"
         )
 
 

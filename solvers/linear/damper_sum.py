@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpstrf, dsyevd
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.damped_modes import Inverse, find_lower_poles
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates, damps_rigid_motion
-from headstock.solvers.linear.quadratic_poles import state_eigenpairs
+from headstock.solvers.linear.quadratic_pencils import state_eigenpairs
+from headstock.solvers.linear.quadratic_poles import find_lowest_poles
 from headstock.solvers.linear.response_forms import SINGULAR, UNSEEN, RestTerms, rest_terms
 from headstock.solvers.second_order import ComplexArray
 
@@ -20,11 +20,7 @@ ROUNDOFF = 1e-13  # of the largest entry: what a factorisation of the damping ma
 # |omega_k^2 - omega^2| over omega^2 below which a mode is not eliminated: it would cost as many
 # digits
 NEAR = 1e-3
-# of a pole and of its half-width, where it only says where a peak is
-PEAK_TOLERANCE, PEAK_SHARE = (
-    1e-6,
-    0.1,
-)
+PEAK_TOLERANCE = 1e-9  # of a pole, where it only says where a peak is
 BLOCK = 4_000_000  # entries of the products of dampers that are held at a time
 
 
@@ -90,43 +86,9 @@ class DamperSum:
             np.outer(omega[bent], omega[bent])
         )
         wanted = len(omega) if below is None else int(np.count_nonzero(omega <= below))
-        few = find_lower_poles(
-            self.squares,
-            damping,
-            wanted,
-            tolerance=PEAK_TOLERANCE,
-            width_share=PEAK_SHARE,
-            invert=self._inverse(),
-        )
+        few = find_lowest_poles(self.squares, damping, wanted, tolerance=PEAK_TOLERANCE)
         poles, _ = state_eigenpairs(self.squares, damping) if few is None else few
         return np.asarray(poles[poles.imag >= 0.0])
-
-    def _inverse(self) -> Inverse:
-        """``(s^2 + s C + diag(omega^2))^-1`` times columns, by Woodbury's formula."""
-        omega = np.sqrt(self.squares)
-        roots = np.where(omega > 0.0, 1.0 / np.sqrt(np.where(omega > 0.0, omega, 1.0)), 0.0)
-        factors = np.hstack([self.viscous.factors, roots[:, None] * self.hysteretic.factors])
-        strengths = np.concatenate([self.viscous.strengths, self.hysteretic.strengths])
-        alone = self.viscous.diagonal + roots**2 * self.hysteretic.diagonal
-        # s^2 + omega^2 + s C is a diagonal D and the r dampers s F S F^T: (D + s F S F^T)^-1 = G -
-        # G F (1 + s S F^T G F)^-1 s S F^T G with G = D^-1, so that r x r systems are solved instead
-        # of m x m ones. Structural losses count as viscous of equal loss per cycle
-
-        def invert(poles: ComplexArray, columns: ComplexArray) -> ComplexArray:
-            dynamic = (poles**2)[:, None] + self.squares + poles[:, None] * alone
-            floor = np.finfo(float).eps * np.abs(poles[:, None]) ** 2
-            far = np.asarray(
-                1.0 / np.where(np.abs(dynamic) > floor, dynamic, floor), dtype=np.complex128
-            )
-            coupling = (poles[:, None] * strengths)[:, :, None] * _squares(far, factors)
-            coupling[:, np.arange(len(strengths)), np.arange(len(strengths))] += 1.0
-            given = far * columns.T
-            forces = np.linalg.solve(
-                coupling, (poles[:, None] * strengths * (given @ factors))[:, :, None]
-            )[:, :, 0]
-            return np.asarray((given - far * (forces @ factors.T)).T)
-
-        return invert
 
     def _evaluate_block(self, omega: FloatArray) -> ComplexArray:
         """The modes far from each frequency are eliminated, those near it are solved for."""

@@ -10,7 +10,7 @@ import pytest
 from common import present
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear import damped_modes
+from headstock.solvers.linear import damper_sum, quadratic_pencils
 from headstock.solvers.linear.damped_modes import solve_damped
 from headstock.solvers.linear.damping import add_modal_damping, equivalent_viscous
 from headstock.solvers.linear.frequency_response import (
@@ -23,7 +23,7 @@ from headstock.solvers.linear.frequency_response import (
     refine_grid,
     solve_frf,
 )
-from headstock.solvers.linear.quadratic_poles import state_eigenpairs
+from headstock.solvers.linear.quadratic_pencils import state_eigenpairs
 from headstock.solvers.second_order import ComplexArray, Motion, SecondOrderSystem
 
 PORTS = (("a", "x"), ("b", "x"))
@@ -377,7 +377,7 @@ def test_modal_damping_needs_ratios_that_take_energy_out(ratios: list[float]) ->
 
 
 @pytest.mark.parametrize("strength", [0.0, 1.0, 1e2, 1e3, 1e4])
-def test_peaks_of_few_dampers_are_the_poles_of_the_whole_state_matrix_from_one_small_eigenproblem(
+def test_peaks_of_few_dampers_are_the_poles_of_the_whole_state_matrix_from_small_eigenproblems(
     strength: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     random = np.random.default_rng(5)
@@ -403,10 +403,12 @@ def test_peaks_of_few_dampers_are_the_poles_of_the_whole_state_matrix_from_one_s
         return whole(squares, viscous)
 
     expected, _ = whole(stiffness, damping)
-    monkeypatch.setattr(damped_modes, "state_eigenpairs", counted)
+    monkeypatch.setattr(quadratic_pencils, "state_eigenpairs", counted)
+    monkeypatch.setattr(damper_sum, "state_eigenpairs", counted)
     omega = np.sqrt(np.linalg.eigvalsh(stiffness))
     found = find_peaks(model, float(omega[kept - 1]) / (2.0 * np.pi) / PEAK_MARGIN * (1.0 + 1e-9))
-    assert max(solved) < size / 4 and len(solved) == 1
+    # modes of the circle and a few more, and one motion for each damper that blocks it
+    assert max(solved) < size / 4 + 6 and len(solved) <= 2
     distances = np.abs(found[:, None] - expected)
     assert (distances.min(axis=1) <= 1e-8 * np.abs(found)).all()
     # peaks with their flanks in the range are all there, each once

@@ -5,11 +5,8 @@ import pytest
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.damped_modes import damping_of_undamped, solve_damped
-from headstock.solvers.linear.quadratic_poles import (
-    SMALL,
-    find_poles_within,
-    state_eigenpairs,
-)
+from headstock.solvers.linear.quadratic_pencils import state_eigenpairs
+from headstock.solvers.linear.quadratic_poles import SMALL, find_poles_within
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
 SIZE, INSIDE = 320, 30
@@ -106,3 +103,57 @@ def test_the_fast_pole_of_an_overdamped_mode_is_found_beyond_the_circle() -> Non
     ratios, frequencies = damping_of_undamped(solve_damped(system, lowest=6), 6)
     assert ratios == pytest.approx([0.01, 0.01, 0.01, 4.0, 0.01, 0.01], rel=1e-9)
     assert frequencies[3] == 0.0
+
+
+def test_defective_poles_of_critical_dampers_and_poles_that_nearly_meet_are_all_there() -> None:
+    squares, viscous = _modal(30.0, "dashpots")
+    # modes 3 and 4 stand alone, critically damped; 7 and 8 have one frequency to seven digits
+    squares[8] = squares[7] * (1.0 + 1e-7)
+    viscous[[3, 4]] = viscous[:, [3, 4]] = 0.0
+    omega = np.sqrt(squares[[3, 4]])
+    viscous[[3, 4], [3, 4]] = 2.0 * omega
+    radius = 0.5 * float(np.sqrt(squares[INSIDE - 1]) + np.sqrt(squares[INSIDE]))
+    expected = _all_within(squares, viscous, radius)
+    found = find_poles_within(squares, viscous, radius, tolerance=1e-10)
+    assert found is not None
+    for double in omega:
+        # half the digits, as both parts of a defective pole move with the root of rounding
+        near = found.poles[np.abs(found.poles + double) <= 1e-6 * double]
+        assert near.sum().real == pytest.approx(-double * len(near), rel=1e-9) and len(near) in (
+            1,
+            2,
+        )
+    apart = [p for p in expected if np.abs(p + omega).min() > 1e-6 * omega[0]]
+    rest = [p for p in found.poles if np.abs(p + omega).min() > 1e-6 * omega[0]]
+    assert len(rest) == len(apart) > 20
+    for pole in apart:
+        assert np.abs(found.poles - pole).min() <= 1e-9 * abs(pole)
+    assert len({int(np.argmin(np.abs(np.array(rest) - pole))) for pole in apart}) == len(apart)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_poles_of_lattices_with_equal_springs_and_dampers_of_any_strength(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    line = np.diag(np.full(7, 2e6)) - np.diag(np.full(6, 1e6), 1) - np.diag(np.full(6, 1e6), -1)
+    plane = np.kron(line, np.eye(7)) + np.kron(np.eye(7), line)
+    stiffness = np.kron(plane, np.eye(5)) + np.kron(np.eye(49), line[:5, :5])
+    squares, shapes = np.linalg.eigh(stiffness)
+    damping = np.zeros_like(stiffness)
+    places = random.choice(len(stiffness), 8, replace=False)
+    damping[places, places] = 10.0 ** random.uniform(-1.0, 5.0)
+    viscous = shapes.T @ damping @ shapes
+    viscous = (
+        0.5 * (viscous + viscous.T) + random.uniform(0.0, 2.0) * np.diag(np.sqrt(squares)) / 50
+    )
+    radius = 1.02 * float(np.sqrt(squares[int(random.integers(5, 40))]))
+    found = find_poles_within(squares, viscous, radius, tolerance=1e-10)
+    assert found is not None
+    expected = _all_within(squares, viscous, radius)
+    assert len(found.poles) == len(expected)
+    rounding = 1e-15 * float(np.abs(viscous).max())
+    for pole in expected:
+        close = 1e-8 * abs(pole) + rounding
+        # repeated ones as often as they are
+        assert np.count_nonzero(np.abs(found.poles - pole) <= 3.0 * close) >= np.count_nonzero(
+            np.abs(expected - pole) <= close
+        )
