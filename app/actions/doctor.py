@@ -134,12 +134,12 @@ LIBRARIES = (
     Question("pillow", "import PIL; print(PIL.__version__)", modules=("PIL",)),
     Question(
         "pyvista",
-        "import pyvista; p = pyvista.Plotter(off_screen=True, window_size=(8, 8)); p.screenshot(None, return_img=True); "
+        "import pyvista, vtkmodules; p = pyvista.Plotter(off_screen=True, window_size=(8, 8)); p.screenshot(None, return_img=True); "
         "print(pyvista.__version__, 'with VTK', '.'.join(map(str, pyvista.vtk_version_info)), 'draws by', type(p.render_window).__name__[3:])",
-        remedy="pictures only: ./headstock installs environment/pictures.txt where pip reaches a registry; "
+        remedy="pictures, and fine surfaces made coarser for them: ./headstock installs environment/pictures.txt where pip reaches a registry; "
         "drawing needs OpenGL, on Debian libegl1, libegl-mesa0 and libgl1-mesa-dri",
         needed=False,
-        modules=("pyvista",),
+        modules=("pyvista", "vtkmodules"),
     ),
 )
 # with the modules of the questions, all that the program imports besides the standard library

@@ -374,6 +374,8 @@ def _omissions(machine: EncodedMachine | None) -> list[str]:
             for name, (drawn, whole) in machine.thinned.items()
         )
         found.append(f"Thinned out for drawing, not for computing: {names}.")
+    for name, (count, why) in {} if machine is None else machine.kept_whole.items():
+        found.append(f"{name} is drawn with all of its {format_number(count)} faces: {why}.")
     return found
 
 

@@ -5,6 +5,7 @@ A body that moves rigidly in a shape takes six numbers; only what deforms is wri
 """
 
 import base64
+import dataclasses
 import json
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray, Frame, rigid_map
-from headstock.geometry.parts.skin_decimation import decimate_skin
 from headstock.geometry.parts.skins import Skin
 from headstock.pipeline.results.mode_files import largest_shift
 from headstock.pipeline.results.views import (
@@ -27,8 +27,6 @@ from headstock.pipeline.results.views import (
 )
 from headstock.pipeline.storage.json_texts import JsonValue
 
-# triangles of all bodies together; what has more is drawn more coarsely
-MOST_TRIANGLES = 48_000
 # displacements as 16-bit numbers up to here, above as 8-bit ones; what is more than the last limit
 # is left to modes/
 FINE_BYTES, MOST_BYTES = 1_500_000, 1_800_000
@@ -79,11 +77,13 @@ class EncodedMachine:
         left_out: How many of them the page does not hold.
         thinned: Bodies drawn with fewer triangles than the surface of their mesh or solid has: how
             many are drawn, of how many.
+        kept_whole: Bodies drawn with very many triangles: how many, and why no fewer.
     """
 
     text: str
     left_out: int
     thinned: dict[str, tuple[int, int]]
+    kept_whole: dict[str, tuple[int, str]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +122,11 @@ def encode_machine(view: MachineView, captions: Captions) -> EncodedMachine | No
     """
     if not view.skins or not view.poses:
         return None
-    drawn, kept = _thin_out(view)
+    # neighbours next to each other
+    orders = {name: _order_along_curve(skin.points) for name, skin in view.skins.items()}
+    drawn = {name: _order_skin(skin, orders[name]) for name, skin in view.skins.items()}
     shapes = {
-        name: list(_find_shapes(view, pose, captions.get(name, ()), drawn, kept))
+        name: list(_find_shapes(view, pose, captions.get(name, ()), drawn, orders))
         for name, pose in view.poses.items()
     }
     offered, width = _fit(shapes)
@@ -155,8 +157,16 @@ def encode_machine(view: MachineView, captions: Captions) -> EncodedMachine | No
         for name, skin in drawn.items()
         if skin.thinned_from is not None
     }
+    kept_whole = {
+        name: (len(skin.triangles), skin.kept_whole)
+        for name, skin in drawn.items()
+        if skin.kept_whole is not None
+    }
     return EncodedMachine(
-        script_json(data), count - sum(len(items) for items in offered.values()), thinned
+        script_json(data),
+        count - sum(len(items) for items in offered.values()),
+        thinned,
+        kept_whole,
     )
 
 
@@ -180,40 +190,19 @@ def pose_shapes(pose: PoseView) -> dict[str, dict[str, ShiftArray]]:
     }
 
 
-def _thin_out(view: MachineView) -> tuple[dict[str, Skin], dict[str, NDArray[np.int64]]]:
-    """Surfaces small enough for a page that can be mailed, neighbours next to each other, and which
-    point of the view each was.
-    """
-    share = min(
-        1.0, MOST_TRIANGLES / max(1, sum(len(skin.triangles) for skin in view.skins.values()))
-    )
-    drawn: dict[str, Skin] = {}
-    kept: dict[str, NDArray[np.int64]] = {}
-    # equal parts are thinned out once
-    known: dict[tuple[object, ...], tuple[Skin, NDArray[np.int64]]] = {}
-    for name, whole in view.skins.items():
-        content = (
-            *(part.tobytes() for part in (whole.points, whole.triangles, whole.edges)),
-            whole.source,
-            whole.thinned_from,
-        )
-        if content not in known:
-            known[content] = _thin_skin(whole, max(12, int(share * len(whole.triangles))))
-        drawn[name], kept[name] = known[content]
-    return drawn, kept
-
-
-def _thin_skin(whole: Skin, largest: int) -> tuple[Skin, NDArray[np.int64]]:
-    skin, found = decimate_skin(whole, largest=largest)
-    order = _order_along_curve(skin.points)
+def _order_skin(skin: Skin, order: NDArray[np.int64]) -> Skin:
+    """The surface with its points in an order, triangles and edges along it."""
     numbers = np.argsort(order)
     triangles = numbers[skin.triangles]
-    triangles = triangles[np.lexsort((triangles.max(axis=1), triangles.min(axis=1)))]
     edges = np.sort(numbers[skin.edges], axis=1)
-    edges = edges[np.lexsort((edges[:, 1], edges[:, 0]))]
-    return Skin(
-        skin.points[order], triangles, edges, skin.source, thinned_from=skin.thinned_from
-    ), found[order]
+    return dataclasses.replace(
+        skin,
+        points=skin.points[order],
+        triangles=triangles[np.lexsort((triangles.max(axis=1), triangles.min(axis=1)))],
+        edges=edges[np.lexsort((edges[:, 1], edges[:, 0]))],
+        nodes=None,
+        weights=None,
+    )
 
 
 def _order_along_curve(points: FloatArray) -> NDArray[np.int64]:
@@ -237,7 +226,7 @@ def _find_shapes(
     pose: PoseView,
     captions: Sequence[Caption],
     drawn: Mapping[str, Skin],
-    kept: Mapping[str, NDArray[np.int64]],
+    orders: Mapping[str, NDArray[np.int64]],
 ) -> Iterator[_Shape]:
     known = pose_shapes(pose)
     places = {name: _place(skin, pose.placements[name]) for name, skin in drawn.items()}
@@ -254,7 +243,7 @@ def _find_shapes(
         largest = largest_shift(list(whole.values()))
         parts = {
             name: _find_rigid(
-                places[name], np.asarray(part[kept[name]] / largest, dtype=np.float64)
+                places[name], np.asarray(part[orders[name]] / largest, dtype=np.float64)
             )
             for name, part in whole.items()
         }
@@ -264,7 +253,7 @@ def _find_shapes(
             found = surface_energy_density(
                 _place(skin, pose.placements[name]), skin.triangles, whole[name], material
             )
-            density[name] = np.asarray(found[kept[name]])
+            density[name] = np.asarray(found[orders[name]])
         if caption.kind != "force":  # share of the energy of a mode of unit modal mass
             energy = 0.5 * (2.0 * np.pi * caption.frequency_hz) ** 2
             density = {

@@ -22,8 +22,10 @@ class Skin:
         edges: ``(k, 2)`` sharp edges, indices into ``points``.
         source: What it was made of: the mesh, the solid, or, where neither is at hand, a box of
             equal inertia.
-        nodes: ``(n,)`` mesh point behind each point; None where there is no mesh.
+        nodes: ``(n, k)`` mesh points around each point; None where there is no mesh.
+        weights: ``(n, k)`` their shares in what moves it, of sum one.
         thinned_from: How many triangles it had before some were taken out; None where none were.
+        kept_whole: Why none were taken out though there are very many; None where that is not so.
     """
 
     points: FloatArray
@@ -31,7 +33,9 @@ class Skin:
     edges: IntArray
     source: str
     nodes: IntArray | None = None
+    weights: FloatArray | None = None
     thinned_from: int | None = None
+    kept_whole: str | None = None
 
 
 def sharp_edges(points: FloatArray, triangles: IntArray) -> IntArray:

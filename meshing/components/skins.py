@@ -3,12 +3,12 @@ meshed.
 """
 
 import dataclasses
+import importlib
 from typing import cast
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.skin_decimation import decimate_skin
 from headstock.geometry.parts.skins import Skin, sharp_edges
 from headstock.geometry.parts.solid_skins import solid_skin
 from headstock.geometry.parts.solids import MeshFile, Solid, StepFile
@@ -17,9 +17,12 @@ from headstock.meshing.components.cad_survey import survey_step
 from headstock.meshing.components.meshing import read_mesh_file
 from headstock.meshing.elements.surface import MeshSurface, extract_surface
 from headstock.meshing.elements.topology import cell_order
+from headstock.meshing.errors import MeshError
 
 SPLIT_BELOW = 800  # facets; curved facets of coarser surfaces are split through their mid-nodes
+REDUCER = "headstock.meshing.components.reduced_skins"  # loads VTK
 LARGEST_SKIN = 12_000  # triangles; finer surfaces are thinned out
+PIXEL = 1e-3  # of what fills a picture of 1000 pixels: what is off by less is not seen
 # a facet's nodes in gmsh order: corners, mid-nodes of the edges (0 1) (1 2) (2 0) or (0 1) (1 2) (2
 # 3) (3 0)
 WHOLE = {3: ((0, 1, 2),), 4: ((0, 1, 2), (0, 2, 3))}
@@ -53,11 +56,11 @@ def unmeshed_skin(solid: Solid, *, thinned: bool = True) -> Skin | None:
         drawn = Skin(
             survey.points, survey.triangles, sharp_edges(survey.points, survey.triangles), "solid"
         )
-        return decimate_skin(drawn, largest=LARGEST_SKIN)[0] if thinned else drawn
+        return thin_skin(drawn, largest=LARGEST_SKIN) if thinned else drawn
     if isinstance(solid, MeshFile):
         data = read_mesh_file(solid, solid.path.name)
         drawn = _boundary_skin(data.points, data.cells, cast(CellKind, data.kind))
-        return dataclasses.replace(drawn, source="solid", nodes=None)
+        return dataclasses.replace(drawn, source="solid", nodes=None, weights=None)
     return solid_skin(solid)
 
 
@@ -68,8 +71,43 @@ def _boundary_skin(all_points: FloatArray, cells: IntArray, kind: CellKind) -> S
     )
     nodes, flat = np.unique(triangles, return_inverse=True)
     points, triangles = all_points[nodes], flat.reshape(-1, 3)
-    skin = Skin(points, triangles, sharp_edges(points, triangles), "mesh", nodes)
-    return decimate_skin(skin, largest=LARGEST_SKIN)[0]
+    skin = Skin(
+        points,
+        triangles,
+        sharp_edges(points, triangles),
+        "mesh",
+        nodes[:, None],
+        np.ones((len(nodes), 1)),
+    )
+    return thin_skin(skin, largest=LARGEST_SKIN)
+
+
+def thin_skin(skin: Skin, *, largest: int, pixel: float | None = None) -> Skin:
+    """A surface with fewer triangles that looks the same; the surface itself, which then says why,
+    where VTK is missing or there is none.
+
+    Args:
+        skin: The surface.
+        largest: How many triangles there may be if it then looks the same.
+        pixel: What is not seen [m]; a pixel of a picture of this surface unless given.
+    """
+    if len(skin.triangles) <= largest:
+        return skin
+    tolerance = pixel or PIXEL * skin_size(skin)
+    try:
+        reducer = importlib.import_module(REDUCER)
+        thinned: Skin = reducer.reduce_skin(skin, largest=largest, tolerance=tolerance)
+    except ImportError as error:
+        missing = f"VTK, which thins out, is missing ({error}; ./headstock doctor)"
+        return dataclasses.replace(skin, kept_whole=missing)
+    except MeshError as error:
+        return dataclasses.replace(skin, kept_whole=str(error))
+    return thinned
+
+
+def skin_size(skin: Skin) -> float:
+    """Diagonal of the box around a surface [m]."""
+    return float(np.linalg.norm(np.ptp(skin.points, axis=0)))
 
 
 def surface_triangles(surface: MeshSurface) -> tuple[IntArray, IntArray]:

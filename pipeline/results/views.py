@@ -254,8 +254,10 @@ def skin_recovery(superelement: Superelement, skin: Skin) -> FloatArray:
     A rigid body moves rigidly.
     """
     size = len(superelement.labels)
-    if superelement.recovery is not None and skin.nodes is not None:
-        return np.asarray(
-            superelement.recovery.basis.reshape(-1, 3, size)[skin.nodes].reshape(-1, size)
-        )
+    if superelement.recovery is not None and skin.nodes is not None and skin.weights is not None:
+        basis = superelement.recovery.basis.reshape(-1, 3, size)
+        found = np.zeros((len(skin.points), 3, size))
+        for around in range(skin.nodes.shape[1]):
+            found += skin.weights[:, around, None, None] * basis[skin.nodes[:, around]]
+        return found.reshape(-1, size)
     return carried_motion(superelement, skin.points)

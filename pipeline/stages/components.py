@@ -231,7 +231,8 @@ def _run_segment_stage(state: RunState, stage: Stage) -> Outcome:
             component, describe_component(component), component_loads(state, component)
         )
         skin = segment_skin(component)
-        bending = dataclasses.replace(skin, nodes=np.arange(len(skin.points)))
+        nodes = np.arange(len(skin.points))[:, None]
+        bending = dataclasses.replace(skin, nodes=nodes, weights=np.ones(nodes.shape))
         state.reduced[component.name] = ReducedComponent(superelement, skin=bending)
         return Outcome(detail=f"{superelement.mass_kg:.4g} kg, {component.segments.count} segments")
     return Outcome()

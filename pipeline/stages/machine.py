@@ -13,6 +13,7 @@ from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, Frame
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.geometry.parts.skins import Skin
+from headstock.meshing.components.skins import PIXEL, skin_size, thin_skin
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.results.estimates import Estimate
 from headstock.pipeline.results.mechanism import describe_state
@@ -26,6 +27,8 @@ from headstock.pipeline.results.views import (
 )
 from headstock.pipeline.stages.estimates import estimate_compliance_errors, estimate_mode_errors
 from headstock.pipeline.stages.run_state import MachineParts, Outcome, RunState, Solved, pose_name
+from headstock.pipeline.storage.content_keys import thinned_skin_key
+from headstock.pipeline.storage.store import read_entry, write_entry
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.motions.body_motions import (
     FreeMotion,
@@ -42,6 +45,9 @@ from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.second_order import Port, SecondOrderSystem
 
 DAMPING = "damping"
+# of all surfaces together, so that the report can be mailed; what has more is drawn more coarsely
+MOST_TRIANGLES = 48_000
+FEWEST_TRIANGLES = 12  # of one surface: a box
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,11 +192,41 @@ def run_couple_stage(state: RunState, stage: Stage) -> Outcome:
 def add_view(state: RunState) -> None:
     """Keep what is drawn of the machine in the pose at hand."""
     if state.model is not None:
-        state.skins = {
-            name: component_skin(state.plan.components[name], part.superelement, part.skin)
-            for name, part in state.reduced.items()
-        }
+        state.skins = state.skins or _thin_together(
+            state,
+            {
+                name: component_skin(state.plan.components[name], part.superelement, part.skin)
+                for name, part in state.reduced.items()
+            },
+        )
         state.views[state.model.pose.name] = state.model.view()
+
+
+def _thin_together(state: RunState, skins: dict[str, Skin]) -> dict[str, Skin]:
+    """Surfaces of a machine of many parts, coarser where that is not seen in a picture of all of
+    them; the coarser ones are kept in the store.
+    """
+    share = MOST_TRIANGLES / max(1, sum(len(skin.triangles) for skin in skins.values()))
+    if share >= 1.0:
+        return skins
+    # the machine is at least as large as its largest part
+    pixel = PIXEL * max(skin_size(skin) for skin in skins.values())
+    known: dict[str, Skin] = {}  # equal parts are thinned out once
+    drawn = {}
+    for name, skin in skins.items():
+        largest = max(FEWEST_TRIANGLES, int(share * len(skin.triangles)))
+        if len(skin.triangles) <= largest:
+            drawn[name] = skin
+            continue
+        key = thinned_skin_key(skin, largest=largest, pixel=pixel)
+        if key not in known:
+            read = read_entry(state.store, key, Skin)
+            state.warn(read.warning)
+            known[key] = read.value or thin_skin(skin, largest=largest, pixel=pixel)
+            if read.value is None:
+                state.warn(write_entry(state.store, key, known[key]))
+        drawn[name] = dataclasses.replace(known[key], kept_whole=skin.kept_whole)
+    return drawn
 
 
 def damp_system(

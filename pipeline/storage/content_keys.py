@@ -28,6 +28,7 @@ from headstock.geometry.parts.components import (
     Load,
     Support,
 )
+from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import MeshFile, Solid, StepFile, SuperelementFile
 from headstock.meshing.formats import MESH_SUFFIXES, files_beside
 from headstock.pipeline.storage.json_texts import JsonValue
@@ -35,7 +36,7 @@ from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.keys import find_keys, split_key, value_at
 
 SIGNIFICANT_DIGITS = 12
-MESH_LIBRARIES = ("gmsh", "meshio", "numpy")
+MESH_LIBRARIES = ("gmsh", "meshio", "numpy", "vtk")
 REDUCTION_LIBRARIES = ("fenics-dolfinx", "petsc4py", "slepc4py", "gmsh", "numpy", "scipy")
 PACKAGES = (
     headstock.geometry,
@@ -90,6 +91,30 @@ def skin_key(component: Component) -> str:
             "algorithm": [code_fingerprint(package) for package in MESH_CODE],
             "libraries": library_versions(MESH_LIBRARIES),
             "skin of": _solid_content(component),
+        }
+    )
+
+
+def thinned_skin_key(skin: Skin, *, largest: int, pixel: float) -> str:
+    """Key of a surface that was made coarser.
+
+    Args:
+        skin: As it was.
+        largest: How many triangles were asked for.
+        pixel: What is not seen [m].
+    """
+    return _digest(
+        {
+            "algorithm": [code_fingerprint(package) for package in MESH_CODE],
+            "libraries": library_versions(MESH_LIBRARIES),
+            "coarser than": {
+                field: hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
+                if isinstance(value, np.ndarray)
+                else value
+                for field, value in vars(skin).items()
+            },
+            "largest": largest,
+            "pixel": pixel,
         }
     )
 

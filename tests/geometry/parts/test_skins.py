@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from headstock.geometry.parts.skin_decimation import decimate_skin
-from headstock.geometry.parts.skins import IntArray, Skin, sharp_edges, split_skin
+from headstock.geometry.parts.skins import Skin, sharp_edges, split_skin
 from headstock.geometry.parts.solid_skins import box_skin, inertia_skin, prism_skin, solid_skin
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
 
@@ -105,71 +104,3 @@ def test_a_bar_cut_across_is_closed_encloses_its_volume_and_has_points_at_every_
         [skin.points.min(axis=0), skin.points.max(axis=0)],
         [whole.points.min(axis=0), whole.points.max(axis=0)],
     )
-
-
-def edge_counts(skin: Skin) -> tuple[IntArray, IntArray]:
-    edges = np.sort(skin.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    return np.unique(edges, axis=0, return_counts=True)
-
-
-def ring(around: int, across: int) -> Skin:
-    """A torus."""
-    u, v = np.meshgrid(
-        2 * np.pi * np.arange(around) / around,
-        2 * np.pi * np.arange(across) / across,
-        indexing="ij",
-    )
-    radius = 1.0 + 0.4 * np.cos(v)
-    points = np.stack([radius * np.cos(u), radius * np.sin(u), 0.4 * np.sin(v)], axis=-1).reshape(
-        -1, 3
-    )
-    i, j = (index.ravel() for index in np.indices((around, across)))
-    a, b, c, d = (
-        ((i + k) % around) * across + (j + m) % across for k, m in ((0, 0), (1, 0), (1, 1), (0, 1))
-    )
-    triangles = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
-    return Skin(points, triangles, sharp_edges(points, triangles), "solid")
-
-
-def test_a_ring_stays_a_ring_down_to_the_fewest_triangles_a_ring_can_have() -> None:
-    skin = ring(60, 30)
-    for largest in (900, 300, 0):
-        thin, kept = decimate_skin(skin, largest=largest)
-        edges, counts = edge_counts(thin)
-        assert (counts == 2).all() and edges_used_once_in_each_direction(thin)
-        assert len(thin.points) - len(edges) + len(thin.triangles) == 0
-        np.testing.assert_array_equal(thin.points, skin.points[kept])
-        assert thin.thinned_from == 3600
-        # where nothing more can go, the surface has more triangles than were asked for rather than
-        # a hole
-        assert len(thin.triangles) <= max(largest, 60)
-    assert enclosed_volume(decimate_skin(skin, largest=900)[0]) == pytest.approx(
-        enclosed_volume(skin), rel=0.02
-    )
-
-
-def test_open_edges_and_edges_of_three_or_more_triangles_stay_as_they_are() -> None:
-    box = box_skin(np.zeros(3), np.ones(3))
-    for _ in range(4):
-        box = split_skin(box)
-    # a second box along the edge at x = y = 1, and a hole in the first
-    points, numbers = np.unique(
-        np.vstack([box.points, box.points + np.array([1.0, 1.0, 0.0])]), axis=0, return_inverse=True
-    )
-    triangles = numbers.ravel()[np.vstack([box.triangles[5:], box.triangles + len(box.points)])]
-    skin = Skin(points, triangles, sharp_edges(points, triangles), "mesh")
-    thin, kept = decimate_skin(skin, largest=1000)
-    assert len(thin.triangles) <= 1000 < len(triangles)
-    for wanted in (1, 4):
-        before, after = (
-            edges[counts == wanted] for edges, counts in (edge_counts(skin), edge_counts(thin))
-        )
-        assert len(before) > 3
-        np.testing.assert_array_equal(kept[after], before)
-    assert set(edge_counts(thin)[1]) == {1, 2, 4}
-
-
-def test_a_surface_that_is_small_enough_is_left_alone() -> None:
-    skin = ring(10, 10)
-    thin, kept = decimate_skin(skin, largest=200)
-    assert thin is skin and len(kept) == 100
