@@ -28,6 +28,32 @@ SIZES = {"20k": 0.0145, "100k": 0.0075, "300k": 0.005, "1M": 0.0033}
 EXTENT = (0.1, 0.038, 0.5)
 
 
+SCENE = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.column]
+solid = {{ box = ["{extent[0]} m", "{extent[1]} m", "{extent[2]} m"] }}
+material = "steel"
+mesh = {{ size = "{size} m" }}
+reduction = {{ modes = {modes} }}
+interfaces = {{ foot = {{ face = "z-" }}, tip = {{ face = "z+" }} }}
+[joints]
+clamp = {{ between = ["ground", "column.foot"], kind = "rigid" }}
+[points]
+tcp = {{ tool = "column.tip", work = "ground" }}
+[analyses]
+modal = {{ count = 6 }}
+"""
+
+
+def write_scene(size: str, modes: int, folder: Path) -> None:
+    """The column on rigid ground as a scene, for a run of it."""
+    text = SCENE.format(extent=EXTENT, size=SIZES[size], modes=modes)
+    (folder / "column.toml").write_text(text)
+
+
 def column(size: str, modes: int) -> Component:
     """The column as a component."""
     return Component(

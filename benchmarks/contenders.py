@@ -5,6 +5,7 @@ line of JSON.
 import dataclasses
 import json
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,10 @@ from stage_clock import StageClock
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import DEFAULT_EIGENSOLVER, Eigensolver
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
 from headstock.reduction.components import elastic as elastic_reduction
+from headstock.scene.building.loader import load_scene
 from headstock.solvers.elastic.elasticity import assemble_elasticity
 from headstock.solvers.elastic.factorization import Factorization
 from headstock.solvers.linear.modal_analysis import solve_modal
@@ -54,6 +58,23 @@ def run_headstock(
 def run_krylov_schur(folder: Path, modes: int) -> Result:
     """The same with the other eigensolver."""
     return run_headstock(folder, modes, "krylov_schur")
+
+
+def run_stage(folder: Path, modes: int) -> Result:
+    """The ``reduce`` stage of a run with an empty store: checks, skin and the file in the store
+    counted.
+    """
+    del modes
+    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+        found = run_scene(
+            load_scene(folder / "column.toml"),
+            Path(scratch) / "out",
+            comm=MPI.COMM_SELF,
+            store=Store(Path(scratch) / "store"),
+        )
+    record = next(record for record in found.stages if record.stage.kind == "reduce")
+    total = {"seconds": record.seconds, "cpu": record.cpu_seconds, "peak_mb": record.peak_rss_mb}
+    return {"stages": {}, "total": total}
 
 
 def run_floor(folder: Path, modes: int) -> Result:
@@ -201,6 +222,7 @@ def _result(
 CONTENDERS: dict[str, Callable[[Path, int], Result]] = {
     "headstock": run_headstock,
     "headstock, Krylov-Schur": run_krylov_schur,
+    "reduce stage": run_stage,
     "floor": run_floor,
     "scipy + SuperLU": run_superlu,
     "scipy + CHOLMOD": run_cholmod,

@@ -30,13 +30,13 @@ from benchmark_tables import (
     stage_table,
     summary_table,
 )
-from column_job import SIZES, write_mesh
+from column_job import SIZES, write_mesh, write_scene
 
 MODES = 20
 MANY_MODES = 60
 MANY_MODES_SIZE = "100k"
 PEERS = ("scipy + CHOLMOD", "scipy + SuperLU", "Exudyn")
-OWN = ("headstock", "headstock, Krylov-Schur", "floor")
+OWN = ("headstock", "headstock, Krylov-Schur", "reduce stage", "floor")
 # eigsh to machine precision on another solver: the reference of the frequencies
 TIGHT = "scipy + CHOLMOD"
 SPARE_BYTES = 1 << 30
@@ -113,6 +113,7 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
 
 def _run_size(size: str, folder: Path, options: argparse.Namespace) -> list[Run]:
     dofs = write_mesh(size, folder)
+    write_scene(size, MODES, folder)
     print(f"\n{size}: {dofs} dofs", file=sys.stderr, flush=True)
     _run("matrices", size, folder, MODES, options.timeout)
     runs = []

@@ -41,8 +41,9 @@ def extract_surface(cells: IntArray, kind: CellKind) -> MeshSurface:
     corners = len(FACETS[cell_family(kind)][0])
     every = cells[:, local].reshape(-1, local.shape[1])
     keys = np.sort(every[:, :corners], axis=1)
-    _, inverse, counts = np.unique(_pack(keys), return_inverse=True, return_counts=True)
-    return MeshSurface(every[counts[inverse] == 1], corners)
+    order = np.lexsort(keys.T)
+    new = np.concatenate([[True], np.diff(keys[order], axis=0).any(axis=1), [True]])
+    return MeshSurface(every[np.sort(order[new[:-1] & new[1:]])], corners)
 
 
 def match_facets(surface: MeshSurface, facets: IntArray) -> tuple[IntArray, int]:

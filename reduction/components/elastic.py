@@ -1,7 +1,7 @@
 """A meshed elastic component to a Craig-Bampton superelement with one factorisation."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from mpi4py import MPI
@@ -9,8 +9,7 @@ from mpi4py import MPI
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Load, Material, Support
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
-from headstock.meshing.elements.surface import extract_surface
-from headstock.meshing.elements.topology import cell_family
+from headstock.meshing.elements.surface import MeshSurface, extract_surface, match_facets
 from headstock.reduction.components.boundary_basis import build_boundary_basis
 from headstock.reduction.components.constraint_modes import (
     MeanConstraints,
@@ -127,10 +126,7 @@ def reduce_operators(
             verify_mode_count(solver, modes)
         result = project_component(component, solver, ReductionSpace(basis, means, psi, modes))
         vectors = assemble_loads(component, mesh, operators, loads, gravity=request.gravity)
-        reduced = {
-            name: _reduce_load(vector, solver, psi, modes, result)
-            for name, vector in vectors.items()
-        }
+        reduced, particular = _reduce_loads(vectors, solver, psi, modes)
         truncation = measure_truncation(solver, psi, modes) if request.modes is not None else None
         residual = max(solver.largest_residual, modes.residual)
     gathered = (
@@ -155,8 +151,10 @@ def reduce_operators(
         errors=dataclasses.replace(errors, truncation=truncation),
         warnings=warnings,
         loads={
-            name: StaticLoad(vector, _gather_recovery(operators, mesh, u[:, None]))
-            for name, (vector, u) in reduced.items()
+            name: StaticLoad(
+                reduced[:, column], _gather_recovery(operators, mesh, particular[:, [column]])
+            )
+            for column, name in enumerate(vectors)
         },
     )
 
@@ -169,8 +167,9 @@ def _estimate_errors(
     """
     if not sees_errors(mesh):
         return ErrorEstimates(missing_energy=np.zeros(element.stiffness.shape))
+    surface = extract_surface(mesh.cells, mesh.kind)
     found = estimate_mesh_errors(
-        mesh, scaled_material(component, mesh), fields, _rim_weights(component, mesh)
+        mesh, scaled_material(component, mesh), fields, _rim_weights(component, mesh, surface)
     )
     strained = np.eye(len(element.stiffness))
     if not element.supported:
@@ -180,7 +179,7 @@ def _estimate_errors(
         strained -= rigid @ rigid.T
     return ErrorEstimates(
         missing_energy=strained @ found.missing_energy @ strained,
-        mesh_safety=mesh_safety(mesh),
+        mesh_safety=mesh_safety(mesh, surface),
         shape_stiffness=None
         if found.shape is None
         else strained @ found.shape.stiffness @ strained,
@@ -188,7 +187,7 @@ def _estimate_errors(
     )
 
 
-def _rim_weights(component: Component, mesh: ComponentMesh) -> FloatArray:
+def _rim_weights(component: Component, mesh: ComponentMesh, surface: MeshSurface) -> FloatArray:
     """What the energies that cells miss count ``(n_cells,)``.
 
     More where stresses are singular, at what is held like a rigid plate, and where tractions end
@@ -204,7 +203,7 @@ def _rim_weights(component: Component, mesh: ComponentMesh) -> FloatArray:
         elif interface is not None and interface.rail is None:
             even.append(facets)
     weights = np.ones(len(mesh.cells))
-    rims = [_rim_nodes(mesh, facets) for facets in even]
+    rims = [_rim_nodes(surface, facets) for facets in even]
     for nodes, weight in (
         (rims, AVERAGING_RIM_WEIGHT),
         ([facets.ravel() for facets in stiff], RIM_WEIGHT),
@@ -214,15 +213,10 @@ def _rim_weights(component: Component, mesh: ComponentMesh) -> FloatArray:
     return weights
 
 
-def _rim_nodes(mesh: ComponentMesh, facets: IntArray) -> IntArray:
+def _rim_nodes(surface: MeshSurface, facets: IntArray) -> IntArray:
     """Nodes that a patch shares with facets of the surface outside of it."""
-    surface = extract_surface(mesh.cells, mesh.kind).facets
-    corners = 3 if cell_family(mesh.kind) == "tet" else 4
-    own = np.sort(facets[:, :corners], axis=1)
-    every = np.vstack([own, np.sort(surface[:, :corners], axis=1)])
-    _, number = np.unique(every, axis=0, return_inverse=True)
-    outside = surface[~np.isin(number.ravel()[len(own) :], number.ravel()[: len(own)])]
-    return np.intersect1d(facets, outside)
+    within, _ = match_facets(surface, facets)
+    return np.intersect1d(facets, np.delete(surface.facets, within, axis=0))
 
 
 def scaled_material(component: Component, mesh: ComponentMesh) -> Material:
@@ -232,20 +226,23 @@ def scaled_material(component: Component, mesh: ComponentMesh) -> Material:
     return dataclasses.replace(component.material, density=component.mass / mesh.quality.volume)
 
 
-def _reduce_load(
-    vector: FloatArray,
+def _reduce_loads(
+    vectors: Mapping[str, FloatArray],
     solver: ConstrainedSolver,
     psi: FloatArray,
     modes: FixedInterfaceModes,
-    element: Superelement,
 ) -> tuple[FloatArray, FloatArray]:
-    column = vector[:, None]
-    modal = solver.product(modes.shapes, column)
-    reduced = np.vstack([solver.product(psi, column), modal])[:, 0]
+    """Forces on the reduced dofs ``(n_b + m, k)``, and displacements that remain with those at zero
+    ``(3 n_owned, k)``.
+    """
+    forces = np.column_stack([np.zeros((len(psi), 0)), *vectors.values()])
+    modal = solver.product(modes.shapes, forces)
+    if not vectors:
+        return np.zeros((psi.shape[1] + len(modal), 0)), forces
     # the modes take their share of the load in the reduced model, so the particular response must
     # not hold it again
-    particular = solver.solve(column) - modes.shapes @ (modal / modes.eigenvalues[:, None])
-    return reduced, particular[:, 0]
+    particular = solver.solve(forces) - modes.shapes @ (modal / modes.eigenvalues[:, None])
+    return np.vstack([solver.product(psi, forces), modal]), particular
 
 
 def _gather_recovery(

@@ -13,7 +13,7 @@ from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.meshing.elements.quadratic import straight_cells
 from headstock.meshing.elements.quality import facet_moments, facet_tables
-from headstock.meshing.elements.surface import PLACES, extract_surface
+from headstock.meshing.elements.surface import PLACES, MeshSurface
 from headstock.meshing.elements.topology import (
     FACETS,
     Family,
@@ -80,12 +80,14 @@ class MeshErrors:
     shape: ShapeChange | None
 
 
-def mesh_safety(mesh: ComponentMesh) -> float:
-    """What estimates of a mesh are to be multiplied by to cover 95 % of true errors."""
+def mesh_safety(mesh: ComponentMesh, surface: MeshSurface) -> float:
+    """What estimates of a mesh with a surface are to be multiplied by to cover 95 % of true
+    errors.
+    """
     base = SAFETY[cell_family(mesh.kind), cell_order(mesh.kind)]
     if cell_family(mesh.kind) == "hex":
         return base
-    areas, _ = facet_moments(mesh.points, extract_surface(mesh.cells, mesh.kind).facets)
+    areas, _ = facet_moments(mesh.points, surface.facets)
     # an even triangle of a side has 0.43 times its square
     width, thickness = np.sqrt(2.3 * areas.mean()), 2.0 * mesh.quality.volume / areas.sum()
     return base * float(np.clip(width / (WIDE * thickness), 1.0, WIDEST))

@@ -28,6 +28,7 @@ CELL_TYPES = {
 }
 CORNERS = {"tetrahedron": 4, "hexahedron": 8}
 ROWS_AT_A_TIME = 20_000
+SUMMED_AT_A_TIME = 500  # rows of blocks: extended copies of them stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,16 +253,24 @@ def _owned_rows(
 ) -> scipy.sparse.bsr_matrix | scipy.sparse.csr_matrix:
     rows = matrix.index_map(0).size_local
     columns = matrix.index_map(1).size_local + matrix.index_map(1).num_ghosts
-    # copies: the arrays of a dolfinx matrix die with it
     pointers = np.array(matrix.indptr[: rows + 1])
     entries = pointers[-1]
     indices = np.array(matrix.indices[:entries])
+    values = np.asarray(_Values(matrix))[: entries * block * block]
     if block == 1:
-        return scipy.sparse.csr_matrix(
-            (matrix.data[:entries].copy(), indices, pointers), shape=(rows, columns)
-        )
-    data = matrix.data[: entries * block * block].reshape(-1, block, block).copy()
+        return scipy.sparse.csr_matrix((values, indices, pointers), shape=(rows, columns))
+    data = values.reshape(-1, block, block)
     return scipy.sparse.bsr_matrix((data, indices, pointers), shape=(block * rows, block * columns))
+
+
+class _Values:
+    """The values of a dolfinx matrix, which die with it: an array made of this keeps it alive,
+    where a copy would cost as much as assembling does.
+    """
+
+    def __init__(self, matrix: la.MatrixCSR) -> None:
+        self._matrix = matrix
+        self.__array_interface__ = matrix.data.__array_interface__
 
 
 def _measure_rows(stiffness: scipy.sparse.bsr_matrix) -> tuple[FloatArray, FloatArray]:
@@ -270,8 +279,8 @@ def _measure_rows(stiffness: scipy.sparse.bsr_matrix) -> tuple[FloatArray, Float
     """
     pointers, rows = stiffness.indptr, len(stiffness.indptr) - 1
     sizes, sums = np.zeros((rows, 3)), np.zeros((rows, 3, 3))
-    for first in range(0, rows, ROWS_AT_A_TIME):
-        last = min(first + ROWS_AT_A_TIME, rows)
+    for first in range(0, rows, SUMMED_AT_A_TIME):
+        last = min(first + SUMMED_AT_A_TIME, rows)
         starts, data = (
             pointers[first:last] - pointers[first],
             stiffness.data[pointers[first] : pointers[last]],
