@@ -22,10 +22,11 @@ from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, w
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
+from headstock.pipeline.stages.part_files import find_missing_patches
 from headstock.pipeline.stages.rigid_checks import find_unheld_motions
 from headstock.pipeline.storage.outputs import claim_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice, trace_content
-from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.reading.findings import Findings, SceneError, suggest_names
 from headstock.scene.reading.toml_text import write_toml
 from headstock.scene.scene import Scene, keep_analyses, list_analyses
 from headstock.solvers.ranks import share_from_root
@@ -58,12 +59,15 @@ def check(machine: Source) -> tuple[str, ...]:
         SceneError: Anything is wrong.
     """
     scene = _machine(machine).scene
+    problems, remarks = find_missing_patches(scene)
+    if problems:
+        raise SceneError(problems)
     lacking = [
         f"analysis {name}: {problem.place}: {problem.key}: {problem.message}"
         for name, problems in scene.deferred.items()
         for problem in problems
     ]
-    return (*scene.warnings, *lacking, *find_unheld_motions(scene))
+    return (*scene.warnings, *lacking, *find_unheld_motions(scene), *remarks)
 
 
 def plan(machine: Source) -> Plan:

@@ -2,6 +2,7 @@
 
 import faulthandler
 import functools
+import gc
 import re
 import sys
 from collections.abc import Iterator
@@ -128,6 +129,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             lengths[item.path], 2 * length + (item.get_closest_marker("fem") is not None)
         )
     items.sort(key=lambda item: -lengths[item.path])
+
+
+def pytest_collection_finish() -> None:
+    # what collecting made (4 000 tests, all their modules) stays for good: searching it for garbage
+    # again and again would be a good part of what small tests cost
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
+import headstock as hs
 from common import make_box
 from headstock.app.actions.checking import check_scene
 from headstock.app.terminal.guard import BAD_INPUT, run_guarded
@@ -95,6 +96,8 @@ def test_a_run_tells_the_same_and_ends_as_bad_input(
     told = capsys.readouterr().err
     assert f"{path}:12: components.part.interfaces.foot.patches[1].face\n" in told
     assert "there is no set 'fot'; available: x-" in told
+    with pytest.raises(hs.SceneError, match="there is no set 'fot'; available: x-"):
+        hs.check(path)
 
 
 def test_sets_that_are_there_are_no_problem(tmp_path: Path) -> None:
