@@ -91,8 +91,9 @@ def find_poles_within(
 
     None is left out: the outer motions alone have no pole in the circle (``_Outer``), so the poles
     in it are those of the Schur complement on the space. The projection changes it by what the
-    errors measure, and no pole near the circle is nearer to it than its error; real poles are
-    counted by the inertia of ``Q(-r)`` as well.
+    errors measure, and no pole near the circle crosses it by that: it is farther from it than its
+    error, or its side is told after it was refined. Real poles are counted by the inertia of
+    ``Q(-r)`` as well.
 
     Args:
         squares: ``(m,)`` omega^2 of all undamped modes [rad^2/s^2], rising.
@@ -124,7 +125,7 @@ def find_poles_within(
         wanted, gaps = np.abs(poles) <= MARGIN * radius, small.gaps(near)
         enough = np.maximum(pencil.allowed(poles), RESOLVED * gaps)
         apart = np.abs(np.abs(poles) - radius) > errors
-        if apart.all() and (errors <= enough)[wanted].all():
+        if np.where(wanted, errors <= enough, apart).all():
             rough = np.flatnonzero(wanted & (errors > pencil.allowed(poles)))
             refined = _refine(
                 pencil, outer, small, near[rough], shapes[:, rough], lacking[:, rough]
@@ -146,7 +147,7 @@ def find_poles_within(
         left_out = FINER**turn * np.minimum(left_out, MOST_LEFT_OUT)
         # shapes with their corrections take the place of those before, so that spaces stay small
         moved = (shapes[lower:] + lacking) / left_out
-        columns = _widen(first, moved[:, wanted], outer, radius)
+        columns = _widen(first, moved[:, wanted | ~apart], outer, radius)
         if lower + columns.shape[1] > LARGEST_SHARE * size:
             return None
     return None
@@ -281,8 +282,8 @@ def _refine(
     less than is allowed: what then remains is quadratic in a smaller lack.
 
     Returns:
-        None where one does not converge, or leaves its neighbourhood or its side of the circle:
-        the space is then too small for them all.
+        None where one does not converge or leaves its neighbourhood: the space is then too small
+        for them all.
     """
     first, lower = small.poles[picked], len(pencil.squares) - len(outer.scale)
     poles, shapes, left = first.copy(), shapes.copy(), np.arange(len(picked))
@@ -299,8 +300,7 @@ def _refine(
         left = left[~(np.abs(steps) <= pencil.allowed(poles[left]))]
         lacking, _ = _correct(pencil, outer, poles[left], shapes[:, left])
     near = np.abs(poles - first) <= STRAYED * small.gaps(picked)
-    beside = (np.abs(poles) <= pencil.radius) == (np.abs(first) <= pencil.radius)
-    return (poles, shapes) if not len(left) and (near & beside).all() else None
+    return (poles, shapes) if not len(left) and near.all() else None
 
 
 def _widen(first: FloatArray, shapes: ComplexArray, outer: _Outer, radius: float) -> FloatArray:

@@ -146,6 +146,10 @@ def test_poles_of_lattices_with_equal_springs_and_dampers_of_any_strength(seed: 
         0.5 * (viscous + viscous.T) + random.uniform(0.0, 2.0) * np.diag(np.sqrt(squares)) / 50
     )
     radius = 1.02 * float(np.sqrt(squares[int(random.integers(5, 40))]))
+    if seed % 2:
+        # the rim passes a pole by a millionth
+        rim = float(np.abs(_all_within(squares, viscous, radius)).max())
+        radius = rim * (1.0 + random.choice([-1e-6, 1e-6]))
     found = find_poles_within(squares, viscous, radius, tolerance=1e-10)
     assert found is not None
     expected = _all_within(squares, viscous, radius)
