@@ -62,13 +62,13 @@ class Comparison:
         reference: Variant the others are held against.
         solutions: By variant name, in the order asked for.
         rows: Modes, rising.
-        same_from: Correlation from which two modes are the same.
+        mac_threshold: Correlation from which two modes are the same.
         correlations: Variant to the MAC ``(wanted modes of the reference, all modes of the
             variant)`` of single shapes; none of the reference.
         lines: Variant to its frequency response on lines that all have in common; none without
             one, and none of a variant with other inputs or outputs than the reference.
         entries: Variant to what each entry of its response says.
-        cannot: Variant to why there is no such model, in plain words.
+        not_computed: Variant to why there is no such model, in plain words.
         columns: All variants, solved or not, in the order asked for.
         not_compared: What is not compared, and why, in plain words.
     """
@@ -78,11 +78,11 @@ class Comparison:
     reference: str
     solutions: dict[str, VariantSolution]
     rows: tuple[ModeRow, ...]
-    same_from: float
+    mac_threshold: float
     correlations: dict[str, FloatArray]
     lines: dict[str, ResponseCurves]
     entries: dict[str, tuple[ResponseEntry, ...]]
-    cannot: dict[str, str]
+    not_computed: dict[str, str]
     columns: tuple[str, ...]
     not_compared: tuple[str, ...] = ()
 
@@ -163,7 +163,7 @@ def compare_variants(
             for name, solution in by_name.items()
             if solution.response is not None
         },
-        cannot=dict(cannot or {}),
+        not_computed=dict(cannot or {}),
         columns=tuple(columns) or tuple(by_name),
     )
 
@@ -189,12 +189,12 @@ def _mode_set(solution: VariantSolution, places: Mapping[str, BodyPlaces]) -> Mo
 
 
 def _enter_cells(
-    family: _Family, name: str, modes: ModeSet, numbers: list[int], same_from: float
+    family: _Family, name: str, modes: ModeSet, numbers: list[int], mac_threshold: float
 ) -> tuple[ModeSet, list[int]]:
     """Enter a variant's modes into the rows they belong to; the modes that are left, with their
     numbers in the variant.
     """
-    pairs = pair_modes(family.modes, modes, same_from=same_from)
+    pairs = pair_modes(family.modes, modes, mac_threshold=mac_threshold)
     for pair in pairs:
         row, hz = family.rows[pair.first], float(modes.frequencies_hz[pair.second])
         rigid = pair.second < modes.rigid_count or pair.first < family.modes.rigid_count

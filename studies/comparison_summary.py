@@ -82,24 +82,24 @@ class DifferenceSummary(TypedDict):
     size: float
     at_hz: float
     share_of_peak: float
-    holds_to_hz: float | None
+    agrees_to_hz: float | None
 
 
 class EntrySummary(TypedDict):
-    """An entry of a frequency response, compliances in SI; ``cannot`` says why it has none."""
+    """An entry of a frequency response, compliances in SI; ``reason`` says why it has none."""
 
     output: list[str]
     input: list[str]
-    worst: float | None
-    worst_hz: float | None
-    worst_mode: str
-    worst_real: float | None
-    worst_real_hz: float | None
-    worst_real_error: float | None
+    peak: float | None
+    peak_hz: float | None
+    peak_mode: str
+    most_negative_real: float | None
+    most_negative_real_hz: float | None
+    most_negative_real_error: float | None
     peaks: list[PeakSummary]
     difference: DifferenceSummary | None
     negligible: bool
-    cannot: str
+    reason: str
 
 
 class JudgedModeSummary(TypedDict):
@@ -117,12 +117,12 @@ class JudgedModeSummary(TypedDict):
 class VerdictSummary(TypedDict):
     """What a model of the same machine at another fidelity is good for; see ``Verdict``."""
 
-    holds: float
+    agreement: float
     compliance: dict[str, float]
-    held: list[int]
-    held_within: float | None
-    off: list[JudgedModeSummary]
-    missed: list[JudgedModeSummary]
+    agreeing: list[int]
+    agreeing_within: float | None
+    deviating: list[JudgedModeSummary]
+    missing: list[JudgedModeSummary]
 
 
 class VariantSummary(FrequencyErrors):
@@ -162,11 +162,11 @@ class ComparisonSummary(TypedDict):
     scene: str
     pose: str
     reference: str
-    same_from: float
+    mac_threshold: float
     modes: list[RowSummary]
     columns: list[str]
     variants: dict[str, VariantSummary]
-    cannot: dict[str, str]
+    not_computed: dict[str, str]
     verdicts: dict[str, VerdictSummary]
     not_compared: list[str]
     effort: NotRequired[EffortsSummary]
@@ -183,14 +183,14 @@ def summarise_comparison(comparison: Comparison) -> ComparisonSummary:
         "scene": comparison.scene,
         "pose": comparison.pose,
         "reference": comparison.reference,
-        "same_from": comparison.same_from,
+        "mac_threshold": comparison.mac_threshold,
         "modes": [_summarise_row(row, comparison) for row in comparison.rows],
         "columns": list(comparison.columns),
         "variants": {
             name: _summarise_variant(solution, comparison)
             for name, solution in comparison.solutions.items()
         },
-        "cannot": dict(comparison.cannot),
+        "not_computed": dict(comparison.not_computed),
         "verdicts": {
             name: _summarise_verdict(verdict) for name, verdict in judge_models(comparison).items()
         },
@@ -306,12 +306,12 @@ def _summarise_entry(entry: ResponseEntry) -> EntrySummary:
     return {
         "output": list(entry.output),
         "input": list(entry.given),
-        "worst": entry.worst,
-        "worst_hz": entry.worst_hz,
-        "worst_mode": entry.worst_mode,
-        "worst_real": entry.worst_real,
-        "worst_real_hz": entry.worst_real_hz,
-        "worst_real_error": entry.worst_real_error,
+        "peak": entry.peak,
+        "peak_hz": entry.peak_hz,
+        "peak_mode": entry.peak_mode,
+        "most_negative_real": entry.most_negative_real,
+        "most_negative_real_hz": entry.most_negative_real_hz,
+        "most_negative_real_error": entry.most_negative_real_error,
         "peaks": [{"frequency_hz": peak.frequency_hz, "size": peak.size} for peak in entry.peaks],
         "difference": None
         if difference is None
@@ -319,21 +319,21 @@ def _summarise_entry(entry: ResponseEntry) -> EntrySummary:
             "size": difference.size,
             "at_hz": difference.at_hz,
             "share_of_peak": difference.share_of_peak,
-            "holds_to_hz": difference.holds_to_hz,
+            "agrees_to_hz": difference.agrees_to_hz,
         },
         "negligible": entry.negligible,
-        "cannot": entry.cannot,
+        "reason": entry.reason,
     }
 
 
 def _summarise_verdict(verdict: Verdict) -> VerdictSummary:
     return {
-        "holds": verdict.holds,
+        "agreement": verdict.agreement,
         "compliance": dict(verdict.compliance),
-        "held": list(verdict.held),
-        "held_within": verdict.held_within,
-        "off": [_summarise_judged(mode) for mode in verdict.off],
-        "missed": [_summarise_judged(mode) for mode in verdict.missed],
+        "agreeing": list(verdict.agreeing),
+        "agreeing_within": verdict.agreeing_within,
+        "deviating": [_summarise_judged(mode) for mode in verdict.deviating],
+        "missing": [_summarise_judged(mode) for mode in verdict.missing],
     }
 
 

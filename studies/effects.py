@@ -33,7 +33,7 @@ UNITS = {
     "path deviation": "µm",
     "control poles": "Hz",
     "velocity lag": "µm",
-    "sag on the contour": "µm",
+    "deflection under gravity on the contour": "µm",
     "contour gap": "µm",
     "contour ripple": "µm",
     "leg forces": "N",
@@ -165,7 +165,7 @@ def _entries(summary: RunSummary) -> Iterator[_Entry]:
                 ("decelerating", output["decelerating"]),
             ):
                 if "peak_um" in figures:
-                    where = f"{' '.join(output['port'])}, {zone}, {run['name']}"
+                    where = f"{' '.join(output['dof'])}, {zone}, {run['name']}"
                     yield _Entry("path deviation", where, [figures["peak_um"], figures["span_um"]])
     for pose, found in summary.get("control", {}).items():
         yield _Entry(
@@ -175,7 +175,11 @@ def _entries(summary: RunSummary) -> Iterator[_Entry]:
             yield _Entry("velocity lag", f"drive {name} in pose {pose}", [drive["velocity_lag_um"]])
     contour = summary.get("contouring")
     if contour:
-        yield _Entry("sag on the contour", "all faces", contour["sag_um"]["most"])
+        yield _Entry(
+            "deflection under gravity on the contour",
+            "all faces",
+            contour["gravity_deflection_um"]["maximum"],
+        )
         for face in contour["faces"]:
             where = f"face {face['face']}"
             yield _Entry("contour gap", where, face["mean_um"])
@@ -201,12 +205,12 @@ def _machine_entries(summary: RunSummary) -> Iterator[_Entry]:
             moved = np.array(point.get("displacement", [0.0] * 6)[:3], dtype=np.float64)
             yield _Entry("displacement under loads", where, 1e6 * moved)
     for pose, response in summary.get("frf", {}).items():
-        for port in response["ports"]:
-            if port.get("softest_N_per_um") is not None:
+        for port in response["drive_points"]:
+            if port.get("minimum_dynamic_stiffness_N_per_um") is not None:
                 yield _Entry(
                     "dynamic stiffness",
-                    f"{' '.join(port['port'])} in pose {pose}",
-                    [port["softest_N_per_um"]],
+                    f"{' '.join(port['dof'])} in pose {pose}",
+                    [port["minimum_dynamic_stiffness_N_per_um"]],
                 )
 
 
@@ -216,24 +220,24 @@ class EffectTrial:
 
     Attributes:
         effect: Its name.
-        named: Whether the scene names it.
+        active: Whether the scene names it.
         changes: Of each answer, the largest first.
         seconds_with: Processor time of the run with it [s].
         seconds_without: And without it [s].
         noise: By which share runs of the same scene differ in time.
         obstacle: Why it could not be tried; empty where it was.
-        beside: Effect it acts through, on in both runs though the scene does not name it; empty
+        together_with: Effect it acts through, on in both runs though the scene does not name it; empty
             elsewhere.
     """
 
     effect: str
-    named: bool
+    active: bool
     changes: tuple[Change, ...] = ()
     seconds_with: float = 0.0
     seconds_without: float = 0.0
     noise: float = 0.0
     obstacle: str = ""
-    beside: str = ""
+    together_with: str = ""
 
     @property
     def largest(self) -> float:
@@ -256,10 +260,10 @@ class EffectTrial:
         if self.largest == 0.0:
             return "moves nothing that was asked for"
         if self.largest < LITTLE:
-            return "leave it out" if self.named else "rightly left out"
+            return "leave it out" if self.active else "rightly left out"
         if self.largest < MUCH:
-            return "keep it for the third digit" if self.named else "name it for the third digit"
-        return "keep it" if self.named else "name it"
+            return "keep it for the third digit" if self.active else "name it for the third digit"
+        return "keep it" if self.active else "name it"
 
 
 def try_effects(
@@ -303,7 +307,7 @@ def try_effects(
                 min(present.seconds),
                 min(without.seconds),
                 noise,
-                beside=beside,
+                together_with=beside,
             )
 
 
@@ -318,8 +322,8 @@ class TrialSummary(TypedDict):
     """
 
     effect: str
-    named: bool
-    beside: str | None
+    active: bool
+    together_with: str | None
     obstacle: str | None
     largest_change: float
     seconds_with: float
@@ -334,8 +338,8 @@ class EffectsSummary(TypedDict):
     """Every effect of a scene, and the changes from which one matters a little or much."""
 
     scene: str
-    little: float
-    much: float
+    small_change: float
+    large_change: float
     effects: list[TrialSummary]
     provenance: NotRequired[ProvenanceSummary]
 
@@ -344,13 +348,13 @@ def summarise_trials(scene: str, trials: Sequence[EffectTrial]) -> EffectsSummar
     """As JSON."""
     return {
         "scene": scene,
-        "little": LITTLE,
-        "much": MUCH,
+        "small_change": LITTLE,
+        "large_change": MUCH,
         "effects": [
             {
                 "effect": trial.effect,
-                "named": trial.named,
-                "beside": trial.beside or None,
+                "active": trial.active,
+                "together_with": trial.together_with or None,
                 "obstacle": trial.obstacle or None,
                 "largest_change": trial.largest,
                 "seconds_with": trial.seconds_with,

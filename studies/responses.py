@@ -41,14 +41,14 @@ class LineDifference:
         size: Largest size of the difference of any line [m/N, ...].
         at_hz: Frequency of that line [Hz].
         share_of_peak: That size over the largest response of the reference in the band.
-        holds_to_hz: Frequency up to which no line differs by more than ``HOLDS`` of the
+        agrees_to_hz: Frequency up to which no line differs by more than ``HOLDS`` of the
             reference's own size [Hz]; None where the first one does.
     """
 
     size: float
     at_hz: float
     share_of_peak: float
-    holds_to_hz: float | None
+    agrees_to_hz: float | None
 
 
 @dataclass(frozen=True)
@@ -58,32 +58,32 @@ class ResponseEntry:
     Attributes:
         output: Point and direction of the motion.
         given: Point and direction of the load.
-        worst: Largest dynamic compliance in the band; None where a peak has no top.
-        worst_hz: Its frequency [Hz].
-        worst_mode: Name of the natural mode nearest to it; empty where output and load differ.
-        worst_real: Most negative real part; None where output and load differ, or where there is
+        peak: Largest dynamic compliance in the band; None where a peak has no top.
+        peak_hz: Its frequency [Hz].
+        peak_mode: Name of the natural mode nearest to it; empty where output and load differ.
+        most_negative_real: Most negative real part; None where output and load differ, or where there is
             none.
-        worst_real_hz: Its frequency [Hz].
-        worst_real_error: How far it may be off; None without a bound.
+        most_negative_real_hz: Its frequency [Hz].
+        most_negative_real_error: How far it may be off; None without a bound.
         peaks: The maxima, rising in frequency.
         difference: From the reference; None of the reference itself and of other ports.
         negligible: Output and load differ, and the response is less than ``NEGLIGIBLE`` of those
             of the two drive points.
-        cannot: Why there are no such numbers, in plain words.
+        reason: Why there are no such numbers, in plain words.
     """
 
     output: Port
     given: Port
-    worst: float | None = None
-    worst_hz: float | None = None
-    worst_mode: str = ""
-    worst_real: float | None = None
-    worst_real_hz: float | None = None
-    worst_real_error: float | None = None
+    peak: float | None = None
+    peak_hz: float | None = None
+    peak_mode: str = ""
+    most_negative_real: float | None = None
+    most_negative_real_hz: float | None = None
+    most_negative_real_error: float | None = None
     peaks: tuple[Peak, ...] = ()
     difference: LineDifference | None = None
     negligible: bool = False
-    cannot: str = ""
+    reason: str = ""
 
 
 def overlay_responses(
@@ -145,7 +145,7 @@ def compare_entries(
     for row, output in enumerate(curves.outputs):
         for column, given in enumerate(curves.inputs):
             if not bounded:
-                found.append(ResponseEntry(output, given, cannot=UNBOUNDED))
+                found.append(ResponseEntry(output, given, reason=UNBOUNDED))
                 continue
             difference = None
             if mine is not None and other is not None and name != reference:
@@ -170,27 +170,27 @@ def _describe_entry(
         tops[row, column] < NEGLIGIBLE * _usual_size(curves, tops, output, given)
     )
     figures = next((own for own in response.figures if own.port == output == given), None)
-    if figures is not None and figures.softest:
+    if figures is not None and figures.minimum_dynamic_stiffness:
         return ResponseEntry(
             output,
             given,
-            worst=1.0 / figures.softest,
-            worst_hz=figures.softest_hz,
-            worst_mode=figures.softest_mode,
-            worst_real=figures.worst_real,
-            worst_real_hz=figures.worst_real_hz,
-            worst_real_error=figures.worst_real_error,
+            peak=1.0 / figures.minimum_dynamic_stiffness,
+            peak_hz=figures.minimum_dynamic_stiffness_hz,
+            peak_mode=figures.minimum_dynamic_stiffness_mode,
+            most_negative_real=figures.most_negative_real,
+            most_negative_real_hz=figures.most_negative_real_hz,
+            most_negative_real_error=figures.most_negative_real_error,
             peaks=peaks,
             difference=difference,
         )
     if not np.isfinite(sizes).any():
-        return ResponseEntry(output, given, cannot="nothing moves there, or nothing holds it")
+        return ResponseEntry(output, given, reason="nothing moves there, or nothing holds it")
     worst = int(np.nanargmax(sizes))
     return ResponseEntry(
         output,
         given,
-        worst=float(sizes[worst]),
-        worst_hz=float(curves.frequencies_hz[worst]),
+        peak=float(sizes[worst]),
+        peak_hz=float(curves.frequencies_hz[worst]),
         peaks=peaks,
         difference=difference,
         negligible=negligible,
@@ -251,5 +251,5 @@ def _differ(
         size=float(away[most]),
         at_hz=float(lines[most]),
         share_of_peak=float(away[most] / sizes.max()),
-        holds_to_hz=holds_to,
+        agrees_to_hz=holds_to,
     )

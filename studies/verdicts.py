@@ -40,20 +40,20 @@ class Verdict:
     """A model against the reference, which is the same machine at another fidelity.
 
     Attributes:
-        holds: Relative deviation up to which an answer counts as held.
+        agreement: Relative deviation up to which an answer counts as held.
         compliance: ``"POINT DIRECTION"`` to the relative deviation of the compliance along it.
-        held: Numbers of the elastic modes of the reference that are held, from 1.
-        held_within: Largest deviation among those; None where there is none.
-        off: Modes that the model has, but not within ``holds``.
-        missed: Modes that it has not got.
+        agreeing: Numbers of the elastic modes of the reference that are held, from 1.
+        agreeing_within: Largest deviation among those; None where there is none.
+        deviating: Modes that the model has, but not within ``holds``.
+        missing: Modes that it has not got.
     """
 
-    holds: float
+    agreement: float
     compliance: dict[str, float]
-    held: tuple[int, ...]
-    held_within: float | None
-    off: tuple[JudgedMode, ...]
-    missed: tuple[JudgedMode, ...]
+    agreeing: tuple[int, ...]
+    agreeing_within: float | None
+    deviating: tuple[JudgedMode, ...]
+    missing: tuple[JudgedMode, ...]
 
 
 def judge_models(comparison: Comparison) -> dict[str, Verdict]:
@@ -77,12 +77,14 @@ def _judge(comparison: Comparison, solution: VariantSolution, best: VariantSolut
         if mode.deviation is not None and abs(mode.deviation) <= HOLDS
     }
     return Verdict(
-        holds=HOLDS,
+        agreement=HOLDS,
         compliance=_compare_compliances(solution, best),
-        held=tuple(held),
-        held_within=max(held.values(), default=None),
-        off=tuple(mode for mode in modes if mode.deviation is not None and mode.number not in held),
-        missed=tuple(mode for mode in modes if mode.deviation is None),
+        agreeing=tuple(held),
+        agreeing_within=max(held.values(), default=None),
+        deviating=tuple(
+            mode for mode in modes if mode.deviation is not None and mode.number not in held
+        ),
+        missing=tuple(mode for mode in modes if mode.deviation is None),
     )
 
 

@@ -11,7 +11,7 @@ from headstock.app.terminal.console import counted, make_console, print_remarks
 from headstock.pipeline.planning.plan import Plan, StageKind
 from headstock.pipeline.stages.part_files import find_missing_patches
 from headstock.pipeline.stages.rigid_checks import find_unheld_motions
-from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_output
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
@@ -65,7 +65,7 @@ def _write(
             "problems": list(problems),
             "warnings": list(warnings),
         }
-        write_output(json_file, dump_json(content).encode())
+        write_output(json_file, dump_summary(content).encode())
 
 
 class StagePlan(TypedDict):

@@ -25,7 +25,7 @@ from headstock.app.texts.comparison import comparison_csv, tabulate_lines
 from headstock.app.texts.tables import encode_csv
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.results.frf import ResponseCurves
-from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
@@ -301,8 +301,8 @@ def _publish(
     remarks = write_beside(
         folder, {f"{name}.png": image for name, image in figures.items()} | tables
     )
-    write_output(folder / JSON_FILE, dump_json(summary).encode())
+    write_output(folder / JSON_FILE, dump_summary(summary).encode())
     write_output(folder / PAGE_FILE, render_comparison(summary, figures).encode())
     if json_file is not None:
-        write_output(json_file, dump_json(summary).encode())
+        write_output(json_file, dump_summary(summary).encode())
     return remarks

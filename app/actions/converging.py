@@ -27,7 +27,7 @@ from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.components.cad_survey import survey_step
 from headstock.meshing.errors import MeshError
 from headstock.meshing.step_units import doubt_size
-from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import (
     claim_output,
     prepare_output,
@@ -189,8 +189,8 @@ def _publish(
     remarks = write_beside(folder, {} if figure is None else {"convergence.png": figure})
     table, text = FILES
     write_output(folder / table, convergence_csv(advice.found))
-    write_output(folder / text, dump_json(listing).encode())
+    write_output(folder / text, dump_summary(listing).encode())
     if request.json_file is not None:
-        write_output(request.json_file, dump_json(listing).encode())
+        write_output(request.json_file, dump_summary(listing).encode())
     print_convergence(advice, folder=folder)
     return remarks

@@ -12,7 +12,7 @@ from headstock.app.actions.running import select_analyses
 from headstock.app.terminal.guard import DONE
 from headstock.app.terminal.progress import show_progress
 from headstock.pipeline.results.estimates import show_share
-from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
@@ -35,9 +35,9 @@ def print_trials(trials: Sequence[EffectTrial]) -> None:
     effect.
     """
     for trial in [trial for trial in trials if trial.largest > 0.0]:
-        beside = f", in both runs beside {trial.beside}" if trial.beside else ""
+        beside = f", in both runs beside {trial.together_with}" if trial.together_with else ""
         times = f"{show_seconds(trial.seconds_with)} with, {show_seconds(trial.seconds_without)} without"
-        print(f"\n{trial.effect} ({'named' if trial.named else 'not named'}{beside}; {times})")
+        print(f"\n{trial.effect} ({'named' if trial.active else 'not named'}{beside}; {times})")
         for change in [change for change in trial.changes if change.share > 0.0][:SHOWN]:
             print(f"  {change.answer:<24} {show_share(change.share):>9}   {_describe(change)}")
     print("\nin short")
@@ -49,7 +49,7 @@ def tell_trial(trial: EffectTrial) -> str:
     """One sentence: what it moves most, what it costs, what to do."""
     if trial.obstacle:
         return f"{trial.effect}: not tried: {trial.obstacle}"
-    name = f"{trial.effect} beside {trial.beside}" if trial.beside else trial.effect
+    name = f"{trial.effect} beside {trial.together_with}" if trial.together_with else trial.effect
     if trial.largest == 0.0:
         times = f"{show_seconds(trial.seconds_with)} with, {show_seconds(trial.seconds_without)} without"
         return f"{name}: {trial.advice} ({times})"
@@ -112,5 +112,5 @@ def effects_request(request: EffectsRequest) -> int:
         summary = summarise_trials(scene.name, ranked)
         if request.origin is not None:
             summary["provenance"] = request.origin.summarise()
-        write_output(request.json_file, dump_json(summary).encode())
+        write_output(request.json_file, dump_summary(summary).encode())
     return DONE

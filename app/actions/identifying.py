@@ -14,7 +14,7 @@ from mpi4py import MPI
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.pipeline.results.static import UM_PER_KN
-from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import claim_output, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
@@ -65,11 +65,11 @@ def print_identification(found: Identification, folder: Path) -> None:
     """Everything a fit found."""
     console = make_console()
     console.print()
-    table = make_table("parameter", ">fitted", ">95 % from", ">to", ">seen", "note")
+    table = make_table("parameter", ">fitted", ">95 % from", ">to", ">data share", "note")
     for item in found.parameters:
         add_row(table, *_parameter_cells(item))
     print_table(
-        console, "Parameters (seen: share of what was open beforehand that the data settle)", table
+        console, "Parameters (data share: how much the data reduce the prior variance)", table
     )
     table = make_table(
         "target", ">measured", ">model", ">deviation", ">in sigma", ">MAC", ">mode", ""
@@ -96,14 +96,14 @@ def _parameter_cells(item: FittedParameter) -> tuple[str, ...]:
     known = math.isfinite(item.low)
     ends = [f"{write_number(end, unit, 4)}" if known else "open" for end in (item.low, item.high)]
     notes = [f"at its {item.at_bound} bound"] if item.at_bound else []
-    if item.seen < SEEN_FAINTLY:
+    if item.data_share < SEEN_FAINTLY:
         within = "the prior" if item.parameter.prior_sigma is not None else "its bounds"
-        notes.append(f"unobservable: within {within}")
+        notes.append(f"unidentifiable: within {within}")
     return (
         item.parameter.name,
         f"{write_number(item.value, unit, 4)}",
         *ends,
-        f"{100.0 * item.seen:.0f} %",
+        f"{100.0 * item.data_share:.0f} %",
         "; ".join(notes),
     )
 
@@ -130,12 +130,12 @@ def _outcome_cells(item: TargetOutcome) -> tuple[str, ...]:
 
 def _print_doubts(found: Identification) -> None:
     console, statistics = make_console(), found.statistics
-    for blind in statistics.blind[-BLIND_SHOWN:][::-1]:  # the blindest come last
-        console.print(f"the data do not see {blind}", style="yellow", markup=False)
+    for direction in statistics.blind[-BLIND_SHOWN:][::-1]:  # the least certain come last
+        console.print(f"unidentifiable from these data: {direction}", style="yellow", markup=False)
     if len(statistics.blind) > BLIND_SHOWN:
         more = len(statistics.blind) - BLIND_SHOWN
         console.print(
-            f"nor {more} further direction(s), in {RECORD_FILE}", style="yellow", markup=False
+            f"and {more} further direction(s), in {RECORD_FILE}", style="yellow", markup=False
         )
     names = [item.parameter.name for item in found.parameters]
     for i, first in enumerate(names):
@@ -191,9 +191,9 @@ def identify_scene(request: IdentifyRequest, origin: Provenance | None = None) -
         )
         written = load_scene(request.scene.path, overrides=request.scene.overrides)
         write_output(output / OVERRIDES_FILE, render_overrides(found, written, command).encode())
-        write_output(output / RECORD_FILE, dump_json(summary).encode())
+        write_output(output / RECORD_FILE, dump_summary(summary).encode())
         if request.json_file is not None:
-            write_output(request.json_file, dump_json(summary).encode())
+            write_output(request.json_file, dump_summary(summary).encode())
         print_identification(found, output)
     return DONE if found.converged else FAILED
 

@@ -24,7 +24,7 @@ from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.rigid_checks import find_unheld_motions
-from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import claim_output, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene
@@ -95,7 +95,7 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
                     output, summary, results.view, curves, paths, figures=request.figures
                 )
             if request.json_file is not None:
-                write_output(request.json_file, dump_json(summary).encode())
+                write_output(request.json_file, dump_summary(summary).encode())
             print_remarks(remarks)
             print_summary(summary, seconds=time.perf_counter() - start, folder=output, said=said)
     return int(share_from_root(comm, FAILED if results.failures else DONE))

@@ -23,7 +23,7 @@ from headstock.meshing.components.cad_survey import CadSurvey, survey_step
 from headstock.meshing.components.mesh_survey import suggest_sets, survey_mesh
 from headstock.meshing.formats import MESH_SUFFIXES, files_beside
 from headstock.meshing.step_units import doubt_size
-from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import check_output, prepare_output, write_output
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.units import LENGTH, UnitError, parse_quantity
@@ -197,7 +197,7 @@ def _show_part(
             "sets": [dataclasses.asdict(one) for one in survey.sets],
             "suggested_interfaces": {found.name: list(found.faces) for found in suggestions},
         }
-        write_output(request.json_file, dump_json(content).encode())
+        write_output(request.json_file, dump_summary(content).encode())
     return 0
 
 

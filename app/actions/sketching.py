@@ -17,7 +17,7 @@ from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.pipeline.results.views import JointView, MachineView, PoseView
 from headstock.pipeline.stages.rigid_view import view_rigid
-from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_output
 from headstock.scene.scene import Scene
 
@@ -66,7 +66,7 @@ def show_machine(
     placed = view.poses[chosen.name]
     _print_tables(scene, chosen, view)
     if json_file is not None:
-        write_output(json_file, dump_json(_list_machine(scene, placed)).encode())
+        write_output(json_file, dump_summary(_list_machine(scene, placed)).encode())
     if not view.skins:
         return 0
     surface = _label_machine(f"{scene.name}, pose {chosen.name}", view, placed)

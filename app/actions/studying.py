@@ -30,7 +30,7 @@ from headstock.app.terminal.study import (
 )
 from headstock.app.texts.tables import encode_csv
 from headstock.pipeline.storage.content_keys import code_fingerprint
-from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene
@@ -147,9 +147,9 @@ def _publish(
     write_output(folder / TABLE_FILE, study_csv(table))
     if origin is not None:
         listing["provenance"] = origin.summarise()
-    write_output(folder / LISTING_FILE, dump_json(listing).encode())
+    write_output(folder / LISTING_FILE, dump_summary(listing).encode())
     if request.json_file is not None:
-        write_output(request.json_file, dump_json(listing).encode())
+        write_output(request.json_file, dump_summary(listing).encode())
     return remarks
 
 

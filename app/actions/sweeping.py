@@ -28,7 +28,7 @@ from headstock.app.terminal.sweep import print_sweep, print_sweep_header
 from headstock.app.texts.sweep_quantities import tabulate_sweep
 from headstock.app.texts.tables import encode_csv
 from headstock.pipeline.results.files import REPORT_FILE
-from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.json_texts import dump_json, dump_summary
 from headstock.pipeline.storage.outputs import (
     claim_output,
     prepare_output,
@@ -190,12 +190,12 @@ def _publish(
         # apart from the results, which are the same bytes whenever and wherever they are computed
         write_output(folder / ORIGIN_FILE, dump_json(words).encode())
     write_sweep(folder, results)
-    write_output(folder / SUMMARY, dump_json(summary).encode())
+    write_output(folder / SUMMARY, dump_summary(summary).encode())
     if request.json_file is not None:
         # there alone, without a file of its origin beside it
         write_output(
             request.json_file,
-            dump_json(summary if words is None else {**summary, "provenance": words}).encode(),
+            dump_summary(summary if words is None else {**summary, "provenance": words}).encode(),
         )
     write_output(folder / CSV_FILE, encode_csv(tabulate_sweep(summary)))
     figures = draw_sweep(summary)

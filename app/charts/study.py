@@ -351,7 +351,7 @@ def _mark_automatic(axes: Axes, points: Sequence[CostPoint], cost: str) -> None:
         halo = [withStroke(linewidth=2.5, foreground="white")]
         below: dict[str, Any] = {"xytext": (-8, -9), "textcoords": "offset points", "ha": "right"}
         axes.annotate(
-            f"{100.0 * point.accuracy['asked']:g} %",
+            f"{100.0 * point.accuracy['requested']:g} %",
             place,
             fontsize=8,
             color=INK,

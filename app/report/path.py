@@ -103,7 +103,7 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
     found = run.deviation
     total, follows = (
         factor * found.total[:, output],
-        factor * (found.quasi_static + found.sway)[:, output],
+        factor * (found.quasi_static + found.low_frequency)[:, output],
     )
     rings = factor * found.dynamic[:, output]
     last = float(found.times[-1])
@@ -137,8 +137,12 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
             _curve(panel, found.times, total, TOTAL, 1.3),
         ]
         left += panel.width + LEFT
-    words = (("deviation", TOTAL), ("quasi-static, with sway", FOLLOWS), ("ringing", RINGS))
-    for place, (word, color) in zip((0, 70, 210), words, strict=True):
+    words = (
+        ("deviation", TOTAL),
+        ("quasi-static, with low-frequency response", FOLLOWS),
+        ("residual vibration", RINGS),
+    )
+    for place, (word, color) in zip((0, 70, 310), words, strict=True):
         parts.append(svg.text(LEFT + 150 + place, top + TITLE - 10, word, size=10.5, color=color))
     return Markup("").join(parts)
 
@@ -205,7 +209,7 @@ def _round(value: float) -> str:
 
 CONTOUR_WIDTH, CONTOUR_HEIGHT, CONTOUR_LEFT, CONTOUR_RIGHT, TOP, BOTTOM = 1040, 240, 56, 12, 20, 30
 CONTOUR_COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b")
-PICTURES = {"gap": (("x", "y", "z"), "Gap of the tool point, gravity sag subtracted [µm]"),
+PICTURES = {"gap": (("x", "y", "z"), "Gap of the tool point, deflection under gravity subtracted [µm]"),
             "legs": (("leg 1", "leg 2", "leg 3"), "Force of each leg's drive [N]")}  # fmt: skip
 
 
@@ -228,7 +232,7 @@ def draw_contour(found: ContourSummary, picture: Literal["gap", "legs"]) -> Mark
     def up(value: float) -> float:
         return TOP + (CONTOUR_HEIGHT - TOP - BOTTOM) * (high - value) / (high - low)
 
-    parts = [_faces(found["marks_s"], across, times[-1])]
+    parts = [_faces(found["face_times_s"], across, times[-1])]
     for value in (low + room, 0.0, high - room):
         if low <= value <= high:
             parts.append(

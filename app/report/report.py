@@ -331,14 +331,14 @@ class KeyFigures:
         pose: Of the first static answer; None without any.
         point: Of it.
         compliance: There, ``(3, 3)`` [um/kN].
-        sentence: What it says about the weak link.
+        text: What it says about the weak link.
         first: Frequency, its error [Hz] and name of the first mode in which something deforms.
     """
 
     pose: str | None = None
     point: str | None = None
     compliance: list[list[float | None]] | None = None
-    sentence: str = ""
+    text: str = ""
     first: tuple[float, float | None, str] | None = None
 
 
@@ -356,7 +356,7 @@ def _key_figures(
         first = next((mode for mode in named if WHOLE_MACHINE not in mode[-1]), None)
     for pose, points in static.items():
         for name, point in points.items():
-            return KeyFigures(pose, name, point["compliance_um_per_kN"], point["sentence"], first)
+            return KeyFigures(pose, name, point["compliance_um_per_kN"], point["text"], first)
     return KeyFigures(first=first)
 
 

@@ -105,7 +105,7 @@ class _Rows:
     def add(self, head: str, cells: Mapping[str, str]) -> None:
         """A row; a model that there is none of cannot answer."""
         shown = [
-            CANNOT if name in self.summary["cannot"] else cells.get(name, MISSING)
+            CANNOT if name in self.summary["not_computed"] else cells.get(name, MISSING)
             for name in self.summary["columns"]
         ]
         self.table.add_row(Text(head), *(Text(cell) for cell in shown))
@@ -160,7 +160,7 @@ def _print_notes(console: Console, summary: ComparisonSummary) -> None:
         f" Loading the finite element library ({imports:.2f} s) is not counted." if imports else ""
     )
     text = (
-        f"Modes are paired by shape: MAC at places that stand for the mass of each body, {summary['same_from']:g} and more is the same "
+        f"Modes are paired by shape: MAC at places that stand for the mass of each body, {summary['mac_threshold']:g} and more is the same "
         f"mode, {MISSING} means that the variant has none; deviations are from the first variant of a row. Seconds leave out error "
         f"estimates; memory is that of the whole process.{apart}"
     )

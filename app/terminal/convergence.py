@@ -306,7 +306,7 @@ class ConvergenceListing(TypedDict):
     """The content of ``convergence.json``; meshes from coarse to fine."""
 
     scene: str
-    sentence: str
+    text: str
     meshes: list[MeshListing]
     numbers: list[NumberListing]
     needs: list[NeedListing]
@@ -322,7 +322,7 @@ def list_convergence(advice: MeshAdvice, scene: Path) -> ConvergenceListing:
     costs, series = found.costs, found.series
     return {
         "scene": scene.name,
-        "sentence": sum_up(advice),
+        "text": sum_up(advice),
         "meshes": [
             {
                 "sizes": series.sizes(factor),

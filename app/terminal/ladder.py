@@ -76,7 +76,8 @@ def ladder_tables(
             rows.append((point.kind, point.ndof, name, UNITS[point.group], value, *compared, *cost))
     table = PlainTable("ladder", headings, tuple(rows))
     verdicts = tuple(
-        (c.figure, c.models, c.text, verdict(c.held), c.decides, c.value, c.note) for c in claims
+        (c.figure, c.models, c.text, verdict(c.confirmed), c.decides, c.value, c.note)
+        for c in claims
     )
     return [
         table,
@@ -94,7 +95,7 @@ class ClaimListing(TypedDict):
     figure: int
     models: str
     text: str
-    held: bool
+    confirmed: bool
     decides: str
     value: float | None
     note: str
@@ -107,7 +108,7 @@ def list_claims(claims: Sequence[Claim]) -> list[ClaimListing]:
             "figure": claim.figure,
             "models": claim.models,
             "text": claim.text,
-            "held": claim.held,
+            "confirmed": claim.confirmed,
             "decides": claim.decides,
             "value": claim.value,
             "note": claim.note,
@@ -169,14 +170,14 @@ def _effort_table(beam: LadderBeam, points: Sequence[LadderPoint]) -> Table:
 
 
 def _print_claims(console: Console, title: str, claims: Sequence[Claim]) -> None:
-    held = sum(claim.held for claim in claims)
-    console.print(f"{title}: {held} of {len(claims)} held", style="bold", markup=False)
+    held = sum(claim.confirmed for claim in claims)
+    console.print(f"{title}: {held} of {len(claims)} confirmed", style="bold", markup=False)
     lines = Table.grid(padding=(0, 2))
     for claim in claims:
         cell = Text(claim.text)
         cell.append(f"\n{claim.decides}", style="bold")
         cell.append(f"\n{claim.note}" if claim.note else "", style="dim")
-        outcome = Text(verdict(claim.held), style="green" if claim.held else "yellow")
+        outcome = Text(verdict(claim.confirmed), style="green" if claim.confirmed else "yellow")
         lines.add_row(Text(f"fig. {claim.figure}"), Text(claim.models), outcome, cell)
     console.print(lines)
     console.print()

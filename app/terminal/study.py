@@ -118,7 +118,7 @@ def digit_words(points: Sequence[CostPoint]) -> list[str]:
     return [
         *lines,
         *(
-            _compare(point, point.accuracy["asked"], points)
+            _compare(point, point.accuracy["requested"], points)
             for point in points
             if point.automatic and point.accuracy
         ),

@@ -203,8 +203,8 @@ def _print_point(console: Console, place: str, point: PointSummary) -> None:
     print_table(console, f"Static compliance at {place} [µm/kN]", table)
     for direction, shares in shared_budget(point).items():
         _print_budget(console, direction, shares)
-    if point["sentence"]:
-        console.print(f"\n{point['sentence']}", markup=False)
+    if point["text"]:
+        console.print(f"\n{point['text']}", markup=False)
     console.print()
 
 

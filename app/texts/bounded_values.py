@@ -258,7 +258,7 @@ def accuracy_words(accuracy: AccuracySummary) -> list[str]:
     rounds, reached = accuracy["rounds"], accuracy["estimated"]
     if "owner" not in rounds[-1]:
         return [
-            f"accuracy {100.0 * accuracy['asked']:g} %: nothing to choose, since no number has an error of a mesh or of modes left out"
+            f"accuracy {100.0 * accuracy['requested']:g} %: nothing to choose, since no number has an error of a mesh or of modes left out"
         ]
     last = rounds[-1]["quantity"]
     known = "an unknown amount" if reached is None else f"{100.0 * reached:.2g} %"
@@ -266,7 +266,7 @@ def accuracy_words(accuracy: AccuracySummary) -> list[str]:
     state = "met" if accuracy["met"] else "not met"
     count = f"{len(rounds)} round{'s' if len(rounds) != 1 else ''}"
     words = (
-        f"accuracy {100.0 * accuracy['asked']:g} % {state} in {count}: {last} within {known}, the others closer"
+        f"accuracy {100.0 * accuracy['requested']:g} % {state} in {count}: {last} within {known}, the others closer"
         " (± of meshes counted up to 1.8 times)"
     )
     return [words, *([settings] if settings else [])]

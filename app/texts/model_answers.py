@@ -141,21 +141,25 @@ def _response_section(
     own = found.get(reference)
 
     def worst(entry: EntrySummary) -> ModelCell | None:
-        size, hz = entry["worst"], entry["worst_hz"]
+        size, hz = entry["peak"], entry["peak_hz"]
         if size is None or hz is None:
             return None
-        change = show_change(size, own["worst"] if own else None)
+        change = show_change(size, own["peak"] if own else None)
         return ModelCell(
             f"{show_digits(factor * size, 4)}",
             "\n".join(filter(None, (f"at {show_digits(hz, 4)} Hz", change))),
         )
 
     def real(entry: EntrySummary) -> ModelCell | None:
-        value, hz, error = entry["worst_real"], entry["worst_real_hz"], entry["worst_real_error"]
+        value, hz, error = (
+            entry["most_negative_real"],
+            entry["most_negative_real_hz"],
+            entry["most_negative_real_error"],
+        )
         if value is None or hz is None:
             return None
         size = None if error is None else factor * error
-        change = show_change(value, own["worst_real"] if own else None)
+        change = show_change(value, own["most_negative_real"] if own else None)
         return ModelCell(
             f"{show_bounded(factor * value, size)} {show_bound(factor * value, size)}",
             "\n".join(filter(None, (f"at {show_digits(hz, 4)} Hz", change))),
@@ -182,12 +186,12 @@ def _response_section(
         far = entry["difference"]
         if far is None:
             return None
-        to = far["holds_to_hz"]
+        to = far["agrees_to_hz"]
         return ModelCell("nowhere" if to is None else f"{show_digits(to, 3)} Hz")
 
     def row(head: str, make: Callable[[EntrySummary], ModelCell | None]) -> ModelRow:
         cells = {
-            name: ModelCell(CANNOT) if entry["cannot"] else make(entry)
+            name: ModelCell(CANNOT) if entry["reason"] else make(entry)
             for name, entry in found.items()
         }
         return ModelRow(head, {name: cell for name, cell in cells.items() if cell is not None})
@@ -250,10 +254,10 @@ def nearest_mac(
 def cannot_words(summary: ComparisonSummary) -> list[str]:
     """What a model cannot answer, and why; once for models that share the reason."""
     owners: dict[str, list[str]] = {}
-    for name, why in summary["cannot"].items():
+    for name, why in summary["not_computed"].items():
         owners.setdefault(why, []).append(name)
     for name, variant in summary["variants"].items():
-        for why in dict.fromkeys(entry["cannot"] for entry in variant["frf"] if entry["cannot"]):
+        for why in dict.fromkeys(entry["reason"] for entry in variant["frf"] if entry["reason"]):
             owners.setdefault(f"response: {why}", []).append(name)
     return [f"{', '.join(names)}: cannot: {why}" for why, names in owners.items()]
 
@@ -268,14 +272,14 @@ def verdict_words(summary: ComparisonSummary) -> list[str]:
 
 def _describe_verdict(summary: ComparisonSummary, name: str, verdict: VerdictSummary) -> str:
     held, lost = _sort_compliances(summary, name, verdict)
-    if verdict["held"]:
+    if verdict["agreeing"]:
         held.append(
-            f"{_name_numbers(verdict['held'])} within {_percent(verdict['held_within'] or 0.0)}"
+            f"{_name_numbers(verdict['agreeing'])} within {_percent(verdict['agreeing_within'] or 0.0)}"
         )
     reached, nowhere = _reach_of_responses(summary["variants"][name]["frf"])
     held += reached
     lost += _name_modes(
-        verdict["off"],
+        verdict["deviating"],
         lambda mode: (
             f"f{mode['number']} {100.0 * (mode['deviation'] or 0.0):+.0f} % ({_bends(mode)})"
         ),
@@ -284,9 +288,9 @@ def _describe_verdict(summary: ComparisonSummary, name: str, verdict: VerdictSum
     parts = [f"holds {_join(held)}" if held else "holds no answer within 10 %"]
     if lost:
         parts.append(f"off by more: {_join(lost)}")
-    if verdict["missed"]:
+    if verdict["missing"]:
         missed = _name_modes(
-            verdict["missed"],
+            verdict["missing"],
             lambda mode: f"f{mode['number']} ({_bends(mode)}, MAC {mode['mac']:.2f} at best)",
         )
         parts.append(f"misses {_join(missed)}")
@@ -308,7 +312,7 @@ def _reach_of_responses(entries: Sequence[EntrySummary]) -> tuple[list[str], lis
     held, lost = [], []
     for entry, far in direct:
         if far is not None:
-            to, place = far["holds_to_hz"], " ".join(entry["output"])
+            to, place = far["agrees_to_hz"], " ".join(entry["output"])
             if to is None:
                 lost.append(place)
             else:
@@ -328,7 +332,7 @@ def _sort_compliances(
     held, lost = {}, []
     for place, change in found.items():
         point, direction = place.rsplit(" ", 1)
-        if abs(change) <= verdict["holds"]:
+        if abs(change) <= verdict["agreement"]:
             held[place] = change
             continue
         part = _cause(summary, name, point, direction)

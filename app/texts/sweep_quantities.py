@@ -10,9 +10,9 @@ from headstock.geometry.machine.machine import show_position
 from headstock.studies.sweeps.files import SweepSummary
 
 FIGURE_TITLES = {
-    "softest_N_per_um": ("smallest dynamic stiffness", "N/µm"),
-    "softest_hz": ("frequency of the smallest dynamic stiffness", "Hz"),
-    "chatter_stiffness_N_per_um": ("chatter limit -1/(2 Re)", "N/µm"),
+    "minimum_dynamic_stiffness_N_per_um": ("smallest dynamic stiffness", "N/µm"),
+    "minimum_dynamic_stiffness_hz": ("frequency of the smallest dynamic stiffness", "Hz"),
+    "chatter_limit_N_per_um": ("chatter limit -1/(2 Re)", "N/µm"),
 }
 
 

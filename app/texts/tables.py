@@ -34,8 +34,8 @@ type Cell = str | float | None
 PART_NAMES = {
     "total": "deviation",
     "quasi_static": "quasi-static",
-    "sway": "sway",
-    "dynamic": "ringing",
+    "low_frequency": "low-frequency",
+    "dynamic": "residual vibration",
 }
 
 
@@ -214,7 +214,7 @@ DRIVE_COLUMNS: tuple[Column[tuple[str, DriveSummary]], ...] = (
 
 def list_ports(response: ResponseSummary) -> list[PortSummary]:
     """Ports of forces: those of moments are in files only."""
-    return [port for port in response["ports"] if "static_um_per_kN" in port]
+    return [port for port in response["drive_points"] if "static_um_per_kN" in port]
 
 
 def _show_four(value: float) -> str:
@@ -222,7 +222,7 @@ def _show_four(value: float) -> str:
 
 
 PORT_COLUMNS: tuple[Column[PortSummary], ...] = (
-    Column(lambda row: " ".join(row["port"]), screen="force at", report="Force and motion"),
+    Column(lambda row: " ".join(row["dof"]), screen="force at", report="Force and motion"),
     Column(
         lambda row: row["static_um_per_kN"],
         screen=">static µm/kN",
@@ -231,29 +231,38 @@ PORT_COLUMNS: tuple[Column[PortSummary], ...] = (
         missing="free",
     ),
     Column(
-        lambda row: row["worst_real_um_per_kN"],
+        lambda row: row["most_negative_real_um_per_kN"],
         screen=">worst Re µm/kN",
         report="most negative real part [µm/kN]",
         show=_show_four,
-        error=lambda row: row.get("worst_real_error_um_per_kN"),
+        error=lambda row: row.get("most_negative_real_error_um_per_kN"),
     ),
-    Column(lambda row: row["worst_real_hz"], screen=">at Hz", report="at [Hz]", show=_show_four),
     Column(
-        lambda row: row["chatter_stiffness_N_per_um"],
+        lambda row: row["most_negative_real_hz"], screen=">at Hz", report="at [Hz]", show=_show_four
+    ),
+    Column(
+        lambda row: row["chatter_limit_N_per_um"],
         screen=">-1/(2 Re) N/µm",
         report="chatter limit −1/(2 Re) [N/µm]",
         show=_show_four,
     ),
     Column(
-        lambda row: row["softest_N_per_um"],
+        lambda row: row["minimum_dynamic_stiffness_N_per_um"],
         screen=">least N/µm",
         report="smallest dynamic stiffness [N/µm]",
         show=_show_four,
     ),
-    Column(lambda row: row["softest_hz"], screen=">at Hz", report="at [Hz]", show=_show_four),
-    Column(lambda row: row["softest_mode"], screen="near mode", report="near mode"),
     Column(
-        lambda row: row["plain_sum_error"], report="missed by a plain modal sum", show=show_percent
+        lambda row: row["minimum_dynamic_stiffness_hz"],
+        screen=">at Hz",
+        report="at [Hz]",
+        show=_show_four,
+    ),
+    Column(
+        lambda row: row["minimum_dynamic_stiffness_mode"], screen="near mode", report="near mode"
+    ),
+    Column(
+        lambda row: row["truncation_share"], report="missed by a plain modal sum", show=show_percent
     ),
 )
 
@@ -274,7 +283,7 @@ class ZoneRow(NamedTuple):
 def list_zones(path: PathSummary, output: int | None = None) -> list[ZoneRow]:
     """Every feed, output and ramp of a path analysis; of one output where its number is given."""
     return [
-        ZoneRow(run, shown["port"], zone, found)
+        ZoneRow(run, shown["dof"], zone, found)
         for run in path["feeds"]
         for number, shown in enumerate(run["outputs"])
         if output in (None, number)
@@ -296,7 +305,7 @@ ZONE_COLUMNS: tuple[Column[ZoneRow], ...] = (
     Column(lambda row: row.size("quasi_static"), screen=">static", report="Quasi-static"),
     Column(
         lambda row: row.size("dynamic"),
-        screen=f">{PART_NAMES['dynamic']}",
+        screen=">vibration",
         report=PART_NAMES["dynamic"].capitalize(),
     ),
     Column(lambda row: row.size("rms"), report="rms"),
@@ -307,7 +316,7 @@ ZONE_COLUMNS: tuple[Column[ZoneRow], ...] = (
         digits=3,
         missing="never",
     ),
-    Column(lambda row: row.size("frozen_peak"), screen=">pose kept", report="Peak, pose kept"),
+    Column(lambda row: row.size("frozen_peak"), screen=">frozen pose", report="Peak, frozen pose"),
 )
 
 

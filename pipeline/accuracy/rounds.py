@@ -141,7 +141,7 @@ def _refine(
                 finer[name], ratio=ratio, cutoff_hz=cutoff, highest_hz=highest
             )
     changes = {
-        name: f"{describe_settings(scene.machine.components[name])} → {describe_settings(part)}: {found.because}"
+        name: f"{describe_settings(scene.machine.components[name])} → {describe_settings(part)}: {found.reason}"
         for name, part in finer.items()
         if describe_settings(part) != describe_settings(scene.machine.components[name])
     }

@@ -111,7 +111,7 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
             break
         if state.is_root:
             for name, change in (verdict.round.changes or {}).items():
-                note(Stage("refine", name, verdict.round.because), change)
+                note(Stage("refine", name, verdict.round.reason), change)
         current, state = verdict.scene, run_round(verdict.scene, plan)
     settings = {
         name: describe_settings(part)

@@ -14,7 +14,7 @@ class RoundSummary(TypedDict):
 
     quantity: str
     error: float | None
-    because: str
+    reason: str
     owner: NotRequired[str]
     source: NotRequired[str]
     changes: NotRequired[dict[str, str]]
@@ -23,7 +23,7 @@ class RoundSummary(TypedDict):
 class AccuracySummary(TypedDict):
     """The entry ``accuracy``."""
 
-    asked: float
+    requested: float
     estimated: float | None
     met: bool
     reason: str
@@ -38,14 +38,14 @@ class AccuracyRound:
     Attributes:
         quantity: The number that is furthest off.
         error: By how much of it; None where nobody knows.
-        because: Why something is refined, in plain words.
+        reason: Why something is refined, in plain words.
         owner: Component that makes most of the error, and how; None where no component is meshed.
         changes: Component to what is changed of its settings; None where the search ends.
     """
 
     quantity: str
     error: float | None
-    because: str
+    reason: str
     owner: tuple[str, str] | None = None
     changes: Mapping[str, str] | None = None
 
@@ -54,7 +54,7 @@ class AccuracyRound:
         summary: RoundSummary = {
             "quantity": self.quantity,
             "error": self.error,
-            "because": self.because,
+            "reason": self.reason,
         }
         if self.owner is not None:
             summary["owner"], summary["source"] = self.owner
@@ -68,13 +68,13 @@ class AccuracyAnswer(Answer):
     """How a search for settings went.
 
     Attributes:
-        asked: Largest relative error allowed.
+        requested: Largest relative error allowed.
         rounds: One and more.
         settings: Component to its mesh and modes in the end, in the words of a scene.
         reason: Why the accuracy was not reached; empty when it was.
     """
 
-    asked: float
+    requested: float
     rounds: tuple[AccuracyRound, ...]
     settings: dict[str, str]
     reason: str = ""
@@ -92,7 +92,7 @@ class AccuracyAnswer(Answer):
     def summarise(self) -> AccuracySummary:
         """As it stands in ``summary.json``."""
         return {
-            "asked": self.asked,
+            "requested": self.requested,
             "estimated": self.estimated,
             "met": self.met,
             "reason": self.reason,

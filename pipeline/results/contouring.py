@@ -40,8 +40,8 @@ class StabilitySummary(TypedDict):
 class RangeSummary(TypedDict):
     """Least and most on the way, along x, y, z."""
 
-    least: list[float]
-    most: list[float]
+    minimum: list[float]
+    maximum: list[float]
 
 
 class SeriesSummary(TypedDict):
@@ -63,12 +63,12 @@ class ContourSummary(TypedDict):
     coriolis: bool
     faces: list[FaceSummary]
     face_3_over_face_1: dict[str, float | None]
-    sag_um: RangeSummary
+    gravity_deflection_um: RangeSummary
     force_mean_n: list[float]
     force_peak_n: list[float]
     share_above_twice_the_highest_mode: float
-    marks_s: list[float]
-    assumed: list[str]
+    face_times_s: list[float]
+    assumptions: list[str]
     series: SeriesSummary
     stability: NotRequired[list[StabilitySummary]]
     force_share_faster_than_steps: NotRequired[float]
@@ -217,15 +217,15 @@ class ContourAnswer(Answer):
             "coriolis": self.coriolis,
             "faces": [face.summarise(self.screw_lead) for face in self.faces],
             "face_3_over_face_1": self._face_ratio(),
-            "sag_um": {
-                "least": check_finite(what, UM * self.least_give),
-                "most": check_finite(what, UM * self.most_give),
+            "gravity_deflection_um": {
+                "minimum": check_finite(what, UM * self.least_give),
+                "maximum": check_finite(what, UM * self.most_give),
             },
             "force_mean_n": check_finite(what, self.force_mean),
             "force_peak_n": check_finite(what, self.force_peak),
             "share_above_twice_the_highest_mode": self.high_share,
-            "marks_s": check_finite(what, self.marks),
-            "assumed": list(self.assumed),
+            "face_times_s": check_finite(what, self.marks),
+            "assumptions": list(self.assumed),
             "series": series,
         }
         if self.stability:

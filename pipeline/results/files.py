@@ -25,7 +25,7 @@ from headstock.pipeline.results.path import PathCurves, parse_path
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.results.views import MachineView, pick_name
-from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import OutputError, PendingOutputs, naming_output
 from headstock.pipeline.storage.records import (
     RecordError,
@@ -42,12 +42,13 @@ from headstock.pipeline.storage.typed_json import (
     encode_value,
     reachable_classes,
 )
+from headstock.scene.reading.renamed_names import RESULT_FORMAT
 
 if TYPE_CHECKING:
     import pyvista
 
 FORMAT = "headstock results"
-VERSION = 1
+VERSION = 2
 RESULTS_FILE = "results.h5"
 SUMMARY_FILE = "summary.json"
 REPORT_FILE = "report.html"
@@ -102,7 +103,7 @@ def publish_summary(pending: PendingOutputs, folder: Path, results: Results) -> 
         OutputError: It cannot be written; all earlier files are then as they were.
     """
     with naming_output(folder / SUMMARY_FILE) as path:
-        pending.add(path, dump_json(summarise(results)).encode())
+        pending.add(path, dump_summary(summarise(results)).encode())
         pending.publish()
 
 
@@ -195,6 +196,11 @@ def read_summary(folder: Path) -> RunSummary:
     if not isinstance(summary, dict):
         raise OutputError(
             f"{path} is not a summary: it holds a {type(summary).__name__}; `headstock run SCENE -o {folder}` writes one"
+        )
+    if (found := summary.get("format", 1)) != RESULT_FORMAT:
+        raise OutputError(
+            f"{path} has format {found}, and this version reads format {RESULT_FORMAT};"
+            f" `headstock run SCENE -o {folder}` writes it anew, with what is in the store"
         )
     # a damaged one shows where it is read: no program but this one writes it
     return cast(RunSummary, summary)

@@ -22,22 +22,22 @@ Spacing = Literal["linear", "log"]
 class PortSummary(TypedDict):
     """The entry of a port; keys in SI are those of rotations."""
 
-    port: list[str]
-    worst_real_hz: float | None
-    worst_real_error_share: dict[str, float]
-    softest_hz: float | None
-    softest_mode: str
-    plain_sum_error: float | None
+    dof: list[str]
+    most_negative_real_hz: float | None
+    most_negative_real_error_share: dict[str, float]
+    minimum_dynamic_stiffness_hz: float | None
+    minimum_dynamic_stiffness_mode: str
+    truncation_share: float | None
     static_um_per_kN: NotRequired[float | None]
-    worst_real_um_per_kN: NotRequired[float | None]
-    worst_real_error_um_per_kN: NotRequired[float | None]
-    chatter_stiffness_N_per_um: NotRequired[float | None]
-    softest_N_per_um: NotRequired[float | None]
+    most_negative_real_um_per_kN: NotRequired[float | None]
+    most_negative_real_error_um_per_kN: NotRequired[float | None]
+    chatter_limit_N_per_um: NotRequired[float | None]
+    minimum_dynamic_stiffness_N_per_um: NotRequired[float | None]
     static_SI: NotRequired[float | None]
-    worst_real_SI: NotRequired[float | None]
-    worst_real_error_SI: NotRequired[float | None]
-    chatter_stiffness_SI: NotRequired[float | None]
-    softest_SI: NotRequired[float | None]
+    most_negative_real_SI: NotRequired[float | None]
+    most_negative_real_error_SI: NotRequired[float | None]
+    chatter_limit_SI: NotRequired[float | None]
+    minimum_dynamic_stiffness_SI: NotRequired[float | None]
 
 
 class LineErrors(TypedDict):
@@ -65,7 +65,7 @@ class ResponseSummary(TypedDict):
     singular_hz: list[float]
     error: dict[str, LineErrors | float | None] | None
     error_left_out: list[str]
-    ports: list[PortSummary]
+    drive_points: list[PortSummary]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,30 +75,30 @@ class PortFigures:
     Attributes:
         port: Name and direction.
         static: Compliance at 0 Hz [m/N or rad/(N m)]; None for a free body.
-        worst_real: Most negative real part; None where there is none, or the response is unbounded.
-        worst_real_hz: Its frequency [Hz].
-        chatter_stiffness: ``-1 / (2 Re)`` [N/m]: width of cut without chatter times the cutting
+        most_negative_real: Most negative real part; None where there is none, or the response is unbounded.
+        most_negative_real_hz: Its frequency [Hz].
+        chatter_limit: ``-1 / (2 Re)`` [N/m]: width of cut without chatter times the cutting
             stiffness per width.
-        softest: Smallest dynamic stiffness; None where the response is unbounded.
-        softest_hz: Its frequency [Hz].
-        softest_mode: Name of the natural mode nearest to it.
-        worst_real_error: How far the most negative real part may be off; None without a bound.
-        worst_real_error_share: Source of error to its part.
-        plain_sum_error: Share of the static compliance that the modes up to the highest frequency
+        minimum_dynamic_stiffness: Smallest dynamic stiffness; None where the response is unbounded.
+        minimum_dynamic_stiffness_hz: Its frequency [Hz].
+        minimum_dynamic_stiffness_mode: Name of the natural mode nearest to it.
+        most_negative_real_error: How far the most negative real part may be off; None without a bound.
+        most_negative_real_error_share: Source of error to its part.
+        truncation_share: Share of the static compliance that the modes up to the highest frequency
             miss: what a sum over them without static correction would lack.
     """
 
     port: Port
     static: float | None
-    worst_real: float | None
-    worst_real_hz: float | None
-    chatter_stiffness: float | None
-    softest: float | None
-    softest_hz: float | None
-    softest_mode: str
-    plain_sum_error: float | None
-    worst_real_error: float | None = None
-    worst_real_error_share: Mapping[str, float] = field(default_factory=dict)
+    most_negative_real: float | None
+    most_negative_real_hz: float | None
+    chatter_limit: float | None
+    minimum_dynamic_stiffness: float | None
+    minimum_dynamic_stiffness_hz: float | None
+    minimum_dynamic_stiffness_mode: str
+    truncation_share: float | None
+    most_negative_real_error: float | None = None
+    most_negative_real_error_share: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +199,7 @@ class PoseResponse(Answer):
             "singular_hz": list(self.singular_hz),
             "error": _summarise_error(curves),
             "error_left_out": list(self.error_left_out),
-            "ports": [_summarise_port(figures) for figures in self.figures],
+            "drive_points": [_summarise_port(figures) for figures in self.figures],
         }
 
     def fill(self, file: h5py.File) -> None:
@@ -261,31 +261,39 @@ def _summarise_port(figures: PortFigures) -> PortSummary:
     soft, stiff = (UM_PER_KN, N_PER_UM) if linear else (1.0, 1.0)
     static, worst, error = (
         _scaled(value, soft)
-        for value in (figures.static, figures.worst_real, figures.worst_real_error)
+        for value in (figures.static, figures.most_negative_real, figures.most_negative_real_error)
     )
     chatter, softest = (
-        _scaled(value, stiff) for value in (figures.chatter_stiffness, figures.softest)
+        _scaled(value, stiff)
+        for value in (figures.chatter_limit, figures.minimum_dynamic_stiffness)
     )
     summary: PortSummary = {
-        "port": list(figures.port),
-        "worst_real_hz": figures.worst_real_hz,
-        "worst_real_error_share": {
-            source: soft * size for source, size in figures.worst_real_error_share.items()
+        "dof": list(figures.port),
+        "most_negative_real_hz": figures.most_negative_real_hz,
+        "most_negative_real_error_share": {
+            source: soft * size for source, size in figures.most_negative_real_error_share.items()
         },
-        "softest_hz": figures.softest_hz,
-        "softest_mode": figures.softest_mode,
-        "plain_sum_error": figures.plain_sum_error,
+        "minimum_dynamic_stiffness_hz": figures.minimum_dynamic_stiffness_hz,
+        "minimum_dynamic_stiffness_mode": figures.minimum_dynamic_stiffness_mode,
+        "truncation_share": figures.truncation_share,
     }
     if linear:
         summary |= {
             "static_um_per_kN": static,
-            "worst_real_um_per_kN": worst,
-            "worst_real_error_um_per_kN": error,
+            "most_negative_real_um_per_kN": worst,
+            "most_negative_real_error_um_per_kN": error,
         }
-        summary |= {"chatter_stiffness_N_per_um": chatter, "softest_N_per_um": softest}
+        summary |= {
+            "chatter_limit_N_per_um": chatter,
+            "minimum_dynamic_stiffness_N_per_um": softest,
+        }
     else:
-        summary |= {"static_SI": static, "worst_real_SI": worst, "worst_real_error_SI": error}
-        summary |= {"chatter_stiffness_SI": chatter, "softest_SI": softest}
+        summary |= {
+            "static_SI": static,
+            "most_negative_real_SI": worst,
+            "most_negative_real_error_SI": error,
+        }
+        summary |= {"chatter_limit_SI": chatter, "minimum_dynamic_stiffness_SI": softest}
     return summary
 
 

@@ -20,9 +20,9 @@ class MapSummary(TypedDict):
     units: dict[str, str]
     positions: list[list[float]]
     fixed: dict[str, float]
-    least_likeness: float
+    least_mac: float
     crossings: list[tuple[int, int]]
-    torn: int
+    tracking_breaks: int
     f1_and_mean_leg_correlation: float
     quantities: dict[str, Grid]
 
@@ -40,7 +40,7 @@ class WorkspaceMap(Answer):
         likeness: Least squared cosine between modes of the same number in neighbouring poses; 1 is
             the same shape.
         crossings: Numbers of modes whose order changes somewhere.
-        torn: How many pairs of neighbours hold a mode in shapes that do not look alike.
+        tracking_breaks: How many pairs of neighbours hold a mode in shapes that do not look alike.
         trend: Correlation of the first frequency with the mean leg length.
     """
 
@@ -50,7 +50,7 @@ class WorkspaceMap(Answer):
     quantities: dict[str, FloatArray]
     likeness: float
     crossings: tuple[tuple[int, int], ...]
-    torn: int
+    tracking_breaks: int
     trend: float
 
     def summarise(self) -> MapSummary:
@@ -64,9 +64,9 @@ class WorkspaceMap(Answer):
                 check_finite("positions of the map", values) for values in self.positions
             ],
             "fixed": self.fixed,
-            "least_likeness": self.likeness,
+            "least_mac": self.likeness,
             "crossings": list(self.crossings),
-            "torn": self.torn,
+            "tracking_breaks": self.tracking_breaks,
             "f1_and_mean_leg_correlation": self.trend,
             "quantities": {name: _nest(values) for name, values in self.quantities.items()},
         }

@@ -14,7 +14,7 @@ from headstock.pipeline.results.frf import split_port
 from headstock.solvers.paths.response import PathDeviation, ZoneFigures
 from headstock.solvers.second_order import Port, name_port
 
-_PARTS = ("total", "quasi_static", "sway", "dynamic")
+_PARTS = ("total", "quasi_static", "low_frequency", "dynamic")
 # ``peak_um`` or ``peak_urad`` and so on, ``settling_s`` without a value where it never settles
 type ZoneSummary = dict[str, float | None]
 
@@ -22,7 +22,7 @@ type ZoneSummary = dict[str, float | None]
 class OutputSummary(TypedDict):
     """The entry of an output at one feed."""
 
-    port: list[str]
+    dof: list[str]
     accelerating: ZoneSummary
     decelerating: ZoneSummary
 
@@ -39,9 +39,9 @@ class FeedSummary(TypedDict):
 class FollowedSummary(TypedDict):
     """How the poses of a path were followed."""
 
-    stations: int
+    sampled_poses: int
     error: float
-    turn_error: float
+    rotation_error: float
     modes: int
     next_hz: float | None
     steps: int
@@ -61,8 +61,8 @@ class PathSummary(TypedDict):
     lowpass_hz: float | None
     filter: str
     damped: bool
-    slow_hz: float
-    slow_count: int
+    low_frequency_limit_hz: float
+    low_frequency_modes: int
     drives: list[str]
     energy_error: dict[str, float]
     poses: FollowedSummary | None
@@ -117,10 +117,10 @@ class FollowedPoses:
     """How the poses of a path were followed.
 
     Attributes:
-        stations: Poses in which the machine was coupled.
+        sampled_poses: Poses in which the machine was coupled.
         error: Largest error of what was interpolated between all but the last of them; 1/16 of it
             between all.
-        turn_error: What carrying modes along without the last of them would have turned them by
+        rotation_error: What carrying modes along without the last of them would have turned them by
             [rad].
         modes: How many were followed.
         next_hz: Lowest frequency of a mode that was not [Hz]; None where all were.
@@ -130,9 +130,9 @@ class FollowedPoses:
         effect: Largest difference from the deviation in the frozen pose, one per feed [m, rad].
     """
 
-    stations: int
+    sampled_poses: int
     error: float
-    turn_error: float
+    rotation_error: float
     modes: int
     next_hz: float | None
     steps: int
@@ -142,9 +142,9 @@ class FollowedPoses:
     def summarise(self) -> FollowedSummary:
         """As it stands in ``summary.json``."""
         return {
-            "stations": self.stations,
+            "sampled_poses": self.sampled_poses,
             "error": self.error,
-            "turn_error": self.turn_error,
+            "rotation_error": self.rotation_error,
             "modes": self.modes,
             "next_hz": self.next_hz,
             "steps": self.steps,
@@ -167,8 +167,8 @@ class PathResult(Answer):
         lowpass_hz: Of the filter; None without one.
         filter: Its kind.
         damped: Any damping is on.
-        slow_hz: Modes below sway.
-        slow_count: How many these are.
+        low_frequency_limit_hz: Modes below sway.
+        low_frequency_modes: How many these are.
         poses: How the poses were followed; None where that of the middle held.
         runs: One per feed.
         drives: Drives under control; empty where motors follow their set points.
@@ -185,8 +185,8 @@ class PathResult(Answer):
     lowpass_hz: float | None
     filter: str
     damped: bool
-    slow_hz: float
-    slow_count: int
+    low_frequency_limit_hz: float
+    low_frequency_modes: int
     poses: FollowedPoses | None
     runs: tuple[PathRun, ...]
     drives: tuple[str, ...] = ()
@@ -211,8 +211,8 @@ class PathResult(Answer):
             "lowpass_hz": self.lowpass_hz,
             "filter": self.filter,
             "damped": self.damped,
-            "slow_hz": self.slow_hz,
-            "slow_count": self.slow_count,
+            "low_frequency_limit_hz": self.low_frequency_limit_hz,
+            "low_frequency_modes": self.low_frequency_modes,
             "drives": list(self.drives),
             "energy_error": self.energy_error,
             "poses": None if self.poses is None else self.poses.summarise(),
@@ -234,7 +234,7 @@ def _summarise_run(run: PathRun) -> FeedSummary:
         "acceleration": float(np.abs(run.curves.accelerations).max()),
         "outputs": [
             {
-                "port": list(port),
+                "dof": list(port),
                 "accelerating": _summarise_zone(port, zones[0], frozen[0]),
                 "decelerating": _summarise_zone(port, zones[1], frozen[1]),
             }

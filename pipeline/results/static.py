@@ -24,7 +24,7 @@ class PointSummary(TypedDict):
     compliance_6x6: list[list[float | None]]
     free_motions: list[str]
     budget: dict[str, dict[str, float]]
-    sentence: str
+    text: str
     error_um_per_kN: dict[str, float | None]
     error_share: dict[str, dict[str, float | None]]
     error_parts: dict[str, dict[str, dict[str, float]]]
@@ -51,7 +51,7 @@ class PointCompliance:
             free motion leaves it open.
         budget: Direction x, y, z to share of the compliance per component or joint; shares sum to
             1.
-        sentence: What it says about the weak link.
+        text: What it says about the weak link.
         displacement: ``(6,)`` motion under the scene's static loads [m, rad], NaN where a free
             motion leaves it open; None without loads.
         errors: Direction x, y, z to how far the compliance in it may be off [m/N].
@@ -60,7 +60,7 @@ class PointCompliance:
 
     compliance: FloatArray
     budget: dict[str, dict[str, float]]
-    sentence: str = ""
+    text: str = ""
     displacement: FloatArray | None = None
     errors: dict[str, Estimate] = field(default_factory=dict)
     free_motions: tuple[str, ...] = ()
@@ -157,7 +157,7 @@ def _summarise_point(name: str, point: PointCompliance) -> PointSummary:
             )
             for direction, shares in point.budget.items()
         },
-        "sentence": point.sentence,
+        "text": point.text,
         "error_um_per_kN": {
             direction: None if error.total is None else UM_PER_KN * error.total
             for direction, error in point.errors.items()

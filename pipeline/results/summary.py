@@ -67,6 +67,7 @@ class RunSummary(TypedDict):
     empty ``static`` and ``modal``.
     """
 
+    format: NotRequired[int]
     name: str
     status: Literal["done", "failed"]
     versions: dict[str, str]

@@ -69,9 +69,9 @@ TRAVELS = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
 SERIES_POINTS = 2000
 FACE_POINTS = 8192  # of each face, in a row, for the forces of its legs
 ASSUMED = (
-    "faces 1 and 3 are those at the lowest and the highest x; which way x points is assumed, so the ratio is told for both",
+    "faces 1 and 3 are those at the lowest and the highest x; which way x points is assumed, so the ratio is reported for both",
     "the tool turns clockwise seen from above and leaves the block on its right: climb milling",
-    "the static sag under gravity is subtracted from the gap",
+    "the static deflection under gravity is subtracted from the gap",
 )
 TORQUE = "motor torques are the drives' forces times lead over 2 pi: no friction, no inertia of motor and screw"
 CORIOLIS = "coriolis"

@@ -144,9 +144,9 @@ def add_figure_errors(
         )
         bounded = np.isfinite(plain) & np.isfinite(high)
         if (
-            own.worst_real is None
-            or own.worst_real_hz is None
-            or not _reaches(response.frequencies_hz, bounded, own.worst_real_hz)
+            own.most_negative_real is None
+            or own.most_negative_real_hz is None
+            or not _reaches(response.frequencies_hz, bounded, own.most_negative_real_hz)
         ):
             found.append(own)
             continue
@@ -159,7 +159,9 @@ def add_figure_errors(
             + abs(depths[2] - depths[1])
         }
         if estimate.errors.mesh is not None:
-            softer = _softer_depth(response, estimate, own.worst_real_hz, row=row, column=column)
+            softer = _softer_depth(
+                response, estimate, own.most_negative_real_hz, row=row, column=column
+            )
             # nothing is known of the mesh near the deepest line: then nothing is known of the depth
             if softer is None:
                 found.append(own)
@@ -167,7 +169,9 @@ def add_figure_errors(
             shares = {DISCRETISATION: abs(softer - depths[0])} | shares
         found.append(
             dataclasses.replace(
-                own, worst_real_error=sum(shares.values()), worst_real_error_share=shares
+                own,
+                most_negative_real_error=sum(shares.values()),
+                most_negative_real_error_share=shares,
             )
         )
     return tuple(found)
@@ -327,21 +331,25 @@ def _port_figures(
                 PortFigures(
                     port=port,
                     static=None if np.isnan(static) else static,
-                    worst_real=own.worst_real if own else None,
-                    worst_real_hz=own.worst_real_hz if own else None,
-                    chatter_stiffness=own.chatter_stiffness if own else None,
-                    softest=own.softest if own else None,
-                    softest_hz=own.softest_hz if own else None,
-                    softest_mode=names[int(np.argmin(np.abs(modes_hz - own.softest_hz)))]
+                    most_negative_real=own.most_negative_real if own else None,
+                    most_negative_real_hz=own.most_negative_real_hz if own else None,
+                    chatter_limit=own.chatter_limit if own else None,
+                    minimum_dynamic_stiffness=own.minimum_dynamic_stiffness if own else None,
+                    minimum_dynamic_stiffness_hz=own.minimum_dynamic_stiffness_hz if own else None,
+                    minimum_dynamic_stiffness_mode=names[
+                        int(np.argmin(np.abs(modes_hz - own.minimum_dynamic_stiffness_hz)))
+                    ]
                     if own and names
                     else "",
-                    plain_sum_error=_plain_sum_error(model.coordinates, row, column, request.to_hz),
+                    truncation_share=_truncation_share(
+                        model.coordinates, row, column, request.to_hz
+                    ),
                 )
             )
     return tuple(found)
 
 
-def _plain_sum_error(
+def _truncation_share(
     coordinates: ModalCoordinates | None, row: int, column: int, limit_hz: float
 ) -> float | None:
     """Share of the static compliance that elastic modes up to a frequency miss; None where there is

@@ -145,7 +145,7 @@ def _assemble(request: MapRequest, shape: tuple[int, ...], rows: PoseRows) -> Wo
         quantities={name: values.reshape(shape) for name, values in quantities.items()},
         likeness=likeness,
         crossings=crossings,
-        torn=torn,
+        tracking_breaks=torn,
         trend=_correlation(followed[good, 0], rows.lengths[good].mean(axis=1)),
     )
 
@@ -222,9 +222,9 @@ def run_map_stage(state: RunState, stage: Stage) -> Outcome:
     found = map_workspace(mechanism, model, request, comm=state.comm)
     if found is None:
         return Outcome()
-    if found.torn:
+    if found.tracking_breaks:
         state.warn(
-            f"modes of the map cannot be followed by their shape between {found.torn} pairs of neighbours;"
+            f"modes of the map cannot be followed by their shape between {found.tracking_breaks} pairs of neighbours;"
             " a finer grid tells which is which"
         )
     first = found.quantities["f1_hz"]

@@ -119,7 +119,7 @@ class LumpedPose:
         # the legs are in series with the tool: halving a part's compliance takes half its share
         # away
         sentence = (
-            f"{weakest} gives {100 * share:.0f} % of the {softest} compliance; doubling its stiffness changes it by"
+            f"{weakest} contributes {100 * share:.0f} % of the {softest} compliance; doubling its stiffness changes it by"
             f" {-50 * share:+.0f} %"
         )
         gravity = self.parts.plan.gravity

@@ -265,9 +265,9 @@ def _judge_poses(
 
     whole = show(kept[-1])
     return FollowedPoses(
-        stations=len(system.positions),
+        sampled_poses=len(system.positions),
         error=system.error,
-        turn_error=system.turn_error,
+        rotation_error=system.rotation_error,
         modes=len(system.scales),
         next_hz=None if np.isinf(system.next_hz) else system.next_hz,
         steps=len(table.spline.x),
@@ -294,7 +294,7 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
     damped = middle.system.damping is not None or middle.system.hysteretic is not None
     if not damped:
         state.warn(
-            'path analysis: nothing is damped, so what the ramps set ringing rings on; write [effects] damping = { modal = "2 %" }'
+            'path analysis: nothing is damped, so residual vibration does not decay; write [effects] damping = { modal = "2 %" }'
         )
     try:
         solved = _solve_moves(state, request, middle)
@@ -311,8 +311,8 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
         lowpass_hz=None if request.low_pass is None else request.low_pass.frequency_hz,
         filter="none" if request.low_pass is None else request.low_pass.kind,
         damped=damped,
-        slow_hz=model.slow_hz,
-        slow_count=slow_modes(middle.modes.frequencies_hz, model.slow_hz),
+        low_frequency_limit_hz=model.slow_hz,
+        low_frequency_modes=slow_modes(middle.modes.frequencies_hz, model.slow_hz),
         poses=solved.poses,
         runs=tuple(
             _run_move(request, move, raw, kept)
@@ -322,7 +322,7 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
         energy_error=dict(state.energy_errors),
     )
     samples = sum(len(found.times) for found in solved.found)
-    poses = "" if solved.poses is None else f", {solved.poses.stations} poses"
+    poses = "" if solved.poses is None else f", {solved.poses.sampled_poses} poses"
     return Outcome(
         detail=f"{len(solved.found)} feed{'s' if len(solved.found) > 1 else ''}, {samples} samples{poses}",
         answers=(answer,),

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.scene.reading.renamed_names import RESULT_FORMAT
 from headstock.solvers.errors import AccuracyError
 
 type JsonValue = str | float | bool | None | Sequence[JsonValue] | Mapping[str, JsonValue]
@@ -15,6 +16,11 @@ type JsonTable = dict[str, JsonValue]
 def dump_json(content: Mapping[str, object] | Sequence[Mapping[str, object]]) -> str:
     """Strict JSON text: a number that is not finite is an error, not ``NaN``."""
     return json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def dump_summary(content: Mapping[str, object]) -> str:
+    """Strict JSON text of a summary, with the number of its format first."""
+    return dump_json({"format": RESULT_FORMAT, **content})
 
 
 def check_finite(what: str, values: FloatArray | Sequence[float]) -> list[float]:

@@ -61,7 +61,7 @@ class WeakLink:
 
     def __str__(self) -> str:
         return (
-            f"{self.name} {'give' if self.plural else 'gives'} {100.0 * self.share:.0f} % of the {self.direction} compliance; "
+            f"{self.name} {'contribute' if self.plural else 'contributes'} {100.0 * self.share:.0f} % of the {self.direction} compliance; "
             f"doubling {'their' if self.plural else 'its'} stiffness changes it by {100.0 * self.change:+.0f} %"
         )
 

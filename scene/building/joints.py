@@ -188,7 +188,7 @@ def _check_screw(table: JointTable, faults: _Faults) -> None:
         faults.add(f'a {table.kind} has no screw; remove it, or write kind = "ball_screw"', "screw")
     if table.stiffness.get("axial") == RIGID:
         faults.add(
-            'the nut of a screw with a shaft gives way; write its stiffness, such as axial = "500 N/um"',
+            'the nut of a screw with a shaft has a compliance of its own; write its stiffness, such as axial = "500 N/um"',
             "stiffness",
             "axial",
         )

@@ -166,7 +166,7 @@ def _check_rail(
 def _warn_of_segments(
     key: KeyPath, table: ComponentTable, solid: Solid, shortest: float, findings: Findings
 ) -> None:
-    """A segment gives way at its ends only: a carriage shorter than a segment feels them pass."""
+    """A segment gives way at its ends only: the stiffness of a carriage shorter than a segment varies as it passes them."""
     if table.fidelity != "segmented":
         return
     try:
@@ -176,8 +176,8 @@ def _warn_of_segments(
     if shortest < length / table.segments.count:
         findings.warn(
             key,
-            f"a carriage of {show_position(shortest)} is shorter than a segment of {show_position(length / table.segments.count)} and feels "
-            f"its ends pass; write segments = {{ count = {math.ceil(2.0 * length / shortest)} }}",
+            f"a carriage of {show_position(shortest)} is shorter than a segment of {show_position(length / table.segments.count)}, so its stiffness "
+            f"varies as it passes the ends; write segments = {{ count = {math.ceil(2.0 * length / shortest)} }}",
         )
 
 

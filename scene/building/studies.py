@@ -229,7 +229,7 @@ def build_study(name: str, table: StudyTable) -> Study:
         # forget its peak
         families.append(
             StudyFamily(
-                REFERENCE_RUN, "held against", settings, vary, analyses=tuple(table.analyses or ())
+                REFERENCE_RUN, "reference run", settings, vary, analyses=tuple(table.analyses or ())
             )
         )
     return Study(

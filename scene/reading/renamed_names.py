@@ -1,6 +1,7 @@
 """Names of scene keys and of results that have changed, old to new: the one table of them.
 
-An old scene key is an error that says the new one.
+An old scene key is an error that says the new one; ``watch`` paths of studies take old keys of
+results as well. ``docs/files.md`` shows both.
 """
 
 # by table of the schema and key, as in ``key_notes.py``
@@ -14,4 +15,82 @@ SCENE_KEYS = {
     "Screw.far_bearing": "second_bearing",
     "Screw.reach": "floating_end",
     "Study.truth": "reference_run",
+}
+
+RESULT_FORMAT = 2  # the number ``format`` of JSON files of results
+# keys of format 1, by file; ``effects`` writes its own with ``--json`` only
+RESULT_KEYS = {
+    "summary.json": {
+        "asked": "requested",
+        "assumed": "assumptions",
+        "because": "reason",
+        "chatter_stiffness_N_per_um": "chatter_limit_N_per_um",
+        "chatter_stiffness_SI": "chatter_limit_SI",
+        "least": "minimum",
+        "least_likeness": "least_mac",
+        "marks_s": "face_times_s",
+        "most": "maximum",
+        "plain_sum_error": "truncation_share",
+        "port": "dof",
+        "ports": "drive_points",
+        "sag_um": "gravity_deflection_um",
+        "sentence": "text",
+        "slow_count": "low_frequency_modes",
+        "slow_hz": "low_frequency_limit_hz",
+        "softest_N_per_um": "minimum_dynamic_stiffness_N_per_um",
+        "softest_SI": "minimum_dynamic_stiffness_SI",
+        "softest_hz": "minimum_dynamic_stiffness_hz",
+        "softest_mode": "minimum_dynamic_stiffness_mode",
+        "stations": "sampled_poses",
+        "torn": "tracking_breaks",
+        "turn_error": "rotation_error",
+        "worst_real_SI": "most_negative_real_SI",
+        "worst_real_error_SI": "most_negative_real_error_SI",
+        "worst_real_error_share": "most_negative_real_error_share",
+        "worst_real_error_um_per_kN": "most_negative_real_error_um_per_kN",
+        "worst_real_hz": "most_negative_real_hz",
+        "worst_real_um_per_kN": "most_negative_real_um_per_kN",
+    },
+    "sweep.json": {
+        "worst_real_um_per_kN": "most_negative_real_um_per_kN",
+        "worst_real_hz": "most_negative_real_hz",
+        "chatter_stiffness_N_per_um": "chatter_limit_N_per_um",
+        "softest_N_per_um": "minimum_dynamic_stiffness_N_per_um",
+        "softest_hz": "minimum_dynamic_stiffness_hz",
+        "torn": "tracking_breaks",
+    },
+    "compare.json": {
+        "same_from": "mac_threshold",
+        "cannot": "not_computed",
+        "frf.cannot": "reason",
+        "worst": "peak",
+        "worst_hz": "peak_hz",
+        "worst_mode": "peak_mode",
+        "worst_real": "most_negative_real",
+        "worst_real_hz": "most_negative_real_hz",
+        "worst_real_error": "most_negative_real_error",
+        "holds_to_hz": "agrees_to_hz",
+        "holds": "agreement",
+        "held": "agreeing",
+        "held_within": "agreeing_within",
+        "off": "deviating",
+        "missed": "missing",
+    },
+    "study.json": {
+        "held": "confirmed",
+    },
+    "identification.json": {
+        "seen_by_data": "data_share",
+        "unobservable": "unidentifiable",
+        "kept": "best",
+    },
+    "effects": {
+        "named": "active",
+        "beside": "together_with",
+        "little": "small_change",
+        "much": "large_change",
+    },
+    "convergence.json": {
+        "sentence": "text",
+    },
 }

@@ -9,6 +9,8 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from headstock.scene.reading.renamed_names import RESULT_KEYS
+
 Step = str | int | slice
 Watched = str | int | float | bool | None
 # what a summary holds at its top, and what a study itself measures of a point
@@ -76,7 +78,8 @@ def parse_watch(text: str) -> WatchPath:
 def read_watch(path: WatchPath, summary: Mapping[str, object]) -> dict[str, Watched]:
     """Values at the end of a path, each under the path that leads to it alone.
 
-    A name on the list of poses (``modal.frequencies_hz``) means the first pose, or the pose of that
+    A key of results that has changed its name is found by the old one too, and labelled with the
+    new. A name on the list of poses (``modal.frequencies_hz``) means the first pose, or the pose of that
     name (``modal.left``). What ends in a list gives one value per entry.
 
     Raises:
@@ -112,7 +115,8 @@ def _follow(steps: tuple[Step, ...], value: object, label: str, found: dict[str,
         return
     step, rest = steps[0], steps[1:]
     if isinstance(step, str):
-        _follow(rest, _entry(value, step, label), f"{label}.{step}" if label else step, found)
+        name = _present_name(value, step)
+        _follow(rest, _entry(value, name, label), f"{label}.{name}" if label else name, found)
     elif not isinstance(value, list):
         raise WatchError(f"{label} is no list")
     elif isinstance(step, int):
@@ -122,6 +126,19 @@ def _follow(steps: tuple[Step, ...], value: object, label: str, found: dict[str,
     else:
         for index in range(*step.indices(len(value))):
             _follow(rest, value[index], f"{label}[{index}]", found)
+
+
+def _present_name(value: object, name: str) -> str:
+    """The name under which a table has a key that may have changed its name; as it is otherwise."""
+    renamed = RESULT_KEYS["summary.json"].get(name)
+    return (
+        renamed
+        if renamed is not None
+        and isinstance(value, dict)
+        and name not in value
+        and renamed in value
+        else name
+    )
 
 
 def _entry(value: object, name: str, label: str) -> object:

@@ -64,7 +64,7 @@ class ScrewTable(StrictTable):
         if self.second_end is None and self.second_bearing is not None:
             raise problem('there is no second bearing; write second_end = "bed.bearing_2" too')
         if self.coupling is not None and self.lead is None:
-            raise problem('a coupling gives way along the thread only; write lead = "10 mm" too')
+            raise problem('a coupling deflects along the thread only; write lead = "10 mm" too')
         return self
 
 

@@ -45,7 +45,7 @@ NOTES = {
     "PathCut.at": "point where the tool is; the first one unless given",
     "PathCut.up": "from the tool's tip to its holder",
     "Control.up_to": "highest frequency of the poles listed",
-    "Control.speed": "at which the lag is told",
+    "Control.speed": "at which the lag is reported",
     "Control.poses": "all of them unless given",
     "Scene.effects": "`gravity = true` (or an acceleration); `damping = true` (of joints and materials), or `damping = { modal = 0.02 }` "
     "(besides that a damping ratio on every mode, or a list of the first ones, the last for all others); for `[analyses.contouring]` "
@@ -95,7 +95,7 @@ NOTES = {
     "Mesh.cells": "`hex` for boxes only",
     "Reduction.modes_to": "keep fixed-interface modes up to this frequency",
     "Reduction.modes": "keep this many",
-    "Reduction.eigensolver": "how fixed-interface modes are found (both of SLEPc); block Lanczos is faster and misses no twin of a repeated mode",
+    "Reduction.eigensolver": "how fixed-interface modes are found (both of SLEPc); block Lanczos is faster and misses no repeated mode",
     "Reduction.verify": "count the modes below the highest by a Sturm sequence, to prove that none is missing",
     "Joint.between": "two ends",
     "Joint.kind": "see the table of kinds below",
@@ -108,7 +108,7 @@ NOTES = {
     "Screw.bore": "diameter of a hollow screw's bore",
     "Screw.E": "Young's modulus; 210 GPa unless given",
     "Screw.nu": "Poisson's ratio; 0.3 unless given",
-    "Screw.lead": "travel per turn; with it the shaft's twist and the coupling give way along the thread",
+    "Screw.lead": "travel per turn; with it the shaft's twist and the coupling add compliance along the thread",
     "Screw.bearing": "axial stiffness of the fixed bearing; rigid unless given",
     "Screw.coupling": "torsional stiffness between shaft and motor; rigid unless given",
     "Screw.second_end": "interface of a second fixed bearing; default: none, that end is free",
@@ -179,7 +179,7 @@ NOTES = {
     "Mechanism.limits": "lowest and highest value of coordinates: lengths `q1 q2 q3`, wrist angles `g4 g5`, passive angles `phi th1 ps1 th2"
     " ps2 a1 a2 a3 ps3`",
     "Mechanism.springs": "for the lumped model",
-    "Mechanism.screw_lead": "travel of a leg per turn of its motor; contours then tell motor torques",
+    "Mechanism.screw_lead": "travel of a leg per turn of its motor; contours then report motor torques",
     "Exechon.base": "places of the base joints: y of legs 1 and 2, x of leg 3",
     "Exechon.platform": "places of the platform joints: y of legs 1 and 2, x of leg 3",
     "Exechon.universal_offsets": "distance between the two axes of the universal joints of legs 1 and 2",

@@ -312,21 +312,21 @@ class StabilityFigures:
 
     Attributes:
         port: Where.
-        worst_real: Most negative real part [m/N]; None where it is never negative.
-        worst_real_hz: Its frequency [Hz].
-        chatter_stiffness: ``-1 / (2 Re)`` [N/m]: over the cutting stiffness per width it is the
+        most_negative_real: Most negative real part [m/N]; None where it is never negative.
+        most_negative_real_hz: Its frequency [Hz].
+        chatter_limit: ``-1 / (2 Re)`` [N/m]: over the cutting stiffness per width it is the
             width of cut below which no regenerative chatter occurs at any speed; None where the
             real part is never negative.
-        softest: Smallest dynamic stiffness ``1 / |H|`` [N/m].
-        softest_hz: Its frequency [Hz].
+        minimum_dynamic_stiffness: Smallest dynamic stiffness ``1 / |H|`` [N/m].
+        minimum_dynamic_stiffness_hz: Its frequency [Hz].
     """
 
     port: Port
-    worst_real: float | None
-    worst_real_hz: float | None
-    chatter_stiffness: float | None
-    softest: float
-    softest_hz: float
+    most_negative_real: float | None
+    most_negative_real_hz: float | None
+    chatter_limit: float | None
+    minimum_dynamic_stiffness: float
+    minimum_dynamic_stiffness_hz: float
 
 
 def find_stability_figures(
@@ -362,11 +362,11 @@ def _judge(
     negative = real < 0.0
     return StabilityFigures(
         port=port,
-        worst_real=real if negative else None,
-        worst_real_hz=real_hz if negative else None,
-        chatter_stiffness=-0.5 / real if negative else None,
-        softest=-1.0 / soft,
-        softest_hz=soft_hz,
+        most_negative_real=real if negative else None,
+        most_negative_real_hz=real_hz if negative else None,
+        chatter_limit=-0.5 / real if negative else None,
+        minimum_dynamic_stiffness=-1.0 / soft,
+        minimum_dynamic_stiffness_hz=soft_hz,
     )
 
 

@@ -53,7 +53,7 @@ def correlate_modes(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def pair_modes(
-    first: ModeSet, second: ModeSet, *, same_from: float = SAME_MODE
+    first: ModeSet, second: ModeSet, *, mac_threshold: float = SAME_MODE
 ) -> tuple[ModePair, ...]:
     """Modes of two models that are the same, each used once, in the order of the first.
 
@@ -64,7 +64,7 @@ def pair_modes(
     Args:
         first: One model's modes.
         second: The other's.
-        same_from: Correlation below which two modes are not the same.
+        mac_threshold: Correlation below which two modes are not the same.
 
     Source: Bjoerck and Golub (1973), angles between spaces.
     """
@@ -80,31 +80,31 @@ def pair_modes(
     )
     return tuple(
         assign_modes(
-            spanned, SHAPE_WEIGHT * plain + NEARNESS_WEIGHT * nearness, same_from=same_from
+            spanned, SHAPE_WEIGHT * plain + NEARNESS_WEIGHT * nearness, mac_threshold=mac_threshold
         )
     )
 
 
 def assign_modes(
-    correlations: FloatArray, tie_break: FloatArray, *, same_from: float = SAME_MODE
+    correlations: FloatArray, tie_break: FloatArray, *, mac_threshold: float = SAME_MODE
 ) -> list[ModePair]:
     """The pairs, each mode used once, with the largest sum of correlations.
 
     Args:
         correlations: ``(m_1, m_2)`` squares of cosines.
         tie_break: ``(m_1, m_2)`` small numbers that decide where correlations are alike.
-        same_from: Correlation below which two modes are not the same.
+        mac_threshold: Correlation below which two modes are not the same.
 
     Source: Kuhn (1955).
     """
     rows, columns = linear_sum_assignment(
-        np.where(correlations >= same_from, correlations + tie_break, 0.0), maximize=True
+        np.where(correlations >= mac_threshold, correlations + tie_break, 0.0), maximize=True
     )
     pairs = [
         ModePair(int(i), int(j), float(correlations[i, j]))
         for i, j in zip(rows, columns, strict=True)
     ]
-    return [pair for pair in pairs if pair.correlation >= same_from]
+    return [pair for pair in pairs if pair.correlation >= mac_threshold]
 
 
 def match_frequencies(

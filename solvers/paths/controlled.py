@@ -159,7 +159,11 @@ def solve_rubbing_path(
     way = sample_move(move, samples).positions
     total = found.outputs[:, : len(path.travel)] - np.outer(way, path.travel)
     return PathDeviation(
-        samples, total, linear.quasi_static, linear.sway, total - linear.quasi_static - linear.sway
+        samples,
+        total,
+        linear.quasi_static,
+        linear.low_frequency,
+        total - linear.quasi_static - linear.low_frequency,
     ), found
 
 

@@ -46,7 +46,7 @@ class PathDeviation:
         total: ``(n, n_outputs)`` [m, rad].
         quasi_static: ``(n, n_outputs)``: every mode that is faster than the ramp follows its load
             at once.
-        sway: ``(n, n_outputs)``: the slower modes, in which the machine sways on soft mounts as a
+        low_frequency: ``(n, n_outputs)``: the slower modes, in which the machine sways on soft mounts as a
             whole.
         dynamic: ``(n, n_outputs)``: the ringing of the faster modes.
     """
@@ -54,7 +54,7 @@ class PathDeviation:
     times: FloatArray
     total: FloatArray
     quasi_static: FloatArray
-    sway: FloatArray
+    low_frequency: FloatArray
     dynamic: FloatArray
 
 
@@ -229,9 +229,13 @@ def filter_deviation(found: PathDeviation, low_pass: LowPass | None) -> PathDevi
         )
         return np.asarray(run(sections, padded, axis=0)[padding:-padding])
 
-    parts = [apply(part) for part in (found.quasi_static, found.sway, found.dynamic)]
+    parts = [apply(part) for part in (found.quasi_static, found.low_frequency, found.dynamic)]
     return dataclasses.replace(
-        found, total=np.sum(parts, axis=0), quasi_static=parts[0], sway=parts[1], dynamic=parts[2]
+        found,
+        total=np.sum(parts, axis=0),
+        quasi_static=parts[0],
+        low_frequency=parts[1],
+        dynamic=parts[2],
     )
 
 

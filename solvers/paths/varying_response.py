@@ -120,7 +120,8 @@ def solve_varying_path(
     displacements = states / system.scales
     follows, rest = (now * system.splines[name](motion.positions) for name in ("follows", "rest"))
     moved, sway = (
-        _observe(system.splines[name], motion.positions, displacements) for name in ("rows", "sway")
+        _observe(system.splines[name], motion.positions, displacements)
+        for name in ("rows", "low_frequency")
     )
     total = moved + rest
     return PathDeviation(samples, total, np.asarray(follows), sway, total - follows - sway)

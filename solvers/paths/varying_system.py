@@ -66,7 +66,7 @@ class Station:
         damping: ``(m, m)`` viscous.
         load: ``(m,)`` per unit acceleration along the path.
         rows: ``(p, m)`` motion at the outputs.
-        sway: ``(p, m)`` motion at the outputs of the slow modes alone.
+        low_frequency: ``(p, m)`` motion at the outputs of the slow modes alone.
         follows: ``(p,)`` quasi-static deviation per unit acceleration, of everything but the slow
             modes.
         rest: ``(p,)`` what the modes kept lack of it.
@@ -76,7 +76,7 @@ class Station:
     damping: FloatArray
     load: FloatArray
     rows: FloatArray
-    sway: FloatArray
+    low_frequency: FloatArray
     follows: FloatArray
     rest: FloatArray
 
@@ -91,7 +91,7 @@ class VaryingSystem:
         splines: Field of a station to its cubic spline along the path.
         error: Largest error of splines through the others at the stations added last; of splines
             through all about 1/16 of it.
-        turn_error: Largest difference of modes carried along all stations from those carried along
+        rotation_error: Largest difference of modes carried along all stations from those carried along
             all but the last ones [rad].
         next_hz: Lowest frequency, anywhere along the path, of a mode that is not kept [Hz]; inf
             where all are.
@@ -101,7 +101,7 @@ class VaryingSystem:
     scales: FloatArray
     splines: dict[str, CubicSpline]
     error: float
-    turn_error: float
+    rotation_error: float
     next_hz: float
 
     def at(self, position: float) -> Station:
@@ -151,14 +151,14 @@ def sample_system(
         scales = _scales(stations)
         splines = _interpolate({position: stations[position] for position in before})
         misses = [_misfit(splines, position, stations[position], scales) for position in halves]
-        turn_error = _check_turns(poses, turns, before)
+        rotation_error = _check_turns(poses, turns, before)
         wide = [
             side
             for span, half, miss in zip(wide, halves, misses, strict=True)
             if miss > TOLERANCE
             for side in _halve(span, half)
         ]
-        if not wide and turn_error > TURN_TOLERANCE:
+        if not wide and rotation_error > TURN_TOLERANCE:
             wide = list(itertools.pairwise(poses))
         if not wide:
             return VaryingSystem(
@@ -166,13 +166,13 @@ def sample_system(
                 scales,
                 _interpolate(stations),
                 max(misses),
-                turn_error,
+                rotation_error,
                 next_hz,
             )
         if len(poses) + len(wide) > MOST_STATIONS:
             raise AccuracyError(
                 f"{len(poses)} poses along the path leave an error of {max(misses):.2g} between them (limit {TOLERANCE:g}), of "
-                f"{turn_error:.2g} in the direction of modes (limit {TURN_TOLERANCE:g}); shorten the path, or write "
+                f"{rotation_error:.2g} in the direction of modes (limit {TURN_TOLERANCE:g}); shorten the path, or write "
                 'pose_model = "frozen"'
             )
 
@@ -256,7 +256,7 @@ def _turn_pose(pose: _Pose, turn: FloatArray, model: PathModel) -> Station:
         damping=turn.T @ damping @ turn,
         load=turn.T @ load,
         rows=rows @ turn,
-        sway=np.where(slow, rows, 0.0) @ turn,
+        low_frequency=np.where(slow, rows, 0.0) @ turn,
         follows=follows,
         rest=follows - (rows[:, ~slow] / squares[~slow]) @ load[~slow],
     )
@@ -292,7 +292,7 @@ def _misfit(
         "damping": 1.0 / np.outer(root, root),
         "load": _inverse_size(station.load),
         "rows": _inverse_size(station.rows),
-        "sway": _inverse_size(station.rows),
+        "low_frequency": _inverse_size(station.rows),
         # what the modes lack is small beside the whole, and often nothing but roundoff
         "follows": _inverse_size(station.follows),
         "rest": _inverse_size(station.follows),

@@ -41,7 +41,7 @@ class ParameterSummary(TypedDict):
     bounds: list[float | None]
     prior_sigma: float | None
     scale: Literal["log", "linear"]
-    seen_by_data: float
+    data_share: float
     at_bound: str | None
 
 
@@ -87,7 +87,7 @@ class StartSummary(TypedDict):
     exchanges_of_modes: int
     converged: bool
     reason: str
-    kept: bool
+    best: bool
     start: dict[str, float]
     end: dict[str, float] | None
 
@@ -100,7 +100,7 @@ class IdentificationSummary(TypedDict):
     name: str
     status: Literal["converged", "not converged"]
     parameters: dict[str, ParameterSummary]
-    unobservable: list[UnobservableSummary]
+    unidentifiable: list[UnobservableSummary]
     correlated: list[CorrelationSummary]
     targets: list[OutcomeSummary]
     extra_modes_hz: dict[str, list[float]]
@@ -122,7 +122,7 @@ def summarise_identification(found: Identification) -> IdentificationSummary:
         "parameters": {
             item.parameter.name: _summarise_parameter(item) for item in found.parameters
         },
-        "unobservable": [
+        "unidentifiable": [
             {
                 "direction": dict(blind.entries),
                 "text": str(blind),
@@ -239,7 +239,7 @@ def _summarise_parameter(item: FittedParameter) -> ParameterSummary:
         ],
         "prior_sigma": parameter.prior_sigma,
         "scale": "log" if parameter.logarithmic else "linear",
-        "seen_by_data": item.seen,
+        "data_share": item.data_share,
         "at_bound": item.at_bound or None,
     }
 
@@ -269,7 +269,7 @@ def _summarise_start(problem: FitProblem, record: StartRecord, best: bool) -> St
         "exchanges_of_modes": record.exchanges,
         "converged": record.converged,
         "reason": record.reason,
-        "kept": best,
+        "best": best,
         "start": problem.values(record.start),
         "end": None if record.end is None else problem.values(record.end.coordinates),
     }

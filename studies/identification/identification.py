@@ -93,7 +93,7 @@ class FittedParameter:
         value: Fitted.
         low: Lower end of the 95 % interval; nan where neither data nor prior give one.
         high: Upper end.
-        seen: Share of the variance allowed beforehand that the data take away.
+        data_share: Share of the variance allowed beforehand that the data take away.
         at_bound: ``lower``, ``upper`` or empty.
     """
 
@@ -101,7 +101,7 @@ class FittedParameter:
     value: float
     low: float
     high: float
-    seen: float
+    data_share: float
     at_bound: str
 
 
@@ -278,7 +278,7 @@ def _fitted(
             value=value[parameter.name],
             low=low[parameter.name] if known[index] else np.nan,
             high=high[parameter.name] if known[index] else np.nan,
-            seen=float(statistics.seen[index]),
+            data_share=float(statistics.data_share[index]),
             at_bound=_at_bound(problem, point.coordinates, index),
         )
         for index, parameter in enumerate(problem.parameters)

@@ -75,7 +75,7 @@ def follow_modes(before: CaseState, pairing: Pairing, state: CaseState) -> Pairi
     weighed = before.slopes.mass_times(before.motions[:, list(pairing.modes)])
     products = (weighed.T @ state.motions) ** 2
     sizes = np.einsum("ij,ij->j", state.motions, before.slopes.mass_times(state.motions))
-    pairs = assign_modes(np.asarray(products / sizes), np.zeros(1), same_from=0.0)
+    pairs = assign_modes(np.asarray(products / sizes), np.zeros(1), mac_threshold=0.0)
     return Pairing(tuple(pair.second for pair in pairs))
 
 

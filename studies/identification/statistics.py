@@ -40,7 +40,7 @@ class FitStatistics:
     Attributes:
         sigmas: Standard deviations with data and priors ``(p,)``; inf where neither says anything.
         quantile: Half-width of the interval over sigma.
-        seen: Share of the variance allowed beforehand (prior, else bounds) that the data take away
+        data_share: Share of the variance allowed beforehand (prior, else bounds) that the data take away
             ``(p,)``.
         correlations: ``(p, p)``.
         blind: Directions the data do not see.
@@ -51,7 +51,7 @@ class FitStatistics:
 
     sigmas: FloatArray
     quantile: float
-    seen: FloatArray
+    data_share: FloatArray
     correlations: FloatArray
     blind: tuple[BlindDirection, ...]
     noise: float | None
@@ -101,7 +101,7 @@ def assess(
             if from_residuals and noise is not None
             else norm.ppf(0.5 + CONFIDENCE / 2.0)
         ),
-        seen=np.asarray(1.0 - np.diag(proper)),
+        data_share=np.asarray(1.0 - np.diag(proper)),
         correlations=np.nan_to_num(posterior / np.outer(scale, scale)),
         blind=tuple(
             BlindDirection(

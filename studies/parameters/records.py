@@ -14,7 +14,7 @@ from headstock.pipeline.storage.journals import Journal, JournalForm, read_journ
 from headstock.scene.reading.files import TomlValue
 
 POINTS_FILE = "points.jsonl"
-FORMAT = 1
+FORMAT = 2
 POINTS = JournalForm(b'{"key":', lines=True)
 
 

@@ -23,7 +23,7 @@ from headstock.studies.sweeps.results import PointMap, SampledErrors, SweepResul
 type Numbers = float | None | Sequence[Numbers]
 
 SWEEP_FILE = "sweep.h5"
-FORMAT, VERSION = "headstock sweep", 1
+FORMAT, VERSION = "headstock sweep", 2
 # pattern of the path of a data set to its unit
 UNITS = {
     r"axes|units|states|errors|shape|modal/tracked/(names|index)|static/.*/weakest": "",
@@ -33,9 +33,9 @@ UNITS = {
     r"modal/rigid_count|modal/tracked/correlation|condition_number|static/.*/(direction|ratio|weakest_share)": "1",
     r"static/.*/largest": "m/N",
     r"static/.*/compliance": "m/N",
-    r"frf/.* r[xyz]/worst_real": "rad/(N m)",
+    r"frf/.* r[xyz]/most_negative_real": "rad/(N m)",
     r"frf/.* r[xyz]/.*": "N m/rad",
-    r"frf/.*/worst_real": "m/N",
+    r"frf/.*/most_negative_real": "m/N",
     r"frf/.*": "N/m",
 }
 
@@ -154,7 +154,7 @@ class SweepSummary(SweptAxes):
     sampled_errors: list[SampleSummary]
     correlation: Numbers
     crossings: list[CrossingSummary]
-    torn: int
+    tracking_breaks: int
     static: dict[str, PointMapSummary]
     condition_number: Numbers
     frf: dict[str, dict[str, Numbers]]
@@ -182,7 +182,7 @@ def summarise_sweep(results: SweepResults) -> SweepSummary:
         "sampled_errors": [_summarise_errors(sample) for sample in results.sampled_errors],
         "correlation": [] if results.tracked is None else _nulls(results.tracked.correlation),
         "crossings": _list_crossings(results),
-        "torn": 0 if results.tracked is None else results.tracked.torn,
+        "tracking_breaks": 0 if results.tracked is None else results.tracked.torn,
         "static": {name: _summarise_point(point) for name, point in results.points.items()},
         "condition_number": None if results.condition is None else _nulls(results.condition),
         "frf": {
@@ -231,8 +231,16 @@ def _summarise_point(point: PointMap) -> PointMapSummary:
 
 
 def _summarise_figures(values: FloatArray) -> dict[str, Numbers]:
-    scales = {"worst_real": UM_PER_KN, "chatter_stiffness": N_PER_UM, "softest": N_PER_UM}
-    suffix = {"worst_real": "_um_per_kN", "chatter_stiffness": "_N_per_um", "softest": "_N_per_um"}
+    scales = {
+        "most_negative_real": UM_PER_KN,
+        "chatter_limit": N_PER_UM,
+        "minimum_dynamic_stiffness": N_PER_UM,
+    }
+    suffix = {
+        "most_negative_real": "_um_per_kN",
+        "chatter_limit": "_N_per_um",
+        "minimum_dynamic_stiffness": "_N_per_um",
+    }
     return {
         name + suffix.get(name, ""): _nulls(scales.get(name, 1.0) * values[:, column])
         for column, name in enumerate(FIGURES)

@@ -27,7 +27,13 @@ PoseState = Literal["done", "failed", "unreachable"]
 SingleArray = NDArray[np.float32]
 KINDS = ("<f8", "<f4")
 # of a frequency response at a port to a load there [m/N, Hz, N/m]
-FIGURES = ("worst_real", "worst_real_hz", "chatter_stiffness", "softest", "softest_hz")
+FIGURES = (
+    "most_negative_real",
+    "most_negative_real_hz",
+    "chatter_limit",
+    "minimum_dynamic_stiffness",
+    "minimum_dynamic_stiffness_hz",
+)
 LARGEST_HEAD = 1 << 20
 _HEAD = struct.Struct("<I")
 FOLDER = "poses"

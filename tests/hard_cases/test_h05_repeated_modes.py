@@ -1,4 +1,4 @@
-"""H05: repeated modes: none lost, no twin split, the same subspace from every road."""
+"""H05: repeated modes: none lost, no pair split, the same subspace from every method."""
 
 import numpy as np
 import pytest

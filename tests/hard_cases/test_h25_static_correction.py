@@ -1,5 +1,5 @@
-"""H25: at 0 Hz stands the static compliance, however few modes are kept; what a plain modal sum
-lacks is told.
+"""H25: at 0 Hz stands the static compliance, however few modes are kept; the share
+that a plain modal sum lacks is reported.
 """
 
 import numpy as np

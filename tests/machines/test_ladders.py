@@ -95,7 +95,7 @@ def fixed_beam(tmp_path_factory: pytest.TempPathFactory) -> Ladder:
 
 def verdicts(ladder: Ladder, figure: int, models: str) -> dict[str, bool]:
     return {
-        claim.text: claim.held
+        claim.text: claim.confirmed
         for claim in judge_ladder(*ladder)
         if claim.figure == figure and claim.models == models
     }
@@ -137,7 +137,7 @@ def test_second_order_elements_come_within_3_per_mille_of_converged_3d_elasticit
     cantilever: tuple[LadderBeam, list[LadderPoint]],
 ) -> None:
     own = [claim for claim in judge_own(*cantilever) if claim.models == "hex27"]
-    assert [claim.held for claim in own] == [True, True], [claim.decides for claim in own]
+    assert [claim.confirmed for claim in own] == [True, True], [claim.decides for claim in own]
 
 
 def test_linear_elements_fail_in_bending_and_in_torsion(

@@ -207,7 +207,7 @@ def test_the_budget_of_every_direction_sums_to_one_and_names_all_parts(tmp_path:
     for shares in point.budget.values():
         assert {"column", "guide", "mount"} <= set(shares)
         assert sum(shares.values()) == pytest.approx(1.0, abs=1e-9)
-    assert "%" in point.sentence
+    assert "%" in point.text
 
 
 def test_every_mode_has_a_name_and_energy_shares(tmp_path: Path) -> None:

@@ -107,7 +107,7 @@ def test_every_effect_is_tried_and_the_strongest_comes_first(tmp_path: Path) -> 
     trials = {trial.effect: trial for trial in try_effects(plan, Store(tmp_path))}
     gravity = trials["gravity"]
     assert (
-        gravity.named
+        gravity.active
         and gravity.changes[0].answer == "displacement under loads"
         and gravity.changes[0].without == 0.0
     )

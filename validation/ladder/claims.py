@@ -52,7 +52,7 @@ class Claim:
         figure: Number of the paper's figure.
         models: Which models it is about.
         text: The statement.
-        held: Whether the ladder shows it.
+        confirmed: Whether the ladder shows it.
         decides: The number that decides, and where it was met.
         value: That number; None where there is none.
         note: What a reader should know.
@@ -61,7 +61,7 @@ class Claim:
     figure: int
     models: str
     text: str
-    held: bool
+    confirmed: bool
     decides: str
     value: float | None
     note: str = ""

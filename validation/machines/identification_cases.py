@@ -236,7 +236,7 @@ def judge_blindness(folder: Path) -> list[ValidationRow]:
     direction = np.array([springs.get("feet_z", 0.0), springs.get("pad_z", 0.0)])
     along = abs(expected @ direction) / float(np.linalg.norm(expected) * np.linalg.norm(direction))
     total = sum(abs(value) for value in stiffness.values())
-    seen = {name: float(found.parameters[names.index(name)].seen) for name in names}
+    seen = {name: float(found.parameters[names.index(name)].data_share) for name in names}
     return [
         judge(CASE, SPRINGS_ALONG, along, Target(1.0, "-", 1e-2, "closed form")),
         judge(
@@ -250,7 +250,7 @@ def judge_blindness(folder: Path) -> list[ValidationRow]:
             "a place that hardly matters: share the data see",
             seen["bolt_height"],
             0.5,
-            "named as unobservable",
+            "named as unidentifiable",
         ),
         judge(CASE, PLACE_SHARE, blind.get("bolt_height", 0.0), Target(1.0, "-", 0.05, "identity")),
     ]

@@ -304,8 +304,10 @@ def _respond(coupled: CoupledMachine, places: FloatArray) -> _Found:
     return _Found(
         lines,
         changes[0],
-        np.array([own.worst_real for own in judged]),
-        np.array([own.worst_real_error_share.get(DISCRETISATION, np.nan) for own in judged]),
+        np.array([own.most_negative_real for own in judged]),
+        np.array(
+            [own.most_negative_real_error_share.get(DISCRETISATION, np.nan) for own in judged]
+        ),
     )
 
 

@@ -79,13 +79,14 @@ def test_one_table_tells_modes_compliances_weak_links_dofs_and_seconds(
     assert json.loads(copy.read_text()) == summary
     assert set(summary) == {
         "scene",
+        "format",
         "pose",
         "reference",
-        "same_from",
+        "mac_threshold",
         "modes",
         "columns",
         "variants",
-        "cannot",
+        "not_computed",
         "verdicts",
         "not_compared",
         "provenance",

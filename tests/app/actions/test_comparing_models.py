@@ -99,7 +99,7 @@ def test_a_scene_without_variants_compares_its_fidelities_and_says_what_each_is_
     ):
         assert text in printed, text
     rigid = summary["verdicts"]["rigid"]
-    (missed,) = rigid["missed"]
+    (missed,) = rigid["missing"]
     assert missed["part"] == "bar" and missed["part_share"] > 0.3 and missed["mac"] < 0.5
     wanted = summary["variants"]["elastic"]["static"]["tcp"]["compliance_um_per_kN"]
     found = summary["variants"]["rigid"]["static"]["tcp"]["compliance_um_per_kN"]
@@ -124,11 +124,15 @@ def test_the_elastic_column_has_the_numbers_of_a_run(scene: Path) -> None:
         scale = np.abs(point[key]).max()
         assert np.abs(np.subtract(variant["static"]["tcp"][key], point[key])).max() < 1e-12 * scale
     direct = [entry for entry in variant["frf"] if entry["output"] == entry["input"]]
-    assert len(direct) == len(response["ports"]) == 3
-    for entry, port in zip(direct, response["ports"], strict=True):
-        assert entry["worst_real"] * 1e9 == pytest.approx(port["worst_real_um_per_kN"], rel=1e-12)
-        assert 1e-6 / entry["worst"] == pytest.approx(port["softest_N_per_um"], rel=1e-12)
-        assert entry["worst_mode"] == port["softest_mode"]
+    assert len(direct) == len(response["drive_points"]) == 3
+    for entry, port in zip(direct, response["drive_points"], strict=True):
+        assert entry["most_negative_real"] * 1e9 == pytest.approx(
+            port["most_negative_real_um_per_kN"], rel=1e-12
+        )
+        assert 1e-6 / entry["peak"] == pytest.approx(
+            port["minimum_dynamic_stiffness_N_per_um"], rel=1e-12
+        )
+        assert entry["peak_mode"] == port["minimum_dynamic_stiffness_mode"]
 
 
 def test_the_difference_of_responses_is_that_of_the_files_of_two_runs(scene: Path) -> None:
@@ -155,7 +159,7 @@ def test_the_difference_of_responses_is_that_of_the_files_of_two_runs(scene: Pat
         assert found["size"] == pytest.approx(away.max(), rel=1e-10)
         assert found["at_hz"] == pytest.approx(lines[np.argmax(away)])
         assert found["share_of_peak"] == pytest.approx(away.max() / sizes.max(), rel=1e-10)
-        assert found["holds_to_hz"] is None and away[0] > 0.1 * sizes[0]
+        assert found["agrees_to_hz"] is None and away[0] > 0.1 * sizes[0]
     # the same lines in the comparison's own file
     heads, numbers = read_lines(scene.parent / "out" / "responses.csv")
     mine = numbers[:, heads.index("rigid Re tcp x / tcp x [m per N]")]
@@ -179,7 +183,7 @@ def test_a_response_is_held_up_to_the_line_before_the_first_that_is_off(scene: P
     )
     first = int(np.argmax(off))
     assert off.any() and first > 0
-    assert entry["difference"]["holds_to_hz"] == numbers[first - 1, 0]
+    assert entry["difference"]["agrees_to_hz"] == numbers[first - 1, 0]
 
 
 def hand_assembled(path: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -258,7 +262,7 @@ def test_what_a_fidelity_cannot_have_says_why_beside_those_that_can(
     printed = capsys.readouterr().out
     assert list(summary["variants"]) == ["segmented", "elastic"]
     assert summary["columns"] == ["rigid", "segmented", "elastic"]
-    assert "no dof is left" in summary["cannot"]["rigid"]
+    assert "no dof is left" in summary["not_computed"]["rigid"]
     assert "rigid: cannot: no dof is left" in printed
     assert "cannot" in (scene.parent / "out" / "compare.html").read_text()
 
@@ -283,7 +287,7 @@ def test_a_response_without_damping_says_that_its_peaks_have_no_top(
     summary = compare(scene, "--fidelity", "rigid,segmented")
     printed = " ".join(capsys.readouterr().out.split())
     for variant in summary["variants"].values():
-        assert all(entry["worst"] is None and entry["cannot"] for entry in variant["frf"])
+        assert all(entry["peak"] is None and entry["reason"] for entry in variant["frf"])
     assert "rigid, segmented: cannot: response: a mode in the range has no damping" in printed
     assert "worst dynamic compliance cannot cannot" in printed
 

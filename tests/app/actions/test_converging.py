@@ -62,7 +62,7 @@ def test_limits_cover_a_fine_mesh_of_another_kind_and_the_needed_mesh_is_as_good
 ) -> None:
     found = converge(scene_file, tmp_path / "out")
     printed = capsys.readouterr().out
-    assert found["sentence"] in " ".join(printed.split())
+    assert found["text"] in " ".join(printed.split())
     assert "every number is known well enough" in printed
     # hexes of a fifth of the width: a square section, whose bending modes come in pairs
     truth = frequencies(
@@ -93,7 +93,7 @@ def test_a_second_call_computes_nothing_again_and_files_hold_what_is_printed(
     assert (tmp_path / "out" / POINTS_FILE).read_text() == lines
     assert again["numbers"] == first["numbers"]
     assert "--most-dofs is 3000" in again["end"]
-    assert json.loads((tmp_path / "a.json").read_text())["sentence"] == again["sentence"]
+    assert json.loads((tmp_path / "a.json").read_text())["text"] == again["text"]
     with (tmp_path / "out" / "convergence.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [int(row["dofs"]) for row in rows[:-1]] == [mesh["dofs"] for mesh in first["meshes"]]

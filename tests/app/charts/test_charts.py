@@ -191,8 +191,8 @@ def make_comparison() -> ComparisonSummary:
         for number, value in enumerate(hz)
     ]
     return sketch(ComparisonSummary, {
-        "scene": "s", "pose": "p", "reference": names[0], "same_from": 0.5, "modes": rows, "variants": {name: variant() for name in names},
-        "columns": names, "cannot": {}, "verdicts": {}, "not_compared": [],
+        "scene": "s", "pose": "p", "reference": names[0], "mac_threshold": 0.5, "modes": rows, "variants": {name: variant() for name in names},
+        "columns": names, "not_computed": {}, "verdicts": {}, "not_compared": [],
     })  # fmt: skip
 
 

@@ -92,7 +92,7 @@ def test_summary_table_and_file_hold_the_same_response(run_folder: Path) -> None
     assert response["method"] == "poles" and response["damped"]
     assert response["outputs"] == [["tcp", "x"], ["tcp", "y"], ["tcp", "z"], ["head.seat", "rx"]]
     assert (
-        [port["port"] for port in response["ports"]]
+        [port["dof"] for port in response["drive_points"]]
         == response["inputs"]
         == [["tcp", d] for d in "xyz"]
     )
@@ -102,10 +102,12 @@ def test_summary_table_and_file_hold_the_same_response(run_folder: Path) -> None
         np.array(rows[1:], dtype=float)[:, 1], curves.receptance[:, 0, 0].real
     )
     assert 1e9 * curves.receptance[0, 0, 0].real == pytest.approx(
-        response["ports"][0]["static_um_per_kN"], rel=1e-12
+        response["drive_points"][0]["static_um_per_kN"], rel=1e-12
     )
     softest = 1e-6 / np.abs(curves.receptance[:, 1, 1]).max()
-    assert response["ports"][1]["softest_N_per_um"] == pytest.approx(softest, rel=1e-4)
+    assert response["drive_points"][1]["minimum_dynamic_stiffness_N_per_um"] == pytest.approx(
+        softest, rel=1e-4
+    )
 
 
 def test_the_report_is_written_again_from_the_files_alone(run_folder: Path) -> None:

@@ -34,8 +34,8 @@ def test_a_table_has_a_row_per_sample_and_its_parts_add_up() -> None:
     assert table.headings[3:7] == (
         "deviation tcp z [um]",
         "quasi-static tcp z [um]",
-        "sway tcp z [um]",
-        "ringing tcp z [um]",
+        "low-frequency tcp z [um]",
+        "residual vibration tcp z [um]",
     )
     rows = np.array(table.rows)
     assert rows.shape == (5000, 3 + 2 * 5)

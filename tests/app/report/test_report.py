@@ -370,7 +370,7 @@ def hostile_summary(run_folder: Path) -> RunSummary:
     point = next(iter(summary["static"].values()))
     summary.pop("static_poses", None)
     summary["static"] = {
-        HOSTILE[1]: point | {"budget": dict.fromkeys("xyz", shares), "sentence": HOSTILE[2]}
+        HOSTILE[1]: point | {"budget": dict.fromkeys("xyz", shares), "text": HOSTILE[2]}
     }
     modes = summary["modal"][0]
     modes |= {"pose_name": HOSTILE[0], "mode_names": [HOSTILE[1]] * len(modes["mode_names"])}

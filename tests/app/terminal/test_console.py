@@ -141,7 +141,7 @@ def make_summary() -> RunSummary:
         "compliance_um_per_kN": [[429.4771, 0.0, 0.1], [0.0, 64.07, 0.0], [0.1, 0.0, 0.62]],
         "compliance_6x6": [[float(6 * row + column) for column in range(6)] for row in range(6)],
         "budget": {direction: {"column": 1.0} for direction in "xyz"},
-        "sentence": "",
+        "text": "",
         "error_um_per_kN": {"x": 0.2661, "y": None, "z": 7e-5},
     }
     summary = {

@@ -57,7 +57,7 @@ def points() -> list[CostPoint]:
         make_record("tets", {SIZE: "40 mm"}, 109.0, 1.0),
         make_record("tets", {SIZE: "20 mm"}, 100.9, 4.0),
         make_record("tets", {SIZE: "10 mm"}, 102.0, 8.0),
-        make_record("automatic", {"accuracy": "1 %"}, 100.5, 6.0, accuracy={"asked": 0.01}),
+        make_record("automatic", {"accuracy": "1 %"}, 100.5, 6.0, accuracy={"requested": 0.01}),
         make_record("rigid_tip", {SIZE: "40 mm"}, 104.0, 0.1),
         make_record("rigid_tip", {SIZE: "10 mm"}, 100.1, 0.2),
     ]

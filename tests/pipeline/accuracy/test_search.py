@@ -212,11 +212,11 @@ def test_a_plan_shows_the_first_round_and_not_the_mesh_of_the_scene() -> None:
 
 def test_without_a_mesh_nothing_is_said_to_be_met() -> None:
     rounds: list[RoundSummary] = [
-        {"quantity": "every number", "error": 0.0, "because": "no component is meshed"}
+        {"quantity": "every number", "error": 0.0, "reason": "no component is meshed"}
     ]
     (words,) = accuracy_words(
         {
-            "asked": 0.01,
+            "requested": 0.01,
             "estimated": 0.0,
             "met": True,
             "reason": "",

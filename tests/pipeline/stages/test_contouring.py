@@ -44,7 +44,7 @@ def test_the_summary_tells_faces_assumptions_and_leg_forces(machine: Tripteor) -
     assert [face["face"] for face in found["faces"]] == [1]
     assert -20.0 < found["faces"][0]["mean_um"][0] < -5.0
     assert found["face_3_over_face_1"] == {"x as assumed": None, "x reversed": None}
-    assert any("which way x points" in text for text in found["assumed"])
+    assert any("which way x points" in text for text in found["assumptions"])
     table = _contour_table(found["series"])
     assert len(table.rows) == len(found["series"]["time_s"]) == 2000 and len(table.headings) == 10
     # with a lead of 10 mm a motor turns 2 pi per 10 mm: power in is power out

@@ -131,7 +131,7 @@ def test_a_mode_is_followed_by_its_shape_where_frequencies_cross() -> None:
     )
     request, mechanism, model = request_of(spans, near)
     found = map_workspace(mechanism, model, request)
-    assert found is not None and found.crossings == ((1, 2),) and found.torn == 0
+    assert found is not None and found.crossings == ((1, 2),) and found.tracking_breaks == 0
     first, second = (found.quantities[f"f{number}_hz"] for number in (1, 2))
     assert (second - first).max() > 0.5 and (second - first).min() < -0.5
     # a mode changes smoothly along x; the lower of the two has an edge where they cross

@@ -116,7 +116,7 @@ def test_what_was_found_is_in_the_summary_and_in_the_results_file(tmp_path: Path
     summary = json.loads((tmp_path / "results" / "summary.json").read_text())["path"]
     assert [run["name"] for run in summary["feeds"]] == ["600 mm/min", "3000 mm/min"]
     assert summary["feeds"][1]["acceleration"] == pytest.approx(0.5, rel=1e-12)
-    assert [output["port"] for output in summary["feeds"][0]["outputs"]] == [
+    assert [output["dof"] for output in summary["feeds"][0]["outputs"]] == [
         ["tcp", "x"],
         ["tcp", "y"],
         ["tcp", "z"],
@@ -180,7 +180,7 @@ def test_a_rotary_axis_is_no_path(tmp_path: Path) -> None:
 def test_poses_are_followed_unless_the_scene_keeps_that_of_the_middle(tmp_path: Path) -> None:
     followed = run_path(tmp_path)
     assert followed.poses is not None
-    assert followed.poses.stations == 9
+    assert followed.poses.sampled_poses == 9
     assert followed.poses.error < 5e-5
     kept = run_path(tmp_path, SCENE.replace("on_request", 'pose_model = "frozen"\non_request'))
     assert kept.poses is None

@@ -163,7 +163,7 @@ def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_el
             SHAFT,
             SHAFT.replace('lead = "5 mm", ', ""),
             "joints.screw.screw",
-            "a coupling gives way along the thread only",
+            "a coupling deflects along the thread only",
         ),
         (
             SHAFT,
@@ -194,7 +194,7 @@ def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_el
             'axial = "100 N/um"',
             'axial = "rigid"',
             "joints.screw.stiffness.axial",
-            "the nut of a screw with a shaft gives way",
+            "the nut of a screw with a shaft has a compliance of its own",
         ),
         (
             '"slide.block", "bed.foot"',

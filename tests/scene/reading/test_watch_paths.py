@@ -8,7 +8,7 @@ SUMMARY = {
     "status": "done",
     "static": {
         "tcp": {"compliance_um_per_kN": [[1.0, 2.0], [3.0, 4.0]]},
-        "far end": {"sentence": "soft"},
+        "far end": {"text": "soft"},
     },
     "modal": [
         {"pose_name": "left", "frequencies_hz": [10.0, 20.0, 30.0], "rigid_count": 0},
@@ -22,7 +22,8 @@ SUMMARY = {
     [
         ("status", {"status": "done"}),
         ("static.tcp.compliance_um_per_kN[0][1]", {"static.tcp.compliance_um_per_kN[0][1]": 2.0}),
-        ('static."far end".sentence', {"static.far end.sentence": "soft"}),
+        ('static."far end".text', {"static.far end.text": "soft"}),
+        ('static."far end".sentence', {"static.far end.text": "soft"}),  # its name in format 1
         ("modal.frequencies_hz[-1]", {"modal.frequencies_hz[-1]": 30.0}),
         (
             "modal.frequencies_hz[0:2]",

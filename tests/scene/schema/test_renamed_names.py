@@ -1,12 +1,13 @@
 """Keys that have changed their name are refused under the old one, with the new one."""
 
+import re
 from pathlib import Path
 
 import pytest
 
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.reading.renamed_names import SCENE_KEYS
+from headstock.scene.reading.renamed_names import RESULT_KEYS, SCENE_KEYS
 from headstock.scene.schema.validation import known_keys, unknown_key
 
 SCENE = """\
@@ -77,3 +78,11 @@ def test_an_old_key_of_a_setting_is_refused(tmp_path: Path) -> None:
     path.write_text(SCENE)
     with pytest.raises(SceneError, match=r"(?s)--set .*write allow_locking"):
         load_scene(path, overrides=["components.bar.mesh.force=true"])
+
+
+def test_the_documented_table_is_the_one_of_the_code() -> None:
+    document = (Path(__file__).parents[3] / "docs/files.md").read_text()
+    rows = re.findall(r"^\| [^|]+ \| `([\w.]+)` \| `([\w.]+)` \|$", document, re.MULTILINE)
+    scene = [(old.partition(".")[2], new) for old, new in SCENE_KEYS.items()]
+    results = [pair for keys in RESULT_KEYS.values() for pair in keys.items()]
+    assert sorted(rows) == sorted(scene + results)

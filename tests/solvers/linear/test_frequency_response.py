@@ -346,17 +346,19 @@ def test_the_worst_real_part_and_the_softest_frequency_are_those_of_one_mass() -
     )
     (figures,) = find_stability_figures(model, response)
     stiffness = system.stiffness[0, 0]
-    assert figures.worst_real == pytest.approx(
+    assert figures.most_negative_real == pytest.approx(
         -1.0 / (4.0 * zeta * (1.0 + zeta) * stiffness), rel=1e-9
     )
-    assert figures.worst_real_hz == pytest.approx(80.0 * np.sqrt(1.0 + 2.0 * zeta), rel=1e-5)
-    assert figures.chatter_stiffness == pytest.approx(
-        2.0 * zeta * (1.0 + zeta) * stiffness, rel=1e-9
+    assert figures.most_negative_real_hz == pytest.approx(
+        80.0 * np.sqrt(1.0 + 2.0 * zeta), rel=1e-5
     )
-    assert figures.softest == pytest.approx(
+    assert figures.chatter_limit == pytest.approx(2.0 * zeta * (1.0 + zeta) * stiffness, rel=1e-9)
+    assert figures.minimum_dynamic_stiffness == pytest.approx(
         2.0 * zeta * np.sqrt(1.0 - zeta**2) * stiffness, rel=1e-9
     )
-    assert figures.softest_hz == pytest.approx(80.0 * np.sqrt(1.0 - 2.0 * zeta**2), rel=1e-5)
+    assert figures.minimum_dynamic_stiffness_hz == pytest.approx(
+        80.0 * np.sqrt(1.0 - 2.0 * zeta**2), rel=1e-5
+    )
 
 
 @pytest.mark.parametrize("hz", [np.nan, np.inf])

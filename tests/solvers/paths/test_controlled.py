@@ -43,7 +43,7 @@ def test_at_constant_speed_it_lags_by_the_speed_over_kv_and_the_parts_add_up() -
     np.testing.assert_allclose(found.total[steady], -0.05 / 40.0, rtol=1e-6)
     np.testing.assert_allclose(found.quasi_static[steady], -0.05 / 40.0, rtol=1e-9)
     np.testing.assert_allclose(
-        found.total, found.quasi_static + found.sway + found.dynamic, atol=1e-15
+        found.total, found.quasi_static + found.low_frequency + found.dynamic, atol=1e-15
     )
     assert np.abs(found.total[-1]).max() < 1e-7
 

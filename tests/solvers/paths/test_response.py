@@ -77,13 +77,13 @@ def test_a_mass_on_a_spring_follows_its_closed_form_whatever_the_sampling(
 def test_the_parts_add_up_and_the_quasi_static_one_is_inertia_over_stiffness() -> None:
     found = solve_path(oscillator(soft_hz=1.2), MODEL, MOVE, sample_times(MOVE, 2500.0, 0.3))
     np.testing.assert_allclose(
-        found.quasi_static + found.sway + found.dynamic, found.total, atol=1e-22
+        found.quasi_static + found.low_frequency + found.dynamic, found.total, atol=1e-22
     )
     # on the soft mount the base is accelerated too: the spring carries the reduced mass
     plateau = found.quasi_static[100, 0]
     assert plateau == pytest.approx(-0.5 * 600.0 / 635.0 / OMEGA**2, rel=1e-3)
-    assert np.abs(found.sway).max() > 0.0
-    assert np.abs(solve_path(oscillator(), MODEL, MOVE, found.times).sway).max() == 0.0
+    assert np.abs(found.low_frequency).max() > 0.0
+    assert np.abs(solve_path(oscillator(), MODEL, MOVE, found.times).low_frequency).max() == 0.0
 
 
 def test_five_times_the_feed_deviates_five_times_as_far() -> None:
@@ -127,6 +127,6 @@ def test_a_low_pass_keeps_what_is_slow_and_takes_what_is_fast(kind: str) -> None
     late = slow if kind == "zero_phase" else np.roll(slow, 3, axis=0)
     np.testing.assert_allclose(found.total[middle], late[middle], atol=0.03)
     np.testing.assert_allclose(
-        found.quasi_static + found.sway + found.dynamic, found.total, atol=1e-15
+        found.quasi_static + found.low_frequency + found.dynamic, found.total, atol=1e-15
     )
     assert np.abs(found.dynamic[middle]).max() < 5e-3

@@ -102,7 +102,7 @@ def test_where_nothing_changes_the_answer_is_the_frozen_one() -> None:
         place_bare(0.0), PathModel(SOURCE, (TIP,), MODEL.slow_hz), MOVE, found.times
     )
     size = np.abs(frozen.total).max()
-    for part in ("total", "quasi_static", "sway", "dynamic"):
+    for part in ("total", "quasi_static", "low_frequency", "dynamic"):
         np.testing.assert_allclose(getattr(found, part), getattr(frozen, part), atol=1e-9 * size)
 
 
@@ -144,7 +144,7 @@ def test_a_break_between_samples_is_met() -> None:
 def test_parts_add_up_and_the_quasi_static_one_is_that_of_the_pose() -> None:
     found = solve(follow())
     np.testing.assert_allclose(
-        found.quasi_static + found.sway + found.dynamic, found.total, atol=1e-18
+        found.quasi_static + found.low_frequency + found.dynamic, found.total, atol=1e-18
     )
     number = int(np.searchsorted(found.times, 0.17))
     position = float(sample_move(MOVE, found.times[number : number + 1]).positions[0])

@@ -39,7 +39,7 @@ def test_a_prior_counts_as_one_more_measurement() -> None:
     assert found.sigmas**2 == pytest.approx(np.diag(np.linalg.inv(information)))
     share = (LINE.T @ LINE)[1, 1] / information[1, 1]
     assert found.freedom == pytest.approx(20.0 - 1.0 - share)
-    assert found.seen[1] == pytest.approx(share, rel=1e-2)
+    assert found.data_share[1] == pytest.approx(share, rel=1e-2)
 
 
 def test_a_sum_that_alone_is_seen_leaves_the_difference_blind() -> None:
@@ -52,7 +52,7 @@ def test_a_sum_that_alone_is_seen_leaves_the_difference_blind() -> None:
     ) == pytest.approx({"b": np.sqrt(0.5), "a": -np.sqrt(0.5)})
     assert blind.spread > 1e6
     assert np.isinf(found.sigmas).all()
-    assert found.seen == pytest.approx([0.5, 0.5], abs=1e-3)
+    assert found.data_share == pytest.approx([0.5, 0.5], abs=1e-3)
 
 
 def test_priors_make_a_blind_direction_finite_and_leave_it_blind() -> None:

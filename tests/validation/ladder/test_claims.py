@@ -43,9 +43,9 @@ def rungs(
 
 def test_a_limit_holds_from_the_ndof_it_is_claimed_from() -> None:
     ladder = rungs("segmented", TWIST, {12: 0.5, 30: -0.09, 60: 0.01})
-    assert present(Statement(ladder, "", [TWIST]).below(0.10, above=30)).held
+    assert present(Statement(ladder, "", [TWIST]).below(0.10, above=30)).confirmed
     broken = present(Statement(ladder, "", [TWIST]).below(0.10, above=12))
-    assert not broken.held
+    assert not broken.confirmed
     assert broken.decides == "dx(Mc) +50 % at nDOF 12 (segmented)"
     assert broken.figure == 6
 
@@ -53,7 +53,7 @@ def test_a_limit_holds_from_the_ndof_it_is_claimed_from() -> None:
 def test_a_limit_that_a_right_model_cannot_meet_names_the_reference() -> None:
     off = BEAM.references["Y2"].solid / BEAM.references["Y2"].analytic - 1.0
     claim = present(Statement(rungs("hex27", "Y2", {300: off}, "modal"), "", ["Y2"]).below(0.15))
-    assert not claim.held
+    assert not claim.confirmed
     assert "converged 3D elasticity itself lies at -16.04 %" in claim.note
     assert "shear" in claim.note
 
@@ -61,24 +61,24 @@ def test_a_limit_that_a_right_model_cannot_meet_names_the_reference() -> None:
 def test_a_missing_mode_counts_against_a_limit() -> None:
     assert not present(
         Statement(rungs("hex8", "X3", {30: math.nan, 60: 0.01}, "modal"), "", ["X3"]).below(0.2)
-    ).held
+    ).confirmed
     missing = present(
         Statement(
             rungs("hex8", "X3", {30: math.nan, 60: 0.01}, "modal"), "", ["X3"]
         ).coarsest_lacks()
     )
-    assert missing.held
+    assert missing.confirmed
     assert missing.value is None
     assert not present(
         Statement(rungs("hex8", "X3", {60: 0.01}, "modal"), "", ["X3"]).coarsest_lacks()
-    ).held
+    ).confirmed
 
 
 def test_what_stays_above_a_limit_stays_there_in_every_model_of_the_range() -> None:
     ladder = rungs("tet4", TWIST, {100: -0.9, 1000: -0.75, 9000: -0.6, 90000: -0.1})
-    assert present(Statement(ladder, "", [TWIST]).exceeds(0.7, above=0, below=2000)).held
+    assert present(Statement(ladder, "", [TWIST]).exceeds(0.7, above=0, below=2000)).confirmed
     fallen = present(Statement(ladder, "", [TWIST]).exceeds(0.7, above=0, below=1e4))
-    assert not fallen.held
+    assert not fallen.confirmed
     assert fallen.decides == "dx(Mc) -60 % at nDOF 9000 (tet4); larger before"
 
 
@@ -88,47 +88,47 @@ def test_what_only_the_coarsest_model_shows_says_where_it_ends() -> None:
             rungs("hex8", TWIST, {100: -0.9, 1000: -0.75, 9000: -0.6}), "", [TWIST]
         ).coarsest_exceeds(0.7)
     )
-    assert claim.held
+    assert claim.confirmed
     assert claim.note == "no longer from nDOF 9000 on"
     assert not present(
         Statement(rungs("hex8", TWIST, {100: -0.6}), "", [TWIST]).coarsest_exceeds(0.7)
-    ).held
+    ).confirmed
 
 
 def test_deviations_between_two_limits() -> None:
     assert present(
         Statement(rungs("tet10", TWIST, {100: -0.3, 1000: 0.13}), "", [TWIST]).between(0.12, 0.40)
-    ).held
+    ).confirmed
     outside = present(
         Statement(rungs("tet10", TWIST, {100: -0.3, 1000: 0.05}), "", [TWIST]).between(0.12, 0.40)
     )
-    assert not outside.held
+    assert not outside.confirmed
     assert outside.value == pytest.approx(0.05)
 
 
 def test_deviations_that_shrink_grow_or_stay() -> None:
     assert present(
         Statement(rungs("segmented", TWIST, {12: 0.3, 30: -0.1, 60: 0.05}), "", [TWIST]).shrinks()
-    ).held
+    ).confirmed
     grown = present(
         Statement(rungs("segmented", TWIST, {12: 0.1, 30: -0.13}), "", [TWIST]).shrinks()
     )
-    assert not grown.held
+    assert not grown.confirmed
     assert grown.value == pytest.approx(0.03)
     still = present(
         Statement(rungs("segmented", TWIST, {12: 0.03, 30: 0.03}), "", [TWIST]).shrinks()
     )
-    assert still.held
+    assert still.confirmed
     assert "nothing is left to shrink" in still.note
 
 
 def test_deviations_that_are_almost_constant_stay_within_a_band() -> None:
     ladder = rungs("segmented", TWIST, {12: 0.5, 60: 0.031, 90: 0.030, 420: 0.028})
     flat = present(Statement(ladder, "flat", [TWIST]).constant(0.01, above=60))
-    assert flat.held
+    assert flat.confirmed
     assert flat.value == pytest.approx(0.003)
-    assert not present(Statement(ladder, "flat", [TWIST]).constant(0.002, above=60)).held
-    assert not present(Statement(ladder, "flat", [TWIST]).constant(0.01, above=12)).held
+    assert not present(Statement(ladder, "flat", [TWIST]).constant(0.002, above=60)).confirmed
+    assert not present(Statement(ladder, "flat", [TWIST]).constant(0.01, above=12)).confirmed
     assert Statement(ladder, "flat", [TWIST]).constant(0.01, above=400) is None, (
         "one model shows nothing"
     )
@@ -139,9 +139,9 @@ def test_one_kind_deviates_less_than_another_in_a_range_of_ndof() -> None:
         rungs("segmented", "X2", {30: 0.4, 60: -0.1, 96: 0.05, 150: 0.3}, "modal"),
         rungs("hex8", "X2", {54: 0.2, 90: 0.08}, "modal"),
     )
-    assert present(Statement(few, "", ["X2"]).smaller_than(many, above=40, below=100)).held
+    assert present(Statement(few, "", ["X2"]).smaller_than(many, above=40, below=100)).confirmed
     wider = present(Statement(few, "", ["X2"]).smaller_than(many, above=40, below=300))
-    assert not wider.held
+    assert not wider.confirmed
     assert "nDOF 150" in wider.decides
     assert (
         Statement(rungs("segmented", "X2", {96: 0.05}, "modal"), "", ["X2"]).smaller_than(
@@ -150,7 +150,9 @@ def test_one_kind_deviates_less_than_another_in_a_range_of_ndof() -> None:
         is None
     )
     lacking = rungs("segmented", "X2", {60: math.nan, 96: 0.01}, "modal")
-    assert not present(Statement(lacking, "", ["X2"]).smaller_than(many, above=40, below=100)).held
+    assert not present(
+        Statement(lacking, "", ["X2"]).smaller_than(many, above=40, below=100)
+    ).confirmed
 
 
 def test_two_kinds_of_models_are_compared_at_about_equal_ndof() -> None:
@@ -158,13 +160,13 @@ def test_two_kinds_of_models_are_compared_at_about_equal_ndof() -> None:
         rungs("segmented", TWIST, {30: 0.2, 100: 0.02}),
         rungs("hex8", TWIST, {110: 0.05, 900: 0.01}),
     )
-    assert present(Statement(many, "", [TWIST]).like(few, 0.05, above=100)).held
+    assert present(Statement(many, "", [TWIST]).like(few, 0.05, above=100)).confirmed
     assert present(Statement(many, "", [TWIST]).like(few, 0.05, above=100)).value == pytest.approx(
         0.03
     )
-    assert not present(Statement(many, "", [TWIST]).like(few, 0.02, above=100)).held
-    assert present(Statement(few, "", [TWIST]).softer_than(many)).held
-    assert not present(Statement(many, "", [TWIST]).softer_than(few)).held
+    assert not present(Statement(many, "", [TWIST]).like(few, 0.02, above=100)).confirmed
+    assert present(Statement(few, "", [TWIST]).softer_than(many)).confirmed
+    assert not present(Statement(many, "", [TWIST]).softer_than(few)).confirmed
 
 
 def test_how_many_times_the_dofs_one_kind_needs() -> None:
@@ -174,16 +176,16 @@ def test_how_many_times_the_dofs_one_kind_needs() -> None:
     )
     assert ndof_within(many, [TWIST], 0.1) == 900
     claim = present(Statement(many, "", [TWIST]).costlier_than(few, 0.1, least=30.0))
-    assert claim.held
+    assert claim.confirmed
     assert claim.value == pytest.approx(30.0)
     never = present(Statement(many, "", [TWIST]).costlier_than(few, 0.1, least=31.0))
-    assert not never.held
+    assert not never.confirmed
     out_of_reach = present(
         Statement(rungs("hex8", TWIST, {90: 0.3, 1200: 0.2}), "", [TWIST]).costlier_than(
             few, 0.1, least=30.0
         )
     )
-    assert out_of_reach.held
+    assert out_of_reach.confirmed
     assert "more than 1200" in out_of_reach.decides
 
 
@@ -193,9 +195,9 @@ def test_what_is_reached_is_reached_by_the_largest_model() -> None:
         Statement(rungs("tet10", SHEAR, {900: 0.5, 9000: solid + 0.001}), "", [SHEAR]).reaches(
             3e-3, against="solid"
         )
-    ).held
+    ).confirmed
     assert not present(
         Statement(rungs("tet10", SHEAR, {900: solid, 9000: solid + 0.01}), "", [SHEAR]).reaches(
             3e-3, against="solid"
         )
-    ).held
+    ).confirmed
