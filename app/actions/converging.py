@@ -27,6 +27,7 @@ from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.components.cad_survey import survey_step
 from headstock.meshing.errors import MeshError
 from headstock.meshing.step_units import doubt_size
+from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import (
     claim_output,
@@ -46,6 +47,7 @@ from headstock.studies.parameters.convergence import (
     measure_fields,
     plan_study,
     run_convergence,
+    show_count,
 )
 from headstock.studies.parameters.features import MeshAdvice, try_features
 from headstock.studies.parameters.limits import MeshNeed, find_need
@@ -83,7 +85,7 @@ def converge_request(request: ConvergeRequest, comm: MPI.Comm) -> int:
     require_ranks(request.ranks, comm)
     folder = request.output or Path("results") / f"{request.scene.path.stem}-converge"
     chosen = make_on_root(comm, lambda: _choose_scene(request, folder))
-    job, series = make_on_root(comm, lambda: _make_job(chosen, retry=request.retry))
+    job, series = make_on_root(comm, lambda: _make_job(chosen, request.goal, retry=request.retry))
     with claim_output(folder, FILES) if comm.rank == 0 else contextlib.nullcontext():
         found = run_convergence(job, series, request.goal, folder, comm=comm, observer=print_mesh)
         trials = try_features(
@@ -118,11 +120,14 @@ def _choose_scene(request: ConvergeRequest, folder: Path) -> SceneChoice:
     return SceneChoice(folder / name, chosen.variant, chosen.overrides, chosen.analyses)
 
 
-def _make_job(chosen: SceneChoice, *, retry: bool) -> tuple[StudyJob, MeshSeries]:
+def _make_job(
+    chosen: SceneChoice, goal: ConvergenceGoal, *, retry: bool
+) -> tuple[StudyJob, MeshSeries]:
     content = hash_scene(chosen.path) if chosen.path.is_file() else ""
     scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
     analyses = [name for name in WATCHED if getattr(scene.analyses, name) is not None]
     series = _check_scene(scene, chosen.path, analyses)
+    _check_first_mesh(chosen, series, goal)
     job = StudyJob(
         path=chosen.path,
         study=plan_study(analyses),
@@ -155,6 +160,31 @@ def _check_scene(scene: Scene, path: Path, analyses: list[str]) -> MeshSeries:
     if not series.parts:
         raise click.UsageError(f"{path} has no mesh to refine: {_describe_parts(scene)}")
     return series
+
+
+def _check_first_mesh(chosen: SceneChoice, series: MeshSeries, goal: ConvergenceGoal) -> None:
+    """See that the coarsest mesh is no larger than the finest may be.
+
+    Raises:
+        click.UsageError: It is.
+        BudgetError: It does not fit the limits of the scene.
+    """
+    coarsest = load_scene(
+        chosen.path,
+        variant=chosen.variant,
+        overrides=chosen.overrides,
+        values=series.settings(series.factors[0]),
+    )
+    stages = plan_scene(coarsest, survey=True).stages
+    dofs = sum(stage.estimated_dofs or 0 for stage in stages if stage.kind == "mesh")
+    if dofs > goal.most_dofs:
+        sizes = ", ".join(
+            f"{name} {size}" for name, size in series.sizes(series.factors[0]).items()
+        )
+        raise click.UsageError(
+            f"the first and coarsest mesh ({sizes}) would have about {show_count(dofs)} dofs, and --most-dofs is {goal.most_dofs}: "
+            f"allow ten times the {show_count(dofs)}, so that finer meshes can follow, or write larger sizes under mesh of these components"
+        )
 
 
 def _describe_parts(scene: Scene) -> str:

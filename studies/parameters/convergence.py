@@ -289,6 +289,8 @@ def _find_end(found: Convergence, records: Sequence[StudyRecord], goal: Converge
     if number == len(found.series.factors):
         return f"{number} meshes are the most that are tried"
     costs, factor = found.costs, found.series.factors[number]
+    if costs.dofs[-1] > goal.most_dofs:
+        return f"the last mesh has {costs.dofs[-1]} dofs already; --most-dofs is {goal.most_dofs}"
     dofs = estimate_dofs(costs, factor)
     seconds = estimate_cost(costs.dofs, costs.seconds, dofs, TIME_SLOPE)
     if dofs > goal.most_dofs:

@@ -278,10 +278,11 @@ def _needed_factor(
         math.inf if error is None else abs(error) + doubt
         for error in relative_errors(series, limit)
     ]
+    if not math.isfinite(errors[-1]):
+        return factors[-1] / FAR, "far"
     if errors[-1] > accuracy:
         order = CAUTIOUS_ORDER if limit.order is None else limit.order
-        share = accuracy / errors[-1] if math.isfinite(errors[-1]) else 0.0
-        return factors[-1] * share ** (1.0 / order), "beyond"
+        return factors[-1] * (accuracy / errors[-1]) ** (1.0 / order), "beyond"
     good = len(list(itertools.takewhile(lambda error: error <= accuracy, reversed(errors))))
     if good == len(errors):
         return factors[0], "coarsest"

@@ -206,3 +206,23 @@ def test_a_map_shared_out_over_ranks_is_that_of_one(tmp_path: Path) -> None:
         assert done.returncode == 0, done.stdout + done.stderr
         found.append(json.loads((folder / "summary.json").read_text())["map"])
     assert found[0] == found[1] and len(found[0]["quantities"]["f1_hz"]) == 5
+
+
+def test_finer_and_finer_meshes_on_two_ranks_say_what_they_say_on_one(
+    scene_file: Path, tmp_path: Path
+) -> None:
+    found = []
+    for ranks in (1, 2):
+        folder = tmp_path / f"converge{ranks}"
+        words = ("converge", str(scene_file), "-o", str(folder), "--most-dofs", "9000")
+        program = ("-m", "mpi4py", "-m", "headstock.app.command_line", *words)
+        done = run_on_ranks(ranks, tmp_path, *program)
+        assert done.returncode == 0, done.stdout + done.stderr
+        found.append(json.loads((folder / "convergence.json").read_text()))
+    one, two = found
+    assert len(one["meshes"]) >= 2
+    assert [mesh["dofs"] for mesh in one["meshes"]] == [mesh["dofs"] for mesh in two["meshes"]]
+    for place in range(len(one["meshes"])):
+        # a square column: of two equal frequencies either may be the first
+        mine, other = (sorted(each["values"][place] for each in run["numbers"]) for run in found)
+        assert mine == pytest.approx(other, rel=1e-8)

@@ -35,6 +35,21 @@ at = "tcp"
 count = 5
 """
 
+ARM = """
+[components.arm]
+solid = { box = ["30 mm", "30 mm", "150 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "200 mm"]
+mesh = { size = "15 mm", cells = "hex" }
+[components.arm.interfaces]
+root = { face = "z-" }
+tip = { face = "z+", coupling = "average" }
+[joints.flange]
+between = ["part.tip", "arm.root"]
+kind = "spring"
+stiffness = { x = "80 N/um", y = "80 N/um", z = "200 N/um", rx = "200 kN m/rad", ry = "200 kN m/rad", rz = "100 kN m/rad" }
+[joints.clamp]"""
+
 
 @pytest.fixture
 def scene_file(tmp_path: Path) -> Path:
@@ -78,6 +93,46 @@ def test_limits_cover_a_fine_mesh_of_another_kind_and_the_needed_mesh_is_as_good
     assert need["accuracy"] == 0.01
     tried = frequencies(scene_file, tmp_path / "tried", need["sizes"]["part"])
     assert max(abs(a / b - 1.0) for a, b in zip(tried, truth, strict=True)) <= 0.013
+
+
+def test_meshes_of_several_parts_shrink_together_and_limits_cover_a_finer_mesh(
+    scene_file: Path, tmp_path: Path
+) -> None:
+    scene_file.write_text(SCENE.replace("part.tip", "arm.tip").replace("[joints.clamp]", ARM))
+    found = converge(scene_file, tmp_path / "out", "--most-dofs", "8000")
+    sizes = [mesh["sizes"] for mesh in found["meshes"]]
+    assert sizes[0] == {"part": "40 mm", "arm": "30 mm"}
+    assert sizes[-1] == {"part": "14.1 mm", "arm": "10.6 mm"}
+    assert set(found["needs"][0]["sizes"]) == {"part", "arm"}
+    fine = ("--set", "components.arm.mesh.size=7.5 mm")
+    truth = frequencies(scene_file, tmp_path / "fine", "10 mm", *fine)
+    numbers = {number["name"]: number for number in found["numbers"]}
+    for place, hz in enumerate(truth):
+        number = numbers[f"f{place + 1}"]
+        assert number["limit_error"] is not None
+        assert abs(number["limit"] - hz) <= number["limit_error"] + 1e-3 * hz
+
+
+def test_a_first_mesh_above_the_most_dofs_is_refused_before_anything_is_computed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["converge", str(DATA / "support.step"), "-o", str(tmp_path / "out")]
+    assert main([*words, "--most-dofs", "5000"]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "the first and coarsest mesh (part 5.14 mm) would have about 37 000 dofs" in said
+    assert "--most-dofs is 5000" in said and "write larger sizes" in said
+    assert not (tmp_path / "out" / POINTS_FILE).exists()
+
+
+def test_memory_that_the_next_mesh_has_not_ends_the_series_with_what_was_found(
+    scene_file: Path, tmp_path: Path
+) -> None:
+    limit = ("--set", "limits.memory=200 MB", "--set", "components.part.mesh.size=10 mm")
+    found = converge(scene_file, tmp_path / "out", *limit)
+    assert found["meshes"]
+    assert "the next mesh does not fit: BudgetError" in found["end"]
+    assert "limits.memory allows 200 MB" in found["end"]
+    assert len(found["numbers"]) == 8
 
 
 def test_a_second_call_computes_nothing_again_and_files_hold_what_is_printed(

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from headstock.studies.parameters.limits import (
+    Limit,
     MeshCosts,
     WatchedSeries,
     find_limit,
@@ -87,6 +88,11 @@ def test_the_mesh_that_an_accuracy_takes_is_read_between_and_beyond_the_meshes()
     assert beyond.seconds == pytest.approx(0.5 * 10.0**2, rel=0.25)
     assert find_need(0.2, COSTS, series, limits).reach == "coarsest"
     assert find_need(1e-5, COSTS, series, limits).reach == "far"
+
+
+def test_nobody_can_tell_the_mesh_for_a_number_whose_error_is_unknown() -> None:
+    series = [make_series([None, None, None, None, 100.0])]
+    assert find_need(0.01, COSTS, series, [Limit(100.0, None)]).reach == "far"
 
 
 def test_the_number_that_takes_the_finest_mesh_decides() -> None:
