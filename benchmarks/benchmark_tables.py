@@ -104,10 +104,10 @@ def ratio_lines(runs: Sequence[Run], size: str) -> list[str]:
             rows.append(
                 [f"{name} / headstock", _chosen(runs, size, name, modes)[0].failure, "", ""]
             )
-        elif name == "floor":
+        elif name == "minimum":
             rows.append(
                 [
-                    "headstock / floor",
+                    "headstock / minimum",
                     *(f"{own[key] / other[key]:.2f}" for key in ("seconds", "cpu", "peak_mb")),
                 ]
             )

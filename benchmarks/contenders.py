@@ -223,7 +223,7 @@ CONTENDERS: dict[str, Callable[[Path, int], Result]] = {
     "headstock": run_headstock,
     "headstock, Krylov-Schur": run_krylov_schur,
     "reduce stage": run_stage,
-    "floor": run_floor,
+    "minimum": run_floor,
     "scipy + SuperLU": run_superlu,
     "scipy + CHOLMOD": run_cholmod,
     "Exudyn": run_exudyn,

@@ -36,7 +36,7 @@ MODES = 20
 MANY_MODES = 60
 MANY_MODES_SIZE = "100k"
 PEERS = ("scipy + CHOLMOD", "scipy + SuperLU", "Exudyn")
-OWN = ("headstock", "headstock, Krylov-Schur", "reduce stage", "floor")
+OWN = ("headstock", "headstock, Krylov-Schur", "reduce stage", "minimum")
 # eigsh to machine precision on another solver: the reference of the frequencies
 TIGHT = "scipy + CHOLMOD"
 SPARE_BYTES = 1 << 30
@@ -88,7 +88,7 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
         "--repeats",
         type=int,
         default=3,
-        help="repeats of Headstock and the floor, median taken [3]",
+        help="repeats of Headstock and the minimum, median taken [3]",
     )
     parser.add_argument(
         "--peers", default=",".join(PEERS), help=f"comma-separated, of {', '.join(PEERS)} [all]"

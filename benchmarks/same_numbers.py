@@ -271,7 +271,7 @@ CASES = (
     Case(
         "new", ("new first", "check first/first.toml", "new part --part machines/step_column.step")
     ),
-    Case("validate", ("validate seed-cantilever-theory torsion-constant --json rows.json",)),
+    Case("validate", ("validate kono-cantilever-theory torsion-constant --json rows.json",)),
     Case(
         "validate_more",
         (

@@ -10,8 +10,8 @@ from headstock.geometry.machine.machine import show_position
 from headstock.studies.sweeps.files import SweepSummary
 
 FIGURE_TITLES = {
-    "minimum_dynamic_stiffness_N_per_um": ("smallest dynamic stiffness", "N/µm"),
-    "minimum_dynamic_stiffness_hz": ("frequency of the smallest dynamic stiffness", "Hz"),
+    "minimum_dynamic_stiffness_N_per_um": ("minimum dynamic stiffness", "N/µm"),
+    "minimum_dynamic_stiffness_hz": ("frequency of the minimum dynamic stiffness", "Hz"),
     "chatter_limit_N_per_um": ("chatter limit -1/(2 Re)", "N/µm"),
 }
 

@@ -232,7 +232,7 @@ PORT_COLUMNS: tuple[Column[PortSummary], ...] = (
     ),
     Column(
         lambda row: row["most_negative_real_um_per_kN"],
-        screen=">worst Re µm/kN",
+        screen=">min. Re µm/kN",
         report="most negative real part [µm/kN]",
         show=_show_four,
         error=lambda row: row.get("most_negative_real_error_um_per_kN"),
@@ -248,8 +248,8 @@ PORT_COLUMNS: tuple[Column[PortSummary], ...] = (
     ),
     Column(
         lambda row: row["minimum_dynamic_stiffness_N_per_um"],
-        screen=">least N/µm",
-        report="smallest dynamic stiffness [N/µm]",
+        screen=">min. N/µm",
+        report="minimum dynamic stiffness [N/µm]",
         show=_show_four,
     ),
     Column(

@@ -154,7 +154,7 @@ def _check_beam(beam: LadderBeam, scene: Scene) -> Component:
     if not right or not np.allclose(own, wanted, rtol=SAME, atol=0.0):
         sides = " x ".join(f"{1e3 * side:g}" for side in beam.size)
         raise LadderError(
-            f"{scene.path} is held against {beam.name}, which is one box of {sides} mm with E = {beam.material.youngs_modulus:g} Pa, "
+            f"{scene.path} is compared with {beam.name}, which is one box of {sides} mm with E = {beam.material.youngs_modulus:g} Pa, "
             f"nu = {beam.material.poisson_ratio:g}, rho = {beam.material.density:g} kg/m^3; take those, or vary without `reference`"
         )
     return components[0]

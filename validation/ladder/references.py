@@ -85,7 +85,7 @@ class LadderBeam:
 def cantilever_references() -> dict[str, LadderReference]:
     """Six loads and six modes of the column clamped at its foot."""
     thin, wide = CANTILEVER, turn_section(CANTILEVER)
-    solid = list(reference_case("seed-cantilever-static").values.values())
+    solid = list(reference_case("kono-cantilever-static").values.values())
     twist = cantilever_twist(thin, MOMENT) * thin.width / 2.0
     moment_y, moment_x = (cantilever_moment_deflection(beam, MOMENT) for beam in (wide, thin))
     extension = axial_extension(thin, FORCE)
@@ -129,7 +129,7 @@ def cantilever_references() -> dict[str, LadderReference]:
         ("X3", slender_x[2], deep_x[2], SHEAR_AND_ROTARY),
     ]
     return _by_name(
-        found + _modal_references(modal, list(reference_case("seed-cantilever").values.values()))
+        found + _modal_references(modal, list(reference_case("kono-cantilever").values.values()))
     )
 
 
@@ -141,7 +141,7 @@ def fixed_beam_references() -> dict[str, LadderReference]:
     bending, sheared = fixed_beam_deflection(flat, FORCE), fixed_beam_shear_deflection(flat, FORCE)
     twist = fixed_beam_twist(flat, FORCE * OFFSET)
     high, tilt = OFFSET * twist, flat.depth / 2.0 * twist
-    solid = reference_case("seed-fixed-beam-static").values
+    solid = reference_case("kono-fixed-beam-static").values
     at, above = "dx(Fx), h_F = 0", "dx(Fx), h_F = 100 mm"
     both = f"{WARPING}; {SHEAR}; a section this wide bends like a plate"
     wide = f"{SHEAR}; a section this wide bends like a plate"
@@ -173,7 +173,7 @@ def fixed_beam_references() -> dict[str, LadderReference]:
     ]
     return _by_name(
         found
-        + _modal_references(modal, list(reference_case("seed-fixed-beam").values.values())[:3])
+        + _modal_references(modal, list(reference_case("kono-fixed-beam").values.values())[:3])
     )
 
 

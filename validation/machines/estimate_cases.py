@@ -132,7 +132,7 @@ def keep_fewer(element: Superelement, count: int) -> Superelement:
 
 
 def clamped_beam() -> Specimen:
-    """The seed's column on a stiff clamp, rigid faces."""
+    """The column of Kono et al. on a stiff clamp, rigid faces."""
     interfaces = {
         name: face_interface(name, face, "rigid") for name, face in (("foot", "z-"), ("tip", "z+"))
     }
@@ -188,7 +188,7 @@ def ribbed_plate() -> Specimen:
 
 
 def free_pair() -> Specimen:
-    """Two of the seed's columns, one on the other, with nothing to hold them: six rigid motions."""
+    """Two of the column of Kono et al.s, one on the other, with nothing to hold them: six rigid motions."""
     lower = column(
         mesh_settings("hex27", 0.05),
         {

@@ -1,4 +1,4 @@
-"""Second roads to the deviation from a path: absolute coordinates, every pose coupled anew, and
+"""Independent methods for the deviation from a path: absolute coordinates, every pose coupled anew, and
 integrators of others.
 
 Nothing is shared with the first road behind the joints' springs and the components' matrices: no
@@ -239,8 +239,10 @@ def check_path_roads() -> list[ValidationRow]:
         float(np.abs(other - second).max() / np.abs(second).max()) for other in (first, frozen)
     )
     return [
-        judge_bound("path-roads", "z of the TCP, two roads", apart, ROADS_TOLERANCE),
-        show("path-roads", "z of the TCP, pose of the start kept", kept, "-"),
+        judge_bound(
+            "path-cross-check", "z of the TCP, two independent methods", apart, ROADS_TOLERANCE
+        ),
+        show("path-cross-check", "z of the TCP, pose of the start frozen", kept, "-"),
     ]
 
 
@@ -288,7 +290,9 @@ def _judge_variant(name: str, found: PathResult) -> list[ValidationRow]:
                 CASE, f"{name}: quasi-static part, {zone}", abs(MICRO * figures.quasi_static), "um"
             )
         )
-        rows.append(show(CASE, f"{name}: ringing, {zone}", MICRO * figures.dynamic, "um"))
+        rows.append(
+            show(CASE, f"{name}: residual vibration, {zone}", MICRO * figures.dynamic, "um")
+        )
         rows.append(
             show(
                 CASE,

@@ -101,11 +101,21 @@ def check_contouring(comm: MPI.Comm) -> list[ValidationRow]:
     sag = 1e6 * np.abs(run.sag[:, 0])
     rows.append(
         show(
-            case, "gravity sag along x, least", float(sag.min()), "um", "subtracted from every gap"
+            case,
+            "deflection under gravity along x, minimum",
+            float(sag.min()),
+            "um",
+            "subtracted from every gap",
         )
     )
     rows.append(
-        show(case, "gravity sag along x, most", float(sag.max()), "um", "subtracted from every gap")
+        show(
+            case,
+            "deflection under gravity along x, maximum",
+            float(sag.max()),
+            "um",
+            "subtracted from every gap",
+        )
     )
     return rows
 
@@ -130,7 +140,7 @@ def check_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
             "linear off the nonlinear motion of the tool, of its whole deflection",
             share,
             0.01,
-            "gravity sag included",
+            "deflection under gravity included",
         ),
         judge_bound(
             case,

@@ -115,7 +115,7 @@ def check_leg_roads(comm: MPI.Comm) -> list[ValidationRow]:
     """Finite-element and segmented legs against beam elements in a model of their own; stiff legs
     against the lumped model.
     """
-    case, rows = "tripteor-leg-roads", []
+    case, rows = "tripteor-leg-models", []
     segmented, meshed, stiff = (
         load_legs(name)
         for name in ("elastic_legs+segmented", "elastic_legs", "stiff_legs+segmented")

@@ -109,7 +109,7 @@ def beam_mode_kinds(points: FloatArray, shapes: FloatArray, axis: int) -> list[s
 
 
 def check_cantilever_modes(comm: MPI.Comm) -> list[ValidationRow]:
-    """Six natural frequencies of the seed's column with tet10 and hex27, and what beam theories
+    """Six natural frequencies of the column of Kono et al. with tet10 and hex27, and what beam theories
     make of them.
     """
     along_x, along_y = CANTILEVER, turn_section(CANTILEVER)
@@ -134,7 +134,7 @@ def check_cantilever_modes(comm: MPI.Comm) -> list[ValidationRow]:
         ("Vlasov", 3, float(clamped_free_torsion(along_x, 1)[0]), THIN_WALLED),
     ]
     return _modal_rows(
-        "seed-cantilever",
+        "kono-cantilever",
         column,
         ("z-",),
         sizes=COLUMN_SIZES,
@@ -145,7 +145,7 @@ def check_cantilever_modes(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_fixed_beam_modes(comm: MPI.Comm) -> list[ValidationRow]:
-    """Six natural frequencies of the seed's fixed beam with tet10 and hex27, and what beam theories
+    """Six natural frequencies of the fixed beam of Kono et al. with tet10 and hex27, and what beam theories
     make of them.
     """
     flat, upright = FIXED_BEAM, turn_section(FIXED_BEAM)
@@ -175,7 +175,7 @@ def check_fixed_beam_modes(comm: MPI.Comm) -> list[ValidationRow]:
         ("Vlasov", number, float(warped[k]), THIN_WALLED) for k, number in enumerate((1, 3))
     ]
     return _modal_rows(
-        "seed-fixed-beam",
+        "kono-fixed-beam",
         fixed_beam,
         ("y-", "y+"),
         sizes=FIXED_SIZES,
@@ -189,7 +189,7 @@ def check_cantilever_statics(comm: MPI.Comm) -> list[ValidationRow]:
     """Compliances of the column's top face, moved and loaded as a mean, by the static
     superelement.
     """
-    case, reference = "seed-cantilever-static", reference_case("seed-cantilever-static")
+    case, reference = "kono-cantilever-static", reference_case("kono-cantilever-static")
     rows: list[ValidationRow] = []
     finest: FloatArray = np.zeros(COUNT)
     for kind, sizes in COLUMN_SIZES.items():
@@ -219,7 +219,7 @@ def check_cantilever_statics(comm: MPI.Comm) -> list[ValidationRow]:
 
 def check_fixed_beam_statics(comm: MPI.Comm) -> list[ValidationRow]:
     """Deflection of the fixed beam under 1 kN on a small patch, at mid-height and above it."""
-    case, reference = "seed-fixed-beam-static", reference_case("seed-fixed-beam-static")
+    case, reference = "kono-fixed-beam-static", reference_case("kono-fixed-beam-static")
     rows: list[ValidationRow] = []
     finest: FloatArray = np.zeros(len(reference.values))
     for kind, sizes in FIXED_SIZES.items():

@@ -104,7 +104,7 @@ BLOCK = SprungBlock((1.0, 0.8, 0.3), 230.0, (1.2e4, 1.2e4, 1.8e4))
 
 
 def check_cantilever_theory(comm: MPI.Comm) -> list[ValidationRow]:
-    """Frequencies and compliances of the seed's column by beam theories."""
+    """Frequencies and compliances of the column of Kono et al. by beam theories."""
     along_x, along_y = CANTILEVER, turn_section(CANTILEVER)
     frequencies = [
         *euler_bernoulli_frequencies(along_x, "clamped-free", 3),
@@ -125,15 +125,15 @@ def check_cantilever_theory(comm: MPI.Comm) -> list[ValidationRow]:
         cantilever_moment_deflection(along_x, 1.0),
         cantilever_twist(along_x, 1.0) * along_x.width / 2.0,
     ]
-    name = "seed-cantilever-theory"
-    rows = judge_all(name, reference_case("seed-cantilever-theory"), frequencies)
+    name = "kono-cantilever-theory"
+    rows = judge_all(name, reference_case("kono-cantilever-theory"), frequencies)
     return rows + judge_all(
-        name, reference_case("seed-cantilever-static-theory"), 1e6 * np.array(deflections)
+        name, reference_case("kono-cantilever-static-theory"), 1e6 * np.array(deflections)
     )
 
 
 def check_fixed_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
-    """Frequencies and deflections of the seed's fixed beam by beam theories."""
+    """Frequencies and deflections of the fixed beam of Kono et al. by beam theories."""
     flat, upright = FIXED_BEAM, turn_section(FIXED_BEAM)
     frequencies = [
         *euler_bernoulli_frequencies(flat, "clamped-clamped", 3),
@@ -146,10 +146,10 @@ def check_fixed_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
     bending = fixed_beam_deflection(flat, 1e3)
     offset = 0.1
     deflections = [bending, bending + offset * fixed_beam_twist(flat, 1e3 * offset)]
-    name = "seed-fixed-beam-theory"
-    rows = judge_all(name, reference_case("seed-fixed-beam-theory"), frequencies)
+    name = "kono-fixed-beam-theory"
+    rows = judge_all(name, reference_case("kono-fixed-beam-theory"), frequencies)
     return rows + judge_all(
-        name, reference_case("seed-fixed-beam-static-theory"), 1e6 * np.array(deflections)
+        name, reference_case("kono-fixed-beam-static-theory"), 1e6 * np.array(deflections)
     )
 
 
@@ -201,7 +201,7 @@ def mesh_settings(kind: CellKind, size: float) -> MeshSettings:
 
 
 def column(mesh: MeshSettings, interfaces: dict[str, Interface] | None = None) -> Component:
-    """The seed's column, standing on its foot."""
+    """The column of Kono et al., standing on its foot."""
     return Component(
         "column",
         Box(COLUMN_SIZE),

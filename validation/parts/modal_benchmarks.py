@@ -112,7 +112,7 @@ def check_block(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_free_column(comm: MPI.Comm) -> list[ValidationRow]:
-    """DER-FREE: elastic and rigid-body modes of the seed's column without any support.
+    """DER-FREE: elastic and rigid-body modes of the column of Kono et al. without any support.
 
     The tabled values are those of 2 x 4 x 16 hexahedra and up to 0.3 % above the converged ones, so
     they are held on that mesh; finer meshes of two kinds are held against each other.

@@ -1,4 +1,4 @@
-"""Craig-Bampton superelements of the seed's column against the whole model."""
+"""Craig-Bampton superelements of the column of Kono et al. against the whole model."""
 
 import numpy as np
 import scipy.linalg

@@ -122,7 +122,7 @@ def check_column_response(comm: MPI.Comm) -> list[ValidationRow]:
 def column_models(
     comm: MPI.Comm, size: float = COLUMN_MESH
 ) -> tuple[SecondOrderSystem, ConstrainedMatrices]:
-    """The seed's column clamped at its foot with one loss factor, reduced for responses up to
+    """The column of Kono et al. clamped at its foot with one loss factor, reduced for responses up to
     ``TO_HZ``, and whole.
     """
     interfaces = {

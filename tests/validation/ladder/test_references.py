@@ -23,7 +23,7 @@ def test_the_order_of_modes_is_the_paper_s() -> None:
 
 
 def test_analytic_values_are_those_of_the_tables() -> None:
-    frequencies = reference_case("seed-cantilever-theory").values
+    frequencies = reference_case("kono-cantilever-theory").values
     for name in ("X1", "X2", "X3", "Y1", "Y2"):
         assert CANTILEVER.references[name].analytic == pytest.approx(
             frequencies[f"Euler-Bernoulli {name}"], rel=1e-5
@@ -31,7 +31,7 @@ def test_analytic_values_are_those_of_the_tables() -> None:
         assert CANTILEVER.references[name].beam == pytest.approx(
             frequencies[f"Timoshenko {name}"], rel=1e-5
         )
-    shifts = reference_case("seed-fixed-beam-static-theory").values
+    shifts = reference_case("kono-fixed-beam-static-theory").values
     assert FIXED.references["dx(Fx), h_F = 0"].analytic == pytest.approx(
         shifts["dx, h_F=0"], rel=1e-4
     )

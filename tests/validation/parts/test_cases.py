@@ -23,7 +23,7 @@ from headstock.validation.references.rows import rows_as_json
 QUICK = (
     "block", "rod", "rod-orders", "all-modes", "static-exactness", "rigid-body-content",
     "beam-truncation", "rod-step", "two-mass-drive", "sampled-control", "drive-friction",
-    "nafems-5h", "column-response", "seed-cantilever-static", "square-column", "straight-cantilever", "fv5",
+    "nafems-5h", "column-response", "kono-cantilever-static", "square-column", "straight-cantilever", "fv5",
     "eigensolvers",
 )  # fmt: skip
 
