@@ -8,10 +8,21 @@ used, so that ``import headstock.geometry.frames`` loads that module and nothing
 from importlib import import_module
 
 _HOMES = {
-    "headstock.runs": ("check", "load", "open", "plan", "run"),
+    "headstock.runs": (
+        *("check", "compare", "identify", "load", "open", "plan", "run", "study", "sweep"),
+    ),
     "headstock.machine": ("Machine",),
+    "headstock.nouns": (
+        *("Axis", "Box", "Column", "Component", "Interface", "Joint", "Load", "Material"),
+        *("Plate", "Point", "Support", "Tube"),
+    ),
     "headstock.geometry.errors": ("HeadstockError",),
     "headstock.pipeline.results.results": ("Results",),
+    "headstock.pipeline.results.files": ("read_mesh",),
+    "headstock.studies.comparison": ("Comparison",),
+    "headstock.studies.identification.identification": ("Identification",),
+    "headstock.studies.parameters.tables": ("StudyTable",),
+    "headstock.studies.sweeps.results": ("SweepResults",),
     "headstock.scene.reading.findings": ("SceneError",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 from inspect import Parameter, Signature
+from keyword import iskeyword
 from pathlib import Path
 from typing import ClassVar, Self
 
@@ -26,7 +27,7 @@ from headstock.scene.reading.toml_text import write_toml, write_value
 from headstock.scene.scene import Scene
 from headstock.scene.schema.overrides import apply_settings, apply_variant
 from headstock.scene.schema.scene import SceneTable
-from headstock.scene.schema.validation import validate_against
+from headstock.scene.schema.validation import known_keys, validate_against
 from headstock.values import write_at, write_table
 
 
@@ -39,32 +40,48 @@ class Noun:
     """
 
     schema: ClassVar[type[BaseModel]]
+    kind: ClassVar[str]
 
-    def __init_subclass__(cls, *, schema: type[BaseModel], **rest: object) -> None:
-        """Keys of the table become the parameters that ``help`` and notebooks show."""
-        super().__init_subclass__(**rest)
-        cls.schema = schema
+    def __init_subclass__(cls, *, schema: type[BaseModel], kind: str = "") -> None:
+        """Keys of the table become the parameters that ``help`` and notebooks show.
+
+        Args:
+            schema: Of the table.
+            kind: The one key of the table whose own keys the noun has; empty for those of the
+                table.
+        """
+        super().__init_subclass__()
+        cls.schema, cls.kind = schema, kind
         if "__init__" not in cls.__dict__:
-            keys = [field.alias or name for name, field in schema.model_fields.items()]
             cls.__signature__ = Signature(  # type: ignore[attr-defined]
-                [Parameter(key, Parameter.KEYWORD_ONLY) for key in keys if key.isidentifier()]
+                [Parameter(name, Parameter.KEYWORD_ONLY) for name in cls._keys()]
             )
+
+    @classmethod
+    def _keys(cls) -> list[str]:
+        """Keys of the noun that are names in Python; the others go by ``**{"from": ...}``."""
+        known = known_keys((), cls.schema) or []
+        if cls.kind:
+            known = known_keys((cls.kind,), cls.schema) or []
+        return [key for key in known if key.isidentifier() and not iskeyword(key)]
 
     def __init__(self, **keys: object) -> None:
         """Raises SceneError with every problem of the keys."""
-        self.table: TomlTable = write_table(self.schema, keys)
+        given = {self.kind: keys} if self.kind else keys
+        self.table: TomlTable = write_table(self.schema, given)
         findings = Findings(type(self).__name__)
         self._checked: BaseModel | None = validate_against(self.schema, self.table, findings)
         findings.raise_if_any()
 
     def __getattr__(self, key: str) -> object:
         """What a key holds, in SI units, with defaults where it was not given."""
-        if key.startswith("_") or key not in self.schema.model_fields:
+        if key.startswith("_") or key not in self._keys():
             raise AttributeError(f"a {type(self).__name__} has no {key!r}")
-        return getattr(self._checked, key)
+        checked = getattr(self._checked, self.kind) if self.kind else self._checked
+        return getattr(checked, key)
 
     def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *self.schema.model_fields]
+        return [*super().__dir__(), *self._keys()]
 
     def __eq__(self, other: object) -> bool:
         """Whether both say the same, whatever units it is written in."""
@@ -75,7 +92,9 @@ class Noun:
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        keys = ", ".join(f"{key}={value!r}" for key, value in self.table.items())
+        table = self.table[self.kind] if self.kind else self.table
+        items = table.items() if isinstance(table, dict) else ()
+        keys = ", ".join(f"{key}={value!r}" for key, value in items)
         return f"{type(self).__name__}({keys})"
 
 
@@ -226,10 +245,11 @@ def write_settings(values: Mapping[str, object]) -> Sequence[str]:
     Args:
         values: Dotted key to value; numbers are in SI units.
     """
-    return tuple(f"{key}={write_value(_setting(key, value))}" for key, value in values.items())
+    return tuple(f"{key}={write_value(write_setting(key, value))}" for key, value in values.items())
 
 
-def _setting(key: str, value: object) -> TomlValue:
+def write_setting(key: str, value: object) -> TomlValue:
+    """The value of a dotted key as TOML has it; a number is in SI units."""
     try:
         path = split_key(key)
     except ValueError:

@@ -8,12 +8,13 @@ answer. An error on one rank leaves the others waiting: start with ``mpirun pyth
 import contextlib
 import dataclasses
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from mpi4py import MPI
 
-from headstock.machine import Machine, write_settings
+from headstock.geometry.parts.components import Fidelity
+from headstock.machine import Machine, write_setting, write_settings
 from headstock.pipeline.accuracy.search import plan_first_round
 from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
@@ -26,10 +27,36 @@ from headstock.pipeline.stages.part_files import find_missing_patches
 from headstock.pipeline.stages.rigid_checks import find_unheld_motions
 from headstock.pipeline.storage.outputs import claim_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice, trace_content
+from headstock.pipeline.storage.store import Store, default_store_root
+from headstock.scene.building.loader import load_scene, prepare_sweep
 from headstock.scene.reading.findings import Findings, SceneError, suggest_names
 from headstock.scene.reading.toml_text import write_toml
 from headstock.scene.scene import Scene, keep_analyses, list_analyses
+from headstock.scene.studies import Study, StudyFamily
+from headstock.solvers.errors import ModelError
 from headstock.solvers.ranks import share_from_root
+from headstock.studies.comparison import Comparison, compare_variants
+from headstock.studies.identification.descent import StartRecord
+from headstock.studies.identification.identification import Identification, prepare_problem
+from headstock.studies.identification.identification import identify as fit_parameters
+from headstock.studies.identification.target_files import load_targets
+from headstock.studies.parameters.runs import (
+    StudyJob,
+    StudyProgress,
+    check_points,
+    hash_scene,
+    run_study,
+)
+from headstock.studies.parameters.tables import StudyTable, tabulate_study
+from headstock.studies.sweeps.files import write_sweep
+from headstock.studies.sweeps.results import SweepResults, collect_results, name_tracked_modes
+from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
+from headstock.studies.variants import (
+    FidelityError,
+    VariantSolution,
+    choose_variants,
+    solve_variant,
+)
 
 type Source = Machine | str | Path  # a machine, or the path of a scene file
 
@@ -119,6 +146,189 @@ def run(
     return results if comm.rank == 0 else found
 
 
+def study(
+    machine: Source,
+    name: str | None = None,
+    *,
+    vary: Mapping[str, Iterable[object]] | None = None,
+    watch: Sequence[str] = (),
+    pairwise: bool = False,
+    output: str | Path | None = None,
+    progress: Callable[[StudyProgress], None] = lambda point: None,
+    comm: MPI.Comm | None = None,
+) -> StudyTable:
+    """Run every point of a study; points that are finished in the output folder are not computed
+    again.
+
+    Args:
+        machine: Machine or path of a scene file.
+        name: A study of the scene; None for the one that ``vary`` and ``watch`` describe.
+        vary: Dotted key (or ``variant``) to its values; numbers are in SI units.
+        watch: What to look at in each point, such as ``modal.frequencies_hz[0]``.
+        pairwise: The first values go together, then the second ones; else all combinations are
+            points.
+        output: Folder that keeps finished points; None for none.
+        progress: Called with each point that is finished, on rank 0.
+        comm: Ranks that compute each point together; all that were started where None.
+
+    Raises:
+        SceneError: The machine, the study or a varied value has problems.
+        HeadstockError: A record cannot be written. A point that cannot be computed is a row with
+            its error.
+    """
+    comm = comm or MPI.COMM_WORLD
+    made = _machine(machine)
+    if name is not None:
+        chosen = _named(made.scene, "studies", name, made.scene.studies)
+    else:
+        values = {
+            key: tuple(write_setting(key, item) for item in items)
+            for key, items in (vary or {}).items()
+        }
+        family = StudyFamily("", "", settings={}, vary=values, pairwise=pairwise)
+        chosen = Study("study", (family,), watch=tuple(watch))
+    with made.on_disk() as choice, _scratch(output, comm) as folder:
+        job = StudyJob(
+            path=choice.path,
+            study=chosen,
+            raw=made.scene.raw,
+            content=hash_scene(choice.path),
+            variant=choice.variant,
+            overrides=choice.overrides,
+        )
+        check_points(job)
+        records = run_study(job, folder, comm=comm, observer=progress)
+    return share_from_root(comm, tabulate_study(chosen, records) if comm.rank == 0 else None)
+
+
+def sweep(
+    machine: Source,
+    name: str,
+    *,
+    output: str | Path | None = None,
+    progress: Callable[[StageRecord], None] = lambda record: None,
+    comm: MPI.Comm | None = None,
+) -> SweepResults:
+    """Run the analyses of a machine in every pose of one of its sweeps; poses that are finished in
+    the output folder are not computed again.
+
+    Args:
+        machine: Machine or path of a scene file.
+        name: Of the sweep.
+        output: Folder that keeps finished poses and gets ``sweep.h5``; None for no files.
+        progress: Called with each stage of a component that has ended, on rank 0.
+        comm: Ranks that share the poses; all that were started where None.
+
+    Raises:
+        SceneError: The machine or a pose has problems.
+        HeadstockError: A component cannot be reduced, or a file cannot be written.
+    """
+    comm = comm or MPI.COMM_WORLD
+    made = _machine(machine)
+    chosen = _named(made.scene, "sweeps", name, made.scene.sweeps)
+    with made.on_disk() as choice, _scratch(output, comm) as folder:
+        scene = prepare_sweep(
+            load_scene(choice.path, variant=choice.variant, overrides=choice.overrides),
+            name,
+            overrides=choice.overrides,
+        )
+        job = SweepJob(select_analyses(scene), chosen, folder)
+        outcome = run_sweep(job, comm=comm, observer=progress)
+        results = None
+        if comm.rank == 0:
+            results = collect_results(
+                job.scene, chosen, outcome.complete(), outcome.superelements, key=outcome.key
+            )
+            results = name_tracked_modes(outcome.parts, results)
+            if output is not None:
+                write_sweep(folder, results)
+    return share_from_root(comm, results)
+
+
+def compare(
+    machine: Source,
+    variants: Sequence[str] = (),
+    *,
+    fidelities: Sequence[Fidelity] = (),
+    pose: str | None = None,
+    reference: str | None = None,
+    progress: Callable[[str], None] = lambda variant: None,
+) -> Comparison:
+    """Variants of a machine side by side, modes paired by their shapes.
+
+    Args:
+        machine: Machine or path of a scene file.
+        variants: Names, ``A+B`` for joined ones, ``as written`` for none; empty for all.
+        fidelities: Each variant once with its elastic components at each of them.
+        pose: Name; None for the first.
+        reference: Variant the others are compared with; None for the richest.
+        progress: Called with the name of each variant that is solved.
+
+    Raises:
+        SceneError: A variant has problems.
+        HeadstockError: A computation failed.
+    """
+    store, cannot = Store(default_store_root()), dict[str, str]()
+    solutions: list[VariantSolution] = []
+    with _machine(machine).on_disk() as file:
+        choices = choose_variants(
+            file.path, variants, fidelities=fidelities, overrides=file.overrides
+        )
+        for choice in choices:
+            try:
+                found = None
+                if not choice.cannot:
+                    found = solve_variant(
+                        file.path, choice, pose=pose, comm=MPI.COMM_SELF, store=store
+                    )
+            except FidelityError as error:
+                cannot[choice.name] = str(error)
+                continue
+            if found is None:
+                cannot[choice.name] = choice.cannot
+                continue
+            solutions.append(found)
+            progress(choice.name)
+        if not solutions:
+            raise ModelError(f"there is no model to compare: {'; '.join(cannot.values())}")
+        return compare_variants(
+            solutions,
+            scene=load_scene(file.path, overrides=file.overrides).name,
+            reference=reference,
+            cannot=cannot,
+            columns=[choice.name for choice in choices],
+        )
+
+
+def identify(
+    machine: Source,
+    targets: str | Path,
+    *,
+    starts: int | None = None,
+    progress: Callable[[StartRecord], None] = lambda record: None,
+) -> Identification:
+    """Fit numbers of a machine to measurements.
+
+    Args:
+        machine: Machine or path of a scene file, without a variant: the target file names those.
+        targets: Target file (``.toml``).
+        starts: How many starting points the fit has; None for what the target file says.
+        progress: Called with each start that has ended.
+
+    Raises:
+        SceneError: The machine or the target file has problems.
+        HeadstockError: A computation failed.
+    """
+    with _machine(machine).on_disk() as file:
+        loaded = load_targets(Path(targets), file.path, overrides=file.overrides)
+        if starts is not None:
+            settings = dataclasses.replace(loaded.task.settings, starts=starts)
+            task = dataclasses.replace(loaded.task, settings=settings)
+            loaded = dataclasses.replace(loaded, task=task)
+        problem = prepare_problem(loaded, Store(default_store_root()), MPI.COMM_SELF)
+        return fit_parameters(problem, loaded.task.name, progress)
+
+
 def open(folder: str | Path) -> Results:
     """The results of a run from its folder, of the same type as those of ``run``.
 
@@ -142,6 +352,27 @@ def _with_analyses(scene: Scene, names: Sequence[str]) -> Scene:
             )
     findings.raise_if_any()
     return keep_analyses(scene, names) if names else scene
+
+
+def _named[T](scene: Scene, section: str, name: str, known: Mapping[str, T]) -> T:
+    if name not in known:
+        findings = Findings(str(scene.path))
+        findings.add((section, name), suggest_names(name, known, what=section))
+        findings.raise_if_any()
+    return known[name]
+
+
+@contextlib.contextmanager
+def _scratch(output: str | Path | None, comm: MPI.Comm) -> Iterator[Path]:
+    """A folder that keeps what is finished; a temporary one where none is wanted."""
+    with contextlib.ExitStack() as stack:
+        folder = Path() if output is None else Path(output)
+        if comm.rank == 0 and output is None:
+            scratch = tempfile.TemporaryDirectory(prefix="headstock-points-")
+            folder = Path(stack.enter_context(scratch))
+        elif comm.rank == 0:
+            stack.enter_context(claim_output(folder))
+        yield share_from_root(comm, folder)
 
 
 @contextlib.contextmanager

@@ -104,6 +104,7 @@ ADAPTERS = {
     "matplotlib": {"app/charts", "app/pictures"},
     "jinja2": {"app/report", "app/actions"},
     "PIL": {"app/pictures", "app/report"},
+    "pandas": {"pipeline/results"},
     "pyvista": {"app/pictures", "pipeline/results"},
     "vtkmodules": {"meshing/components"},
 }

@@ -156,6 +156,7 @@ PYTHON_PACKAGES = (
     Package("jinja2"),
     Package("markupsafe"),
     Package("meshio"),
+    Package("pandas", without="results as pandas tables; ./headstock python has it"),
     Package("control", without="state spaces as objects of python-control: pip install control"),
 )
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import MeshQuality
 from headstock.pipeline.planning.plan import StageRecord
@@ -17,6 +18,7 @@ from headstock.pipeline.results.views import MachineView, pick_name
 from headstock.pipeline.storage.provenance import Provenance
 
 if TYPE_CHECKING:
+    import pandas
     import pyvista
 
 type MeshReader = Callable[[str, str | None], pyvista.UnstructuredGrid]
@@ -111,6 +113,23 @@ class Results:
         """Pose name to frequency response."""
         responses = find_answers(self.answers, PoseResponse)
         return {response.curves.pose: response for response in responses}
+
+    def to_pandas(self, table: str) -> "pandas.DataFrame":
+        """A table as a pandas frame, in SI units but for names that say another: ``modes``,
+        ``compliance``, ``frf`` (receptance), ``components`` or ``stages``.
+
+        Raises:
+            KeyError: There is no such table; the message has those that are.
+            HeadstockError: pandas is missing.
+        """
+        try:
+            frames = importlib.import_module("headstock.pipeline.results.frames")
+        except ModuleNotFoundError as missing:
+            raise HeadstockError(
+                "tables are pandas': pip install pandas, or start with ./headstock python"
+            ) from missing
+        frame: pandas.DataFrame = frames.make_frame(self, table)
+        return frame
 
     def mesh(self, component: str, pose: str | None = None) -> "pyvista.UnstructuredGrid":
         """A component where it stands in a pose [m], with its modes and responses as named arrays.

@@ -65,12 +65,8 @@ def validate_against[T: BaseModel](model: type[T], raw: TomlTable, findings: Fin
     return None
 
 
-def known_keys(path: KeyPath) -> list[str] | None:
-    """Keys the scene's schema knows at a path; None where any key may stand."""
-    return _known_keys(SceneTable, path)
-
-
-def _known_keys(root: type[BaseModel], path: KeyPath) -> list[str] | None:
+def known_keys(path: KeyPath, root: type[BaseModel] = SceneTable) -> list[str] | None:
+    """Keys a schema, by default the scene's, knows at a path; None where any key may stand."""
     model = _resolve_model(root, path)
     return (
         [field.alias or name for name, field in model.model_fields.items()]
@@ -91,7 +87,7 @@ def _unknown_key(root: type[BaseModel], path: KeyPath) -> str:
     label = "" if model is None else model.__name__.removesuffix("Table")
     if renamed := SCENE_KEYS.get(f"{label}.{key}"):
         return f"{key!r} is now called {renamed!r}; write {renamed}"
-    keys = _known_keys(root, path[:-1]) or []
+    keys = known_keys(path[:-1], root) or []
     return f"unknown key {key[:80]!r}; {suggest_names(path[-1], keys, what='known keys')}"
 
 

@@ -141,3 +141,28 @@ def test_a_setting_that_does_not_fit_is_refused_as_on_the_command_line(scene: Pa
 
 def test_check_returns_warnings() -> None:
     assert hs.check(COLUMN) == ()
+
+
+@pytest.mark.parametrize("table", ["modes", "compliance", "components", "stages"])
+def test_a_table_has_a_row_for_each_entry(scene: Path, table: str) -> None:
+    pytest.importorskip("pandas")
+    result = hs.run(scene)
+    frame = result.to_pandas(table)
+    counts = {"modes": 3, "compliance": 6, "components": 1, "stages": len(result.stages)}
+    assert len(frame) == counts[table]
+    if table == "modes":
+        assert list(frame["frequency_hz"]) == list(result.modes["reference"].frequencies_hz)
+    if table == "compliance":
+        assert frame.loc[0, "x"] == result.compliance["tcp"][0, 0]
+    with pytest.raises(KeyError, match="there are: modes, compliance, frf"):
+        result.to_pandas("moods")
+
+
+def test_a_response_is_a_table_of_its_lines(scene: Path) -> None:
+    pytest.importorskip("pandas")
+    response = {"inputs": [["tcp", "x"]], "to": "300 Hz", "points": 11, "adaptive": False}
+    result = hs.run(hs.load(scene, set={"analyses.frf": response}))
+    frame = result.to_pandas("frf")
+    curves = result.frf["reference"].curves
+    assert len(frame) == len(curves.frequencies_hz) == 11
+    assert frame["tcp x / tcp x"].iloc[3] == curves.receptance[3, 0, 0]

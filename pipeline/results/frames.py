@@ -1,0 +1,106 @@
+"""Results as pandas tables, one row per mode, entry, component, stage or line of a response."""
+
+from collections.abc import Callable, Mapping
+
+import pandas
+
+from headstock.geometry.frames import DOF_NAMES
+from headstock.pipeline.results.results import Results
+
+type Column = list[object]
+
+
+def make_frame(results: Results, name: str) -> pandas.DataFrame:
+    """A table of results.
+
+    Args:
+        results: Of a run.
+        name: ``modes``, ``compliance``, ``frf``, ``components`` or ``stages``.
+
+    Raises:
+        KeyError: There is no such table.
+    """
+    if name not in TABLES:
+        raise KeyError(f"there is no table {name!r}; there are: {', '.join(TABLES)}")
+    return pandas.DataFrame(TABLES[name](results))
+
+
+def _list_modes(results: Results) -> list[Mapping[str, object]]:
+    return [
+        {
+            "pose": pose,
+            "mode": number + 1,
+            "frequency_hz": float(modes.frequencies_hz[number]),
+            "error_hz": modes.error_hz[number],
+            "damping_ratio": modes.damping_ratio[number],
+            "name": modes.mode_names[number],
+        }
+        for pose, modes in results.modes.items()
+        for number in range(len(modes.frequencies_hz))
+    ]
+
+
+def _list_compliance(results: Results) -> list[Mapping[str, object]]:
+    return [
+        {
+            "pose": pose,
+            "point": name,
+            "output": DOF_NAMES[row],
+            **dict(zip(DOF_NAMES, map(float, point.compliance[row]), strict=True)),
+        }
+        for pose, points in results.static.items()
+        for name, point in points.items()
+        for row in range(6)
+    ]
+
+
+def _list_responses(results: Results) -> Mapping[str, Column]:
+    columns: dict[str, Column] = {}
+    for pose, response in results.frf.items():
+        curves = response.curves
+        found: dict[str, Column] = {
+            "pose": [pose] * len(curves.frequencies_hz),
+            "frequency_hz": list(map(float, curves.frequencies_hz)),
+        }
+        for row, output in enumerate(curves.outputs):
+            for column, port in enumerate(curves.inputs):
+                name = f"{' '.join(output)} / {' '.join(port)}"
+                found[name] = list(map(complex, curves.receptance[:, row, column]))
+        for name, values in found.items():
+            columns.setdefault(name, []).extend(values)
+    return columns
+
+
+def _list_components(results: Results) -> list[Mapping[str, object]]:
+    return [
+        {
+            "component": name,
+            "fidelity": facts.fidelity,
+            "mass_kg": facts.mass_kg,
+            "full_dofs": facts.full_dofs,
+            "reduced_dofs": facts.reduced_dofs,
+        }
+        for name, facts in results.components.items()
+    ]
+
+
+def _list_stages(results: Results) -> list[Mapping[str, object]]:
+    return [
+        {
+            "stage": record.stage.kind,
+            "component": record.stage.component,
+            "pose": record.stage.pose,
+            "seconds": record.seconds,
+            "cached": record.cached,
+        }
+        for record in results.stages
+    ]
+
+
+TABLES: dict[str, Callable[[Results], list[Mapping[str, object]] | Mapping[str, Column]]] = {
+    "modes": _list_modes,
+    "compliance": _list_compliance,
+    "frf": _list_responses,
+    "components": _list_components,
+    "stages": _list_stages,
+}

@@ -1,0 +1,93 @@
+"""Studies, sweeps, comparisons and fits from Python find what the command line finds."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import headstock as hs
+from headstock.app.command_line import main
+
+ROOT = Path(__file__).resolve().parents[2]
+COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
+SLIDE = ROOT / "tests" / "data" / "slide.toml"
+LENGTH = "components.column.solid.box[2]"
+STUDY = f"""[analyses.modal]
+count = 2
+[studies.length]
+vary = {{ "{LENGTH}" = ["400 mm", "500 mm"] }}
+watch = ["modal.frequencies_hz[0]"]
+[variants.shorter]
+"{LENGTH}" = "400 mm"
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.toml"
+    path.write_text(COLUMN.read_text() + STUDY)
+    return path
+
+
+def test_a_study_of_the_scene_is_the_study_of_the_command_line(scene: Path, tmp_path: Path) -> None:
+    table = hs.study(scene, "length", output=tmp_path / "mine")
+    assert main(["study", str(scene), "length", "-o", str(tmp_path / "other")]) == 0
+    rows = json.loads((tmp_path / "other" / "study.json").read_text())
+    text = json.dumps(rows)
+    found = [row.values["modal.frequencies_hz[0]"] for row in table.rows]
+    assert len(found) == 2
+    assert all(json.dumps(value) in text for value in found)
+
+
+def test_a_study_made_in_python_varies_as_single_runs_do(scene: Path, tmp_path: Path) -> None:
+    lengths = [0.4, 0.5]
+    told: list[bool] = []
+    watch = "modal.frequencies_hz[0]"
+    machine = hs.load(scene).change(set={"name": "made in Python", "analyses.modal.count": 1})
+    for _ in range(2):
+        table = hs.study(
+            machine,
+            vary={LENGTH: lengths},
+            watch=[watch],
+            output=tmp_path / "points",
+            progress=lambda point: told.append(point.known),
+        )
+    assert told == [False, False, True, True]
+    for row, length in zip(table.rows, lengths, strict=True):
+        single = hs.run(machine.change(set={LENGTH: length})).modes["reference"]
+        assert row.values[watch] == single.frequencies_hz[0]
+    # a cantilever's frequency falls with the square of its length, nearly
+    first, second = (row.values[watch] for row in table.rows)
+    assert isinstance(first, float)
+    assert isinstance(second, float)
+    assert first / second == pytest.approx(1.5625, rel=0.02)
+
+
+def test_an_unknown_study_or_value_is_told(scene: Path) -> None:
+    with pytest.raises(hs.SceneError, match=r"did you mean 'length'\? studies: length"):
+        hs.study(scene, "lenght")
+    with pytest.raises(hs.SceneError, match=r"solid\.box"):
+        hs.study(scene, vary={LENGTH: ["400 kg"]}, watch=["modal.frequencies_hz[0]"])
+
+
+def test_variants_are_compared_mode_by_mode(scene: Path) -> None:
+    names: list[str] = []
+    found = hs.compare(scene, progress=names.append)
+    assert names == ["as written", "shorter"]
+    lengths = {"as written": 0.5, "shorter": 0.4}
+    for name, length in lengths.items():
+        run = hs.run(hs.load(scene, set={LENGTH: length})).modes["reference"]
+        assert found.rows[0].cells[name].frequency_hz == pytest.approx(
+            run.frequencies_hz[0], rel=1e-9
+        )
+
+
+def test_a_sweep_has_the_frequencies_of_runs_in_its_poses(tmp_path: Path) -> None:
+    swept = hs.sweep(SLIDE, "named", output=tmp_path / "out")
+    assert len(swept.frequencies_hz) == 3
+    assert (tmp_path / "out" / "sweep.h5").is_file()
+    machine = hs.load(SLIDE, set={"poses.third": {"X": "12 mm"}})
+    single = hs.run(machine, analyses=["modal"]).modes["third"].frequencies_hz
+    wanted = np.sort(swept.frequencies_hz[2])
+    assert wanted == pytest.approx(np.sort(single)[: len(wanted)], rel=1e-6)
