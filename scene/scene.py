@@ -10,6 +10,7 @@ from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
 from headstock.geometry.parts.components import Fidelity
+from headstock.geometry.parts.solids import SuperelementFile
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings, Problem, SceneError
 from headstock.scene.requests import Analyses, Request
@@ -150,6 +151,15 @@ class Scene:
     def is_lumped(self) -> bool:
         """Whether the mechanism itself is the model: rigid bodies on springs in its legs."""
         return self.mechanism is not None and self.mechanism.model == "lumped"
+
+
+def deforming_parts(scene: Scene) -> list[str]:
+    """Components whose fidelity may be chosen: neither rigid nor imported as a superelement."""
+    return [
+        name
+        for name, component in scene.machine.components.items()
+        if component.fidelity != "rigid" and not isinstance(component.solid, SuperelementFile)
+    ]
 
 
 def keep_analyses(scene: Scene, names: Collection[str]) -> Scene:

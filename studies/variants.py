@@ -13,7 +13,6 @@ from mpi4py import MPI
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Fidelity
-from headstock.geometry.parts.solids import SuperelementFile
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure
@@ -39,7 +38,7 @@ from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import Problem, SceneError
 from headstock.scene.requests import ModalRequest
-from headstock.scene.scene import Scene
+from headstock.scene.scene import Scene, deforming_parts
 from headstock.scene.schema.overrides import AS_WRITTEN
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.frequency_response import FrfModel
@@ -414,15 +413,6 @@ def choose_variants(
         dataclasses.replace(choice, cannot=_name_refusal(refused.get(choice.name, [])))
         for choice in choices
     )
-
-
-def deforming_parts(scene: Scene) -> list[str]:
-    """Components whose fidelity may be chosen: neither rigid nor imported as a superelement."""
-    return [
-        name
-        for name, component in scene.machine.components.items()
-        if component.fidelity != "rigid" and not isinstance(component.solid, SuperelementFile)
-    ]
 
 
 def _with_fidelities(

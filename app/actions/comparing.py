@@ -31,6 +31,7 @@ from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError, suggest_names
+from headstock.scene.scene import deforming_parts
 from headstock.solvers.errors import ModelError
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.comparison import Comparison, compare_variants
@@ -46,7 +47,6 @@ from headstock.studies.variants import (
     VariantChoice,
     VariantSolution,
     choose_variants,
-    deforming_parts,
     name_uncompared,
     solve_variant,
 )

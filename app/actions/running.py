@@ -1,6 +1,7 @@
 """``headstock run``: from a scene file to results, a printed summary and a report."""
 
 import contextlib
+import dataclasses
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from headstock.app.terminal.console import print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.progress import show_progress
 from headstock.app.terminal.summary import print_header, print_stage, print_summary
+from headstock.geometry.parts.components import Fidelity
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.results.answers import find_answers
@@ -28,7 +30,8 @@ from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import claim_output, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene
-from headstock.scene.scene import Scene, keep_analyses, list_analyses
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.scene import Scene, deforming_parts, keep_analyses, list_analyses
 from headstock.solvers.ranks import make_on_root, share_from_root
 
 DRAWING_SECONDS = 4.0
@@ -45,6 +48,7 @@ class RunRequest:
     figures: bool = True
     accuracy: str | None = None
     volume: bool = False
+    fidelity: Fidelity | None = None
 
 
 def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
@@ -65,8 +69,8 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
     if request.json_file is not None and not request.json_file.absolute().parent.is_dir():
         raise click.UsageError(f"there is no folder {request.json_file.parent} for --json")
     scene = make_on_root(comm, lambda: _load(request))
-    stem = scene.path.stem + (f"-{request.scene.variant}" if request.scene.variant else "")
-    output = request.output or Path("results") / stem
+    parts = filter(None, [scene.path.stem, request.scene.variant, request.fidelity])
+    output = request.output or Path("results") / "-".join(parts)
     with contextlib.ExitStack() as claims:
         make_on_root(
             comm,
@@ -99,6 +103,54 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
             print_remarks(remarks)
             print_summary(summary, seconds=time.perf_counter() - start, folder=output, said=said)
     return int(share_from_root(comm, FAILED if results.failures else DONE))
+
+
+def choose_fidelity(chosen: SceneChoice, fidelity: Fidelity) -> tuple[SceneChoice, list[str]]:
+    """A scene with every part that deforms at one fidelity, and a remark on each part that cannot
+    have it and keeps its own.
+
+    Args:
+        chosen: Scene, variant and settings; rigid and imported parts stay as they are there.
+        fidelity: Wanted.
+
+    Raises:
+        SceneError: The scene has problems, or no part can have this fidelity.
+        click.UsageError: No part deforms.
+    """
+    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
+    wanted = deforming_parts(scene)
+    if not wanted:
+        raise click.UsageError(
+            f"--fidelity {fidelity} changes nothing in {chosen.path}: all components are rigid or imported superelements; "
+            'write fidelity = "elastic" in [components.NAME] of those that deform, or --set components.NAME.fidelity=elastic'
+        )
+    made, remarks = _set_fidelity(chosen, wanted, fidelity), list[str]()
+    try:
+        load_scene(made.path, variant=made.variant, overrides=made.overrides)
+    except SceneError as error:
+        # the scene as chosen is sound, so every problem comes of the fidelity of some part
+        refused = {
+            name: problem.message
+            for problem in error.problems
+            for name in wanted
+            if f"{problem.key}.".startswith(f"components.{name}.")
+        }
+        able = [name for name in wanted if name not in refused]
+        if not refused or not able:
+            raise
+        made = _set_fidelity(chosen, able, fidelity)
+        load_scene(made.path, variant=made.variant, overrides=made.overrides)
+        remarks = [
+            f"components.{name} keeps fidelity = "
+            f'"{scene.machine.components[name].fidelity}": {message}'
+            for name, message in refused.items()
+        ]
+    return made, remarks
+
+
+def _set_fidelity(chosen: SceneChoice, names: list[str], fidelity: Fidelity) -> SceneChoice:
+    settings = (f"components.{name}.fidelity={fidelity}" for name in names)
+    return dataclasses.replace(chosen, overrides=(*chosen.overrides, *settings))
 
 
 def require_ranks(ranks: int | None, comm: MPI.Comm) -> None:

@@ -3,7 +3,7 @@ command that needs them.
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
 import typer
@@ -109,6 +109,14 @@ def run(
             help="Choose meshes and modes so that no number is off by more, such as 1%.",
         ),
     ] = None,
+    fidelity: Annotated[
+        Literal["rigid", "segmented", "elastic"] | None,
+        typer.Option(
+            "--fidelity",
+            click_type=click.Choice(["rigid", "segmented", "elastic"]),
+            help="Take every part that the scene has elastic or segmented as this.",
+        ),
+    ] = None,
     no_host: NoHost = False,
     json: JsonFile = None,
     debug: Debug = False,
@@ -116,9 +124,16 @@ def run(
     """Run a scene: static compliance with its budget, natural modes, and what each cost."""
 
     def action(comm: "MPI.Comm") -> int:
-        from headstock.app.actions.running import RunRequest, run_request
+        from headstock.app.actions.running import RunRequest, choose_fidelity, run_request
+        from headstock.app.terminal.console import print_remarks
+        from headstock.solvers.ranks import make_on_root
 
         chosen = choose_scene(scene, variant, set_, analysis)
+        if fidelity is not None:
+            start, wanted = chosen, fidelity
+            chosen, kept = make_on_root(comm, lambda: choose_fidelity(start, wanted))
+            if comm.rank == 0:
+                print_remarks(kept)
         request = RunRequest(
             scene=chosen,
             output=output,
@@ -127,6 +142,7 @@ def run(
             figures=not no_figures,
             accuracy=accuracy,
             volume=volume,
+            fidelity=fidelity,
         )
         asked = [f"accuracy={accuracy}"] if accuracy is not None else []
         traced = choose_scene(scene, variant, [*chosen.overrides, *asked], analysis)

@@ -14,9 +14,12 @@ from pathlib import Path
 
 import pytest
 
+from headstock.app.actions.running import choose_fidelity
 from headstock.app.command_line import main
 from headstock.app.terminal import guard
 from headstock.geometry.errors import HeadstockError
+from headstock.pipeline.storage.provenance import SceneChoice
+from headstock.scene.reading.findings import SceneError
 
 HEAVY = ("dolfinx", "petsc4py", "slepc4py", "gmsh", "meshio", "pyvista", "matplotlib")
 
@@ -325,6 +328,55 @@ def test_a_segmented_scene_runs_and_one_that_cannot_be_segmented_ends_with_2_and
         told = capsys.readouterr().err
         assert reason in told and 'write "elastic" or "rigid"' in told
         assert not summary.exists()
+
+
+@pytest.mark.parametrize("fidelity", ["rigid", "segmented"])
+def test_a_run_at_a_fidelity_equals_the_scene_that_has_it_written(
+    fidelity: str, scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = scene_file.read_text()
+    scene_file.write_text(text.replace('"rigid"', '"elastic"'))
+    assert main(["run", str(scene_file), "--no-figures", "--fidelity", fidelity]) == 0
+    found = json.loads((tmp_path / "results" / f"block-{fidelity}" / "summary.json").read_text())
+    scene_file.write_text(text.replace('"rigid"', f'"{fidelity}"'))
+    assert main(["run", str(scene_file), "--no-figures", "-o", "written"]) == 0
+    written = json.loads((tmp_path / "written" / "summary.json").read_text())
+    assert found["components"]["block"]["fidelity"] == fidelity
+    assert found["modal"] == written["modal"] and found["static"] == written["static"]
+    assert f"components.block.fidelity={fidelity}" in json.dumps(found["provenance"])
+
+
+def test_a_part_that_cannot_have_the_fidelity_keeps_its_own_and_is_named(
+    scene_file: Path, tmp_path: Path
+) -> None:
+    shutil.copy(Path(__file__).parents[2] / "machines" / "step_column.step", tmp_path / "post.step")
+    post = (
+        "[components.post]\n"
+        'solid = { step = "post.step" }\n'
+        'material = "steel"\n'
+        'interfaces = { foot = { face = "z-" } }\n'
+        '[joints.bolts]\nbetween = ["ground", "post.foot"]\nkind = "rigid"\n'
+    )
+    scene_file.write_text(scene_file.read_text().replace('"rigid"', '"elastic"') + post)
+    made, remarks = choose_fidelity(SceneChoice(scene_file), "segmented")
+    assert made.overrides == ("components.block.fidelity=segmented",)
+    (remark,) = remarks
+    assert remark.startswith('components.post keeps fidelity = "elastic": ')
+    with pytest.raises(SceneError, match="read from a file"):
+        choose_fidelity(
+            SceneChoice(scene_file, overrides=("components.block.fidelity=rigid",)), "segmented"
+        )
+
+
+def test_a_fidelity_without_a_part_that_deforms_ends_with_2_and_the_remedy(
+    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(["run", str(scene_file), "--fidelity", "segmented", "-o", str(out)]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "--fidelity segmented changes nothing" in told and 'fidelity = "elastic"' in told
+    assert not out.exists()
 
 
 def test_check_writes_the_problems_as_json(scene_file: Path, tmp_path: Path) -> None:
