@@ -2,6 +2,7 @@
 
 import ast
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -166,3 +167,23 @@ def test_a_response_is_a_table_of_its_lines(scene: Path) -> None:
     curves = result.frf["reference"].curves
     assert len(frame) == len(curves.frequencies_hz) == 11
     assert frame["tcp x / tcp x"].iloc[3] == curves.receptance[3, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("words", "wanted"),
+    [
+        (["python", "script.py", "--ranks", "3"], ["script.py", "--ranks", "3"]),
+        (["notebook", "--no-browser"], ["-m", "jupyterlab", "--no-browser"]),
+        (["python", "--ranks", "2", "script.py"], ["-m", "mpi4py", "script.py"]),
+    ],
+)
+def test_the_launcher_starts_python_and_notebook(words: list[str], wanted: list[str]) -> None:
+    own = {"HEADSTOCK_DRY_RUN": "1", "HEADSTOCK_PYTHON": sys.executable}
+    done = subprocess.run(
+        [ROOT / "headstock", *words],
+        env=os.environ | own,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split("\n")[-len(wanted) - 1 : -1] == wanted, done.stderr
