@@ -13,6 +13,8 @@ from headstock.studies.identification.schema import TargetsTable
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 LONG_PATTERN = 200
+# what is calculated from parameters, or filled in at each place of an entry
+EXPRESSION: JsonTable = {"type": "string", "pattern": r"^\s*=|\{(n|rail)\}"}
 
 
 def plain_schema() -> JsonTable:
@@ -23,8 +25,11 @@ def plain_schema() -> JsonTable:
 def scene_schema() -> JsonTable:
     """JSON schema of a scene file, as ``headstock schema`` prints it."""
     schema = _finish(SceneTable, "Scene", "Headstock scene")
-    rules_in(schema, "$defs")["JointTable"]["allOf"] = [*_joint_rules()]
-    return schema
+    definitions = rules_in(schema, "$defs")
+    definitions["JointTable"]["allOf"] = [*_joint_rules()]
+    for rule in reversed(list(_walk(schema))):  # what is inside first
+        _allow_expressions(rule)
+    return schema | {"$defs": {**definitions, "expression": EXPRESSION}}
 
 
 def targets_schema() -> JsonTable:
@@ -83,6 +88,19 @@ def _finish(table: type[StrictTable], name: str, title: str) -> JsonTable:
         number: {"pattern": pattern} for pattern, number in patterns.items()
     }
     return {"$schema": DIALECT, "title": title, **schema, "$defs": {**definitions}}
+
+
+def _allow_expressions(rule: JsonTable) -> None:
+    """Let any value of a table or a list be an expression, too."""
+    below = [rule.get(key) for key in ("items", "additionalProperties")]
+    values = [inner for inner in below if isinstance(inner, dict)]
+    for inner in [*rules_in(rule, "properties").values(), *values]:
+        known: JsonTable = {
+            key: inner.pop(key)
+            for key in list(inner)
+            if key not in ("description", "default", "examples")
+        }
+        inner["anyOf"] = [known, {"$ref": "#/$defs/expression"}]
 
 
 def _describe(rule: JsonTable, note: str) -> None:

@@ -26,7 +26,8 @@ class Draft:
 
     Attributes:
         table: Entries that passed the schema.
-        raw: The scene as parsed, after its variant and overrides.
+        raw: The scene in full, after its variant and overrides.
+        written: The same as it is written, in short where it is: what overrides reach.
         folder: Of the scene file, for the files it refers to.
         sections: Section name to entry names.
         interfaces: Component name to interface names; None where only a file knows them.
@@ -36,6 +37,7 @@ class Draft:
 
     table: SceneTable
     raw: TomlTable
+    written: TomlTable
     folder: Path
     sections: Mapping[str, frozenset[str]]
     interfaces: Mapping[str, frozenset[str] | None]

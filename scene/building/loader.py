@@ -68,6 +68,7 @@ from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, CompareSettings, Limits, Scene
 from headstock.scene.schema.effects import read_gravity, read_modal_damping
+from headstock.scene.schema.expansion import check_parameters, expand_scene
 from headstock.scene.schema.overrides import (
     VARIANT_JOINER,
     apply_settings,
@@ -178,6 +179,7 @@ def build_scene(
     Raises:
         SceneError: Anything is wrong.
     """
+    written, raw = raw, expand_scene(raw, findings)
     table = validate_tables(raw, findings)
     if table is None:
         findings.raise_if_any()
@@ -185,10 +187,12 @@ def build_scene(
     findings.on_request = frozenset(
         name for name, request in table.analyses if request is not None and request.on_request
     )
+    check_parameters(written, findings)
     complete = not findings.problems
     draft = Draft(
         table=table,
         raw=raw,
+        written=written,
         folder=path.parent,
         sections=collect_sections(raw),
         interfaces=collect_interfaces(raw),

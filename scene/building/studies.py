@@ -288,7 +288,7 @@ def _check_study(name: str, study: StudyTable, draft: Draft, findings: Findings)
         for section, paths in (("vary", varied), ("set", table.set), ("reference_run", truth)):
             for path in paths:
                 if not (section in {"vary", "reference_run"} and path == VARIANT) and (
-                    reason := path_exists(draft.raw, path)
+                    reason := path_exists(draft.written, path)
                 ):
                     findings.add((*place, section, path), reason)
         choices = [*varied.get(VARIANT, ()), *([truth[VARIANT]] if VARIANT in truth else [])]

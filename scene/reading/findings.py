@@ -87,6 +87,7 @@ class Findings:
         path: Scene file as the user wrote it.
         lines: Of the file.
         origins: Where each key path came from.
+        written_at: Key path that an expanded one was written at: of an entry with several places.
         problems: Found so far, with the line they sort by.
         warnings: Found so far.
         on_request: Analyses that run only when they are named.
@@ -96,6 +97,7 @@ class Findings:
     path: str
     lines: tuple[str, ...] = ()
     origins: dict[KeyPath, Origin] = field(default_factory=dict)
+    written_at: dict[KeyPath, KeyPath] = field(default_factory=dict)
     problems: list[tuple[int, Problem]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     on_request: frozenset[str] = frozenset()
@@ -143,6 +145,11 @@ class Findings:
 
     def origin_of(self, key: KeyPath) -> Origin:
         """Origin of a key path or of its closest ancestor that has one."""
+        for length in range(len(key), 0, -1):
+            if key[:length] in self.origins:
+                break
+            if key[:length] in self.written_at:
+                return self.origin_of(self.written_at[key[:length]] + key[length:])
         for path in (key, tuple(part for part in key if isinstance(part, str))):
             for length in range(len(path), 0, -1):
                 if path[:length] in self.origins:

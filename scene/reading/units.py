@@ -57,6 +57,7 @@ _UNIT = re.compile(rf"(?:1\s*/\s*)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR}|\s+{_FACTOR
 _SUPERSCRIPTS = str.maketrans({"²": "^2", "³": "^3", "⁴": "^4", "·": "*", "⋅": "*"})
 MAX_TEXT = 80
 Sign = Literal["any", "not negative", "positive"]
+LARGEST_WHOLE = 10**15
 LARGEST_BARE = 10**30  # no unit is likely beyond
 
 
@@ -122,6 +123,59 @@ class Unit:
     dimension: Dimension
 
 
+# symbols of what units are made of
+_BASES = {
+    "[length]": "m",
+    "[mass]": "kg",
+    "[time]": "s",
+    "[angle]": "rad",
+    "[frequency]": "Hz",
+    "[information]": "B",
+}
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A value with what it measures, whatever that is: what expressions calculate with.
+
+    Attributes:
+        value: In SI units.
+        powers: Symbol and exponent of each base unit, sorted; none for a plain number.
+    """
+
+    value: Decimal
+    powers: tuple[tuple[str, int], ...] = ()
+
+    @property
+    def unit(self) -> str:
+        """As a scene writes it; empty for a plain number."""
+        return "*".join(
+            symbol if power == 1 else f"{symbol}^{power}" for symbol, power in self.powers
+        )
+
+    def times(self, other: "Measure") -> "Measure":
+        """The product."""
+        return Measure(self.value * other.value, _joined(self, other, 1))
+
+    def over(self, other: "Measure") -> "Measure":
+        """The quotient; raises ``decimal.DivisionByZero``."""
+        return Measure(self.value / other.value, _joined(self, other, -1))
+
+    def written(self) -> str | int | float:
+        """As a scene writes it: text with a unit, or a plain number."""
+        if self.powers:
+            return f"{+self.value} {self.unit}"
+        whole = abs(self.value) < LARGEST_WHOLE and self.value == self.value.to_integral_value()
+        return int(self.value) if whole else float(self.value)
+
+
+def _joined(one: Measure, other: Measure, sign: int) -> tuple[tuple[str, int], ...]:
+    powers = dict(one.powers)
+    for symbol, power in other.powers:
+        powers[symbol] = powers.get(symbol, 0) + sign * power
+    return tuple(sorted((symbol, power) for symbol, power in powers.items() if power))
+
+
 def _build_registry() -> pint.UnitRegistry:
     registry = pint.UnitRegistry(None, non_int_type=Decimal)
     registry.load_definitions(_DEFINITIONS.strip().splitlines())
@@ -171,6 +225,20 @@ def parse_quantity(text: object, *dimensions: Dimension) -> Quantity:
     raise UnitError(
         f"{show_value(text)} is {_describe(unit, dimensionality)}, not {wanted}; write for example {example}"
     )
+
+
+def read_measure(number: str, unit: str) -> Measure:
+    """A number with any unit this registry knows, such as ``38`` and ``mm``.
+
+    Raises:
+        UnitError: An unknown unit.
+    """
+    factor, _ = _resolve_unit(unit.translate(_SUPERSCRIPTS), "38 mm")
+    if not unit:
+        return Measure(Decimal(number))
+    parsed = _REGISTRY.parse_units(unit.translate(_SUPERSCRIPTS).replace("^", "**"))
+    powers = {_BASES[base]: int(power) for base, power in parsed.dimensionality.items()}
+    return Measure(Decimal(number) * factor, tuple(sorted(powers.items())))
 
 
 def read_unit(text: str, *dimensions: Dimension) -> Unit:

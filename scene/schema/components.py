@@ -9,6 +9,7 @@ from headstock.scene.schema.types import (
     Count,
     CountFromZero,
     Direction,
+    Exceptions,
     Flag,
     JsonForm,
     Length,
@@ -208,6 +209,9 @@ class StripTable(StrictTable):
     center: InPlane | None = None
 
 
+Places = list[InPlane] | dict[Name, InPlane]
+
+
 class PatchTable(StrictTable):
     """A face, or a disk, rect or strip on it."""
 
@@ -215,6 +219,8 @@ class PatchTable(StrictTable):
     disk: DiskTable | None = None
     rect: RectTable | None = None
     strip: StripTable | None = None
+    places: Places | None = None
+    each: Exceptions = {}
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -241,6 +247,8 @@ class InterfaceTable(StrictTable):
     rect: RectTable | None = None
     strip: StripTable | None = None
     patches: Annotated[list[PatchTable], Field(min_length=1, max_length=1000)] | None = None
+    places: Places | None = None
+    each: Exceptions = {}
     coupling: Literal["rigid", "average"] = "rigid"
     allow_singular: Flag = False
     rail: RailTable | None = None
@@ -346,6 +354,8 @@ class ComponentTable(StrictTable):
     material: Text | None = None
     mass: PositiveMass | None = None
     at: Position = Field(default=[0.0, 0.0, 0.0], validate_default=False)
+    places: list[Position] | dict[Name, Position] | None = None
+    each: Exceptions = {}
     rotate: Rotations = Field(default=[], validate_default=False)
     fidelity: Literal["rigid", "segmented", "elastic"] = "elastic"
     mesh: MeshTable = MeshTable()

@@ -8,12 +8,15 @@ from headstock.scene.schema.components import DiskTable, RectTable, StripTable
 from headstock.scene.schema.types import (
     Acceleration,
     AxisPosition,
+    Count,
     Direction,
     End,
+    Exceptions,
     Flag,
     Force,
     JointDamping,
     JointStiffness,
+    Length,
     LossFactor,
     Moment,
     Name,
@@ -68,6 +71,16 @@ class ScrewTable(StrictTable):
         return self
 
 
+class CarriagesTable(StrictTable):
+    """Carriages on parallel rails."""
+
+    middle: Position
+    along: Length = 0.0
+    across: Length = 0.0
+    rails: Count = 2
+    per_rail: Count = 2
+
+
 class JointTable(StrictTable):
     """A joint between two interfaces, or an interface and ground; which stiffness keys it takes
     depends on its kind.
@@ -90,6 +103,9 @@ class JointTable(StrictTable):
     axis: Direction | None = None
     normal: Direction | None = None
     at: Position | None = None
+    places: list[Position] | dict[Name, Position] | None = None
+    carriages: CarriagesTable | None = None
+    each: Exceptions = {}
     length: PositiveLength | None = None
     screw: ScrewTable | None = None
     stiffness: dict[Name, JointStiffness] = {}

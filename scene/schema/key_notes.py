@@ -4,6 +4,23 @@ editors.
 
 NOTES = {
     "Scene.name": "heading of the results; the file's name unless given",
+    "Scene.parameters": 'values with names, see [short scenes](short_scenes.md): `wall = "12 mm"`, used as `"= 2 * wall + 3 mm"` '
+    "anywhere but in `variants` and `studies`",
+    "Joint.places": "in place of `at`: one joint at each, `NAME_1`, `NAME_2`, ... of a list, `NAME_left` of a table; "
+    "`{n}` in texts is the number or name",
+    "Joint.carriages": "in place of `at`: a `linear_guide` at each place of carriages on parallel rails",
+    "Joint.each": 'what is different at single places: `each.2 = { "stiffness.normal" = "40 N/um" }`',
+    "Carriages.middle": "of all of them",
+    "Carriages.along": "from one to the next on a rail, along the joint's axis",
+    "Carriages.across": "from rail to rail, square to axis and normal; `{rail}` in texts is the rail's number",
+    "Carriages.rails": "numbered from the positive side to the negative",
+    "Carriages.per_rail": "numbered on, from the positive end of the axis to the negative",
+    "Component.places": "in place of `at`: one component at each, named as joints with `places` are",
+    "Component.each": "what is different at single places, dotted keys and values",
+    "Interface.places": "in place of the shape's `center`: one interface at each, named as joints with `places` are",
+    "Interface.each": "what is different at single places, dotted keys and values",
+    "Patch.places": "in place of the shape's `center`: one patch at each",
+    "Patch.each": "what is different at single places, dotted keys and values",
     "Scene.variants": 'named sets of overrides, keys in quotes: `"components.column.fidelity" = "rigid"`; chosen by `--variant`; '
     "`--variant A+B` applies `A`, then `B`",
     "Scene.compare": "see [variants side by side](comparing.md)",

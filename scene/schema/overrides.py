@@ -10,6 +10,14 @@ from collections.abc import Mapping, Sequence
 from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, Origin, Problem, show_key, suggest_names
 from headstock.scene.reading.positions import KeyPath
+from headstock.scene.schema.expansion import (
+    EACH,
+    PARAMETERS,
+    is_repeated,
+    replaced,
+    split_dotted,
+    written_entry,
+)
 from headstock.scene.schema.validation import known_keys, unknown_key
 
 ENTRY_SECTIONS = frozenset(
@@ -27,6 +35,7 @@ ENTRY_SECTIONS = frozenset(
         "studies",
         "drives",
         "variants",
+        PARAMETERS,
     }
 )
 MAX_OVERRIDES = 1000
@@ -175,33 +184,82 @@ def _override(
     *,
     record: bool,
 ) -> None:
-    problem = _find_obstacle(raw, path)
+    problem = _find_obstacle(_one_place(raw, path), path)
     if problem:
         label = Findings(findings.path, findings.lines, {path: origin})
         label.add(path, problem)
         findings.problems.extend(label.problems)
         return
-    section = str(path[0])
-    raw[section] = _replaced(raw.get(section, {}), path[1:], value)
+    section, written = str(path[0]), _written_path(raw, path)
+    raw[section] = replaced(raw.get(section, {}), written[1:], value)
+    if written == path:
+        _forget_exceptions(raw, path)
     if record:
         for known in [known for known in findings.origins if known[: len(path)] == path]:
             del findings.origins[known]
         findings.origins[path] = origin
 
 
-def _replaced(place: TomlValue, path: KeyPath, value: TomlValue) -> TomlValue:
-    """Part of a scene with another value at a path, copied along the path only: many variants of a
-    large scene share the rest.
+def _group_of(raw: TomlTable, path: KeyPath) -> tuple[KeyPath, TomlTable, KeyPath] | None:
+    """Key and table of the entries among which a path names a repeated entry or one of its places,
+    and the rest of the path from its name on.
     """
-    if not path:
-        return value
-    if isinstance(place, list):
-        return [
-            _replaced(item, path[1:], value) if number == path[0] else item
-            for number, item in enumerate(place)
-        ]
-    table, key = place if isinstance(place, dict) else {}, str(path[0])
-    return table | {key: _replaced(table.get(key, {}), path[1:], value)}
+    for depth in (1, 3):
+        if path[0] not in ("joints", "components") or (
+            depth == 3 and (path[0] != "components" or path[2:3] != ("interfaces",))
+        ):
+            continue
+        place: TomlValue = raw
+        for part in path[:depth]:
+            place = place.get(str(part), {}) if isinstance(place, dict) else {}
+        if not isinstance(place, dict) or len(path) <= depth:
+            continue
+        name = str(path[depth])
+        if is_repeated(place.get(name)) or written_entry(place, name) is not None:
+            return path[:depth], place, path[depth:]
+    return None
+
+
+def _written_path(raw: TomlTable, path: KeyPath) -> KeyPath:
+    """Where an override is kept: that of one place of a repeated entry with this entry."""
+    group = _group_of(raw, path)
+    found = None if group is None else written_entry(group[1], str(group[2][0]))
+    if group is None or found is None or len(group[2]) < 2:
+        return path
+    dotted = ".".join(str(part) for part in group[2][1:])
+    return (*group[0], found[0], EACH, found[1], dotted)
+
+
+def _one_place(raw: TomlTable, path: KeyPath) -> TomlTable:
+    """The scene with the repeated entry that a path names one place of under that name."""
+    group = _group_of(raw, path)
+    found = None if group is None else written_entry(group[1], str(group[2][0]))
+    if group is None or found is None:
+        return raw
+    table = replaced(raw, (*group[0], str(group[2][0])), group[1][found[0]])
+    return table if isinstance(table, dict) else raw
+
+
+def _forget_exceptions(raw: TomlTable, path: KeyPath) -> None:
+    """What single places had of their own at a path that is now set for all of them."""
+    group = _group_of(raw, path)
+    if group is None or not is_repeated(entry := group[1].get(str(group[2][0]))):
+        return
+    each = entry.get(EACH) if isinstance(entry, dict) else None
+    own = group[2][1:]
+    if isinstance(each, dict) and own:
+        left = {
+            number: {
+                dotted: value
+                for dotted, value in table.items()
+                if split_dotted(dotted)[: len(own)] != own
+            }
+            for number, table in each.items()
+            if isinstance(table, dict)
+        }
+        raw[str(path[0])] = replaced(
+            raw[str(path[0])], (*group[0][1:], str(group[2][0]), EACH), dict(left)
+        )
 
 
 def _find_obstacle(raw: TomlTable, path: KeyPath) -> str:
@@ -222,7 +280,7 @@ def _find_obstacle(raw: TomlTable, path: KeyPath) -> str:
                 f"cannot set {show_key(path)}: {show_key(path[:depth])} holds a value, not a table"
             )
         if part not in place:
-            if depth == 1 and not last and path[0] in ENTRY_SECTIONS:
+            if depth == 1 and (not last or path[0] == PARAMETERS) and path[0] in ENTRY_SECTIONS:
                 return (
                     f"cannot set {show_key(path)}: {suggest_names(part, place, what=str(path[0]))}"
                 )

@@ -245,6 +245,7 @@ class SceneTable(StrictTable):
     """A scene: one machine, its poses and what is to be computed."""
 
     name: Text | None = None
+    parameters: dict[str, Any] = {}
     materials: dict[Name, MaterialTable] = {}
     components: dict[Name, ComponentTable] = {}
     joints: dict[Name, JointTable] = {}

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import (
@@ -464,6 +464,7 @@ def _wrap(value: object) -> object:
 
 Size = Annotated[list[PositiveLength], Field(min_length=3, max_length=3)]
 Position = Annotated[list[Length], Field(min_length=3, max_length=3)]
+Exceptions = dict[str, dict[str, Any]]  # by number of a place: dotted keys and their values
 Names = Annotated[
     list[Text], BeforeValidator(_wrap), Field(min_length=1, max_length=1000), OrForm()
 ]

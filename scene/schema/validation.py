@@ -10,6 +10,7 @@ from typing import Annotated, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from headstock.scene.reading.expressions import is_expression
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
@@ -95,6 +96,8 @@ def _report(root: type[BaseModel], detail: ErrorDetails, findings: Findings) -> 
     path: KeyPath = tuple(part for part in detail["loc"] if part not in TAGS)
     kind = detail["type"]
     value = detail.get("input")
+    if is_expression(value):
+        return  # said where it could not be calculated
     if kind == "extra_forbidden":
         findings.add(path, _unknown_key(root, path))
     elif kind == "missing":

@@ -1,0 +1,470 @@
+"""What a scene writes in short, in full: values that are calculated from parameters, and entries
+that stand at several places.
+
+A component, joint, interface or patch with ``places`` is one entry for each of them: ``x_pad`` with
+four becomes ``x_pad_1`` to ``x_pad_4``, ``column`` with a place ``left`` becomes ``column_left``;
+``{n}`` in its texts is the number or the name. Overrides reach all of them by the name that is
+written and one by its own.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+
+from headstock.scene.reading.expressions import (
+    NAME,
+    ExpressionError,
+    calculate,
+    is_expression,
+    sole_name,
+)
+from headstock.scene.reading.files import TomlTable, TomlValue
+from headstock.scene.reading.findings import Findings, show_key, suggest_names
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.units import LENGTH, Measure, UnitError, parse_quantity, show_value
+
+PARAMETERS = "parameters"
+# applied before values are calculated, or to be applied to other scenes
+NOT_CALCULATED = (PARAMETERS, "variants", "studies", "compare")
+PLACES, CARRIAGES, EACH = "places", "carriages", "each"
+SHAPES = ("rect", "disk", "strip")
+MOST_PLACES, MOST_CARRIAGES = 200, 14
+AXES = {"x": 0, "y": 1, "z": 2}
+
+
+def expand_scene(raw: TomlTable, findings: Findings) -> TomlTable:
+    """A parsed scene in full; ``parameters`` stays for whoever looks.
+
+    Args:
+        raw: As parsed, variants and overrides applied; left as it is.
+        findings: Receives problems, and where each entry was written.
+    """
+    full = {
+        section: value
+        if section in NOT_CALCULATED
+        else _calculated(value, (section,), _Parameters(raw, findings), findings)
+        for section, value in raw.items()
+    }
+    for section in ("components", "joints"):
+        entries = full.get(section)
+        if isinstance(entries, dict):
+            full[section] = _expand_entries(entries, (section,), findings)
+    components, axes = full.get("components"), full.get("axes")
+    if isinstance(components, dict):
+        full["components"] = {
+            name: _expand_component(entry, ("components", name), findings)
+            for name, entry in components.items()
+        }
+    if isinstance(axes, dict) and isinstance(written := raw.get("joints"), dict):
+        full["axes"] = {name: _expand_axis(axis, written) for name, axis in axes.items()}
+    return full
+
+
+class _Parameters:
+    """Values of the parameters of a scene, calculated when they are asked for."""
+
+    def __init__(self, raw: TomlTable, findings: Findings) -> None:
+        section = raw.get(PARAMETERS)
+        self.written: TomlTable = section if isinstance(section, dict) else {}
+        self._findings = findings
+        self._known: dict[str, Measure] = {}
+        self._open: list[str] = []
+
+    def value(self, name: str) -> TomlValue:
+        """What a sole name stands for: of any kind."""
+        if name in self.written:
+            written = self.written[name]
+            if isinstance(written, dict | list):
+                return self._inside(name, written)
+            if not is_expression(written) and not _is_number(written):
+                return written
+        return self.measure(name).written()
+
+    def _inside(self, name: str, written: TomlValue) -> TomlValue:
+        """A list or a table that a sole name stands for, calculated."""
+        if name in self._open:
+            raise ExpressionError(f"holds itself: {name}")
+        self._open.append(name)
+        try:
+            return self._filled(written)
+        finally:
+            self._open.pop()
+
+    def _filled(self, value: TomlValue) -> TomlValue:
+        if isinstance(value, dict):
+            return {key: self._filled(item) for key, item in value.items()}
+        if isinstance(value, list):
+            return [self._filled(item) for item in value]
+        return self.calculated(value) if isinstance(value, str) and is_expression(value) else value
+
+    def measure(self, name: str) -> Measure:
+        """A number or a quantity; raises ``ExpressionError``."""
+        if name in self._known:
+            return self._known[name]
+        if name not in self.written:
+            hint = suggest_names(name, self.written, what="parameters")
+            raise ExpressionError(f"names the unknown parameter {name[:80]!r}; {hint}")
+        if name in self._open:
+            circle = " -> ".join([*self._open[self._open.index(name) :], name])
+            raise ExpressionError(f"is calculated from itself: {circle}; give one of them a value")
+        written = self.written[name]
+        self._open.append(name)
+        try:
+            found = self._read(name, written)
+        finally:
+            self._open.pop()
+        self._known[name] = found
+        return found
+
+    def _read(self, name: str, written: TomlValue) -> Measure:
+        if isinstance(written, str) and is_expression(written):
+            try:
+                return calculate(written, self.measure)
+            except ExpressionError as error:
+                raise ExpressionError(f"needs the parameter {name!r}, which {error}") from error
+        if _is_number(written):
+            return Measure(Decimal(repr(written)))
+        try:
+            return calculate(f"=[{written}]", self.measure)
+        except ExpressionError as error:
+            raise ExpressionError(
+                f"calculates with {name!r}, which is {show_value(written)} and no number; "
+                'write a number with a unit, such as "12 mm"'
+            ) from error
+
+    def calculated(self, text: str) -> TomlValue:
+        """The value of an expression of a scene; raises ``ExpressionError``."""
+        name = sole_name(text)
+        return self.value(name) if name is not None else calculate(text, self.measure).written()
+
+
+def _is_number(written: TomlValue) -> bool:
+    return isinstance(written, int | float) and not isinstance(written, bool)
+
+
+def _calculated(
+    value: TomlValue, key: KeyPath, parameters: _Parameters, findings: Findings
+) -> TomlValue:
+    """A value with every expression in it calculated; what cannot be stays as it is written and is
+    reported.
+    """
+    if isinstance(value, dict):
+        return {
+            name: _calculated(item, (*key, name), parameters, findings)
+            for name, item in value.items()
+        }
+    if isinstance(value, list):
+        return [
+            _calculated(item, (*key, index), parameters, findings)
+            for index, item in enumerate(value)
+        ]
+    if not isinstance(value, str) or not is_expression(value):
+        return value
+    try:
+        return parameters.calculated(value)
+    except ExpressionError as error:
+        findings.add(key, f"{show_value(value)} {error}")
+        return value
+
+
+def check_parameters(raw: TomlTable, findings: Findings) -> None:
+    """Report parameters with names that no expression could take, or that cannot be calculated.
+
+    Args:
+        raw: The scene as parsed.
+        findings: Receives the problems.
+    """
+    parameters = _Parameters(raw, findings)
+    for name, written in parameters.written.items():
+        key = (PARAMETERS, name)
+        if NAME.fullmatch(name) is None:
+            findings.add(
+                key, f"{name[:80]!r} is no name of a parameter; write letters, digits and _"
+            )
+        elif isinstance(written, str) and is_expression(written):
+            try:
+                parameters.calculated(written)
+            except ExpressionError as error:
+                findings.add(key, f"{show_value(written)} {error}")
+
+
+def is_repeated(entry: TomlValue | None) -> bool:
+    """Whether an entry of a scene stands at several places."""
+    return isinstance(entry, dict) and (PLACES in entry or CARRIAGES in entry)
+
+
+def place_names(entry: TomlValue | None) -> list[str]:
+    """Numbers from 1, or names, of the places of a repeated entry."""
+    if not isinstance(entry, dict):
+        return []
+    if CARRIAGES in entry:
+        rails, per_rail = _carriage_counts(entry) or (0, 0)
+        return [str(number + 1) for number in range(rails * per_rail)]
+    places = entry.get(PLACES)
+    if isinstance(places, dict):
+        return list(places)
+    return [str(number + 1) for number in range(len(places) if isinstance(places, list) else 0)]
+
+
+def _carriage_counts(entry: TomlTable) -> tuple[int, int] | None:
+    """Rails of a set of carriages, and carriages on each; None where they are no numbers."""
+    table = entry.get(CARRIAGES)
+    if not isinstance(table, dict):
+        return None
+    rails, per_rail = table.get("rails", 2), table.get("per_rail", 2)
+    if isinstance(rails, int) and isinstance(per_rail, int) and min(rails, per_rail) > 0:
+        return (rails, per_rail) if max(rails, per_rail) <= MOST_CARRIAGES else None
+    return None
+
+
+def written_entry(entries: TomlTable, name: str) -> tuple[str, str] | None:
+    """The repeated entry that a name is one place of, and the name of the place; None for others."""
+    if name in entries:
+        return None
+    for length in range(len(name) - 2, 0, -1):
+        own, rest = name[:length], name[length + 1 :]
+        if name[length] == "_" and is_repeated(entries.get(own)):
+            return (own, rest) if rest in place_names(entries[own]) else None
+    return None
+
+
+def _expand_axis(axis: TomlValue, joints: TomlTable) -> TomlValue:
+    """An axis that names a repeated joint has it at all of its places."""
+    if not isinstance(axis, dict) or not isinstance(names := axis.get("joints"), list):
+        return axis
+    full: list[TomlValue] = []
+    for name in names:
+        entry = joints.get(name) if isinstance(name, str) else None
+        full += (
+            [f"{name}_{place}" for place in place_names(entry)] if is_repeated(entry) else [name]
+        )
+    return axis | {"joints": full}
+
+
+def _expand_component(entry: TomlValue, key: KeyPath, findings: Findings) -> TomlValue:
+    if not isinstance(entry, dict) or not isinstance(interfaces := entry.get("interfaces"), dict):
+        return entry
+    return entry | {"interfaces": _expand_entries(interfaces, (*key, "interfaces"), findings)}
+
+
+def _expand_entries(entries: TomlTable, key: KeyPath, findings: Findings) -> TomlTable:
+    """Joints or interfaces, repeated ones in full."""
+    full: TomlTable = {}
+    for name, entry in entries.items():
+        if not isinstance(entry, dict):
+            full[name] = entry
+            continue
+        if isinstance(patches := entry.get("patches"), list):
+            entry = entry | {"patches": _expand_patches(patches, (*key, name, "patches"), findings)}
+        if not is_repeated(entry):
+            full[name] = entry
+            continue
+        for place in _members(entry, (*key, name), findings):
+            own = f"{name}_{place.name}"
+            if own in entries:
+                findings.add(
+                    (*key, own),
+                    f"{show_key((*key, name))} makes an entry of this name too; rename one of them",
+                )
+            full[own] = place.entry
+            findings.written_at[(*key, own)] = (*key, name)
+            findings.written_at[(*key, own, *place.key)] = (*key, name, PLACES, place.written)
+    return full
+
+
+def _expand_patches(patches: list[TomlValue], key: KeyPath, findings: Findings) -> list[TomlValue]:
+    full: list[TomlValue] = []
+    for index, patch in enumerate(patches):
+        if isinstance(patch, dict) and is_repeated(patch):
+            for place in _members(patch, (*key, index), findings):
+                findings.written_at[(*key, len(full))] = (*key, index)
+                findings.written_at[(*key, len(full), *place.key)] = (
+                    *key,
+                    index,
+                    PLACES,
+                    place.written,
+                )
+                full.append(place.entry)
+        else:
+            findings.written_at[(*key, len(full))] = (*key, index)
+            full.append(patch)
+    return full
+
+
+@dataclass(frozen=True)
+class _Place:
+    """What a repeated entry is at one of its places.
+
+    Attributes:
+        name: Number from 1, or name.
+        entry: In full.
+        key: Where the place stands in it.
+        written: Under which key or number it is written.
+    """
+
+    name: str
+    entry: TomlTable
+    key: KeyPath
+    written: str | int
+
+
+def _members(entry: TomlTable, key: KeyPath, findings: Findings) -> Iterator[_Place]:
+    """A repeated entry at each of its places."""
+    common = {name: value for name, value in entry.items() if name not in (PLACES, CARRIAGES, EACH)}
+    places = _list_places(entry, key, findings)
+    names = place_names(entry)[: len(places)]
+    exceptions = _read_each(entry, key, names, findings)
+    where = _place_key(common, key, findings)
+    _, per_rail = _carriage_counts(entry) or (1, 1)
+    for number, (name, place) in enumerate(zip(names, places, strict=True)):
+        member = _with(_numbered(common, name, rail=number // per_rail + 1), where, place)
+        for path, value in exceptions.get(name, []):
+            member = _with(member, path, value)
+        yield _Place(name, member, where, name if isinstance(entry.get(PLACES), dict) else number)
+
+
+def _list_places(entry: TomlTable, key: KeyPath, findings: Findings) -> list[TomlValue]:
+    if CARRIAGES in entry:
+        if PLACES in entry:
+            findings.add((*key, PLACES), "stands beside carriages; write one of them")
+        return _list_carriages(entry, key, findings)
+    places = entry[PLACES]
+    listed = list(places.values()) if isinstance(places, dict) else places
+    if isinstance(listed, list) and 0 < len(listed) <= MOST_PLACES:
+        return listed
+    findings.add(
+        (*key, PLACES),
+        f"is neither a list nor a table of 1 to {MOST_PLACES} places; write such as "
+        'places = [["10 mm", "0 mm", "0 mm"], ["-10 mm", "0 mm", "0 mm"]]',
+    )
+    return []
+
+
+def _place_key(common: TomlTable, key: KeyPath, findings: Findings) -> KeyPath:
+    """Where a place goes: ``at`` of a component or joint, the centre of the shape of an interface or a patch."""
+    if len(key) == 2:
+        if "at" in common:
+            findings.add((*key, "at"), "stands beside several places; write one of them")
+        return ("at",)
+    shapes = [shape for shape in SHAPES if isinstance(common.get(shape), dict)]
+    if len(shapes) != 1:
+        findings.add(
+            (*key, PLACES),
+            'are middles of a rect, disk or strip; write it beside them, such as rect = { size = ["50 mm", "30 mm"] }',
+        )
+        return ("rect", "center")
+    if isinstance(shape := common[shapes[0]], dict) and "center" in shape:
+        findings.add((*key, shapes[0], "center"), "stands beside several places; write one of them")
+    return (shapes[0], "center")
+
+
+def _list_carriages(entry: TomlTable, key: KeyPath, findings: Findings) -> list[TomlValue]:
+    """Places of carriages on parallel rails: rail by rail, from the positive side to the negative."""
+    table = entry[CARRIAGES]
+    known = {"middle", "along", "across", "rails", "per_rail"}
+    if not isinstance(table, dict) or not {"middle"} <= set(table) <= known:
+        findings.add(
+            (*key, CARRIAGES),
+            'is not a table of middle, along, across, rails and per_rail; write such as { middle = ["64 mm", "0 mm", "470 mm"], '
+            'along = "93 mm", across = "180 mm" }',
+        )
+        return []
+    axis, normal = (str(entry.get(name, "")).lstrip("+-") for name in ("axis", "normal"))
+    if {axis, normal} - set(AXES) or axis == normal:
+        findings.add((*key, CARRIAGES), "needs axis and normal of the joint along x, y or z")
+        return []
+    third = ({"x", "y", "z"} - {axis, normal}).pop()
+    counts = _carriage_counts(entry)
+    if counts is None:
+        findings.add(
+            (*key, CARRIAGES), f"takes numbers from 1 to {MOST_CARRIAGES} for rails and per_rail"
+        )
+        return []
+    rails, per_rail = counts
+    try:
+        middle = [
+            _length(item, (*key, CARRIAGES, "middle"), findings)
+            for item in _triple(table["middle"], (*key, CARRIAGES, "middle"), findings)
+        ]
+        along = _length(table.get("along", "0 mm"), (*key, CARRIAGES, "along"), findings)
+        across = _length(table.get("across", "0 mm"), (*key, CARRIAGES, "across"), findings)
+    except UnitError:
+        return []
+    places: list[TomlValue] = []
+    for rail in range(rails):
+        for carriage in range(per_rail):
+            place = list(middle)
+            place[AXES[axis]] += along * (Decimal(per_rail - 1) / 2 - carriage)
+            place[AXES[third]] += across * (Decimal(rails - 1) / 2 - rail)
+            places.append([f"{value} m" for value in place])
+    return places
+
+
+def _triple(value: TomlValue, key: KeyPath, findings: Findings) -> list[TomlValue]:
+    if isinstance(value, list) and len(value) == 3:
+        return value
+    findings.add(key, 'is not a point; write such as ["64 mm", "0 mm", "470 mm"]')
+    raise UnitError("no point")
+
+
+def _length(value: TomlValue, key: KeyPath, findings: Findings) -> Decimal:
+    try:
+        return Decimal(repr(parse_quantity(value, LENGTH).value))
+    except UnitError as error:
+        findings.add(key, str(error))
+        raise
+
+
+def _read_each(
+    entry: TomlTable, key: KeyPath, names: Sequence[str], findings: Findings
+) -> dict[str, list[tuple[KeyPath, TomlValue]]]:
+    """What is different at some places: by their names, keys and values."""
+    found: dict[str, list[tuple[KeyPath, TomlValue]]] = {}
+    each = entry.get(EACH, {})
+    for name, table in each.items() if isinstance(each, dict) else ():
+        if name not in names or not isinstance(table, dict):
+            findings.add((*key, EACH, name), suggest_names(name, names, what="places"))
+            continue
+        found[name] = [(split_dotted(path), value) for path, value in table.items()]
+    return found
+
+
+def split_dotted(text: str) -> KeyPath:
+    """``at.2`` as a path."""
+    return tuple(int(part) if part.isdecimal() else part for part in text.split("."))
+
+
+def _numbered(value: TomlValue, name: str, *, rail: int) -> TomlTable:
+    """A copy with the name of the place and the number of its rail in all texts."""
+
+    def fill(item: TomlValue) -> TomlValue:
+        if isinstance(item, dict):
+            return {name: fill(inner) for name, inner in item.items()}
+        if isinstance(item, list):
+            return [fill(inner) for inner in item]
+        if isinstance(item, str):
+            return item.replace("{n}", name).replace("{rail}", str(rail))
+        return item
+
+    filled = fill(value)
+    return filled if isinstance(filled, dict) else {}
+
+
+def replaced(place: TomlValue, path: KeyPath, value: TomlValue) -> TomlValue:
+    """Part of a scene with another value at a path, copied along the path only: many variants of a
+    large scene share the rest.
+    """
+    if not path:
+        return value
+    if isinstance(place, list):
+        return [
+            replaced(item, path[1:], value) if number == path[0] else item
+            for number, item in enumerate(place)
+        ]
+    table, key = place if isinstance(place, dict) else {}, str(path[0])
+    return table | {key: replaced(table.get(key, {}), path[1:], value)}
+
+
+def _with(place: TomlTable, path: KeyPath, value: TomlValue) -> TomlTable:
+    found = replaced(place, path, value)
+    return found if isinstance(found, dict) else {}
