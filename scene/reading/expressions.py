@@ -4,7 +4,7 @@
 
 import re
 from collections.abc import Callable
-from decimal import DivisionByZero, InvalidOperation, Overflow, localcontext
+from decimal import DefaultContext, DivisionByZero, InvalidOperation, Overflow, localcontext
 
 from headstock.scene.reading.units import Measure, UnitError, read_measure
 
@@ -59,9 +59,8 @@ def calculate(text: str, look_up: Callable[[str], Measure]) -> Measure:
         raise ExpressionError(
             f"is longer than {LONGEST} characters; give its parts names under [parameters]"
         )
-    with localcontext() as context:
-        context.prec = 28
-        context.traps[Overflow] = context.traps[InvalidOperation] = True
+    # the same however the process has set up its decimals
+    with localcontext(DefaultContext):
         try:
             parser = _Parser(text.lstrip().removeprefix(MARK), look_up)
             value = parser.read_sum(0)

@@ -42,7 +42,7 @@ def expand_scene(raw: TomlTable, findings: Findings) -> TomlTable:
     full = {
         section: value
         if section in NOT_CALCULATED
-        else _calculated(value, (section,), _Parameters(raw, findings), findings)
+        else _calculated(value, (section,), _Parameters(raw), findings)
         for section, value in raw.items()
     }
     for section in ("components", "joints"):
@@ -63,10 +63,9 @@ def expand_scene(raw: TomlTable, findings: Findings) -> TomlTable:
 class _Parameters:
     """Values of the parameters of a scene, calculated when they are asked for."""
 
-    def __init__(self, raw: TomlTable, findings: Findings) -> None:
+    def __init__(self, raw: TomlTable) -> None:
         section = raw.get(PARAMETERS)
         self.written: TomlTable = section if isinstance(section, dict) else {}
-        self._findings = findings
         self._known: dict[str, Measure] = {}
         self._open: list[str] = []
 
@@ -174,7 +173,7 @@ def check_parameters(raw: TomlTable, findings: Findings) -> None:
         raw: The scene as parsed.
         findings: Receives the problems.
     """
-    parameters = _Parameters(raw, findings)
+    parameters = _Parameters(raw)
     for name, written in parameters.written.items():
         key = (PARAMETERS, name)
         if NAME.fullmatch(name) is None:
