@@ -322,7 +322,7 @@ def test_results_of_strangers_show_no_other_files_in_a_report(tmp_path: Path) ->
         file["view"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/")
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     (tmp_path / "summary.json").write_text(
-        f'{{"files": {{"results.h5": {{"sha256": "{digest}"}}}}}}'
+        f'{{"format": 2, "files": {{"results.h5": {{"sha256": "{digest}"}}}}}}'
     )
     with pytest.raises(OutputError, match="is a link"):
         read_view(tmp_path)

@@ -84,7 +84,7 @@ def test_the_weakest_link_and_the_gain_of_doubling_it_are_exact(
     assert link.name == "foot"
     assert link.share == pytest.approx(parts["foot"] / sum(parts.values()), rel=1e-10)
     assert link.change == pytest.approx(-0.5 * link.share, rel=1e-8)
-    assert "foot gives" in str(link) and "x compliance" in str(link)
+    assert "foot contributes 76 %" in str(link) and "x compliance" in str(link)
 
 
 def test_doubling_a_component_is_recomputed_too(
