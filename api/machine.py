@@ -148,6 +148,7 @@ class Machine(Noun, schema=SceneTable):
     ) -> None:
         self.table, self.choice = table, choice
         self._origins, self._lines = dict(findings.origins), findings.lines
+        self._included = dict(findings.included)
         self.scene = build_scene(table, findings, path=path, variant=variant)
 
     @cached_property
@@ -167,7 +168,9 @@ class Machine(Noun, schema=SceneTable):
             SceneError: The result has problems.
         """
         path = self.scene.path
-        findings = Findings(str(path), self._lines, dict(self._origins))
+        findings = Findings(
+            str(path), self._lines, dict(self._origins), included=dict(self._included)
+        )
         overrides = write_settings(set or {})
         table = apply_variant(self.table, variant, findings)
         apply_settings(table, overrides, findings)

@@ -32,6 +32,7 @@ from headstock.scene.building.loader import load_scene, prepare_sweep
 from headstock.scene.reading.findings import Findings, SceneError, suggest_names
 from headstock.scene.reading.toml_text import write_toml
 from headstock.scene.scene import Scene, keep_analyses, list_analyses
+from headstock.scene.schema.includes import scene_content
 from headstock.scene.studies import Study, StudyFamily
 from headstock.solvers.errors import ModelError
 from headstock.solvers.ranks import share_from_root
@@ -395,6 +396,6 @@ def _trace(machine: Machine, analyses: Sequence[str], ranks: int) -> Provenance:
         content = write_toml(machine.table).encode()
         choice = SceneChoice(path, machine.scene.variant)
     else:
-        content = path.read_bytes()
+        content = scene_content(path)
     named = dataclasses.replace(choice, analyses=tuple(analyses))
     return trace_content(named, content, ranks=ranks)

@@ -35,9 +35,10 @@ from headstock.pipeline.storage.outputs import (
     write_beside,
     write_output,
 )
-from headstock.pipeline.storage.provenance import SceneChoice, trace_origin
+from headstock.pipeline.storage.provenance import SceneChoice, trace_content
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene
+from headstock.scene.schema.includes import scene_content
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.parameters.convergence import (
     Convergence,
@@ -212,8 +213,12 @@ def _publish(
 ) -> list[str]:
     """Write the files and print; remarks for the user."""
     listing = list_convergence(advice, request.scene.path)
-    listing["provenance"] = trace_origin(
-        chosen, ranks=ranks, command=request.command, with_host=request.with_host
+    listing["provenance"] = trace_content(
+        chosen,
+        scene_content(chosen.path),
+        ranks=ranks,
+        command=request.command,
+        with_host=request.with_host,
     ).summarise()
     figure = draw_convergence(advice.found, advice.needs[0])
     remarks = write_beside(folder, {} if figure is None else {"convergence.png": figure})

@@ -100,22 +100,27 @@ def choose_scene(
 
 
 def trace_command(choice: "SceneChoice", *, ranks: int = 1, with_host: bool) -> "Provenance | None":
-    """Where the results of the present command come from; None where there is no scene file, which
-    is said elsewhere.
+    """Where the results of the present command come from; None where there is no scene that
+    can be read, which is said elsewhere.
 
     Args:
         choice: Of the command line.
         ranks: MPI ranks.
         with_host: State host and command line.
     """
-    from headstock.pipeline.storage.provenance import trace_origin
+    from headstock.pipeline.storage.provenance import trace_content
+    from headstock.scene.reading.findings import SceneError
+    from headstock.scene.schema.includes import scene_content
 
+    if not choice.path.is_file():
+        return None
     context = click.get_current_context(silent=True)
     words = None if context is None else context.find_root().obj
     try:
-        return trace_origin(choice, ranks=ranks, command=words, with_host=with_host)
-    except OSError:
+        content = scene_content(choice.path)
+    except (OSError, SceneError):
         return None
+    return trace_content(choice, content, ranks=ranks, command=words, with_host=with_host)
 
 
 def read_solid(text: str | None) -> int | str | None:

@@ -18,7 +18,6 @@ from typing import NotRequired, TypedDict
 
 DISTRIBUTION = "headstock"
 UNKNOWN = "unknown"
-MAX_BYTES = 1 << 20  # of a scene
 COMMIT = re.compile(r"[0-9a-f]{40}([0-9a-f]{24})?")
 # with machines/, tests/ and the launcher, in a checkout
 PROJECT = Path(__file__).resolve().parents[2]
@@ -72,8 +71,9 @@ class Provenance:
 
     Attributes:
         scene_file: Name of the scene file.
-        scene_sha256: Of its bytes.
-        scene_text: Of the file, before variant and overrides.
+        scene_sha256: Of its text.
+        scene_text: Of the file, before variant and overrides; with the files it includes as one
+            scene.
         variant: That was applied; None for none.
         overrides: ``KEY=VALUE`` of each ``--set``, in their order.
         analyses: Named on the command line; empty for all that the scene asks for.
@@ -128,27 +128,6 @@ class Provenance:
         return summary
 
 
-def trace_origin(
-    choice: SceneChoice, *, ranks: int, command: Sequence[str] | None, with_host: bool
-) -> Provenance:
-    """Where what is computed now comes from.
-
-    Args:
-        choice: Scene file, and what the command line changes of it.
-        ranks: MPI ranks.
-        command: Words of the command line.
-        with_host: State host and command line.
-
-    Raises:
-        OSError: The scene file is gone.
-    """
-    if not choice.path.is_file() or choice.path.stat().st_size > MAX_BYTES:
-        raise OSError(f"{choice.path} is no scene file")
-    return trace_content(
-        choice, choice.path.read_bytes(), ranks=ranks, command=command, with_host=with_host
-    )
-
-
 def trace_content(
     choice: SceneChoice,
     content: bytes,
@@ -161,7 +140,7 @@ def trace_content(
 
     Args:
         choice: Name of the file, and what is changed of its content.
-        content: Of the scene file, or of what would be one.
+        content: Of the scene file with what it includes, or of what would be one.
         ranks: MPI ranks.
         command: Words of the command line; None without one.
         with_host: State host and command line.

@@ -63,12 +63,13 @@ from headstock.scene.building.studies import (
     check_sweeps,
     read_sweep_paths,
 )
-from headstock.scene.reading.files import TomlTable, TomlValue, read_scene
+from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, CompareSettings, Limits, Scene
 from headstock.scene.schema.effects import read_gravity, read_modal_damping
 from headstock.scene.schema.expansion import check_parameters, expand_scene
+from headstock.scene.schema.includes import INCLUDE, read_with_includes
 from headstock.scene.schema.overrides import (
     VARIANT_JOINER,
     apply_settings,
@@ -159,7 +160,7 @@ def read_tables(
         overrides: The same.
         values: The same.
     """
-    raw = apply_variant(read_scene(path, findings), variant, findings)
+    raw = apply_variant(read_with_includes(path, findings), variant, findings)
     apply_settings(raw, overrides, findings)
     apply_values(raw, values or {}, findings)
     return raw
@@ -179,6 +180,11 @@ def build_scene(
     Raises:
         SceneError: Anything is wrong.
     """
+    if INCLUDE in raw:
+        findings.add(
+            (INCLUDE,),
+            "is read with the scene's file; write it there, not in a variant, a setting or Python",
+        )
     written, raw = raw, expand_scene(raw, findings)
     table = validate_tables(raw, findings)
     if table is None:

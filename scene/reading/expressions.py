@@ -3,7 +3,7 @@
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from decimal import DefaultContext, DivisionByZero, InvalidOperation, Overflow, localcontext
 
 from headstock.scene.reading.units import Measure, UnitError, read_measure
@@ -26,6 +26,7 @@ _TOKEN = re.compile(
     re.VERBOSE,
 )
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*(.*?)\s*")
+_WORD = re.compile(r"[A-Za-z]+")
 NAME = re.compile(r"[A-Za-z_]\w{0,63}", re.ASCII)
 
 
@@ -70,6 +71,36 @@ def calculate(text: str, look_up: Callable[[str], Measure]) -> Measure:
         except Overflow as error:
             raise ExpressionError("leaves the range of numbers; check its units") from error
         return value
+
+
+def prefix_names(text: str, prefix: str, names: Collection[str]) -> str:
+    """An expression with a prefix before those of its names that are listed.
+
+    Args:
+        text: With its mark ``=``.
+        prefix: To put before them.
+        names: Of parameters.
+
+    Raises:
+        ExpressionError: A unit can be read as one of the names.
+    """
+    position = text.index(MARK) + len(MARK)
+    parts = [text[:position]]
+    while token := _TOKEN.match(text, position):
+        unit = token["unit"] or ""
+        if "/" in unit and (doubtful := [word for word in _WORD.findall(unit) if word in names]):
+            raise _read_twice(token["number"], unit, doubtful[0])
+        start = token.start("name") if token["name"] in names else token.start()
+        parts += [text[position:start], prefix] if token["name"] in names else []
+        parts.append(text[start : token.end()])
+        position = token.end()
+    return "".join(parts) + text[position:]
+
+
+def _read_twice(number: str, unit: str, word: str) -> ExpressionError:
+    return ExpressionError(
+        f"can be read in two ways at {number} {unit}, as {word!r} is a parameter too; write spaces around /, or [{number} {unit}]"
+    )
 
 
 class _Parser:
@@ -144,14 +175,12 @@ class _Parser:
 
     def _refuse_names(self, number: str, unit: str) -> None:
         """A unit with a word that is a parameter can be read in two ways."""
-        for word in re.findall(r"[A-Za-z]+", unit):
+        for word in _WORD.findall(unit):
             try:
                 self._look_up(word)
             except ExpressionError:
                 continue
-            raise ExpressionError(
-                f"can be read in two ways at {number} {unit}, as {word!r} is a parameter too; write spaces around /, or [{number} {unit}]"
-            )
+            raise _read_twice(number, unit, word)
 
     def _take(self, *signs: str) -> str | None:
         if self._token is None or self._token["sign"] not in signs:

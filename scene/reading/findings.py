@@ -71,12 +71,13 @@ class SceneError(Exception):
 
 @dataclass(frozen=True)
 class Origin:
-    """Where the value at a key path came from: a line of the file, and the override that put it
-    there, if any.
+    """Where the value at a key path came from: a line of the scene file or of one that it includes,
+    and the override that put it there, if any.
     """
 
     line: int | None
     override: str | None = None
+    file: str | None = None
 
 
 @dataclass
@@ -92,6 +93,7 @@ class Findings:
         warnings: Found so far.
         on_request: Analyses that run only when they are named.
         deferred: What keeps such an analysis from running as the scene stands, by its name.
+        included: Lines of the files that the scene includes, by their paths.
     """
 
     path: str
@@ -102,6 +104,7 @@ class Findings:
     warnings: list[str] = field(default_factory=list)
     on_request: frozenset[str] = frozenset()
     deferred: dict[str, list[Problem]] = field(default_factory=dict)
+    included: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def add(self, key: KeyPath, message: str) -> None:
         """Report a problem at a key path (or at the closest enclosing one that is written down)."""
@@ -131,13 +134,14 @@ class Findings:
             message: What is wrong and what to write.
             key: Dotted key, where one is known.
         """
+        origin = Origin(line)
         self.problems.append(
-            (line or 0, Problem(self._place(Origin(line)), key, self.source_line(line), message))
+            (line or 0, Problem(self._place(origin), key, self._source_line(origin), message))
         )
 
     def warn(self, key: KeyPath, message: str) -> None:
         """Report something that is allowed but looks wrong."""
-        self.warnings.append(f"{self._place(self.origin_of(key))}: {show_key(key)}: {message}")
+        self.warnings.append(f"{self.place_of(key)}: {show_key(key)}: {message}")
 
     def concern(self, *sections: str) -> bool:
         """Whether a problem was found in one of the sections of the scene."""
@@ -156,11 +160,15 @@ class Findings:
                     return self.origins[path[:length]]
         return Origin(None)
 
-    def source_line(self, line: int | None) -> str:
-        """Text of a line of the file, shortened."""
-        if line is None or not 1 <= line <= len(self.lines):
+    def place_of(self, key: KeyPath) -> str:
+        """File and line of a key path, or of its closest ancestor that is written down."""
+        return self._place(self.origin_of(key))
+
+    def _source_line(self, origin: Origin) -> str:
+        lines = self.lines if origin.file is None else self.included.get(origin.file, ())
+        if origin.line is None or not 1 <= origin.line <= len(lines):
             return ""
-        text = self.lines[line - 1].strip()
+        text = lines[origin.line - 1].strip()
         return text if len(text) <= 120 else f"{text[:117]}..."
 
     def raise_if_any(self) -> None:
@@ -170,17 +178,22 @@ class Findings:
             SceneError: At least one problem was found.
         """
         if self.problems:
+            order = {file: number for number, file in enumerate(self.included)}
             raise SceneError(
-                problem for _, problem in sorted(self.problems, key=lambda item: item[0])
+                problem
+                for _, problem in sorted(
+                    self.problems, key=lambda item: (order.get(item[1].file, -1), item[0])
+                )
             )
 
     def describe(self, key: KeyPath, message: str) -> Problem:
         """A problem at a key path (or at the closest enclosing one that is written down)."""
         origin = self.origin_of(key)
-        return Problem(self._place(origin), show_key(key), self.source_line(origin.line), message)
+        return Problem(self._place(origin), show_key(key), self._source_line(origin), message)
 
     def _place(self, origin: Origin) -> str:
-        place = self.path if origin.line is None else f"{self.path}:{origin.line}"
+        file = self.path if origin.file is None else origin.file
+        place = file if origin.line is None else f"{file}:{origin.line}"
         if origin.override is None:
             return place
         return origin.override if origin.line is None else f"{place} ({origin.override})"

@@ -6,6 +6,10 @@ NOTES = {
     "Scene.name": "heading of the results; the file's name unless given",
     "Scene.parameters": 'values with names, see [short scenes](short_scenes.md): `wall = "12 mm"`, used as `"= 2 * wall + 3 mm"` '
     "anywhere but in `variants` and `studies`",
+    "Scene.include": 'other files with parts of the machine, see [short scenes](short_scenes.md): `"spindle.toml"`, a list of them, '
+    'or `{ file = "spindle.toml", prefix = "spindle_" }`',
+    "Include.file": "a `.toml` file in the folder of the scene or below, from the folder of the file that includes it",
+    "Include.prefix": "put before the name of every entry of the file",
     "Joint.places": "in place of `at`: one joint at each, `NAME_1`, `NAME_2`, ... of a list, `NAME_left` of a table; "
     "`{n}` in texts is the number or name",
     "Joint.carriages": "in place of `at`: a `linear_guide` at each place of carriages on parallel rails",

@@ -1,10 +1,11 @@
 """Schema of a whole scene file, its analyses, effects, limits and the accuracy it asks for."""
 
+import re
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from headstock.scene.reading.units import ACCELERATION
+from headstock.scene.reading.units import ACCELERATION, show_value
 from headstock.scene.schema.components import ComponentTable, MaterialTable, OrientationTable
 from headstock.scene.schema.connections import (
     AxisTable,
@@ -45,6 +46,8 @@ from headstock.scene.schema.types import (
 
 Ports = Annotated[list[PortName], Field(min_length=1, max_length=100)]
 TIGHTEST, LOOSEST = 1e-4, 0.2
+MAX_INCLUDED = 50
+_PREFIX = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}")
 
 
 class FrfTable(RequestTable):
@@ -241,10 +244,46 @@ Effects = Annotated[
 ]
 
 
+def _read_prefix(value: object) -> str:
+    if not isinstance(value, str) or _PREFIX.fullmatch(value) is None:
+        raise problem(
+            f'{show_value(value)} is no prefix of names; write letters, digits and _, beginning with a letter, at most 32, such as "spindle_"'
+        )
+    return value
+
+
+class IncludeTable(StrictTable):
+    """A file whose entries become entries of the scene."""
+
+    file: Text
+    prefix: Annotated[
+        str,
+        BeforeValidator(_read_prefix),
+        JsonForm({"type": "string", "pattern": f"^{_PREFIX.pattern}$", "examples": ["spindle_"]}),
+    ] = ""
+
+
+def _wrap_include(value: object) -> object:
+    return [
+        {"file": item} if isinstance(item, str) else item
+        for item in (value if isinstance(value, list) else [value])
+    ]
+
+
+_FILE_NAME = {"type": "string", "examples": ["spindle.toml"]}
+Includes = Annotated[
+    list[Annotated[IncludeTable, OrForm(_FILE_NAME)]],
+    BeforeValidator(_wrap_include),
+    Field(max_length=MAX_INCLUDED),
+    OrForm(),
+]
+
+
 class SceneTable(StrictTable):
     """A scene: one machine, its poses and what is to be computed."""
 
     name: Text | None = None
+    include: Includes = []
     parameters: dict[str, Any] = {}
     materials: dict[Name, MaterialTable] = {}
     components: dict[Name, ComponentTable] = {}

@@ -33,6 +33,7 @@ from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Problem, SceneError
 from headstock.scene.reading.keys import read_entries
 from headstock.scene.scene import Scene, keep_analyses
+from headstock.scene.schema.includes import scene_content
 from headstock.scene.schema.overrides import VARIANT_JOINER, split_variant
 from headstock.scene.studies import REFERENCE_RUN, Study, StudyPoint, expand_study, make_point
 from headstock.solvers.errors import CompileError
@@ -112,8 +113,8 @@ class StudyProgress:
 
 
 def hash_scene(path: Path) -> str:
-    """SHA-256 of a scene file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    """SHA-256 of a scene file, with what it includes."""
+    return hashlib.sha256(scene_content(path)).hexdigest()
 
 
 def check_points(job: StudyJob) -> None:
