@@ -159,7 +159,7 @@ class PathRequest:
         outputs: Where the deviation is wanted.
         sampling_hz: Samples a second.
         low_pass: What the deviation is filtered by; None for nothing.
-        residual_time: How long after a ramp its ringing is looked at, and recorded after the end [s].
+        residual_time: How long after a ramp its residual vibration is looked at, and recorded after the end [s].
         cut: What is milled on the way; None for a move in air.
         follows_pose: The machine's matrices change along the way; else those of its middle hold.
     """

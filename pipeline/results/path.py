@@ -167,7 +167,7 @@ class PathResult(Answer):
         lowpass_hz: Of the filter; None without one.
         filter: Its kind.
         damped: Any damping is on.
-        low_frequency_limit_hz: Modes below sway.
+        low_frequency_limit_hz: Modes below count as rigid-body (low-frequency) response.
         low_frequency_modes: How many these are.
         poses: How the poses were followed; None where that of the middle held.
         runs: One per feed.

@@ -68,7 +68,7 @@ from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, CompareSettings, Limits, Scene
 from headstock.scene.schema.effects import read_gravity, read_modal_damping
-from headstock.scene.schema.expansion import check_parameters, expand_scene
+from headstock.scene.schema.expansion import expand_scene
 from headstock.scene.schema.includes import INCLUDE, read_with_includes
 from headstock.scene.schema.overrides import (
     VARIANT_JOINER,
@@ -76,6 +76,7 @@ from headstock.scene.schema.overrides import (
     apply_values,
     apply_variant,
 )
+from headstock.scene.schema.parameters import check_parameters
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.validation import validate_tables
 

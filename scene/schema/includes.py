@@ -12,7 +12,8 @@ from headstock.scene.reading.findings import Findings, Origin
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.toml_text import write_toml
 from headstock.scene.reading.units import show_value
-from headstock.scene.schema.expansion import EACH, PARAMETERS, place_names, split_dotted
+from headstock.scene.schema.expansion import EACH, place_names, split_dotted
+from headstock.scene.schema.parameters import MACHINE_SECTIONS, PARAMETERS
 from headstock.scene.schema.scene import MAX_INCLUDED, IncludeTable
 from headstock.scene.schema.validation import validate_tables
 
@@ -20,18 +21,6 @@ INCLUDE = "include"
 MAX_INCLUDE_DEPTH = 5
 MAX_INCLUDED_BYTES = 4 << 20
 MAX_REFERENCE = 200  # characters
-SECTIONS = (
-    PARAMETERS,
-    "materials",
-    "components",
-    "joints",
-    "points",
-    "axes",
-    "supports",
-    "loads",
-    "probes",
-    "drives",
-)
 # section that a text names an entry of, by section and keys of the entry it stands in; an end or a
 # face names its component before the dot
 _REFERENCES = {
@@ -160,11 +149,11 @@ class _Reader:
 
 def _check_sections(tables: TomlTable, findings: Findings) -> None:
     for section, entries in tables.items():
-        if section not in SECTIONS:
+        if section not in MACHINE_SECTIONS:
             findings.add(
                 (section,),
                 f"{section[:80]!r} cannot stand in an included file; write it in the scene. "
-                f"Included are: {', '.join(SECTIONS)}",
+                f"Included are: {', '.join(MACHINE_SECTIONS)}",
             )
         elif not isinstance(entries, dict):
             findings.add(

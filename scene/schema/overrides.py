@@ -12,32 +12,15 @@ from headstock.scene.reading.findings import Findings, Origin, Problem, show_key
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.schema.expansion import (
     EACH,
-    PARAMETERS,
     is_repeated,
     replaced,
     split_dotted,
     written_entry,
 )
+from headstock.scene.schema.parameters import MACHINE_SECTIONS, PARAMETERS
 from headstock.scene.schema.validation import known_keys, unknown_key
 
-ENTRY_SECTIONS = frozenset(
-    {
-        "materials",
-        "components",
-        "joints",
-        "points",
-        "axes",
-        "supports",
-        "loads",
-        "probes",
-        "poses",
-        "sweeps",
-        "studies",
-        "drives",
-        "variants",
-        PARAMETERS,
-    }
-)
+ENTRY_SECTIONS = frozenset({*MACHINE_SECTIONS, "poses", "sweeps", "studies", "variants"})
 MAX_OVERRIDES = 1000
 AS_WRITTEN = "as written"  # the scene without any variant, where variants are listed
 VARIANT_JOINER = "+"

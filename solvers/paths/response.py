@@ -251,7 +251,7 @@ def measure_zones(
             ringing from one zone into another.
         move: The set point.
         output: Number of the output.
-        residual_time: How long after a ramp its ringing is looked at [s].
+        residual_time: How long after a ramp its residual vibration is looked at [s].
     """
     (first, first_end), (second, second_end) = move.zones
     last, ahead = float(found.times[-1]), max(second, first_end)

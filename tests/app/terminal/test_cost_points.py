@@ -16,7 +16,7 @@ from headstock.studies.parameters.tables import tabulate_study
 
 SIZE = "components.column.mesh.size"
 FAMILIES = (
-    StudyFamily(REFERENCE_RUN, "held against", {}, {}),
+    StudyFamily(REFERENCE_RUN, "reference run", {}, {}),
     StudyFamily("tets", "tets", {}, {SIZE: ("40 mm", "20 mm", "10 mm")}),
     StudyFamily("automatic", "automatic", {}, {"accuracy": ("1 %",)}),
     StudyFamily("rigid_tip", "rigid tip", {}, {SIZE: ("40 mm", "10 mm")}, other_model=True),
