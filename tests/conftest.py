@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from _pytest.faulthandler import fault_handler_stderr_fd_key, get_timeout_config_value
 from _pytest.python_api import ApproxScalar
+from hypothesis import given, settings, strategies
 
 from common import Dense
 
@@ -131,9 +132,16 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items.sort(key=lambda item: -lengths[item.path])
 
 
+@settings(derandomize=True, max_examples=1, database=None)
+@given(strategies.none())
+def _try_nothing(_nothing: None) -> None:
+    """Let hypothesis make its generator of random numbers."""
+
+
 def pytest_collection_finish() -> None:
     # what collecting made (4 000 tests, all their modules) stays for good: searching it for garbage
     # again and again would be a good part of what small tests cost
+    _try_nothing()  # hypothesis would not find the frozen holder of its generator
     gc.collect()
     gc.freeze()
 
