@@ -110,7 +110,8 @@ class Scene:
         effects: Names of the effects that are switched on.
         variants: Names of the variants the scene offers.
         compare: Which of them are held side by side.
-        raw: Parsed TOML after overrides.
+        raw: Parsed TOML after overrides, in full.
+        written: The same as it is written: expressions not calculated, ``places`` in short.
         limits: What a run may cost.
         warnings: What is allowed but looks wrong, each with its place.
         variant: Variant that was applied.
@@ -146,6 +147,7 @@ class Scene:
     deferred: dict[str, tuple[Problem, ...]] = field(default_factory=dict)
     drives: dict[str, Drive] = field(default_factory=dict)
     findings: Findings = field(default_factory=lambda: Findings(""))
+    written: TomlTable = field(default_factory=dict)
 
     @property
     def is_lumped(self) -> bool:

@@ -277,6 +277,7 @@ def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | No
         else AccuracyGoal(table.accuracy.to, table.accuracy.fidelity),
         modal_damping=read_modal_damping(table.effects.get("damping", False)),
         findings=findings,
+        written=draft.written,
     )
 
 

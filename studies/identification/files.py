@@ -162,6 +162,7 @@ def write_keys(found: Identification) -> dict[str | None, dict[KeyPath, str | fl
         result[state.model.case.variant] = {
             law.key: write_number(law.value(found.values), written_unit(raw, law.key))
             for law in parametric.laws
+            if law.rules
         }
     return result
 

@@ -20,11 +20,8 @@ from headstock.scene.requests import ModalRequest
 from headstock.scene.scene import Scene
 from headstock.studies.identification.cases import make_case
 from headstock.studies.identification.descent import StartRecord, fit
-from headstock.studies.identification.parametric_scene import (
-    ParameterValueError,
-    ParametricScene,
-    make_parametric,
-)
+from headstock.studies.identification.key_laws import ParameterValueError
+from headstock.studies.identification.parametric_scene import ParametricScene, make_parametric
 from headstock.studies.identification.problem import (
     FitPoint,
     FitProblem,

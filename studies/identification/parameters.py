@@ -22,7 +22,8 @@ from headstock.scene.reading.keys import (
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Dimension, Quantity
 from headstock.scene.scene import Scene
-from headstock.studies.identification.parametric_scene import holds_number
+from headstock.scene.schema.parameters import PARAMETERS
+from headstock.studies.identification.key_laws import ParameterValueError, find_laws, holds_number
 from headstock.studies.identification.schema import (
     ParameterTable,
     PowerRuleTable,
@@ -79,7 +80,40 @@ def read_parameters(
         parameter = _read_parameter(name, entry, targets, findings) if targets else None
         if parameter is not None:
             found.append(parameter)
+            _check_followers(parameter, targets, scenes, findings)
     return tuple(found)
+
+
+def _check_followers(
+    parameter: Parameter, targets: Sequence[_Target], scenes: Scenes, findings: Findings
+) -> None:
+    """Report numbers that a scene calculates from a fitted one of its own parameters and that
+    cannot be fitted, and a fitted one that nothing is calculated from.
+    """
+    named = [target for target in targets if target.rule.key[0] == PARAMETERS]
+    if not named:
+        return
+    first, found = named[0], 0
+    for scene in scenes.values():
+        try:
+            laws = [law for law in find_laws(scene, (parameter,)) if law.calculated is not None]
+        except ParameterValueError as error:
+            findings.add(first.place, str(error))
+            return
+        found += len(laws)
+        for fault in [fault for law in laws if (fault := _find_fault(law.key, scene))][:1]:
+            name = show_key(first.rule.key)
+            findings.add(
+                first.place, f"a value is calculated from {name} that no fit takes: {fault}"
+            )
+            return
+    if not found:
+        name = show_key(first.rule.key[1:])
+        findings.add(
+            first.place,
+            f"no dimension, mass, place, material or stiffness of the scene is calculated from {name!r}; "
+            f'write one as "= {name}", or fit a key',
+        )
 
 
 def _rules_by_kind(table: ParameterTable) -> tuple[tuple[str, Sequence[Rule]], ...]:
@@ -157,8 +191,15 @@ def _explain_missing(pattern: KeyPath, text: str, scenes: Scenes) -> str:
 def _find_fault(key: KeyPath, scene: Scene) -> str:
     """Why a key of the scene cannot be fitted; empty where it can."""
     section = str(key[0])
+    if section == PARAMETERS:
+        return ""  # what is calculated from it is looked at once its bounds are known
     if len(key) < 3 or section not in _PLACES or key[2] not in _PLACES[section]:
-        places = "; ".join(f"{name}.NAME.{'|'.join(keys)}" for name, keys in _PLACES.items())
+        places = "; ".join(
+            [
+                "parameters.NAME",
+                *(f"{name}.NAME.{'|'.join(keys)}" for name, keys in _PLACES.items()),
+            ]
+        )
         return f"{show_key(key)} cannot be fitted; what can: {places}"
     components = scene.machine.components
     variant = f"in variant {scene.variant}" if scene.variant else "in the scene as written"

@@ -29,81 +29,16 @@ from headstock.scene.building.components import (
 from headstock.scene.building.joints import KINDS
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import show_key
-from headstock.scene.reading.keys import (
-    NUMBER,
-    ReadValue,
-    find_keys,
-    read_entries,
-    read_number,
-    replace_numbers,
-)
+from headstock.scene.reading.keys import NUMBER, ReadValue, read_entries, replace_numbers
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import Dimension, Quantity
+from headstock.scene.reading.units import Quantity
 from headstock.scene.scene import Scene
 from headstock.scene.schema.components import ComponentTable, MaterialTable
-from headstock.solvers.errors import ModelError
-from headstock.studies.identification.targets import KeyRule, Parameter
+from headstock.scene.schema.parameters import PARAMETERS
+from headstock.studies.identification.key_laws import KeyLaw, ParameterValueError, find_laws
+from headstock.studies.identification.targets import Parameter
 
 REMEMBERED = 64  # builds of one entry that are kept
-
-
-class ParameterValueError(ModelError):
-    """A value of a parameter with which the scene cannot be built."""
-
-
-@dataclass(frozen=True)
-class KeyLaw:
-    """How one number of a scene follows the parameters.
-
-    Attributes:
-        key: Its key.
-        written: Its value in the scene, SI.
-        dimension: What it measures.
-        rules: Parameter and rule, in the order of the file.
-    """
-
-    key: KeyPath
-    written: float
-    dimension: Dimension
-    rules: tuple[tuple[Parameter, KeyRule], ...]
-
-    def rules_content(self) -> tuple[tuple[str, str, float, float], ...]:
-        """What the rules do, wherever the key stands."""
-        return tuple(
-            (parameter.name, rule.kind, rule.factor, rule.offset) for parameter, rule in self.rules
-        )
-
-    def value(self, values: Mapping[str, float]) -> float:
-        """The number for given parameter values, SI: what sets it, times what multiplies it, plus
-        what shifts it.
-        """
-        base, product, shift = self.written, 1.0, 0.0
-        for parameter, rule in self.rules:
-            p = values[parameter.name]
-            if rule.kind == "set":
-                base = rule.factor * p + rule.offset
-            elif rule.kind == "multiply":
-                product *= (p / parameter.reference) ** rule.factor
-            else:
-                shift += rule.factor * (p - parameter.reference)
-        return base * product + shift
-
-    def slope(self, values: Mapping[str, float], name: str) -> float:
-        """Its derivative by one parameter."""
-        base, product, shift, base_slope, product_slope = self.written, 1.0, 0.0, 0.0, 0.0
-        for parameter, rule in self.rules:
-            p, mine = values[parameter.name], parameter.name == name
-            if rule.kind == "set":
-                base, base_slope = (
-                    rule.factor * p + rule.offset,
-                    rule.factor if mine else base_slope,
-                )
-            elif rule.kind == "multiply":
-                product *= (p / parameter.reference) ** rule.factor
-                product_slope += rule.factor / p if mine else 0.0
-            elif mine:
-                shift += rule.factor
-        return product * (base_slope + base * product_slope) + shift
 
 
 @dataclass(eq=False)
@@ -195,11 +130,7 @@ class ParametricShape:
         }
         material = read_entries(self.scene.raw, "materials").get(str(entry.get("material")))
         laws = [
-            (
-                law.key[2:] if law.key[0] == "components" else law.key,
-                law.written,
-                law.rules_content(),
-            )
+            (law.key[2:] if law.key[0] == "components" else law.key, law.content())
             for law in self.laws
         ]
         loads = [dataclasses.replace(load, component="") for load in self._loads()]
@@ -407,14 +338,14 @@ def make_parametric(
         parameters: Their rules name keys of the scene.
         others: Other variants; a component that is the same there is built once for all.
     """
-    laws = find_laws(scene.raw, parameters)
+    laws = find_laws(scene, parameters)
     by_component: dict[str, list[KeyLaw]] = {}
     by_joint: dict[str, list[KeyLaw]] = {}
     for law in laws:
         section, name = str(law.key[0]), str(law.key[1])
         if section == "joints":
             by_joint.setdefault(name, []).append(law)
-        else:
+        elif section != PARAMETERS:
             for owner in [name] if section == "components" else _made_of(scene.raw, name):
                 by_component.setdefault(owner, []).append(law)
     shapes = [component.shape for other in others for component in other.components.values()]
@@ -436,31 +367,6 @@ def make_parametric(
         for parameter in parameters
     }
     return ParametricScene(scene, superelements, laws, components, joints, touched)
-
-
-def find_laws(raw: TomlTable, parameters: Iterable[Parameter]) -> tuple[KeyLaw, ...]:
-    """Laws of the keys of a parsed scene that follow parameters, where they hold numbers."""
-    rules: dict[KeyPath, list[tuple[Parameter, KeyRule]]] = {}
-    for parameter in parameters:
-        for rule in parameter.rules:
-            rules.setdefault(rule.key, []).append((parameter, rule))
-    laws = []
-    for key, found in rules.items():
-        if holds_number(raw, key):
-            quantity = read_number(raw, key)
-            laws.append(KeyLaw(key, quantity.value, quantity.dimension, tuple(found)))
-    return tuple(laws)
-
-
-def holds_number(raw: TomlTable, key: KeyPath) -> bool:
-    """Whether a parsed scene holds a number at a key."""
-    if not find_keys(raw, key):
-        return False
-    try:
-        read_number(raw, key)
-    except ValueError:
-        return False
-    return True
 
 
 def _share_shape(shape: ParametricShape, known: list[ParametricShape]) -> ParametricShape:
@@ -498,4 +404,4 @@ def _find_touched(
 
 
 def _laws_of(parameter: str, laws: Iterable[KeyLaw]) -> list[KeyLaw]:
-    return [law for law in laws if any(other.name == parameter for other, _ in law.rules)]
+    return [law for law in laws if law.follows(parameter)]
