@@ -40,7 +40,7 @@ class Noun:
     """
 
     schema: ClassVar[type[BaseModel]]
-    kind: ClassVar[str]
+    only_key: ClassVar[str]
 
     def __init_subclass__(cls, *, schema: type[BaseModel], kind: str = "") -> None:
         """Keys of the table become the parameters that ``help`` and notebooks show.
@@ -51,7 +51,7 @@ class Noun:
                 table.
         """
         super().__init_subclass__()
-        cls.schema, cls.kind = schema, kind
+        cls.schema, cls.only_key = schema, kind
         if "__init__" not in cls.__dict__:
             cls.__signature__ = Signature(  # type: ignore[attr-defined]
                 [Parameter(name, Parameter.KEYWORD_ONLY) for name in cls._keys()]
@@ -59,26 +59,34 @@ class Noun:
 
     @classmethod
     def _keys(cls) -> list[str]:
-        """Keys of the noun that are names in Python; the others go by ``**{"from": ...}``."""
+        """Keys of the noun as Python has them: ``from_`` for ``from``, which is a word of its own."""
         known = known_keys((), cls.schema) or []
-        if cls.kind:
-            known = known_keys((cls.kind,), cls.schema) or []
-        return [key for key in known if key.isidentifier() and not iskeyword(key)]
+        if cls.only_key:
+            known = known_keys((cls.only_key,), cls.schema) or []
+        return [f"{key}_" if iskeyword(key) else key for key in known if key.isidentifier()]
 
     def __init__(self, **keys: object) -> None:
         """Raises SceneError with every problem of the keys."""
-        given = {self.kind: keys} if self.kind else keys
+        keys = {_without_underscore(key): value for key, value in keys.items()}
+        given = {self.only_key: keys} if self.only_key else keys
         self.table: TomlTable = write_table(self.schema, given)
         findings = Findings(type(self).__name__)
-        self._checked: BaseModel | None = validate_against(self.schema, self.table, findings)
+        full = self._in_full(findings)
+        self._checked: BaseModel | None = validate_against(self.schema, full, findings)
         findings.raise_if_any()
+
+    def _in_full(self, findings: Findings) -> TomlTable:
+        """The table with what it leaves to others."""
+        return self.table
 
     def __getattr__(self, key: str) -> object:
         """What a key holds, in SI units, with defaults where it was not given."""
         if key.startswith("_") or key not in self._keys():
             raise AttributeError(f"a {type(self).__name__} has no {key!r}")
-        checked = getattr(self._checked, self.kind) if self.kind else self._checked
-        return getattr(checked, key)
+        checked = getattr(self._checked, self.only_key) if self.only_key else self._checked
+        known = {} if checked is None else type(checked).model_fields
+        aliases = {field.alias: name for name, field in known.items()}
+        return getattr(checked, aliases.get(_without_underscore(key), key))
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *self._keys()]
@@ -92,10 +100,15 @@ class Noun:
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        table = self.table[self.kind] if self.kind else self.table
+        table = self.table[self.only_key] if self.only_key else self.table
         items = table.items() if isinstance(table, dict) else ()
         keys = ", ".join(f"{key}={value!r}" for key, value in items)
         return f"{type(self).__name__}({keys})"
+
+
+def _without_underscore(key: str) -> str:
+    """``from`` for ``from_``."""
+    return key[:-1] if iskeyword(key[:-1]) else key
 
 
 class Machine(Noun, schema=SceneTable):

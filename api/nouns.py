@@ -1,6 +1,9 @@
 """The nouns a machine is built of in Python, each a table of the scene (docs/scene_reference.md)."""
 
 from headstock.machine import Noun
+from headstock.scene.reading.files import TomlTable
+from headstock.scene.reading.findings import Findings
+from headstock.scene.schema.catalogue import fill_joint
 from headstock.scene.schema.components import (
     ComponentTable,
     InterfaceTable,
@@ -22,7 +25,7 @@ class Material(Noun, schema=MaterialTable):
 
 
 class Box(Noun, schema=SolidTable):
-    """A block with its sides along x, y and z; the origin is its middle."""
+    """A block with its sides along x, y and z; the origin is the middle of its lower face."""
 
     def __init__(self, x: Quantity, y: Quantity, z: Quantity) -> None:
         """Make it of its three sides [m]."""
@@ -50,7 +53,12 @@ class Component(Noun, schema=ComponentTable):
 
 
 class Joint(Noun, schema=JointTable):
-    """A joint between two interfaces, or an interface and ground."""
+    """A joint between two interfaces, or an interface and ground; with ``from_`` an element of the
+    catalogue.
+    """
+
+    def _in_full(self, findings: Findings) -> TomlTable:
+        return fill_joint(self.table, (), findings)
 
 
 class Axis(Noun, schema=AxisTable):

@@ -35,6 +35,7 @@ COMMANDS = (
     tool_commands.report,
     tool_commands.doctor,
     tool_commands.schema,
+    tool_commands.catalogue,
     tool_commands.completion,
 )
 

@@ -257,6 +257,7 @@ def gather_results(
             for label in item.labels
         ),
         warnings=tuple(state.warnings),
+        assumptions=state.scene.assumptions,
         failures=tuple(state.failures),
         files=files or {},
         provenance=provenance,

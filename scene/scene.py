@@ -114,6 +114,7 @@ class Scene:
         written: The same as it is written: expressions not calculated, ``places`` in short.
         limits: What a run may cost.
         warnings: What is allowed but looks wrong, each with its place.
+        assumptions: Which values are the catalogue's, and how uncertain they are.
         variant: Variant that was applied.
         studies: What may be varied, by name.
         sweeps: Poses in which the analyses may be repeated, by name.
@@ -136,6 +137,7 @@ class Scene:
     raw: TomlTable
     limits: Limits = field(default_factory=Limits)
     warnings: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
     variant: str | None = None
     studies: dict[str, Study] = field(default_factory=dict)
     sweeps: dict[str, Sweep] = field(default_factory=dict)

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from headstock.app.actions.cataloguing import render_catalogue
 from headstock.app.actions.editor_schema import plain_schema, rules_in, targets_schema
 from headstock.app.actions.scene_reference import render_reference
 from headstock.pipeline.results.files import read_mesh, read_summary
 from headstock.scene.building.loader import load_scene
+from headstock.scene.schema.catalogue import read_catalogue
 from headstock.scene.schema.key_notes import NOTES
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -111,6 +113,12 @@ def test_every_scene_of_the_readme_loads(tmp_path: Path) -> None:
 def test_the_scene_reference_is_up_to_date() -> None:
     # otherwise: ./headstock schema --markdown > docs/scene_reference.md
     assert (ROOT / "docs" / "scene_reference.md").read_text() == render_reference(plain_schema())
+
+
+def test_the_page_of_the_catalogue_is_up_to_date() -> None:
+    # otherwise: ./headstock catalogue --markdown > docs/catalogue.md
+    page = (ROOT / "docs" / "catalogue.md").read_text()
+    assert page == render_catalogue(read_catalogue().values())
 
 
 def test_every_key_of_scenes_and_target_files_has_a_note_and_every_note_a_key() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TypedDict
 
-from headstock.app.terminal.console import counted, make_console, print_remarks
+from headstock.app.terminal.console import counted, make_console, print_assumptions, print_remarks
 from headstock.pipeline.planning.plan import Plan, StageKind
 from headstock.pipeline.stages.part_files import find_missing_patches
 from headstock.pipeline.stages.rigid_checks import find_unheld_motions
@@ -37,13 +37,15 @@ def check_scene(
         if problems:
             raise SceneError(problems)
     except SceneError as error:
-        _write(json_file, path, [dataclasses.asdict(problem) for problem in error.problems], ())
+        found = [dataclasses.asdict(problem) for problem in error.problems]
+        _write(json_file, path, problems=found)
         raise
     machine = scene.machine
     console = make_console()
     parts = [counted(len(machine.components), "component"), counted(len(machine.joints), "joint")]
     parts += [counted(len(machine.axes), "axis", "axes"), counted(len(machine.points), "point")]
     console.print(f"{path}: ok: {scene.name}: {', '.join(parts)}", markup=False)
+    print_assumptions(scene.assumptions)
     lacking = [
         f"with --analysis {name}: {problem.place}: {problem.key}: {problem.message}"
         for name, problems in scene.deferred.items()
@@ -51,12 +53,17 @@ def check_scene(
     ]
     warnings = [*scene.warnings, *lacking, *find_unheld_motions(scene), *remarks]
     print_remarks(warnings)
-    _write(json_file, path, [], warnings)
+    _write(json_file, path, warnings=warnings, assumptions=scene.assumptions)
     return 0
 
 
 def _write(
-    json_file: Path | None, path: Path, problems: Sequence[object], warnings: Sequence[str]
+    json_file: Path | None,
+    path: Path,
+    *,
+    problems: Sequence[object] = (),
+    warnings: Sequence[str] = (),
+    assumptions: Sequence[str] = (),
 ) -> None:
     if json_file is not None:
         content = {
@@ -64,6 +71,7 @@ def _write(
             "ok": not problems,
             "problems": list(problems),
             "warnings": list(warnings),
+            **({"assumptions": list(assumptions)} if assumptions else {}),
         }
         write_output(json_file, dump_summary(content).encode())
 

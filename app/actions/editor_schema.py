@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from headstock.pipeline.storage.json_texts import JsonTable, JsonValue
 from headstock.scene.building.joints import KINDS
+from headstock.scene.schema.catalogue import BEARINGS, CATALOGUE, FROM, read_catalogue
 from headstock.scene.schema.key_notes import NOTES
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.types import StrictTable
@@ -26,7 +27,7 @@ def scene_schema() -> JsonTable:
     """JSON schema of a scene file, as ``headstock schema`` prints it."""
     schema = _finish(SceneTable, "Scene", "Headstock scene")
     definitions = rules_in(schema, "$defs")
-    definitions["JointTable"]["allOf"] = [*_joint_rules()]
+    _allow_catalogue(definitions)
     for rule in reversed(list(_walk(schema))):  # what is inside first
         _allow_expressions(rule)
     return schema | {"$defs": {**definitions, "expression": EXPRESSION}}
@@ -127,18 +128,55 @@ def _walk(rule: JsonValue) -> Iterator[JsonTable]:
 
 
 def _joint_rules() -> Iterator[JsonTable]:
-    """Which keys each kind of joint takes."""
+    """Which keys each kind of joint takes, however it is named: by ``kind``, or by an element of
+    the catalogue, which brings what is required.
+    """
+    named: JsonTable = {"required": [FROM]}
+    yield {"if": {"not": named}, "then": {"required": ["kind"]}}
+    yield {
+        "if": {"not": named},
+        "then": {"properties": {"screw": {"required": ["diameter"]}}},
+    }
     for kind, rule in KINDS.items():
         keys: JsonTable = {"propertyNames": {"enum": [*rule.keys]}}
-        stiffness = keys | ({"required": [*rule.required]} if rule.required else {})
-        needs = {
-            "axis": rule.needs_axis,
-            "normal": rule.needs_normal,
-            "stiffness": bool(rule.required),
-        }
+        written: JsonTable = {"properties": {"kind": {"const": kind}}, "required": ["kind"]}
+        elements: JsonTable = {"properties": {FROM: {"enum": _elements(kind)}}, **named}
+        needs = {"axis": rule.needs_axis, "normal": rule.needs_normal}
         required: list[JsonValue] = [key for key, needed in needs.items() if needed]
         then: JsonTable = {
-            "properties": {"stiffness": stiffness, "damping": keys},
+            "properties": {"stiffness": keys, "damping": keys},
             **({"required": required} if required else {}),
         }
-        yield {"if": {"properties": {"kind": {"const": kind}}, "required": ["kind"]}, "then": then}
+        yield {"if": {"anyOf": [written, elements]}, "then": then}
+        if rule.required:
+            stiffness: JsonTable = {"stiffness": {"required": [*rule.required]}}
+            yield {
+                "if": {**written, "not": named},
+                "then": {"properties": stiffness, "required": ["stiffness"]},
+            }
+
+
+def _elements(kind: str) -> list[JsonValue]:
+    """What ``from`` may name for a kind of joint."""
+    return [
+        f"{CATALOGUE}{entry.name}"
+        for entry in read_catalogue().values()
+        if entry.family.kind == kind
+    ]
+
+
+def _allow_catalogue(definitions: dict[str, JsonTable]) -> None:
+    """Let joints and bearings of screws name elements of the catalogue."""
+    joint, screw = definitions["JointTable"], definitions["ScrewTable"]
+    joint["allOf"] = [*_joint_rules()]
+    joint["required"], screw["required"] = ["between"], []
+    name = rules_in(joint, "properties")[FROM]
+    del name["anyOf"]
+    name["enum"] = [element for kind in KINDS for element in _elements(kind)]
+    for key in BEARINGS:
+        rule = rules_in(screw, "properties")[key]
+        options = rule["anyOf"]
+        rule["anyOf"] = [
+            *(options if isinstance(options, list) else []),
+            {"enum": _elements("bearing")},
+        ]

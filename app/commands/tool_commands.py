@@ -215,6 +215,29 @@ def schema(
     return run_guarded(action, debug=debug)
 
 
+def catalogue(
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="[NAME]", help="Element (guide_35) or family (guide); all."),
+    ] = None,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print the page of the documentation instead.")
+    ] = False,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """List typical machine elements (guides, screws, bearings, mounts) that joints take by name:
+    stiffness, damping, range and source.
+    """
+
+    def action() -> int:
+        from headstock.app.actions.cataloguing import list_catalogue
+
+        return list_catalogue(name, markdown=markdown, json_file=json)
+
+    return run_guarded(action, debug=debug)
+
+
 def _list_shells() -> list[str]:
     return ["bash", "zsh", "fish"]
 

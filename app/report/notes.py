@@ -63,6 +63,8 @@ def judge_numbers(summary: RunSummary) -> list[Note]:
             "Taken from the scene as written: no result is better than these values.",
         )
     )
+    if assumed := summary.get("assumptions"):
+        notes.append(Note("From the catalogue", "; ".join(assumed) + "."))
     return notes
 
 

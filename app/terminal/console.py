@@ -50,6 +50,13 @@ def print_remarks(remarks: Sequence[str]) -> None:
         console.print(f"warning: {remark}", style="yellow", markup=False)
 
 
+def print_assumptions(assumptions: Sequence[str]) -> None:
+    """Which values are the catalogue's, and how uncertain they are."""
+    console = make_console()
+    for assumption in assumptions:
+        console.print(f"assumed: {assumption}", markup=False)
+
+
 def warn_of_unused_accuracy(scene: Scene) -> None:
     """Say that a command takes meshes and modes as they are written although the scene asks for an
     accuracy.

@@ -12,6 +12,7 @@ from headstock.app.terminal.console import (
     counted,
     make_console,
     make_table,
+    print_assumptions,
     print_remarks,
     print_table,
     spaced,
@@ -151,6 +152,7 @@ def print_summary(
         )
     for words in accuracy_words(summary["accuracy"]) if "accuracy" in summary else ():
         console.print(words, markup=False)
+    print_assumptions(summary.get("assumptions", ()))
     print_remarks([warning for warning in summary["warnings"] if warning not in said])
     for failure in summary["failures"]:
         console.print(f"failed: {failure}", style="bold red", markup=False)

@@ -60,6 +60,7 @@ class Results:
         joint_springs: Joint name to ``(6, 6)`` stiffness in its joint frame [N/m, N m/rad].
         labels: A name for each row of the mode shapes.
         warnings: In plain words.
+        assumptions: Which values are the catalogue's, and how uncertain they are.
         failures: Analyses that were refused, with the reason; the others were still computed.
         view: What pictures of the machine are drawn from.
         files: SHA-256 by file name of what was written beside the summary.
@@ -78,6 +79,7 @@ class Results:
     joint_springs: dict[str, FloatArray]
     labels: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
     failures: tuple[str, ...] = ()
     view: MachineView = field(default_factory=MachineView)
     files: dict[str, str] = field(default_factory=dict)

@@ -78,6 +78,7 @@ class RunSummary(TypedDict):
     modal: list[ModesSummary]
     warnings: list[str]
     failures: list[str]
+    assumptions: NotRequired[list[str]]
     # not where the summary is kept without them, as in studies
     files: NotRequired[dict[str, dict[str, str]]]
     provenance: NotRequired[ProvenanceSummary]
@@ -115,6 +116,8 @@ def summarise(results: Results) -> RunSummary:
         "failures": list(results.failures),
         "files": {name: {"sha256": digest} for name, digest in results.files.items()},
     }
+    if results.assumptions:
+        summary["assumptions"] = list(results.assumptions)
     if results.provenance is not None:
         summary["provenance"] = results.provenance.summarise()
     if len(static) > 1:

@@ -260,6 +260,7 @@ def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | No
         raw=dict(draft.raw),
         limits=Limits(table.limits.elements, table.limits.memory, table.limits.time),
         warnings=tuple(findings.warnings),
+        assumptions=tuple(f"{key}: {what}" for key, what in findings.assumptions.items()),
         deferred={analysis: tuple(problems) for analysis, problems in findings.deferred.items()},
         variant=variant,
         studies={name: build_study(name, study) for name, study in table.studies.items()},

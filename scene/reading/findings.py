@@ -91,6 +91,7 @@ class Findings:
         written_at: Key path that an expanded one was written at: of an entry with several places.
         problems: Found so far, with the line they sort by.
         warnings: Found so far.
+        assumptions: Values that the scene leaves to the catalogue, by the key that is written.
         on_request: Analyses that run only when they are named.
         deferred: What keeps such an analysis from running as the scene stands, by its name.
         included: Lines of the files that the scene includes, by their paths.
@@ -102,6 +103,7 @@ class Findings:
     written_at: dict[KeyPath, KeyPath] = field(default_factory=dict)
     problems: list[tuple[int, Problem]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    assumptions: dict[str, str] = field(default_factory=dict)
     on_request: frozenset[str] = frozenset()
     deferred: dict[str, list[Problem]] = field(default_factory=dict)
     included: dict[str, tuple[str, ...]] = field(default_factory=dict)
@@ -142,6 +144,11 @@ class Findings:
     def warn(self, key: KeyPath, message: str) -> None:
         """Report something that is allowed but looks wrong."""
         self.warnings.append(f"{self.place_of(key)}: {show_key(key)}: {message}")
+
+    def assume(self, key: KeyPath, what: str) -> None:
+        """Note values that the scene leaves to the catalogue; once for all places of an entry."""
+        entry = self.written_at.get(key[:2], key[:2])
+        self.assumptions.setdefault(show_key((*entry, *key[2:])), what)
 
     def concern(self, *sections: str) -> bool:
         """Whether a problem was found in one of the sections of the scene."""

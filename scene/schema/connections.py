@@ -86,6 +86,7 @@ class JointTable(StrictTable):
     depends on its kind.
     """
 
+    origin: Annotated[Text | None, Field(alias="from")] = None
     between: Annotated[list[End], Field(min_length=2, max_length=2)]
     kind: Literal[
         "rigid",

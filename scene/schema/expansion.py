@@ -1,5 +1,5 @@
-"""What a scene writes in short, in full: calculated values, and entries that stand at several
-places.
+"""What a scene writes in short, in full: calculated values, entries that stand at several places,
+and elements of the catalogue.
 
 A component, joint, interface or patch with ``places`` is one entry for each of them: ``x_pad`` with
 four becomes ``x_pad_1`` to ``x_pad_4``, ``column`` with a place ``left`` becomes ``column_left``;
@@ -15,6 +15,7 @@ from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, show_key, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import LENGTH, UnitError, parse_quantity
+from headstock.scene.schema.catalogue import fill_joints
 from headstock.scene.schema.parameters import calculate_tables
 
 PLACES, CARRIAGES, EACH = "places", "carriages", "each"
@@ -36,6 +37,8 @@ def expand_scene(raw: TomlTable, findings: Findings) -> TomlTable:
         entries = full.get(section)
         if isinstance(entries, dict):
             full[section] = _expand_entries(entries, (section,), findings)
+    if isinstance(each_joint := full.get("joints"), dict):
+        full["joints"] = fill_joints(each_joint, findings)
     components, axes = full.get("components"), full.get("axes")
     if isinstance(components, dict):
         full["components"] = {

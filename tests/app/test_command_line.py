@@ -67,6 +67,7 @@ def test_help_imports_nothing_that_computes_and_lists_what_works() -> None:
         "report",
         "doctor",
         "schema",
+        "catalogue",
         "test",
     ):
         assert f"\n  {command} " in result.stdout

@@ -34,6 +34,7 @@ FILE_COMMANDS = (
     "export {scene} --state-space 500_Hz -o {file}",
     "show {scene} -o {file}",
     "schema --json {file}",
+    "catalogue --json {file}",
     "validate torsion-constant --json {file}",
     "doctor --json {file}",
 )

@@ -1,0 +1,241 @@
+"""``headstock catalogue``: typical machine elements, with what a joint gets of them."""
+
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import TypedDict
+
+import click
+
+from headstock.app.terminal.console import add_row, make_console, make_table, print_table
+from headstock.pipeline.storage.json_texts import JsonValue, dump_json
+from headstock.pipeline.storage.outputs import write_output
+from headstock.scene.building.joints import KINDS
+from headstock.scene.reading.files import TomlTable
+from headstock.scene.reading.toml_text import write_value
+from headstock.scene.schema.catalogue import (
+    CATALOGUE,
+    FROM,
+    CatalogueEntry,
+    nearest_names,
+    read_catalogue,
+)
+
+INTRODUCTION = """\
+# Catalogue of machine elements
+
+Made from the data by `./headstock catalogue --markdown > docs/catalogue.md`; a test asserts that it is up to date.
+
+Early in a design the carriages, screws and mounts of a machine are not chosen yet. The catalogue has typical ones, by name:
+
+```toml
+[joints.x_pad]
+from = "catalogue:guide_35"
+between = ["slide.bottom", "bed.top"]
+axis = "x"
+normal = "z"
+places = [["100 mm", "80 mm", "0 mm"], ["-100 mm", "80 mm", "0 mm"]]
+stiffness.lateral = "300 N/um"          # own keys go before those of the catalogue
+
+[joints.x_drive]
+from = "catalogue:ball_screw_40x10"     # nut, and the shaft's diameter and lead
+between = ["slide.nut", "bed.bearing"]
+axis = "x"
+screw = { bearing = "catalogue:screw_bearing_30" }
+```
+
+- `from` gives `kind`, `stiffness`, `loss_factor` and, of a ball screw, `screw`. In place of a stiffness, `bearing` and `second_bearing` of a
+  screw take the axial one of a bearing.
+- The values are keys like all others: `--set 'joints.x_pad.stiffness.normal="400 N/um"'`, `vary` and `identify` reach them, and a variant
+  may take another element: `"joints.x_pad.from" = "catalogue:guide_45"`.
+- `check`, `run` and the report name what they took from the catalogue and how uncertain it is (`assumptions` in `summary.json`).
+- Loss factors count with the effect `damping`.
+- `./headstock catalogue` lists all elements; `./headstock catalogue guide_35` shows one with its keys, to be pasted and edited;
+  `--json FILE` writes them for other programs.
+
+**What the numbers are worth.** They are round values for a first model. Each follows from a rule, which is stated; rules of thumb are
+named as such, and no number is taken from a maker's table. A real element lies within the value divided and multiplied by the factor
+beside it. Once the compliance budget shows that a joint matters, take its maker's data or measure it ([identification.md](identification.md)).
+Stiffness is that of the element with its own body, on rigid surroundings: bolts, housings and thin walls around it come on top.
+"""
+
+
+class EntrySummary(TypedDict):
+    """An element, with the keys of ``catalogue --json``."""
+
+    name: str
+    title: str
+    kind: str
+    size: str
+    stiffness: JsonValue
+    screw: JsonValue
+    stiffness_factor: float
+    rotation_factor: float
+    loss_factor: float
+    loss_factor_range: list[float]
+    preload: str
+    derived: str
+    source: list[str]
+    toml: str
+
+
+def list_catalogue(name: str | None, *, markdown: bool, json_file: Path | None) -> int:
+    """Print the catalogue, a family or one element.
+
+    Args:
+        name: Of an element, or of a family (``guide``); None for all.
+        markdown: Print the page of the documentation instead.
+        json_file: Where the elements go too.
+
+    Raises:
+        click.UsageError: There is no such element.
+    """
+    entries = _choose(name)
+    if markdown:
+        click.echo(render_catalogue(read_catalogue().values()), nl=False)
+    elif len(entries) == 1:
+        click.echo("\n".join(_describe(entries[0])))
+    else:
+        _print_families(entries)
+    if json_file is not None:
+        write_output(json_file, dump_json([summarise_entry(entry) for entry in entries]).encode())
+    return 0
+
+
+def _choose(name: str | None) -> list[CatalogueEntry]:
+    known = read_catalogue()
+    wanted = (name or "").removeprefix(CATALOGUE)
+    found = [
+        entry for entry in known.values() if name is None or wanted in (entry.name, entry.stem)
+    ]
+    if not found:
+        raise click.UsageError(
+            f"there is no {wanted[:80]!r} in the catalogue; {nearest_names(wanted)}"
+        )
+    return found
+
+
+def _families(entries: Iterable[CatalogueEntry]) -> Iterator[list[CatalogueEntry]]:
+    for _, members in groupby(entries, key=lambda entry: entry.stem):
+        yield list(members)
+
+
+def _columns(entry: CatalogueEntry) -> list[str]:
+    """Keys of a joint that a family has values for."""
+    return [f"{table}.{key}" for table in ("stiffness", "screw") for key in _table(entry, table)]
+
+
+def _table(entry: CatalogueEntry, key: str) -> TomlTable:
+    table = entry.joint.get(key, {})
+    return table if isinstance(table, dict) else {}
+
+
+def _cells(entry: CatalogueEntry, columns: Sequence[str]) -> list[str]:
+    pairs = [column.partition(".") for column in columns]
+    return [entry.name, *(str(_table(entry, table)[key]) for table, _, key in pairs)]
+
+
+def _print_families(entries: Iterable[CatalogueEntry]) -> None:
+    console = make_console()
+    for members in _families(entries):
+        first = members[0]
+        columns = _columns(first)
+        table = make_table("name", *(f">{column.rpartition('.')[2]}" for column in columns))
+        for entry in members:
+            add_row(table, *_cells(entry, columns))
+        print_table(console, f"{first.family.title} ({first.family.kind})", table)
+        click.echo("\n".join(_indented(_facts(first))) + "\n")
+
+
+def _facts(entry: CatalogueEntry) -> list[str]:
+    """What all sizes of a family have in common."""
+    family = entry.family
+    return [
+        f"in the name: {family.size}",
+        f"range: {entry.uncertainty()}; typical loss factor {family.loss_factor:g}",
+        f"preload: {family.preload}",
+        f"values: {family.derived}",
+        *(f"source: {source}" for source in family.source),
+    ]
+
+
+def _indented(lines: Iterable[str]) -> Iterator[str]:
+    for line in lines:
+        yield textwrap.fill(line, 98, initial_indent="  ", subsequent_indent="    ")
+
+
+def _describe(entry: CatalogueEntry) -> Iterator[str]:
+    """One element, with what to write."""
+    family = entry.family
+    yield f"{entry.name}: {family.title} ({family.kind})"
+    for key, text in _table(entry, "stiffness").items():
+        rotational = KINDS[family.kind].keys[key][0] >= 3
+        factor = (family.rotation_factor if rotational else None) or family.factor
+        yield f"  {key}: {text}, from {_scaled(text, 1.0 / factor)} to {_scaled(text, factor)}"
+    for key, text in _table(entry, "screw").items():
+        yield f"  screw {key}: {text}"
+    yield from _indented(_facts(entry))
+    yield from ["", "By its name:", "", *_toml(entry, {FROM: f"{CATALOGUE}{entry.name}"})]
+    yield from ["", "With its values:", "", paste_text(entry)]
+
+
+def _scaled(text: object, factor: float) -> str:
+    """A quantity times a factor, to two figures in its own unit."""
+    number, _, unit = str(text).partition(" ")
+    return f"{float(f'{float(number) * factor:.2g}'):g} {unit}"
+
+
+def paste_text(entry: CatalogueEntry) -> str:
+    """A joint of a scene with all keys of an element."""
+    return "\n".join(_toml(entry, entry.joint))
+
+
+def _toml(entry: CatalogueEntry, keys: TomlTable) -> Iterator[str]:
+    yield "[joints.NAME]"
+    yield 'between = ["COMPONENT.INTERFACE", "COMPONENT.INTERFACE"]'
+    if KINDS[entry.family.kind].needs_axis:
+        yield 'axis = "x"'
+    for key, value in keys.items():
+        yield f"{key} = {write_value(value)}"
+
+
+def summarise_entry(entry: CatalogueEntry) -> EntrySummary:
+    """An element for other programs."""
+    family = entry.family
+    return {
+        "name": entry.name,
+        "title": family.title,
+        "kind": family.kind,
+        "size": family.size,
+        "stiffness": {key: str(text) for key, text in _table(entry, "stiffness").items()},
+        "screw": {key: str(text) for key, text in _table(entry, "screw").items()},
+        "stiffness_factor": family.factor,
+        "rotation_factor": family.rotation_factor or family.factor,
+        "loss_factor": family.loss_factor,
+        "loss_factor_range": list(family.loss_factor_range),
+        "preload": family.preload,
+        "derived": family.derived,
+        "source": list(family.source),
+        "toml": paste_text(entry),
+    }
+
+
+def render_catalogue(entries: Iterable[CatalogueEntry]) -> str:
+    """``docs/catalogue.md``."""
+    parts = [INTRODUCTION]
+    for members in _families(entries):
+        first = members[0]
+        columns = _columns(first)
+        heads = [column.rpartition(".")[2] for column in columns]
+        parts += [
+            f"## {first.family.title[0].upper()}{first.family.title[1:]}",
+            "",
+            f"| `{first.family.kind}` | {' | '.join(heads)} |",
+            f"|---|{'---:|' * len(heads)}",
+        ]
+        for entry in members:
+            name, *values = _cells(entry, columns)
+            parts.append(f"| `{name}` | {' | '.join(values)} |")
+        parts += ["", *(f"- {line}" for line in _facts(first)), ""]
+    return "\n".join(parts).rstrip() + "\n"

@@ -1,0 +1,243 @@
+"""Typical machine elements by name: what ``from = "catalogue:guide_35"`` in a joint stands for.
+
+The values are data, in ``catalogue.toml`` beside this file; a joint's own keys go before them.
+"""
+
+import difflib
+import re
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from headstock.scene.reading.files import TomlTable, TomlValue
+from headstock.scene.reading.findings import Findings, show_key
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.units import show_value
+from headstock.scene.schema.types import StrictTable
+
+FROM, CATALOGUE = "from", "catalogue:"
+DATA = Path(__file__).with_name("catalogue.toml")
+NEAR = 0.6  # how alike a name is that was probably meant
+# keys of a screw that one stiffness of a bearing can stand for
+BEARINGS = ("bearing", "second_bearing")
+
+
+class SizeTable(StrictTable):
+    """What one size of a family gives to a joint."""
+
+    stiffness: dict[str, str]
+    screw: dict[str, str] = {}
+
+
+class FamilyTable(StrictTable):
+    """Elements of one kind in several sizes, as ``catalogue.toml`` has them.
+
+    Attributes:
+        title: What they are.
+        kind: Of the joint.
+        size: What the number in the name is.
+        factor: The stiffness of a real one lies within the value divided and multiplied by this.
+        rotation_factor: The same of rotations; as ``factor`` where there is none.
+        loss_factor: Structural damping as a share of the stiffness.
+        loss_factor_range: Where that of a real one lies.
+        preload: Which one the values are for.
+        derived: How they follow from the size.
+        source: Of the rule, and of what it was compared with.
+        sizes: Keys of the joint by the end of the name.
+    """
+
+    title: str
+    kind: Literal["linear_guide", "ball_screw", "bearing", "mount"]
+    size: str
+    factor: Annotated[float, Field(gt=1.0)]
+    rotation_factor: Annotated[float | None, Field(gt=1.0)] = None
+    loss_factor: Annotated[float, Field(gt=0.0)]
+    loss_factor_range: Annotated[list[float], Field(min_length=2, max_length=2)]
+    preload: str
+    derived: str
+    source: Annotated[list[str], Field(min_length=1)]
+    sizes: Annotated[dict[str, SizeTable], Field(min_length=1)]
+
+
+@dataclass(frozen=True)
+class CatalogueEntry:
+    """One element of the catalogue.
+
+    Attributes:
+        name: Behind ``catalogue:``.
+        stem: Of the names of its family.
+        family: What all of its sizes have in common.
+        joint: Keys of a joint it stands for.
+    """
+
+    name: str
+    stem: str
+    family: FamilyTable
+    joint: TomlTable
+
+    def uncertainty(self) -> str:
+        """How far a real one may be off, in words."""
+        family = self.family
+        low, high = family.loss_factor_range
+        turns = f" ({family.rotation_factor:g} for rotations)" if family.rotation_factor else ""
+        return f"stiffness within a factor of {family.factor:g}{turns}, loss factor {low:g} to {high:g}"
+
+
+@cache
+def read_catalogue() -> dict[str, CatalogueEntry]:
+    """Every element by name, in the order of the file."""
+    families = tomllib.loads(DATA.read_text(encoding="utf-8"))
+    entries: dict[str, CatalogueEntry] = {}
+    for stem, table in families.items():
+        family = FamilyTable.model_validate(table)
+        for size, own in family.sizes.items():
+            keys: TomlTable = {"kind": family.kind, "stiffness": {**own.stiffness}}
+            if own.screw:
+                keys["screw"] = {**own.screw}
+            keys["loss_factor"] = family.loss_factor
+            entries[f"{stem}_{size}"] = CatalogueEntry(f"{stem}_{size}", stem, family, keys)
+    return entries
+
+
+def fill_joints(joints: TomlTable, findings: Findings) -> TomlTable:
+    """Joints with what the catalogue gives them, in full.
+
+    Args:
+        joints: With one entry per place.
+        findings: Receives problems, and what is assumed.
+    """
+    return {
+        name: fill_joint(entry, ("joints", name), findings) if isinstance(entry, dict) else entry
+        for name, entry in joints.items()
+    }
+
+
+def fill_joint(joint: TomlTable, key: KeyPath, findings: Findings) -> TomlTable:
+    """A joint with the keys of the catalogue that it does not have itself.
+
+    Args:
+        joint: As written.
+        key: Where it stands.
+        findings: Receives problems, and what is assumed.
+    """
+    full = dict(joint)
+    if FROM in joint:
+        entry = _find(joint[FROM], _written_key((*key, FROM), findings), findings)
+        if joint.get("kind", entry.family.kind) != entry.family.kind:
+            findings.add(
+                _written_key((*key, "kind"), findings),
+                f"{entry.name} of the catalogue is a {entry.family.kind}; remove kind, or name another one",
+            )
+        full = _merged(joint, entry.joint)
+        full |= {FROM: f"{CATALOGUE}{entry.name}", "kind": entry.family.kind}
+        for name in entry.joint:
+            if name not in joint:
+                # what is wrong with it is said at the line that names the element
+                findings.written_at[(*key, name)] = (*key, FROM)
+        _assume(joint, entry, key, findings)
+    if isinstance(screw := full.get("screw"), dict):
+        full["screw"] = _with_bearings(screw, (*key, "screw"), findings)
+    return full
+
+
+def _find(text: TomlValue, key: KeyPath, findings: Findings) -> CatalogueEntry:
+    """The element that a text names; the nearest one where it names none, which is reported, so
+    that the rest can be checked.
+    """
+    entries = read_catalogue()
+    name = str(text).removeprefix(CATALOGUE)
+    if not isinstance(text, str) or not text.startswith(CATALOGUE):
+        findings.add(
+            key,
+            f'{show_value(text)} names nothing of the catalogue; write such as from = "{CATALOGUE}guide_35"',
+        )
+    elif name in entries:
+        return entries[name]
+    else:
+        findings.add(
+            key,
+            f"there is no {name[:80]!r} in the catalogue; {nearest_names(name)}; "
+            "`headstock catalogue` lists all",
+        )
+    return entries[_nearest(name)[0]]
+
+
+def _written_key(key: KeyPath, findings: Findings) -> KeyPath:
+    """Where a key of an entry is written that stands at several places, so that it is said once."""
+    own = key in findings.origins
+    return key if own else (*findings.written_at.get(key[:2], key[:2]), *key[2:])
+
+
+def _nearest(name: str) -> list[str]:
+    """Three names: of the same family by size, else by spelling."""
+    stem, _, size = name.rpartition("_")
+    family = [entry.name for entry in read_catalogue().values() if entry.stem == stem]
+    wanted = [int(number[:6]) for number in re.findall(r"\d+", size)]
+    if not family or not wanted:
+        return difflib.get_close_matches(name[:80], read_catalogue(), n=3, cutoff=0.0)
+
+    def distance(other: str) -> list[int]:
+        own = map(int, re.findall(r"\d+", other.removeprefix(stem)))
+        return [abs(one - two) for one, two in zip(own, wanted, strict=False)]
+
+    return sorted(family, key=distance)[:3]
+
+
+def nearest_names(name: str) -> str:
+    """The nearest names; the families where none is near."""
+    near = _nearest(name)
+    if difflib.SequenceMatcher(a=name[:80], b=near[0]).ratio() > NEAR:
+        return f"the nearest names: {', '.join(near)}"
+    stems = dict.fromkeys(f"{entry.stem}_..." for entry in read_catalogue().values())
+    return f"names: {', '.join(stems)}"
+
+
+def _merged(own: TomlTable, given: TomlTable) -> TomlTable:
+    """Own keys before those of the catalogue, table by table."""
+    full = given | own
+    for name, value in given.items():
+        if isinstance(value, dict) and isinstance(mine := own.get(name), dict):
+            full[name] = _merged(mine, value)
+    return full
+
+
+def _with_bearings(screw: TomlTable, key: KeyPath, findings: Findings) -> TomlTable:
+    """A screw whose bearings may be elements of the catalogue: their axial stiffness counts."""
+    full = dict(screw)
+    for name in BEARINGS:
+        text = screw.get(name)
+        if not isinstance(text, str) or not text.startswith(CATALOGUE):
+            continue
+        entry = _find(text, (*key, name), findings)
+        stiffness = entry.joint["stiffness"]
+        if entry.family.kind != "bearing" or not isinstance(stiffness, dict):
+            findings.add(
+                (*key, name),
+                f"{entry.name} of the catalogue is a {entry.family.kind}; write such as "
+                f'{name} = "{CATALOGUE}screw_bearing_30"',
+            )
+            del full[name]
+            continue
+        full[name] = stiffness["axial"]
+        findings.assume((*key, name), f"{text}, {entry.uncertainty()}")
+    return full
+
+
+def _assume(joint: TomlTable, entry: CatalogueEntry, key: KeyPath, findings: Findings) -> None:
+    """Note what an element of the catalogue gives to a joint."""
+    replaced = [
+        show_key((name, part))
+        for name, table in entry.joint.items()
+        if isinstance(table, dict) and isinstance(mine := joint.get(name), dict)
+        for part in table
+        if part in mine
+    ]
+    own = [
+        name for name in entry.joint if name in joint and name not in ("kind", "stiffness", "screw")
+    ]
+    but = f"; own values: {', '.join(replaced + own)}" if replaced or own else ""
+    findings.assume(key, f"{CATALOGUE}{entry.name}, {entry.uncertainty()}{but}")

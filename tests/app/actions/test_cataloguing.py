@@ -1,0 +1,69 @@
+"""``headstock catalogue``: what it prints, and that what it prints can be pasted."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from headstock.app.actions.cataloguing import paste_text
+from headstock.app.command_line import main
+from headstock.scene.schema.catalogue import CATALOGUE, FROM, read_catalogue
+
+ENTRIES = read_catalogue()
+KEYS = {
+    "name",
+    "title",
+    "kind",
+    "size",
+    "stiffness",
+    "screw",
+    "stiffness_factor",
+    "rotation_factor",
+}
+
+
+def test_all_elements_are_listed_with_range_and_source(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["catalogue", "--json", str(tmp_path / "all.json")]) == 0
+    text = capsys.readouterr().out
+    assert all(f" {name} " in text for name in ENTRIES)
+    assert text.count("range: stiffness within a factor of") == text.count("preload: ") == 9
+    assert max(map(len, text.splitlines())) <= 100
+    listed = json.loads((tmp_path / "all.json").read_text())
+    assert [entry["name"] for entry in listed] == list(ENTRIES)
+    assert all(entry.keys() > KEYS and entry["source"] for entry in listed)
+
+
+def test_a_family_or_one_element_is_shown_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["catalogue", "guide"]) == 0
+    family = capsys.readouterr().out
+    assert "guide_15" in family and "roller_guide_15" not in family
+    for name in ("guide_35", "catalogue:guide_35"):
+        assert main(["catalogue", name]) == 0
+        shown = capsys.readouterr().out
+        # 490 N/um divided and multiplied by 1.6, 240 kN m/rad by 2.5
+        assert "normal: 490 N/um, from 310 N/um to 780 N/um" in shown
+        assert "pitch: 240 kN m/rad, from 96 kN m/rad to 600 kN m/rad" in shown
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+def test_what_is_printed_to_be_pasted_is_the_element(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["catalogue", name]) == 0
+    named, _, full = (
+        capsys.readouterr().out.partition("By its name:")[2].partition("With its values:")
+    )
+    assert full.strip() == paste_text(ENTRIES[name])
+    joint = tomllib.loads(full)["joints"]["NAME"]
+    assert ENTRIES[name].joint.items() <= joint.items()
+    assert tomllib.loads(named)["joints"]["NAME"][FROM] == f"{CATALOGUE}{name}"
+
+
+def test_an_unknown_element_is_refused_with_the_nearest_names(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["catalogue", "ball_screw_40x12"]) == 2
+    assert "ball_screw_40x10" in capsys.readouterr().err

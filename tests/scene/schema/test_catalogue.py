@@ -1,0 +1,269 @@
+"""Elements of the catalogue in joints: what a scene makes of them, and whether their values can be."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
+
+from headstock.scene.building.joints import KINDS
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.reading.units import ROTATIONAL_STIFFNESS, STIFFNESS, parse_quantity
+from headstock.scene.scene import Scene
+from headstock.scene.schema.catalogue import CatalogueEntry, read_catalogue
+
+SCENE = """\
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.slide]
+solid = { box = ["300 mm", "200 mm", "100 mm"] }
+material = "steel"
+fidelity = "rigid"
+[components.slide.interfaces]
+bottom = { face = "z-" }
+top = { face = "z+" }
+[components.bed]
+solid = { box = ["900 mm", "300 mm", "100 mm"] }
+material = "steel"
+fidelity = "rigid"
+at = ["0 mm", "0 mm", "-100 mm"]
+[components.bed.interfaces]
+top = { face = "z+" }
+far = { face = "x-" }
+floor = { face = "z-" }
+[joints.feet]
+between = ["bed.floor", "ground"]
+kind = "rigid"
+[joints.pad]
+from = "catalogue:guide_35"
+between = ["slide.bottom", "bed.top"]
+axis = "x"
+normal = "z"
+places = [["100 mm", "80 mm", "-50 mm"], ["-100 mm", "80 mm", "-50 mm"]]
+stiffness.lateral = "200 N/um"
+[joints.drive]
+from = "catalogue:ball_screw_40x10"
+between = ["slide.bottom", "bed.far"]
+axis = "x"
+screw = { bearing = "catalogue:screw_bearing_30" }
+[points.tcp]
+tool = "slide.top"
+work = "bed.top"
+[variants.larger]
+"joints.pad.from" = "catalogue:guide_45"
+[variants.one]
+"joints.pad_2.from" = "catalogue:roller_guide_35"
+[analyses.static]
+at = "tcp"
+"""
+ENTRIES = read_catalogue()
+Load = Callable[..., Scene]
+
+
+@pytest.fixture
+def load(tmp_path: Path) -> Load:
+    path = tmp_path / "slide.toml"
+    path.write_text(SCENE)
+
+    def load_it(variant: str | None = None, *overrides: str, old: str = "", new: str = "") -> Scene:
+        path.write_text(SCENE.replace(old, new) if old else SCENE)
+        return load_scene(path, variant=variant, overrides=overrides)
+
+    return load_it
+
+
+def value(text: object) -> float:
+    return parse_quantity(text, STIFFNESS, ROTATIONAL_STIFFNESS).value
+
+
+def stiffness(name: str, key: str) -> float:
+    table = ENTRIES[name].joint["stiffness"]
+    assert isinstance(table, dict)
+    return value(table[key])
+
+
+def normals(scene: Scene) -> list[float]:
+    return [scene.machine.joints[f"pad_{place}"].stiffness[2, 2] for place in (1, 2)]
+
+
+def test_an_element_gives_what_the_joint_does_not_have_itself(load: Load) -> None:
+    scene = load()
+    for place in (1, 2):
+        joint = scene.machine.joints[f"pad_{place}"]
+        assert joint.kind == "linear_guide"
+        assert joint.stiffness[1, 1] == 200e6  # its own
+        for dof, key in ((2, "normal"), (3, "roll"), (4, "pitch"), (5, "yaw")):
+            assert joint.stiffness[dof, dof] == stiffness("guide_35", key)
+        assert joint.stiffness[0, 0] == 0.0
+        assert joint.loss_factor == 0.03
+    drive = scene.machine.joints["drive"]
+    assert drive.stiffness[0, 0] == stiffness("ball_screw_40x10", "axial")
+    assert drive.screw is not None
+    assert drive.screw.bearing == stiffness("screw_bearing_30", "axial")
+    assert drive.screw.lead == 0.01
+
+
+def test_variants_and_settings_reach_the_element_and_its_values(load: Load) -> None:
+    ball, large, roller = (
+        stiffness(name, "normal") for name in ("guide_35", "guide_45", "roller_guide_35")
+    )
+    assert normals(load()) == [ball, ball]
+    assert normals(load("larger")) == [large, large]
+    assert normals(load("one")) == [ball, roller]
+    assert normals(load(None, 'joints.pad.stiffness.normal="7 N/um"')) == [7e6, 7e6]
+    assert normals(load("larger", 'joints.pad_1.stiffness.normal="7 N/um"')) == [7e6, large]
+    bearing = load(None, 'joints.drive.screw.bearing="90 N/um"').machine.joints["drive"].screw
+    assert bearing is not None and bearing.bearing == 90e6
+    text = (
+        SCENE.replace('"catalogue:guide_35"', '"= pads"')
+        + '[parameters]\npads = "catalogue:guide_45"\n'
+    )
+    assert normals(load(old=SCENE, new=text)) == [large, large]
+
+
+def test_a_scene_says_once_what_it_leaves_to_the_catalogue(load: Load) -> None:
+    pads, drive, bearing = load().assumptions
+    assert pads.startswith("joints.pad: catalogue:guide_35, stiffness within a factor of 1.6")
+    assert pads.endswith("own values: stiffness.lateral")
+    assert bearing.startswith("joints.drive.screw.bearing: catalogue:screw_bearing_30")
+    assert drive.startswith("joints.drive: catalogue:ball_screw_40x10")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (
+            "guide_35",
+            "guide_53",
+            ("slide.toml:25: joints.pad.from", "the nearest names: guide_55, guide_45, guide_65"),
+        ),
+        ("guide_35", "nonsense", ("joints.pad.from", "names: guide_..., roller_guide_...")),
+        ('"catalogue:guide_35"', '"guide_35"', ('write such as from = "catalogue:guide_35"',)),
+        ('"catalogue:guide_35"', "35", ("slide.toml:25: joints.pad.from", "35 names nothing")),
+        (
+            "[joints.pad]",
+            '[joints.pad]\nkind = "mount"',
+            ("joints.pad.kind", "guide_35 of the catalogue is a linear_guide; remove kind"),
+        ),
+        ("screw_bearing_30", "guide_30", ("joints.drive.screw.bearing", "screw_bearing_30")),
+        ("screw_bearing_30", "screw_bearing_31", ("joints.drive.screw.bearing", "screw_bearing_3")),
+        ("stiffness.lateral", "stiffness.latral", ("a linear_guide has no stiffness 'latral'",)),
+    ],
+)
+def test_what_is_wrong_is_said_once_with_place_and_remedy(
+    load: Load, old: str, new: str, expected: tuple[str, ...]
+) -> None:
+    with pytest.raises(SceneError) as caught:
+        load(old=old, new=new)
+    assert len(caught.value.problems) == 1 or "latral" in new
+    for text in expected:
+        assert text in str(caught.value)
+
+
+@pytest.mark.parametrize("entry", ENTRIES.values(), ids=list(ENTRIES))
+def test_every_element_can_be_and_builds(load: Load, entry: CatalogueEntry) -> None:
+    rule, keys = KINDS[entry.family.kind], entry.joint["stiffness"]
+    assert isinstance(keys, dict) and set(rule.required) <= set(keys) <= set(rule.keys)
+    for key, text in keys.items():
+        rotational = rule.keys[key][0] >= 3
+        low, high = (1e3, 1e7) if rotational else (1e4, 3e9)
+        assert (
+            low
+            < parse_quantity(text, ROTATIONAL_STIFFNESS if rotational else STIFFNESS).value
+            < high
+        )
+    low, high = entry.family.loss_factor_range
+    assert 0.0 < low < entry.family.loss_factor < high < 0.5
+    assert 1.0 < entry.family.factor <= (entry.family.rotation_factor or 3.0) <= 3.0
+    assert all(len(source) > 20 for source in entry.family.source)
+    for text in (entry.family.title, entry.family.preload, entry.family.derived, entry.family.size):
+        assert text
+
+    screw = entry.family.kind == "ball_screw"
+    scene = load(
+        None,
+        f'joints.{"drive" if screw else "pad"}.from="catalogue:{entry.name}"',
+        old='stiffness.lateral = "200 N/um"\n',
+        new="",
+    )
+    joint = scene.machine.joints["drive" if screw else "pad_1"]
+    assert joint.kind == entry.family.kind
+    assert {joint.stiffness[dof, dof] for key in keys for dof in rule.keys[key]} == {
+        value(text) for text in keys.values()
+    }
+
+
+def ball_stiffness(load: float, diameter: float, conformity: float = 0.52) -> float:
+    """Stiffness of a steel ball [m] between two grooves of ``conformity`` times its diameter as
+    radius under a load [N], by Hertz: an elliptic contact on each side.
+    """
+    e_star = 210e9 / (1.0 - 0.3**2) / 2.0
+    along = 2.0 / diameter  # curvature along the groove, whose own is small
+    across = 2.0 / diameter - 1.0 / (conformity * diameter)
+
+    def excess(eccentricity: float) -> float:
+        m = eccentricity**2
+        first, second = float(ellipk(m)), float(ellipe(m))
+        return (second / (1.0 - m) - first) / (first - second) - along / across
+
+    m = brentq(excess, 0.05, 1.0 - 1e-12) ** 2
+    first, second = float(ellipk(m)), float(ellipe(m))
+    # semi-axis a along the smaller curvature
+    a = (3.0 * load * second / (2.0 * np.pi * e_star * (1.0 - m) * 0.5 * (along + across))) ** (
+        1 / 3
+    )
+    approach = 3.0 * load * first / (2.0 * np.pi * e_star * a)
+    return float(1.5 * load / (2.0 * approach))
+
+
+def test_contacts_of_a_ball_agree_with_palmgrens_formula() -> None:
+    for load in (50.0, 200.0):
+        palmgren = 4.36e-4 * load ** (2 / 3) / 8.0 ** (1 / 3) * 1e-3
+        assert ball_stiffness(load, 8e-3) == pytest.approx(1.5 * load / palmgren, rel=0.2)
+
+
+@pytest.mark.parametrize("name", [name for name in ENTRIES if name.startswith("guide_")])
+def test_balls_alone_are_stiffer_than_their_carriage_but_not_by_much(name: str) -> None:
+    # 4 rows at 45 deg over 2.2 sizes, a ball of 0.18 sizes every 1.1 diameters, preload 7 % of 40 N/mm^2 times size^2
+    size = float(name.rpartition("_")[2])
+    balls = 4 * 2.2 / (1.1 * 0.18)
+    load = 0.07 * 40.0 * size**2 / (balls / 2.0) / np.sin(np.pi / 4.0)
+    contacts = balls * ball_stiffness(load, 0.18e-3 * size) * 0.5
+    assert 1.2 < contacts / stiffness(name, "normal") < 2.2
+
+
+@pytest.mark.parametrize("name", [name for name in ENTRIES if "bearing" in name])
+def test_bearings_are_as_stiff_as_their_balls(name: str) -> None:
+    entry = ENTRIES[name]
+    bore = float(name.rpartition("_")[2])
+    # angle, balls in both rows, ball diameter, preload: of usual proportions
+    angle, balls, ball, preload = {
+        "screw_bearing": (60.0, 40, 0.2 * bore, 3.0 * bore**2),
+        "spindle_bearing": (15.0, 40, 0.17 * bore, 0.13 * bore**2),
+        "spindle_bearing_25deg": (25.0, 40, 0.17 * bore, 0.2 * bore**2),
+    }[entry.stem]
+    a = np.radians(angle)
+    one = ball_stiffness(preload / (balls / 2) / np.sin(a), ball * 1e-3)
+    axial, radial = balls * one * np.sin(a) ** 2, balls * one * np.cos(a) ** 2 / 2.0
+    for found, key in ((axial, "axial"), (radial, "radial")):
+        assert 1.0 / entry.family.factor < found / stiffness(name, key) < entry.family.factor
+
+
+@pytest.mark.parametrize("stem", sorted({entry.stem for entry in ENTRIES.values()}))
+def test_stiffness_grows_with_size_as_similar_bodies_have_it(stem: str) -> None:
+    family = [entry.name for entry in ENTRIES.values() if entry.stem == stem]
+    sizes = [float(re.findall(r"\d+", name.removeprefix(stem))[0]) for name in family]
+    keys = ENTRIES[family[0]].joint["stiffness"]
+    assert isinstance(keys, dict)
+    for key in keys:
+        power = 3 if key in ("roll", "pitch", "yaw", "tilt") else 1
+        shares = [
+            stiffness(name, key) / size**power for name, size in zip(family, sizes, strict=True)
+        ]
+        assert max(shares) / min(shares) < 1.12  # two figures each
