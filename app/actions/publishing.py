@@ -23,7 +23,7 @@ from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, w
 from headstock.pipeline.results.path import PathCurves
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView
-from headstock.pipeline.storage.outputs import OutputError, replace_outputs
+from headstock.pipeline.storage.outputs import UnusableOutputError, replace_outputs
 from headstock.pipeline.storage.store import Store, default_store_root
 
 TABLES_FOLDER, FIGURES_FOLDER = "tables", "figures"
@@ -90,14 +90,15 @@ def publish_again(
         paths: Of the path analysis.
 
     Raises:
-        OutputError: The summary is not one that this version writes, or a file cannot be written.
+        UnusableOutputError: The summary is not one that this version writes.
+        OutputError: A file cannot be written.
     """
     try:
         list_tables(summary)
         render_report(summary, view)
     except (LookupError, TypeError, ValueError, AttributeError, jinja2.TemplateError) as error:
         # before anything is overwritten: the file may be edited, or of another version
-        raise OutputError(
+        raise UnusableOutputError(
             f"{folder / SUMMARY_FILE} holds something else than this version writes ({type(error).__name__}: {error}); run the scene again"
         ) from error
     with ThreadPoolExecutor(1) as pool:

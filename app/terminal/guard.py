@@ -159,13 +159,14 @@ def _judge(error: BaseException) -> tuple[int, str]:
 
     from headstock.geometry.errors import HeadstockError, lacks_memory, out_of_memory
     from headstock.meshing.errors import PartFileError
+    from headstock.pipeline.storage.outputs import UnusableOutputError
     from headstock.scene.reading.findings import SceneError
 
     if isinstance(error, SceneError):
         return BAD_INPUT, str(error)
     if isinstance(error, click.ClickException):
         return error.exit_code, f"error: {error.format_message()}"
-    if isinstance(error, PartFileError):
+    if isinstance(error, PartFileError | UnusableOutputError):
         return BAD_INPUT, f"error: {error}"
     if isinstance(error, HeadstockError):
         return FAILED, f"{type(error).__name__}: {error}"

@@ -2,6 +2,7 @@
 together, and read again.
 """
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -9,7 +10,7 @@ import importlib
 import io
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -26,7 +27,11 @@ from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.results.views import MachineView, pick_name
 from headstock.pipeline.storage.json_texts import dump_summary
-from headstock.pipeline.storage.outputs import OutputError, PendingOutputs, naming_output
+from headstock.pipeline.storage.outputs import (
+    PendingOutputs,
+    UnusableOutputError,
+    naming_output,
+)
 from headstock.pipeline.storage.records import (
     RecordError,
     read_record,
@@ -52,6 +57,14 @@ VERSION = 2
 RESULTS_FILE = "results.h5"
 SUMMARY_FILE = "summary.json"
 REPORT_FILE = "report.html"
+# what other commands leave in their folders
+OTHER_RESULTS = {
+    "sweep.json": "sweep",
+    "study.json": "study",
+    "compare.json": "compare",
+    "convergence.json": "converge",
+    "identification.json": "identify",
+}
 
 
 # pattern of the path of a data set to its unit; answers name those of their own
@@ -182,35 +195,46 @@ def read_summary(folder: Path) -> RunSummary:
     """The summary in an output folder.
 
     Raises:
-        OutputError: There is none, or it is not one.
+        UnusableOutputError: There is none, or it is not one.
     """
     path = folder / SUMMARY_FILE
+    remedy = f"`headstock run SCENE -o {folder}` writes it anew, with what is in the store"
     try:
         summary = json.loads(path.read_text())
     except OSError as error:
-        raise OutputError(
-            f"{path} cannot be read: {error.strerror or error}; `headstock run SCENE -o {folder}` writes it"
+        raise UnusableOutputError(
+            f"{path} cannot be read: {error.strerror or error}; {_find_other_results(folder) or remedy}"
         ) from error
-    except ValueError as error:
-        raise OutputError(f"{path} is not a summary: {error}") from error
+    except (ValueError, RecursionError) as error:
+        raise UnusableOutputError(f"{path} is not a summary: {error}; {remedy}") from error
     if not isinstance(summary, dict):
-        raise OutputError(
-            f"{path} is not a summary: it holds a {type(summary).__name__}; `headstock run SCENE -o {folder}` writes one"
+        raise UnusableOutputError(
+            f"{path} is not a summary: it holds a {type(summary).__name__}; {remedy}"
         )
     if (found := summary.get("format", 1)) != RESULT_FORMAT:
-        raise OutputError(
-            f"{path} has format {found}, and this version reads format {RESULT_FORMAT};"
-            f" `headstock run SCENE -o {folder}` writes it anew, with what is in the store"
+        raise UnusableOutputError(
+            f"{path} has format {found}, and this version reads format {RESULT_FORMAT}; {remedy}"
         )
     # a damaged one shows where it is read: no program but this one writes it
     return cast(RunSummary, summary)
+
+
+def _find_other_results(folder: Path) -> str:
+    """What to do with a folder of a command that computes many runs; empty where it is none."""
+    found = [name for name in OTHER_RESULTS if (folder / name).is_file()]
+    if not found:
+        return ""
+    command = OTHER_RESULTS[found[0]]
+    return (
+        f"{folder / found[0]} is of `headstock {command}`, which writes its own pages: run it again"
+    )
 
 
 def open_results(folder: Path) -> Results:
     """Everything a run found, from its folder; ``Results.mesh`` reads the ``.vtu`` files.
 
     Raises:
-        OutputError: The files are missing, damaged, of another version or of different runs.
+        UnusableOutputError: The files are missing, damaged, of another version or of different runs.
     """
     summary = read_summary(folder)
 
@@ -223,21 +247,23 @@ def open_results(folder: Path) -> Results:
         return dataclasses.replace(found, view=read_record(file["view"], MachineView))
 
     results = _read_results(folder, read)
-    # the stage that wrote the record cannot be in it
-    last = [
-        StageRecord(
-            Stage(stage["stage"], stage["component"], stage["reason"], stage["pose"]),
-            stage["seconds"],
-            cached=stage["cached"],
-            peak_rss_mb=stage["peak_rss_mb"],
-            cpu_seconds=stage["cpu_seconds"],
-        )
-        for stage in summary["stages"][len(results.stages) :]
-    ]
+    with _naming_damage(folder / SUMMARY_FILE):
+        # the stage that wrote the record cannot be in it
+        last = [
+            StageRecord(
+                Stage(stage["stage"], stage["component"], stage["reason"], stage["pose"]),
+                stage["seconds"],
+                cached=stage["cached"],
+                peak_rss_mb=stage["peak_rss_mb"],
+                cpu_seconds=stage["cpu_seconds"],
+            )
+            for stage in summary["stages"][len(results.stages) :]
+        ]
+        files = {name: entry["sha256"] for name, entry in summary["files"].items()}
     return dataclasses.replace(
         results,
         stages=(*results.stages, *last),
-        files={name: entry["sha256"] for name, entry in summary["files"].items()},
+        files=files,
         saved_mesh=functools.partial(read_mesh, folder),
     )
 
@@ -246,7 +272,7 @@ def read_view(folder: Path) -> MachineView:
     """What there is to draw, from ``results.h5``.
 
     Raises:
-        OutputError: The file is missing, damaged, of an earlier version or of another run than the
+        UnusableOutputError: The file is missing, damaged, of an earlier version or of another run than the
             summary.
     """
     return _read_results(folder, lambda file: read_record(file["view"], MachineView))
@@ -263,7 +289,7 @@ def read_mesh(folder: Path, component: str, pose: str | None = None) -> "pyvista
 
     Raises:
         KeyError: There is no such component or pose; the message has those that are.
-        OutputError: There are no results, or no mesh of the component.
+        UnusableOutputError: There are no results, or no mesh of the component.
     """
     view = read_view(folder)
     name = pick_name("component", component, view.skins)
@@ -276,7 +302,7 @@ def read_mesh(folder: Path, component: str, pose: str | None = None) -> "pyvista
             )
             if mesh is not None:
                 return mesh
-    raise OutputError(
+    raise UnusableOutputError(
         f"{folder} has no mesh of {name!r} in {VOLUME_FOLDER}/{file} or {MODES_FOLDER}/{file};"
         " `headstock run SCENE --volume` writes them"
     )
@@ -286,7 +312,7 @@ def read_curves(folder: Path) -> tuple[ResponseCurves, ...]:
     """The curves of every frequency response, from ``results.h5``; empty without any.
 
     Raises:
-        OutputError: The file is missing, damaged, of an earlier version or of another run than the
+        UnusableOutputError: The file is missing, damaged, of an earlier version or of another run than the
             summary.
     """
     return _read_results(
@@ -301,7 +327,7 @@ def read_paths(folder: Path) -> tuple[PathCurves, ...]:
     """The curves of a path analysis, one per feed, from ``results.h5``; empty without any.
 
     Raises:
-        OutputError: The file is missing, damaged, of an earlier version or of another run than the
+        UnusableOutputError: The file is missing, damaged, of an earlier version or of another run than the
             summary.
     """
     return _read_results(
@@ -311,19 +337,36 @@ def read_paths(folder: Path) -> tuple[PathCurves, ...]:
 
 def _read_results[T](folder: Path, read: Callable[[h5py.File], T]) -> T:
     path = folder / RESULTS_FILE
-    remedy = f"`headstock run SCENE -o {folder}` writes it"
     summary = read_summary(folder)
-    try:
+    with _naming_damage(folder / SUMMARY_FILE):
         stated = summary["files"][RESULTS_FILE]["sha256"]
+    with _naming_damage(path):
         if stated != _digest_of(path):
-            raise OutputError(f"{path} is damaged, or of another run than {SUMMARY_FILE}; {remedy}")
+            raise RecordError(f"it is damaged, or of another run than {SUMMARY_FILE}")
         with h5py.File(path, "r") as file:
             require_plain(file, attribute_axes=2)
             if file.attrs.get("format") != FORMAT or "view" not in file:
-                raise OutputError(f"{path} holds no pictures; {remedy}")
+                raise RecordError("it holds no results of a run")
             return read(file)
-    except (OSError, RecordError, KeyError, TypeError, RuntimeError) as error:
-        raise OutputError(f"{path} cannot be read: {error}; {remedy}") from error
+
+
+@contextlib.contextmanager
+def _naming_damage(path: Path) -> Iterator[None]:
+    """Name a file that holds something else than this version writes, and what to do."""
+    try:
+        yield
+    except (
+        OSError,
+        RecordError,
+        LookupError,
+        AttributeError,
+        TypeError,
+        ValueError,
+        RuntimeError,
+    ) as error:
+        raise UnusableOutputError(
+            f"{path} cannot be read: {error}; `headstock run SCENE -o {path.parent}` writes it anew, with what is in the store"
+        ) from error
 
 
 def _digest_of(path: Path) -> str:

@@ -15,7 +15,11 @@ from pathlib import Path
 from typing import Self
 
 from headstock.pipeline.storage.atomic_files import append_whole, flush_folder, lock_file
-from headstock.pipeline.storage.outputs import OutputError, read_growing_file
+from headstock.pipeline.storage.outputs import (
+    OutputError,
+    UnusableOutputError,
+    read_growing_file,
+)
 
 _MARK = struct.Struct("<II")  # length and CRC-32 before a record
 
@@ -144,12 +148,13 @@ def read_journal(path: Path, form: JournalForm) -> list[bytes]:
     """Finished records of a journal; none where there is no file, or one of another version or key.
 
     Raises:
-        TakenOutputError: Headstock did not write what is there.
-        OutputError: It cannot be read.
+        UnusableOutputError: Headstock did not write what is there, or it cannot be read.
     """
     try:
         return list(form.records(read_growing_file(path, form.start)))
     except FileNotFoundError:
         return []
     except OSError as error:
-        raise OutputError(f"{path} cannot be read: {error.strerror or error}") from error
+        raise UnusableOutputError(
+            f"{path} cannot be read: {error.strerror or error}; name another folder with -o DIR"
+        ) from error

@@ -38,7 +38,13 @@ class OutputError(HeadstockError):
     """An output folder or file cannot be written or read."""
 
 
-class TakenOutputError(OutputError):
+class UnusableOutputError(OutputError):
+    """What lies in a folder or at a place that was named is not what can be used there: wrong
+    input, which is left as it is.
+    """
+
+
+class TakenOutputError(UnusableOutputError):
     """Where a file should be written lies one that Headstock did not write, or that was changed
     since.
     """
@@ -106,7 +112,7 @@ def prepare_output(folder: Path, names: Iterable[str] = (), parts: Iterable[str]
         with tempfile.TemporaryFile(dir=folder):
             pass
         for part in parts:
-            _refuse_link(folder / part)
+            _refuse_other(folder / part)
         listed = _read_list(folder)
         taken = [name for name in names if _is_taken(folder, name, listed)]
     except OSError as error:
@@ -317,7 +323,7 @@ def _numbered(name: str) -> Iterator[str]:
 
 
 def _make_folder(folder: Path, *, parents: bool = False) -> None:
-    _refuse_link(folder)
+    _refuse_other(folder)
     folder.mkdir(parents=parents, exist_ok=True)
 
 
@@ -325,6 +331,15 @@ def _refuse_link(path: Path) -> None:
     if path.is_symlink():
         raise TakenOutputError(
             f"{path} cannot be written: it is a link, and nothing is written through links; name the folder itself with -o DIR"
+        )
+
+
+def _refuse_other(folder: Path) -> None:
+    """Refuse what lies where a folder should be."""
+    _refuse_link(folder)
+    if os.path.lexists(folder) and not folder.is_dir():
+        raise TakenOutputError(
+            f"{folder} cannot be written: it is a file and no folder; move it away, or name another folder with -o DIR"
         )
 
 
@@ -359,7 +374,9 @@ def _open_plain(path: Path, flags: int) -> int:
     handle = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
-        raise OSError(f"{LIST_FILE} is not a plain file")
+        raise TakenOutputError(
+            f"{path} cannot be written: it is no plain file, and Headstock did not write it; move it away, or name another folder with -o DIR"
+        )
     return handle
 
 

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from headstock.app.command_line import main
+
 BLOCK = """
 name = "A block on springs"
 [materials.steel]
@@ -61,3 +63,12 @@ def scene_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     path.write_text(BLOCK)
     path.with_name("targets.toml").write_text(TARGETS)
     return path
+
+
+@pytest.fixture(scope="session")
+def block_results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a finished run of the block, to be copied."""
+    folder = tmp_path_factory.mktemp("block")
+    (folder / "block.toml").write_text(BLOCK)
+    assert main(["run", str(folder / "block.toml"), "--no-figures", "-o", str(folder / "out")]) == 0
+    return folder / "out"

@@ -601,7 +601,7 @@ def test_report_is_written_again_from_the_files_of_a_run(scene_file: Path, tmp_p
     (out / "report.html").unlink()
     assert main(["report", str(out)]) == 0
     assert (out / "report.html").read_text() == first
-    assert main(["report", str(tmp_path / "nothing")]) == 1
+    assert main(["report", str(tmp_path / "nothing")]) == 2
 
 
 def test_without_home_the_libraries_get_the_one_of_the_account(

@@ -73,7 +73,7 @@ def test_a_file_of_the_user_with_a_fixed_name_is_refused_by_name_before_anything
     out = tmp_path / "out"
     out.mkdir()
     (out / name).write_text("mine")
-    assert call(text, scene_file, out=out) != 0
+    assert call(text, scene_file, out=out) == 2
     captured = capsys.readouterr()
     assert name in captured.err and "Traceback" not in captured.err
     assert (out / name).read_text() == "mine"
@@ -87,7 +87,7 @@ def test_an_output_folder_that_is_a_link_is_refused(
 ) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "out").symlink_to("mine")
-    assert call(text, scene_file, out=tmp_path / "out") != 0
+    assert call(text, scene_file, out=tmp_path / "out") == 2
     assert "it is a link" in capsys.readouterr().err
     assert list((tmp_path / "mine").iterdir()) == []
 
@@ -102,7 +102,7 @@ def test_a_run_does_not_write_or_remove_through_linked_parts_of_its_folder(
         (mine / "a.csv").write_text("mine")
         out.mkdir(exist_ok=True)
         (out / part).symlink_to(mine)
-    assert call("run {scene} --no-figures -o {out}", scene_file, out=out) == 1
+    assert call("run {scene} --no-figures -o {out}", scene_file, out=out) == 2
     for part in ("tables", "figures", "modes"):
         assert [path.read_text() for path in (tmp_path / f"my {part}").iterdir()] == ["mine"]
 
@@ -157,7 +157,7 @@ def test_a_validation_writes_its_figures_beside_those_of_the_user_and_not_throug
     (tmp_path / "linked").symlink_to("out")
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     capsys.readouterr()
-    assert call("validate -o {out}", scene_file, out=tmp_path / "linked") == 1
+    assert call("validate -o {out}", scene_file, out=tmp_path / "linked") == 2
     assert "it is a link" in capsys.readouterr().err
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
@@ -183,5 +183,5 @@ def test_a_report_is_not_written_over_one_that_was_edited(scene_file: Path, tmp_
     out = tmp_path / "out"
     assert call("run {scene} --no-figures -o {out}", scene_file, out=out) == 0
     (out / "report.html").write_text("edited")
-    assert call("report {out}", scene_file, out=out) == 1
+    assert call("report {out}", scene_file, out=out) == 2
     assert (out / "report.html").read_text() == "edited"

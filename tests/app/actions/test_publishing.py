@@ -205,9 +205,9 @@ def test_a_summary_that_is_none_is_named_and_nothing_is_overwritten(
     for text in (whole[:-50], *(json.dumps(content) for content in edited)):
         path.write_text(text)
         capsys.readouterr()
-        assert main(["report", str(folder)]) == 1
+        assert main(["report", str(folder)]) == 2
         message = capsys.readouterr().err
-        assert message.startswith("OutputError: ") and "internal error" not in message
+        assert message.startswith("error: ") and "internal error" not in message
         assert (folder / "report.html").read_bytes() == report
 
 
