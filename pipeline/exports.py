@@ -17,9 +17,10 @@ from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.meshing.formats import find_format
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.stages.components import load_or_make_mesh, make_superelements
+from headstock.pipeline.stages.components import load_or_make_mesh
 from headstock.pipeline.stages.machine import damp_system, run_couple_stage
 from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.storage.outputs import (
     OutputError,
     PendingOutputs,

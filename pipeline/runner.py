@@ -1,5 +1,6 @@
 """Running exactly the stages of a plan, on one or many ranks."""
 
+import contextlib
 import dataclasses
 import functools
 import time
@@ -21,7 +22,6 @@ from headstock.pipeline.results.files import (
 )
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.views import MachineView
-from headstock.pipeline.stages.components import make_superelements
 from headstock.pipeline.stages.contouring import run_contour_stage
 from headstock.pipeline.stages.control import run_control_stage
 from headstock.pipeline.stages.frf import run_frf_stage
@@ -38,6 +38,7 @@ from headstock.pipeline.stages.run_state import (
     RunState,
     run_stage,
 )
+from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.stages.static import run_recover_stage, run_static_stage
 from headstock.pipeline.stages.volume_files import volume_grid, write_volumes
 from headstock.pipeline.stages.warnings import find_warnings
@@ -46,7 +47,8 @@ from headstock.pipeline.storage.outputs import PendingOutputs, prepare_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.scene import Scene
-from headstock.solvers.ranks import share_from_root
+from headstock.solvers.ranks import make_on_root, share_from_root
+from headstock.solvers.shared_work import all_cores_on_root
 
 LIBRARIES = ("fenics-dolfinx", "petsc4py", "slepc4py", "gmsh", "numpy", "scipy", "h5py", "mpi4py")
 # stages of the machine; those of a component are in `COMPONENT_STAGES` of stages/components.py and
@@ -64,6 +66,7 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "path": run_path_stage,
     "control": run_control_stage,
 }
+SHARED_STAGES = ("map", "spread")  # all ranks work on them
 
 
 def run_scene(
@@ -173,7 +176,9 @@ class _StageRunner:
             make_superelements(state, announce=self._begin, observer=self._record)
         for stage in plan.stages[:-1]:
             if stage.component is None:
-                self.run_stage(state, stage, HANDLERS[stage.kind])
+                alone = stage.kind not in SHARED_STAGES
+                with all_cores_on_root(self.comm) if alone else contextlib.nullcontext():
+                    self.run_stage(state, stage, HANDLERS[stage.kind])
         return state
 
     def run_stage(
@@ -208,7 +213,7 @@ def _run_rounds(scene: Scene, rounds: _StageRunner) -> RunState:
     that errors are estimated of.
     """
     if scene.accuracy is None:
-        return rounds.run(scene, plan_scene(scene))
+        return rounds.run(scene, make_on_root(rounds.comm, lambda: plan_scene(scene)))
     search = search_settings(scene, rounds.run, rounds.note)
     state = search.state
     if search.scene.analyses != state.scene.analyses or scene.machine.probes:

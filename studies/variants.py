@@ -20,11 +20,12 @@ from headstock.pipeline.results.estimates import Estimate
 from headstock.pipeline.results.frf import PoseResponse
 from headstock.pipeline.results.results import ComponentFacts
 from headstock.pipeline.runner import gather_facts
-from headstock.pipeline.stages.components import ELASTIC_MODULE, make_superelements
+from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.estimates import estimate_compliance_errors, estimate_mode_errors
 from headstock.pipeline.stages.frf import prepare_response, respond
 from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.motions.compliance_budget import (

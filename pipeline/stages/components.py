@@ -5,7 +5,7 @@ Of a superelement in the store that holds more than is asked for, the part asked
 
 import dataclasses
 import importlib
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast
 
@@ -20,14 +20,11 @@ from headstock.meshing.components.skins import mesh_skin, unmeshed_skin
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.run_state import (
-    Announcer,
-    Observer,
     Outcome,
     ReducedComponent,
     RunState,
     component_loads,
     component_supports,
-    run_stage,
 )
 from headstock.pipeline.storage.content_keys import mesh_key, skin_key, superelement_key
 from headstock.pipeline.storage.store import Store, StoreRead, list_keys, read_entry, write_entry
@@ -75,13 +72,7 @@ def find_superelement(store: Store, request: StoredRequest) -> StoreRead[Reduced
     warnings of entries not believed.
     """
     warning = None
-    serving = [
-        (-1 if extent.modes is None else extent.modes, key)
-        for key in list_keys(store, ReducedComponent, f"{request.key}{SEPARATOR}")
-        if (extent := _read_extent(key)) is not None
-        and extent.serves(request.reduction, mass=request.mass, verify=request.verify)
-    ]
-    for _, key in sorted(serving):
+    for key in serving_keys(store, request):
         read = read_entry(store, key, ReducedComponent)
         warning = warning or read.warning
         if read.value is not None:
@@ -90,6 +81,17 @@ def find_superelement(store: Store, request: StoredRequest) -> StoreRead[Reduced
             )
             return StoreRead(dataclasses.replace(read.value, superelement=element), warning)
     return StoreRead(None, warning)
+
+
+def serving_keys(store: Store, request: StoredRequest) -> list[str]:
+    """Keys of stored superelements that hold all that is asked for, the smallest first."""
+    serving = [
+        (-1 if extent.modes is None else extent.modes, key)
+        for key in list_keys(store, ReducedComponent, f"{request.key}{SEPARATOR}")
+        if (extent := _read_extent(key)) is not None
+        and extent.serves(request.reduction, mass=request.mass, verify=request.verify)
+    ]
+    return [key for _, key in sorted(serving)]
 
 
 def _keep_superelement(
@@ -129,40 +131,6 @@ def _read_extent(key: str) -> ReductionExtent | None:
         return None
 
 
-def make_superelements(
-    state: RunState,
-    *,
-    only: Collection[str] | None = None,
-    announce: Announcer = lambda stage: None,
-    observer: Observer = lambda record: None,
-) -> dict[str, Superelement]:
-    """Run the stages of a plan that turn components into superelements; collective.
-
-    Args:
-        state: Of the run; its reduced components are added to it.
-        only: Names of components; None for all.
-        announce: Called with each stage before it begins, on every rank.
-        observer: Called with the record of each stage as it ends, on rank 0.
-
-    Returns:
-        Superelements of all components that are reduced by now, in the order of the plan; complete
-        on rank 0 only.
-
-    Raises:
-        HeadstockError: A component cannot be meshed or reduced.
-    """
-    for stage in state.plan.stages:
-        if stage.component is not None and (only is None or stage.component in only):
-            run_stage(
-                state, stage, COMPONENT_STAGES[stage.kind], announce=announce, observer=observer
-            )
-    return {
-        name: state.reduced[name].superelement
-        for name in state.plan.components
-        if name in state.reduced
-    }
-
-
 def _run_mesh_stage(state: RunState, stage: Stage) -> Outcome:
     """Fetch a component's superelement from the store, else its mesh, else mesh it; every rank gets
     the mesh it will need.
@@ -170,7 +138,7 @@ def _run_mesh_stage(state: RunState, stage: Stage) -> Outcome:
     component = _component(state, stage)
     outcome = Outcome()
     mesh: ComponentMesh | None = None
-    if state.is_root and _load_reduced(state, component):
+    if state.is_root and load_reduced(state, component):
         outcome = Outcome(cached=True, detail="not needed")
     elif state.is_root:
         mesh, outcome = load_or_make_mesh(state, component)
@@ -205,7 +173,7 @@ def _run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
     check_superelement(superelement)
     reduced = ReducedComponent(superelement, mesh.quality, mesh_skin(mesh))
     state.reduced[component.name] = reduced
-    state.warn(_keep_superelement(state.store, _stored_request(state, component), reduced))
+    state.warn(_keep_superelement(state.store, stored_request(state, component), reduced))
     return Outcome(detail=_describe(superelement))
 
 
@@ -266,8 +234,9 @@ def _component(state: RunState, stage: Stage) -> Component:
     return state.plan.components[stage.component]
 
 
-def _load_reduced(state: RunState, component: Component) -> bool:
-    request = _stored_request(state, component)
+def load_reduced(state: RunState, component: Component) -> bool:
+    """Take a component's superelement from the store, if one is there that serves; on rank 0."""
+    request = stored_request(state, component)
     found = state.read.get(request)
     if found is None:
         read = find_superelement(state.store, request)
@@ -288,7 +257,8 @@ def _reduction_request(state: RunState, component: Component) -> ReductionReques
     )
 
 
-def _stored_request(state: RunState, component: Component) -> StoredRequest:
+def stored_request(state: RunState, component: Component) -> StoredRequest:
+    """What is asked of the store for a component."""
     supports, loads = component_supports(state, component), component_loads(state, component)
     request = _reduction_request(state, component)
     return StoredRequest(

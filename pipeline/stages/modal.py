@@ -13,7 +13,6 @@ from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import has_choice, recouple
 from headstock.pipeline.results.estimates import Estimate
 from headstock.pipeline.results.modal import PoseModes
-from headstock.pipeline.stages.components import make_superelements
 from headstock.pipeline.stages.machine import DAMPING, CoupledPose, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import (
     Outcome,
@@ -23,6 +22,7 @@ from headstock.pipeline.stages.run_state import (
     Solved,
     pose_model,
 )
+from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.estimates.damping_errors import estimate_damping_errors
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field

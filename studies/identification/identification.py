@@ -11,8 +11,8 @@ from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.stages.components import make_superelements
 from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.storage.store import Store
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.keys import write_number

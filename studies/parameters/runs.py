@@ -5,19 +5,24 @@
 import contextlib
 import errno
 import hashlib
+import importlib
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
+from headstock.pipeline.planning.budgets import physical_memory_bytes
+from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure, watch_memory
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
+from headstock.pipeline.stages.components import ELASTIC_MODULE
+from headstock.pipeline.stages.run_state import Announcer
 from headstock.pipeline.storage.content_keys import (
     PACKAGES,
     REDUCTION_LIBRARIES,
@@ -37,7 +42,8 @@ from headstock.scene.schema.includes import scene_content
 from headstock.scene.schema.overrides import VARIANT_JOINER, split_variant
 from headstock.scene.studies import REFERENCE_RUN, Study, StudyPoint, expand_study, make_point
 from headstock.solvers.errors import CompileError
-from headstock.solvers.ranks import share_from_root
+from headstock.solvers.ranks import SharedFailure, make_on_root, share_from_root
+from headstock.solvers.shared_work import Job, share_work
 from headstock.studies.parameters.records import (
     Measured,
     StudyRecord,
@@ -151,14 +157,14 @@ def run_study(
 ) -> list[StudyRecord]:
     """Compute every point that is not finished yet and record each as it ends; collective.
 
-    A point whose computation ends with a named error is recorded with it, and the study goes on; on
-    several ranks it ends there, since the others are left waiting, and goes on when it is started
-    again. A disk without room ends it on any number of ranks.
+    A point whose computation ends with a named error is recorded with it, and the study goes on. A
+    disk without room ends it. Several ranks compute a point each; where seconds are measured from
+    an empty store they compute one point after the other together.
 
     Args:
         job: The same on every rank.
         folder: Holds ``points.jsonl``.
-        comm: Ranks that compute each point together.
+        comm: Ranks that share the points, or the components of each.
         observer: Told of each point on rank 0.
         warm_up: Where seconds are measured from an empty store, the first point of each kind of
             element is computed once before.
@@ -175,28 +181,89 @@ def run_study(
     root = comm.rank == 0
     keys = [point_key(job, point, ranks=comm.size) for point in points] if root else []
     known = _finished_points(folder, retry=job.retry) if root else {}
+    finished = {key for key in keys if key in known}
     waiting = share_from_root(
-        comm, [number for number, key in enumerate(keys) if key not in known] if root else None
+        comm, [keys.index(key) for key in dict.fromkeys(keys) if key not in known] if root else None
     )
-    warm: set[ElementKind] = set()
     with open_records(folder) if root and waiting else contextlib.nullcontext() as journal:
-        for number, point in enumerate(points):
-            if number in waiting:
-                record, error = _compute_point(job, point, comm, warm if warm_up else None)
-                if journal is not None:
-                    known[keys[number]] = replace(record, key=keys[number])
-                    append_record(journal, known[keys[number]])
-                if error is not None and comm.size > 1:
-                    raise error
-            if root:
-                record = _label_record(known[keys[number]], point)
-                observer(
-                    StudyProgress(number, len(points), point, record, known=number not in waiting)
-                )
+
+        def report(number: int) -> None:
+            record = _label_record(known[keys[number]], points[number])
+            before = number not in waiting
+            observer(StudyProgress(number, len(points), points[number], record, known=before))
+
+        def keep(number: int, record: StudyRecord) -> None:
+            if journal is not None:
+                known[keys[number]] = replace(record, key=keys[number])
+                append_record(journal, known[keys[number]])
+                for other, key in enumerate(keys):
+                    if key == keys[number]:
+                        report(other)
+
+        for number, key in enumerate(keys):
+            if key in finished:
+                report(number)
+        if comm.size > 1 and waiting and not job.study.cold:
+            _deal_points(job, comm, {number: points[number] for number in waiting}, folder, keep)
+        else:
+            warm: set[ElementKind] = set()
+            for number in waiting:
+                keep(number, _compute_point(job, points[number], comm, warm if warm_up else None))
     return (
         [_label_record(known[key], point) for key, point in zip(keys, points, strict=True)]
         if root
         else []
+    )
+
+
+def _deal_points(
+    job: StudyJob,
+    comm: MPI.Comm,
+    points: Mapping[int, StudyPoint],
+    folder: Path,
+    keep: Callable[[int, StudyRecord], None],
+) -> None:
+    """Compute each point on one rank.
+
+    Args:
+        job: The study.
+        comm: Ranks that share the points.
+        points: By number.
+        folder: Of the results.
+        keep: Called on rank 0 with the number of each finished point and its record.
+    """
+    numbers = list(points)
+    expected = make_on_root(comm, lambda: [_expect_point(job, point) for point in points.values()])
+    if any(elastic for _, elastic in expected):
+        # PETSc starts on all ranks together
+        importlib.import_module(ELASTIC_MODULE)
+
+    def compute(place: int, settle: Callable[[], None]) -> StudyRecord:
+        point = points[numbers[place]]
+        return _compute_point(job, point, MPI.COMM_SELF, None, announce=lambda stage: settle())
+
+    share_work(
+        comm,
+        [cost for cost, _ in expected],
+        compute,
+        folder=folder,
+        memory_mb=physical_memory_bytes() / 1e6,
+        observer=lambda place, record: keep(numbers[place], record),
+    )
+
+
+def _expect_point(job: StudyJob, point: StudyPoint) -> tuple[Job, bool]:
+    """What a point will cost, and whether it has elastic components."""
+    try:
+        stages = plan_scene(_load_point(job, point)).stages
+    except (HeadstockError, SceneError):
+        return Job(), False  # the point says so itself
+    return (
+        Job(
+            sum(stage.estimated_seconds or 0.0 for stage in stages),
+            max((stage.estimated_memory_mb or 0.0 for stage in stages), default=0.0),
+        ),
+        any(stage.kind == "reduce" for stage in stages),
     )
 
 
@@ -246,10 +313,22 @@ def _load_point(job: StudyJob, point: StudyPoint) -> Scene:
 
 
 def _compute_point(
-    job: StudyJob, point: StudyPoint, comm: MPI.Comm, warm: set[ElementKind] | None
-) -> tuple[StudyRecord, HeadstockError | None]:
-    """A record without a key, and the error a point ended with; adds to the kinds of elements that
-    this process has run, if those count.
+    job: StudyJob,
+    point: StudyPoint,
+    comm: MPI.Comm,
+    warm: set[ElementKind] | None,
+    *,
+    announce: Announcer = lambda stage: None,
+) -> StudyRecord:
+    """A record without a key; adds to the kinds of elements that this process has run, if those
+    count.
+
+    Args:
+        job: The study.
+        point: To compute.
+        comm: Collective.
+        warm: Kinds of elements that this process has run; None where no seconds are measured.
+        announce: Called with each stage before it begins.
     """
     costs: list[Cost] = []
     peaks: list[float] = []
@@ -258,9 +337,7 @@ def _compute_point(
     try:
         # the first run of a kind of element loads libraries and compiles kernels: not a cost of
         # this point
-        kinds = share_from_root(
-            comm, _element_kinds(_reload(job, point)) if comm.rank == 0 else None
-        )
+        kinds = make_on_root(comm, lambda: _element_kinds(_reload(job, point)))
         warm_up = (
             warm is not None
             and job.study.cold
@@ -275,22 +352,26 @@ def _compute_point(
                 watch_memory() as peak,
                 measure() as cost,
             ):
-                scene = share_from_root(comm, _reload(job, point) if comm.rank == 0 else None)
-                results = run_scene(scene, scratch, comm=comm, store=store)
+                scene = make_on_root(comm, lambda: _reload(job, point))
+                results = run_scene(scene, scratch, comm=comm, store=store, announce=announce)
             costs += [cost] if number >= 0 else []
             peaks += [peak.megabytes] if number >= 0 and peak.megabytes is not None else []
-    except StudyError:
-        raise
-    except (HeadstockError, SceneError, MemoryError) as error:
-        if blames_surroundings(error):
-            raise  # no property of this point: it is computed when the study is started again
-        named = error if isinstance(error, HeadstockError) else StudyError(str(error))
-        return replace(record, status="failed", error=f"{type(error).__name__}: {error}"), named
+    except (HeadstockError, SceneError, MemoryError, SharedFailure) as error:
+        cause = error.__cause__ if isinstance(error, SharedFailure) else error
+        # what is no property of this point is computed when the study is started again; and what
+        # other ranks do not know of ends them all
+        if (
+            isinstance(cause, StudyError)
+            or blames_surroundings(error)
+            or (cause is error and comm.size > 1)
+        ):
+            raise
+        return replace(record, status="failed", error=f"{type(cause).__name__}: {cause}")
     if comm.rank > 0:
-        return record, None
+        return record
     summary = summarise(results)
     summary.pop("files", None)
-    finished = replace(
+    return replace(
         record,
         status="failed" if results.failures else "done",
         error="; ".join(results.failures),
@@ -301,7 +382,6 @@ def _compute_point(
         peak_mb=tuple(peaks),
         cached_stages=sum(stage.cached for stage in results.stages),
     )
-    return finished, None
 
 
 def _reload(job: StudyJob, point: StudyPoint) -> Scene:

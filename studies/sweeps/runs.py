@@ -13,8 +13,8 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.stages.components import make_superelements
 from headstock.pipeline.stages.run_state import MachineParts, Observer, RunState
+from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.storage.content_keys import (
     PACKAGES,
     REDUCTION_LIBRARIES,
@@ -29,7 +29,7 @@ from headstock.reduction.superelement import Superelement
 from headstock.scene.requests import Analyses
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Sweep, sweep_pose
-from headstock.solvers.ranks import share_from_root
+from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.sweeps.journals import PoseResult, encode_result, open_journal, read_journals
 from headstock.studies.sweeps.lumped_poses import (
     POSES_AT_ONCE,
@@ -176,7 +176,8 @@ def _make_components(
     """Reduce every component, or take it from the store; every rank gets all superelements, without
     what pictures need.
     """
-    state = RunState(job.scene, plan_scene(job.scene), comm, Store(default_store_root()))
+    plan = make_on_root(comm, lambda: plan_scene(job.scene))
+    state = RunState(job.scene, plan, comm, Store(default_store_root()))
     light = {
         name: dataclasses.replace(superelement, recovery=None)
         for name, superelement in make_superelements(state, observer=observer).items()

@@ -8,6 +8,8 @@ import sys
 import time
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 
 SCENE = """
@@ -119,9 +121,11 @@ def test_what_is_wrong_with_a_scene_is_said_once_and_without_a_report_of_a_crash
     assert "prterun" not in done.stderr
 
 
+@pytest.mark.parametrize("split_dofs", ["1000000", "0"])
 def test_frequencies_and_compliance_are_the_same_on_1_2_and_4_ranks(
-    scene_file: Path, tmp_path: Path
+    scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, split_dofs: str
 ) -> None:
+    monkeypatch.setenv("HEADSTOCK_SPLIT_DOFS", split_dofs)
     summaries = []
     for ranks in (1, 2, 4):
         out = tmp_path / f"out{ranks}"
@@ -156,8 +160,9 @@ def test_frequencies_and_compliance_are_the_same_on_1_2_and_4_ranks(
 
 
 def test_one_failing_rank_ends_the_job_with_an_error_and_no_file(
-    scene_file: Path, tmp_path: Path
+    scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("HEADSTOCK_SPLIT_DOFS", "0")
     start = time.monotonic()
     result = run_on_ranks(
         2, tmp_path, "-c", FAILING_RANK, "run", str(scene_file), "-o", str(tmp_path / "out")
@@ -166,6 +171,99 @@ def test_one_failing_rank_ends_the_job_with_an_error_and_no_file(
     assert result.returncode != 0
     assert "rank 1" in result.stderr and "cosmic ray" in result.stderr
     assert list((tmp_path / "out").iterdir()) == []
+
+
+TWO_BODIES = """
+[components.arm]
+solid = { box = ["150 mm", "40 mm", "40 mm"] }
+at = ["0 mm", "0 mm", "300 mm"]
+material = "steel"
+mesh = { size = "22 mm" }
+reduction = { modes = 5 }
+[components.arm.interfaces]
+root = { face = "x-" }
+[joints.flange]
+between = ["column.tip", "arm.root"]
+kind = "rigid"
+"""
+
+
+def test_components_dealt_out_to_ranks_give_the_bytes_of_one_rank(
+    scene_file: Path, tmp_path: Path
+) -> None:
+    scene_file.write_text(f"{SCENE}{TWO_BODIES}")
+    files = {}
+    for ranks in (1, 2, 3):
+        words = ("run", str(scene_file), "-o", str(tmp_path / f"{ranks}"), "--no-figures")
+        program = ("-m", "mpi4py", "-m", "headstock.app.command_line", *words)
+        done = run_on_ranks(ranks, tmp_path, *program)
+        assert done.returncode == 0, done.stderr
+        files[ranks] = _arrays(tmp_path / f"{ranks}" / "results.h5")
+    assert len(files[1]) > 20
+    assert files[1] == files[2] == files[3]
+
+
+def _arrays(path: Path) -> dict[str, bytes]:
+    """Numbers in a file of results by name."""
+    found: dict[str, bytes] = {}
+
+    def keep(name: str, item: h5py.Dataset | h5py.Group) -> None:
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "fi":
+            found[name] = np.asarray(item[()]).tobytes()
+
+    with h5py.File(path) as file:
+        file.visititems(keep)
+    return found
+
+
+STUDY = """
+[studies.sizes]
+watch = ["modal.frequencies_hz[0]"]
+[studies.sizes.families.all]
+vary = { "components.column.mesh.size" = ["50 mm", "25 mm", "2 mm"], "components.column.reduction.modes" = [4, 6] }
+[limits]
+elements = 5000
+"""
+
+
+def test_the_points_of_a_study_dealt_out_to_ranks_are_those_of_one_rank(
+    scene_file: Path, tmp_path: Path
+) -> None:
+    scene_file.write_text(f"{SCENE}{STUDY}")  # the finest mesh is refused
+    found = {}
+    for ranks in (1, 2):
+        words = ("study", str(scene_file), "sizes", "-o", str(tmp_path / f"{ranks}"))
+        program = ("-m", "mpi4py", "-m", "headstock.app.command_line", *words)
+        done = run_on_ranks(ranks, tmp_path, *program)
+        assert done.returncode == 1, done.stderr
+        lines = (tmp_path / f"{ranks}" / "points.jsonl").read_text().splitlines()
+        found[ranks] = {
+            str(record["varied"]): (
+                record["status"],
+                record["error"],
+                record["summary"].get("modal", [{}])[0].get("frequencies_hz"),
+            )
+            for record in map(json.loads, lines)
+        }
+    assert len(found[1]) == 6
+    assert {status for status, _, _ in found[1].values()} == {"done", "failed"}
+    assert found[2] == found[1]
+
+
+def test_a_component_that_fails_ends_all_ranks_with_the_message_of_one(
+    scene_file: Path, tmp_path: Path
+) -> None:
+    arm = TWO_BODIES.replace('"22 mm"', '"60 mm", order = 1').replace('"40 mm"', '"2 mm"')
+    scene_file.write_text(f"{SCENE}{arm}")
+    said = []
+    for ranks in (1, 2):
+        words = ("run", str(scene_file), "-o", str(tmp_path / f"{ranks}"), "--no-figures")
+        program = ("-m", "mpi4py", "-m", "headstock.app.command_line", *words)
+        done = run_on_ranks(ranks, tmp_path, *program)
+        assert done.returncode == 1
+        said.append(done.stderr.split("\n")[0])
+    assert "component arm" in said[0]
+    assert said[1] == said[0]
 
 
 def test_a_bad_scene_ends_all_ranks_with_2(scene_file: Path, tmp_path: Path) -> None:

@@ -106,6 +106,7 @@ def solve_on(ranks: int, folder: Path) -> dict[str, FloatArray]:
         **os.environ,
         "HEADSTOCK_STORE": str(folder / f"store{ranks}"),
         "OMP_NUM_THREADS": "1",
+        "HEADSTOCK_SPLIT_DOFS": "0",
     }
     command = [
         mpirun,

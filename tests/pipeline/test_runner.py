@@ -32,8 +32,8 @@ from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages import components as component_stages
-from headstock.pipeline.stages.components import make_superelements
 from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.storage import content_keys
 from headstock.pipeline.storage.store import Store
 from headstock.pipeline.storage.superelements import write_superelement

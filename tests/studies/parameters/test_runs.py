@@ -17,6 +17,7 @@ from headstock.geometry.errors import HeadstockError
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
+from headstock.pipeline.stages.run_state import Announcer
 from headstock.pipeline.storage.content_keys import file_digests
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.pipeline.storage.store import Store
@@ -150,10 +151,12 @@ def test_a_point_that_met_a_full_disk_ends_the_study_and_is_computed_when_it_is_
     undisturbed, _ = compute(make_job(scene_file), tmp_path / "alone")
     calls = iter(range(100))
 
-    def run(scene: Scene, folder: Path, *, comm: MPI.Comm, store: Store | None = None) -> Results:
+    def run(
+        scene: Scene, folder: Path, *, comm: MPI.Comm, store: Store, announce: Announcer
+    ) -> Results:
         if next(calls) == 2:
             raise fault from OSError(errno.ENOSPC, "No space left on device")
-        return run_scene(scene, folder, comm=comm, store=store)
+        return run_scene(scene, folder, comm=comm, store=store, announce=announce)
 
     monkeypatch.setattr(headstock.studies.parameters.runs, "run_scene", run)
     with pytest.raises(type(fault), match=r"could not be|cannot be"):

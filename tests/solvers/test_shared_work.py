@@ -1,0 +1,110 @@
+"""Jobs dealt out to ranks: each once, the longest first, none too many for the memory, and one
+message where one fails.
+"""
+
+import itertools
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import TypedDict
+
+import pytest
+from mpi4py import MPI
+
+from headstock.solvers.shared_work import Job, share_work
+
+pytestmark = pytest.mark.mpi
+
+PROGRAM = """
+import json, sys, time
+from pathlib import Path
+from mpi4py import MPI
+from headstock.solvers.ranks import SharedFailure
+from headstock.solvers.shared_work import Job, share_work
+
+comm, folder = MPI.COMM_WORLD, Path(sys.argv[1])
+seconds, memory_mb, failing = json.loads(sys.argv[2])
+said = []
+
+def work(number, settle):
+    settle()
+    begin = time.time()
+    time.sleep(0.05 + seconds[number])
+    if number in failing:
+        raise ValueError(f"job {number}")
+    return [number, comm.rank, begin, time.time()]
+
+try:
+    results = share_work(
+        comm, [Job(length, 60.0) for length in seconds], work, folder=folder, memory_mb=memory_mb,
+        observer=lambda number, result: said.append(number),
+    )
+    error = ""
+except SharedFailure as failure:
+    results, error = [], str(failure.__cause__)
+if comm.rank == 0:
+    print(json.dumps({"results": results, "said": said, "error": error}))
+elif results or said:
+    raise ValueError("results are for rank 0")
+"""
+
+
+class Shared(TypedDict):
+    """What rank 0 knows in the end; of each job its number, its rank, begin and end."""
+
+    results: list[tuple[int, int, float, float]]
+    said: list[int]
+    error: str
+
+
+def share_on_ranks(
+    ranks: int, seconds: list[float], memory_mb: float = 1e6, failing: tuple[int, ...] = ()
+) -> Shared:
+    mpirun = shutil.which("mpirun")
+    assert mpirun is not None
+    words = [mpirun, "--oversubscribe", "--bind-to", "none", "-n", str(ranks), sys.executable]
+    words += ["-P", "-m", "mpi4py", "-c", PROGRAM, "."]
+    request = json.dumps([seconds, memory_mb, failing])
+    done = subprocess.run([*words, request], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    found: Shared = json.loads(done.stdout)
+    return found
+
+
+def test_every_job_is_done_once_and_the_longest_begins_first() -> None:
+    found = share_on_ranks(3, [0.0, 0.1, 0.4, 0.0, 0.2])
+    assert [row[0] for row in found["results"]] == [0, 1, 2, 3, 4]
+    assert sorted(found["said"]) == [0, 1, 2, 3, 4]
+    assert len({row[1] for row in found["results"]}) == 3
+    assert min(found["results"], key=lambda row: row[2])[0] in (2, 4, 1)
+    # a rank that is free takes the next job: nobody else does what the longest one keeps waiting
+    assert [row[1] for row in found["results"]].count(found["results"][2][1]) < 4
+
+
+def test_jobs_that_do_not_fit_into_the_memory_together_follow_each_other() -> None:
+    rows = sorted(share_on_ranks(2, [0.1] * 4, memory_mb=100.0)["results"], key=lambda row: row[2])
+    assert all(later[2] >= earlier[3] for earlier, later in itertools.pairwise(rows))
+
+
+def test_the_first_of_the_failures_is_told_and_no_further_job_begins() -> None:
+    found = share_on_ranks(2, [0.5, 0.4, 0.0, 0.0], failing=(0, 1))
+    assert found["error"] == "job 0"
+    assert found["said"] == []
+
+
+def test_one_rank_does_them_in_their_order_and_raises_its_own_errors(tmp_path: Path) -> None:
+    begun: list[int] = []
+
+    def work(number: int, _settle: object) -> int:
+        begun.append(number)
+        if number == 2:
+            raise KeyError(number)
+        return number
+
+    with pytest.raises(KeyError):
+        share_work(
+            MPI.COMM_SELF, [Job(float(n)) for n in range(4)], work, folder=tmp_path, memory_mb=1.0
+        )
+    assert begun == [0, 1, 2]
