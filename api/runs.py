@@ -251,6 +251,7 @@ def compare(
     variants: Sequence[str] = (),
     *,
     fidelities: Sequence[Fidelity] = (),
+    baseline: bool = True,
     pose: str | None = None,
     reference: str | None = None,
     progress: Callable[[str], None] = lambda variant: None,
@@ -261,6 +262,7 @@ def compare(
         machine: Machine or path of a scene file.
         variants: Names, ``A+B`` for joined ones, ``as written`` for none; empty for all.
         fidelities: Each variant once with its elastic components at each of them.
+        baseline: Show the machine as written beside its variants; without ``fidelities`` only.
         pose: Name; None for the first.
         reference: Variant the others are compared with; None for the richest.
         progress: Called with the name of each variant that is solved.
@@ -273,7 +275,11 @@ def compare(
     solutions: list[VariantSolution] = []
     with _machine(machine).on_disk() as file:
         choices = choose_variants(
-            file.path, variants, fidelities=fidelities, overrides=file.overrides
+            file.path,
+            variants,
+            fidelities=fidelities,
+            overrides=file.overrides,
+            baseline=baseline,
         )
         for choice in choices:
             try:

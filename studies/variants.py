@@ -62,6 +62,8 @@ class VariantChoice:
         overrides: ``key=value`` settings applied after it.
         fidelity: What every component that deforms is made to be; None for as the variant has it.
         cannot: Why there is no such model, in plain words; empty where there is one.
+        unasked: The baseline, added beside the variants that were asked for: where it has no
+            answer, they still have.
     """
 
     name: str
@@ -69,10 +71,13 @@ class VariantChoice:
     overrides: tuple[str, ...] = ()
     fidelity: Fidelity | None = None
     cannot: str = ""
+    unasked: bool = False
 
 
 class FidelityError(ModelError):
-    """A machine has no answer at the fidelity it was asked for, though it may at others."""
+    """A machine has no answer at the fidelity it was asked for, though it may at others; or the
+    baseline that nobody asked for has none.
+    """
 
 
 @dataclass(frozen=True)
@@ -181,7 +186,7 @@ def solve_variant(
     try:
         return _answer(state, choice, stands, _add_steps(effort, {"load": loading}), superelements)
     except ModelError as error:
-        if choice.fidelity is None:
+        if choice.fidelity is None and not choice.unasked:
             raise
         raise FidelityError(str(error)) from error
 
@@ -373,16 +378,19 @@ def choose_variants(
     *,
     fidelities: Sequence[Fidelity] = (),
     overrides: Sequence[str] = (),
+    baseline: bool = True,
 ) -> tuple[VariantChoice, ...]:
     """Variants to compare.
 
     Args:
         path: Scene file.
         names: Variants, ``A+B`` for joined ones, ``as written`` for the scene itself; all of them
-            when empty, and the scene as written where none of them is the same.
+            when empty.
         fidelities: Each variant once per fidelity, taken by every component that it has elastic or
             segmented; one that a component cannot have says so in ``cannot``.
         overrides: ``key=value`` settings for all of them.
+        baseline: Put the scene as written before them, unless it is named, one of them is the same,
+            or fidelities are compared; a lumped mechanism is no baseline of others.
 
     Raises:
         SceneError: A variant has problems, or no two models are left to compare; holds all of them.
@@ -390,16 +398,16 @@ def choose_variants(
     base = load_scene(path, overrides=overrides)
     scenes: list[tuple[VariantChoice, Scene]] = []
     problems: list[Problem] = []
-    for name in names or (AS_WRITTEN, *base.variants):
+    for name in names or base.variants or (AS_WRITTEN,):
         choice = VariantChoice(name, None if name == AS_WRITTEN else name, tuple(overrides))
         try:
             scenes.append((choice, load_scene(path, variant=choice.variant, overrides=overrides)))
         except SceneError as error:
             problems += error.problems
-    if not names and any(
-        choice.variant is not None and scene.raw == base.raw for choice, scene in scenes
-    ):
-        scenes = [(choice, scene) for choice, scene in scenes if choice.variant is not None]
+    same = any(scene.raw == base.raw for _, scene in scenes)
+    if baseline and not same and not (names and (fidelities or base.is_lumped)):
+        first = VariantChoice(AS_WRITTEN, None, tuple(overrides), unasked=True)
+        scenes.insert(0, (first, base))
     choices = [
         made
         for choice, scene in scenes

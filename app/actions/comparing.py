@@ -64,6 +64,7 @@ class CompareRequest:
     output: Path | None = None
     variants: tuple[str, ...] = ()
     fidelities: tuple[str, ...] = ()
+    baseline: bool = True
     pose: str | None = None
     reference: str | None = None
     ranks: int | None = None
@@ -128,6 +129,8 @@ def _with_settings(request: CompareRequest) -> CompareRequest:
     return dataclasses.replace(
         request,
         variants=request.variants or settings.variants,
+        # a list of the scene is what its author wants to see
+        baseline=request.baseline and bool(request.variants or not settings.variants),
         fidelities=request.fidelities or fidelities,
         pose=request.pose or settings.pose,
         # a reference of the scene may be no column of what was asked for on the command line
@@ -145,7 +148,11 @@ def _choose(request: CompareRequest) -> tuple[VariantChoice, ...]:
             )
     fidelities: list[Fidelity] = [known[known.index(fidelity)] for fidelity in request.fidelities]
     choices = choose_variants(
-        path, request.variants, fidelities=fidelities, overrides=request.scene.overrides
+        path,
+        request.variants,
+        fidelities=fidelities,
+        overrides=request.scene.overrides,
+        baseline=request.baseline,
     )
     names = [choice.name for choice in choices]
     if request.reference is not None and request.reference not in names:
@@ -224,7 +231,8 @@ def _solve_all(
             print_variant(choice.name, efforts[choice.name])
     if comm.rank != 0:
         return None, {}
-    if len(solutions) < min(2, len(choices)):
+    asked = sum(not choice.unasked for choice in choices)
+    if len(solutions) < min(2, asked):
         reasons = "; ".join(f"{name} cannot: {why}" for name, why in cannot.items())
         raise ModelError(f"there are no two models to compare: {reasons}")
     scene = load_scene(path, overrides=request.scene.overrides)

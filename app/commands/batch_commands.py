@@ -237,6 +237,13 @@ def compare(
             help="These variants [all]; A+B joins, 'as written' is none.",
         ),
     ] = None,
+    baseline: Annotated[
+        bool,
+        typer.Option(
+            "--baseline/--no-baseline",
+            help="Show the scene as written beside its variants, or not.",
+        ),
+    ] = True,
     fidelity: Annotated[
         str | None,
         typer.Option(
@@ -294,6 +301,7 @@ def compare(
             output=output,
             variants=split_list(variants),
             fidelities=split_list(fidelity),
+            baseline=baseline,
             pose=pose,
             reference=reference,
             ranks=ranks,

@@ -34,7 +34,7 @@ def find_difference(one: object, other: object, place: str = "") -> str:
         pairs = [(f"[{i}]", *both) for i, both in enumerate(zip(one, other, strict=True))]
     elif isinstance(one, Mapping) and isinstance(other, Mapping):
         # sections may stand in another order, entries of a section may not
-        order = sorted if place.startswith(".raw") else list
+        order = sorted if place.startswith((".raw", ".written")) else list
         if order(one) != order(other):
             return place
         pairs = [(f"[{key}]", one[key], other[key]) for key in one]

@@ -75,6 +75,8 @@ def test_variants_are_compared_mode_by_mode(scene: Path) -> None:
     names: list[str] = []
     found = hs.compare(scene, progress=names.append)
     assert names == ["as written", "shorter"]
+    assert list(hs.compare(scene, ["shorter"]).solutions) == ["as written", "shorter"]
+    assert list(hs.compare(scene, ["shorter"], baseline=False).solutions) == ["shorter"]
     lengths = {"as written": 0.5, "shorter": 0.4}
     for name, length in lengths.items():
         run = hs.run(hs.load(scene, set={LENGTH: length})).modes["reference"]

@@ -70,7 +70,7 @@ def scene(tmp_path: Path) -> Path:
 
 
 def solve(scene: Path, name: str) -> VariantSolution:
-    choice = choose_variants(scene, (name,))[0]
+    choice = choose_variants(scene, (name,), baseline=False)[0]
     solution = solve_variant(
         scene, choice, pose=None, comm=MPI.COMM_SELF, store=Store(scene.parent / "store")
     )
@@ -175,6 +175,24 @@ def test_the_scene_as_written_is_left_out_where_a_variant_is_the_same(scene: Pat
         SCENE.replace('mesh = { size = "40 mm", cells = "hex" }', 'fidelity = "elastic"')
     )
     assert [choice.name for choice in choose_variants(scene)] == ["E", "S", "R"]
+
+
+def test_the_baseline_stands_beside_the_variants_that_are_named(scene: Path) -> None:
+    def columns(*names: str, baseline: bool = True) -> list[str]:
+        return [choice.name for choice in choose_variants(scene, names, baseline=baseline)]
+
+    assert columns("R") == ["as written", "R"]
+    assert columns("R", "E") == ["as written", "R", "E"]
+    assert columns("R", baseline=False) == ["R"]
+    assert columns(baseline=False) == ["E", "S", "R"]
+    # named, it is where it is named, and once
+    assert columns("R", "as written") == ["R", "as written"]
+    assert columns("as written", "R", baseline=False) == ["as written", "R"]
+    scene.write_text(
+        SCENE.replace('mesh = { size = "40 mm", cells = "hex" }', 'fidelity = "elastic"')
+    )
+    assert columns("E", "R") == ["E", "R"]
+    assert columns("R") == ["as written", "R"]
 
 
 def test_each_variant_is_taken_with_every_fidelity_asked_for(scene: Path) -> None:

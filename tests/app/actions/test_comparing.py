@@ -209,6 +209,44 @@ def test_a_static_analysis_that_is_refused_ends_with_1_and_the_modes_are_there(
     assert "failed: R: static analysis" in printed and "Natural frequencies" in printed
 
 
+def test_the_baseline_is_a_column_unless_it_is_refused(scene: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+
+    def compare(*arguments: str) -> Any:
+        assert main(["compare", str(scene), "-o", str(out), *arguments]) == 0
+        return json.loads((out / "compare.json").read_text())
+
+    beside = compare("--variants", "thick")
+    assert beside["columns"] == ["as written", "thick"] and beside["reference"] == "as written"
+    first = beside["modes"][0]["variants"]
+    assert first["thick"]["deviation"] == pytest.approx(
+        first["thick"]["frequency_hz"] / first["as written"]["frequency_hz"] - 1.0
+    )
+    assert compare("--variants", "thick", "--no-baseline")["columns"] == ["thick"]
+    assert compare("--variants", "thick", "--fidelity", "rigid,segmented")["columns"] == [
+        "thick rigid",
+        "thick segmented",
+    ]
+    assert compare("--no-baseline")["columns"] == ["R", "thick"]
+
+
+def test_a_baseline_without_an_answer_leaves_the_others_theirs(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spring = SCENE[SCENE.index('kind = "mount"') : SCENE.index("[points]")]
+    text = SCENE.replace(spring, 'kind = "rigid"\n').replace(
+        'fidelity = "segmented"', 'fidelity = "rigid"'
+    )
+    scene.write_text(text.replace('"rigid"\n[variants.thick]', '"segmented"\n[variants.thick]'))
+    out = tmp_path / "out"
+    assert main(["compare", str(scene), "-o", str(out), "--variants", "R"]) == 0
+    summary = json.loads((out / "compare.json").read_text())
+    assert summary["columns"] == ["as written", "R"] and list(summary["variants"]) == ["R"]
+    assert "as written" in summary["not_computed"]
+    assert "as written" in capsys.readouterr().out
+    assert main(["compare", str(scene), "-o", str(out), "--variants", "R,as written"]) == 1
+
+
 def test_a_lumped_mechanism_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = Path(__file__).parents[3] / "machines" / "tripteor.toml"
     assert main(["compare", str(scene), "-o", str(tmp_path / "out")]) == 2
