@@ -53,8 +53,8 @@ class Component(Noun, schema=ComponentTable):
 
 
 class Joint(Noun, schema=JointTable):
-    """A joint between two interfaces, or an interface and ground; with ``from_`` an element of the
-    catalogue.
+    """A joint between two interfaces, or an interface and ground. ``from_`` takes an element of the
+    catalogue: ``from_="catalogue:guide_35"``.
     """
 
     def _in_full(self, findings: Findings) -> TomlTable:

@@ -215,10 +215,20 @@ def schema(
     return run_guarded(action, debug=debug)
 
 
+def _list_elements() -> list[str]:
+    from headstock.scene.schema.catalogue import read_catalogue
+
+    return list(read_catalogue())
+
+
 def catalogue(
     name: Annotated[
         str | None,
-        typer.Argument(metavar="[NAME]", help="Element (guide_35) or family (guide); all."),
+        typer.Argument(
+            metavar="[NAME]",
+            help="Element (guide_35) or family (guide); all.",
+            autocompletion=_list_elements,
+        ),
     ] = None,
     markdown: Annotated[
         bool, typer.Option("--markdown", help="Print the page of the documentation instead.")

@@ -223,7 +223,8 @@ def _with_bearings(screw: TomlTable, key: KeyPath, findings: Findings) -> TomlTa
             del full[name]
             continue
         full[name] = stiffness["axial"]
-        findings.assume((*key, name), f"{text}, {entry.uncertainty()}")
+        factor = f"stiffness within a factor of {entry.family.factor:g}"
+        findings.assume((*key, name), f"{text}, {factor}")
     return full
 
 

@@ -62,6 +62,55 @@ def test_what_is_printed_to_be_pasted_is_the_element(
     assert tomllib.loads(named)["joints"]["NAME"][FROM] == f"{CATALOGUE}{name}"
 
 
+SLIDE = """\
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.slide]
+solid = { box = ["300 mm", "200 mm", "100 mm"] }
+material = "steel"
+fidelity = "rigid"
+interfaces = { bottom = { face = "z-" } }
+[joints.feet]
+between = ["slide.bottom", "ground"]
+from = "catalogue:rubber_mount_2kN"
+places = [["100 mm", "80 mm", "0 mm"], ["100 mm", "-80 mm", "0 mm"], ["-100 mm", "0 mm", "0 mm"]]
+[points.tcp]
+tool = "slide.bottom"
+work = "ground"
+[analyses.static]
+at = "tcp"
+"""
+
+
+def test_check_run_and_report_say_what_comes_from_the_catalogue(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, checked, out = tmp_path / "feet.toml", tmp_path / "check.json", tmp_path / "out"
+    scene.write_text(SLIDE)
+    assert main(["check", str(scene), "--json", str(checked)]) == 0
+    (assumed,) = json.loads(checked.read_text())["assumptions"]
+    assert assumed.startswith("joints.feet: catalogue:rubber_mount_2kN, stiffness within a factor")
+    assert "assumed: joints.feet: catalogue:rubber_mount_2kN" in capsys.readouterr().out
+    assert main(["run", str(scene), "--no-figures", "-o", str(out)]) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["assumptions"] == [assumed]
+    # in the middle between two mounts and one: half of the mean of their deflections
+    softness = summary["static"]["tcp"]["compliance_um_per_kN"][2][2]
+    assert softness == pytest.approx(1e3 * (1 / (2 * 1.8) + 1 / 1.8) / 4.0)
+    assert "assumed: joints.feet" in capsys.readouterr().out
+    assert "From the catalogue" in (out / "report.html").read_text()
+    plain = SLIDE.replace(
+        'from = "catalogue:rubber_mount_2kN"',
+        'kind = "mount"\nstiffness = { vertical = "1 N/um", horizontal = "1 N/um" }',
+    )
+    scene.write_text(plain)
+    assert main(["run", str(scene), "--no-figures", "-o", str(out)]) == 0
+    assert "assumptions" not in json.loads((out / "summary.json").read_text())
+    assert "From the catalogue" not in (out / "report.html").read_text()
+
+
 def test_an_unknown_element_is_refused_with_the_nearest_names(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -356,7 +356,8 @@ def test_a_file_that_is_no_superelement_is_refused(tmp_path: Path, content: byte
 def test_a_change_in_a_room_below_a_package_changes_its_fingerprint(tmp_path: Path) -> None:
     """A store key that looked at the top folder only would serve numbers of old code."""
     (tmp_path / "room").mkdir()
-    sources = [tmp_path / "top.py", tmp_path / "room" / "deep.py"]
+    names = ("top.py", "room/deep.py", "room/catalogue.toml")
+    sources = [tmp_path / name for name in names]
     for source in sources:
         source.write_text("FACTOR = 1\n")
 
@@ -371,7 +372,7 @@ def test_a_change_in_a_room_below_a_package_changes_its_fingerprint(tmp_path: Pa
         prints.add(fingerprint())
     sources[1].rename(tmp_path / "room" / "moved.py")
     prints.add(fingerprint())
-    assert len(prints) == 4
+    assert len(prints) == 5
 
 
 def test_a_file_that_is_exchanged_after_its_probe_is_not_read(

@@ -127,6 +127,37 @@ def test_variants_and_settings_reach_the_element_and_its_values(load: Load) -> N
     assert normals(load(old=SCENE, new=text)) == [large, large]
 
 
+def test_elements_go_with_carriages_single_places_and_included_files(
+    load: Load, tmp_path: Path
+) -> None:
+    start, end = SCENE.index("[joints.pad]"), SCENE.index("[joints.drive]")
+    pads = """\
+[joints.pad]
+from = "catalogue:guide_25"
+between = ["slide.bottom", "bed.top"]
+axis = "x"
+normal = "z"
+carriages = { middle = ["0 mm", "0 mm", "0 mm"], along = "200 mm", across = "160 mm" }
+each.3 = { from = "catalogue:guide_30", "stiffness.normal" = "1 N/um" }
+"""
+    loose = SCENE[: SCENE.index("[variants.larger]")] + '[analyses.static]\nat = "tcp"\n'
+    whole = load(old=SCENE, new=loose.replace(SCENE[start:end], pads)).machine.joints
+    small = stiffness("guide_25", "normal")
+    assert [whole[f"pad_{place}"].stiffness[2, 2] for place in (1, 2, 3, 4)] == [
+        *(small, small),
+        *(1e6, small),
+    ]
+    assert whole["pad_3"].stiffness[1, 1] == stiffness("guide_30", "lateral")
+    (tmp_path / "pads.toml").write_text(pads.replace("slide.bottom", "slide.bottom"))
+    included = 'include = "pads.toml"\n' + loose.replace(SCENE[start:end], "")
+    found = load(old=SCENE, new=included).machine.joints
+    assert repr(found["pad_3"]) == repr(whole["pad_3"])
+    (tmp_path / "pads.toml").write_text(pads.replace("guide_25", "guide_26"))
+    with pytest.raises(SceneError, match=r"pads\.toml:2: joints\.pad\.from") as caught:
+        load(old=SCENE, new=included)
+    assert len(caught.value.problems) == 1
+
+
 def test_a_scene_says_once_what_it_leaves_to_the_catalogue(load: Load) -> None:
     pads, drive, bearing = load().assumptions
     assert pads.startswith("joints.pad: catalogue:guide_35, stiffness within a factor of 1.6")
