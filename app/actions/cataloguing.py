@@ -46,7 +46,7 @@ screw = { bearing = "catalogue:screw_bearing_30" }
 ```
 
 - `from` gives `kind`, `stiffness`, `loss_factor` and, of a ball screw, `screw`. In place of a stiffness, `bearing` and `second_bearing` of a
-  screw take the axial one of a bearing.
+  screw take the axial one of a bearing. For a nut with a stiffness of its own, `screw = { from = "catalogue:ball_screw_40x10" }` is the shaft alone.
 - The values are keys like all others: `--set 'joints.x_pad.stiffness.normal="400 N/um"'`, `vary` and `identify` reach them, and a variant
   may take another element: `"joints.x_pad.from" = "catalogue:guide_45"`.
 - `check`, `run` and the report name what they took from the catalogue and how uncertain it is (`assumptions` in `summary.json`).

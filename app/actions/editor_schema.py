@@ -135,7 +135,7 @@ def _joint_rules() -> Iterator[JsonTable]:
     yield {"if": {"not": named}, "then": {"required": ["kind"]}}
     yield {
         "if": {"not": named},
-        "then": {"properties": {"screw": {"required": ["diameter"]}}},
+        "then": {"properties": {"screw": {"anyOf": [{"required": ["diameter"]}, named]}}},
     }
     for kind, rule in KINDS.items():
         keys: JsonTable = {"propertyNames": {"enum": [*rule.keys]}}
@@ -170,9 +170,11 @@ def _allow_catalogue(definitions: dict[str, JsonTable]) -> None:
     joint, screw = definitions["JointTable"], definitions["ScrewTable"]
     joint["allOf"] = [*_joint_rules()]
     joint["required"], screw["required"] = ["between"], []
-    name = rules_in(joint, "properties")[FROM]
-    del name["anyOf"]
-    name["enum"] = [element for kind in KINDS for element in _elements(kind)]
+    every = [element for kind in KINDS for element in _elements(kind)]
+    for table, names in ((joint, every), (screw, _elements("ball_screw"))):
+        name = rules_in(table, "properties")[FROM]
+        del name["anyOf"]
+        name["enum"] = names
     for key in BEARINGS:
         rule = rules_in(screw, "properties")[key]
         options = rule["anyOf"]

@@ -140,7 +140,7 @@ def fill_joint(joint: TomlTable, key: KeyPath, findings: Findings) -> TomlTable:
                 findings.written_at[(*key, name)] = (*key, FROM)
         _assume(joint, entry, key, findings)
     if isinstance(screw := full.get("screw"), dict):
-        full["screw"] = _with_bearings(screw, (*key, "screw"), findings)
+        full["screw"] = _fill_screw(screw, (*key, "screw"), findings)
     return full
 
 
@@ -205,9 +205,20 @@ def _merged(own: TomlTable, given: TomlTable) -> TomlTable:
     return full
 
 
-def _with_bearings(screw: TomlTable, key: KeyPath, findings: Findings) -> TomlTable:
-    """A screw whose bearings may be elements of the catalogue: their axial stiffness counts."""
+def _fill_screw(screw: TomlTable, key: KeyPath, findings: Findings) -> TomlTable:
+    """A screw whose shaft and bearings may be elements of the catalogue; of bearings the axial
+    stiffness counts.
+    """
     full = dict(screw)
+    if FROM in screw:
+        entry = _find(screw[FROM], (*key, FROM), findings)
+        given = entry.joint.get("screw")
+        if isinstance(given, dict):
+            full = given | full | {FROM: f"{CATALOGUE}{entry.name}"}
+            findings.assume(key, f"{CATALOGUE}{entry.name}, diameter and lead of its shaft")
+        else:
+            _refuse(entry, (*key, FROM), "ball_screw_40x10", findings)
+            full = {"diameter": "1 m"} | full | {FROM: ""}
     for name in BEARINGS:
         text = screw.get(name)
         if not isinstance(text, str) or not text.startswith(CATALOGUE):
@@ -215,17 +226,21 @@ def _with_bearings(screw: TomlTable, key: KeyPath, findings: Findings) -> TomlTa
         entry = _find(text, (*key, name), findings)
         stiffness = entry.joint["stiffness"]
         if entry.family.kind != "bearing" or not isinstance(stiffness, dict):
-            findings.add(
-                (*key, name),
-                f"{entry.name} of the catalogue is a {entry.family.kind}; write such as "
-                f'{name} = "{CATALOGUE}screw_bearing_30"',
-            )
+            _refuse(entry, (*key, name), "screw_bearing_30", findings)
             del full[name]
             continue
         full[name] = stiffness["axial"]
         factor = f"stiffness within a factor of {entry.family.factor:g}"
         findings.assume((*key, name), f"{text}, {factor}")
     return full
+
+
+def _refuse(entry: CatalogueEntry, key: KeyPath, example: str, findings: Findings) -> None:
+    findings.add(
+        key,
+        f"{entry.name} of the catalogue is a {entry.family.kind}; write such as "
+        f'{key[-1]} = "{CATALOGUE}{example}"',
+    )
 
 
 def _assume(joint: TomlTable, entry: CatalogueEntry, key: KeyPath, findings: Findings) -> None:

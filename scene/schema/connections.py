@@ -38,6 +38,7 @@ from headstock.scene.schema.types import (
 class ScrewTable(StrictTable):
     """The shaft of a ball screw between its bearings; the motor is held."""
 
+    origin: Annotated[Text | None, Field(alias="from")] = None
     diameter: PositiveLength
     bore: NotNegativeLength = 0.0
     E: PositivePressure | None = None

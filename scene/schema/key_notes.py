@@ -127,6 +127,7 @@ NOTES = {
     "Joint.at": "where it acts, in the machine frame, all axes at zero; the middle of its first interface unless given",
     "Joint.length": "length of the carriage (or nut) on a rail; it stands beside `at`, wherever the axes carry that",
     "Joint.screw": "shaft of a ball screw: the stiffness follows the distance of the nut (first end) from the fixed bearing (second end)",
+    "Screw.from": 'a ball screw of the [catalogue](catalogue.md), such as `"catalogue:ball_screw_40x10"`, for diameter and lead',
     "Screw.diameter": "of the area that carries: the root diameter, or the maker's effective one; `from` brings its own",
     "Screw.bore": "diameter of a hollow screw's bore",
     "Screw.E": "Young's modulus; 210 GPa unless given",

@@ -12,7 +12,7 @@ from scipy.special import ellipe, ellipk
 from headstock.scene.building.joints import KINDS
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.reading.units import ROTATIONAL_STIFFNESS, STIFFNESS, parse_quantity
+from headstock.scene.reading.units import LENGTH, ROTATIONAL_STIFFNESS, STIFFNESS, parse_quantity
 from headstock.scene.scene import Scene
 from headstock.scene.schema.catalogue import CatalogueEntry, read_catalogue
 
@@ -125,6 +125,24 @@ def test_variants_and_settings_reach_the_element_and_its_values(load: Load) -> N
         + '[parameters]\npads = "catalogue:guide_45"\n'
     )
     assert normals(load(old=SCENE, new=text)) == [large, large]
+
+
+def test_a_screw_takes_its_shaft_alone(load: Load) -> None:
+    own = """kind = "ball_screw"
+stiffness = { axial = "300 N/um" }
+screw = { from = "catalogue:ball_screw_40x20", bearing = "100 N/um" }
+"""
+    start, end = SCENE.index('from = "catalogue:ball_screw'), SCENE.index("[points.tcp]")
+    ends = 'between = ["slide.bottom", "bed.far"]\naxis = "x"\n'
+    scene = load(old=SCENE[start:end], new=ends + own)
+    drive = scene.machine.joints["drive"]
+    assert drive.stiffness[0, 0] == 300e6 and drive.screw is not None
+    assert (drive.screw.lead, drive.screw.bearing) == (0.02, 100e6)
+    assert drive.screw.axial == pytest.approx(210e9 * np.pi / 4.0 * 0.0355**2)
+    assert any("diameter and lead of its shaft" in text for text in scene.assumptions)
+    with pytest.raises(SceneError, match=r"guide_35 of the catalogue is a linear_guide") as caught:
+        load(old=SCENE[start:end], new=ends + own.replace("ball_screw_40x20", "guide_35"))
+    assert len(caught.value.problems) == 1
 
 
 def test_elements_go_with_carriages_single_places_and_included_files(
@@ -269,6 +287,18 @@ def test_balls_alone_are_stiffer_than_their_carriage_but_not_by_much(name: str) 
     assert 1.2 < contacts / stiffness(name, "normal") < 2.2
 
 
+@pytest.mark.parametrize("name", [name for name in ENTRIES if "roller_guide" in name])
+def test_rollers_alone_are_about_four_times_as_stiff_as_their_carriage(name: str) -> None:
+    # 4 rows at 45 deg over 2.4 sizes, rollers of 0.14 sizes, 0.2 long; preload 10 % of 65 N/mm^2 times size^2
+    size = float(name.rpartition("_")[2])
+    rollers = 4 * 2.4 / (1.1 * 0.14)
+    load = 0.1 * 65.0 * size**2 / (rollers / 2.0) / np.sin(np.pi / 4.0)
+    # Palmgren: approach [mm] of a line contact of steel under a load [N] over a length [mm]
+    approach = 2.0 * 3.84e-5 * load**0.9 / (0.2 * size) ** 0.8
+    contacts = rollers * load / (0.9 * approach * 1e-3) * 0.5
+    assert 3.0 < contacts / stiffness(name, "normal") < 5.0
+
+
 @pytest.mark.parametrize("name", [name for name in ENTRIES if "bearing" in name])
 def test_bearings_are_as_stiff_as_their_balls(name: str) -> None:
     entry = ENTRIES[name]
@@ -298,3 +328,32 @@ def test_stiffness_grows_with_size_as_similar_bodies_have_it(stem: str) -> None:
             stiffness(name, key) / size**power for name, size in zip(family, sizes, strict=True)
         ]
         assert max(shares) / min(shares) < 1.12  # two figures each
+
+
+@pytest.mark.parametrize("name", [name for name in ENTRIES if "ball_screw" in name])
+def test_a_nut_is_somewhat_less_stiff_than_its_balls_and_a_shaft_thinner_than_its_name(
+    name: str,
+) -> None:
+    # four loaded turns of balls in two halves, preload 7 % of 35 N/mm^2 times diameter^2, contacts at 45 deg
+    size, lead = map(float, re.findall(r"\d+", name))
+    ball = 3.5 if lead <= 5.0 else 6.5
+    balls = 4.0 * np.pi * size / (1.05 * ball)
+    load = 0.07 * 35.0 * size**2 / (balls / 2.0) / np.sin(np.pi / 4.0)
+    contacts = balls * ball_stiffness(load, ball * 1e-3) * 0.5
+    assert 1.0 < contacts / stiffness(name, "axial") < 3.0
+    screw = ENTRIES[name].joint["screw"]
+    assert isinstance(screw, dict)
+    diameter, given = (
+        parse_quantity(screw[key], LENGTH).value * 1e3 for key in ("diameter", "lead")
+    )
+    assert given == lead and 0.75 * size < diameter < size
+
+
+@pytest.mark.parametrize("name", [name for name in ENTRIES if name.endswith("kN")])
+def test_a_mass_on_its_mount_has_the_frequency_that_the_family_states(name: str) -> None:
+    entry = ENTRIES[name]
+    load = 1e3 * float(re.findall(r"(\d+)kN", name)[0])
+    (stated,) = re.findall(r"2 pi (\d+) Hz", entry.family.derived)
+    frequency = np.sqrt(stiffness(name, "vertical") * 9.81 / load) / (2.0 * np.pi)
+    assert frequency == pytest.approx(float(stated), rel=0.03)
+    assert stiffness(name, "horizontal") < stiffness(name, "vertical")
