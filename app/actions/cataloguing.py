@@ -36,7 +36,7 @@ between = ["slide.bottom", "bed.top"]
 axis = "x"
 normal = "z"
 places = [["100 mm", "80 mm", "0 mm"], ["-100 mm", "80 mm", "0 mm"]]
-stiffness.lateral = "300 N/um"          # own keys go before those of the catalogue
+stiffness.lateral = "300 N/um"          # own keys override those of the catalogue
 
 [joints.x_drive]
 from = "catalogue:ball_screw_40x10"     # nut, and the shaft's diameter and lead
@@ -50,6 +50,8 @@ screw = { bearing = "catalogue:screw_bearing_30" }
 - The values are keys like all others: `--set 'joints.x_pad.stiffness.normal="400 N/um"'`, `vary` and `identify` reach them, and a variant
   may take another element: `"joints.x_pad.from" = "catalogue:guide_45"`.
 - `check`, `run` and the report name what they took from the catalogue and how uncertain it is (`assumptions` in `summary.json`).
+- Directions are those of the kind of joint ([scene_reference.md](scene_reference.md#kinds-of-joints)). Along its rail a carriage is free, as is a
+  bearing about its axis; a mount has no stiffness of rotation.
 - Loss factors count with the effect `damping`.
 - `./headstock catalogue` lists all elements; `./headstock catalogue guide_35` shows one with its keys, to be pasted and edited;
   `--json FILE` writes them for other programs.

@@ -146,9 +146,12 @@ class Findings:
         self.warnings.append(f"{self.place_of(key)}: {show_key(key)}: {message}")
 
     def assume(self, key: KeyPath, what: str) -> None:
-        """Note values that the scene leaves to the catalogue; once for all places of an entry."""
+        """Note values that the scene leaves to the catalogue; once for all places of an entry that
+        are alike.
+        """
         entry = self.written_at.get(key[:2], key[:2])
-        self.assumptions.setdefault(show_key((*entry, *key[2:])), what)
+        if self.assumptions.setdefault(show_key((*entry, *key[2:])), what) != what:
+            self.assumptions[show_key(key)] = what
 
     def concern(self, *sections: str) -> bool:
         """Whether a problem was found in one of the sections of the scene."""

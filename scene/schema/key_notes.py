@@ -11,7 +11,7 @@ NOTES = {
     "Include.file": "a `.toml` file in the folder of the scene or below, from the folder of the file that includes it",
     "Include.prefix": "put before the name of every entry of the file",
     "Joint.from": 'an element of the [catalogue](catalogue.md): `from = "catalogue:guide_35"` gives kind, stiffness and damping; own keys '
-    "go before its values",
+    "override its values",
     "Joint.places": "in place of `at`: one joint at each, `NAME_1`, `NAME_2`, ... of a list, `NAME_left` of a table; "
     "`{n}` in texts is the number or name",
     "Joint.carriages": "in place of `at`: a `linear_guide` at each place of carriages on parallel rails",

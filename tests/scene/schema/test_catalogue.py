@@ -159,7 +159,12 @@ carriages = { middle = ["0 mm", "0 mm", "0 mm"], along = "200 mm", across = "160
 each.3 = { from = "catalogue:guide_30", "stiffness.normal" = "1 N/um" }
 """
     loose = SCENE[: SCENE.index("[variants.larger]")] + '[analyses.static]\nat = "tcp"\n'
-    whole = load(old=SCENE, new=loose.replace(SCENE[start:end], pads)).machine.joints
+    scene = load(old=SCENE, new=loose.replace(SCENE[start:end], pads))
+    whole = scene.machine.joints
+    assert [text.split(",")[0] for text in scene.assumptions][:2] == [
+        "joints.pad: catalogue:guide_25",
+        "joints.pad_3: catalogue:guide_30",
+    ]
     small = stiffness("guide_25", "normal")
     assert [whole[f"pad_{place}"].stiffness[2, 2] for place in (1, 2, 3, 4)] == [
         *(small, small),
