@@ -31,7 +31,7 @@ from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene, prepare_sweep
 from headstock.scene.reading.findings import Findings, SceneError, suggest_names
 from headstock.scene.reading.toml_text import write_toml
-from headstock.scene.scene import Scene, keep_analyses, list_analyses
+from headstock.scene.scene import Scene, keep_analyses, list_analyses, require_name
 from headstock.scene.schema.includes import scene_content
 from headstock.scene.studies import Study, StudyFamily
 from headstock.solvers.errors import ModelError
@@ -180,7 +180,8 @@ def study(
     comm = comm or MPI.COMM_WORLD
     made = _machine(machine)
     if name is not None:
-        chosen = _named(made.scene, "studies", name, made.scene.studies)
+        require_name(made.scene, "studies", name, made.scene.studies)
+        chosen = made.scene.studies[name]
     else:
         values = {
             key: tuple(write_setting(key, item) for item in items)
@@ -226,7 +227,8 @@ def sweep(
     """
     comm = comm or MPI.COMM_WORLD
     made = _machine(machine)
-    chosen = _named(made.scene, "sweeps", name, made.scene.sweeps)
+    require_name(made.scene, "sweeps", name, made.scene.sweeps)
+    chosen = made.scene.sweeps[name]
     with made.on_disk() as choice, _scratch(output, comm) as folder:
         scene = prepare_sweep(
             load_scene(choice.path, variant=choice.variant, overrides=choice.overrides),
@@ -359,14 +361,6 @@ def _with_analyses(scene: Scene, names: Sequence[str]) -> Scene:
             )
     findings.raise_if_any()
     return keep_analyses(scene, names) if names else scene
-
-
-def _named[T](scene: Scene, section: str, name: str, known: Mapping[str, T]) -> T:
-    if name not in known:
-        findings = Findings(str(scene.path))
-        findings.add((section, name), suggest_names(name, known, what=section))
-        findings.raise_if_any()
-    return known[name]
 
 
 @contextlib.contextmanager

@@ -31,8 +31,9 @@ from headstock.pipeline.storage.outputs import (
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.pipeline.storage.superelements import write_superelement
+from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.requests import Analyses, FrfRequest
-from headstock.scene.scene import Scene
+from headstock.scene.scene import Scene, require_name
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.state_space import StateSpace, to_state_space
 from headstock.solvers.ranks import make_on_root, share_from_root
@@ -66,12 +67,12 @@ def export_state_space(
         What was written, in a few words; on every rank.
 
     Raises:
-        ModelError: There is no such pose or no point.
+        SceneError: There is no such pose.
+        ModelError: There is no point.
         HeadstockError: A computation or the file failed.
     """
     name = pose or next(iter(scene.poses))
-    if name not in scene.poses:
-        raise ModelError(f"the scene has no pose {name!r}; poses: {', '.join(scene.poses)}")
+    require_name(scene, "poses", name, scene.poses)
     check_output(path)
     inputs, outputs = _ports(scene)
     request = FrfRequest(inputs, outputs, up_to_hz, poses=(name,))
@@ -163,17 +164,14 @@ def export_superelement(
         What was written, in a few words; on every rank.
 
     Raises:
-        ModelError: The scene has no such component.
+        SceneError: The scene has no such component.
         HeadstockError: The reduction or the file failed.
     """
     if not path.absolute().parent.is_dir():
         raise OutputError(f"{path} cannot be written: there is no folder {path.parent}")
     check_output(path)
     plan = plan_scene(scene)
-    if component not in plan.components:
-        raise ModelError(
-            f"the scene has no component {component!r}; components: {', '.join(plan.components)}"
-        )
+    require_name(scene, "components", component, plan.components)
     state = RunState(scene, plan, comm, store or Store(default_store_root()))
     made = make_superelements(state, only=[component])
     text = ""
@@ -205,7 +203,7 @@ def export_mesh(
         What was written, in a few words; on every rank.
 
     Raises:
-        ModelError: The scene has no such component, or it has no shape.
+        SceneError: The scene has no such component, or it has no shape.
         MeshError: It cannot be meshed, or the format cannot hold the mesh.
         OutputError: The file cannot be written.
     """
@@ -221,9 +219,12 @@ def export_mesh(
     ]
     if component is None and len(shaped) == 1:
         (component,) = shaped
-    if component not in shaped:
-        what = "name the component to mesh" if component is None else f"no mesh of {component!r}"
-        raise ModelError(f"{what}; components with a shape: {', '.join(shaped) or 'none'}")
+    if component is None:
+        findings = Findings(str(scene.path))
+        listed = ", ".join(shaped) or "none"
+        findings.add(("components",), f"name the one to mesh; those with a shape: {listed}")
+        raise SceneError(problem for _, problem in findings.problems)
+    require_name(scene, "components", component, shaped)
     state = RunState(scene, plan, comm, store or Store(default_store_root()))
     return make_on_root(comm, partial(_write_mesh, state, plan.components[component], path))
 

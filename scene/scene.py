@@ -1,7 +1,7 @@
 """The scene: a machine, where it stands, and what is to be computed of it."""
 
 import dataclasses
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -12,7 +12,7 @@ from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
 from headstock.geometry.parts.components import Fidelity
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.scene.reading.files import TomlTable
-from headstock.scene.reading.findings import Findings, Problem, SceneError
+from headstock.scene.reading.findings import Findings, Problem, SceneError, suggest_names
 from headstock.scene.requests import Analyses, Request
 from headstock.scene.studies import Study, Sweep
 
@@ -155,6 +155,26 @@ class Scene:
     def is_lumped(self) -> bool:
         """Whether the mechanism itself is the model: rigid bodies on springs in its legs."""
         return self.mechanism is not None and self.mechanism.model == "lumped"
+
+
+def require_name(scene: Scene, section: str, name: str, known: Iterable[str]) -> None:
+    """Refuse a name that is none of those there are.
+
+    Args:
+        scene: As loaded.
+        section: Of the scene, that names the things.
+        name: That was asked for.
+        known: Those that can be.
+
+    Raises:
+        SceneError: It is none of them; says which one was probably meant.
+    """
+    names = list(known)
+    if name not in names:
+        findings = Findings(str(scene.path))
+        hint = suggest_names(name, names, what=section)
+        findings.add((section, name), f"there is none of this name; {hint}")
+        findings.raise_if_any()
 
 
 def deforming_parts(scene: Scene) -> list[str]:

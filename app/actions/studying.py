@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import click
 from mpi4py import MPI
 
 import headstock.validation
@@ -34,7 +33,7 @@ from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene
-from headstock.scene.reading.findings import suggest_names
+from headstock.scene.scene import require_name
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.parameters.costs import weigh_costs
 from headstock.studies.parameters.records import StudyRecord
@@ -72,8 +71,8 @@ def study_request(request: StudyRequest, comm: MPI.Comm, origin: Provenance | No
         origin: Where the results come from.
 
     Raises:
-        SceneError: The scene or a varied value has problems.
-        click.UsageError: The scene has no such study, or an option does not fit.
+        SceneError: The scene or a varied value has problems, or it has no such study.
+        click.UsageError: ``--ranks`` does not fit.
         HeadstockError: A file cannot be written.
     """
     start = time.perf_counter()
@@ -99,10 +98,7 @@ def _make_job(request: StudyRequest) -> StudyJob:
     chosen = request.scene
     content = hash_scene(chosen.path) if chosen.path.is_file() else ""
     scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
-    if request.name not in scene.studies:
-        raise click.UsageError(
-            f"{chosen.path} has no study {request.name!r}; {suggest_names(request.name, scene.studies, what='studies')}"
-        )
+    require_name(scene, "studies", request.name, scene.studies)
     study = scene.studies[request.name]
     repeats = study.repeats if request.repeats is None else request.repeats
     job = StudyJob(

@@ -37,7 +37,7 @@ from headstock.pipeline.storage.outputs import (
 )
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene, prepare_sweep
-from headstock.scene.reading.findings import suggest_names
+from headstock.scene.scene import require_name
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.sweeps.files import SWEEP_FILE, SweepSummary, summarise_sweep, write_sweep
 from headstock.studies.sweeps.journals import FOLDER, remove_other_journals
@@ -119,8 +119,8 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | No
         origin: Where the results come from.
 
     Raises:
-        SceneError: The scene or a pose of the sweep has problems.
-        click.UsageError: The scene has no such sweep, or an option does not fit.
+        SceneError: The scene or a pose of the sweep has problems, or it has no such sweep.
+        click.UsageError: An option does not fit.
         HeadstockError: A component cannot be reduced, or a file cannot be written.
     """
     start = time.perf_counter()
@@ -208,10 +208,7 @@ def _publish(
 def _make_job(request: SweepRequest) -> SweepJob:
     chosen = request.scene
     scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
-    if request.name not in scene.sweeps:
-        raise click.UsageError(
-            f"{chosen.path} has no sweep {request.name!r}; {suggest_names(request.name, scene.sweeps, what='sweeps')}"
-        )
+    require_name(scene, "sweeps", request.name, scene.sweeps)
     scene = prepare_sweep(scene, request.name, overrides=chosen.overrides)
     if (
         scene.analyses.static is None

@@ -73,6 +73,15 @@ def calculate(text: str, look_up: Callable[[str], Measure]) -> Measure:
         return value
 
 
+def names_in(text: str) -> set[str]:
+    """Names in an expression, units left out."""
+    position, names = text.index(MARK) + len(MARK), set()
+    while token := _TOKEN.match(text, position):
+        names |= {token["name"]} - {None}
+        position = token.end()
+    return names
+
+
 def prefix_names(text: str, prefix: str, names: Collection[str]) -> str:
     """An expression with a prefix before those of its names that are listed.
 

@@ -107,12 +107,28 @@ class Findings:
     on_request: frozenset[str] = frozenset()
     deferred: dict[str, list[Problem]] = field(default_factory=dict)
     included: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    _told: set[tuple[KeyPath, str]] = field(default_factory=set)
 
     def add(self, key: KeyPath, message: str) -> None:
-        """Report a problem at a key path (or at the closest enclosing one that is written down)."""
-        problem = self.describe(key, message)
-        if problem not in [known for _, known in self.problems[-MAX_SHOWN:]]:
+        """Report a problem at a key path (or at the closest enclosing one that is written down);
+        once for all places of a repeated entry.
+        """
+        problem, written = self.describe(key, message), (self._written_key(key), message)
+        if problem not in [known for _, known in self.problems[-MAX_SHOWN:]] and (
+            written not in self._told
+        ):
             self.problems.append((self.origin_of(key).line or 0, problem))
+        if written[0] != key:
+            self._told.add(written)
+
+    def _written_key(self, key: KeyPath) -> KeyPath:
+        """The key that an expanded one was written at."""
+        for length in range(len(key), 0, -1):
+            if key[:length] in self.origins:
+                break
+            if key[:length] in self.written_at:
+                return self._written_key(self.written_at[key[:length]] + key[length:])
+        return key
 
     def add_for(self, analysis: str, key: KeyPath, message: str) -> None:
         """Report what an analysis lacks that a variant may bring; a problem only once the analysis
@@ -159,11 +175,7 @@ class Findings:
 
     def origin_of(self, key: KeyPath) -> Origin:
         """Origin of a key path or of its closest ancestor that has one."""
-        for length in range(len(key), 0, -1):
-            if key[:length] in self.origins:
-                break
-            if key[:length] in self.written_at:
-                return self.origin_of(self.written_at[key[:length]] + key[length:])
+        key = self._written_key(key)
         for path in (key, tuple(part for part in key if isinstance(part, str))):
             for length in range(len(path), 0, -1):
                 if path[:length] in self.origins:

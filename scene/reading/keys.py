@@ -2,6 +2,7 @@
 values.
 """
 
+import contextlib
 import fnmatch
 import math
 import re
@@ -23,6 +24,8 @@ type ReadValue = TomlValue | Quantity | list[ReadValue] | dict[str, ReadValue]
 
 NUMBER = Dimension("plain number", "", "0.3", math.inf)
 _STEP = re.compile(r"([^.\[\]\s]+)((?:\[\d{1,5}\])*)")
+# as values that are calculated have them
+_BASE_UNITS = re.compile(r"(?:kg|m|s|rad)(?:\^-?\d+)?(?:\*(?:kg|m|s|rad)(?:\^-?\d+)?)*")
 _INDEX = re.compile(r"\[(\d+)\]")
 
 
@@ -105,10 +108,24 @@ def read_number(raw: TomlTable, key: KeyPath) -> Quantity:
     raise ValueError(f"{show_key(key)} is {kind}, not a number; name one of its entries")
 
 
-def written_unit(raw: TomlTable, key: KeyPath) -> str:
-    """The unit a scene writes a number in; empty for a plain number."""
+def written_unit(raw: TomlTable, key: KeyPath, written: TomlTable) -> str:
+    """The unit a scene writes a number in; the usual one of what it calculates, empty for a plain
+    number.
+
+    Args:
+        raw: The scene in full.
+        key: Of a number in it.
+        written: The scene as it is written.
+    """
     value = value_at(raw, key)
-    return unit_of(value) if isinstance(value, str) else ""
+    if not isinstance(value, str):
+        return ""
+    with contextlib.suppress(KeyError):
+        if value_at(written, key) == value:
+            return unit_of(value)
+    unit = unit_of(value)
+    calculated = _BASE_UNITS.fullmatch(unit) is not None
+    return unit_of(read_number(raw, key).dimension.example) if calculated else unit
 
 
 def write_number(value: float, unit: str, digits: int = 9) -> str | float:

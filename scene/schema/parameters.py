@@ -1,5 +1,7 @@
 """Parameters of a scene: values with names, and every text of it that is calculated from them."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from decimal import Decimal
 
 from headstock.scene.reading.expressions import (
@@ -7,6 +9,7 @@ from headstock.scene.reading.expressions import (
     ExpressionError,
     calculate,
     is_expression,
+    names_in,
     sole_name,
 )
 from headstock.scene.reading.files import TomlTable, TomlValue
@@ -41,12 +44,52 @@ def calculate_tables(raw: TomlTable, findings: Findings) -> TomlTable:
         findings: Receives what cannot be calculated.
     """
     parameters = _Parameters(raw)
+    overrides = {
+        str(key[1]): origin.override
+        for key, origin in findings.origins.items()
+        if key[0] == PARAMETERS and len(key) > 1 and origin.override is not None
+    }
+    if overrides:
+        _note_overrides(raw, overrides, findings)
     return {
         section: value
         if section in NOT_CALCULATED
         else _calculated(value, (section,), parameters, findings)
         for section, value in raw.items()
     }
+
+
+def _note_overrides(raw: TomlTable, overrides: Mapping[str, str], findings: Findings) -> None:
+    """Have errors of what is calculated from a parameter name what set it.
+
+    Args:
+        raw: As parsed.
+        overrides: Setting, variant or point of a study, by parameter.
+        findings: Receives the origins.
+    """
+    section = raw.get(PARAMETERS)
+    names = section if isinstance(section, dict) else {}
+
+    def find(text: TomlValue, known: frozenset[str] = frozenset()) -> str | None:
+        for name in names_in(text) - known if isinstance(text, str) and is_expression(text) else ():
+            found = overrides.get(name) or find(names.get(name, ""), known | {name})
+            if found is not None:
+                return found
+        return None
+
+    def walk(value: TomlValue, key: KeyPath) -> None:
+        if isinstance(value, dict | list):
+            entries = value.items() if isinstance(value, dict) else enumerate(value)
+            for part, item in entries:
+                walk(item, (*key, part))
+        elif (found := find(value)) is not None:
+            origin = findings.origin_of(key)
+            if origin.override is None:
+                findings.origins[key] = replace(origin, override=found)
+
+    for section_name, entries in raw.items():
+        if section_name not in NOT_CALCULATED:
+            walk(entries, (section_name,))
 
 
 class _Parameters:

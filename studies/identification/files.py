@@ -158,9 +158,11 @@ def write_keys(found: Identification) -> dict[str | None, dict[KeyPath, str | fl
     result: dict[str | None, dict[KeyPath, str | float]] = {}
     for state in found.point.states:
         parametric = state.model.parametric
-        raw = parametric.scene.raw
+        scene = parametric.scene
         result[state.model.case.variant] = {
-            law.key: write_number(law.value(found.values), written_unit(raw, law.key))
+            law.key: write_number(
+                law.value(found.values), written_unit(scene.raw, law.key, scene.written)
+            )
             for law in parametric.laws
             if law.rules
         }

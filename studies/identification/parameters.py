@@ -150,7 +150,7 @@ def _find_targets(
                 found[key] = _Target(
                     KeyRule(key, kind, factor, offset),
                     quantity,
-                    written_unit(scene.raw, key),
+                    written_unit(scene.raw, key, scene.written),
                     place,
                 )
                 if (

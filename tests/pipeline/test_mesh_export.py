@@ -14,7 +14,6 @@ from headstock.pipeline.storage.outputs import TakenOutputError
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.solvers.errors import ModelError
 
 SCENE = """
 [materials.steel]
@@ -90,7 +89,7 @@ def test_nothing_of_the_user_is_written_over(tmp_path: Path, store: Store) -> No
         export_mesh(scene, "column", tmp_path / "part.xdmf", comm=MPI.COMM_SELF, store=store)
     assert (tmp_path / "part_mesh.h5").read_text() == "mine"
     assert not (tmp_path / "part.xdmf").exists()
-    with pytest.raises(ModelError, match=r"no mesh of 'colum'; .*: column"):
+    with pytest.raises(SceneError, match=r"did you mean 'column'\? components: column"):
         export_mesh(scene, "colum", tmp_path / "part.med", comm=MPI.COMM_SELF, store=store)
 
 

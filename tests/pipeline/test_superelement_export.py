@@ -18,7 +18,7 @@ from headstock.pipeline.storage.superelements import read_superelement, write_su
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.rails import carriage_rows
 from headstock.scene.building.loader import load_scene
-from headstock.solvers.errors import ModelError
+from headstock.scene.reading.findings import SceneError
 
 SCENE = """
 [materials.steel]
@@ -69,7 +69,7 @@ def test_an_exported_superelement_gives_the_same_machine(tmp_path: Path) -> None
 def test_a_component_that_does_not_exist_is_named(tmp_path: Path) -> None:
     scene_file = tmp_path / "elastic.toml"
     scene_file.write_text(SCENE.replace("SOLID", ELASTIC))
-    with pytest.raises(ModelError, match="no component 'colum'; components: column"):
+    with pytest.raises(SceneError, match=r"did you mean 'column'\? components: column"):
         export_superelement(
             load_scene(scene_file),
             "colum",
