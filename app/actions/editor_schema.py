@@ -30,6 +30,8 @@ def scene_schema() -> JsonTable:
     _allow_catalogue(definitions)
     for rule in reversed(list(_walk(schema))):  # what is inside first
         _allow_expressions(rule)
+    # their conditions are no values: an expression says nothing of the kind
+    definitions["JointTable"]["allOf"] = [*_joint_rules()]
     return schema | {"$defs": {**definitions, "expression": EXPRESSION}}
 
 
@@ -168,7 +170,6 @@ def _elements(kind: str) -> list[JsonValue]:
 def _allow_catalogue(definitions: dict[str, JsonTable]) -> None:
     """Let joints and bearings of screws name elements of the catalogue."""
     joint, screw = definitions["JointTable"], definitions["ScrewTable"]
-    joint["allOf"] = [*_joint_rules()]
     joint["required"], screw["required"] = ["between"], []
     every = [element for kind in KINDS for element in _elements(kind)]
     for table, names in ((joint, every), (screw, _elements("ball_screw"))):

@@ -134,6 +134,11 @@ def fill_joint(joint: TomlTable, key: KeyPath, findings: Findings) -> TomlTable:
             )
         full = _merged(joint, entry.joint)
         full |= {FROM: f"{CATALOGUE}{entry.name}", "kind": entry.family.kind}
+        held = isinstance(stiffness := full["stiffness"], dict) and all(
+            value == "rigid" for value in stiffness.values()
+        )
+        if held and "loss_factor" not in joint:
+            del full["loss_factor"]  # there is nothing left that it is a share of
         for name in entry.joint:
             if name not in joint:
                 # what is wrong with it is said at the line that names the element

@@ -72,6 +72,25 @@ def test_a_pair_of_carriages_on_a_rail_has_the_stiffness_of_two_springs(tmp_path
     assert larger.scene.machine.joints["pad_1"].stiffness[2, 2] == 630e6
 
 
+def test_a_body_on_mounts_has_half_their_loss_factor_as_damping_ratio() -> None:
+    # one mount in the middle: the vertical mode is a mass on a spring with structural damping
+    mount = hs.Joint(from_="catalogue:rubber_mount_2kN", between=["slide.bottom", "ground"])
+    plain = slide(mount)  # for its slide
+    damped = hs.Machine(
+        materials=plain.table["materials"],
+        components=plain.table["components"],
+        joints={"mount": mount},
+        analyses={"modal": {"count": 6}},
+        effects={"damping": True},
+    )
+    modes = hs.run(damped).modes["reference"]
+    mass = 0.3 * 0.2 * 0.1 * 7850.0
+    vertical = np.sqrt(1.8e6 / mass) / (2.0 * np.pi)
+    (number,) = np.flatnonzero(np.isclose(modes.frequencies_hz, vertical, rtol=1e-9))
+    ratio = modes.damping_ratio[number]
+    assert ratio == pytest.approx(0.12 / 2.0)
+
+
 def test_a_joint_of_an_unknown_element_is_refused_in_python() -> None:
     with pytest.raises(hs.SceneError, match="there is no 'guide_36'") as caught:
         hs.Joint(from_="catalogue:guide_36", between=["a.b", "ground"], axis="x")

@@ -169,6 +169,25 @@ def test_a_joint_takes_the_keys_of_its_kind_only(scenes: Any, kind: str) -> None
     )
 
 
+def test_an_element_of_the_catalogue_brings_what_is_required(scenes: Any) -> None:
+    guide = '[joints.j]\nbetween = ["a.b", "ground"]\naxis = "x"\nfrom = "catalogue:guide_35"\n'
+    assert faults(scenes, guide) == []
+    assert faults(scenes, guide + 'stiffness = { normal = "1 N/m" }') == []
+    assert faults(scenes, guide + 'kind = "linear_guide"') == []
+    assert faults(scenes, guide + 'stiffness = { axial = "1 N/m" }') != []
+    assert faults(scenes, guide.replace('axis = "x"\n', "")) != []
+    assert faults(scenes, guide.replace("guide_35", "guide_36")) != []
+    assert faults(scenes, guide.replace("catalogue:guide_35", "= pads")) == []
+    assert faults(scenes, guide.replace('from = "catalogue:guide_35"', "")) != []
+    drive = guide.replace("guide_35", "ball_screw_40x10")
+    assert faults(scenes, drive + 'screw = { bearing = "catalogue:screw_bearing_30" }') == []
+    assert faults(scenes, drive + 'screw = { bearing = "catalogue:guide_30" }') != []
+    own = 'kind = "ball_screw"\nstiffness = { axial = "1 N/m" }\n'
+    own = guide.replace('from = "catalogue:guide_35"\n', own)
+    assert faults(scenes, own + 'screw = { from = "catalogue:ball_screw_40x10" }') == []
+    assert faults(scenes, own + 'screw = { lead = "10 mm" }') != []
+
+
 @pytest.mark.parametrize("dimension", DIMENSIONS, ids=lambda dimension: dimension.name)
 def test_every_example_of_a_quantity_fits_its_pattern(dimension: Dimension) -> None:
     assert re.search(quantity_pattern(dimension), dimension.example)
