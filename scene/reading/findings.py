@@ -165,8 +165,7 @@ class Findings:
         """Note values that the scene leaves to the catalogue; once for all places of an entry that
         are alike.
         """
-        entry = self.written_at.get(key[:2], key[:2])
-        if self.assumptions.setdefault(show_key((*entry, *key[2:])), what) != what:
+        if self.assumptions.setdefault(show_key(self._written_key(key)), what) != what:
             self.assumptions[show_key(key)] = what
 
     def concern(self, *sections: str) -> bool:

@@ -126,10 +126,10 @@ def fill_joint(joint: TomlTable, key: KeyPath, findings: Findings) -> TomlTable:
     """
     full = dict(joint)
     if FROM in joint:
-        entry = _find(joint[FROM], _written_key((*key, FROM), findings), findings)
+        entry = _find(joint[FROM], (*key, FROM), findings)
         if joint.get("kind", entry.family.kind) != entry.family.kind:
             findings.add(
-                _written_key((*key, "kind"), findings),
+                (*key, "kind"),
                 f"{entry.name} of the catalogue is a {entry.family.kind}; remove kind, or name another one",
             )
         full = _merged(joint, entry.joint)
@@ -169,12 +169,6 @@ def _find(text: TomlValue, key: KeyPath, findings: Findings) -> CatalogueEntry:
             "`headstock catalogue` lists all",
         )
     return entries[_nearest(name)[0]]
-
-
-def _written_key(key: KeyPath, findings: Findings) -> KeyPath:
-    """Where a key of an entry is written that stands at several places, so that it is said once."""
-    own = key in findings.origins
-    return key if own else (*findings.written_at.get(key[:2], key[:2]), *key[2:])
 
 
 def _nearest(name: str) -> list[str]:

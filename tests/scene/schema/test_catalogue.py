@@ -176,7 +176,7 @@ each.3 = { from = "catalogue:guide_30", "stiffness.normal" = "1 N/um" }
     found = load(old=SCENE, new=included).machine.joints
     assert repr(found["pad_3"]) == repr(whole["pad_3"])
     (tmp_path / "pads.toml").write_text(pads.replace("guide_25", "guide_26"))
-    with pytest.raises(SceneError, match=r"pads\.toml:2: joints\.pad\.from") as caught:
+    with pytest.raises(SceneError, match=r"pads\.toml:2: joints\.pad_1\.from") as caught:
         load(old=SCENE, new=included)
     assert len(caught.value.problems) == 1
 
@@ -202,15 +202,15 @@ def test_a_scene_says_once_what_it_leaves_to_the_catalogue(load: Load) -> None:
         (
             "guide_35",
             "guide_53",
-            ("slide.toml:25: joints.pad.from", "the nearest names: guide_55, guide_45, guide_65"),
+            ("slide.toml:25: joints.pad_1.from", "the nearest names: guide_55, guide_45, guide_65"),
         ),
-        ("guide_35", "nonsense", ("joints.pad.from", "names: guide_..., roller_guide_...")),
+        ("guide_35", "nonsense", ("joints.pad_1.from", "names: guide_..., roller_guide_...")),
         ('"catalogue:guide_35"', '"guide_35"', ('write such as from = "catalogue:guide_35"',)),
-        ('"catalogue:guide_35"', "35", ("slide.toml:25: joints.pad.from", "35 names nothing")),
+        ('"catalogue:guide_35"', "35", ("slide.toml:25: joints.pad_1.from", "35 names nothing")),
         (
             "[joints.pad]",
             '[joints.pad]\nkind = "mount"',
-            ("joints.pad.kind", "guide_35 of the catalogue is a linear_guide; remove kind"),
+            ("joints.pad_1.kind", "guide_35 of the catalogue is a linear_guide; remove kind"),
         ),
         ("screw_bearing_30", "guide_30", ("joints.drive.screw.bearing", "screw_bearing_30")),
         ("screw_bearing_30", "screw_bearing_31", ("joints.drive.screw.bearing", "screw_bearing_3")),
