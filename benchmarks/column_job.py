@@ -139,10 +139,10 @@ class MatrixJob:
     @property
     def free(self) -> IntArray:
         """Dofs outside the end faces."""
-        held = np.zeros(3 * len(self.points), dtype=bool)
+        fixed = np.zeros(3 * len(self.points), dtype=bool)
         for face in self.faces:
-            held[(3 * face[:, None] + np.arange(3)).ravel()] = True
-        return np.flatnonzero(~held)
+            fixed[(3 * face[:, None] + np.arange(3)).ravel()] = True
+        return np.flatnonzero(~fixed)
 
     def face_motions(self) -> FloatArray:
         """``(3n, 12)`` unit motions of the faces about their centroids, zero elsewhere."""

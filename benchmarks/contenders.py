@@ -83,14 +83,14 @@ def run_floor(folder: Path, modes: int) -> Result:
     """
     component, mesh = column("20k", modes), read_mesh(folder)
     operators = assemble_elasticity(mesh, component.material, comm=MPI.COMM_SELF, with_mass=False)
-    held = np.zeros(len(mesh.points), dtype=bool)
-    held[np.unique(np.concatenate([mesh.patches["foot"].ravel(), mesh.patches["tip"].ravel()]))] = (
-        True
-    )
+    fixed = np.zeros(len(mesh.points), dtype=bool)
+    fixed[
+        np.unique(np.concatenate([mesh.patches["foot"].ravel(), mesh.patches["tip"].ravel()]))
+    ] = True
     loads = np.random.default_rng(1).standard_normal((operators.owned_dofs, max(FLOOR_BLOCKS)))
     clock = StageClock()
     with clock.stage("factorisation"):
-        factorization = Factorization(operators, np.repeat(held[operators.nodes], 3))
+        factorization = Factorization(operators, np.repeat(fixed[operators.nodes], 3))
     for width in FLOOR_BLOCKS:
         with clock.stage(f"{sum(FLOOR_BLOCKS)} right-hand sides"):
             factorization.solve(loads[:, :width])

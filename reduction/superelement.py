@@ -80,7 +80,7 @@ class StaticLoad:
 
     Attributes:
         vector: ``(n,)`` reduced load [N, N m; modal].
-        particular: ``(3 n_points,)`` displacement under the load with boundary and modal dofs held
+        particular: ``(3 n_points,)`` displacement under the load with boundary and modal dofs fixed
             [m]: what the reduced dofs cannot show; None when nothing is to be recovered.
     """
 

@@ -50,7 +50,7 @@ class CompareSettings:
         variants: Columns, ``A+B`` for joined variants and ``as written`` for none; empty for all.
         fidelities: Each variant once with its elastic parts at each of them; empty for as they are.
         pose: Pose name; None for the first.
-        reference: Column the others are held against; None for the richest.
+        reference: Column the others are compared with; None for the richest.
     """
 
     variants: tuple[str, ...] = ()
@@ -109,7 +109,7 @@ class Scene:
         deferred: What keeps an analysis on request from running as the scene stands, by its name.
         effects: Names of the effects that are switched on.
         variants: Names of the variants the scene offers.
-        compare: Which of them are held side by side.
+        compare: Which of them are compared.
         raw: Parsed TOML after overrides, in full.
         written: The same as it is written: expressions not calculated, ``places`` in short.
         limits: What a run may cost.

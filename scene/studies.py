@@ -59,7 +59,7 @@ class Study:
         repeats: How often each point is computed, for the spread of its seconds.
         reference_run: Settings of the run that all others are compared with, so that errors stand beside
             costs; None without one.
-        reference: Published study that the results are held against; None for studies of one's own.
+        reference: Published study that the results are compared with; None for studies of one's own.
     """
 
     name: str

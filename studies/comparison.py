@@ -59,7 +59,7 @@ class Comparison:
     Attributes:
         scene: Name of the scene.
         pose: Pose they were solved in.
-        reference: Variant the others are held against.
+        reference: Variant the others are compared with.
         solutions: By variant name, in the order asked for.
         rows: Modes, rising.
         mac_threshold: Correlation from which two modes are the same.

@@ -40,7 +40,7 @@ UNITS = {
     "variation of leg forces": "N",
     "map of frequencies": "Hz",
 }
-# numbers that are each held against themselves; of the others, components of a vector say, the
+# numbers that are each compared with themselves; of the others, components of a vector say, the
 # largest of the group counts
 EACH_ITS_OWN = {"frequencies", "dynamic stiffness", "control poles", "map of frequencies"}
 # changes of an answer below which an effect may be left out, and from which it is to be named

@@ -40,9 +40,9 @@ class Verdict:
     """A model against the reference, which is the same machine at another fidelity.
 
     Attributes:
-        agreement: Relative deviation up to which an answer counts as held.
+        agreement: Relative deviation up to which an answer counts as agreeing.
         compliance: ``"POINT DIRECTION"`` to the relative deviation of the compliance along it.
-        agreeing: Numbers of the elastic modes of the reference that are held, from 1.
+        agreeing: Numbers of the elastic modes of the reference that agree, from 1.
         agreeing_within: Largest deviation among those; None where there is none.
         deviating: Modes that the model has, but not within ``holds``.
         missing: Modes that it has not got.
@@ -71,7 +71,7 @@ def judge_models(comparison: Comparison) -> dict[str, Verdict]:
 
 def _judge(comparison: Comparison, solution: VariantSolution, best: VariantSolution) -> Verdict:
     modes = _judge_modes(comparison, solution, best)
-    held = {
+    agreeing = {
         mode.number: abs(mode.deviation)
         for mode in modes
         if mode.deviation is not None and abs(mode.deviation) <= HOLDS
@@ -79,10 +79,10 @@ def _judge(comparison: Comparison, solution: VariantSolution, best: VariantSolut
     return Verdict(
         agreement=HOLDS,
         compliance=_compare_compliances(solution, best),
-        agreeing=tuple(held),
-        agreeing_within=max(held.values(), default=None),
+        agreeing=tuple(agreeing),
+        agreeing_within=max(agreeing.values(), default=None),
         deviating=tuple(
-            mode for mode in modes if mode.deviation is not None and mode.number not in held
+            mode for mode in modes if mode.deviation is not None and mode.number not in agreeing
         ),
         missing=tuple(mode for mode in modes if mode.deviation is None),
     )

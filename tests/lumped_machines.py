@@ -90,7 +90,7 @@ def joint_between(
     second: str,
     *,
     stiffness: Sequence[float] | FloatArray = (0.0,) * 6,
-    held: Sequence[int] = (),
+    fixed: Sequence[int] = (),
     point: Sequence[float] | None = None,
     rotation: FloatArray | None = None,
 ) -> Joint:
@@ -99,9 +99,9 @@ def joint_between(
     return Joint(
         name,
         (_end(first), _end(second)),
-        "rigid" if len(held) == 6 else "spring",
+        "rigid" if len(fixed) == 6 else "spring",
         rotation=np.eye(3) if rotation is None else rotation,
-        held=tuple(held),
+        fixed=tuple(fixed),
         stiffness=np.diag(matrix) if matrix.ndim == 1 else matrix,
         point=None if point is None else np.asarray(point, dtype=float),
     )

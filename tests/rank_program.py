@@ -80,7 +80,7 @@ def reduced(
 
 
 def report(name: str, element: Superelement, found: dict[str, FloatArray]) -> None:
-    """Frequencies, static response of the second interface with the first held, mass, and recovered
+    """Frequencies, static response of the second interface with the first fixed, mass, and recovered
     points on rank 0.
     """
     count = len(element.stiffness)
@@ -129,16 +129,16 @@ def main(path: Path) -> None:
     found["free.frequencies"] = modes.frequencies_hz
     below = 0.5 * (modes.frequencies_hz[1] + modes.frequencies_hz[2])
     found["free.count"] = np.array(
-        [count_frequencies_below(model.operators, model.owned_held, below)]
+        [count_frequencies_below(model.operators, model.owned_fixed, below)]
     )
     # bending twins: only the plane they span is defined, so its projector is compared
     twins = model.everywhere(modes.shapes[:, :2]).reshape(-1, 2)
     found["free.plane"] = (twins @ twins.T)[:60, :60] / np.linalg.norm(twins) ** 2
-    held = np.repeat((square.points[:, 2] < 1e-9)[:, None], 3, axis=1)
+    fixed = np.repeat((square.points[:, 2] < 1e-9)[:, None], 3, axis=1)
     loads = np.zeros((len(square.points), 3))
     loads[-1] = [1.0, 2.0, 3.0]
-    found["held.displacement"] = full_displacement(
-        full_model(square, STEEL, comm=COMM, held=held), loads
+    found["fixed.displacement"] = full_displacement(
+        full_model(square, STEEL, comm=COMM, fixed=fixed), loads
     )
     if COMM.rank == 0:
         np.savez(path, allow_pickle=False, **found)

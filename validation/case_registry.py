@@ -397,7 +397,7 @@ CASES: tuple[Case, ...] = (
     Case(
         "tripteor-claims",
         "tripteor",
-        "what the paper says of its model, held or not",
+        "what the paper says of its model, confirmed or not",
         check_paper_claims,
     ),
     Case(

@@ -168,7 +168,7 @@ def _joint_table() -> Iterator[str]:
     yield 'A bearing lets its shaft turn unless `torsion` holds it: `stiffness = { radial = "300 N/um", torsion = "rigid" }`.'
     yield ""
     yield from [
-        "| kind | keys of `stiffness` and `damping` | always held | needs |",
+        "| kind | keys of `stiffness` and `damping` | always fixed | needs |",
         "|---|---|---|---|",
     ]
     for kind, rule in KINDS.items():
@@ -178,8 +178,8 @@ def _joint_table() -> Iterator[str]:
             else f"`{key}` ({' '.join(DOF_NAMES[dof] for dof in dofs)})"
             for key, dofs in rule.keys.items()
         )
-        held = " ".join(DOF_NAMES[dof] for dof in rule.held)
+        fixed = " ".join(DOF_NAMES[dof] for dof in rule.fixed)
         needs = [f"`{key}`" for key in rule.required]
         needs += ["`axis`"] if rule.needs_axis else []
         needs += ["`normal`"] if rule.needs_normal else []
-        yield f"| `{kind}` | {keys or 'none'} | {held} | {', '.join(needs)} |"
+        yield f"| `{kind}` | {keys or 'none'} | {fixed} | {', '.join(needs)} |"

@@ -59,12 +59,12 @@ fidelity = "elastic"                # "rigid": six degrees of freedom and no mes
 {free}# mesh = {{ size = "{size}" }}{pad}# smaller is finer; left out, the size follows from the shape
 
 {interfaces}
-{held}
+{clamp}
 [analyses.modal]                    # natural frequencies and modes
 count = {count}
 """
-HELD = """
-[joints.clamp]                      # {foot} is held by the ground: rigidly, or by the springs of a mount
+CLAMP = """
+[joints.clamp]                      # {foot} is fixed to the ground: rigidly, or by the springs of a mount
 between = ["ground", "{part}.{foot}"]
 kind = "rigid"
 # kind = "spring"
@@ -76,8 +76,8 @@ tcp = {{ tool = "{part}.{tip}", work = "ground" }}
 [analyses.static]                   # compliance at the points, and which part of the machine it comes from
 at = "tcp"
 """
-FREE = "free = true                         # held nowhere: six rigid-body modes come first\n"
-HELD_MODES, FREE_MODES = 6, 12
+FREE = "free = true                         # no support: six rigid-body modes come first\n"
+FIXED_MODES, FREE_MODES = 6, 12
 BOX_INTERFACES = """\
 [components.part.interfaces]        # areas that joints hold on to
 foot = { face = "z-" }
@@ -202,8 +202,8 @@ def _box_scene(folder: Path) -> str:
         pad="         ",
         interfaces=BOX_INTERFACES,
         free="",
-        held=HELD.format(part=PART_NAME, foot="foot", tip="tip"),
-        count=HELD_MODES,
+        clamp=CLAMP.format(part=PART_NAME, foot="foot", tip="tip"),
+        count=FIXED_MODES,
     )
 
 
@@ -223,7 +223,7 @@ def write_part_scene(
         survey: Its faces.
         scene: Name of the scene's file.
         solid: Which solid of the file; None where it holds one.
-        free: Held nowhere, and coupled nowhere in a way that would stiffen it; else at the first of
+        free: Without a support, and coupled nowhere in a way that would stiffen it; else at the first of
             its two ends.
         unit: Length unit of a mesh file; None of a STEP file.
 
@@ -254,8 +254,8 @@ def write_part_scene(
         pad="         ",
         interfaces="\n".join([table, *lines]),
         free=FREE if free else "",
-        held="" if free else HELD.format(part=PART_NAME, foot=foot.name, tip=tip.name),
-        count=FREE_MODES if free else HELD_MODES,
+        clamp="" if free else CLAMP.format(part=PART_NAME, foot=foot.name, tip=tip.name),
+        count=FREE_MODES if free else FIXED_MODES,
     )
     # a finished mesh has the size it has
     return (

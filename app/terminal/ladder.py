@@ -170,8 +170,8 @@ def _effort_table(beam: LadderBeam, points: Sequence[LadderPoint]) -> Table:
 
 
 def _print_claims(console: Console, title: str, claims: Sequence[Claim]) -> None:
-    held = sum(claim.confirmed for claim in claims)
-    console.print(f"{title}: {held} of {len(claims)} confirmed", style="bold", markup=False)
+    confirmed = sum(claim.confirmed for claim in claims)
+    console.print(f"{title}: {confirmed} of {len(claims)} confirmed", style="bold", markup=False)
     lines = Table.grid(padding=(0, 2))
     for claim in claims:
         cell = Text(claim.text)

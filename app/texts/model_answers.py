@@ -271,13 +271,13 @@ def verdict_words(summary: ComparisonSummary) -> list[str]:
 
 
 def _describe_verdict(summary: ComparisonSummary, name: str, verdict: VerdictSummary) -> str:
-    held, lost = _sort_compliances(summary, name, verdict)
+    agreeing, lost = _sort_compliances(summary, name, verdict)
     if verdict["agreeing"]:
-        held.append(
+        agreeing.append(
             f"{_name_numbers(verdict['agreeing'])} within {_percent(verdict['agreeing_within'] or 0.0)}"
         )
     reached, nowhere = _reach_of_responses(summary["variants"][name]["frf"])
-    held += reached
+    agreeing += reached
     lost += _name_modes(
         verdict["deviating"],
         lambda mode: (
@@ -285,7 +285,7 @@ def _describe_verdict(summary: ComparisonSummary, name: str, verdict: VerdictSum
         ),
     )
     lost += nowhere
-    parts = [f"holds {_join(held)}" if held else "holds no answer within 10 %"]
+    parts = [f"holds {_join(agreeing)}" if agreeing else "holds no answer within 10 %"]
     if lost:
         parts.append(f"off by more: {_join(lost)}")
     if verdict["missing"]:
@@ -304,21 +304,21 @@ def _describe_verdict(summary: ComparisonSummary, name: str, verdict: VerdictSum
 
 
 def _reach_of_responses(entries: Sequence[EntrySummary]) -> tuple[list[str], list[str]]:
-    """Up to where the responses at drive points are held, or all where there is none; and those
+    """Up to where the responses at drive points agree, or all where there is none; and those
     that are off from the first line on.
     """
     known = [(entry, entry["difference"]) for entry in entries if not entry["negligible"]]
     direct = [item for item in known if item[0]["output"] == item[0]["input"]] or known
-    held, lost = [], []
+    agreeing, lost = [], []
     for entry, far in direct:
         if far is not None:
             to, place = far["agrees_to_hz"], " ".join(entry["output"])
             if to is None:
                 lost.append(place)
             else:
-                held.append(f"{place} up to {show_digits(to, 3)} Hz")
+                agreeing.append(f"{place} up to {show_digits(to, 3)} Hz")
     return (
-        [f"response within 10 % at {_join(held)}"] if held else [],
+        [f"response within 10 % at {_join(agreeing)}"] if agreeing else [],
         [f"response at {_join(lost)} from the lowest frequency on"] if lost else [],
     )
 
@@ -326,24 +326,24 @@ def _reach_of_responses(entries: Sequence[EntrySummary]) -> tuple[list[str], lis
 def _sort_compliances(
     summary: ComparisonSummary, name: str, verdict: VerdictSummary
 ) -> tuple[list[str], list[str]]:
-    """Compliances that are held, in one item, and those that are not, each with its cause."""
+    """Compliances that agree, in one item, and those that are not, each with its cause."""
     found, points = verdict["compliance"], list_points(summary)
     several = len(points) > 1
-    held, lost = {}, []
+    agreeing, lost = {}, []
     for place, change in found.items():
         point, direction = place.rsplit(" ", 1)
         if abs(change) <= verdict["agreement"]:
-            held[place] = change
+            agreeing[place] = change
             continue
         part = _cause(summary, name, point, direction)
         at = f" at {point}" if several else ""
         lost.append(f"d{direction}/F{direction}{at} {100.0 * change:+.0f} % ({part})")
-    if not held:
+    if not agreeing:
         return [], lost
-    most = _percent(max(map(abs, held.values())))
-    if len(held) == len(found):
+    most = _percent(max(map(abs, agreeing.values())))
+    if len(agreeing) == len(found):
         return [f"compliance within {most}"], lost
-    shown = [place if several else place.rsplit(" ", 1)[1] for place in held]
+    shown = [place if several else place.rsplit(" ", 1)[1] for place in agreeing]
     return [f"compliance in {', '.join(shown)} within {most}"], lost
 
 

@@ -45,7 +45,7 @@ class ScrewShaft:
         torsional: Shear modulus times polar second moment of area [N m^2].
         lead: Travel per turn [m]; zero where the shaft's twist is not to be seen.
         bearing: Axial stiffness of the fixed bearing [N/m].
-        coupling: Torsional stiffness between the shaft and the motor, which is held [N m/rad].
+        coupling: Torsional stiffness between the shaft and the motor, which is locked [N m/rad].
         floating_end: Interface up to which the shaft's free length is measured; None for the bearing's
             own.
         second_end: A second fixed bearing, at the shaft's other end; None where that end floats.
@@ -66,7 +66,7 @@ class ScrewShaft:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """Two ends that are held together, freed or sprung in a joint frame.
+    """Two ends that are fixed together, freed or sprung in a joint frame.
 
     The joint point is ``point`` (machine frame, zero axis positions) or else the frame origin of
     the first end that is neither ground nor a rail; it moves with that end's component. Both ends
@@ -82,10 +82,10 @@ class Joint:
         second_axis: ``(3,)`` axis of a universal joint that is fixed to its second end, as
             ``rotation``'s x axis is to its first; the joint's z axis lies closest to it in every
             pose. None for other joints.
-        held: Joint dofs (0..5 for x y z rx ry rz of the joint frame) that are eliminated: no
+        fixed: Joint dofs (0..5 for x y z rx ry rz of the joint frame) that are eliminated: no
             relative motion.
         stiffness: ``(6, 6)`` stiffness between the ends in the joint frame [N/m, N m/rad], zero on
-            held dofs.
+            fixed dofs.
         damping: ``(6, 6)`` viscous damping in the joint frame [N s/m, N m s/rad].
         point: ``(3,)`` joint point [m] or None.
         length: Length of the carriage on a rail [m]; None for a joint between fixed interfaces.
@@ -99,7 +99,7 @@ class Joint:
     ends: tuple[JointEnd, JointEnd]
     kind: JointKind
     rotation: FloatArray = field(default_factory=lambda: np.eye(3))
-    held: tuple[int, ...] = ()
+    fixed: tuple[int, ...] = ()
     stiffness: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
     damping: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
     point: FloatArray | None = None

@@ -176,7 +176,7 @@ def close_loops(
 
     Args:
         mechanism: Its closures must be as many as the unknowns, and regular.
-        state: ``(..., n)`` start; the unknowns are changed, the others held.
+        state: ``(..., n)`` start; the unknowns are changed, the others fixed.
         unknown: Which coordinates are changed; by default the passive ones.
 
     Returns:
@@ -230,7 +230,7 @@ class Mobility:
     """How a mechanism can move in a pose.
 
     Attributes:
-        freedom: Motions that the closures leave, compliant coordinates held.
+        freedom: Motions that the closures leave, compliant coordinates fixed.
         rank: Rank of the closures.
         closures: Number of closure equations; those above the rank are redundant, and forces in
             them not unique.

@@ -23,7 +23,7 @@ ON_CIRCLE = 1e-6
 
 
 def planar_3rpr(base: FloatArray, platform: FloatArray) -> Mechanism:
-    """A triangle held by three telescopic legs in the xy plane, each with a lumped compliance
+    """A triangle on three telescopic legs in the xy plane, each with a lumped compliance
     ``d_i`` along it.
 
     Args:

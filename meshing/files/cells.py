@@ -244,12 +244,12 @@ def order_hex27_faces(points: FloatArray, cells: IntArray) -> IntArray:
 
 def kinds_message(path: Path, kinds: Sequence[str]) -> str:
     """What to tell the user of a file that does not hold exactly one kind of solid cell."""
-    held = (
+    found = (
         f"holds {len(kinds)} kinds of solid cells ({', '.join(kinds)})"
         if kinds
         else "holds no solid cells"
     )
-    return f"{path.name} {held}; write a mesh of one kind: tets with 4 or 10 nodes, or hexes with 8, 20 or 27"
+    return f"{path.name} {found}; write a mesh of one kind: tets with 4 or 10 nodes, or hexes with 8, 20 or 27"
 
 
 def _drop_unused_points(data: MeshData) -> MeshData:

@@ -264,7 +264,7 @@ def _narrowest_patch(component: Component) -> float:
 
 
 def _has_rigid_rims(component: Component) -> bool:
-    """Whether an area is held rigidly, so that stresses grow without limit at its rim."""
+    """Whether an area is fixed rigidly, so that stresses grow without limit at its rim."""
     return any(interface.coupling == "rigid" for interface in component.interfaces.values())
 
 

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-INTERVAL = 0.005  # seconds between two looks; what is held for less may be missed
+INTERVAL = 0.005  # seconds between two looks; what is kept for less may be missed
 GRACE = 10.0  # seconds for the watcher to answer
 # pages of the watched process, until its input ends
 WATCHER = """

@@ -169,7 +169,7 @@ class PathResult(Answer):
         damped: Any damping is on.
         low_frequency_limit_hz: Modes below count as rigid-body (low-frequency) response.
         low_frequency_modes: How many these are.
-        poses: How the poses were followed; None where that of the middle held.
+        poses: How the poses were followed; None where that of the middle was enough.
         runs: One per feed.
         drives: Drives under control; empty where motors follow their set points.
         energy_error: By feed, what the balance of energy misses, of its largest part; where

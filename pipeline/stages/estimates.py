@@ -176,7 +176,7 @@ def _name_kinds(
     every number.
     """
     together = np.sum([np.zeros(len(values)), *effects.values()], axis=0)
-    # many small ones add up: a long machine of many parts is held stiff a little at each
+    # many small ones add up: a long machine of many parts is a little too stiff at each
     doubtful = together > NAMED_DOUBT * values
     if not doubtful.any():
         return ()

@@ -20,7 +20,7 @@ SPRING_PARTS = ("joint", "drive", "screw")
 
 @dataclass(frozen=True, eq=False)
 class PlacedMechanism:
-    """A lumped mechanism in a pose, drives held.
+    """A lumped mechanism in a pose, drives locked.
 
     Attributes:
         model: Bodies, springs and closures.

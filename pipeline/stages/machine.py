@@ -89,7 +89,7 @@ class CoupledPose:
         return solve_machine_static(self.coupled, self.system.inputs[port]).displacements
 
     def name_modes(self, modes: ModalResult) -> NamedModes:
-        """Names by what moves and where it is held, and energy shares."""
+        """Names by what moves and where it is fixed, and energy shares."""
         return name_modes(self.coupled, modes)
 
     def estimate_mode_errors(self, modes: ModalResult) -> tuple[Estimate, ...]:

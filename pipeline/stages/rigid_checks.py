@@ -71,7 +71,7 @@ def _couple_rigid(scene: Scene) -> CoupledMachine | None:
 
 def _frees(joint: Joint) -> bool:
     """Whether a joint alone leaves a relative motion without stiffness."""
-    return any(dof not in joint.held and not joint.stiffness[dof].any() for dof in range(6))
+    return any(dof not in joint.fixed and not joint.stiffness[dof].any() for dof in range(6))
 
 
 def _has_no_answer(coupled: CoupledMachine, point: str) -> bool:

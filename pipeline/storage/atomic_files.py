@@ -86,7 +86,7 @@ def lock_folder(folder: Path) -> Iterator[bool]:
     """Hold a folder for this process while the body runs; True when nobody else holds it.
 
     The kernel gives the lock up when the process ends, however it ends. Where the file system knows
-    no locks, nothing is held.
+    no locks, nothing is locked.
     """
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:

@@ -40,7 +40,7 @@ class BoundaryBasis:
         rails: Interfaces that carriages slide along; their stations follow the nodes in dof order.
         shapes: ``(3 n_points, 6 n_nodes)`` sparse-in-spirit pairs ``(dofs, columns block)`` of
             rigid patches.
-        held: ``(3 n_points,)`` dofs in rigid patches or supports.
+        fixed: ``(3 n_points,)`` dofs in rigid patches or supports.
         supported: ``(3 n_points,)`` dofs fixed by supports.
         constraints: ``(m, 6 n_nodes)`` orthonormal rows that must vanish: shared nodes and
             undetermined rotations.
@@ -51,7 +51,7 @@ class BoundaryBasis:
     attachments: dict[str, Attachment]
     rails: tuple[RailFit, ...]
     shapes: tuple[tuple[IntArray, FloatArray, int], ...]
-    held: BoolArray
+    fixed: BoolArray
     supported: BoolArray
     constraints: FloatArray
     warnings: tuple[str, ...]
@@ -65,7 +65,7 @@ class BoundaryBasis:
 def build_boundary_basis(
     component: Component, mesh: ComponentMesh, supports: Sequence[Support]
 ) -> BoundaryBasis:
-    """Boundary nodes, held dofs and dependence rows of a component's interfaces and supports.
+    """Boundary nodes, fixed dofs and dependence rows of a component's interfaces and supports.
 
     Args:
         component: With its interfaces.
@@ -82,7 +82,7 @@ def build_boundary_basis(
         points = np.unique(mesh.patches[f"support:{support.name}"])
         for direction in support.directions:
             supported[3 * points + "xyz".index(direction)] = True
-    held, rows, shapes = supported.copy(), [], []
+    fixed, rows, shapes = supported.copy(), [], []
     first_owner: dict[int, _PointOwner] = {}
     for number, node in enumerate(nodes):
         rows += _undetermined_rows(component.name, node, number, len(nodes), warnings)
@@ -104,7 +104,7 @@ def build_boundary_basis(
         dofs = (3 * node.patch.nodes[:, None] + np.arange(3)).ravel()
         free = np.repeat(own, 3) & ~supported[dofs]
         shapes.append((dofs[free], rigid[free], number))
-        held[dofs] = True
+        fixed[dofs] = True
     constraints = _independent_rows(np.array(rows).reshape(len(rows), 6 * len(nodes)))
     shared = len(constraints) - sum("rotation about" in warning for warning in warnings)
     if shared > 0:
@@ -121,7 +121,7 @@ def build_boundary_basis(
         attachments,
         rails,
         tuple(shapes),
-        held,
+        fixed,
         supported,
         constraints,
         tuple(warnings),
@@ -192,7 +192,7 @@ def _undetermined_rows(
         rows.append(row)
         direction = ", ".join(f"{value:+.3f}" for value in axis)
         warnings.append(
-            f"component {component}: interface {node.name} has no rotation about ({direction}); this rotation is held at zero"
+            f"component {component}: interface {node.name} has no rotation about ({direction}); this rotation is fixed at zero"
         )
     return rows
 

@@ -95,10 +95,10 @@ class MeanConstraints:
             self.node_frames = (self.loose_frame,)
         full = np.hstack(columns) if columns else np.zeros((operators.owned_dofs, 0))
         self.boundary_size = count
-        held = basis.held[local_dofs(operators)]
+        fixed = basis.fixed[local_dofs(operators)]
         self.full = full
         self.select = np.hstack(selectors).T if selectors else np.zeros((0, count))
-        self.range, dependent = _split_range(np.where(held[:, None], 0.0, full), operators.comm)
+        self.range, dependent = _split_range(np.where(fixed[:, None], 0.0, full), operators.comm)
         self.columns = full @ self.range
         self.dependent = dependent
 
@@ -196,7 +196,7 @@ def find_constraint_modes(
     shapes = prescribed @ directions
     shapes = shapes + solver.solve(-solver.forces(shapes), targets @ directions)
     psi = motions @ np.linalg.solve(triangle[:count], rigid) + shapes @ elastic
-    return np.where(solver.held[:, None], prescribed, psi)
+    return np.where(solver.fixed[:, None], prescribed, psi)
 
 
 def _rigid_part(
@@ -238,12 +238,12 @@ def _follow(
     if not boundary.size or np.linalg.matrix_rank(boundary) < boundary.shape[1]:
         return False
     rest = motions - prescribed @ boundary
-    held = max_over_ranks(solver.comm, np.abs(rest[solver.held]).max(axis=0, initial=0.0))
+    fixed = max_over_ranks(solver.comm, np.abs(rest[solver.fixed]).max(axis=0, initial=0.0))
     means = np.abs(solver.product(solver.constraints, rest) - targets @ boundary)
     sizes = sum_over_ranks(solver.comm, np.abs(solver.constraints).T @ np.abs(motions))
     reach = max_over_ranks(solver.comm, np.abs(motions).max(axis=0, initial=0.0))
     return bool(
-        (held <= RIGID_MATCH * reach).all()
+        (fixed <= RIGID_MATCH * reach).all()
         and (means <= RIGID_MATCH * sizes.max(axis=1, initial=0.0)[:, None]).all()
     )
 
@@ -280,7 +280,7 @@ def _prescribe_patches(
     """
     local = local_dofs(solver.operators)
     prescribed = np.zeros((len(local), means.boundary_size))
-    where = np.full(len(basis.held), -1, dtype=np.int64)
+    where = np.full(len(basis.fixed), -1, dtype=np.int64)
     where[local] = np.arange(len(local))
     for dofs, values, number in basis.shapes:
         mine = where[dofs] >= 0

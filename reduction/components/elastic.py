@@ -117,7 +117,7 @@ def reduce_operators(
     remarks = judge_element_order(component, mesh)
     basis = build_boundary_basis(component, mesh, supports)
     means = MeanConstraints(basis, operators)
-    with ConstrainedSolver(operators, basis.held[local_dofs(operators)], means.columns) as solver:
+    with ConstrainedSolver(operators, basis.fixed[local_dofs(operators)], means.columns) as solver:
         psi = find_constraint_modes(basis, means, solver)
         modes = find_fixed_interface_modes(
             solver, request.modes, eigensolver=component.reduction.eigensolver
@@ -190,7 +190,7 @@ def _estimate_errors(
 def _rim_weights(component: Component, mesh: ComponentMesh, surface: MeshSurface) -> FloatArray:
     """What the energies that cells miss count ``(n_cells,)``.
 
-    More where stresses are singular, at what is held like a rigid plate, and where tractions end
+    More where stresses are singular, at what is fixed like a rigid plate, and where tractions end
     abruptly, at averaging patches' rims.
     """
     stiff, even = [], []

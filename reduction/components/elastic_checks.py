@@ -13,7 +13,7 @@ from headstock.reduction.superelement_checks import rigid_motions, rotation_dofs
 from headstock.solvers.errors import AccuracyError, ModelError
 
 RIGID_FORCE_LIMIT = 1e-9
-HELD_LIMIT = 1e-9
+FIXED_LIMIT = 1e-9
 LARGEST_ASPECT = 10.0
 THINNEST = 1e-2
 LINEAR = ("tet4", "hex8")
@@ -79,7 +79,7 @@ def _free_combinations(points: FloatArray, supported: BoolArray, length: float) 
         return np.eye(6)
     values, vectors = np.linalg.eigh(rows.T @ rows)
     return np.asarray(
-        np.repeat([1.0, 1.0 / length], 3)[:, None] * vectors[:, values <= HELD_LIMIT * len(rows)]
+        np.repeat([1.0, 1.0 / length], 3)[:, None] * vectors[:, values <= FIXED_LIMIT * len(rows)]
     )
 
 

@@ -111,7 +111,7 @@ def verify_mode_count(solver: ConstrainedSolver, modes: FixedInterfaceModes) -> 
         return
     shift = 0.5 * (kept + modes.cutoff_hz)
     count = count_frequencies_below(
-        solver.operators, solver.held, shift, constraints=solver.constraints
+        solver.operators, solver.fixed, shift, constraints=solver.constraints
     )
     if count != len(modes.eigenvalues):
         raise AccuracyError(
@@ -130,13 +130,13 @@ def _start_block(solver: ConstrainedSolver, width: int) -> FloatArray:
     """The same pseudo-random block for any number of ranks."""
     nodes = solver.operators.nodes
     table = np.random.default_rng(20101).standard_normal((solver.operators.total_nodes, 3 * width))
-    return np.where(solver.held[:, None], 0.0, table[nodes].reshape(-1, width))
+    return np.where(solver.fixed[:, None], 0.0, table[nodes].reshape(-1, width))
 
 
 def _dense_modes(solver: ConstrainedSolver, target: ModeTarget) -> EigenPairs:
     """All modes of a small model by dense algebra on every rank alike."""
     comm, operators = solver.comm, solver.operators
-    free = np.flatnonzero(~solver.held)
+    free = np.flatnonzero(~solver.fixed)
     total = solver.free_total
     if total > DENSE_LIMIT + 200:
         raise ConvergenceError(
@@ -156,8 +156,8 @@ def _dense_modes(solver: ConstrainedSolver, target: ModeTarget) -> EigenPairs:
         )[free]
         mass[first : first + len(free), start : start + count] = operators.apply_mass(unit)[free]
     constraints[first : first + len(free)] = solver.constraints[free]
-    held = sum_over_ranks(comm, constraints)
-    basis = scipy.linalg.qr(held)[0][:, held.shape[1] :] if held.shape[1] else np.eye(total)
+    fixed = sum_over_ranks(comm, constraints)
+    basis = scipy.linalg.qr(fixed)[0][:, fixed.shape[1] :] if fixed.shape[1] else np.eye(total)
     values, vectors = scipy.linalg.eigh(
         _congruence(basis, sum_over_ranks(comm, stiffness)),
         _congruence(basis, sum_over_ranks(comm, mass)),

@@ -40,7 +40,7 @@ def _spring_stiffness(
 
 
 def _end_flexibility(bar: PrismaticBar, material: Material, length: float) -> FloatArray:
-    """Motion ``(6, 6)`` of the upper end of a piece per unit load there, its lower end held [m/N,
+    """Motion ``(6, 6)`` of the upper end of a piece per unit load there, its lower end fixed [m/N,
     rad/N, rad/(N m)].
     """
     modulus = material.youngs_modulus
@@ -140,19 +140,19 @@ def lay_out_chain(
     stations: list[Station] = []
     inside: set[int] = set()
     for low, high in join_spans(rigid_spans, CLOSEST * length):
-        held = [
+        within = [
             i
             for i in range(count)
             if low - CLOSEST * length <= places[i] <= high + CLOSEST * length
         ]
-        inside.update(held)
-        if held:
-            low, high = min(low, places[held[0]]), max(high, places[held[-1]])
+        inside.update(within)
+        if within:
+            low, high = min(low, places[within[0]]), max(high, places[within[-1]])
         else:
             places.append(0.5 * (low + high))
-        node = held[0] if held else len(places) - 1
+        node = within[0] if within else len(places) - 1
         stations.append(Station(low, high, node))
-        tied += [(other, node) for other in held[1:]]
+        tied += [(other, node) for other in within[1:]]
     stations += [Station(places[i], places[i], i) for i in range(count) if i not in inside]
     on_axis = np.tile(bar.center, (len(places), 1))
     on_axis[:, bar.axis] = places

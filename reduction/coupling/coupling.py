@@ -53,7 +53,7 @@ class CoupledMachine:
         joint_springs: Joints with their rows in free coordinates ``(6, n)``.
         loads: Load name to generalised load ``(n,)``.
         floating: Groups of components that no joint or support connects to ground.
-        redundant_constraints: Number of held motions that others already hold.
+        redundant_constraints: Number of fixed motions that others already hold.
         warnings: For the user.
     """
 
@@ -88,7 +88,7 @@ def couple(
 ) -> CoupledMachine:
     """Place the superelements in a pose and tie them together at the joints.
 
-    Held joint dofs and superelement constraints are eliminated by an orthonormal null space; joint
+    Fixed joint dofs and superelement constraints are eliminated by an orthonormal null space; joint
     stiffness acts between the two ends carried to the joint point by rigid levers. Where springs
     differ by more than 1e4 the stiff relative motions become coordinates of their own, so that no
     digit of a soft mount is lost beside a stiff bolt; no stiffness is changed.
@@ -170,14 +170,14 @@ def _constraint_rows(
     joints count as redundant.
 
     A dof of an interface that its component does not feel (the rotation of a line about itself) is
-    held only if no joint touches it: otherwise it follows what it is joined to.
+    fixed only if no joint touches it: otherwise it follows what it is joined to.
     """
     rows: list[FloatArray] = [np.zeros((0, layout.size))]
     sources: list[str] = []
     acting = [
         row
         for spring in springs
-        for row in (*spring.rows[list(spring.held)], *(spring.stiffness @ spring.rows))
+        for row in (*spring.rows[list(spring.fixed)], *(spring.stiffness @ spring.rows))
     ]
     joined = np.array(acting).reshape(len(acting), layout.size)
     for name, superelement in layout.superelements.items():
@@ -192,8 +192,8 @@ def _constraint_rows(
         rows.append(block)
         sources += [f"component {name}"] * len(own)
     for spring in springs:
-        rows.append(spring.rows[list(spring.held)])
-        sources += [f"joint {spring.name}"] * len(spring.held)
+        rows.append(spring.rows[list(spring.fixed)])
+        sources += [f"joint {spring.name}"] * len(spring.fixed)
     return np.vstack(rows), tuple(sources)
 
 
@@ -218,7 +218,7 @@ def _redundancy_warnings(elimination: Elimination, sources: tuple[str, ...]) -> 
         return ()
     names = sorted({sources[row] for row in elimination.redundant})
     return (
-        f"{len(elimination.redundant)} held motion(s) are held more than once ({', '.join(names)}): "
+        f"{len(elimination.redundant)} fixed motion(s) are fixed more than once ({', '.join(names)}): "
         "the machine moves as described, but how the joints share the forces is not unique",
     )
 

@@ -114,7 +114,7 @@ def clean_stiffness(superelement: Superelement) -> FloatArray:
     if not change <= RIGID_NOISE_LIMIT:
         raise AccuracyError(
             f"component {superelement.name!r}: a rigid motion meets {change:.2g} of its stiffness, limit {RIGID_NOISE_LIMIT:g}; "
-            "mark the component as supported if it is held"
+            "mark the component as supported if it is fixed"
         )
     return np.asarray(0.5 * (cleaned + cleaned.T))
 

@@ -67,7 +67,7 @@ def _place_drive(
 ) -> DriveTrain:
     joint, axis = machine.joints[drive.joint], machine.axes[drive.axis]
     stiffness = float(spring.stiffness[0, 0])
-    if 0 in spring.held or not stiffness > 0.0:
+    if 0 in spring.fixed or not stiffness > 0.0:
         raise ModelError(
             f"drive {drive.name}: its joint {drive.joint} has no axial stiffness through which a motor could push; "
             'write stiffness = { axial = "100 N/um" }'

@@ -51,7 +51,7 @@ def place_screw(joint: Joint, shaft: ScrewShaft, distance: float) -> ScrewSpring
     """Nut, shaft, bearings and coupling in series; both sides of a shaft with two fixed bearings in
     parallel.
 
-    With the motor held, an axial force F on the nut twists the shaft by F p a / (G J), p = lead /
+    With the motor locked, an axial force F on the nut twists the shaft by F p a / (G J), p = lead /
     (2 pi), a the distance, which gives way by p times that; and the nut may turn about the shaft as
     it moves along the thread. The compliance along the thread is
 
@@ -109,7 +109,7 @@ class PlacedJoint:
             point: of all stacked dofs as placed, of the free coordinates in a ``CoupledMachine``.
         stiffness: ``(6, 6)`` in joint axes.
         damping: ``(6, 6)`` in joint axes.
-        held: Joint dofs without relative motion; a rigid joint has all six, and no stiffness.
+        fixed: Joint dofs without relative motion; a rigid joint has all six, and no stiffness.
         frame: Joint point and joint axes in the machine frame.
     """
 
@@ -117,7 +117,7 @@ class PlacedJoint:
     rows: FloatArray
     stiffness: FloatArray
     damping: FloatArray
-    held: tuple[int, ...]
+    fixed: tuple[int, ...]
     frame: Frame
 
 
@@ -168,7 +168,9 @@ def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> PlacedJoin
     except ModelError as error:
         raise ModelError(f"joint {joint.name!r}: {error}") from error
     rows = rotate_dofs(frame.rotation).T @ (second - first)
-    spring = PlacedJoint(joint.name, rows, joint.stiffness, joint.damping, tuple(joint.held), frame)
+    spring = PlacedJoint(
+        joint.name, rows, joint.stiffness, joint.damping, tuple(joint.fixed), frame
+    )
     return spring if joint.screw is None else _place_shaft(joint, joint.screw, spring, layout)
 
 
@@ -225,7 +227,7 @@ def principal_springs(spring: PlacedJoint, length: float) -> tuple[SpringDirecti
 
 
 def express_in_free_coordinates(spring: PlacedJoint, elimination: Elimination) -> PlacedJoint:
-    """The same joint with its rows in free coordinates; held rows, and what is roundoff, exactly
+    """The same joint with its rows in free coordinates; fixed rows, and what is roundoff, exactly
     zero.
     """
     # a joint sees the dofs of two bodies only
@@ -233,7 +235,7 @@ def express_in_free_coordinates(spring: PlacedJoint, elimination: Elimination) -
     own, basis = spring.rows[:, seen], elimination.basis[seen]
     rows = own @ basis
     rows[np.abs(rows) <= ROUNDOFF * (np.abs(own) @ np.abs(basis))] = 0.0
-    rows[list(spring.held)] = 0.0
+    rows[list(spring.fixed)] = 0.0
     return dataclasses.replace(spring, rows=rows)
 
 
@@ -242,14 +244,14 @@ def place_joints(machine: Machine, layout: DofLayout) -> tuple[PlacedJoint, ...]
     return tuple(place_joint(joint, machine, layout) for joint in machine.joints.values())
 
 
-def floating_groups(machine: Machine, held: Mapping[str, bool]) -> tuple[tuple[str, ...], ...]:
+def floating_groups(machine: Machine, fixed: Mapping[str, bool]) -> tuple[tuple[str, ...], ...]:
     """Groups of components that hang together by joints but not with ground.
 
     Args:
         machine: Its joints that hold or spring at least one dof connect.
-        held: Whether each component is itself supported.
+        fixed: Whether each component is itself supported.
     """
-    links = [(name, GROUND) for name, is_held in held.items() if is_held]
+    links = [(name, GROUND) for name, is_fixed in fixed.items() if is_fixed]
     links += [
         (joint.ends[0].component or GROUND, joint.ends[1].component or GROUND)
         for joint in machine.joints.values()
@@ -260,7 +262,7 @@ def floating_groups(machine: Machine, held: Mapping[str, bool]) -> tuple[tuple[s
 
 
 def _connects(joint: Joint) -> bool:
-    return bool(joint.held) or bool(np.any(joint.stiffness))
+    return bool(joint.fixed) or bool(np.any(joint.stiffness))
 
 
 def _joint_frame(joint: Joint, machine: Machine, layout: DofLayout) -> Frame:

@@ -261,7 +261,7 @@ def _sum_components(
 
 
 def _is_identity(part: FloatArray) -> bool:
-    """Whether a component's dofs are coordinates as they stand: nothing is held and no spring
+    """Whether a component's dofs are coordinates as they stand: nothing is fixed and no spring
     stands apart.
     """
     return (

@@ -1,7 +1,7 @@
 """How the frequencies, shapes and compliances of a coupled machine change with a parameter,
 exactly, from the change of its parts.
 
-With ``q = T z`` and held motions ``C q = 0`` that a parameter may move, any ``dT`` with ``C dT =
+With ``q = T z`` and fixed motions ``C q = 0`` that a parameter may move, any ``dT`` with ``C dT =
 -dC T`` keeps the coordinates admissible, and ``K = T^T K_s T`` differentiates by the product rule;
 a turn of the coordinates among themselves drops out. Differences are taken of the parts in stacked
 dofs, before any coordinate is eliminated: they are smooth functions of every dimension, stiffness
@@ -92,7 +92,7 @@ def stack_pieces(layout: DofLayout, machine: Machine, wanted: Selection) -> Stac
     constraints = {
         f"component {name}": _component_constraints(layout, name) for name in wanted.components
     }
-    constraints |= {f"joint {spring.name}": spring.rows[list(spring.held)] for spring in joints}
+    constraints |= {f"joint {spring.name}": spring.rows[list(spring.fixed)] for spring in joints}
     return StackedPieces(
         stiffnesses=matrices.stiffnesses,
         masses=matrices.masses,
@@ -178,14 +178,14 @@ class CoupledSlopes:
 
     @cached_property
     def _spread(self) -> FloatArray:
-        """``C^+`` ``(n_all, m)``: smallest motion that gives the held rows unit values."""
+        """``C^+`` ``(n_all, m)``: smallest motion that gives the fixed rows unit values."""
         rows = np.vstack(list(self.pieces.constraints.values()))
         scale = scale_dofs(self.coupled.layout)
         return np.asarray(scale[:, None] * np.linalg.pinv(rows * scale, rcond=RANK_TOLERANCE))
 
     @cached_property
     def _places(self) -> dict[str, slice]:
-        """Where each source of held motions has its rows."""
+        """Where each source of fixed motions has its rows."""
         places, start = {}, 0
         for name, rows in self.pieces.constraints.items():
             places[name] = slice(start, start + len(rows))
@@ -193,7 +193,7 @@ class CoupledSlopes:
         return places
 
     def stiffness_times(self, motions: FloatArray) -> FloatArray:
-        """``K_s q`` ``(n_all, m)`` of components and joints without held motions."""
+        """``K_s q`` ``(n_all, m)`` of components and joints without fixed motions."""
         forces = self._component_forces(self.pieces.stiffnesses, motions)
         for name, rows in self.pieces.rows.items():
             if self.pieces.springs[name].any():
@@ -223,11 +223,11 @@ class CoupledSlopes:
         return forces, self._component_forces(slope.masses, motions)
 
     def carried_motions(self, slope: StackedPieces, motions: FloatArray) -> FloatArray | None:
-        """``dT z`` ``(n_all, m)`` for ``q = T z``: how the held motions carry the dofs along; None
+        """``dT z`` ``(n_all, m)`` for ``q = T z``: how the fixed motions carry the dofs along; None
         where they do not change.
 
         Raises:
-            ModelError: Redundantly held motions would contradict each other after the change.
+            ModelError: Redundantly fixed motions would contradict each other after the change.
         """
         if not any(change.any() for change in slope.constraints.values()):
             return None
@@ -240,7 +240,7 @@ class CoupledSlopes:
         left = np.vstack([rows @ carried for rows in self.pieces.constraints.values()]) + gap
         if not np.abs(left).max() <= CONSISTENCY_LIMIT * np.abs(gap).max():
             raise ModelError(
-                "moving this parameter makes held motions contradict each other: the machine would lose a freedom"
+                "moving this parameter makes fixed motions contradict each other: the machine would lose a freedom"
             )
         return carried
 
@@ -269,7 +269,7 @@ class ModeSlopes:
     Attributes:
         forces: ``(n, m)`` ``(dK - omega^2 dM) phi`` in free coordinates.
         mass_terms: ``(m,)`` ``phi^T dM phi``.
-        carried: ``(n_all, m)`` ``dT z``, zero where held motions do not change.
+        carried: ``(n_all, m)`` ``dT z``, zero where fixed motions do not change.
     """
 
     forces: FloatArray

@@ -22,7 +22,7 @@ DRIVE_CONTROL, FRICTION, SCREW_INERTIA, CUTTING_FORCE = (
     "screw_inertia",
     "cutting_force",
 )
-DEAD_CYCLES = 1.5  # one cycle of computing, and half a cycle during which a force is held
+DEAD_CYCLES = 1.5  # one cycle of computing, and half a cycle during which a force stays
 
 
 def check_drives(draft: Draft, findings: Findings) -> None:

@@ -44,7 +44,7 @@ class JointKindRule:
     Attributes:
         keys: Scene key to the joint dofs (0..5) it stands for; each dof belongs to one key.
         required: Keys without which the joint means nothing.
-        held: Dofs that are always held.
+        fixed: Dofs that are always fixed.
         axis_is: Joint axis that the scene's ``axis`` gives: ``x`` or ``z``.
         needs_axis: The scene must give ``axis``.
         needs_normal: The scene must give ``normal``.
@@ -52,7 +52,7 @@ class JointKindRule:
 
     keys: Mapping[str, tuple[int, ...]]
     required: tuple[str, ...] = ()
-    held: tuple[int, ...] = ()
+    fixed: tuple[int, ...] = ()
     axis_is: str = "x"
     needs_axis: bool = False
     needs_normal: bool = False
@@ -63,8 +63,8 @@ _DOFS: dict[str, tuple[int, ...]] = {name: (index,) for index, name in enumerate
 
 def _ideal(*free: str, needs_axis: bool = True, needs_normal: bool = False) -> JointKindRule:
     keys = {name: _DOFS[name] for name in free}
-    held = tuple(index for index, name in enumerate(DOF_NAMES) if name not in free)
-    return JointKindRule(keys, held=held, needs_axis=needs_axis, needs_normal=needs_normal)
+    fixed = tuple(index for index, name in enumerate(DOF_NAMES) if name not in free)
+    return JointKindRule(keys, fixed=fixed, needs_axis=needs_axis, needs_normal=needs_normal)
 
 
 KINDS: dict[str, JointKindRule] = {
@@ -275,23 +275,23 @@ def build_joint(name: str, table: JointTable) -> Joint:
     """The joint a faultless table stands for."""
     rule = KINDS[table.kind]
     stiffness, damping = np.zeros((6, 6)), np.zeros((6, 6))
-    held = set(rule.held)
+    fixed = set(rule.fixed)
     for key, value in table.stiffness.items():
         for dof in rule.keys[key]:
             if isinstance(value, Quantity):
                 stiffness[dof, dof] = value.value
             else:
-                held.add(dof)
+                fixed.add(dof)
     for key, quantity in table.damping.items():
         for dof in rule.keys[key]:
-            damping[dof, dof] = 0.0 if dof in held else quantity.value
+            damping[dof, dof] = 0.0 if dof in fixed else quantity.value
     first, second = table.between
     return Joint(
         name=name,
         ends=(first, second),
         kind=table.kind,
         rotation=joint_rotation(table),
-        held=tuple(sorted(held)),
+        fixed=tuple(sorted(fixed)),
         stiffness=stiffness,
         damping=damping,
         point=None if table.at is None else np.array(table.at),
@@ -342,5 +342,5 @@ def tie_bearings(name: str, joint: Joint) -> Joint | None:
 
 
 def connects(joint: Joint) -> bool:
-    """Whether a joint transmits any force: something is held or sprung."""
-    return bool(joint.held) or bool(np.any(joint.stiffness))
+    """Whether a joint transmits any force: something is fixed or sprung."""
+    return bool(joint.fixed) or bool(np.any(joint.stiffness))

@@ -64,7 +64,7 @@ def check_supports(draft: Draft, findings: Findings) -> None:
         if owner in draft.table.components and not _is_meshed(draft.table.components[owner]):
             findings.add(
                 ("supports", name),
-                f"{owner} is not meshed, so no points of it can be held; use a joint of kind rigid to ground",
+                f"{owner} is not meshed, so no points of it can be fixed; use a joint of kind rigid to ground",
             )
 
 

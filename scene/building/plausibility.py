@@ -82,7 +82,7 @@ def check_mounts(draft: Draft, findings: Findings) -> None:
         not joints
         or scene.supports
         or len(joints) < len(grounded)
-        or any(joint.held for joint in joints)
+        or any(joint.fixed for joint in joints)
     ):
         return
     tables = scene.components

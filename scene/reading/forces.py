@@ -87,11 +87,11 @@ def resampling_loss(record: ForceRecord, times: FloatArray) -> float:
     inside = (record.times >= times[0]) & (record.times <= times[-1])
     given = record.forces[inside]
     taken = resample_forces(record, times)
-    held = np.stack(
+    resampled = np.stack(
         [np.interp(record.times[inside], times, taken[:, axis]) for axis in range(3)], axis=-1
     )
     total = float((given**2).sum())
-    return float(np.sqrt(((given - held) ** 2).sum() / total)) if total else 0.0
+    return float(np.sqrt(((given - resampled) ** 2).sum() / total)) if total else 0.0
 
 
 def _impulse(record: ForceRecord, times: FloatArray, axis: int) -> FloatArray:

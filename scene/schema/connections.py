@@ -36,7 +36,7 @@ from headstock.scene.schema.types import (
 
 
 class ScrewTable(StrictTable):
-    """The shaft of a ball screw between its bearings; the motor is held."""
+    """The shaft of a ball screw between its bearings; the motor is locked."""
 
     origin: Annotated[Text | None, Field(alias="from")] = None
     diameter: PositiveLength

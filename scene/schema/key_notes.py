@@ -152,7 +152,7 @@ NOTES = {
     "Point.work": "where the workpiece is; results are tool relative to work",
     "Support.face": "`component.face`",
     "Support.at": "`component.interface`: the same area",
-    "Support.fix": "directions held at every node",
+    "Support.fix": "directions fixed at every node",
     "Static.at": "points; all of them unless given",
     "Static.poses": "all of them unless given",
     "Modal.count": "how many; 6 unless `up_to` is given",

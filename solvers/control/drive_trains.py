@@ -26,8 +26,8 @@ class DriveTrain:
         joint: Its ball screw.
         control: Its controller.
         stretch: ``(n,)`` motion of the nut along the axis, as the thread sees it, with the motor
-            held.
-        stiffness: Of that, as it is in the system with the motor held [N/m].
+            locked.
+        stiffness: Of that, as it is in the system with the motor locked [N/m].
         thread: The same without the coupling, where that has a part in it [N/m].
         slide: ``(n,)`` motion along the axis across the guide; also what the joint's damper sees.
         scale: ``(n,)`` motion that the linear scale reads.
@@ -69,7 +69,7 @@ def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> Seco
     coupling without such a screw is in series with the thread.
 
     Args:
-        system: Symmetric, with the springs of the drives in it as they are with the motors held.
+        system: Symmetric, with the springs of the drives in it as they are with the motors locked.
         trains: One for each motor; rows as long as the system.
 
     Source: Altintas, Verl, Brecher, Uriarte and Pritschow (2011), section 3.
@@ -87,8 +87,8 @@ def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> Seco
         motor, screw = np.eye(total)[place], np.eye(total)[place + count - 1]
         stretch, stator = _pad_row(train.stretch, total), _pad_row(train.stator, total)
         slide, scale = _pad_row(train.slide, total), _pad_row(train.scale, total)
-        held, spring = train.stiffness, _thread_stiffness(train)
-        stiffness += _join(stretch, screw, spring) + (spring - held) * np.outer(stretch, stretch)
+        locked, spring = train.stiffness, _thread_stiffness(train)
+        stiffness += _join(stretch, screw, spring) + (spring - locked) * np.outer(stretch, stretch)
         mass += train.motor_mass * np.outer(motor + stator, motor + stator)
         if count == 2:
             stiffness += train.coupling * np.outer(motor - screw, motor - screw)
@@ -97,7 +97,7 @@ def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> Seco
         if damping is not None:
             damping += _join(slide, screw, train.damping)
         if hysteretic is not None:
-            loss = train.loss * spring / held
+            loss = train.loss * spring / locked
             hysteretic += _join(stretch, screw, loss) + (loss - train.loss) * np.outer(
                 stretch, stretch
             )

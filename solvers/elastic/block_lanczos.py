@@ -33,7 +33,7 @@ def block_lanczos_pairs(problem: EigenProblem, start: FloatArray, target: ModeTa
     """Lowest eigenpairs, complete up to the target and to the end of the cluster there.
 
     A count is a number at most: frequencies that lie too densely to converge, such as those of a
-    sheet held all over, are left out.
+    sheet fixed all over, are left out.
 
     Args:
         problem: Inverse and mass.
@@ -263,7 +263,7 @@ class _KrylovSpace:
             gram = _products(self._next, self._massive)
             if not np.isfinite(gram).all():
                 raise ConvergenceError(
-                    "the factorised stiffness returned values that are not finite: the component is held too weakly"
+                    "the factorised stiffness returned values that are not finite: the component is fixed too weakly"
                 )
             values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
             keep = values > DEPENDENCE_TOLERANCE**2 * max(

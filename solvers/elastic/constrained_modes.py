@@ -29,7 +29,7 @@ def lowest_modes(
     *,
     eigensolver: Eigensolver = DEFAULT_EIGENSOLVER,
 ) -> EigenPairs:
-    """Lowest modes with held dofs at zero and constraints fulfilled, complete up to the target and
+    """Lowest modes with fixed dofs at zero and constraints fulfilled, complete up to the target and
     to the end of the cluster there; collective.
 
     Args:
@@ -53,12 +53,12 @@ def lowest_modes(
 
 @dataclass(frozen=True, eq=False)
 class _ConstrainedProblem:
-    """The eigenproblem on the dofs that are not held.
+    """The eigenproblem on the dofs that are not fixed.
 
     Attributes:
         problem: Inverse and mass.
         rows: ``(n,)`` dof behind each row that this rank holds.
-        owned: How many dofs this rank owns, held ones too.
+        owned: How many dofs this rank owns, fixed ones too.
     """
 
     problem: EigenProblem
@@ -66,7 +66,7 @@ class _ConstrainedProblem:
     owned: int
 
     def embed(self, vectors: FloatArray) -> FloatArray:
-        """``(owned, k)`` from rows ``(n, k)``, held dofs zero."""
+        """``(owned, k)`` from rows ``(n, k)``, fixed dofs zero."""
         full = np.zeros((self.owned, vectors.shape[1]))
         full[self.rows] = vectors
         return full
@@ -83,9 +83,9 @@ def _constrained_problem(solver: ConstrainedSolver) -> Iterator[_ConstrainedProb
         raise AccuracyError("the mass matrix was not assembled, yet modes were asked for")
     order = solver.elimination_order
     # pinned dofs carry no row of the factors, but they move
-    pins = np.setdiff1d(np.flatnonzero(~solver.held), order)
+    pins = np.setdiff1d(np.flatnonzero(~solver.fixed), order)
     rows = np.concatenate([order, pins])
-    mass = full_block(operators, solver.held, operators.scalar_mass, order=rows)
+    mass = full_block(operators, solver.fixed, operators.scalar_mass, order=rows)
     plain = not solver.constraints.shape[1] and not solver.motions.shape[1]
     inverse = solver.factors if plain else shell_inverse(_ConstrainedInverse(solver, rows), mass)
     dimension = solver.free_total - solver.constraints.shape[1]

@@ -1,4 +1,4 @@
-"""Static solves of a component with held dofs, weighted-mean constraints and rigid motions, from
+"""Static solves of a component with fixed dofs, weighted-mean constraints and rigid motions, from
 one factorisation.
 """
 
@@ -29,17 +29,17 @@ REFINEMENT_STEPS = 5
 
 
 class ConstrainedSolver:
-    """Solves ``K u = F + C mu`` with ``C^T u = q`` and held dofs at zero.
+    """Solves ``K u = F + C mu`` with ``C^T u = q`` and fixed dofs at zero.
 
-    A component that its held dofs leave free to move rigidly is pinned at as many dofs as it has
+    A component that its fixed dofs leave free to move rigidly is pinned at as many dofs as it has
     free motions; pins, motions and mean constraints meet in one small dense saddle-point matrix, so
     that no penalty and no second factorisation is needed and the pins carry no force.
 
     Args:
         operators: Stiffness of the component.
-        held: ``(3 n_owned,)`` dofs that do not move.
+        fixed: ``(3 n_owned,)`` dofs that do not move.
         constraints: ``(3 n_owned, n_c)`` columns of C, of full column rank on the dofs that are not
-            held.
+            fixed.
 
     Raises:
         ModelError: The constraints leave a rigid motion free.
@@ -50,16 +50,16 @@ class ConstrainedSolver:
     """
 
     def __init__(
-        self, operators: ElasticOperators, held: BoolArray, constraints: FloatArray
+        self, operators: ElasticOperators, fixed: BoolArray, constraints: FloatArray
     ) -> None:
         self.operators = operators
         self.comm = operators.comm
-        self.held = held
-        self.constraints = np.where(held[:, None], 0.0, constraints)
-        self.motions = _free_motions(operators, held)
+        self.fixed = fixed
+        self.constraints = np.where(fixed[:, None], 0.0, constraints)
+        self.motions = _free_motions(operators, fixed)
         pinned = _choose_pins(self.motions, operators)
-        self._factorization = Factorization(operators, held | pinned)
-        self.free_total = int(self.comm.allreduce(int((~held).sum())))
+        self._factorization = Factorization(operators, fixed | pinned)
+        self.free_total = int(self.comm.allreduce(int((~fixed).sum())))
         self._lifted = self._factorization.solve(self.constraints)
         count, rigid = self.constraints.shape[1], self.motions.shape[1]
         self._saddle = np.zeros((count + rigid, count + rigid))
@@ -146,7 +146,7 @@ class ConstrainedSolver:
 
     @property
     def factors(self) -> PETSc.KSP:
-        """Solver on the factors of what is neither held nor pinned, without constraints."""
+        """Solver on the factors of what is neither fixed nor pinned, without constraints."""
         return self._factorization.factors
 
     @property
@@ -190,7 +190,7 @@ class ConstrainedSolver:
         plain = self._factorization.solve(loads)
         if not self._saddle.size:
             return plain, plain
-        free_loads = np.where(self.held[:, None], 0.0, loads)
+        free_loads = np.where(self.fixed[:, None], 0.0, loads)
         right = np.vstack(
             [
                 targets - self.product(self.constraints, plain),
@@ -212,7 +212,7 @@ class ConstrainedSolver:
         # forces that grow with the square of the distance bend a part, even a free one
         motions = rigid_motions(self.operators)
         arms = (motions[:, 3:].reshape(-1, 3, 3) ** 2).sum(axis=(1, 2))
-        load = np.where(self.held, 0.0, np.repeat(1.0 + arms, 3))[:, None]
+        load = np.where(self.fixed, 0.0, np.repeat(1.0 + arms, 3))[:, None]
         shape = self._factorization.solve(load)
         energy = float(self.product(shape, load)[0, 0])
         if not max_over_ranks(self.comm, np.abs(shape).max(axis=0, initial=0.0))[0] > 0.0:
@@ -221,7 +221,7 @@ class ConstrainedSolver:
 
     def _residual(self, result: FloatArray, loads: FloatArray) -> tuple[FloatArray, float]:
         forces = self.forces(result)
-        residual = np.where(self.held[:, None], 0.0, loads - forces)
+        residual = np.where(self.fixed[:, None], 0.0, loads - forces)
         given = max_over_ranks(self.comm, np.abs(loads).max(axis=0, initial=0.0))
         if self.constraints.shape[1]:
             # what the mean constraints carry is no residual: take out its component along C
@@ -247,16 +247,16 @@ def rigid_motions(operators: ElasticOperators) -> FloatArray:
 
 
 def free_combinations(
-    operators: ElasticOperators, held: BoolArray
+    operators: ElasticOperators, fixed: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Point ``(3,)`` and combinations ``(6, k)`` of the rigid motions about it that move no held
+    """Point ``(3,)`` and combinations ``(6, k)`` of the rigid motions about it that move no fixed
     dof.
     """
     center, units = scale_motions(operators)
     motions = rigid_motions(operators)
-    blocked = sum_over_ranks(operators.comm, motions[held].T @ motions[held])
+    blocked = sum_over_ranks(operators.comm, motions[fixed].T @ motions[fixed])
     values, vectors = np.linalg.eigh(blocked)
-    free = values <= RIGID_TOLERANCE * max(float(operators.comm.allreduce(int(held.sum()))), 1.0)
+    free = values <= RIGID_TOLERANCE * max(float(operators.comm.allreduce(int(fixed.sum()))), 1.0)
     return center, units[:, None] * vectors[:, free]
 
 
@@ -271,14 +271,14 @@ def scale_motions(operators: ElasticOperators) -> tuple[FloatArray, FloatArray]:
     return center, np.repeat([1.0, 1.0 / radius], 3)
 
 
-def _free_motions(operators: ElasticOperators, held: BoolArray) -> FloatArray:
-    center, combinations = free_combinations(operators, held)
+def _free_motions(operators: ElasticOperators, fixed: BoolArray) -> FloatArray:
+    center, combinations = free_combinations(operators, fixed)
     motions = (
         rigid_map(operators.points, center) @ combinations
         if len(operators.points)
         else np.zeros((0, combinations.shape[1]))
     )
-    return np.where(held[:, None], 0.0, motions)
+    return np.where(fixed[:, None], 0.0, motions)
 
 
 def _choose_pins(motions: FloatArray, operators: ElasticOperators) -> BoolArray:
@@ -310,10 +310,10 @@ def _factor_saddle(
         coupling = saddle[:count, count:]
         norms = np.linalg.norm(coupling, axis=1, keepdims=True)
         singular = np.linalg.svd(coupling / np.where(norms > 0.0, norms, 1.0), compute_uv=False)
-        held = int((singular > RIGID_TOLERANCE).sum())
-        if held < rigid:
+        fixed = int((singular > RIGID_TOLERANCE).sum())
+        if fixed < rigid:
             raise ModelError(
-                f"{rigid - held} rigid motions of the component are held by no interface and no support"
+                f"{rigid - fixed} rigid motions of the component are fixed by no interface and no support"
             )
     diagonal = np.abs(np.diag(saddle)).copy()
     typical = np.sqrt(diagonal[:count].max(initial=0.0)) or 1.0

@@ -13,7 +13,7 @@ from headstock.geometry.frames import FloatArray
 RITZ_TOLERANCE = 1e-6
 NEIGHBOUR_TOLERANCE = 1e-3
 CLUSTER_GAP = 5e-3
-# beyond the modes wanted; waves across a sheet that is held all over have frequencies without gaps
+# beyond the modes wanted; waves across a sheet that is fixed all over have frequencies without gaps
 LONGEST_CLUSTER = 30
 MOST_VECTORS = 1000  # of a search up to a frequency
 

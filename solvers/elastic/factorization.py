@@ -86,43 +86,43 @@ def _pointer(array: IntArray32) -> ctypes.c_void_p:
 
 
 class Factorization:
-    """Cholesky factors of ``K_ff``, the stiffness between the dofs that are not held.
+    """Cholesky factors of ``K_ff``, the stiffness between the dofs that are not fixed.
 
     Collective over the operators' communicator. Blocks of vectors span all owned dofs ``(3 n_owned,
-    k)``; entries on held dofs are ignored in right-hand sides and zero in solutions.
+    k)``; entries on fixed dofs are ignored in right-hand sides and zero in solutions.
 
     Args:
         operators: Stiffness of the component.
-        held: ``(3 n_owned,)`` dofs that do not move.
+        fixed: ``(3 n_owned,)`` dofs that do not move.
 
     Raises:
         ConvergenceError: ``K_ff`` is not positive definite or does not fit into memory.
     """
 
-    def __init__(self, operators: ElasticOperators, held: BoolArray) -> None:
+    def __init__(self, operators: ElasticOperators, fixed: BoolArray) -> None:
         self._comm = operators.comm
-        self._free, self._ordered = _elimination_order(operators, held)
+        self._free, self._ordered = _elimination_order(operators, fixed)
         self.free_total = int(self._comm.allreduce(len(self._free)))
         self._factors: PETSc.KSP | None = None
         if self.free_total:
-            self._matrix = free_block(operators, held, operators.stiffness, order=self._free)
+            self._matrix = free_block(operators, fixed, operators.stiffness, order=self._free)
             self._matrix.setOption(PETSc.Mat.Option.SPD, True)
             self._factors = _factorize(self._matrix, self._comm, ordered=self._ordered)
 
     @property
     def elimination_order(self) -> NDArray[np.int64]:
-        """The owned dofs that are not held, in the order of the rows of ``factors``."""
+        """The owned dofs that are not fixed, in the order of the rows of ``factors``."""
         return self._free
 
     @property
     def factors(self) -> PETSc.KSP:
-        """Solver with ``K_ff`` and its factors; there are none where every dof is held."""
+        """Solver with ``K_ff`` and its factors; there are none where every dof is fixed."""
         if self._factors is None:
-            raise ConvergenceError("there is nothing to solve for: every dof is held")
+            raise ConvergenceError("there is nothing to solve for: every dof is fixed")
         return self._factors
 
     def solve(self, loads: FloatArray) -> FloatArray:
-        """Displacements ``(3 n_owned, k)`` under loads ``(3 n_owned, k)``: ``K_ff u_f = F_f``, held
+        """Displacements ``(3 n_owned, k)`` under loads ``(3 n_owned, k)``: ``K_ff u_f = F_f``, fixed
         dofs zero.
         """
         result = np.zeros(loads.shape)
@@ -142,7 +142,7 @@ class Factorization:
         found.destroy()
         if not np.isfinite(self._comm.allreduce(float(np.abs(result).sum()))):
             raise ConvergenceError(
-                "the factorised stiffness returned values that are not finite: the component is held too weakly"
+                "the factorised stiffness returned values that are not finite: the component is fixed too weakly"
             )
         return result
 
@@ -167,28 +167,28 @@ class Factorization:
 
 def free_block(
     operators: ElasticOperators,
-    held: BoolArray,
+    fixed: BoolArray,
     matrix: scipy.sparse.spmatrix,
     *,
     order: NDArray[np.int64] | None = None,
 ) -> PETSc.Mat:
-    """Upper triangle, between the dofs that are not held, of a matrix distributed like the
+    """Upper triangle, between the dofs that are not fixed, of a matrix distributed like the
     stiffness; the caller destroys it.
 
     Args:
         operators: How rows and columns are distributed.
-        held: ``(3 n_owned,)`` dofs to leave out.
+        fixed: ``(3 n_owned,)`` dofs to leave out.
         matrix: ``(3 n_owned, 3 n_local)`` symmetric over all ranks.
-        order: The owned dofs that are not held, as they are to follow each other; rising when left
+        order: The owned dofs that are not fixed, as they are to follow each other; rising when left
             out.
     """
     comm = operators.comm
-    free = np.flatnonzero(~held) if order is None else order
+    free = np.flatnonzero(~fixed) if order is None else order
     total = int(comm.allreduce(len(free)))
     upper = _upper_rows(
         scipy.sparse.bsr_matrix(matrix, blocksize=(3, 3)),
         free,
-        _free_numbers(operators, held, free),
+        _free_numbers(operators, fixed, free),
     )
     csr = (upper.indptr, upper.indices, upper.data)
     block = PETSc.Mat().createSBAIJ(((len(free), total), (len(free), total)), 1, csr=csr, comm=comm)
@@ -198,22 +198,22 @@ def free_block(
 
 def full_block(
     operators: ElasticOperators,
-    held: BoolArray,
+    fixed: BoolArray,
     scalar: scipy.sparse.csr_matrix,
     *,
     order: NDArray[np.int64],
 ) -> PETSc.Mat:
-    """Both triangles, between the dofs that are not held, of a matrix that acts alike in x, y and z;
+    """Both triangles, between the dofs that are not fixed, of a matrix that acts alike in x, y and z;
     the caller destroys it.
 
     Args:
         operators: How rows and columns are distributed.
-        held: ``(3 n_owned,)`` dofs to leave out.
+        fixed: ``(3 n_owned,)`` dofs to leave out.
         scalar: ``(n_owned, n_local)`` by nodes.
-        order: The owned dofs that are not held, as they are to follow each other.
+        order: The owned dofs that are not fixed, as they are to follow each other.
     """
     total = int(operators.comm.allreduce(len(order)))
-    numbers = _free_numbers(operators, held, order)
+    numbers = _free_numbers(operators, fixed, order)
     rows = scipy.sparse.csr_matrix(scalar)[order // 3]
     # the dof of the same direction at each neighbour
     lengths = np.diff(rows.indptr)
@@ -229,15 +229,15 @@ def full_block(
 
 
 def _free_numbers(
-    operators: ElasticOperators, held: BoolArray, free: NDArray[np.int64]
+    operators: ElasticOperators, fixed: BoolArray, free: NDArray[np.int64]
 ) -> NDArray[np.int32]:
-    """Number over all ranks of each local dof among those that are not held; -1 for held ones."""
+    """Number over all ranks of each local dof among those that are not fixed; -1 for fixed ones."""
     comm: Any = operators.comm  # mpi4py's types leave out exscan
     offset = int(comm.exscan(len(free)) or 0)
     numbers = la.vector(operators.column_map, bs=3, dtype=np.int32)
-    local = np.full(len(held), -1, dtype=np.int32)
+    local = np.full(len(fixed), -1, dtype=np.int32)
     local[free] = offset + np.arange(len(free))
-    numbers.array[: len(held)] = local
+    numbers.array[: len(fixed)] = local
     numbers.scatter_forward()
     return np.array(numbers.array)
 
@@ -266,22 +266,22 @@ def _upper_rows(
 
 
 def _elimination_order(
-    operators: ElasticOperators, held: BoolArray
+    operators: ElasticOperators, fixed: BoolArray
 ) -> tuple[NDArray[np.int64], bool]:
-    """Dofs that are not held, and whether they come in a good order for a factorisation already."""
+    """Dofs that are not fixed, and whether they come in a good order for a factorisation already."""
     if operators.comm.size == 1 and _has_cholmod():
         stiffness = operators.stiffness
-        count = len(held) // 3
+        count = len(fixed) // 3
         graph = scipy.sparse.csr_matrix(
             (np.ones(len(stiffness.indices), dtype=np.int8), stiffness.indices, stiffness.indptr),
             (count, count),
         )
-        nodes = np.flatnonzero(~held.reshape(-1, 3).all(axis=1))
+        nodes = np.flatnonzero(~fixed.reshape(-1, 3).all(axis=1))
         order = dissect_nodes(graph[nodes][:, nodes])
         if order is not None:
             dofs = (3 * nodes[order][:, None] + np.arange(3)).ravel()
-            return dofs[~held[dofs]], True
-    return np.flatnonzero(~held), False
+            return dofs[~fixed[dofs]], True
+    return np.flatnonzero(~fixed), False
 
 
 def _has_cholmod() -> bool:
@@ -331,7 +331,7 @@ def _factorize(matrix: PETSc.Mat, comm: MPI.Comm, *, ordered: bool) -> PETSc.KSP
         }
         raise ConvergenceError(
             f"factorisation of a stiffness with {matrix.getSize()[0]} dofs failed: {reason.get(status, 'MUMPS INFOG(1)')} "
-            f"({status}); check that the component is held and its elements are sound"
+            f"({status}); check that the component is fixed and its elements are sound"
         )
     negative = factor.getMumpsInfog(12)
     if negative:
@@ -339,7 +339,7 @@ def _factorize(matrix: PETSc.Mat, comm: MPI.Comm, *, ordered: bool) -> PETSc.KSP
         # negative pivots
         raise ConvergenceError(
             f"a stiffness with {matrix.getSize()[0]} dofs is not positive definite: {negative} negative pivot(s); check that the "
-            "component is held and its elements are sound"
+            "component is fixed and its elements are sound"
         )
     return solver
 

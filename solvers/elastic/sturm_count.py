@@ -25,7 +25,7 @@ INERTIA_OPTIONS = MUMPS_OPTIONS | {"mat_mumps_icntl_24": 1}
 
 def count_frequencies_below(
     operators: ElasticOperators,
-    held: BoolArray,
+    fixed: BoolArray,
     frequency_hz: float,
     *,
     constraints: FloatArray | None = None,
@@ -37,7 +37,7 @@ def count_frequencies_below(
 
     Args:
         operators: Stiffness and mass.
-        held: ``(3 n_owned,)`` dofs that do not move.
+        fixed: ``(3 n_owned,)`` dofs that do not move.
         frequency_hz: Shift [Hz], above zero and not itself a natural frequency.
         constraints: ``(3 n_owned, n_c)`` independent columns C with ``C^T u = 0``.
 
@@ -55,25 +55,25 @@ def count_frequencies_below(
             "the mass matrix was not assembled, yet natural frequencies are to be counted"
         )
     comm = operators.comm
-    free_total = int(comm.allreduce(int((~held).sum())))
+    free_total = int(comm.allreduce(int((~fixed).sum())))
     if free_total == 0:
         return 0
     shift = (2.0 * np.pi * frequency_hz) ** 2
     mass = scipy.sparse.kron(operators.scalar_mass, np.eye(3), format="bsr")
-    matrix = free_block(operators, held, operators.stiffness - shift * mass)
+    matrix = free_block(operators, fixed, operators.stiffness - shift * mass)
     try:
         return _count_with(
             matrix,
-            np.zeros((len(held), 0)) if constraints is None else constraints,
+            np.zeros((len(fixed), 0)) if constraints is None else constraints,
             operators,
-            held,
+            fixed,
         )
     finally:
         matrix.destroy()
 
 
 def _count_with(
-    matrix: PETSc.Mat, constraints: FloatArray, operators: ElasticOperators, held: BoolArray
+    matrix: PETSc.Mat, constraints: FloatArray, operators: ElasticOperators, fixed: BoolArray
 ) -> int:
     comm = operators.comm
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -103,20 +103,20 @@ def _count_with(
             raise AccuracyError(
                 f"the shift meets {zero} natural frequencies to working accuracy; count at another frequency"
             )
-        return int(negative) - _negative_directions(factor, constraints, operators, held)
+        return int(negative) - _negative_directions(factor, constraints, operators, fixed)
     finally:
         pc.destroy()
 
 
 def _negative_directions(
-    factor: PETSc.Mat, constraints: FloatArray, operators: ElasticOperators, held: BoolArray
+    factor: PETSc.Mat, constraints: FloatArray, operators: ElasticOperators, fixed: BoolArray
 ) -> int:
     """Negative eigenvalues of ``C^T A^-1 C``: what the constraints take from the count."""
     count = constraints.shape[1]
     if count == 0:
         return 0
     comm = operators.comm
-    free = constraints[~held]
+    free = constraints[~fixed]
     sizes = ((len(free), int(comm.allreduce(len(free)))), (PETSc.DECIDE, count))
     given = PETSc.Mat().createDense(sizes, array=np.asfortranarray(free), comm=comm)
     found = PETSc.Mat().createDense(sizes, array=np.zeros(free.shape, order="F"), comm=comm)

@@ -103,9 +103,9 @@ def solve_damped(
 
 def _between_modes(damping: FloatArray, shapes: FloatArray) -> FloatArray:
     """Modal damping ``(m, m)``; only dofs that dampers act on take part."""
-    held = np.flatnonzero(damping.any(axis=0) | damping.any(axis=1))
-    moved = shapes[held]
-    return np.asarray(moved.T @ damping[np.ix_(held, held)] @ moved)
+    damped = np.flatnonzero(damping.any(axis=0) | damping.any(axis=1))
+    moved = shapes[damped]
+    return np.asarray(moved.T @ damping[np.ix_(damped, damped)] @ moved)
 
 
 def _is_undamped(damping: FloatArray, rigid_count: int) -> bool:

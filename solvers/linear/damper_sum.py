@@ -21,7 +21,7 @@ ROUNDOFF = 1e-13  # of the largest entry: what a factorisation of the damping ma
 # digits
 NEAR = 1e-3
 PEAK_TOLERANCE = 1e-9  # of a pole, where it only says where a peak is
-BLOCK = 4_000_000  # entries of the products of dampers that are held at a time
+BLOCK = 4_000_000  # entries of the products of dampers that are kept at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +167,8 @@ def sum_over_dampers(coordinates: ModalCoordinates) -> DamperSum | None:
     313-328, for structural modifications of
         receptances.
     """
-    held = not damps_rigid_motion(coordinates)
-    taken = slice(coordinates.rigid_count if held else 0, None)
+    undamped = not damps_rigid_motion(coordinates)
+    taken = slice(coordinates.rigid_count if undamped else 0, None)
     omega = coordinates.omega[taken]
     viscous = _split(coordinates.viscous, taken, omega, powers=(0.5, 0.0, 1.0))
     hysteretic = _split(coordinates.hysteretic, taken, omega, powers=(1.0,))
@@ -185,7 +185,7 @@ def sum_over_dampers(coordinates: ModalCoordinates) -> DamperSum | None:
         rows=coordinates.outputs[:, taken],
         viscous=viscous,
         hysteretic=hysteretic,
-        rest=rest if held else RestTerms(np.zeros_like(rest.rigid), rest.residual, rest.square),
+        rest=rest if undamped else RestTerms(np.zeros_like(rest.rigid), rest.residual, rest.square),
     )
 
 

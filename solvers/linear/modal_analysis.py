@@ -82,7 +82,7 @@ def solve_modal(
             matrix, what, "control and gyroscopic terms need the complex modes of the damped system"
         )
     if len(system.mass) == 0:
-        raise ModelError("no dof is left: every motion is held by rigid joints")
+        raise ModelError("no dof is left: every motion is fixed by rigid joints")
     limit = None if up_to_hz is None else (2.0 * np.pi * up_to_hz) ** 2
     return _finish_modes(
         system,
@@ -281,14 +281,16 @@ def slope_shape(
     """
     square = float(squares[index])
     cluster = np.flatnonzero(np.abs(squares - square) <= CLUSTER_GAP * abs(square))
-    held = mass @ shapes[:, cluster]
+    fixed = mass @ shapes[:, cluster]
     count, size = len(cluster), len(mass)
     system = np.zeros((size + count, size + count))
     # the border in the units of the stiffness, so that the factorisation sees one scale
-    border = held * np.sqrt(np.abs(stiffness.diagonal()).mean() / np.einsum("ij,ij->", held, held))
+    border = fixed * np.sqrt(
+        np.abs(stiffness.diagonal()).mean() / np.einsum("ij,ij->", fixed, fixed)
+    )
     system[:size, :size] = stiffness - square * mass
     system[:size, size:], system[size:, :size] = border, border.T
     right = np.zeros((size + count, forces.shape[1]))
-    right[:size] = held @ (shapes[:, cluster].T @ forces) - forces
+    right[:size] = fixed @ (shapes[:, cluster].T @ forces) - forces
     turned = lu_solve(lu_factor(system, check_finite=False), right, check_finite=False)[:size]
     return np.asarray(turned - 0.5 * np.outer(shapes[:, index], mass_terms))

@@ -174,9 +174,9 @@ def elastic_displacements(
     rigid = modes.shapes[:, : modes.rigid_count]
     balanced = loads - system.mass @ (rigid @ (rigid.T @ loads))
     free = find_null_space(system.stiffness).free
-    held = np.ix_(free, free)
+    fixed = np.ix_(free, free)
     labels = tuple(system.labels[int(i)] for i in free)
-    inner = SecondOrderSystem(system.mass[held], None, system.stiffness[held], {}, {}, labels)
+    inner = SecondOrderSystem(system.mass[fixed], None, system.stiffness[fixed], {}, {}, labels)
     displacements = np.zeros_like(balanced)
     displacements[free] = solve_static(inner, balanced[free]).displacements
     return np.asarray(displacements - rigid @ (rigid.T @ (system.mass @ displacements)))

@@ -121,11 +121,11 @@ def solve_balanced(system: SecondOrderSystem, loads: FloatArray) -> BalancedResu
         weights > 0.0, weights, np.median(weights[weights > 0.0]) if (weights > 0.0).any() else 1.0
     )
     balanced = _does_no_work(loads, null.vectors, weights)
-    held = np.ix_(null.free, null.free)
+    fixed = np.ix_(null.free, null.free)
     inner = SecondOrderSystem(
-        system.mass[held],
+        system.mass[fixed],
         None,
-        system.stiffness[held],
+        system.stiffness[fixed],
         {},
         {},
         tuple(system.labels[int(dof)] for dof in null.free),

@@ -18,7 +18,7 @@ TINY = 1e-30
 
 @dataclass(frozen=True, eq=False)
 class SmallMotions:
-    """A mechanism at rest in poses, drives held, linear in the compliant coordinates.
+    """A mechanism at rest in poses, drives locked, linear in the compliant coordinates.
 
     Attributes:
         kinematics: At the poses.

@@ -142,7 +142,7 @@ def _solve(
     pairings: tuple[Pairing, ...],
     linear: tuple[FloatArray, FloatArray],
 ) -> tuple[FloatArray, float]:
-    """The best move under given pairings, held within reach, and half the sum of squares it
+    """The best move under given pairings, kept within reach, and half the sum of squares it
     leaves.
     """
     residuals, jacobian = linear[0].copy(), linear[1].copy()
@@ -151,9 +151,11 @@ def _solve(
             if row >= 0:
                 residuals[row] = (case.logs[mode] - case.wanted[target]) / case.sigmas[target]
                 jacobian[row] = case.slopes[mode] / case.sigmas[target]
-    held = np.eye(jacobian.shape[1]) / REACH
+    shorten = np.eye(jacobian.shape[1]) / REACH
     move = np.linalg.lstsq(
-        np.vstack([jacobian, held]), -np.concatenate([residuals, np.zeros(len(held))]), rcond=None
+        np.vstack([jacobian, shorten]),
+        -np.concatenate([residuals, np.zeros(len(shorten))]),
+        rcond=None,
     )[0]
     move = np.clip(move, problem.lower - point.coordinates, problem.upper - point.coordinates)
     left = residuals + jacobian @ move
@@ -275,13 +277,16 @@ def spread_starts(problem: FitProblem) -> list[FloatArray]:
     shares = sampler.random_base2(int(np.ceil(np.log2(settings.starts))))[: settings.starts - 1]
     lower, upper = problem.lower, problem.upper
     means, sigmas = problem.priors
-    held = np.isfinite(sigmas)
+    with_prior = np.isfinite(sigmas)
     for share in shares:
         place = lower + share * (upper - lower)
         low, high = (
-            norm.cdf((bound[held] - means[held]) / sigmas[held]) for bound in (lower, upper)
+            norm.cdf((bound[with_prior] - means[with_prior]) / sigmas[with_prior])
+            for bound in (lower, upper)
         )
-        place[held] = means[held] + sigmas[held] * norm.ppf(low + share[held] * (high - low))
+        place[with_prior] = means[with_prior] + sigmas[with_prior] * norm.ppf(
+            low + share[with_prior] * (high - low)
+        )
         starts.append(np.clip(place, lower, upper))
     return starts
 

@@ -352,15 +352,15 @@ def data_jacobian(problem: FitProblem, point: FitPoint) -> FloatArray:
 def prior_residuals(problem: FitProblem, coordinates: FloatArray) -> FloatArray:
     """Distances from the priors in standard deviations, for parameters that have one."""
     means, sigmas = problem.priors
-    held = np.isfinite(sigmas)
-    return np.asarray((coordinates[held] - means[held]) / sigmas[held])
+    with_prior = np.isfinite(sigmas)
+    return np.asarray((coordinates[with_prior] - means[with_prior]) / sigmas[with_prior])
 
 
 def prior_jacobian(problem: FitProblem) -> FloatArray:
     """Derivatives of ``prior_residuals``."""
     _, sigmas = problem.priors
-    held = np.isfinite(sigmas)
-    return np.asarray(np.eye(len(sigmas))[held] / sigmas[held][:, None])
+    with_prior = np.isfinite(sigmas)
+    return np.asarray(np.eye(len(sigmas))[with_prior] / sigmas[with_prior][:, None])
 
 
 def _make_point(

@@ -28,10 +28,12 @@ def two_masses(ratio: float) -> tuple[dict[str, Superelement], Machine]:
         rigid_body("low", 100.0, {"a": (0, 0, 0), "b": (0, 0, 0)}),
         rigid_body("high", 50.0, {"a": (0, 0, 0)}),
     ]
-    held = (0, 1, 3, 4, 5)
+    fixed = (0, 1, 3, 4, 5)
     joints = [
-        joint_between("air", "ground", "low.a", stiffness=(0, 0, AIR, 0, 0, 0), held=held),
-        joint_between("bolt", "low.b", "high.a", stiffness=(0, 0, ratio * AIR, 0, 0, 0), held=held),
+        joint_between("air", "ground", "low.a", stiffness=(0, 0, AIR, 0, 0, 0), fixed=fixed),
+        joint_between(
+            "bolt", "low.b", "high.a", stiffness=(0, 0, ratio * AIR, 0, 0, 0), fixed=fixed
+        ),
     ]
     return lumped_machine(bodies, joints, {"tcp": ("high.a", "ground")})
 

@@ -45,9 +45,9 @@ def test_there_are_six_rigid_modes_and_no_more_below_the_first_elastic_one(
     block: tuple[FullModel, FloatArray],
 ) -> None:
     model, elastic = block
-    held = np.zeros(model.operators.owned_dofs, dtype=bool)
-    assert count_frequencies_below(model.operators, held, 0.999 * elastic[0]) == 6
-    assert count_frequencies_below(model.operators, held, 1.001 * elastic[5]) == 12
+    fixed = np.zeros(model.operators.owned_dofs, dtype=bool)
+    assert count_frequencies_below(model.operators, fixed, 0.999 * elastic[0]) == 6
+    assert count_frequencies_below(model.operators, fixed, 1.001 * elastic[5]) == 12
 
 
 @pytest.mark.parametrize("share", SHIFTS)

@@ -27,7 +27,7 @@ ODD = Frame(np.array([3.0, -1.0, 2.0]), rotation_about(np.array([1.0, 2.0, 3.0])
 
 
 def machine_with_free(
-    dofs: tuple[int, ...], held: tuple[int, ...] = ()
+    dofs: tuple[int, ...], fixed: tuple[int, ...] = ()
 ) -> tuple[dict[str, Superelement], Machine]:
     """A bed on springs, a slider with a column on it; some dofs of the slider's guide are free."""
     bed = rigid_body(
@@ -45,11 +45,11 @@ def machine_with_free(
         inertia=(0.4, 0.5, 0.6),
     )
     column = two_node_body("column", 30.0, 0.5, COLUMN, placement=Frame(np.array([0.0, 0.0, 0.1])))
-    spring = np.where(np.isin(range(6), [*dofs, *held]), 0.0, SPRING)
+    spring = np.where(np.isin(range(6), [*dofs, *fixed]), 0.0, SPRING)
     joints = [
         joint_between("mount", "ground", "bed.foot", stiffness=SPRING),
-        joint_between("guide", "bed.rail", "slider.guide", stiffness=spring, held=held),
-        joint_between("clamp", "slider.top", "column.foot", held=range(6)),
+        joint_between("guide", "bed.rail", "slider.guide", stiffness=spring, fixed=fixed),
+        joint_between("clamp", "slider.top", "column.foot", fixed=range(6)),
     ]
     return lumped_machine([bed, slider, column], joints, {"tcp": ("column.head", "ground")})
 
@@ -135,8 +135,8 @@ def test_modes_go_on_and_name_the_free_motion() -> None:
     assert not any(name.startswith("free") for name in names[1:])
 
 
-def test_a_free_slide_of_a_held_joint_is_found_as_well() -> None:
-    coupled = couple(*machine_with_free((1,), held=(0, 2, 3, 4, 5)), HOME)
+def test_a_free_slide_of_a_fixed_joint_is_found_as_well() -> None:
+    coupled = couple(*machine_with_free((1,), fixed=(0, 2, 3, 4, 5)), HOME)
     (motion,) = find_free_motions(coupled)
     assert motion.motion == "Y translation" and set(motion.bodies) == {"slider", "column"}
 

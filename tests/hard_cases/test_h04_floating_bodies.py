@@ -19,7 +19,7 @@ SPRING = (2e7, 3e7, 5e7, 1e6, 2e6, 3e6)
 
 
 def loose_machine(free: bool = False) -> tuple[dict[str, Superelement], Machine]:
-    """A held bed, and a pair of bodies sprung together that floats."""
+    """A fixed bed, and a pair of bodies sprung together that floats."""
     bed = rigid_body("bed", 300.0, {"foot": (0, 0, -0.4)})
     table = rigid_body("table", 50.0, {"side": (0.5, 0, 0)}, center=(0.5, 0, 0.1))
     column = two_node_body("column", 30.0, 0.5, (1e8, 2e8, 5e8, 2e6, 3e6, 1e6))
@@ -65,12 +65,12 @@ def test_elastic_modes_of_a_free_machine_equal_those_on_vanishing_springs() -> N
     superelements, machine = loose_machine()
     free = solve_modal(couple(superelements, machine, HOME).system).frequencies_hz
     thread = joint_between("thread", "ground", "table.side", stiffness=np.full(6, 1.0))
-    held = solve_modal(
+    fixed = solve_modal(
         couple(
             superelements,
             dataclasses.replace(machine, joints=machine.joints | {"thread": thread}),
             HOME,
         ).system
     )
-    assert held.rigid_count == 0
-    np.testing.assert_allclose(held.frequencies_hz[6:], free[6:], rtol=1e-6)
+    assert fixed.rigid_count == 0
+    np.testing.assert_allclose(fixed.frequencies_hz[6:], free[6:], rtol=1e-6)

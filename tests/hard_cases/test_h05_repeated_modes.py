@@ -25,8 +25,8 @@ SIDE, HEIGHT = 0.1, 0.8
 def column() -> tuple[FullModel, FullModes]:
     """A square column clamped at its foot: bending comes in pairs."""
     mesh = make_box((2, 2, 6), (SIDE, SIDE, HEIGHT))
-    held = np.repeat((mesh.points[:, 2] < 1e-9)[:, None], 3, axis=1)
-    model = full_model(mesh, make_component().material, comm=COMM, held=held)
+    fixed = np.repeat((mesh.points[:, 2] < 1e-9)[:, None], 3, axis=1)
+    model = full_model(mesh, make_component().material, comm=COMM, fixed=fixed)
     return model, full_modes(model, 10)
 
 
@@ -64,12 +64,12 @@ def test_the_multiplicity_of_every_mode_is_that_of_a_sturm_count(
     assert gaps
     for below in gaps:
         middle = 0.5 * (found[below - 1] + found[below])
-        assert count_frequencies_below(model.operators, model.owned_held, middle) == below
+        assert count_frequencies_below(model.operators, model.owned_fixed, middle) == below
 
 
 def test_twins_span_the_same_plane_in_another_solver(column: tuple[FullModel, FullModes]) -> None:
     model, modes = column
-    free = np.flatnonzero(~model.owned_held)
+    free = np.flatnonzero(~model.owned_fixed)
     stiffness = scipy.sparse.csc_matrix(model.operators.stiffness)[free][:, free]
     mass = scipy.sparse.csc_matrix(scipy.sparse.kron(model.operators.scalar_mass, np.eye(3)))[free][
         :, free
@@ -89,7 +89,7 @@ def test_twins_span_the_same_plane_in_another_solver(column: tuple[FullModel, Fu
 def test_twins_span_the_same_plane_from_any_start(column: tuple[FullModel, FullModes]) -> None:
     model, modes = column
     start = np.random.default_rng(99).standard_normal((model.operators.owned_dofs, 8))
-    with ConstrainedSolver(model.operators, model.owned_held, np.zeros((len(start), 0))) as solver:
+    with ConstrainedSolver(model.operators, model.owned_fixed, np.zeros((len(start), 0))) as solver:
         again = lowest_modes(solver, start, ModeTarget(count=8))
     pairs = [first for first in twins(modes.frequencies_hz) if first + 1 < 8]
     assert pairs

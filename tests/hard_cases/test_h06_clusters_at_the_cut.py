@@ -34,7 +34,7 @@ def reduce_to(column: ComponentMesh) -> ReduceTo:
 
 
 def receptance(element: Superelement, frequency_hz: float) -> FloatArray:
-    """Motion of the tip's x under a unit force there, foot held."""
+    """Motion of the tip's x under a unit force there, foot fixed."""
     tip = element.attachments["tip"].node
     free = np.r_[np.arange(6 * tip, 6 * tip + 6), np.arange(12, len(element.stiffness))]
     square = (2.0 * np.pi * frequency_hz) ** 2

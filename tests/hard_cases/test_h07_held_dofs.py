@@ -1,4 +1,4 @@
-"""H07: held dofs are taken out, not kept with a one on the diagonal: they bring no modes of their
+"""H07: fixed dofs are taken out, not kept with a one on the diagonal: they bring no modes of their
 own.
 """
 
@@ -23,20 +23,20 @@ COMM = MPI.COMM_SELF
 )
 def block(request: pytest.FixtureRequest) -> tuple[FullModel, FullModes]:
     mesh = make_box((1, 1, 3), (0.1, 0.13, 0.4))
-    held = np.repeat((mesh.points[:, 2] < 1e-9)[:, None], 3, axis=1)
+    fixed = np.repeat((mesh.points[:, 2] < 1e-9)[:, None], 3, axis=1)
     material = dataclasses.replace(make_component().material, youngs_modulus=request.param)
-    model = full_model(mesh, material, comm=COMM, held=held)
+    model = full_model(mesh, material, comm=COMM, fixed=fixed)
     return model, full_modes(model, 12)
 
 
-def test_no_shape_moves_a_held_dof(block: tuple[FullModel, FullModes]) -> None:
+def test_no_shape_moves_a_fixed_dof(block: tuple[FullModel, FullModes]) -> None:
     model, modes = block
-    assert np.abs(modes.shapes[model.owned_held]).max() == 0.0
+    assert np.abs(modes.shapes[model.owned_fixed]).max() == 0.0
 
 
 def test_frequencies_are_those_of_the_free_block_alone(block: tuple[FullModel, FullModes]) -> None:
     model, modes = block
-    free = ~model.owned_held
+    free = ~model.owned_fixed
     stiffness = model.operators.stiffness.toarray()[np.ix_(free, free)]
     assert model.operators.scalar_mass is not None
     mass = np.kron(model.operators.scalar_mass.toarray(), np.eye(3))[np.ix_(free, free)]
@@ -49,5 +49,5 @@ def test_a_sturm_count_finds_just_the_modes_there_are(block: tuple[FullModel, Fu
     found = modes.frequencies_hz
     for count in (i for i in range(1, len(found)) if found[i] > found[i - 1] * (1.0 + 1e-5)):
         middle = 0.5 * (found[count - 1] + found[count])
-        assert count_frequencies_below(model.operators, model.owned_held, middle) == count
-    assert count_frequencies_below(model.operators, model.owned_held, 0.9 * found[0]) == 0
+        assert count_frequencies_below(model.operators, model.owned_fixed, middle) == count
+    assert count_frequencies_below(model.operators, model.owned_fixed, 0.9 * found[0]) == 0

@@ -36,8 +36,8 @@ def strip(kind: CellKind, poisson: float = 0.0) -> tuple[ComponentMesh, Material
     mesh = make_box(
         ELEMENTS, (LENGTH, WIDTH, THICKNESS), {"support:clamp": "x-", "tip": "x+"}, kind=kind
     )
-    held = np.repeat((mesh.points[:, 0] < 1e-12)[:, None], 3, axis=1)
-    return mesh, material, full_model(mesh, material, comm=COMM, held=held)
+    fixed = np.repeat((mesh.points[:, 0] < 1e-12)[:, None], 3, axis=1)
+    return mesh, material, full_model(mesh, material, comm=COMM, fixed=fixed)
 
 
 def bending_frequency(material: Material, number: int) -> float:

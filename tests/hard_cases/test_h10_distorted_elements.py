@@ -48,9 +48,9 @@ def beam(shape: str) -> FloatArray:
 
 def tip_ratio(shape: str, kind: CellKind, direction: str) -> float:
     mesh = lattice_mesh(beam(shape), kind, straight=True)
-    held = np.repeat((mesh.points[:, 0] < 1e-9)[:, None], 3, axis=1)
+    fixed = np.repeat((mesh.points[:, 0] < 1e-9)[:, None], 3, axis=1)
     material = make_component().material
-    model = full_model(mesh, type(material)("mh", YOUNG, POISSON, 1.0), comm=COMM, held=held)
+    model = full_model(mesh, type(material)("mh", YOUNG, POISSON, 1.0), comm=COMM, fixed=fixed)
     tip = np.flatnonzero(mesh.points[:, 0] > LENGTH - 1e-9)
     loads = np.zeros((len(mesh.points), 3))
     loads[tip, "xyz".index(direction)] = 1.0 / len(tip)

@@ -54,7 +54,7 @@ def reduced(block: ComponentMesh) -> Callable[..., Superelement]:
 
 
 def compliance(element: Superelement, name: str) -> FloatArray:
-    """Motion ``(6, 6)`` of an interface under unit loads on it, foot held, the superelement's own
+    """Motion ``(6, 6)`` of an interface under unit loads on it, foot fixed, the superelement's own
     ties kept.
     """
     size = len(element.stiffness)
@@ -158,7 +158,7 @@ def test_a_curved_patch_over_two_faces_is_one_rigid_interface(
     foot, skew = (np.unique(block.patches[name]) for name in ("foot", "skew"))
     shared = np.intersect1d(foot, skew)
     assert len(shared) > 2
-    # the patch over the corner shares an edge with the foot: the body is held by it but for the
+    # the patch over the corner shares an edge with the foot: the body is fixed by it but for the
     # turn about that edge
     assert np.linalg.matrix_rank(element.constraints, tol=1e-9) == 5
     place = element.frames[element.attachments["skew"].node].origin

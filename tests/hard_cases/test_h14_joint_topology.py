@@ -77,7 +77,7 @@ def test_a_spring_between_two_interfaces_of_one_rigid_body_does_nothing() -> Non
 def test_a_rigid_joint_within_one_rigid_body_is_redundant() -> None:
     joints = [
         joint_between("a", "ground", "body.foot", stiffness=SPRING),
-        joint_between("loop", "body.foot", "body.top", held=range(6)),
+        joint_between("loop", "body.foot", "body.top", fixed=range(6)),
     ]
     coupled = couple(*lumped_machine([BODY], joints), HOME)
     assert coupled.redundant_constraints == 6
@@ -102,9 +102,9 @@ def test_the_order_of_the_ends_does_not_matter(order: tuple[str, str]) -> None:
     np.testing.assert_allclose(found, by_hand(SPRING), rtol=0.0, atol=1e-12 * np.abs(found).max())
 
 
-def test_a_body_held_twice_and_sprung_nowhere_has_no_motion_left() -> None:
+def test_a_body_fixed_twice_and_sprung_nowhere_has_no_motion_left() -> None:
     joints = [
-        joint_between(name, "ground", f"body.{name}", held=range(6)) for name in ("foot", "top")
+        joint_between(name, "ground", f"body.{name}", fixed=range(6)) for name in ("foot", "top")
     ]
     coupled = couple(*lumped_machine([BODY], joints), HOME)
     assert coupled.system.labels == ()

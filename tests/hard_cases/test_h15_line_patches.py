@@ -1,4 +1,4 @@
-"""H15: a patch on a line has no rotation about it: that rotation is held and named, everything else
+"""H15: a patch on a line has no rotation about it: that rotation is fixed and named, everything else
 is right.
 """
 
@@ -53,7 +53,7 @@ def test_a_line_is_refused_unless_forced(
 
 
 @pytest.mark.parametrize("coupling", ["rigid!", "average!"])
-def test_the_rotation_about_the_line_is_held_and_named(
+def test_the_rotation_about_the_line_is_fixed_and_named(
     line: tuple[ComponentMesh, IntArray, FloatArray], coupling: CouplingKind
 ) -> None:
     mesh, _, axis = line
@@ -130,6 +130,6 @@ def test_a_body_that_hangs_on_a_line_alone_is_named_as_free(
     mesh, _, _ = line
     mesh = dataclasses.replace(mesh, patches={"line": mesh.patches["line"]})
     with pytest.raises(
-        ModelError, match="1 rigid motions of the component are held by no interface"
+        ModelError, match="1 rigid motions of the component are fixed by no interface"
     ):
         reduce_elastic(make_component({"line": "rigid!"}), mesh, comm=COMM, request=MODES)

@@ -62,7 +62,7 @@ def test_a_body_joined_rigidly_to_a_line_may_turn_about_it() -> None:
     )
     joints = [
         joint_between("foot", "ground", "column.foot", stiffness=SPRING),
-        joint_between("weld", "column.head", "head.seat", held=range(6)),
+        joint_between("weld", "column.head", "head.seat", fixed=range(6)),
     ]
     coupled = couple(*lumped_machine([hinged_column(), head], joints), HOME)
     (motion,) = find_free_motions(coupled)

@@ -78,7 +78,7 @@ def test_stiffness_and_mass_of_the_interfaces_are_the_same_quantities(
         assert (np.abs(found - exact) / size).max() < 1e-9, name
 
 
-def displacement_with_foot_held(element: Superelement) -> FloatArray:
+def displacement_with_foot_fixed(element: Superelement) -> FloatArray:
     load = element.loads["oil"]
     foot = element.attachments["foot"].node
     free = np.setdiff1d(np.arange(len(element.stiffness)), np.arange(6 * foot, 6 * foot + 6))
@@ -91,7 +91,7 @@ def test_displacements_are_a_thousand_times_as_many(
     both: Both,
 ) -> None:
     (metres, _), (millimetres, _) = both
-    found, exact = (displacement_with_foot_held(element) for element in (millimetres, metres))
+    found, exact = (displacement_with_foot_fixed(element) for element in (millimetres, metres))
     assert np.abs(found / 1e3 - exact).max() < 1e-9 * np.abs(exact).max()
     np.testing.assert_allclose(
         millimetres.loads["oil"].vector[:12] / np.tile([1.0, 1.0, 1.0, 1e3, 1e3, 1e3], 2),

@@ -17,7 +17,7 @@ HOME = Pose("home")
 
 
 def skew_machine() -> tuple[dict[str, Superelement], Machine]:
-    """Bodies placed askew, springs, held dofs and a ball screw's single stiffness in turned joint
+    """Bodies placed askew, springs, fixed dofs and a ball screw's single stiffness in turned joint
     frames.
     """
     askew = Frame(np.array([0.1, -0.2, 0.3]), rotation_about(np.array([0.3, -1.0, 0.4]), 0.6))
@@ -44,13 +44,13 @@ def skew_machine() -> tuple[dict[str, Superelement], Machine]:
             "bed.rail",
             "column.foot",
             stiffness=(0, 0, 5e8, 0, 2e6, 0),
-            held=(1, 3),
+            fixed=(1, 3),
             rotation=turn,
         ),
         joint_between(
             "screw", "bed.rail", "column.foot", stiffness=(2e8, 0, 0, 0, 0, 1e6), rotation=turn
         ),
-        joint_between("neck", "column.head", "head.seat", held=range(6)),
+        joint_between("neck", "column.head", "head.seat", fixed=range(6)),
     ]
     return lumped_machine([bed, column, head], joints, {"tcp": ("head.tool", "bed.rail")})
 

@@ -107,7 +107,7 @@ def test_statics_at_the_interfaces_are_those_of_the_full_model_for_any_count(
     block: tuple[ComponentMesh, FloatArray, FloatArray], count: int, coupling: CouplingKind
 ) -> None:
     mesh, stiffness, _ = block
-    # foot held as it is coupled, unit forces and moments on the tip
+    # foot fixed as it is coupled, unit forces and moments on the tip
     element = reduced(mesh, ("rigid", coupling), count)
     rows = {name: slice(6 * a.node, 6 * a.node + 6) for name, a in element.attachments.items()}
     free = np.r_[
@@ -123,7 +123,7 @@ def test_statics_at_the_interfaces_are_those_of_the_full_model_for_any_count(
 def tip_compliance(
     mesh: ComponentMesh, stiffness: FloatArray, coupling: CouplingKind
 ) -> FloatArray:
-    """Compliance of the tip by a saddle-point system on the whole model, the foot's points held."""
+    """Compliance of the tip by a saddle-point system on the whole model, the foot's points fixed."""
     tip = np.unique(mesh.patches["tip"])
     free = np.repeat(mesh.points[:, 2] > 1e-9, 3)
     center = np.array([SIZE[0] / 2, SIZE[1] / 2, SIZE[2]])
@@ -192,8 +192,10 @@ def test_loads_on_the_body_move_every_point_as_in_the_full_model_for_any_count(
     }
     for name, force in loads.items():
         exact = basis @ np.linalg.solve(basis.T @ stiffness @ basis, basis.T @ force)
-        held = slice(6 * element.attachments["foot"].node, 6 * element.attachments["foot"].node + 6)
-        active = np.setdiff1d(np.arange(len(element.stiffness)), np.arange(held.start, held.stop))
+        fixed = slice(
+            6 * element.attachments["foot"].node, 6 * element.attachments["foot"].node + 6
+        )
+        active = np.setdiff1d(np.arange(len(element.stiffness)), np.arange(fixed.start, fixed.stop))
         answer = np.zeros(len(element.stiffness))
         answer[active] = np.linalg.solve(
             element.stiffness[np.ix_(active, active)], element.loads[name].vector[active]

@@ -52,7 +52,7 @@ def test_two_patches_that_hold_every_point_leave_no_modes(count: int) -> None:
     assert element.cutoff_hz == np.inf
     check_superelement(element)
     # one straight element between two plates: the uniform strain state is exact where Poisson's
-    # effect is held
+    # effect is prevented
     young, poisson = 2.1e11, 0.3
     confined = young * (1.0 - poisson) / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
     assert element.stiffness[2, 2] == pytest.approx(
@@ -83,5 +83,5 @@ def test_a_full_model_asked_for_more_modes_than_it_has_gives_all() -> None:
     model = full_model(mesh, make_component().material, comm=COMM)
     modes = full_modes(model, 1000)
     assert len(modes.frequencies_hz) == 3 * 8 - 6
-    held = np.zeros(24, dtype=bool)
-    assert count_frequencies_below(model.operators, held, 1.01 * modes.frequencies_hz[-1]) == 24
+    fixed = np.zeros(24, dtype=bool)
+    assert count_frequencies_below(model.operators, fixed, 1.01 * modes.frequencies_hz[-1]) == 24

@@ -91,7 +91,7 @@ def test_a_machine_that_floats_answers_between_tool_and_work_and_is_named_free_e
     assert found.free_body[0, outer, outer].any(axis=1).all()
     assert np.isfinite(found.receptance[0, inner, inner]).all()
     # the work carries its share of the inertia, so that the gap does not open as under a static
-    # force on a held base
+    # force on a fixed base
     np.testing.assert_allclose(
         found.receptance[0, inner, inner], found.receptance[1, inner, inner], rtol=1e-6
     )

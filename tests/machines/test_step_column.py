@@ -1,4 +1,4 @@
-"""Two real parts from STEP: their modes are held against finer meshes, full models, another
+"""Two real parts from STEP: their modes are compared with finer meshes, full models, another
 geometry and beam theory.
 """
 
@@ -25,7 +25,7 @@ from headstock.meshing.components.cad_survey import CadSurvey, survey_step
 from headstock.meshing.components.meshing import describe_component, mesh_component
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.scene.building.loader import load_scene
-from headstock.validation.parts.component_models import full_model, full_modes, held_by
+from headstock.validation.parts.component_models import full_model, full_modes, fixed_by
 
 ROOT = Path(__file__).resolve().parents[2]
 MACHINES = ROOT / "machines"
@@ -98,7 +98,7 @@ def test_the_column_bends_as_beam_theory_says(column_hz: FloatArray) -> None:
 def test_the_brackets_reduced_modes_are_those_of_its_full_model() -> None:
     component, supports = clamped(SUPPORT, STEEL, 0.007, 4)
     mesh = mesh_component(component, supports)
-    model = full_model(mesh, STEEL, comm=MPI.COMM_SELF, held=held_by(mesh, supports))
+    model = full_model(mesh, STEEL, comm=MPI.COMM_SELF, fixed=fixed_by(mesh, supports))
     full = full_modes(model, 4).frequencies_hz
     reduced = reduce_elastic(component, mesh, supports, comm=MPI.COMM_SELF).modal_frequencies_hz
     assert reduced[:4] == pytest.approx(full[:4], rel=1e-7)

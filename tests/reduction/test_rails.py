@@ -126,8 +126,10 @@ def test_compliance_under_a_carriage_is_that_of_the_whole_mesh_at_any_place(
     )
     seen = np.zeros((6, 3 * len(mesh.points)))
     seen[:, dofs] = rows @ fit.operator.T
-    held = np.unique(mesh.patches["end"])
-    free = np.setdiff1d(np.arange(3 * len(mesh.points)), (3 * held[:, None] + np.arange(3)).ravel())
+    fixed = np.unique(mesh.patches["end"])
+    free = np.setdiff1d(
+        np.arange(3 * len(mesh.points)), (3 * fixed[:, None] + np.arange(3)).ravel()
+    )
     expected = seen[:, free] @ np.linalg.solve(stiffness[np.ix_(free, free)], seen[:, free].T)
 
     own = carriage_rows(elastic.rails["rail"], place, 0.16)[:, 6:]
@@ -235,7 +237,7 @@ def sliding_machine(
     )  # fmt: skip
     stiffness = np.diag([1e7, 3e8, 4e8, 1e5, 2e5, 3e5])
     joints = {
-        "foot": Joint("foot", (JointEnd("bar", "end"), JointEnd()), "rigid", held=tuple(range(6))),
+        "foot": Joint("foot", (JointEnd("bar", "end"), JointEnd()), "rigid", fixed=tuple(range(6))),
         "guide": Joint(
             "guide", (JointEnd("bar", "rail"), JointEnd("slide", "block")), "linear_guide",
             rotation=place.rotation, stiffness=stiffness, length=block,

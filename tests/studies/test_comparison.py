@@ -95,7 +95,7 @@ def test_modes_of_two_fidelities_stand_in_one_row_and_a_rigid_column_lacks_what_
     assert bending and all(
         "R" not in row.cells or (row.cells["R"].correlation or 0.0) < 0.9 for row in bending
     )
-    # two rigid bodies held together have six modes and no more
+    # two rigid bodies fixed together have six modes and no more
     assert sum("R" not in row.cells for row in rows) >= 3
 
 
@@ -110,7 +110,7 @@ def test_every_mode_of_every_variant_is_in_one_row_and_in_one_only(scene: Path) 
     )
 
 
-def test_a_variant_held_against_itself_deviates_by_nothing(scene: Path) -> None:
+def test_a_variant_compared_with_itself_deviates_by_nothing(scene: Path) -> None:
     one = solve(scene, "S")
     twin = solve(scene, "as written")
     found = compare_variants([one, twin], scene="column", reference="S")

@@ -32,7 +32,7 @@ def modal(*frequencies: float) -> RunSummary:
     )
 
 
-def test_a_frequency_is_held_against_itself_and_a_vector_against_its_largest_entry() -> None:
+def test_a_frequency_is_compared_with_itself_and_a_vector_against_its_largest_entry() -> None:
     (change,) = compare_answers(modal(50.0, 100.0), modal(51.5, 98.0))
     assert (change.answer, change.without, change.present) == ("frequencies", 50.0, 51.5)
     assert change.share == pytest.approx(1.5 / 51.5)

@@ -28,7 +28,7 @@ MATERIALS = (
     Material("aluminium", 70e9, 0.33, 2700.0),
     Material("polymer", 2e9, 0.45, 1000.0),
 )
-HELD = tuple(range(6))
+FIXED = tuple(range(6))
 PRODUCT, PRODUCT_KIND = 48, "product STEP"  # the seed of a bracket of a real product
 BRACKET = Path(__file__).resolve().parents[1] / "tests" / "data" / "support.step"
 WALLS = 2.2  # thicknesses of a wall: flat tetrahedra that are wider than about three are stiff
@@ -43,7 +43,7 @@ class CoveragePart:
     Attributes:
         seed: What it was drawn from.
         kind: Kind of part.
-        machine: The part alone, named ``part``, held at ``foot`` and loaded at ``tip`` (point
+        machine: The part alone, named ``part``, fixed at ``foot`` and loaded at ``tip`` (point
             ``tcp``).
         meshes: Settings that are judged, from coarse to finer.
         truth: Settings far finer.
@@ -58,11 +58,11 @@ class CoveragePart:
 
 @dataclass(frozen=True)
 class _Drawn:
-    """A solid with the patches that are held and loaded.
+    """A solid with the patches that are fixed and loaded.
 
     Attributes:
         solid: Its shape.
-        foot: Where it is held.
+        foot: Where it is fixed.
         tip: Where it is loaded.
         extent: Its diagonal [m].
         shares: Sizes of the judged meshes as shares of the diagonal.
@@ -101,14 +101,14 @@ def draw_part(seed: int, folder: Path) -> CoveragePart:
     part = Component(
         "part", drawn.solid, material, interfaces=interfaces, reduction=ReductionSettings(modes=0)
     )
-    held = random.random() < 0.75
+    fixed = random.random() < 0.75
     ends = (JointEnd(), JointEnd("part", "foot"))
     stiffness = (
         material.youngs_modulus * drawn.extent * np.diag([1.0, 1.0, 2.0, *[drawn.extent**2] * 3])
     )
     joint = (
-        Joint(CLAMP, ends, "rigid", held=HELD)
-        if held
+        Joint(CLAMP, ends, "rigid", fixed=FIXED)
+        if fixed
         else Joint(CLAMP, ends, "spring", stiffness=stiffness)
     )
     machine = Machine(
@@ -321,7 +321,7 @@ def _product(random: Random, file: Path) -> _Drawn:
 
 
 def _graded_block(random: Random, file: Path) -> _Drawn:
-    """Elements that grow from the rims of what is held."""
+    """Elements that grow from the rims of what is fixed."""
     return dataclasses.replace(_block(random, file), graded=True)
 
 

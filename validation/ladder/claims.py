@@ -88,19 +88,21 @@ class Statement:
         Args:
             limit: Relative deviation [-].
             above: Smallest nDOF that counts.
-            note: What to say where it is not held and the reference is not to blame.
+            note: What to say where it is not confirmed and the reference is not to blame.
         """
         missing, found = self._lacking(above), deviations(self.rungs, self.quantities, above=above)
         if not found:
             return None
         worst = worst_of(found)
-        held = abs(worst.value) < limit and not (missing and self.rungs.group == "modal")
-        decides = str(worst) if abs(worst.value) >= limit or held else _name_missing(missing[0])
+        confirmed = abs(worst.value) < limit and not (missing and self.rungs.group == "modal")
+        decides = (
+            str(worst) if abs(worst.value) >= limit or confirmed else _name_missing(missing[0])
+        )
         return self._decide(
-            held,
+            confirmed,
             decides,
             worst.value,
-            "" if held else self._blame_reference(worst.quantity, limit) or note,
+            "" if confirmed else self._blame_reference(worst.quantity, limit) or note,
         )
 
     def exceeds(self, limit: float, *, above: float, below: float, note: str = "") -> Claim | None:
@@ -326,10 +328,22 @@ class Statement:
         return self._decide(enough is not None, decides, finest.value)
 
     def _decide(
-        self, held: bool, decides: str, value: float | None, note: str = "", *, models: str = ""
+        self,
+        confirmed: bool,
+        decides: str,
+        value: float | None,
+        note: str = "",
+        *,
+        models: str = "",
     ) -> Claim:
         return Claim(
-            self.rungs.figure, models or self.rungs.models, self.text, held, decides, value, note
+            self.rungs.figure,
+            models or self.rungs.models,
+            self.text,
+            confirmed,
+            decides,
+            value,
+            note,
         )
 
     def _lacking(self, above: float, below: float = np.inf) -> list[LadderPoint]:

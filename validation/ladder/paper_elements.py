@@ -122,32 +122,32 @@ def brick_mass(brick: FloatArray, material: Material) -> FloatArray:
     )
 
 
-def solve_held(model: BrickModel, held: IntArray, loads: FloatArray) -> FloatArray:
+def solve_fixed(model: BrickModel, fixed: IntArray, loads: FloatArray) -> FloatArray:
     """Static displacements ``(3 n, m)`` [m] with all dofs of some nodes fixed.
 
     Args:
         model: Of ``n`` nodes.
-        held: Numbers of the fixed nodes.
+        fixed: Numbers of the fixed nodes.
         loads: ``(3 n, m)`` nodal forces [N].
     """
-    free = _free_dofs(model, held)
+    free = _free_dofs(model, fixed)
     found = np.zeros_like(loads)
     found[free] = solve_symmetric(model.stiffness[free][:, free], loads[free])
     return found
 
 
-def held_modes(model: BrickModel, held: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
+def fixed_modes(model: BrickModel, fixed: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
     """The lowest natural modes with all dofs of some nodes fixed; fewer where there are few dofs.
 
     Args:
         model: Of ``n`` nodes.
-        held: Numbers of the fixed nodes.
+        fixed: Numbers of the fixed nodes.
         count: How many modes.
 
     Returns:
         Frequencies ``(m,)`` [Hz] and mass-normalised shapes ``(m, n, 3)``.
     """
-    free = _free_dofs(model, held)
+    free = _free_dofs(model, fixed)
     stiffness, mass = model.stiffness[free][:, free], model.mass[free][:, free]
     if len(free) <= 2 * count:
         values, vectors = scipy.linalg.eigh(stiffness.toarray(), mass.toarray())
@@ -159,9 +159,9 @@ def held_modes(model: BrickModel, held: IntArray, count: int) -> tuple[FloatArra
     return np.sqrt(values) / (2.0 * np.pi), shapes.T.reshape(len(values), -1, 3)
 
 
-def _free_dofs(model: BrickModel, held: IntArray) -> IntArray:
+def _free_dofs(model: BrickModel, fixed: IntArray) -> IntArray:
     return np.setdiff1d(
-        np.arange(3 * len(model.points)), (3 * np.asarray(held)[:, None] + np.arange(3)).ravel()
+        np.arange(3 * len(model.points)), (3 * np.asarray(fixed)[:, None] + np.arange(3)).ravel()
     )
 
 
@@ -219,7 +219,7 @@ def paper_points(beam: LadderBeam) -> list[LadderPoint]:
     return found
 
 
-def _held_nodes(beam: LadderBeam, model: BrickModel) -> IntArray:
+def _fixed_nodes(beam: LadderBeam, model: BrickModel) -> IntArray:
     place = model.points[:, beam.axis] / beam.size[beam.axis] + 0.5
     ends = (0.0,) if beam.ends == "clamped-free" else (0.0, 1.0)
     return np.flatnonzero(np.min([np.abs(place - end) for end in ends], axis=0) < ON_FACE)
@@ -234,11 +234,13 @@ def _static_values(beam: LadderBeam, model: BrickModel) -> dict[str, float]:
     loads = np.zeros((3 * len(model.points), 6))
     dofs = (3 * top[:, None] + np.arange(3)).ravel()
     loads[dofs] = mean.T
-    return cantilever_displacements(mean @ solve_held(model, _held_nodes(beam, model), loads)[dofs])
+    return cantilever_displacements(
+        mean @ solve_fixed(model, _fixed_nodes(beam, model), loads)[dofs]
+    )
 
 
 def _modal_values(beam: LadderBeam, model: BrickModel) -> tuple[dict[str, float], dict[str, float]]:
-    frequencies, shapes = held_modes(model, _held_nodes(beam, model), MODES)
+    frequencies, shapes = fixed_modes(model, _fixed_nodes(beam, model), MODES)
     half = 0.5 * beam.size[beam.axis]
     sections = section_motions(
         model.points, shapes, axis=beam.axis, span=(-half, half), sides=beam.size

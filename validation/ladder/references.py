@@ -65,7 +65,7 @@ class LadderBeam:
         title: In words.
         size: Sides of its box [m].
         axis: Direction of the beam, 0..2.
-        ends: How they are held.
+        ends: How they are fixed.
         material: Of the references.
         references: By quantity, in the paper's order.
         figures: Numbers of the paper's figures: segmented static, FEM static, segmented modal, FEM

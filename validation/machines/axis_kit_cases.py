@@ -228,7 +228,7 @@ def judge_compliances(models: KitModels) -> list[ValidationRow]:
 
 
 def show_claims(models: KitModels) -> list[ValidationRow]:
-    """What the paper says of figures 17 and 18: held or not held."""
+    """What the paper says of figures 17 and 18: confirmed or not."""
     deviations = {
         (fidelity, axis): np.array([abs(UM_PER_KN * models[v, fidelity].compliance["xyz".index(axis)]) for v in VARIANTS])
         / MEASURED_COMPLIANCE[axis] - 1.0
@@ -297,13 +297,13 @@ def claim_similar_modes(models: KitModels) -> ValidationRow:
                 abs(float(fine.frequencies_hz[pair.second] / coarse.frequencies_hz[index]) - 1.0),
             )
             least = min(least, pair.correlation)
-    held = not alone and worst < FIDELITY_TOLERANCE and least >= SIMILAR_MAC
-    row = _claim("modes of R, BE, CE and YE are similar with FE and segments", worst, held)
+    confirmed = not alone and worst < FIDELITY_TOLERANCE and least >= SIMILAR_MAC
+    row = _claim("modes of R, BE, CE and YE are similar with FE and segments", worst, confirmed)
     note = f"{row.note}: least MAC {least:.2f}" + (
         f", without a partner {', '.join(alone)}" if alone else ""
     )
     return dataclasses.replace(row, note=note)
 
 
-def _claim(text: str, value: float, held: bool) -> ValidationRow:
-    return show(CASE, f"claim: {text}", 100.0 * value, "%", verdict(held))
+def _claim(text: str, value: float, confirmed: bool) -> ValidationRow:
+    return show(CASE, f"claim: {text}", 100.0 * value, "%", verdict(confirmed))

@@ -68,7 +68,7 @@ class TwoMasses:
 
     @property
     def locked_hz(self) -> float:
-        """Natural frequency with the motor held [Hz]."""
+        """Natural frequency with the motor locked [Hz]."""
         return math.sqrt(self.stiffness / self.load) / (2.0 * math.pi)
 
     @property
@@ -89,7 +89,7 @@ def make_drive(
     """
     one: FloatArray = np.ones(1)
     row: dict[Port, FloatArray] = {LOAD: one}
-    held = SecondOrderSystem(
+    locked_motor = SecondOrderSystem(
         masses.load * np.eye(1),
         masses.damping * np.eye(1),
         masses.stiffness * np.eye(1),
@@ -112,7 +112,7 @@ def make_drive(
         damping=masses.damping,
         friction=friction,
     )
-    return free_motors(held, [train]), train
+    return free_motors(locked_motor, [train]), train
 
 
 def characteristic(masses: TwoMasses, control: AxisControl) -> tuple[FloatArray, FloatArray]:
@@ -208,14 +208,14 @@ def check_two_masses(comm: MPI.Comm) -> list[ValidationRow]:
     """
     system, train = make_drive(MASSES, CONTROL)
     free = float(solve_modal(system).frequencies_hz[1])
-    held, _ = make_drive(TwoMasses(motor=1e12), CONTROL)
-    locked = float(solve_modal(held).frequencies_hz[1])
+    locked_motor, _ = make_drive(TwoMasses(motor=1e12), CONTROL)
+    locked = float(solve_modal(locked_motor).frequencies_hz[1])
     loop = close_loops(system, [train], outputs=[LOAD])
     lag = find_velocity_lag(loop, "X")[0]
     rows = [
         judge(
             "two-mass-drive",
-            "frequency, motor held",
+            "frequency, motor locked",
             locked,
             Target(MASSES.locked_hz, "Hz", EXACT, "closed form"),
         ),
@@ -314,7 +314,7 @@ def check_friction(comm: MPI.Comm) -> list[ValidationRow]:
 
 def sampled_poles(control: AxisControl, cycle: float) -> ComplexArray:
     """Poles ``ln z / T`` of the two masses under a controller of difference equations: plant exact,
-    forces held, one cycle late.
+    forces kept over a cycle, one cycle late.
     """
     m1, m2, k, d = MASSES.motor, MASSES.load, MASSES.stiffness, MASSES.damping
     a = np.array(
@@ -325,7 +325,7 @@ def sampled_poles(control: AxisControl, cycle: float) -> ComplexArray:
             [k / m2, d / m2, -k / m2, -d / m2],
         ]
     )
-    held = scipy.linalg.expm(
+    cycle_matrix = scipy.linalg.expm(
         cycle * np.block([[a, np.array([[0.0], [1.0 / m1], [0.0], [0.0]])], [np.zeros((1, 5))]])
     )
     kv, kp = control.position_gain, control.velocity_gain
@@ -333,7 +333,7 @@ def sampled_poles(control: AxisControl, cycle: float) -> ComplexArray:
     error = np.array([-kv, -1.0, 0.0, 0.0])
     share = kp * cycle / control.integral_time
     total = np.zeros((6, 6))
-    total[:4, :4], total[:4, 5] = held[:4, :4], held[:4, 4]
+    total[:4, :4], total[:4, 5] = cycle_matrix[:4, :4], cycle_matrix[:4, 4]
     total[4, :4], total[4, 4] = share * error, 1.0
     total[5, :4], total[5, 4] = (kp + 0.5 * share) * error, 1.0
     return np.asarray(np.log(np.linalg.eigvals(total) + 0j) / cycle)

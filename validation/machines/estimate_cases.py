@@ -48,7 +48,7 @@ from headstock.validation.parts.closed_form_cases import (
     face_interface,
     mesh_settings,
 )
-from headstock.validation.parts.component_models import full_model, full_modes, held_by
+from headstock.validation.parts.component_models import full_model, full_modes, fixed_by
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
 
 MACHINES = PROJECT / "machines"
@@ -216,7 +216,7 @@ def free_pair() -> Specimen:
 
 
 def cast_column() -> Specimen:
-    """The shipped column from a STEP file alone, held at its foot by a support; averaging patches
+    """The shipped column from a STEP file alone, fixed at its foot by a support; averaging patches
     for rails and screw.
     """
     part = load_scene(MACHINES / "step_column.toml").machine.components["column"]
@@ -342,7 +342,7 @@ def check_step_estimates() -> list[ValidationRow]:
         specimen.machine.supports,
     )
     whole = full_model(
-        mesh, part.material, comm=MPI.COMM_SELF, held=held_by(mesh, tuple(supports.values()))
+        mesh, part.material, comm=MPI.COMM_SELF, fixed=fixed_by(mesh, tuple(supports.values()))
     )
     pairs = compare_frequencies(specimen, full_modes(whole, WATCHED).frequencies_hz)
     rows = [report_coverage(CASE, specimen.name, pairs), *judge_pairs(CASE, specimen.name, pairs)]

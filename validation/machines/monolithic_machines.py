@@ -107,8 +107,8 @@ def monolithic_machine(
     for joint in machine.joints.values():
         relative = model.joint_rows(joint)
         stiffness = stiffness + relative.T @ scipy.sparse.csr_matrix(joint.stiffness) @ relative
-        if joint.held:
-            rows.append(relative[list(joint.held)])
+        if joint.fixed:
+            rows.append(relative[list(joint.fixed)])
     constraints = (
         scipy.sparse.vstack(rows, format="csr") if rows else csr_matrix((0, int(starts[-1])))
     )

@@ -54,7 +54,7 @@ from headstock.solvers.second_order import Port
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
 
 SCENE = PROJECT / "machines" / "three_axis.toml"
-HELD_TOLERANCE = 1e-9
+FIXED_TOLERANCE = 1e-9
 CASE = "path-test"
 VARIANTS = {
     "BE": "calibrated+BE",
@@ -110,7 +110,7 @@ def _place_absolutely(
     outputs: tuple[Port, ...],
     places: FloatArray,
 ) -> AbsoluteMachine:
-    """Couple a machine anew at every place; held motions must be the same all along the path.
+    """Couple a machine anew at every place; fixed motions must be the same all along the path.
 
     Raises:
         ModelError: They are not.
@@ -137,8 +137,8 @@ def _place_absolutely(
                 )
         for spring in place_joints(machine, layout):
             if (
-                spring.held
-                and np.abs(spring.rows[list(spring.held)] @ basis).max() > HELD_TOLERANCE
+                spring.fixed
+                and np.abs(spring.rows[list(spring.fixed)] @ basis).max() > FIXED_TOLERANCE
             ):
                 raise ModelError(
                     f"joint {spring.name!r} holds other motions along the path; this road cannot follow it"

@@ -182,7 +182,7 @@ class _Builder:
         ]
 
     def _platform_joint(
-        self, leg: int, axis: tuple[float, float, float], held: tuple[str, ...]
+        self, leg: int, axis: tuple[float, float, float], fixed: tuple[str, ...]
     ) -> list[Product]:
         reach = Reach(self.point(3 + leg, (0.0, 0.0, 0.0)), self._platform_point(leg))
         directions = {"x": X, "y": Y, "z": Z}
@@ -190,7 +190,7 @@ class _Builder:
             Product(reach, arrow(3 + leg, axis))
             if name == "position"
             else Product(arrow(PLATFORM, axis), arrow(3 + leg, directions[name]))
-            for name in held
+            for name in fixed
         ]
 
     def _weld(self, first: Arrow, second: Arrow) -> list[Product]:

@@ -76,7 +76,7 @@ def solve_tripod(
         legs: In the pose.
         platform: Rigid bodies that move as one.
         frame: What the base joints stand on; it does not turn.
-        frame_stiffness: ``(3,)`` along x, y, z [N/m], infinite where it is held.
+        frame_stiffness: ``(3,)`` along x, y, z [N/m], infinite where it is fixed.
         count: How many.
     """
     origin = platform[0].center
@@ -99,8 +99,8 @@ def solve_tripod(
             _base_rows(leg, sleeve, size, frame.center),
             _slide_rows(leg, grid, size, sleeve=sleeve, nodes=nodes),
         ]
-        held, sprung = _tip_rows(leg, grid, nodes, size, origin)
-        rows.append(held)
+        fixed, sprung = _tip_rows(leg, grid, nodes, size, origin)
+        rows.append(fixed)
         stiffness += sprung.T @ (np.array(leg.springs)[:, None] * sprung)
         start = nodes.stop
     free = scipy.linalg.null_space(np.vstack(rows))
@@ -256,7 +256,7 @@ def _slide_rows(
 def _tip_rows(
     leg: ElasticLeg, grid: FloatArray, nodes: slice, size: int, origin: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Relative motions of platform and leg at the platform joint, leg axes: those held ``(3, n)``,
+    """Relative motions of platform and leg at the platform joint, leg axes: those fixed ``(3, n)``,
     and across and along the leg.
     """
     end = leg.placement.origin + leg.placement.rotation[:, 2] * grid[-1]

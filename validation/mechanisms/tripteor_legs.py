@@ -100,7 +100,7 @@ def solve_beams(tripteor: LeggedTripteor, pose: str, count: int) -> FloatArray:
     platform = tuple(_rigid_part(tripteor, frames, name) for name in PLATFORM_PARTS)
     columns = machine.joints["columns"]
     stiffness = np.array(
-        [np.inf if dof in columns.held else columns.stiffness[dof, dof] for dof in range(3)]
+        [np.inf if dof in columns.fixed else columns.stiffness[dof, dof] for dof in range(3)]
     )
     return solve_tripod(
         legs,

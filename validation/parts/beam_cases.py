@@ -23,7 +23,7 @@ from headstock.validation.parts.closed_form_cases import (
 from headstock.validation.parts.component_models import (
     full_model,
     full_modes,
-    held_by,
+    fixed_by,
     interface_compliance,
     shared_mesh,
 )
@@ -304,7 +304,7 @@ def _clamped_modes(
     component: Component, supports: Sequence[Support], comm: MPI.Comm, axis: int
 ) -> _ClampedModes:
     mesh = shared_mesh(component, supports, comm=comm)
-    model = full_model(mesh, component.material, comm=comm, held=held_by(mesh, supports))
+    model = full_model(mesh, component.material, comm=comm, fixed=fixed_by(mesh, supports))
     modes = full_modes(model, COUNT)
     shapes = model.everywhere(modes.shapes[:, :COUNT]).reshape(-1, COUNT)
     return _ClampedModes(

@@ -213,7 +213,7 @@ def column(mesh: MeshSettings, interfaces: dict[str, Interface] | None = None) -
 
 
 def clamp(component: str, *faces: str) -> tuple[Support, ...]:
-    """Whole faces held in every direction."""
+    """Whole faces fixed in every direction."""
     return tuple(
         Support(f"clamp{number}", component, (Patch(face),), AXES)
         for number, face in enumerate(faces)

@@ -44,13 +44,13 @@ class FullModel:
     Attributes:
         mesh: Its mesh.
         operators: Stiffness and mass, distributed.
-        held: ``(n_points, 3)`` mesh dofs that do not move.
+        fixed: ``(n_points, 3)`` mesh dofs that do not move.
         means: ``(n_points, 3, n_c)`` weighted means of the displacement that vanish.
     """
 
     mesh: ComponentMesh
     operators: ElasticOperators
-    held: BoolArray
+    fixed: BoolArray
     means: FloatArray
 
     def owned(self, field: FloatArray) -> FloatArray:
@@ -62,9 +62,9 @@ class FullModel:
         )
 
     @property
-    def owned_held(self) -> BoolArray:
-        """The held dofs among this rank's ``(3 n_owned,)``."""
-        return self.held[self.operators.nodes].ravel()
+    def owned_fixed(self) -> BoolArray:
+        """The fixed dofs among this rank's ``(3 n_owned,)``."""
+        return self.fixed[self.operators.nodes].ravel()
 
     def everywhere(self, vectors: FloatArray) -> FloatArray:
         """The field on all mesh points ``(n_points, 3, k)`` of owned rows ``(3 n_owned, k)``."""
@@ -88,35 +88,35 @@ def full_model(
     material: Material,
     *,
     comm: MPI.Comm,
-    held: BoolArray | None = None,
+    fixed: BoolArray | None = None,
     means: FloatArray | None = None,
 ) -> FullModel:
-    """Assemble stiffness and mass of a component; held by nothing unless told.
+    """Assemble stiffness and mass of a component; without supports by default.
 
     Args:
         mesh: The same on every rank.
         material: Isotropic material.
         comm: Communicator; collective.
-        held: ``(n_points, 3)`` dofs that do not move.
+        fixed: ``(n_points, 3)`` dofs that do not move.
         means: ``(n_points, 3, n_c)`` means that vanish.
     """
     shape = (len(mesh.points), 3)
     operators = assemble_elasticity(mesh, material, comm=comm, with_mass=True)
     no_dofs, no_means = np.zeros(shape, dtype=bool), np.zeros((*shape, 0))
     return FullModel(
-        mesh, operators, no_dofs if held is None else held, no_means if means is None else means
+        mesh, operators, no_dofs if fixed is None else fixed, no_means if means is None else means
     )
 
 
-def held_by(mesh: ComponentMesh, supports: Sequence[Support]) -> BoolArray:
+def fixed_by(mesh: ComponentMesh, supports: Sequence[Support]) -> BoolArray:
     """Dofs ``(n_points, 3)`` that supports hold, from the patch groups of a mesh."""
-    held = np.zeros((len(mesh.points), 3), dtype=bool)
+    fixed = np.zeros((len(mesh.points), 3), dtype=bool)
     for support in supports:
         directions = ["xyz".index(direction) for direction in support.directions]
         nodes = np.unique(mesh.patches[f"support:{support.name}"])
         for direction in directions:
-            held[nodes, direction] = True
-    return held
+            fixed[nodes, direction] = True
+    return fixed
 
 
 def full_modes(
@@ -141,8 +141,8 @@ def full_modes(
         [model.owned(model.means), operators.apply_mass(free) if free.shape[1] else free]
     )
     # the same start on any number of ranks
-    start = model.owned(np.random.default_rng(0).standard_normal((*model.held.shape, _BLOCK)))
-    with ConstrainedSolver(operators, model.owned_held, constraints) as solver:
+    start = model.owned(np.random.default_rng(0).standard_normal((*model.fixed.shape, _BLOCK)))
+    with ConstrainedSolver(operators, model.owned_fixed, constraints) as solver:
         dimension = solver.free_total - constraints.shape[1]
         target = ModeTarget(count=min(count, dimension))
         pairs = lowest_modes(solver, start, target, eigensolver=eigensolver)
@@ -150,12 +150,12 @@ def full_modes(
 
 
 def free_motions(model: FullModel) -> FloatArray:
-    """The rigid motions that neither held dofs nor means prevent, on this rank's rows ``(3 n_owned,
+    """The rigid motions that neither fixed dofs nor means prevent, on this rank's rows ``(3 n_owned,
     m)``.
     """
     motions = rigid_motions(model.operators)
-    held, means = model.owned_held, model.owned(model.means)
-    blocked = sum_over_ranks(model.operators.comm, motions[held].T @ motions[held])
+    fixed, means = model.owned_fixed, model.owned(model.means)
+    blocked = sum_over_ranks(model.operators.comm, motions[fixed].T @ motions[fixed])
     means_of_motions = sum_over_ranks(model.operators.comm, means.T @ motions)
     sizes = np.linalg.norm(means_of_motions, axis=1, keepdims=True)
     rows = means_of_motions / np.where(sizes > 0.0, sizes, 1.0)
@@ -184,7 +184,7 @@ def full_displacement(model: FullModel, loads: FloatArray) -> FloatArray:
         ConvergenceError: The solve keeps a residual.
         ModelError: A rigid motion is free.
     """
-    with ConstrainedSolver(model.operators, model.owned_held, model.owned(model.means)) as solver:
+    with ConstrainedSolver(model.operators, model.owned_fixed, model.owned(model.means)) as solver:
         return model.everywhere(solver.solve(model.owned(loads)))[:, :, 0]
 
 
@@ -319,8 +319,8 @@ def guyan_matrices(matrices: ConstrainedMatrices) -> tuple[FloatArray, FloatArra
     return shapes.T @ (matrices.stiffness @ shapes), shapes.T @ (matrices.mass @ shapes)
 
 
-def held_compliance(matrices: ConstrainedMatrices) -> FloatArray:
-    """Compliance ``(6, 6)`` of the last interface of two with the first one held, by one sparse
+def fixed_compliance(matrices: ConstrainedMatrices) -> FloatArray:
+    """Compliance ``(6, 6)`` of the last interface of two with the first one fixed, by one sparse
     solve of the whole model.
     """
     loads = np.zeros((matrices.stiffness.shape[0] - 6, 6))

@@ -177,10 +177,10 @@ def loaded_beam(comm: MPI.Comm) -> LoadedBeam:
     element = reduce_elastic(
         part, mesh, (), (load,), comm=comm, request=ReductionRequest(modes=ModeTarget(count=MODES))
     )
-    held = {"a": (0, 1, 2, 5), "b": (0, 1)}
+    fixed = {"a": (0, 1, 2, 5), "b": (0, 1)}
     joints = {
-        end: Joint(end, (JointEnd(), JointEnd("beam", end)), "spring", held=dofs)
-        for end, dofs in held.items()
+        end: Joint(end, (JointEnd(), JointEnd("beam", end)), "spring", fixed=dofs)
+        for end, dofs in fixed.items()
     }
     coupled = couple(
         {"beam": element},

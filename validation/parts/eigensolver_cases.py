@@ -27,20 +27,20 @@ COUNT = 12
 
 @dataclass(frozen=True)
 class _Part:
-    """A block of hexahedra, held at its lower end or free.
+    """A block of hexahedra, fixed at its lower end or free.
 
     Attributes:
         name: What is hard about it.
         extent: Sides [m].
         size: Of its elements [m].
-        held: Whether its face z = 0 is held.
+        fixed: Whether its face z = 0 is fixed.
         allowed: Largest relative error of a frequency; what rounding of its stiffness allows.
     """
 
     name: str
     extent: tuple[float, float, float]
     size: float
-    held: bool
+    fixed: bool
     allowed: float
 
 
@@ -65,11 +65,11 @@ def check_eigensolvers(comm: MPI.Comm) -> list[ValidationRow]:
         )
         mesh = shared_mesh(component, comm=comm)
         base = mesh.points[:, 2] < 1e-9
-        held = np.repeat((base & part.held)[:, None], 3, axis=1)
-        model = full_model(mesh, STEEL, comm=comm, held=held)
+        fixed = np.repeat((base & part.fixed)[:, None], 3, axis=1)
+        model = full_model(mesh, STEEL, comm=comm, fixed=fixed)
         matrices = rigid_face_matrices(mesh, STEEL, {})
         exact = _dense_frequencies(
-            matrices.stiffness.toarray(), matrices.mass.toarray(), held.ravel()
+            matrices.stiffness.toarray(), matrices.mass.toarray(), fixed.ravel()
         )
         for eigensolver in get_args(Eigensolver):
             found = full_modes(model, COUNT, eigensolver=eigensolver).frequencies_hz
@@ -80,13 +80,13 @@ def check_eigensolvers(comm: MPI.Comm) -> list[ValidationRow]:
     return rows
 
 
-def _dense_frequencies(stiffness: FloatArray, mass: FloatArray, held: BoolArray) -> FloatArray:
+def _dense_frequencies(stiffness: FloatArray, mass: FloatArray, fixed: BoolArray) -> FloatArray:
     """Elastic frequencies [Hz], rising.
 
-    Of a held part as ``M x = mu K x``, which is exact where frequencies are low.
+    Of a fixed part as ``M x = mu K x``, which is exact where frequencies are low.
     """
-    kept = np.ix_(~held, ~held)
-    if held.any():
+    kept = np.ix_(~fixed, ~fixed)
+    if fixed.any():
         values = scipy.linalg.eigh(mass[kept], stiffness[kept], eigvals_only=True)[::-1]
         return np.asarray(1.0 / (2.0 * np.pi * np.sqrt(values)))
     values = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)[6:]

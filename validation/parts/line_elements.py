@@ -21,7 +21,7 @@ def rod_system(
     Args:
         beam: Its length, section and material.
         elements: Equal elements.
-        clamped: The left end is held; else it is free.
+        clamped: The left end is fixed; else it is free.
         end_dashpot: Viscous damper between the left end and ground [N s/m].
 
     Source: Przemieniecki (1968), sections 5.5 and 11.3; Zienkiewicz and Taylor (2000) for the

@@ -37,7 +37,7 @@ from headstock.validation.parts.component_models import (
     FullModes,
     full_model,
     full_modes,
-    held_by,
+    fixed_by,
     rigid_frequencies,
     shared_mesh,
 )
@@ -84,8 +84,8 @@ def check_deep_beam(comm: MPI.Comm) -> list[ValidationRow]:
         mesh = shared_mesh(beam, comm=comm)
         request = ReductionRequest(modes=ModeTarget(count=DEEP_MODES), recovery=False)
         element = reduce_elastic(beam, mesh, comm=comm, request=request)
-        held = {"a": (0, 1, 2, TURN_ABOUT_AXIS), "b": (0, 1)}
-        joints = {end: _ground_joint(end, "beam", end, held=dofs) for end, dofs in held.items()}
+        fixed = {"a": (0, 1, 2, TURN_ABOUT_AXIS), "b": (0, 1)}
+        joints = {end: _ground_joint(end, "beam", end, fixed=dofs) for end, dofs in fixed.items()}
         machine = Machine("fv5", {"beam": beam}, joints)
         found = _coupled_frequencies({"beam": element}, machine, 9)
         rows += named_after(kind, judge_all("fv5", reference_case("fv5"), found))
@@ -115,7 +115,7 @@ def check_free_column(comm: MPI.Comm) -> list[ValidationRow]:
     """DER-FREE: elastic and rigid-body modes of the column of Kono et al. without any support.
 
     The tabled values are those of 2 x 4 x 16 hexahedra and up to 0.3 % above the converged ones, so
-    they are held on that mesh; finer meshes of two kinds are held against each other.
+    they are fixed on that mesh; finer meshes of two kinds are compared with each other.
     """
     lattice = straight_lattice(FREE_CELLS, COLUMN_SIZE)
     found, ratio = _free_modes(lattice_mesh(lattice, "hex27", straight=True), comm)
@@ -210,16 +210,16 @@ def _free_modes(mesh: ComponentMesh, comm: MPI.Comm) -> tuple[FloatArray, float]
 def _clamped_modes(component: Component, count: int, comm: MPI.Comm) -> tuple[FullModes, list[str]]:
     supports = clamp(component.name, "z-")
     mesh = shared_mesh(component, supports, comm=comm)
-    model = full_model(mesh, component.material, comm=comm, held=held_by(mesh, supports))
+    model = full_model(mesh, component.material, comm=comm, fixed=fixed_by(mesh, supports))
     modes = full_modes(model, count)
     shapes = model.everywhere(modes.shapes).reshape(3 * len(mesh.points), -1)
     return modes, beam_mode_kinds(mesh.points, shapes, 2)
 
 
 def _ground_joint(
-    name: str, component: str, interface: str, *, held: tuple[int, ...] = ()
+    name: str, component: str, interface: str, *, fixed: tuple[int, ...] = ()
 ) -> Joint:
-    return Joint(name, (JointEnd(), JointEnd(component, interface)), "spring", held=held)
+    return Joint(name, (JointEnd(), JointEnd(component, interface)), "spring", fixed=fixed)
 
 
 def _coupled_frequencies(

@@ -41,14 +41,14 @@ DIRECTIONS = np.array([1.0, -2.0, 0.5])
 def check_rod_orders(comm: MPI.Comm) -> list[ValidationRow]:
     """Axial frequencies of the rod with nu = 0: of order 2 p, as the solution is smooth.
 
-    Sideways motion is held, which with nu = 0 takes nothing from an axial mode but sorts out
+    Sideways motion is fixed, which with nu = 0 takes nothing from an axial mode but sorts out
     bending and torsion.
     """
     exact = axial_frequencies(ROD, "clamped-free", 3)[2]
     rows = []
     for kind in KINDS:
         errors = [
-            rod_frequencies(kind, count, comm, sideways="held")[2] / exact - 1.0
+            rod_frequencies(kind, count, comm, sideways="fixed")[2] / exact - 1.0
             for count in ROD_ELEMENTS
         ]
         order = float(np.log2(errors[-2] / errors[-1]))
@@ -58,7 +58,7 @@ def check_rod_orders(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_rod_frequencies(comm: MPI.Comm) -> list[ValidationRow]:
-    """Axial frequencies of the rod whose end face is held along the axis only, among its bending
+    """Axial frequencies of the rod whose end face is fixed along the axis only, among its bending
     and torsional ones.
     """
     rows: list[ValidationRow] = []
@@ -88,7 +88,7 @@ def check_displacement_orders(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def rod_frequencies(
-    kind: CellKind, elements: int, comm: MPI.Comm, *, sideways: Literal["free", "held"]
+    kind: CellKind, elements: int, comm: MPI.Comm, *, sideways: Literal["free", "fixed"]
 ) -> FloatArray:
     """The first three axial frequencies ``(3,)`` [Hz] of the rod, told from bending and torsion by
     their shapes.
@@ -102,10 +102,10 @@ def rod_frequencies(
     mesh = lattice_mesh(
         straight_lattice((elements, 1, 1), (ROD.length, ROD.width, ROD.depth)), kind, straight=True
     )
-    held = np.zeros((len(mesh.points), 3), dtype=bool)
-    held[mesh.points[:, 0] < 1e-9, 0] = True
-    held[:, 1:] = sideways == "held"
-    model = full_model(mesh, ROD.material, comm=comm, held=held)
+    fixed = np.zeros((len(mesh.points), 3), dtype=bool)
+    fixed[mesh.points[:, 0] < 1e-9, 0] = True
+    fixed[:, 1:] = sideways == "fixed"
+    model = full_model(mesh, ROD.material, comm=comm, fixed=fixed)
     modes = full_modes(model, ROD_MODES)
     return np.array(
         [modes.frequencies_hz[_closest_shape(model, modes, number)] for number in (1, 2, 3)]
@@ -122,9 +122,9 @@ def cube_error(kind: CellKind, elements: int, comm: MPI.Comm) -> float:
         comm: Ranks; collective.
     """
     mesh = lattice_mesh(straight_lattice((elements,) * 3, (1.0, 1.0, 1.0)), kind, straight=True)
-    held = np.any((mesh.points < 1e-9) | (mesh.points > 1.0 - 1e-9), axis=1)
+    fixed = np.any((mesh.points < 1e-9) | (mesh.points > 1.0 - 1e-9), axis=1)
     material = Material("cube", STEEL.youngs_modulus, STEEL.poisson_ratio, 1.0)
-    model = full_model(mesh, material, comm=comm, held=np.repeat(held[:, None], 3, axis=1))
+    model = full_model(mesh, material, comm=comm, fixed=np.repeat(fixed[:, None], 3, axis=1))
     # with unit density the mass matrix turns nodal forces per volume into consistent loads
     forces = model.owned(_cube_force(mesh.points, material)[:, :, None])
     loads = model.everywhere(model.operators.apply_mass(forces))[:, :, 0]

@@ -40,21 +40,23 @@ LOCKED = ((1000, "tet", 0.0125), (1000, "tet", 0.025))
 
 
 def check_thin_plates(comm: MPI.Comm) -> list[ValidationRow]:
-    """Three frequencies of square plates held at hinged edges, one end face and two end faces,
+    """Three frequencies of square plates fixed at hinged edges, one end face and two end faces,
     hexes and tets.
     """
     rows: list[ValidationRow] = []
     for ratio, meshes in MESHES.items():
         for cells, size in meshes:
-            for held, factors in (
+            for fixed, factors in (
                 ("hinged edges", HINGED),
                 ("one face", ONE_FACE),
                 ("two faces", TWO_FACES),
             ):
-                found, dofs, seconds = _frequencies(held, SIDE / ratio, cells, size, comm)
+                found, dofs, seconds = _frequencies(fixed, SIDE / ratio, cells, size, comm)
                 exact = plate_frequencies(factors, SIDE / ratio)
                 worst = int(np.argmax(np.abs(found / exact - 1.0)))
-                text = f"1:{ratio} {held}, {cells} {1e3 * size:g} mm, mode {worst + 1} (worst of 3)"
+                text = (
+                    f"1:{ratio} {fixed}, {cells} {1e3 * size:g} mm, mode {worst + 1} (worst of 3)"
+                )
                 note = f"{dofs} dofs, {seconds:.1f} CPU s"
                 if (ratio, cells, size) in SHOWN:
                     rows.append(
@@ -71,7 +73,7 @@ def check_thin_plates(comm: MPI.Comm) -> list[ValidationRow]:
                     float(exact[worst]),
                     "Hz",
                     TOLERANCE,
-                    "closed form" if held == "hinged edges" else "published",
+                    "closed form" if fixed == "hinged edges" else "published",
                 )
                 rows.append(judge(CASE, text, float(found[worst]), target, note))
     for ratio, cells, size in LOCKED:
@@ -144,8 +146,8 @@ class _Solved(NamedTuple):
     seconds: float
 
 
-def _frequencies(held: str, thickness: float, cells: str, size: float, comm: MPI.Comm) -> _Solved:
-    faces = {"one face": ("x-",), "two faces": ("x-", "x+")}.get(held, ())
+def _frequencies(fixed: str, thickness: float, cells: str, size: float, comm: MPI.Comm) -> _Solved:
+    faces = {"one face": ("x-",), "two faces": ("x-", "x+")}.get(fixed, ())
     interfaces = {
         f"f{i}": Interface(f"f{i}", (Patch(face),), "rigid") for i, face in enumerate(faces)
     }

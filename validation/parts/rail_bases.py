@@ -32,7 +32,7 @@ Rows = Callable[[float], FloatArray]
 
 
 def check_rail_bases() -> list[ValidationRow]:
-    """Splines with and without averaging, polynomials and interpolated frames, all held against
+    """Splines with and without averaging, polynomials and interpolated frames, all compared with
     eight intervals per length.
     """
     rows: list[ValidationRow] = []
@@ -54,7 +54,7 @@ def check_rail_bases() -> list[ValidationRow]:
 
 
 def _finest_rail() -> tuple[Rail, FloatArray]:
-    """A rail of 30 mm along a steel bar on a held sole, and the compliance of its control
+    """A rail of 30 mm along a steel bar on a fixed sole, and the compliance of its control
     values.
     """
     mesh = lattice_mesh(straight_lattice((FINE, 8, 4), (SPAN, 0.12, 0.06)), "hex27", straight=True)

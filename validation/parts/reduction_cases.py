@@ -24,7 +24,7 @@ from headstock.validation.parts.component_models import (
     full_model,
     full_modes,
     guyan_matrices,
-    held_compliance,
+    fixed_compliance,
     lowest_frequencies,
     rigid_face_matrices,
     shared_mesh,
@@ -104,13 +104,13 @@ def check_static_exactness(comm: MPI.Comm) -> list[ValidationRow]:
                 name: element.frames[element.attachments[name].node].origin
                 for name in ("foot", "head")
             }
-            exact = held_compliance(rigid_face_matrices(mesh, STEEL, centers))
+            exact = fixed_compliance(rigid_face_matrices(mesh, STEEL, centers))
         found = np.linalg.inv(element.stiffness[6:, 6:])[:6, :6]
         scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
         worst = float(np.abs((found - exact) / scale).max())
         rows.append(
             judge_bound(
-                case, f"{element.modal_count} modes: compliance of the head, foot held", worst, 1e-8
+                case, f"{element.modal_count} modes: compliance of the head, foot fixed", worst, 1e-8
             )
         )
     return rows

@@ -135,7 +135,7 @@ def column_models(
         part, mesh, comm=comm, request=ReductionRequest(modes=mode_target(part), recovery=False)
     )
     clamp = Joint(
-        "clamp", (JointEnd(), JointEnd("column", "foot")), "rigid", held=(0, 1, 2, 3, 4, 5)
+        "clamp", (JointEnd(), JointEnd("column", "foot")), "rigid", fixed=(0, 1, 2, 3, 4, 5)
     )
     points = {"tip": Point("tip", JointEnd("column", "tip"), JointEnd())}
     machine = Machine("column", {"column": part}, {"clamp": clamp}, points)

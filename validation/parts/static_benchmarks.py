@@ -102,14 +102,14 @@ def _end_motions(shape: str, comm: MPI.Comm) -> FloatArray:
         "cantilever", MeshFile(Path()), STRAIGHT.material, interfaces={"tip": interface}
     )
     _, mesh = _imported_mesh(_straight_lattice(shape), component, (), comm)
-    held = np.zeros((len(mesh.points), 3), dtype=bool)
+    fixed = np.zeros((len(mesh.points), 3), dtype=bool)
     x, y, z = mesh.points.T
     root = x < 1e-9
-    # the root may contract sideways: only its middle lines are held
-    held[:, 0] = root
-    held[:, 1] = root & (np.abs(y - STRAIGHT.depth / 2.0) < 1e-9)
-    held[:, 2] = root & (np.abs(z - STRAIGHT.width / 2.0) < 1e-9)
-    model = full_model(mesh, STRAIGHT.material, comm=comm, held=held)
+    # the root may contract sideways: only its middle lines are fixed
+    fixed[:, 0] = root
+    fixed[:, 1] = root & (np.abs(y - STRAIGHT.depth / 2.0) < 1e-9)
+    fixed[:, 2] = root & (np.abs(z - STRAIGHT.width / 2.0) < 1e-9)
+    model = full_model(mesh, STRAIGHT.material, comm=comm, fixed=fixed)
     patch = measure_patch(mesh, "tip")
     means = np.zeros((len(mesh.points), 3, 6))
     means[patch.nodes] = patch.average_operator().reshape(len(patch.nodes), 3, 6)
@@ -141,11 +141,11 @@ def _plate_stress(cells: tuple[int, int, int], comm: MPI.Comm) -> float:
     component, mesh = _imported_mesh(_plate_lattice(cells), component, (load,), comm)
     x, y, z = mesh.points.T
     outer = np.abs((x / 3.25) ** 2 + (y / 2.75) ** 2 - 1.0) < 1e-9
-    held = np.zeros((len(mesh.points), 3), dtype=bool)
-    held[:, 0] = (np.abs(x) < 1e-9) | outer
-    held[:, 1] = (np.abs(y) < 1e-9) | outer
-    held[:, 2] = outer & (np.abs(z - THICKNESS / 2.0) < 1e-9)
-    model = full_model(mesh, PLATE_MATERIAL, comm=comm, held=held)
+    fixed = np.zeros((len(mesh.points), 3), dtype=bool)
+    fixed[:, 0] = (np.abs(x) < 1e-9) | outer
+    fixed[:, 1] = (np.abs(y) < 1e-9) | outer
+    fixed[:, 2] = outer & (np.abs(z - THICKNESS / 2.0) < 1e-9)
+    model = full_model(mesh, PLATE_MATERIAL, comm=comm, fixed=fixed)
     vector = assemble_loads(component, mesh, model.operators, (load,), gravity=False)[load.name]
     displacement = full_displacement(model, model.everywhere(vector[:, None])[:, :, 0])
     response = recover_at_points(mesh, PLATE_MATERIAL, displacement, POINT_D)

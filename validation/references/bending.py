@@ -31,7 +31,7 @@ def euler_bernoulli_roots(ends: EndConditions, count: int) -> FloatArray:
     """Dimensionless wave numbers ``lambda = beta L`` of the bending modes, rigid ones left out.
 
     Args:
-        ends: How the two ends are held.
+        ends: How the two ends are fixed.
         count: Number of roots.
 
     Returns:

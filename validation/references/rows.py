@@ -13,13 +13,13 @@ from headstock.validation.references.values import ReferenceCase
 
 @dataclass(frozen=True)
 class ValidationRow:
-    """One number held against another.
+    """One number compared with another.
 
     Attributes:
         case: Case name.
         quantity: What was computed.
         value: The number, NaN when the computation failed.
-        reference: What it is held against, NaN where there is nothing to compare with.
+        reference: What it is compared with, NaN where there is nothing to compare with.
         unit: Unit of both.
         relative_error: ``value / reference - 1``; the value itself where the reference is zero.
         tolerance: Largest allowed size of the relative error, NaN where the row is shown only.
@@ -43,7 +43,7 @@ class ValidationRow:
 
 @dataclass(frozen=True)
 class Target:
-    """What a value is held against.
+    """What a value is compared with.
 
     Attributes:
         reference: The right value, NaN when there is none.
@@ -68,9 +68,9 @@ KIND_OF_PROVENANCE = {
 SHOWN_ONLY = "shown only"
 
 
-def verdict(held: bool) -> str:
+def verdict(confirmed: bool) -> str:
     """What became of a statement of a paper."""
-    return "held" if held else "not held"
+    return "confirmed" if confirmed else "not confirmed"
 
 
 def judge(case: str, quantity: str, value: float, target: Target, note: str = "") -> ValidationRow:
@@ -148,7 +148,7 @@ def judge_all(
 
     Args:
         case: Case name for the rows.
-        reference: What the values are held against.
+        reference: What the values are compared with.
         values: As many as the reference has.
         tolerance: In place of the reference's own.
         notes: As many as there are values, or none.

@@ -43,7 +43,7 @@ def axial_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) -> F
 
 
 def axial_extension(beam: PrismaticBeam, force: float) -> float:
-    """End displacement [m] of a rod held at the other end under an axial force [N]: ``F L / (E
+    """End displacement [m] of a rod fixed at the other end under an axial force [N]: ``F L / (E
     A)``.
     """
     return force * beam.length / (beam.material.youngs_modulus * beam.area)
@@ -89,7 +89,7 @@ def cantilever_twist(beam: PrismaticBeam, moment: float) -> float:
 
 
 def fixed_beam_twist(beam: PrismaticBeam, moment: float) -> float:
-    """Mid-span twist [rad] of a beam held at both ends under a torque [N m] there: ``T L / (4 G
+    """Mid-span twist [rad] of a beam fixed at both ends under a torque [N m] there: ``T L / (4 G
     J)``.
     """
     return moment * beam.length / (4.0 * torsional_stiffness(beam))

@@ -167,7 +167,7 @@ def test_the_difference_of_responses_is_that_of_the_files_of_two_runs(scene: Pat
     assert np.allclose(mine, other, rtol=1e-10, atol=0.0)
 
 
-def test_a_response_is_held_up_to_the_line_before_the_first_that_is_off(scene: Path) -> None:
+def test_a_response_agrees_up_to_the_line_before_the_first_that_is_off(scene: Path) -> None:
     compared = compare(scene, "--fidelity", "segmented,elastic")
     heads, numbers = read_lines(scene.parent / "out" / "responses.csv")
     values = {
@@ -212,18 +212,18 @@ def hand_assembled(path: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
             )
         return rows
 
-    stiffness, held = np.zeros((6 * len(names), 6 * len(names))), []
+    stiffness, fixed = np.zeros((6 * len(names), 6 * len(names))), []
     for joint in machine.joints.values():
         one, other = joint.ends
         point = joint.point
         if point is None:
-            assert joint.held == tuple(range(6)), "rigid wherever its point is"
+            assert joint.fixed == tuple(range(6)), "rigid wherever its point is"
             point = centers[str(one.component)]
         apart = motion_at(other.component, point) - motion_at(one.component, point)
         own = np.kron(np.eye(2), joint.rotation.T) @ apart
         stiffness += own.T @ joint.stiffness @ own
-        held += [own[row] for row in joint.held]
-    free = scipy.linalg.null_space(np.array(held))
+        fixed += [own[row] for row in joint.fixed]
+    free = scipy.linalg.null_space(np.array(fixed))
     tool = machine.components["z_slider"].placement.origin
     # the work is carried to where the tool is: the forces on both are in one line
     rows = motion_at("z_slider", tool)[:3] - motion_at("x_slider", tool)[:3]
@@ -255,7 +255,7 @@ def test_the_rigid_column_of_a_shipped_machine_is_the_lumped_model_assembled_by_
 def test_what_a_fidelity_cannot_have_says_why_beside_those_that_can(
     scene: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # held at its foot, a rigid bar has no dof left
+    # fixed at its foot, a rigid bar has no dof left
     mount = SCENE[SCENE.index('kind = "mount"') : SCENE.index("[points]")]
     scene.write_text(SCENE.replace(mount, 'kind = "rigid"\n'))
     summary = compare(scene)

@@ -150,7 +150,7 @@ def test_a_ladder_draws_the_paper_s_figures_and_lists_its_claims(
     assert {claim["figure"] for claim in claims} == {6, 7, 8, 9}
     with (folder / "claims.csv").open() as file:
         assert [row["verdict"] for row in csv.DictReader(file)][: len(claims)] == [
-            "held" if c["confirmed"] else "not held" for c in claims
+            "confirmed" if c["confirmed"] else "not confirmed" for c in claims
         ]
 
 

@@ -49,13 +49,13 @@ def make_scene(goal: AccuracyGoal | None, *, memory: float | None = None) -> Sce
     column = dataclasses.replace(COLUMN, placement=Frame(np.array([0.0, 0.0, 0.1])))
     joints = {
         "clamp": Joint(
-            "clamp", (JointEnd(), JointEnd("block", "foot")), "rigid", held=tuple(range(6))
+            "clamp", (JointEnd(), JointEnd("block", "foot")), "rigid", fixed=tuple(range(6))
         ),
         "bolts": Joint(
             "bolts",
             (JointEnd("block", "tip"), JointEnd("column", "foot")),
             "rigid",
-            held=tuple(range(6)),
+            fixed=tuple(range(6)),
         ),
     }
     points = {"tcp": Point("tcp", JointEnd("column", "tip"), JointEnd())}
@@ -176,7 +176,7 @@ def test_twins_are_refined_alike_so_that_the_store_serves_both(tmp_path: Path) -
             "tower",
             (JointEnd("block", "tip"), JointEnd("tower", "foot")),
             "rigid",
-            held=tuple(range(6)),
+            fixed=tuple(range(6)),
         )
     }
     machine = dataclasses.replace(

@@ -53,7 +53,7 @@ def make_scene(
     machine = Machine(
         "machine",
         {component.name: component for component in components},
-        joints={"clamp": Joint("clamp", (ground, first), "rigid", held=(0, 1, 2, 3, 4, 5))},
+        joints={"clamp": Joint("clamp", (ground, first), "rigid", fixed=(0, 1, 2, 3, 4, 5))},
         points={"tcp": Point("tcp", JointEnd(components[-1].name, "tip"), ground)},
     )
     poses = {"reference": Pose("reference")}

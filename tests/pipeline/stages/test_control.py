@@ -1,4 +1,4 @@
-"""Drives of a scene: held motors leave everything as it was, free ones give clean travel, poles and
+"""Drives of a scene: fixed motors leave everything as it was, free ones give clean travel, poles and
 failures with names.
 """
 
@@ -157,9 +157,9 @@ def test_a_positive_set_point_moves_the_axis_in_its_positive_direction_however_t
 
 
 def test_the_turning_motor_pulls_on_its_housing(tmp_path: Path) -> None:
-    held = 'stiffness = { x = "rigid", y = "rigid", z = "rigid", rx = "1e5 N m/rad", ry = "rigid", rz = "rigid" }'
+    fixed = 'stiffness = { x = "rigid", y = "rigid", z = "rigid", rx = "1e5 N m/rad", ry = "rigid", rz = "rigid" }'
     scene, coupled = couple_scene(
-        write_scene(tmp_path, ('kind = "rigid"', f'kind = "spring"\n{held}'))
+        write_scene(tmp_path, ('kind = "rigid"', f'kind = "spring"\n{fixed}'))
     )
     released = release_motors(coupled, place_drives(coupled, scene.machine, scene.drives.values()))
     mass, motor = released.system.mass, released.system.outputs["X", "motor"]
@@ -329,7 +329,7 @@ material = "al7075-t6-dry"
 """
 
 
-def test_milling_on_the_way_pushes_the_tool_away_by_its_mean_force_times_the_compliance_with_held_motors(
+def test_milling_on_the_way_pushes_the_tool_away_by_its_mean_force_times_the_compliance_with_fixed_motors(
     tmp_path: Path,
 ) -> None:
     text = PATH.replace('"600 mm/min", ', "") + CUT + '[analyses.static]\nat = "tcp"\n'

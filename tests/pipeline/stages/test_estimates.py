@@ -92,7 +92,7 @@ kind = "rigid"
     return "".join(words) + "[analyses.modal]\ncount = 8\n"
 
 
-# a flat bar is held stiff in torsion above all: its ends cannot warp
+# a flat bar is fixed stiff in torsion above all: its ends cannot warp
 @pytest.mark.parametrize("sizes", [(40, 60, 1000, 20), (15, 90, 750, 15)])
 def test_a_beam_of_five_parts_says_how_much_stiffer_its_rigid_faces_make_it_than_one_part(
     tmp_path: Path, sizes: tuple[int, int, int, int]

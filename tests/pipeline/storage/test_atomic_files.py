@@ -87,7 +87,7 @@ def test_temporaries_of_other_files_are_not_touched(tmp_path: Path) -> None:
     assert other.exists()
 
 
-def test_a_folder_is_held_by_one_and_free_again_when_that_one_is_killed(tmp_path: Path) -> None:
+def test_a_folder_is_locked_by_one_and_free_again_when_that_one_is_killed(tmp_path: Path) -> None:
     code = (
         "import sys, time; from pathlib import Path; from headstock.pipeline.storage.atomic_files import lock_folder\n"
         "with lock_folder(Path(sys.argv[1])) as mine:\n    print(mine, flush=True)\n    time.sleep(60)\n"

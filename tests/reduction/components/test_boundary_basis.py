@@ -22,9 +22,9 @@ def mesh() -> ComponentMesh:
 
 def test_rigid_patches_hold_their_points_and_means_hold_none(mesh: ComponentMesh) -> None:
     basis = build_boundary_basis(make_component({"foot": "rigid", "tip": "average"}), mesh, ())
-    held = basis.held.reshape(-1, 3)
-    np.testing.assert_array_equal(held.all(axis=1), mesh.points[:, 2] < 1e-12)
-    np.testing.assert_array_equal(held.any(axis=1), held.all(axis=1))
+    fixed = basis.fixed.reshape(-1, 3)
+    np.testing.assert_array_equal(fixed.all(axis=1), mesh.points[:, 2] < 1e-12)
+    np.testing.assert_array_equal(fixed.any(axis=1), fixed.all(axis=1))
     assert not basis.supported.any()
 
 
@@ -77,7 +77,7 @@ def test_a_support_that_shares_points_with_a_rigid_patch_leaves_it_the_motions_i
         np.linalg.matrix_rank(basis.constraints) :
     ]
     if not motions:
-        # a held edge leaves the turn about itself
+        # a fixed edge leaves the turn about itself
         assert len(free) == 1
         assert abs(free[0][4]) > 0.9
         return

@@ -28,14 +28,14 @@ COMM = MPI.COMM_SELF
 def solver() -> Iterator[ConstrainedSolver]:
     mesh = make_box((1, 2, 5), (0.1, 0.17, 0.5))
     operators = assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=True)
-    held = np.repeat((operators.points[:, 2] < 1e-9) | (operators.points[:, 2] > 0.5 - 1e-9), 3)
-    with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as made:
+    fixed = np.repeat((operators.points[:, 2] < 1e-9) | (operators.points[:, 2] > 0.5 - 1e-9), 3)
+    with ConstrainedSolver(operators, fixed, np.zeros((len(fixed), 0))) as made:
         yield made
 
 
 @pytest.fixture(scope="module")
 def exact(solver: ConstrainedSolver) -> FloatArray:
-    free = ~solver.held
+    free = ~solver.fixed
     assert solver.operators.scalar_mass is not None
     mass = np.kron(solver.operators.scalar_mass.toarray(), np.eye(3))[np.ix_(free, free)]
     return np.asarray(
@@ -46,7 +46,7 @@ def exact(solver: ConstrainedSolver) -> FloatArray:
 @pytest.mark.parametrize(
     "count", [1, 10, 30, 200], ids=["lanczos 1", "lanczos 10", "lanczos 30", "dense 200"]
 )
-def test_eigenvalues_are_the_lowest_of_the_held_component(
+def test_eigenvalues_are_the_lowest_of_the_fixed_component(
     solver: ConstrainedSolver, exact: FloatArray, count: int
 ) -> None:
     found = find_fixed_interface_modes(solver, ModeTarget(count=count))
@@ -55,11 +55,11 @@ def test_eigenvalues_are_the_lowest_of_the_held_component(
 
 
 @pytest.mark.parametrize("count", [10, 200])
-def test_shapes_diagonalise_mass_and_stiffness_and_rest_on_held_dofs(
+def test_shapes_diagonalise_mass_and_stiffness_and_rest_on_fixed_dofs(
     solver: ConstrainedSolver, count: int
 ) -> None:
     found = find_fixed_interface_modes(solver, ModeTarget(count=count))
-    assert not found.shapes[solver.held].any()
+    assert not found.shapes[solver.fixed].any()
     np.testing.assert_allclose(
         found.shapes.T @ solver.operators.apply_mass(found.shapes),
         np.eye(len(found.eigenvalues)),
@@ -96,7 +96,7 @@ def test_nothing_asked_for_keeps_no_mode_and_promises_no_frequency(
     solver: ConstrainedSolver, target: ModeTarget | None
 ) -> None:
     found = find_fixed_interface_modes(solver, target)
-    assert found.shapes.shape == (len(solver.held), 0)
+    assert found.shapes.shape == (len(solver.fixed), 0)
     assert found.cutoff_hz == 0.0
 
 
@@ -125,9 +125,9 @@ def test_krylov_schur_finds_what_block_lanczos_does_and_leaves_the_factors_whole
         other = find_fixed_interface_modes(solver, target, eigensolver="krylov_schur")
         np.testing.assert_allclose(other.eigenvalues, one.eigenvalues, rtol=1e-9)
         assert other.cutoff_hz == pytest.approx(one.cutoff_hz, rel=1e-3)
-    loads = np.where(solver.held[:, None], 0.0, np.ones((len(solver.held), 2)))
+    loads = np.where(solver.fixed[:, None], 0.0, np.ones((len(solver.fixed), 2)))
     residual = solver.operators.apply_stiffness(solver.solve(loads)) - loads
-    assert np.abs(residual[~solver.held]).max() < 1e-9 * solver.operators.stiffness_scale
+    assert np.abs(residual[~solver.fixed]).max() < 1e-9 * solver.operators.stiffness_scale
 
 
 def test_a_frequency_above_every_mode_keeps_them_all(
@@ -141,8 +141,8 @@ def test_a_frequency_above_every_mode_keeps_them_all(
 def sheet_solver(thickness: float) -> ConstrainedSolver:
     mesh = make_box((20, 4, 1), (1.0, 0.2, thickness))
     operators = assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=True)
-    held = np.repeat(operators.points[:, 0] < 1e-9, 3)
-    return ConstrainedSolver(operators, held, np.zeros((len(held), 0)))
+    fixed = np.repeat(operators.points[:, 0] < 1e-9, 3)
+    return ConstrainedSolver(operators, fixed, np.zeros((len(fixed), 0)))
 
 
 @pytest.mark.parametrize("thickness", [0.1, 1e-3], ids=["1:10", "1:1000"])

@@ -55,10 +55,10 @@ def test_a_reduction_with_verify_counts_its_modes() -> None:
 def test_a_lost_twin_is_found_out_by_the_count() -> None:
     component, mesh = _column()
     operators = assemble_elasticity(mesh, STEEL, comm=MPI.COMM_SELF, with_mass=True)
-    held = build_boundary_basis(component, mesh, ()).held[
+    fixed = build_boundary_basis(component, mesh, ()).fixed[
         (3 * operators.nodes[:, None] + np.arange(3)).ravel()
     ]
-    with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
+    with ConstrainedSolver(operators, fixed, np.zeros((len(fixed), 0))) as solver:
         modes = find_fixed_interface_modes(solver, ModeTarget(count=6))
         verify_mode_count(solver, modes)
         lost = dataclasses.replace(modes, eigenvalues=np.delete(modes.eigenvalues, 1))

@@ -68,7 +68,7 @@ def reduce(component: Component) -> Superelement:
 
 
 def cantilever_machine(component: Component) -> Machine:
-    clamp = Joint("clamp", (JointEnd(), JointEnd("bar", "foot")), "rigid", held=tuple(range(6)))
+    clamp = Joint("clamp", (JointEnd(), JointEnd("bar", "foot")), "rigid", fixed=tuple(range(6)))
     return Machine(
         "m",
         {"bar": component},
@@ -217,7 +217,7 @@ def test_an_averaging_patch_is_right_wherever_segments_end(
     found = compliance(cantilever(side_patch("average", low, high, count=count)))
     deflection, slope = mean_compliances(low, high)
     assert found[0, 0] == pytest.approx(deflection, rel=2e-3)
-    # not shown is what gives way between two nodes that are held: shear under the couple, and the
+    # not shown is what gives way between two nodes that are fixed: shear under the couple, and the
     # bend of a clamped segment
     hidden = 1.2 / (SHEARING * (high - low)) + SIZE[2] / count / (16.0 * BENDING)
     assert slope - hidden < found[4, 4] < slope * (1.0 + 1e-6)

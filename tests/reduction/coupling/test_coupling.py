@@ -49,7 +49,7 @@ def corner_block() -> tuple[dict[str, Superelement], Machine]:
 
 
 def chain(
-    held: tuple[int, ...] = (),
+    fixed: tuple[int, ...] = (),
     stiffness: FloatArray | list[float] | tuple[float, float, float, float, float, float] = SPRING,
     rotation: FloatArray | None = None,
 ) -> tuple[dict[str, Superelement], Machine]:
@@ -65,7 +65,7 @@ def chain(
     joints = [
         joint_between("foot", "ground", "column.foot", stiffness=SPRING),
         joint_between(
-            "neck", "column.head", "head.seat", stiffness=stiffness, held=held, rotation=rotation
+            "neck", "column.head", "head.seat", stiffness=stiffness, fixed=fixed, rotation=rotation
         ),
     ]
     return lumped_machine([column, head], joints, {"tcp": ("head.tool", "ground")})
@@ -105,7 +105,7 @@ def test_rigidly_joined_bodies_equal_the_one_body_they_make() -> None:
         center=(0.2, 0.1, 0.5),
     )
     joints = [joint_between("foot", "ground", "a.foot", stiffness=SPRING)]
-    weld = joint_between("weld", "a.top", "b.seat", held=range(6))
+    weld = joint_between("weld", "a.top", "b.seat", fixed=range(6))
     found = couple(*lumped_machine([a, b], [*joints, weld], {"tcp": ("b.tip", "ground")}), HOME)
     middles: list[FloatArray] = [np.array([0.0, 0.0, 0.2]), np.array([0.2, 0.1, 0.5])]
     center = np.average(middles, axis=0, weights=[30.0, 20.0])
@@ -125,17 +125,17 @@ def test_rigidly_joined_bodies_equal_the_one_body_they_make() -> None:
     )
 
 
-@pytest.mark.parametrize("held", [(0,), (0, 1, 2), (0, 1, 2, 3, 4), tuple(range(6))])
-def test_held_dofs_equal_lagrange_multipliers(held: tuple[int, ...]) -> None:
-    free = [0.0 if dof in held else SPRING[dof] for dof in range(6)]
-    superelements, machine = chain(held, free)
+@pytest.mark.parametrize("fixed", [(0,), (0, 1, 2), (0, 1, 2, 3, 4), tuple(range(6))])
+def test_fixed_dofs_equal_lagrange_multipliers(fixed: tuple[int, ...]) -> None:
+    free = [0.0 if dof in fixed else SPRING[dof] for dof in range(6)]
+    superelements, machine = chain(fixed, free)
     coupled = couple(superelements, machine, HOME)
     head_arm = rigid_transfer(np.array([0.1, 0.05, 0.6]), np.array([0.0, 0.0, 0.5]))
     difference = np.hstack([np.zeros((6, 6)), -np.eye(6), head_arm])
     stiffness = scipy.linalg.block_diag(superelements["column"].stiffness, np.zeros((6, 6)))
     stiffness[:6, :6] += np.diag(SPRING)
     stiffness += difference.T @ np.diag(free) @ difference
-    rows = 1e8 * difference[list(held)]
+    rows = 1e8 * difference[list(fixed)]
     saddle = np.block([[stiffness, rows.T], [rows, np.zeros((len(rows), len(rows)))]])
     tool = np.hstack(
         [np.zeros((6, 12)), rigid_transfer(np.array([0.1, 0.05, 0.6]), np.array([0.2, 0.0, 0.6]))]
@@ -145,7 +145,7 @@ def test_held_dofs_equal_lagrange_multipliers(held: tuple[int, ...]) -> None:
     np.testing.assert_allclose(
         point_compliance(coupled, "tcp"), expected, rtol=0.0, atol=1e-10 * np.abs(expected).max()
     )
-    assert len(coupled.system.labels) == 18 - len(held)
+    assert len(coupled.system.labels) == 18 - len(fixed)
 
 
 def test_a_very_stiff_joint_approaches_the_rigid_one() -> None:
@@ -158,14 +158,14 @@ def test_a_very_stiff_joint_approaches_the_rigid_one() -> None:
     np.testing.assert_allclose(stiff, rigid, rtol=1e-7)
 
 
-def test_motions_held_twice_are_counted_and_change_nothing() -> None:
+def test_motions_fixed_twice_are_counted_and_change_nothing() -> None:
     superelements, machine = chain(tuple(range(6)), (0.0,) * 6)
     twin = dataclasses.replace(machine.joints["neck"], name="twin")
     double = dataclasses.replace(machine, joints=machine.joints | {"twin": twin})
     found, single = couple(superelements, double, HOME), couple(superelements, machine, HOME)
     assert single.redundant_constraints == 0
     assert found.redundant_constraints == 6
-    assert any("held more than once" in text and "twin" in text for text in found.warnings)
+    assert any("fixed more than once" in text and "twin" in text for text in found.warnings)
     expected = solve_modal(single.system).frequencies_hz
     np.testing.assert_allclose(solve_modal(found.system).frequencies_hz, expected, rtol=1e-11)
 
@@ -286,7 +286,7 @@ def test_damping_of_joints_is_coupled_like_their_stiffness() -> None:
     assert couple(superelements, machine, HOME).system.damping is None
 
 
-def test_a_component_that_is_held_but_not_marked_so_is_refused() -> None:
+def test_a_component_that_is_fixed_but_not_marked_so_is_refused() -> None:
     superelements, machine = chain()
     grounded = dataclasses.replace(
         superelements["column"], stiffness=superelements["column"].stiffness + 1e6 * np.eye(12)

@@ -18,11 +18,11 @@ from headstock.scene.building.loader import load_scene
 SCENE = Path(__file__).parents[2] / "data" / "slide.toml"
 
 
-@pytest.mark.parametrize("held", [False, True])
-def test_every_matrix_is_that_of_a_coupling_without_a_memo(held: bool) -> None:
+@pytest.mark.parametrize("fixed", [False, True])
+def test_every_matrix_is_that_of_a_coupling_without_a_memo(fixed: bool) -> None:
     overrides = (
         ['joints.carriage.stiffness.roll="rigid"', 'joints.foot_2.stiffness.x="1 MN/um"']
-        if held
+        if fixed
         else []
     )
     machine = load_scene(SCENE, overrides=overrides).machine

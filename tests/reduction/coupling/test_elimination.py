@@ -41,8 +41,8 @@ def test_rows_that_others_imply_are_named() -> None:
 
 def test_stiff_groups_are_seen_only_by_their_own_coordinates() -> None:
     generator = np.random.default_rng(0)
-    held, stiff, middle = (generator.normal(size=(count, 10)) for count in (2, 3, 2))
-    found = eliminate_constraints(held, [stiff, middle], np.ones(10))
+    fixed, stiff, middle = (generator.normal(size=(count, 10)) for count in (2, 3, 2))
+    found = eliminate_constraints(fixed, [stiff, middle], np.ones(10))
     assert np.sort(found.levels).tolist() == [0, 0, 0, 1, 1, 1, 2, 2]
     np.testing.assert_allclose((stiff @ found.basis)[:, found.levels != 1], 0.0, atol=1e-13)
     np.testing.assert_allclose((middle @ found.basis)[:, found.levels == 0], 0.0, atol=1e-13)

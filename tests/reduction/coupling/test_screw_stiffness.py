@@ -23,7 +23,7 @@ DIAMETER, LEAD, LENGTH = 0.028, 0.010, 0.9
 AXIAL, TORSIONAL = 210e9 * math.pi * DIAMETER**2 / 4.0, 80e9 * math.pi * DIAMETER**4 / 32.0
 ALL = tuple(range(6))
 TWISTING = ScrewShaft(AXIAL, TORSIONAL, LEAD, BEARING, COUPLING)
-HELD_AT_BOTH_ENDS = ScrewShaft(
+FIXED_AT_BOTH_ENDS = ScrewShaft(
     AXIAL,
     TORSIONAL,
     bearing=BEARING,
@@ -44,16 +44,16 @@ def screw_machine(
         rigid_body("end_2", 2.0, {"far": (LENGTH, 0.0, 0.0)}, center=(LENGTH, 0.0, 0.0)),
         rigid_body("slide", 5.0, {"nut": (0.1, 0.0, 0.0)}, center=(0.1, 0.0, 0.0)),
     ]
-    held = (1, 2, 3, 4, 5)
+    fixed = (1, 2, 3, 4, 5)
     stand = (
-        partial(joint_between, stiffness=(soft, 0.0, 0.0, 0.0, 0.0, 0.0), held=held)
+        partial(joint_between, stiffness=(soft, 0.0, 0.0, 0.0, 0.0, 0.0), fixed=fixed)
         if soft
-        else partial(joint_between, held=ALL)
+        else partial(joint_between, fixed=ALL)
     )
     joints = [
         stand("stand_1", "end_1.near", "ground"),
         stand("stand_2", "end_2.far", "ground"),
-        joint_between("guide", "slide.nut", "ground", held=held),
+        joint_between("guide", "slide.nut", "ground", fixed=fixed),
         dataclasses.replace(
             joint_between("screw", "slide.nut", "end_1.near", stiffness=(NUT, 0, 0, 0, 0, 0)),
             screw=shaft,
@@ -100,7 +100,7 @@ def test_between_rigid_bearings_the_shaft_is_the_standard_s(place: float) -> Non
 def test_two_bearings_on_soft_stands_share_the_force_like_springs_that_meet_in_a_body_of_their_own(
     place: float,
 ) -> None:
-    parts, machine = screw_machine(HELD_AT_BOTH_ENDS, soft=3e8)
+    parts, machine = screw_machine(FIXED_AT_BOTH_ENDS, soft=3e8)
     tie = joint_between(
         "tie",
         "end_1.near",
@@ -128,7 +128,7 @@ def test_two_bearings_on_soft_stands_share_the_force_like_springs_that_meet_in_a
 
 def test_a_nut_that_turns_along_its_thread_meets_no_force() -> None:
     parts, machine = screw_machine(TWISTING)
-    free = dataclasses.replace(machine.joints["guide"], held=(1, 2, 4, 5))
+    free = dataclasses.replace(machine.joints["guide"], fixed=(1, 2, 4, 5))
     coupled = couple(
         parts,
         dataclasses.replace(machine, joints=machine.joints | {"guide": free}),
@@ -147,7 +147,7 @@ def test_the_nut_s_own_torsion_is_in_series_with_the_shaft_s() -> None:
     stiff[3, 3] = 4e4
     joints = machine.joints | {
         "screw": dataclasses.replace(machine.joints["screw"], stiffness=stiff),
-        "guide": dataclasses.replace(machine.joints["guide"], held=(1, 2, 4, 5)),
+        "guide": dataclasses.replace(machine.joints["guide"], fixed=(1, 2, 4, 5)),
     }
     system = couple(
         parts, dataclasses.replace(machine, joints=joints), Pose("p", {"X": 0.3})
@@ -159,7 +159,7 @@ def test_the_nut_s_own_torsion_is_in_series_with_the_shaft_s() -> None:
 
 
 def test_a_turned_machine_has_the_same_screw() -> None:
-    parts, machine = screw_machine(HELD_AT_BOTH_ENDS)
+    parts, machine = screw_machine(FIXED_AT_BOTH_ENDS)
     frame = Frame(np.array([0.3, 1.0, -2.0]), rotation_about(np.array([1.0, -2.0, 0.4]), 0.7))
     system = couple(parts, orient_machine(machine, frame), Pose("p", {"X": 0.25})).system
     ports = np.column_stack([system.inputs["tcp", dof] for dof in "xyz"])
@@ -169,7 +169,7 @@ def test_a_turned_machine_has_the_same_screw() -> None:
 
 
 def test_a_nut_that_leaves_its_screw_is_named() -> None:
-    parts, machine = screw_machine(HELD_AT_BOTH_ENDS)
+    parts, machine = screw_machine(FIXED_AT_BOTH_ENDS)
     with pytest.raises(
         ModelError,
         match=r"joint 'screw': the nut stands 950 mm from it, beyond the far one; name the nut's",

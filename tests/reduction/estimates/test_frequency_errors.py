@@ -107,7 +107,7 @@ def test_there_is_no_bound_beyond_the_lowest_mode_left_out(reduce: Reduce) -> No
 
 
 def coupled_pair(elements: dict[str, Superelement]) -> CoupledMachine:
-    """Two columns at right angles, tip on tip through a spring, the first one held at its foot."""
+    """Two columns at right angles, tip on tip through a spring, the first one fixed at its foot."""
     turned = Frame(np.array([0.0, 0.0, 0.5]), np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]))
     parts = {
         name: make_component({"foot": "rigid", "tip": "rigid"}, name=name, size=SIZE)
@@ -116,7 +116,9 @@ def coupled_pair(elements: dict[str, Superelement]) -> CoupledMachine:
     parts["b"] = type(parts["b"])(**{**vars(parts["b"]), "placement": turned})
     spring = 1e9 * np.diag([1.0, 1.0, 1.0, 0.01, 0.01, 0.01])
     joints = {
-        "clamp": Joint("clamp", (JointEnd(), JointEnd("a", "foot")), "rigid", held=tuple(range(6))),
+        "clamp": Joint(
+            "clamp", (JointEnd(), JointEnd("a", "foot")), "rigid", fixed=tuple(range(6))
+        ),
         "bolt": Joint(
             "bolt", (JointEnd("a", "tip"), JointEnd("b", "foot")), "spring", stiffness=spring
         ),

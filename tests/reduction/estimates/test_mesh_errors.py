@@ -51,7 +51,7 @@ def column() -> Column:
                 "clamp",
                 (JointEnd(None, None), JointEnd("body", "foot")),
                 "rigid",
-                held=tuple(range(6)),
+                fixed=tuple(range(6)),
             )
         },
         points={"tcp": Point("tcp", JointEnd("body", "tip"), JointEnd(None, None))},

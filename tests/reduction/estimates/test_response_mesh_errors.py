@@ -48,12 +48,12 @@ def column() -> Callable[..., CoupledMachine]:
     """Reduce and couple a column on a structured mesh, clamped at its foot or free."""
     component = make_component({"foot": "rigid", "tip": "average"}, size=SIZE)
     clamp = Joint(
-        "clamp", (JointEnd(None, None), JointEnd("body", "foot")), "rigid", held=tuple(range(6))
+        "clamp", (JointEnd(None, None), JointEnd("body", "foot")), "rigid", fixed=tuple(range(6))
     )
     points = {"tcp": Point("tcp", JointEnd("body", "tip"), JointEnd(None, None))}
 
     def coupled(
-        kind: CellKind, counts: tuple[int, int, int], *, held: bool = True
+        kind: CellKind, counts: tuple[int, int, int], *, fixed: bool = True
     ) -> CoupledMachine:
         mesh = make_box(counts, SIZE, {"foot": "z-", "tip": "z+"}, kind=kind)
         element = reduce_elastic(
@@ -64,7 +64,7 @@ def column() -> Callable[..., CoupledMachine]:
             element, errors=dataclasses.replace(element.errors, mesh_safety=1.0)
         )
         machine = Machine(
-            "column", {"body": component}, {"clamp": clamp} if held else {}, points=points
+            "column", {"body": component}, {"clamp": clamp} if fixed else {}, points=points
         )
         return couple({"body": element}, machine, Pose("reference"))
 
@@ -131,7 +131,7 @@ def test_at_rest_it_is_the_estimate_of_the_static_compliance(
 def test_a_free_machine_has_a_finite_error_on_every_line(
     column: Callable[..., CoupledMachine],
 ) -> None:
-    coupled = column("tet10", (1, 2, 6), held=False)
+    coupled = column("tet10", (1, 2, 6), fixed=False)
     lines = np.array([0.0, 1.0, 500.0])
     _, space = judged(coupled, lines)
     mesh = present(bound_response_errors(space, lines).mesh)

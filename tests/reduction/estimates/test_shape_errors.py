@@ -58,7 +58,7 @@ def tube() -> tuple[ComponentMesh, CoupledMachine]:
     element = reduce_elastic(
         part, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=12))
     )
-    clamp = Joint("clamp", (JointEnd(), JointEnd("tube", "foot")), "rigid", held=tuple(range(6)))
+    clamp = Joint("clamp", (JointEnd(), JointEnd("tube", "foot")), "rigid", fixed=tuple(range(6)))
     machine = Machine(
         "tube",
         {"tube": part},
@@ -127,7 +127,7 @@ def test_a_bar_of_single_thick_elements_says_that_nothing_is_known() -> None:
         component, single, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=6))
     )
     assert "single elements" in " ".join(element.warnings)
-    clamp = Joint("clamp", (JointEnd(), JointEnd("body", "foot")), "rigid", held=tuple(range(6)))
+    clamp = Joint("clamp", (JointEnd(), JointEnd("body", "foot")), "rigid", fixed=tuple(range(6)))
     points = {"tcp": Point("tcp", JointEnd("body", "tip"), JointEnd())}
     coupled = couple(
         {"body": element},

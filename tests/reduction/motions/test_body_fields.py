@@ -62,7 +62,7 @@ def segmented_bar() -> Superelement:
 
 
 def clamped(part: Superelement) -> CoupledMachine:
-    clamp = Joint("clamp", (JointEnd(), JointEnd("bar", "foot")), "rigid", held=tuple(range(6)))
+    clamp = Joint("clamp", (JointEnd(), JointEnd("bar", "foot")), "rigid", fixed=tuple(range(6)))
     machine = Machine(
         "m",
         {"bar": bar()},

@@ -103,7 +103,7 @@ def test_doubling_a_component_is_recomputed_too(
 def test_a_direction_in_which_nothing_gives_has_no_shares_and_no_weakest_link() -> None:
     body = rigid_body("body", 5.0, {"foot": (0, 0, 0)})
     joint = joint_between(
-        "foot", "ground", "body.foot", stiffness=(1e6, 1e6, 0, 1e4, 1e4, 1e4), held=(2,)
+        "foot", "ground", "body.foot", stiffness=(1e6, 1e6, 0, 1e4, 1e4, 1e4), fixed=(2,)
     )
     coupled = couple(*lumped_machine([body], [joint], {"tcp": ("body.foot", "ground")}), HOME)
     assert point_budget(coupled, "tcp").shares["z"] == {}
@@ -143,9 +143,9 @@ def test_the_budget_of_a_long_slender_machine_is_not_refused_for_what_rounding_l
         )
         for i in range(count)
     ]
-    joints = [joint_between("clamp_0", "ground", "body_0.foot", held=range(6))]
+    joints = [joint_between("clamp_0", "ground", "body_0.foot", fixed=range(6))]
     joints += [
-        joint_between(f"clamp_{i}", f"body_{i - 1}.head", f"body_{i}.foot", held=range(6))
+        joint_between(f"clamp_{i}", f"body_{i - 1}.head", f"body_{i}.foot", fixed=range(6))
         for i in range(1, count)
     ]
     coupled = couple(

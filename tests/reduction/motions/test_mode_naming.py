@@ -78,7 +78,7 @@ def test_a_component_that_deforms_is_named_with_its_direction(soft: int, expecte
     stiffness[soft] = 1e6
     column = two_node_body("column", 40.0, 0.5, stiffness)
     result = named(
-        lumped_machine([column], [joint_between("foot", "ground", "column.foot", held=range(6))]),
+        lumped_machine([column], [joint_between("foot", "ground", "column.foot", fixed=range(6))]),
         count=1,
     )
     assert result.names[0].startswith(expected)
@@ -94,7 +94,7 @@ def test_a_stout_column_bends_twists_and_stretches() -> None:
     names = named(
         lumped_machine(
             [(column, superelement)],
-            [joint_between("foot", "ground", "column.foot", held=range(6))],
+            [joint_between("foot", "ground", "column.foot", fixed=range(6))],
         ),
         count=6,
     ).names

@@ -19,7 +19,7 @@ def make_table(kind: str, **keys: object) -> JointTable:
 
 
 @pytest.mark.parametrize(
-    ("kind", "keys", "held", "diagonal"),
+    ("kind", "keys", "fixed", "diagonal"),
     [
         ("rigid", {}, (0, 1, 2, 3, 4, 5), [0, 0, 0, 0, 0, 0]),
         ("spring", {"stiffness": {"x": K, "rz": R}}, (), [1e6, 0, 0, 0, 0, 5]),
@@ -83,12 +83,12 @@ def make_table(kind: str, **keys: object) -> JointTable:
     ],
 )
 def test_a_kind_holds_and_springs_its_dofs(
-    kind: str, keys: dict[str, object], held: tuple[int, ...], diagonal: list[float]
+    kind: str, keys: dict[str, object], fixed: tuple[int, ...], diagonal: list[float]
 ) -> None:
     table = make_table(kind, **keys)
     assert find_joint_faults(table) == []
     joint = build_joint("j", table)
-    assert joint.held == held
+    assert joint.fixed == fixed
     np.testing.assert_array_equal(joint.stiffness, np.diag(np.array(diagonal, dtype=float)))
 
 
@@ -130,7 +130,7 @@ def test_negative_values_need_to_be_allowed() -> None:
     assert build_joint("j", table).stiffness[0, 0] == -1e6
 
 
-def test_damping_of_a_held_dof_is_refused() -> None:
+def test_damping_of_a_fixed_dof_is_refused() -> None:
     table = make_table("spring", stiffness={"x": "rigid"}, damping={"x": "1 N s/m"})
     assert "does nothing" in find_joint_faults(table)[0].message
 
@@ -165,7 +165,7 @@ tcp = { tool = "shaft.nose", work = "ground" }
 
 
 @pytest.mark.parametrize(
-    ("held", "offset", "free"),
+    ("fixed", "offset", "free"),
     [
         ('tilt = "1 N m/rad"', 0, "nothing holds C rotation of shaft"),
         ('torsion = "rigid"', 0, None),
@@ -175,10 +175,10 @@ tcp = { tool = "shaft.nose", work = "ground" }
     ],
 )
 def test_a_spindle_that_may_turn_is_known_before_any_mesh(
-    held: str, offset: int, free: str | None, tmp_path: Path
+    fixed: str, offset: int, free: str | None, tmp_path: Path
 ) -> None:
     path = tmp_path / "spindle.toml"
-    path.write_text(SPINDLE % (held, offset))
+    path.write_text(SPINDLE % (fixed, offset))
     found = find_unheld_motions(load_scene(path))
     assert len(found) == (0 if free is None else 1)
     if free is not None:

@@ -290,7 +290,7 @@ def test_the_three_axis_machine_has_the_paper_s_variants(
         if component.fidelity == "elastic"
     } == elastic
     assert scene.warnings == ()
-    assert scene.machine.joints["left_foot_bolts"].held == (
+    assert scene.machine.joints["left_foot_bolts"].fixed == (
         (0, 1, 5) if variant == "BE" else (0, 1, 2, 3, 4, 5)
     )
 

@@ -41,7 +41,7 @@ def test_a_free_motor_leaves_one_motion_at_exactly_zero_hertz() -> None:
     assert modes.frequencies_hz[1] == pytest.approx(MASSES.free_hz, rel=1e-12)
 
 
-def test_a_very_heavy_motor_is_a_held_one() -> None:
+def test_a_very_heavy_motor_is_a_fixed_one() -> None:
     system, _ = make_drive(dataclasses.replace(MASSES, motor=1e12), CONTROL)
     assert solve_modal(system).frequencies_hz[1] == pytest.approx(MASSES.locked_hz, rel=1e-9)
 
@@ -110,14 +110,14 @@ def test_full_feed_forward_of_a_stiff_drive_follows_without_error() -> None:
 
 def test_a_coupling_without_a_screw_is_in_series_and_with_a_light_one_the_same() -> None:
     system, train = make_drive(MASSES, CONTROL)
-    held = dataclasses.replace(
+    fixed = dataclasses.replace(
         system, mass=system.mass[:1, :1], damping=None, stiffness=system.stiffness[:1, :1]
     )
-    held = dataclasses.replace(
-        held, inputs={LOAD: np.ones(1)}, outputs={LOAD: np.ones(1)}, labels=("load",)
+    fixed = dataclasses.replace(
+        fixed, inputs={LOAD: np.ones(1)}, outputs={LOAD: np.ones(1)}, labels=("load",)
     )
-    series = free_motors(held, [dataclasses.replace(train, coupling=2e7)])
-    light = free_motors(held, [dataclasses.replace(train, coupling=2e7, screw_mass=1e-6)])
+    series = free_motors(fixed, [dataclasses.replace(train, coupling=2e7)])
+    light = free_motors(fixed, [dataclasses.replace(train, coupling=2e7, screw_mass=1e-6)])
     expected = math.sqrt((1.0 / (1.0 / 5e7 + 1.0 / 2e7)) * (1.0 / 80.0 + 1.0 / 120.0)) / (
         2.0 * math.pi
     )
@@ -127,14 +127,14 @@ def test_a_coupling_without_a_screw_is_in_series_and_with_a_light_one_the_same()
 
 def test_two_drives_of_one_axis_share_its_set_point() -> None:
     system, train = make_drive(MASSES, CONTROL)
-    held = dataclasses.replace(
+    fixed = dataclasses.replace(
         system, mass=system.mass[:1, :1], damping=None, stiffness=2.0 * system.stiffness[:1, :1]
     )
-    held = dataclasses.replace(
-        held, inputs={LOAD: np.ones(1)}, outputs={LOAD: np.ones(1)}, labels=("load",)
+    fixed = dataclasses.replace(
+        fixed, inputs={LOAD: np.ones(1)}, outputs={LOAD: np.ones(1)}, labels=("load",)
     )
     pair = [train, dataclasses.replace(train, name="X2")]
-    loop = close_loops(free_motors(held, pair), pair, outputs=[LOAD])
+    loop = close_loops(free_motors(fixed, pair), pair, outputs=[LOAD])
     assert loop.space.inputs == (("X", "position"), ("X", "velocity"), ("X", "acceleration"))
     settled = -loop.space.c @ np.linalg.solve(loop.space.a, loop.space.b[:, 0])
     assert settled[loop.space.outputs.index(("X2", ENCODER))] == pytest.approx(1.0, rel=1e-9)

@@ -25,13 +25,13 @@ def operators() -> ElasticOperators:
 
 def saddle_solution(
     operators: ElasticOperators,
-    held: BoolArray,
+    fixed: BoolArray,
     constraints: FloatArray,
     loads: FloatArray,
     targets: FloatArray,
 ) -> FloatArray:
     """The same problem by a dense saddle-point system."""
-    free = ~held
+    free = ~fixed
     size, count = int(free.sum()), constraints.shape[1]
     system = np.zeros((size + count, size + count))
     scale = operators.stiffness_scale
@@ -57,35 +57,35 @@ def means(operators: ElasticOperators) -> FloatArray:
     return np.hstack(columns)
 
 
-@pytest.mark.parametrize("held_kind", ["nothing", "a plane in z", "a face"])
+@pytest.mark.parametrize("fixed_kind", ["nothing", "a plane in z", "a face"])
 def test_answers_are_those_of_a_dense_saddle_point_system(
-    operators: ElasticOperators, held_kind: str
+    operators: ElasticOperators, fixed_kind: str
 ) -> None:
     face = operators.points[:, 2] < 1e-9
-    held = np.zeros(operators.owned_dofs, dtype=bool)
-    if held_kind == "a plane in z":
-        held[2::3] = face
-    elif held_kind == "a face":
-        held[:] = np.repeat(face, 3)
+    fixed = np.zeros(operators.owned_dofs, dtype=bool)
+    if fixed_kind == "a plane in z":
+        fixed[2::3] = face
+    elif fixed_kind == "a face":
+        fixed[:] = np.repeat(face, 3)
     constraints = means(operators)[:, 6:]
-    loads, targets = RNG.standard_normal((len(held), 3)) * 1e9, RNG.standard_normal((6, 3))
-    with ConstrainedSolver(operators, held, constraints) as solver:
+    loads, targets = RNG.standard_normal((len(fixed), 3)) * 1e9, RNG.standard_normal((6, 3))
+    with ConstrainedSolver(operators, fixed, constraints) as solver:
         found = solver.solve(loads, targets)
-    exact = saddle_solution(operators, held, constraints, loads, targets)
+    exact = saddle_solution(operators, fixed, constraints, loads, targets)
     assert np.abs(found - exact).max() < 1e-9 * np.abs(exact).max()
-    assert not found[held].any()
+    assert not found[fixed].any()
     np.testing.assert_allclose(
-        np.where(held[:, None], 0.0, constraints).T @ found,
+        np.where(fixed[:, None], 0.0, constraints).T @ found,
         targets,
         atol=1e-9 * np.abs(targets).max(),
     )
 
 
 def test_the_pins_of_a_floating_body_carry_no_force(operators: ElasticOperators) -> None:
-    held = np.zeros(operators.owned_dofs, dtype=bool)
+    fixed = np.zeros(operators.owned_dofs, dtype=bool)
     constraints = means(operators)
-    loads = RNG.standard_normal((len(held), 2))
-    with ConstrainedSolver(operators, held, constraints) as solver:
+    loads = RNG.standard_normal((len(fixed), 2))
+    with ConstrainedSolver(operators, fixed, constraints) as solver:
         found = solver.solve(loads)
     forces = loads - operators.stiffness @ found
     # what is left over lies in the span of the constraints alone
@@ -96,39 +96,39 @@ def test_the_pins_of_a_floating_body_carry_no_force(operators: ElasticOperators)
 def test_means_that_hold_five_of_six_motions_are_refused_with_the_number_left_free(
     operators: ElasticOperators,
 ) -> None:
-    held = np.zeros(operators.owned_dofs, dtype=bool)
+    fixed = np.zeros(operators.owned_dofs, dtype=bool)
     with pytest.raises(ModelError, match="1 rigid motions"):
-        ConstrainedSolver(operators, held, means(operators)[:, :5])
+        ConstrainedSolver(operators, fixed, means(operators)[:, :5])
 
 
 def test_a_symmetry_plane_alone_leaves_three_motions_free(operators: ElasticOperators) -> None:
-    held = np.zeros(operators.owned_dofs, dtype=bool)
-    held[2::3] = operators.points[:, 2] < 1e-9
+    fixed = np.zeros(operators.owned_dofs, dtype=bool)
+    fixed[2::3] = operators.points[:, 2] < 1e-9
     with pytest.raises(ModelError, match="3 rigid motions"):
-        ConstrainedSolver(operators, held, np.zeros((len(held), 0)))
+        ConstrainedSolver(operators, fixed, np.zeros((len(fixed), 0)))
 
 
 def test_symmetry_planes_in_three_directions_hold_a_body(operators: ElasticOperators) -> None:
-    held = np.zeros(operators.owned_dofs, dtype=bool)
+    fixed = np.zeros(operators.owned_dofs, dtype=bool)
     for axis in range(3):
-        held[axis::3] = operators.points[:, axis] < 1e-9
-    with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
+        fixed[axis::3] = operators.points[:, axis] < 1e-9
+    with ConstrainedSolver(operators, fixed, np.zeros((len(fixed), 0))) as solver:
         assert solver.motions.shape[1] == 0
-        assert np.isfinite(solver.solve(np.ones((len(held), 1)))).all()
+        assert np.isfinite(solver.solve(np.ones((len(fixed), 1)))).all()
 
 
 def test_the_residual_of_every_solve_is_kept(operators: ElasticOperators) -> None:
-    held = np.repeat(operators.points[:, 2] < 1e-9, 3)
-    with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
+    fixed = np.repeat(operators.points[:, 2] < 1e-9, 3)
+    with ConstrainedSolver(operators, fixed, np.zeros((len(fixed), 0))) as solver:
         assert solver.largest_residual == 0.0
-        solver.solve(RNG.standard_normal((len(held), 1)))
+        solver.solve(RNG.standard_normal((len(fixed), 1)))
         assert 0.0 < solver.largest_residual < 1e-10
 
 
 def test_reciprocity_holds_between_any_two_loads(operators: ElasticOperators) -> None:
-    held = np.zeros(operators.owned_dofs, dtype=bool)
-    loads = RNG.standard_normal((len(held), 6))
-    with ConstrainedSolver(operators, held, means(operators)) as solver:
+    fixed = np.zeros(operators.owned_dofs, dtype=bool)
+    loads = RNG.standard_normal((len(fixed), 6))
+    with ConstrainedSolver(operators, fixed, means(operators)) as solver:
         work = loads.T @ solver.solve(loads)
     assert np.abs(work - work.T).max() < 1e-10 * np.abs(work).max()
 
@@ -151,10 +151,10 @@ def strip_operators(thickness: float) -> ElasticOperators:
 def test_a_thin_strip_finds_the_shape_back_that_its_forces_come_from(thickness: float) -> None:
     operators = strip_operators(thickness)
     x, _, z = operators.points.T
-    held = np.repeat(x < 1e-9, 3)
-    shape = np.zeros((len(held), 1))
+    fixed = np.repeat(x < 1e-9, 3)
+    shape = np.zeros((len(fixed), 1))
     shape[2::3, 0], shape[0::3, 0] = x**2, -2.0 * x * (z - z.mean())
-    with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
+    with ConstrainedSolver(operators, fixed, np.zeros((len(fixed), 0))) as solver:
         found = solver.solve(operators.apply_stiffness_precisely(shape))
     # a Cholesky factorisation alone is off by 1e-3 at 1:1000
     assert np.abs(found - shape).max() < 1e-8 * np.abs(shape).max()
@@ -171,11 +171,11 @@ def test_a_translation_of_a_thin_sheet_has_no_strain_energy_beside_its_bending()
 
 
 def test_a_load_that_the_means_carry_alone_moves_nothing(operators: ElasticOperators) -> None:
-    held = np.repeat(operators.points[:, 2] < 1e-9, 3)
+    fixed = np.repeat(operators.points[:, 2] < 1e-9, 3)
     constraints = means(operators)[:, 6:]
-    with ConstrainedSolver(operators, held, constraints) as solver:
+    with ConstrainedSolver(operators, fixed, constraints) as solver:
         found = solver.solve(1e6 * constraints[:, 2:3])
-        moved = solver.solve(np.where(held, 0.0, 1.0)[:, None])
+        moved = solver.solve(np.where(fixed, 0.0, 1.0)[:, None])
     assert (
         np.abs(found).max() * operators.stiffness_scale
         < 1e-9 * np.abs(1e6 * constraints[:, 2]).max()
@@ -186,8 +186,8 @@ def test_a_load_that_the_means_carry_alone_moves_nothing(operators: ElasticOpera
 def test_a_stiffness_that_its_factors_miss_by_far_is_refused(
     operators: ElasticOperators, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    held = np.repeat(operators.points[:, 2] < 1e-9, 3)
-    with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
+    fixed = np.repeat(operators.points[:, 2] < 1e-9, 3)
+    with ConstrainedSolver(operators, fixed, np.zeros((len(fixed), 0))) as solver:
         good = solver._factorization.solve
         for share, accepted in ((1e-3, True), (0.3, False)):
             monkeypatch.setattr(
@@ -196,10 +196,10 @@ def test_a_stiffness_that_its_factors_miss_by_far_is_refused(
                 lambda loads, share=share: (1.0 + share) * good(loads),
             )
             if accepted:
-                solver.solve(np.where(held, 0.0, 1.0)[:, None])
+                solver.solve(np.where(fixed, 0.0, 1.0)[:, None])
             else:
                 with pytest.raises(ConvergenceError, match=r"residual of .* \(allowed 1e-11\)"):
-                    solver.solve(np.where(held, 0.0, 1.0)[:, None])
+                    solver.solve(np.where(fixed, 0.0, 1.0)[:, None])
 
 
 @pytest.mark.parametrize("share", [1e-3, 0.5], ids=["a thousandth", "half"])
@@ -207,11 +207,11 @@ def test_a_soft_shape_that_factors_miss_by_half_is_refused_though_its_forces_are
     monkeypatch: pytest.MonkeyPatch, share: float
 ) -> None:
     operators = strip_operators(1e-3)
-    held = np.repeat(operators.points[:, 0] < 1e-9, 3)
-    load = np.zeros((len(held), 1))
+    fixed = np.repeat(operators.points[:, 0] < 1e-9, 3)
+    load = np.zeros((len(fixed), 1))
     load[2::3] = 1.0
-    load[held] = 0.0
-    with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
+    load[fixed] = 0.0
+    with ConstrainedSolver(operators, fixed, np.zeros((len(fixed), 0))) as solver:
         right, good = solver.solve(load), solver._factorization.solve
         monkeypatch.setattr(
             solver._factorization, "solve", lambda loads: (1.0 + share) * good(loads)
@@ -234,10 +234,10 @@ def test_a_soft_shape_that_factors_miss_by_half_is_refused_though_its_forces_are
 def test_what_refinement_leaves_is_within_what_conditioning_allows(thickness: float) -> None:
     operators = strip_operators(thickness)
     x, _, z = operators.points.T
-    held = np.repeat(x < 1e-9, 3)
-    shape = np.zeros((len(held), 1))
+    fixed = np.repeat(x < 1e-9, 3)
+    shape = np.zeros((len(fixed), 1))
     shape[2::3, 0], shape[0::3, 0] = x**2, -2.0 * x * (z - z.mean())
-    with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
+    with ConstrainedSolver(operators, fixed, np.zeros((len(fixed), 0))) as solver:
         found = solver.solve(operators.apply_stiffness_precisely(shape))
         error = np.abs(found - shape).max() / np.abs(shape).max()
         assert error < max(

@@ -24,44 +24,44 @@ def operators() -> ElasticOperators:
     )
 
 
-def some_held(operators: ElasticOperators) -> BoolArray:
-    """A clamped face, and single directions elsewhere, so that nodes are held in part."""
-    held = np.repeat(operators.points[:, 2] < 1e-9, 3)
-    held[7::31] = True
-    return held
+def some_fixed(operators: ElasticOperators) -> BoolArray:
+    """A clamped face, and single directions elsewhere, so that nodes are fixed in part."""
+    fixed = np.repeat(operators.points[:, 2] < 1e-9, 3)
+    fixed[7::31] = True
+    return fixed
 
 
 def residual(
-    operators: ElasticOperators, held: BoolArray, loads: FloatArray, found: FloatArray
+    operators: ElasticOperators, fixed: BoolArray, loads: FloatArray, found: FloatArray
 ) -> float:
     forces = operators.apply_stiffness(found)
-    return float(np.abs((forces - loads)[~held]).max() / np.abs(loads).max())
+    return float(np.abs((forces - loads)[~fixed]).max() / np.abs(loads).max())
 
 
-def solve(operators: ElasticOperators, held: BoolArray) -> tuple[FloatArray, FloatArray, str]:
+def solve(operators: ElasticOperators, fixed: BoolArray) -> tuple[FloatArray, FloatArray, str]:
     loads = np.random.default_rng(3).standard_normal((operators.owned_dofs, 5))
-    with Factorization(operators, held) as factors:
+    with Factorization(operators, fixed) as factors:
         kind = str(factors.factors.getPC().getFactorMatrix().getType())
         return loads, factors.solve(loads), kind
 
 
-def test_displacements_balance_the_loads_and_held_dofs_stay(operators: ElasticOperators) -> None:
-    held = some_held(operators)
-    loads, found, _ = solve(operators, held)
-    assert residual(operators, held, loads, found) < 1e-9
-    assert not found[held].any()
+def test_displacements_balance_the_loads_and_fixed_dofs_stay(operators: ElasticOperators) -> None:
+    fixed = some_fixed(operators)
+    loads, found, _ = solve(operators, fixed)
+    assert residual(operators, fixed, loads, found) < 1e-9
+    assert not found[fixed].any()
 
 
 @pytest.mark.skipif(not PETSc.Sys.hasExternalPackage("cholmod"), reason="PETSc without CHOLMOD")
 def test_cholmod_with_and_without_metis_and_mumps_agree(
     operators: ElasticOperators, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    held = some_held(operators)
-    _, ordered, first = solve(operators, held)
+    fixed = some_fixed(operators)
+    _, ordered, first = solve(operators, fixed)
     monkeypatch.setattr(factorization, "dissect_nodes", lambda pattern: None)
-    _, default, second = solve(operators, held)
+    _, default, second = solve(operators, fixed)
     monkeypatch.setattr(factorization, "_has_cholmod", lambda: False)
-    _, other, third = solve(operators, held)
+    _, other, third = solve(operators, fixed)
     assert (first, second, third) == ("cholmod", "cholmod", "mumps")
     assert np.abs(ordered - other).max() < 1e-10 * np.abs(other).max()
     assert np.abs(default - other).max() < 1e-10 * np.abs(other).max()

@@ -24,16 +24,16 @@ def block() -> tuple[ElasticOperators, BoolArray]:
 
 
 @pytest.mark.parametrize("count", [1, 7])
-def test_solutions_are_those_of_a_dense_solver_and_held_dofs_rest(
+def test_solutions_are_those_of_a_dense_solver_and_fixed_dofs_rest(
     block: tuple[ElasticOperators, BoolArray], count: int
 ) -> None:
-    operators, held = block
+    operators, fixed = block
     loads = np.random.default_rng(0).standard_normal((operators.owned_dofs, count))
-    with Factorization(operators, held) as factorization:
+    with Factorization(operators, fixed) as factorization:
         found = factorization.solve(loads)
-    exact = np.linalg.solve(operators.stiffness.toarray()[np.ix_(~held, ~held)], loads[~held])
-    assert np.abs(found[~held] - exact).max() < 1e-10 * np.abs(exact).max()
-    assert not found[held].any()
+    exact = np.linalg.solve(operators.stiffness.toarray()[np.ix_(~fixed, ~fixed)], loads[~fixed])
+    assert np.abs(found[~fixed] - exact).max() < 1e-10 * np.abs(exact).max()
+    assert not found[fixed].any()
 
 
 def test_a_factorisation_without_memory_blames_no_element(
@@ -51,41 +51,41 @@ def test_a_factorisation_without_memory_blames_no_element(
         Factorization(*block)
 
 
-def test_loads_on_held_dofs_are_ignored(block: tuple[ElasticOperators, BoolArray]) -> None:
-    operators, held = block
+def test_loads_on_fixed_dofs_are_ignored(block: tuple[ElasticOperators, BoolArray]) -> None:
+    operators, fixed = block
     loads = np.random.default_rng(0).standard_normal((operators.owned_dofs, 1))
-    with Factorization(operators, held) as factorization:
+    with Factorization(operators, fixed) as factorization:
         found = factorization.solve(loads)
-        again = factorization.solve(np.where(held[:, None], 1e9, loads))
+        again = factorization.solve(np.where(fixed[:, None], 1e9, loads))
     np.testing.assert_array_equal(found, again)
 
 
 def test_a_stiffness_that_is_not_positive_definite_is_refused(
     block: tuple[ElasticOperators, BoolArray],
 ) -> None:
-    operators, held = block
+    operators, fixed = block
     upside_down = dataclasses.replace(operators, stiffness=-operators.stiffness)
     with pytest.raises(HeadstockError, match="not positive definite"):
-        Factorization(upside_down, held).solve(np.ones((operators.owned_dofs, 1)))
+        Factorization(upside_down, fixed).solve(np.ones((operators.owned_dofs, 1)))
 
 
-def test_with_every_dof_held_nothing_moves(block: tuple[ElasticOperators, BoolArray]) -> None:
-    operators, held = block
-    with Factorization(operators, np.ones_like(held)) as factorization:
+def test_with_every_dof_fixed_nothing_moves(block: tuple[ElasticOperators, BoolArray]) -> None:
+    operators, fixed = block
+    with Factorization(operators, np.ones_like(fixed)) as factorization:
         assert factorization.free_total == 0
-        assert not factorization.solve(np.ones((len(held), 2))).any()
+        assert not factorization.solve(np.ones((len(fixed), 2))).any()
 
 
 def test_no_right_hand_side_gives_no_solution(block: tuple[ElasticOperators, BoolArray]) -> None:
-    operators, held = block
-    with Factorization(operators, held) as factorization:
-        assert factorization.solve(np.zeros((len(held), 0))).shape == (len(held), 0)
+    operators, fixed = block
+    with Factorization(operators, fixed) as factorization:
+        assert factorization.solve(np.zeros((len(fixed), 0))).shape == (len(fixed), 0)
 
 
 def test_a_single_element_whose_dofs_all_meet_is_factorised() -> None:
     # the ordering used for large matrices ends the process on such a graph
     mesh = make_box((1, 1, 1), (0.1, 0.1, 0.1))
     operators = assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=False)
-    held = np.repeat(operators.points[:, 2] < 1e-9, 3)
-    with Factorization(operators, held) as factorization:
-        assert np.isfinite(factorization.solve(np.ones((len(held), 1)))).all()
+    fixed = np.repeat(operators.points[:, 2] < 1e-9, 3)
+    with Factorization(operators, fixed) as factorization:
+        assert np.isfinite(factorization.solve(np.ones((len(fixed), 1)))).all()

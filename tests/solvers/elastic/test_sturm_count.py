@@ -48,9 +48,9 @@ def test_the_count_of_a_clamped_block_is_that_of_all_its_eigenvalues(
     free = np.repeat(~foot, 3)
     stiffness, mass = dense_pencil(operators)
     found = frequencies(stiffness[np.ix_(free, free)], mass[np.ix_(free, free)])
-    held = np.repeat(foot[operators.nodes], 3)
+    fixed = np.repeat(foot[operators.nodes], 3)
     for count in (1, 2, 5, 40, len(found) - 1):
-        assert count_frequencies_below(operators, held, between(found, count)) == count
+        assert count_frequencies_below(operators, fixed, between(found, count)) == count
 
 
 def test_rigid_motions_of_a_free_block_are_counted(
@@ -58,11 +58,11 @@ def test_rigid_motions_of_a_free_block_are_counted(
 ) -> None:
     _, operators = block
     found = frequencies(*dense_pencil(operators))
-    held = np.zeros(operators.owned_dofs, dtype=bool)
-    assert count_frequencies_below(operators, held, 0.5 * found[6]) == 6
+    fixed = np.zeros(operators.owned_dofs, dtype=bool)
+    assert count_frequencies_below(operators, fixed, 0.5 * found[6]) == 6
 
 
-def test_means_held_at_zero_take_their_modes_out_of_the_count(
+def test_means_fixed_at_zero_take_their_modes_out_of_the_count(
     block: tuple[ComponentMesh, ElasticOperators],
 ) -> None:
     mesh, operators = block
@@ -71,10 +71,12 @@ def test_means_held_at_zero_take_their_modes_out_of_the_count(
     stiffness, mass = dense_pencil(operators)
     basis = np.linalg.qr(everywhere.reshape(-1, 7), mode="complete")[0][:, 7:]
     found = frequencies(basis.T @ stiffness @ basis, basis.T @ mass @ basis)
-    held = np.zeros(operators.owned_dofs, dtype=bool)
+    fixed = np.zeros(operators.owned_dofs, dtype=bool)
     for count in (1, 4, 30):
         assert (
-            count_frequencies_below(operators, held, between(found, count), constraints=constraints)
+            count_frequencies_below(
+                operators, fixed, between(found, count), constraints=constraints
+            )
             == count
         )
 

@@ -9,7 +9,7 @@ from headstock.solvers.second_order import SecondOrderSystem
 
 
 def make_system(size: int, *, free: bool = False, massless: bool = False) -> SecondOrderSystem:
-    """A chain of masses on springs of every size, held at one end or free."""
+    """A chain of masses on springs of every size, fixed at one end or free."""
     random = np.random.default_rng(size)
     springs = 10.0 ** random.uniform(4.0, 7.0, size)
     stretch = np.eye(size) - np.eye(size, k=-1)

@@ -19,7 +19,7 @@ def system_of(mass: FloatArray, stiffness: FloatArray) -> SecondOrderSystem:
 def chain(
     count: int, *, free: bool = False, stiffness: float = 1.0e6, mass: float = 2.0
 ) -> tuple[SecondOrderSystem, FloatArray]:
-    """Equal masses in a row on equal springs, both ends held or both free."""
+    """Equal masses in a row on equal springs, both ends fixed or both free."""
     matrix = 2.0 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1)
     if free:
         matrix[0, 0] = matrix[-1, -1] = 1.0
@@ -39,7 +39,7 @@ def random_system(size: int, seed: int = 0, condition: float = 1.0) -> SecondOrd
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 60])
-def test_a_held_chain_has_its_closed_form_frequencies(count: int) -> None:
+def test_a_fixed_chain_has_its_closed_form_frequencies(count: int) -> None:
     system, expected = chain(count)
     modal = solve_modal(system)
     np.testing.assert_allclose(modal.frequencies_hz, expected, rtol=1e-11)

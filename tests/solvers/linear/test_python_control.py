@@ -60,7 +60,7 @@ def test_margins_are_those_of_python_control() -> None:
 
 def test_two_axes_on_one_machine_closed_one_after_the_other_are_those_closed_at_once() -> None:
     system, train = make_drive(TwoMasses(), GAINS)
-    held = dataclasses.replace(
+    fixed = dataclasses.replace(
         system,
         mass=np.diag([120.0, 60.0]),
         damping=np.diag([20.0, 30.0]),
@@ -82,7 +82,7 @@ def test_two_axes_on_one_machine_closed_one_after_the_other_are_those_closed_at_
         )
         for name, row in (("X", np.array([1.0, 0.0])), ("Y", np.array([0.0, 1.0])))
     ]
-    free = free_motors(held, trains)
+    free = free_motors(fixed, trains)
     plant = to_control(open_plant(free, trains))
     # outputs: encoders, motors, slides; close X, then Y around the result
     rates = control.tf([1.0, GAINS.position_gain], [1.0])

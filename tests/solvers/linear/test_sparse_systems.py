@@ -26,14 +26,14 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sparse_systems, "SMALLEST", 100)
 
 
-def chains(count: int = 1, *, held: bool = True) -> tuple[FloatArray, FloatArray]:
+def chains(count: int = 1, *, fixed: bool = True) -> tuple[FloatArray, FloatArray]:
     """Stiffness and mass of equal rows of masses on springs: every eigenvalue as often as there are
     rows.
     """
     size = SIZE // count
     stiffness = 2.0 * np.eye(size) - np.eye(size, k=1) - np.eye(size, k=-1)
     stiffness[-1, -1] = 1.0
-    stiffness[0, 0] = 2.0 if held else 1.0
+    stiffness[0, 0] = 2.0 if fixed else 1.0
     mass = (4.0 * np.eye(size) + np.eye(size, k=1) + np.eye(size, k=-1)) / 6.0
     return np.asarray(np.kron(np.eye(count), stiffness), dtype=np.float64), np.asarray(
         np.kron(np.eye(count), mass), dtype=np.float64
@@ -82,7 +82,7 @@ def test_pivots_count_eigenvalues_below_a_shift() -> None:
 
 
 def test_what_is_free_or_without_mass_is_left_to_the_full_solve() -> None:
-    stiffness, mass = chains(held=False)
+    stiffness, mass = chains(fixed=False)
     assert solve_symmetric_modes(stiffness, mass, wanted=6).rigid_count == 1
     stiffness, mass = chains()
     mass[7, :] = mass[:, 7] = 0.0

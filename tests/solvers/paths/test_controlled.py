@@ -1,4 +1,4 @@
-"""Deviation from a path under control: lag, linearity, the limit of held motors, and a second
+"""Deviation from a path under control: lag, linearity, the limit of fixed motors, and a second
 integrator.
 """
 
@@ -56,17 +56,17 @@ def test_five_times_the_feed_with_the_same_ramps_deviates_five_times_as_much() -
     np.testing.assert_allclose(second, 5.0 * first, atol=1e-6 * np.abs(second).max())
 
 
-def test_a_motor_that_follows_perfectly_leaves_the_deviation_of_a_held_one() -> None:
+def test_a_motor_that_follows_perfectly_leaves_the_deviation_of_a_fixed_one() -> None:
     heavy = dataclasses.replace(MASSES, motor=1e8)
     control = AxisControl(
         300.0, 1e11, velocity_feed_forward=1.0, acceleration_feed_forward=heavy.motor + heavy.load
     )
     found = solve_controlled_path(path_with(control, heavy), MOVE, SAMPLES)
-    held = SecondOrderSystem(
+    fixed = SecondOrderSystem(
         MASSES.load * np.eye(1), MASSES.damping * np.eye(1), MASSES.stiffness * np.eye(1),
         {("path", "acceleration"): -MASSES.load * np.ones(1)}, {LOAD: np.ones(1)}, ("load",),
     )  # fmt: skip
-    expected = solve_path(held, PathModel(("path", "acceleration"), (LOAD,), 5.0), MOVE, SAMPLES)
+    expected = solve_path(fixed, PathModel(("path", "acceleration"), (LOAD,), 5.0), MOVE, SAMPLES)
     np.testing.assert_allclose(
         found.total, expected.total, atol=2e-5 * np.abs(expected.total).max()
     )

@@ -120,7 +120,7 @@ modes = [
     assert int(np.argmin(np.abs(state.frequencies_hz - 150.0))) + 1 != outcome.mode
 
 
-def test_what_is_held_out_is_predicted_and_changes_nothing(tmp_path: Path) -> None:
+def test_what_is_fixed_out_is_predicted_and_changes_nothing(tmp_path: Path) -> None:
     targets = make_targets(tmp_path)
     entry = '{ point = "tcp", motion = "z", force = "z", value = "'
     wrong = targets.replace(
@@ -130,9 +130,9 @@ def test_what_is_held_out_is_predicted_and_changes_nothing(tmp_path: Path) -> No
         with_settings(prepare_text(tmp_path, wrong + write_parameters(TRUTH)), starts=3), "test"
     )
     assert found.values == pytest.approx(TRUTH, rel=1e-4)
-    (held,) = [outcome for outcome in found.outcomes if outcome.hold_out]
-    assert held.found < 0.2 * held.wanted
-    assert abs(held.residual) > 100.0
+    (fixed,) = [outcome for outcome in found.outcomes if outcome.hold_out]
+    assert fixed.found < 0.2 * fixed.wanted
+    assert abs(fixed.residual) > 100.0
 
 
 def test_a_limit_on_the_number_of_modes_pushes_the_next_one_up(tmp_path: Path) -> None:

@@ -143,7 +143,7 @@ def test_more_parameters_than_data_are_refused(tmp_path: Path) -> None:
     assert "3 target(s) cannot fix 4 parameters without a prior" in problem.message
 
 
-def test_a_file_whose_targets_are_all_held_out_is_refused(tmp_path: Path) -> None:
+def test_a_file_whose_targets_are_all_fixed_out_is_refused(tmp_path: Path) -> None:
     (problem,) = problems(tmp_path, GOOD.replace('tolerance = "2 %"', "hold_out = true"))
     assert "nothing to fit to" in problem.message
 

@@ -7,8 +7,8 @@ from headstock.validation.ladder.paper_elements import (
     brick_mass,
     brick_model,
     brick_stiffness,
-    held_modes,
-    solve_held,
+    fixed_modes,
+    solve_fixed,
 )
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
@@ -36,12 +36,12 @@ def test_one_row_of_bricks_is_exact_in_pure_bending_where_plain_ones_lock() -> N
     material = Material("m", 210e9, 0.0, 7850.0)
     sides, count = (0.01, 0.02, 0.5), 5
     model = brick_model(sides, (1, 1, count), material)
-    held, top = (
+    fixed, top = (
         np.flatnonzero(np.abs(model.points[:, 2] - sign * 0.25) < 1e-9) for sign in (-1.0, 1.0)
     )
     loads = np.zeros((3 * len(model.points), 1))
     loads[3 * top + 2, 0] = model.points[top, 0] / (model.points[top, 0] ** 2).sum()
-    tip = solve_held(model, held, loads)[3 * top, 0].mean()
+    tip = solve_fixed(model, fixed, loads)[3 * top, 0].mean()
     exact = sides[2] ** 2 / (2.0 * material.youngs_modulus * sides[1] * sides[0] ** 3 / 12.0)
     assert abs(tip) == pytest.approx(exact, rel=1e-9)
 
@@ -58,11 +58,11 @@ def test_a_constant_strain_is_answered_exactly_by_any_bricks() -> None:
 def test_frequencies_of_a_slender_column_tend_to_those_of_its_beam() -> None:
     material = Material("m", 210e9, 0.0, 7850.0)
     model = brick_model((0.01, 0.013, 0.5), (1, 1, 40), material)
-    held = np.flatnonzero(model.points[:, 2] < -0.25 + 1e-9)
-    found, shapes = held_modes(model, held, 4)
+    fixed = np.flatnonzero(model.points[:, 2] < -0.25 + 1e-9)
+    found, shapes = fixed_modes(model, fixed, 4)
     speed = np.sqrt(210e9 / 7850.0) / np.sqrt(12.0) / (2.0 * np.pi * 0.25)
     assert found[:2] == pytest.approx(
         [1.8751**2 * 0.01 * speed, 1.8751**2 * 0.013 * speed], rel=2e-3
     )
     assert shapes.shape == (4, len(model.points), 3)
-    assert np.abs(shapes[:, held]).max() == 0.0
+    assert np.abs(shapes[:, fixed]).max() == 0.0

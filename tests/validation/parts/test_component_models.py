@@ -31,7 +31,7 @@ def dense_frequencies(model: FullModel) -> FloatArray:
     unit = model.owned(np.eye(count).reshape(-1, 3, count))
     stiffness = model.everywhere(model.operators.apply_stiffness(unit)).reshape(count, count)
     mass = model.everywhere(model.operators.apply_mass(unit)).reshape(count, count)
-    free = np.flatnonzero(~model.held.ravel())
+    free = np.flatnonzero(~model.fixed.ravel())
     values = scipy.linalg.eigh(
         stiffness[np.ix_(free, free)], mass[np.ix_(free, free)], eigvals_only=True
     )
@@ -39,8 +39,8 @@ def dense_frequencies(model: FullModel) -> FloatArray:
 
 
 def test_clamped_modes_equal_dense_algebra(mesh: ComponentMesh) -> None:
-    held = np.repeat(mesh.points[:, 2:] < 1e-9, 3, axis=1)
-    model = full_model(mesh, STEEL, comm=MPI.COMM_SELF, held=held)
+    fixed = np.repeat(mesh.points[:, 2:] < 1e-9, 3, axis=1)
+    model = full_model(mesh, STEEL, comm=MPI.COMM_SELF, fixed=fixed)
     found = full_modes(model, 8).frequencies_hz[:8]
     np.testing.assert_allclose(found, dense_frequencies(model)[:8], rtol=1e-9)
 
@@ -52,10 +52,10 @@ def test_free_modes_equal_dense_algebra_without_its_six_rigid_ones(mesh: Compone
     assert rigid_frequencies(model).max() < 1e-5 * found[0]
 
 
-def test_a_face_held_along_one_axis_leaves_three_rigid_motions(mesh: ComponentMesh) -> None:
-    held = np.zeros((len(mesh.points), 3), dtype=bool)
-    held[mesh.points[:, 2] < 1e-9, 2] = True
-    model = full_model(mesh, STEEL, comm=MPI.COMM_SELF, held=held)
+def test_a_face_fixed_along_one_axis_leaves_three_rigid_motions(mesh: ComponentMesh) -> None:
+    fixed = np.zeros((len(mesh.points), 3), dtype=bool)
+    fixed[mesh.points[:, 2] < 1e-9, 2] = True
+    model = full_model(mesh, STEEL, comm=MPI.COMM_SELF, fixed=fixed)
     assert free_motions(model).shape[1] == 3
     np.testing.assert_allclose(
         full_modes(model, 5).frequencies_hz[:5], dense_frequencies(model)[3:8], rtol=1e-9
@@ -79,7 +79,7 @@ def test_means_hold_a_body_without_holding_any_node(mesh: ComponentMesh) -> None
 
 def test_modes_of_a_pair_are_both_found_in_a_square_bar() -> None:
     square = lattice_mesh(straight_lattice((1, 1, 4), (0.05, 0.05, 0.3)), "hex27", straight=True)
-    held = np.repeat(square.points[:, 2:] < 1e-9, 3, axis=1)
-    found = full_modes(full_model(square, STEEL, comm=MPI.COMM_SELF, held=held), 4).frequencies_hz
+    fixed = np.repeat(square.points[:, 2:] < 1e-9, 3, axis=1)
+    found = full_modes(full_model(square, STEEL, comm=MPI.COMM_SELF, fixed=fixed), 4).frequencies_hz
     assert found[1] / found[0] - 1.0 < 1e-9
     assert found[2] / found[1] > 2.0

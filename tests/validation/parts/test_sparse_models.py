@@ -13,7 +13,7 @@ from headstock.validation.parts.component_models import (
     full_model,
     full_modes,
     guyan_matrices,
-    held_compliance,
+    fixed_compliance,
     lowest_frequencies,
     rigid_face_matrices,
 )
@@ -65,5 +65,5 @@ def test_guyan_mass_holds_the_whole_mass_and_guyan_stiffness_the_static_complian
     along = np.tile([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], 2)
     assert along @ mass @ along == pytest.approx(7850.0 * 0.04 * 0.06 * 0.3, rel=1e-10)
     np.testing.assert_allclose(
-        np.linalg.inv(stiffness[6:, 6:]), held_compliance(matrices), rtol=1e-7, atol=1e-16
+        np.linalg.inv(stiffness[6:, 6:]), fixed_compliance(matrices), rtol=1e-7, atol=1e-16
     )

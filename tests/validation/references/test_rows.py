@@ -46,7 +46,7 @@ def test_a_value_that_is_not_finite_never_passes(value: float) -> None:
     assert not show("c", "q", value, "-").passed
 
 
-def test_a_bound_is_held_against_zero_on_both_sides() -> None:
+def test_a_bound_is_compared_with_zero_on_both_sides() -> None:
     assert [
         judge_bound("c", "q", value, 1e-9).passed for value in (-2e-9, -1e-9, 0.0, 1e-9, 2e-9)
     ] == [
