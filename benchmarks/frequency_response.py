@@ -18,7 +18,12 @@ from headstock.solvers.linear.damping import equivalent_viscous
 from headstock.solvers.linear.frequency_response import evaluate_frf, find_peaks, prepare_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
-from headstock.validation.parts.response_cases import PORTS, TO_HZ, column_models, direct_response
+from headstock.validation.parts.response_cases import (
+    CHANNELS,
+    TO_HZ,
+    column_models,
+    direct_response,
+)
 
 COUNT, TRIED, REPEATS = 1000, 3, 5
 WANTED = (100, 200)  # damped modes
@@ -45,13 +50,18 @@ def damped_lattice(
     stiffness = rows.T @ (1e8 * random.uniform(0.3, 3.0, len(links))[:, None] * rows)
     stiffness[places[:, :, 0].ravel(), places[:, :, 0].ravel()] += 1e8
     chosen = rows[random.choice(len(links), dampers, replace=False)]
-    ports = {
+    channels = {
         (name, "x"): np.eye(places.size)[place]
         for name, place in (("a", -1), ("b", 500), ("c", 900))
     }
     mass = np.diag(random.uniform(0.5, 2.0, places.size))
     return SecondOrderSystem(
-        mass, 2e3 * chosen.T @ chosen, stiffness, ports, ports, tuple(map(str, range(places.size)))
+        mass,
+        2e3 * chosen.T @ chosen,
+        stiffness,
+        channels,
+        channels,
+        tuple(map(str, range(places.size))),
     )
 
 
@@ -60,7 +70,7 @@ def compare_with_eigenvalues() -> None:
     of the same size.
     """
     system = damped_lattice()
-    ports, times = tuple(system.inputs), []
+    channels, times = tuple(system.inputs), []
     for _ in range(REPEATS):
         start = time.process_time()
         scipy.linalg.eigh(system.stiffness, system.mass)
@@ -68,7 +78,7 @@ def compare_with_eigenvalues() -> None:
         modes = solve_modal(system)
         prepared = time.process_time()
         frequencies = np.linspace(1.0, float(modes.frequencies_hz[100]), COUNT, dtype=np.float64)
-        model = prepare_frf(system, inputs=ports[:1], outputs=ports, modes=modes)
+        model = prepare_frf(system, inputs=channels[:1], outputs=channels, modes=modes)
         answered = evaluate_frf(model, frequencies)
         done = time.process_time()
         find_peaks(model, float(frequencies[-1]))
@@ -144,7 +154,7 @@ def main() -> None:
     for _ in range(REPEATS):
         start = time.process_time()
         found = evaluate_frf(
-            prepare_frf(system, inputs=PORTS, outputs=PORTS), frequencies
+            prepare_frf(system, inputs=CHANNELS, outputs=CHANNELS), frequencies
         ).receptance
         reduced.append(time.process_time() - start)
     picked = np.linspace(0, COUNT - 1, TRIED).astype(int)

@@ -359,12 +359,12 @@ def _find_undescribed(tree: Tree) -> Iterator[str]:
         ]
         for node in (node for owner in owners for node in owner.body if isinstance(node, Function)):
             given = [each.arg for each in _parameters(node) if each.arg not in ("self", "cls")]
-            told = (
+            reported = (
                 node.name.startswith("_")
                 or f"{module}.{node.name}" in commands
                 or "Args:" in (ast.get_docstring(node) or "")
             )
-            if len(given) >= BUNDLE and not told:
+            if len(given) >= BUNDLE and not reported:
                 yield f"{module}:{node.lineno} {node.name}"
 
 

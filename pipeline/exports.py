@@ -37,7 +37,7 @@ from headstock.scene.scene import Scene, require_name
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.state_space import StateSpace, to_state_space
 from headstock.solvers.ranks import make_on_root, share_from_root
-from headstock.solvers.second_order import Port, name_port
+from headstock.solvers.second_order import Channel, name_channel
 
 # loaded only where a mesh is written: it takes meshio and netCDF4 with it
 WRITING_MODULE = "headstock.meshing.files.writing"
@@ -103,8 +103,8 @@ def encode_mat(space: StateSpace, origin: Provenance | None = None) -> bytes:
     image = io.BytesIO()
     names = {"inputs": space.inputs, "outputs": space.outputs}
     cells = {
-        key: np.array([name_port(port) for port in ports], dtype=object)
-        for key, ports in names.items()
+        key: np.array([name_channel(channel) for channel in channels], dtype=object)
+        for key, channels in names.items()
     }
     states = np.array(space.states, dtype=object)
     content: dict[str, Any] = {
@@ -129,15 +129,15 @@ def encode_mat(space: StateSpace, origin: Provenance | None = None) -> bytes:
     return image.getvalue()
 
 
-def _ports(scene: Scene) -> tuple[tuple[Port, ...], tuple[Port, ...]]:
+def _ports(scene: Scene) -> tuple[tuple[Channel, ...], tuple[Channel, ...]]:
     if scene.analyses.frf is not None:
         return scene.analyses.frf.inputs, scene.analyses.frf.outputs
-    ports = tuple((point, direction) for point in scene.machine.points for direction in "xyz")
-    if not ports:
+    channels = tuple((point, direction) for point in scene.machine.points for direction in "xyz")
+    if not channels:
         raise ModelError(
             "there is no point whose motion could be an output; write [points], or [analyses.frf] with inputs"
         )
-    return ports, ports
+    return channels, channels
 
 
 def export_superelement(

@@ -62,7 +62,7 @@ def lowest_participating(first: FloatArray, second: FloatArray) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Attachment:
+class InterfaceMap:
     """Where a fixed interface sits on a superelement.
 
     Attributes:
@@ -170,7 +170,7 @@ class Superelement:
     name: str
     labels: tuple[tuple[str, str], ...]
     frames: tuple[Frame, ...]
-    attachments: dict[str, Attachment]
+    interface_maps: dict[str, InterfaceMap]
     stiffness: FloatArray
     mass: FloatArray
     constraints: FloatArray

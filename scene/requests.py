@@ -10,7 +10,7 @@ from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.milling.tool_path import SquareContour
 from headstock.solvers.paths.response import LowPass
 from headstock.solvers.paths.set_points import SetPoint
-from headstock.solvers.second_order import Motion, Port
+from headstock.solvers.second_order import Motion, Channel
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,8 @@ class FrfRequest:
         poses: All of them when empty.
     """
 
-    inputs: tuple[Port, ...]
-    outputs: tuple[Port, ...]
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
     to_hz: float
     from_hz: float = 0.0
     points: int = 401
@@ -166,7 +166,7 @@ class PathRequest:
 
     path: MachinePath
     moves: tuple[SetPoint, ...]
-    outputs: tuple[Port, ...]
+    outputs: tuple[Channel, ...]
     sampling_hz: float
     low_pass: LowPass | None
     residual_time: float

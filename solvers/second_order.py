@@ -13,7 +13,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
-Port = tuple[str, str]
+Channel = tuple[str, str]
 Motion = Literal["receptance", "mobility", "accelerance"]
 
 
@@ -39,45 +39,45 @@ class SecondOrderSystem:
     mass: FloatArray
     damping: FloatArray | None
     stiffness: FloatArray
-    inputs: dict[Port, FloatArray]
-    outputs: dict[Port, FloatArray]
+    inputs: dict[Channel, FloatArray]
+    outputs: dict[Channel, FloatArray]
     labels: tuple[str, ...]
     hysteretic: FloatArray | None = None
 
 
-def input_columns(system: SecondOrderSystem, inputs: Sequence[Port]) -> FloatArray:
+def input_columns(system: SecondOrderSystem, inputs: Sequence[Channel]) -> FloatArray:
     """Generalised loads ``(n, n_inputs)`` of unit loads.
 
     Raises:
         ModelError: There is no such input.
     """
     return (
-        np.array([_find(system.inputs, port, "input") for port in inputs])
+        np.array([_find(system.inputs, channel, "input") for channel in inputs])
         .reshape(len(inputs), len(system.mass))
         .T
     )
 
 
-def output_rows(system: SecondOrderSystem, outputs: Sequence[Port]) -> FloatArray:
+def output_rows(system: SecondOrderSystem, outputs: Sequence[Channel]) -> FloatArray:
     """Rows ``(n_outputs, n)`` that give the motions.
 
     Raises:
         ModelError: There is no such output.
     """
-    return np.array([_find(system.outputs, port, "output") for port in outputs]).reshape(
+    return np.array([_find(system.outputs, channel, "output") for channel in outputs]).reshape(
         len(outputs), len(system.mass)
     )
 
 
-def name_port(port: Port) -> str:
+def name_channel(channel: Channel) -> str:
     """``tcp x``."""
-    return f"{port[0]} {port[1]}"
+    return f"{channel[0]} {channel[1]}"
 
 
-def _find(ports: dict[Port, FloatArray], port: Port, what: str) -> FloatArray:
-    if port not in ports:
-        known = sorted({name for name, _ in ports})
+def _find(channels: dict[Channel, FloatArray], channel: Channel, what: str) -> FloatArray:
+    if channel not in channels:
+        known = sorted({name for name, _ in channels})
         raise ModelError(
-            f"there is no {what} {name_port(port)!r}; points and interfaces: {known}, directions x y z rx ry rz"
+            f"there is no {what} {name_channel(channel)!r}; points and interfaces: {known}, directions x y z rx ry rz"
         )
-    return ports[port]
+    return channels[channel]

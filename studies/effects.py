@@ -205,12 +205,12 @@ def _machine_entries(summary: RunSummary) -> Iterator[_Entry]:
             moved = np.array(point.get("displacement", [0.0] * 6)[:3], dtype=np.float64)
             yield _Entry("displacement under loads", where, 1e6 * moved)
     for pose, response in summary.get("frf", {}).items():
-        for port in response["drive_points"]:
-            if port.get("minimum_dynamic_stiffness_N_per_um") is not None:
+        for channel in response["drive_points"]:
+            if channel.get("minimum_dynamic_stiffness_N_per_um") is not None:
                 yield _Entry(
                     "dynamic stiffness",
-                    f"{' '.join(port['dof'])} in pose {pose}",
-                    [port["minimum_dynamic_stiffness_N_per_um"]],
+                    f"{' '.join(channel['dof'])} in pose {pose}",
+                    [channel["minimum_dynamic_stiffness_N_per_um"]],
                 )
 
 

@@ -12,7 +12,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.frf import PoseResponse, ResponseCurves
 from headstock.pipeline.stages.frf import peaks_have_tops
 from headstock.solvers.linear.frequency_response import FrfModel, evaluate_frf, find_peaks
-from headstock.solvers.second_order import ComplexArray, Port
+from headstock.solvers.second_order import ComplexArray, Channel
 from headstock.studies.variants import VariantSolution
 
 HOLDS = 0.1  # share of the reference's value up to which another model is said to hold it
@@ -72,8 +72,8 @@ class ResponseEntry:
         reason: Why there are no such numbers, in plain words.
     """
 
-    output: Port
-    given: Port
+    output: Channel
+    given: Channel
     peak: float | None = None
     peak_hz: float | None = None
     peak_mode: str = ""
@@ -169,7 +169,7 @@ def _describe_entry(
     negligible = output != given and bool(
         tops[row, column] < NEGLIGIBLE * _usual_size(curves, tops, output, given)
     )
-    figures = next((own for own in response.figures if own.port == output == given), None)
+    figures = next((own for own in response.figures if own.channel == output == given), None)
     if figures is not None and figures.minimum_dynamic_stiffness:
         return ResponseEntry(
             output,
@@ -203,14 +203,14 @@ def _largest_sizes(curves: ResponseCurves) -> FloatArray:
     return np.asarray(np.where(np.isfinite(sizes), sizes, 0.0).max(axis=0))
 
 
-def _usual_size(curves: ResponseCurves, tops: FloatArray, output: Port, given: Port) -> float:
+def _usual_size(curves: ResponseCurves, tops: FloatArray, output: Channel, given: Channel) -> float:
     """Size that an entry would have if both ports moved together: the geometric mean of those of
     the two drive points; without one, the largest of entries in the same unit.
     """
     own = [
-        float(tops[curves.outputs.index(port), curves.inputs.index(port)])
-        for port in (output, given)
-        if port in curves.outputs and port in curves.inputs
+        float(tops[curves.outputs.index(channel), curves.inputs.index(channel)])
+        for channel in (output, given)
+        if channel in curves.outputs and channel in curves.inputs
     ]
     if len(own) == 2:
         return float(np.sqrt(own[0] * own[1]))

@@ -11,7 +11,7 @@ from headstock.geometry.parts.components import Component, Interface, Material, 
 from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.solids import Box
 from headstock.reduction.components.rigid import reduce_rigid
-from headstock.reduction.superelement import Attachment, Superelement
+from headstock.reduction.superelement import InterfaceMap, Superelement
 
 Body = tuple[Component, Superelement]
 
@@ -69,8 +69,8 @@ def two_node_body(
         name=name,
         labels=tuple((node, dof) for node in places for dof in DOF_NAMES),
         frames=tuple(Frame(place) for place in places.values()),
-        attachments={
-            node: Attachment(i, Frame(place)) for i, (node, place) in enumerate(places.items())
+        interface_maps={
+            node: InterfaceMap(i, Frame(place)) for i, (node, place) in enumerate(places.items())
         },
         stiffness=stretch.T @ np.diag(np.asarray(stiffness, dtype=float)) @ stretch,
         mass=np.asarray(np.kron(np.eye(2), half), dtype=np.float64),

@@ -132,8 +132,8 @@ def main(path: Path) -> None:
         [count_frequencies_below(model.operators, model.owned_fixed, below)]
     )
     # bending twins: only the plane they span is defined, so its projector is compared
-    twins = model.everywhere(modes.shapes[:, :2]).reshape(-1, 2)
-    found["free.plane"] = (twins @ twins.T)[:60, :60] / np.linalg.norm(twins) ** 2
+    equals = model.everywhere(modes.shapes[:, :2]).reshape(-1, 2)
+    found["free.plane"] = (equals @ equals.T)[:60, :60] / np.linalg.norm(equals) ** 2
     fixed = np.repeat((square.points[:, 2] < 1e-9)[:, None], 3, axis=1)
     loads = np.zeros((len(square.points), 3))
     loads[-1] = [1.0, 2.0, 3.0]

@@ -39,7 +39,7 @@ from headstock.studies.identification.targets import IdentificationTask
 
 CORRELATION_SHOWN = 0.9
 SEEN_FAINTLY = 0.5
-BLIND_SHOWN = 6
+UNIDENTIFIABLE_SHOWN = 6
 
 
 def print_task(task: IdentificationTask) -> None:
@@ -130,10 +130,12 @@ def _outcome_cells(item: TargetOutcome) -> tuple[str, ...]:
 
 def _print_doubts(found: Identification) -> None:
     console, statistics = make_console(), found.statistics
-    for direction in statistics.blind[-BLIND_SHOWN:][::-1]:  # the least certain come last
+    for direction in statistics.unidentifiable[-UNIDENTIFIABLE_SHOWN:][
+        ::-1
+    ]:  # the least certain come last
         console.print(f"unidentifiable from these data: {direction}", style="yellow", markup=False)
-    if len(statistics.blind) > BLIND_SHOWN:
-        more = len(statistics.blind) - BLIND_SHOWN
+    if len(statistics.unidentifiable) > UNIDENTIFIABLE_SHOWN:
+        more = len(statistics.unidentifiable) - UNIDENTIFIABLE_SHOWN
         console.print(
             f"and {more} further direction(s), in {RECORD_FILE}", style="yellow", markup=False
         )

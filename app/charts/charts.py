@@ -34,7 +34,7 @@ from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import COLORS, component_colors
-from headstock.solvers.second_order import ComplexArray, Port
+from headstock.solvers.second_order import ComplexArray, Channel
 
 DPI = 130
 BARS_SHOWN = 8
@@ -173,7 +173,7 @@ def draw_responses(responses: Sequence[ResponseCurves]) -> dict[str, bytes]:
 
 
 def draw_overlay(
-    responses: Mapping[str, ResponseCurves], entries: Sequence[tuple[Port, Port]]
+    responses: Mapping[str, ResponseCurves], entries: Sequence[tuple[Channel, Channel]]
 ) -> bytes:
     """Bode plots of several models over each other, as a PNG file.
 

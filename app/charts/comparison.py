@@ -23,10 +23,10 @@ from headstock.app.texts.comparison import alike_rigid_modes, list_points, row_f
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.views import COLORS
-from headstock.solvers.second_order import Port
+from headstock.solvers.second_order import Channel
 from headstock.studies.comparison_summary import ComparisonSummary
 
-Entry = tuple[Port, Port]
+Entry = tuple[Channel, Channel]
 LEVEL_HALF_WIDTH = 0.3
 LABEL_INCHES = 0.17
 NAME_LENGTH = 60

@@ -14,7 +14,7 @@ from headstock.app.texts.curves import even_ticks, thin_curve
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.contouring import ContourSummary
 from headstock.pipeline.results.path import PathCurves, deviation_unit
-from headstock.solvers.second_order import name_port
+from headstock.solvers.second_order import name_channel
 
 WIDTH, LEFT, RIGHT, TITLE, FOOT = 1150, 52, 14, 24, 26
 LINE_HEIGHT, PANEL_HEIGHT, GAP = 150, 150, 44
@@ -56,13 +56,13 @@ def draw_path(curves: Sequence[PathCurves], output: int, identity: str) -> Marku
         output: Number of the output.
         identity: ``id`` in the page.
     """
-    port = curves[0].outputs[output]
+    channel = curves[0].outputs[output]
     parts = [_draw_line(curves, output)]
     top = TITLE + LINE_HEIGHT + GAP
     for run in curves:
         parts.append(_draw_run(run, output, top))
         top += TITLE + PANEL_HEIGHT + FOOT
-    title = f"Deviation of {name_port(port)} from the path"
+    title = f"Deviation of {name_channel(channel)} from the path"
     return svg.picture(
         parts, identity=identity, kind="sticks", width=WIDTH, height=top, label=title
     )
@@ -75,7 +75,7 @@ def _draw_line(curves: Sequence[PathCurves], output: int) -> Markup:
     length = 1e3 * float(curves[0].positions[-1])
     panel = _Panel(LEFT, TITLE, WIDTH - LEFT - RIGHT, LINE_HEIGHT, (0.0, length), _range(values))
     steepness = (panel.height / (panel.up[1] - panel.up[0])) / (panel.width / length) * 1e3
-    title = f"The line as travelled, deviation of {name_port(curves[0].outputs[output])} magnified {_round(steepness)} times"
+    title = f"The line as travelled, deviation of {name_channel(curves[0].outputs[output])} magnified {_round(steepness)} times"
     parts = [svg.heading(panel.x, panel.y - 10, title)]
     fastest = max(curves, key=lambda run: run.feed)
     for begin, end in fastest.zones:
@@ -101,7 +101,7 @@ def _draw_line(curves: Sequence[PathCurves], output: int) -> Markup:
 def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
     unit, factor = deviation_unit(run.outputs[output])
     found = run.deviation
-    total, follows = (
+    total, quasi_static = (
         factor * found.total[:, output],
         factor * (found.quasi_static + found.low_frequency)[:, output],
     )
@@ -115,7 +115,12 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
     left, parts = float(LEFT), []
     for number, (span, share) in enumerate(zip(spans, SHARES, strict=True)):
         panel = _Panel(
-            left, top + TITLE, share * room, PANEL_HEIGHT, span, _range([total, follows, rings])
+            left,
+            top + TITLE,
+            share * room,
+            PANEL_HEIGHT,
+            span,
+            _range([total, quasi_static, rings]),
         )
         parts.append(
             svg.heading(
@@ -133,7 +138,7 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
         if number:
             parts.append(_curve(panel, found.times, rings, RINGS, 1.0))
         parts += [
-            _curve(panel, found.times, follows, FOLLOWS, 1.6),
+            _curve(panel, found.times, quasi_static, FOLLOWS, 1.6),
             _curve(panel, found.times, total, TOTAL, 1.3),
         ]
         left += panel.width + LEFT

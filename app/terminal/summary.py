@@ -34,12 +34,12 @@ from headstock.app.texts.tables import (
     COMPONENT_COLUMNS,
     DRIVE_COLUMNS,
     POLE_COLUMNS,
-    PORT_COLUMNS,
+    DRIVE_POINT_COLUMNS,
     PROBE_COLUMNS,
     ZONE_COLUMNS,
     Column,
     list_modes,
-    list_ports,
+    list_channels,
     list_zones,
     shared_budget,
     sort_shares,
@@ -128,7 +128,7 @@ def print_summary(
         print_table(
             console,
             f"Frequency response in pose {pose}",
-            tell_rows(PORT_COLUMNS, list_ports(response)),
+            tell_rows(DRIVE_POINT_COLUMNS, list_channels(response)),
         )
         for words in response_error_words(response):
             console.print(f"  {words}", markup=False)

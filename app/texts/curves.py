@@ -10,7 +10,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.frf import ResponseCurves
-from headstock.solvers.second_order import ComplexArray, Motion, Port, name_port
+from headstock.solvers.second_order import ComplexArray, Motion, Channel, name_channel
 
 MOST_FIELDS = 6  # rows and columns of a grid beyond this cannot be read
 DECADES_SHOWN = 5.0
@@ -18,7 +18,7 @@ LEAST_TICKS = 3
 RATES: dict[Motion, str] = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
 
 
-def response_unit(motion: Motion, output: Port, given: Port) -> tuple[str, float]:
+def response_unit(motion: Motion, output: Channel, given: Channel) -> tuple[str, float]:
     """Unit in which an entry is shown, and the factor from SI to it; compliances in µm/kN, as
     everywhere but in files in SI.
 
@@ -33,9 +33,9 @@ def response_unit(motion: Motion, output: Port, given: Port) -> tuple[str, float
     return f"{'rad' if turns else 'm'}{RATES[motion]} per {'N m' if moment else 'N'}", 1.0
 
 
-def name_entry(output: Port, given: Port) -> str:
+def name_entry(output: Channel, given: Channel) -> str:
     """``tcp x / tcp y``: motion over load."""
-    return f"{name_port(output)} / {name_port(given)}"
+    return f"{name_channel(output)} / {name_channel(given)}"
 
 
 def magnitude_range(size: FloatArray) -> tuple[float, float]:

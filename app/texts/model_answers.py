@@ -11,7 +11,7 @@ from headstock.app.texts.curves import name_entry, response_unit
 from headstock.app.texts.tables import sort_shares
 from headstock.geometry.frames import DIRECTIONS
 from headstock.reduction.motions.body_motions import name_families
-from headstock.solvers.second_order import Port
+from headstock.solvers.second_order import Channel
 from headstock.studies.comparison_summary import (
     ComparisonSummary,
     EntrySummary,
@@ -120,22 +120,22 @@ def response_sections(
         summary: Of a comparison.
         drive_points: Only entries of a load and the motion at the same place, where there are any.
     """
-    entries: dict[tuple[Port, Port], dict[str, EntrySummary]] = {}
+    entries: dict[tuple[Channel, Channel], dict[str, EntrySummary]] = {}
     for name, variant in summary["variants"].items():
         for entry in variant["frf"]:
             output, given = ((each[0], each[1]) for each in (entry["output"], entry["input"]))
             entries.setdefault((output, given), {})[name] = entry
     direct = drive_points and any(output == given for output, given in entries)
     return [
-        _response_section(ports[0], ports[1], found, summary["reference"])
-        for ports, found in entries.items()
+        _response_section(channels[0], channels[1], found, summary["reference"])
+        for channels, found in entries.items()
         if not all(entry["negligible"] for entry in found.values())
-        and (not direct or ports[0] == ports[1])
+        and (not direct or channels[0] == channels[1])
     ]
 
 
 def _response_section(
-    output: Port, given: Port, found: Mapping[str, EntrySummary], reference: str
+    output: Channel, given: Channel, found: Mapping[str, EntrySummary], reference: str
 ) -> ModelSection:
     unit, factor = response_unit("receptance", output, given)
     own = found.get(reference)
@@ -376,12 +376,12 @@ def _bends(mode: JudgedModeSummary) -> str:
     """Frequency and name of a mode, and the component that deforms where the name does not say."""
     shown, part = f"{show_digits(mode['frequency_hz'], 3)} Hz, {mode['name']}", mode["part"]
     stem = part.rstrip("0123456789.,")
-    told = any(
+    reported = any(
         any(word.startswith(stem) for word in clause.split())
         and any(f" {verb}" in clause for verb in DEFORMING)
         for clause in mode["name"].split(", ")
     )
-    if told or mode["part_share"] < NAMED_SHARE:
+    if reported or mode["part_share"] < NAMED_SHARE:
         return shown
     return f"{shown}, {100.0 * mode['part_share']:.0f} % of its strain energy in {part}"
 

@@ -77,11 +77,11 @@ def list_quantities(summary: SweepSummary) -> list[Quantity]:
                 np.array(summary["condition_number"], dtype=float),
             )
         )
-    for port, figures in summary["frf"].items():
+    for channel, figures in summary["frf"].items():
         found += [
             Quantity(
-                f"frf_{port.replace(' ', '_')}_{key}",
-                f"{title} at {port}",
+                f"frf_{channel.replace(' ', '_')}_{key}",
+                f"{title} at {channel}",
                 unit,
                 np.array(figures[key], dtype=float),
             )

@@ -15,7 +15,7 @@ from headstock.app.texts.curves import RATES, name_entry
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.results.contouring import SeriesSummary
 from headstock.pipeline.results.control import DriveSummary, PoleSummary
-from headstock.pipeline.results.frf import PortSummary, ResponseCurves, ResponseSummary
+from headstock.pipeline.results.frf import DrivePointSummary, ResponseCurves, ResponseSummary
 from headstock.pipeline.results.map import Grid, MapSummary
 from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.mode_files import file_stem
@@ -28,7 +28,7 @@ from headstock.pipeline.results.path import (
 )
 from headstock.pipeline.results.static import PointSummary, ProbeSummary
 from headstock.pipeline.results.summary import ComponentSummary, RunSummary
-from headstock.solvers.second_order import name_port
+from headstock.solvers.second_order import name_channel
 
 type Cell = str | float | None
 PART_NAMES = {
@@ -212,16 +212,16 @@ DRIVE_COLUMNS: tuple[Column[tuple[str, DriveSummary]], ...] = (
 )
 
 
-def list_ports(response: ResponseSummary) -> list[PortSummary]:
+def list_channels(response: ResponseSummary) -> list[DrivePointSummary]:
     """Ports of forces: those of moments are in files only."""
-    return [port for port in response["drive_points"] if "static_um_per_kN" in port]
+    return [channel for channel in response["drive_points"] if "static_um_per_kN" in channel]
 
 
 def _show_four(value: float) -> str:
     return show_digits(value, 4)
 
 
-PORT_COLUMNS: tuple[Column[PortSummary], ...] = (
+DRIVE_POINT_COLUMNS: tuple[Column[DrivePointSummary], ...] = (
     Column(lambda row: " ".join(row["dof"]), screen="force at", report="Force and motion"),
     Column(
         lambda row: row["static_um_per_kN"],
@@ -271,13 +271,13 @@ class ZoneRow(NamedTuple):
     """What a path analysis says of an output while a ramp lasts; sizes in µm or µrad."""
 
     run: FeedSummary
-    port: list[str]
+    channel: list[str]
     zone: str
     found: ZoneSummary
 
     def size(self, name: str) -> float | None:
         """One of its sizes, by its name without the unit."""
-        return self.found[f"{name}_{deviation_unit((self.port[0], self.port[1]))[0]}"]
+        return self.found[f"{name}_{deviation_unit((self.channel[0], self.channel[1]))[0]}"]
 
 
 def list_zones(path: PathSummary, output: int | None = None) -> list[ZoneRow]:
@@ -296,7 +296,7 @@ def list_zones(path: PathSummary, output: int | None = None) -> list[ZoneRow]:
 
 ZONE_COLUMNS: tuple[Column[ZoneRow], ...] = (
     Column(lambda row: row.run["name"], screen="feed", report="Feed"),
-    Column(lambda row: " ".join(row.port), screen="<at"),
+    Column(lambda row: " ".join(row.channel), screen="<at"),
     Column(lambda row: row.zone, screen="<zone", report="Zone"),
     Column(lambda row: row.run["acceleration"], report="Acceleration [m/s²]", digits=3),
     Column(lambda row: row.size("peak"), screen=">peak", report="Peak"),
@@ -606,12 +606,12 @@ def tabulate_path(curves: PathCurves) -> PlainTable:
     found = curves.deviation
     headings = ["time [s]", "position [mm]", "acceleration [m/s^2]"]
     columns = [found.times, 1e3 * curves.positions, curves.accelerations]
-    for number, port in enumerate(curves.outputs):
-        unit, factor = deviation_unit(port)
+    for number, channel in enumerate(curves.outputs):
+        unit, factor = deviation_unit(channel)
         for part, words in PART_NAMES.items():
-            headings.append(f"{words} {name_port(port)} [{unit}]")
+            headings.append(f"{words} {name_channel(channel)} [{unit}]")
             columns.append(factor * getattr(found, part)[:, number])
-        headings.append(f"deviation in the pose of the middle {name_port(port)} [{unit}]")
+        headings.append(f"deviation in the pose of the middle {name_channel(channel)} [{unit}]")
         columns.append(factor * curves.frozen[:, number])
     return PlainTable(
         path_stem(curves),

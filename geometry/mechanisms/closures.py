@@ -22,7 +22,13 @@ from headstock.geometry.mechanisms.kinematics import (
     place_marks,
     skew_matrices,
 )
-from headstock.geometry.mechanisms.mechanism import AXES, Alignment, Balance, Mechanism, Meeting
+from headstock.geometry.mechanisms.mechanism import (
+    AXES,
+    OrientationConstraint,
+    CoordinateConstraint,
+    Mechanism,
+    PointConstraint,
+)
 
 MAX_ITERATIONS = 40
 LARGEST_STEP = 0.5
@@ -92,9 +98,9 @@ class ClosureLayout:
 def closure_layout(mechanism: Mechanism) -> ClosureLayout:
     """The closures of a mechanism as arrays."""
     marks = {name: place for place, name in enumerate(mechanism.marks)}
-    meetings = [item for item in mechanism.closures if isinstance(item, Meeting)]
-    alignments = [item for item in mechanism.closures if isinstance(item, Alignment)]
-    balances = [item for item in mechanism.closures if isinstance(item, Balance)]
+    meetings = [item for item in mechanism.closures if isinstance(item, PointConstraint)]
+    alignments = [item for item in mechanism.closures if isinstance(item, OrientationConstraint)]
+    balances = [item for item in mechanism.closures if isinstance(item, CoordinateConstraint)]
     weights = np.array(
         [[item.weights.get(name, 0.0) for name in mechanism.coordinates] for item in balances]
     )
@@ -102,7 +108,11 @@ def closure_layout(mechanism: Mechanism) -> ClosureLayout:
     starts |= {id(item): 3 * len(starts) + number for number, item in enumerate(balances)}
     rows: list[int] = []
     for item in mechanism.closures:
-        picked = [0] if isinstance(item, Balance) else [AXES.index(axis) for axis in item.axes]
+        picked = (
+            [0]
+            if isinstance(item, CoordinateConstraint)
+            else [AXES.index(axis) for axis in item.axes]
+        )
         rows += [starts[id(item)] + component for component in picked]
 
     def place(names: list[str | None]) -> IndexArray:
@@ -164,7 +174,7 @@ def closure_bias(mechanism: Mechanism, placement: Placement, bias: Bias) -> Floa
     )
     turned = apart - 2.0 * cross(omega, speed) - cross(alpha, gap) + cross(omega, cross(omega, gap))
     met = (np.swapaxes(axes, -1, -2) @ turned[..., None])[..., 0]
-    aligned = _alignment_bias(layout, placement, bias)
+    aligned = _orientation_bias(layout, placement, bias)
     balanced = np.zeros((*gap.shape[:-2], len(layout.values)), gap.dtype)
     return _pick(layout, met, aligned, balanced)
 
@@ -293,7 +303,7 @@ def _relative(layout: ClosureLayout, placement: Placement) -> FloatArray:
     )
 
 
-def _alignment_bias(layout: ClosureLayout, placement: Placement, bias: Bias) -> FloatArray:
+def _orientation_bias(layout: ClosureLayout, placement: Placement, bias: Bias) -> FloatArray:
     first = np.swapaxes(placement.rotations.take(layout.align_first, axis=-3), -1, -2)
     relative = _relative(layout, placement)
     omega1, omega2 = (

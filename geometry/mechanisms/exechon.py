@@ -24,13 +24,13 @@ from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.mechanisms.closures import evaluate_kinematics
 from headstock.geometry.mechanisms.kinematics import place_marks
 from headstock.geometry.mechanisms.mechanism import (
-    Alignment,
+    OrientationConstraint,
     AxisName,
-    Balance,
+    CoordinateConstraint,
     ChainItem,
     Mark,
     Mechanism,
-    Meeting,
+    PointConstraint,
     shift,
     turn,
     wrap_angles,
@@ -97,10 +97,10 @@ def exechon_mechanism(dimensions: ExechonDimensions) -> Mechanism:
         closures=(
             # the component along the last revolutes is an identity in the rotating plane of legs 1
             # and 2
-            Meeting("platform", "platform_2", between, frame="plane"),
-            Balance({"th1": 1.0, "ps1": 1.0, "th2": -1.0, "ps2": -1.0}),
-            Meeting("platform_3", "platform"),
-            Alignment("platform", "platform_3"),
+            PointConstraint("platform", "platform_2", between, frame="plane"),
+            CoordinateConstraint({"th1": 1.0, "ps1": 1.0, "th2": -1.0, "ps2": -1.0}),
+            PointConstraint("platform_3", "platform"),
+            OrientationConstraint("platform", "platform_3"),
         ),
         driven=(*LENGTHS, *WRIST),
         compliant=COMPLIANCES,

@@ -51,7 +51,7 @@ def shift(axis: AxisName, by: str | float) -> Step:
 
 
 @dataclass(frozen=True)
-class Meeting:
+class PointConstraint:
     """Two marks coincide in some directions: ``axes`` of the frame of a third mark, of ground where
     there is none.
     """
@@ -63,7 +63,7 @@ class Meeting:
 
 
 @dataclass(frozen=True)
-class Alignment:
+class OrientationConstraint:
     """Two marks have the same orientation about some axes of the first: components of ``vee
     skew(R1^T R2)`` vanish.
     """
@@ -74,14 +74,14 @@ class Alignment:
 
 
 @dataclass(frozen=True)
-class Balance:
+class CoordinateConstraint:
     """A weighted sum of coordinates equals a value, as angles in a plane do."""
 
     weights: Mapping[str, float]
     value: float = 0.0
 
 
-Closure = Meeting | Alignment | Balance
+Closure = PointConstraint | OrientationConstraint | CoordinateConstraint
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,8 @@ class Mechanism:
             raise ValueError(f"{self.name}: a mark is named twice among {marks}")
         for closure in self.closures:
             wrong = sorted(
-                _names_in(closure) - (set(used) if isinstance(closure, Balance) else set(marks))
+                _names_in(closure)
+                - (set(used) if isinstance(closure, CoordinateConstraint) else set(marks))
             )
             if wrong:
                 raise ValueError(
@@ -173,11 +174,11 @@ def wrap_angles(angles: FloatArray) -> FloatArray:
 
 
 def _names_in(closure: Closure) -> set[str]:
-    if isinstance(closure, Balance):
+    if isinstance(closure, CoordinateConstraint):
         return set(closure.weights)
     names = {closure.first, closure.second}
     return (
         names | {closure.frame}
-        if isinstance(closure, Meeting) and closure.frame is not None
+        if isinstance(closure, PointConstraint) and closure.frame is not None
         else names
     )

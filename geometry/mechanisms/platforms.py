@@ -7,12 +7,12 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.mechanism import (
     AxisName,
-    Balance,
+    CoordinateConstraint,
     ChainItem,
     Closure,
     Mark,
     Mechanism,
-    Meeting,
+    PointConstraint,
     shift,
     turn,
     wrap_angles,
@@ -42,8 +42,8 @@ def planar_3rpr(base: FloatArray, platform: FloatArray) -> Mechanism:
         chains.append(chain)
         if leg > 1:
             closures += [
-                Meeting("platform_1", f"platform_{leg}", PLANAR),
-                Balance({"th1": 1.0, "ps1": 1.0, f"th{leg}": -1.0, f"ps{leg}": -1.0}),
+                PointConstraint("platform_1", f"platform_{leg}", PLANAR),
+                CoordinateConstraint({"th1": 1.0, "ps1": 1.0, f"th{leg}": -1.0, f"ps{leg}": -1.0}),
             ]
     return Mechanism(
         "planar 3-RPR", tuple(chains), tuple(closures), ("q1", "q2", "q3"), ("d1", "d2", "d3")
@@ -138,7 +138,7 @@ def hexapod(base: FloatArray, platform: FloatArray) -> Mechanism:
         *carried,
     )  # fmt: skip
     legs = [_telescopic_leg(number + 1, base[number]) for number in range(len(base))]
-    closures = tuple(Meeting(f"foot_{number}", f"tip_{number}") for number in range(1, 7))
+    closures = tuple(PointConstraint(f"foot_{number}", f"tip_{number}") for number in range(1, 7))
     return Mechanism(
         "hexapod", (free, *legs), closures, tuple(f"q{number}" for number in range(1, 7))
     )
@@ -165,7 +165,7 @@ def tricept(base: FloatArray, platform: FloatArray) -> Mechanism:
         *carried,
     )
     legs = [_telescopic_leg(number + 1, base[number]) for number in range(len(base))]
-    closures = tuple(Meeting(f"foot_{number}", f"tip_{number}") for number in range(1, 4))
+    closures = tuple(PointConstraint(f"foot_{number}", f"tip_{number}") for number in range(1, 4))
     return Mechanism("Tricept", (center, *legs), closures, ("q1", "q2", "q3"))
 
 

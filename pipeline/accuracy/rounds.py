@@ -21,7 +21,7 @@ from headstock.pipeline.accuracy.quantities import (
 )
 from headstock.pipeline.accuracy.settings import (
     Trial,
-    are_twins,
+    are_equal,
     is_chosen,
     refine_mesh,
     refine_modes,
@@ -112,7 +112,7 @@ def judge_round(
     learnt = History(
         _remember(history.trials, parts, estimated, quantities), rigid, estimated, sizes, factors
     )
-    wanted = _share_with_twins(_wanted_ratios(quantities, goal.to, rigid), parts)
+    wanted = _share_with_equals(_wanted_ratios(quantities, goal.to, rigid), parts)
     return _refine(scene, state, parts, wanted, learnt.trials, found), learnt
 
 
@@ -174,7 +174,7 @@ def _wanted_ratios(
     return wanted
 
 
-def _share_with_twins(
+def _share_with_equals(
     wanted: Mapping[Owner, float], parts: Mapping[str, Component]
 ) -> dict[Owner, float]:
     """The same with equal components refined alike, so that one superelement serves them all."""
@@ -182,11 +182,11 @@ def _share_with_twins(
         (other, kind): min(
             ratio
             for (name, same), ratio in wanted.items()
-            if same == kind and are_twins(parts[name], parts[other])
+            if same == kind and are_equal(parts[name], parts[other])
         )
         for owner, kind in wanted
         for other in parts
-        if is_chosen(parts[other]) and are_twins(parts[owner], parts[other])
+        if is_chosen(parts[other]) and are_equal(parts[owner], parts[other])
     }
 
 
@@ -199,13 +199,13 @@ def _remember(
     """The trials with those of this round."""
     longer = dict(trials)
     for name, part in parts.items():
-        twins = [other for other in parts if are_twins(part, parts[other])]
+        equals = [other for other in parts if are_equal(part, parts[other])]
         largest, largest_counted = (
             max(
                 (
                     quantity.parts.get((other, DISCRETISATION), 0.0)
                     for quantity in quantities
-                    for other in twins
+                    for other in equals
                 ),
                 default=0.0,
             )

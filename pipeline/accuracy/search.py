@@ -17,7 +17,7 @@ from headstock.pipeline.accuracy.rounds import (
 )
 from headstock.pipeline.accuracy.settings import (
     COARSE_ACCURACY,
-    are_twins,
+    are_equal,
     is_chosen,
     mode_margin,
     start_component,
@@ -67,7 +67,7 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
     """
     analyses, modes_to = _round_analyses(scene.analyses), _modes_to(scene.analyses, _goal(scene).to)
     chosen = [part for part in scene.machine.components.values() if is_chosen(part)]
-    one = all(are_twins(chosen[0], part) for part in chosen)
+    one = all(are_equal(chosen[0], part) for part in chosen)
     components = {
         name: start_component(part, accuracy if one else max(accuracy, COARSE_ACCURACY), modes_to)
         if is_chosen(part)

@@ -272,7 +272,7 @@ def _round(value: float) -> float:
     return float(f"{value:.3g}")
 
 
-def are_twins(first: Component, second: Component) -> bool:
+def are_equal(first: Component, second: Component) -> bool:
     """Whether two components are equal but for their name and place, so that the store serves one
     with the superelement of the other.
     """

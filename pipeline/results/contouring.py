@@ -179,8 +179,8 @@ class ContourAnswer(Answer):
     regeneration: bool
     coriolis: bool
     faces: tuple[ContourFace, ...]
-    least_give: FloatArray
-    most_give: FloatArray
+    least_gravity_deflection: FloatArray
+    most_gravity_deflection: FloatArray
     force_mean: FloatArray
     force_peak: FloatArray
     high_share: float
@@ -218,8 +218,8 @@ class ContourAnswer(Answer):
             "faces": [face.summarise(self.screw_lead) for face in self.faces],
             "face_3_over_face_1": self._face_ratio(),
             "gravity_deflection_um": {
-                "minimum": check_finite(what, UM * self.least_give),
-                "maximum": check_finite(what, UM * self.most_give),
+                "minimum": check_finite(what, UM * self.least_gravity_deflection),
+                "maximum": check_finite(what, UM * self.most_gravity_deflection),
             },
             "force_mean_n": check_finite(what, self.force_mean),
             "force_peak_n": check_finite(what, self.force_peak),

@@ -63,8 +63,8 @@ def _list_responses(results: Results) -> Mapping[str, Column]:
             "frequency_hz": list(map(float, curves.frequencies_hz)),
         }
         for row, output in enumerate(curves.outputs):
-            for column, port in enumerate(curves.inputs):
-                name = f"{' '.join(output)} / {' '.join(port)}"
+            for column, channel in enumerate(curves.inputs):
+                name = f"{' '.join(output)} / {' '.join(channel)}"
                 found[name] = list(map(complex, curves.receptance[:, row, column]))
         for name, values in found.items():
             columns.setdefault(name, []).extend(values)

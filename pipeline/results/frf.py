@@ -14,12 +14,12 @@ from headstock.pipeline.results.answers import Answer
 from headstock.pipeline.results.estimates import REDUCTION
 from headstock.pipeline.results.static import N_PER_UM, UM_PER_KN
 from headstock.solvers.linear.frequency_response import convert_receptance
-from headstock.solvers.second_order import ComplexArray, Motion, Port, name_port
+from headstock.solvers.second_order import ComplexArray, Motion, Channel, name_channel
 
 Spacing = Literal["linear", "log"]
 
 
-class PortSummary(TypedDict):
+class DrivePointSummary(TypedDict):
     """The entry of a port; keys in SI are those of rotations."""
 
     dof: list[str]
@@ -65,11 +65,11 @@ class ResponseSummary(TypedDict):
     singular_hz: list[float]
     error: dict[str, LineErrors | float | None] | None
     error_left_out: list[str]
-    drive_points: list[PortSummary]
+    drive_points: list[DrivePointSummary]
 
 
 @dataclass(frozen=True, eq=False)
-class PortFigures:
+class DrivePointFigures:
     """What the response at one port to a load there says about cutting.
 
     Attributes:
@@ -88,7 +88,7 @@ class PortFigures:
             miss: what a sum over them without static correction would lack.
     """
 
-    port: Port
+    channel: Channel
     static: float | None
     most_negative_real: float | None
     most_negative_real_hz: float | None
@@ -118,8 +118,8 @@ class ResponseCurves:
     """
 
     pose: str
-    inputs: tuple[Port, ...]
-    outputs: tuple[Port, ...]
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
     frequencies_hz: FloatArray
     receptance: ComplexArray
     motion: Motion = "receptance"
@@ -175,7 +175,7 @@ class PoseResponse(Answer):
     damped: bool
     free_body: tuple[str, ...]
     singular_hz: tuple[float, ...]
-    figures: tuple[PortFigures, ...]
+    figures: tuple[DrivePointFigures, ...]
     error_left_out: tuple[str, ...] = ()
     units: ClassVar[dict[str, str]] = {
         r"frf/.*/(inputs|outputs)": "",
@@ -187,8 +187,8 @@ class PoseResponse(Answer):
         """As it stands in ``summary.json``; the curves are in ``results.h5`` and ``tables/``."""
         curves = self.curves
         return {
-            "inputs": [list(port) for port in curves.inputs],
-            "outputs": [list(port) for port in curves.outputs],
+            "inputs": [list(channel) for channel in curves.inputs],
+            "outputs": [list(channel) for channel in curves.outputs],
             "from_hz": float(curves.frequencies_hz[0]),
             "to_hz": float(curves.frequencies_hz[-1]),
             "points": len(curves.frequencies_hz),
@@ -216,8 +216,10 @@ def fill_curves(group: h5py.Group, curves: ResponseCurves) -> None:
         for source, share in curves.error_share.items():
             group[f"error_share/{source}"] = share
     group.attrs["motion"], group.attrs["spacing"] = curves.motion, curves.spacing
-    for name, ports in (("inputs", curves.inputs), ("outputs", curves.outputs)):
-        group[name] = np.char.encode(np.array([name_port(port) for port in ports]), "utf-8")
+    for name, channels in (("inputs", curves.inputs), ("outputs", curves.outputs)):
+        group[name] = np.char.encode(
+            np.array([name_channel(channel) for channel in channels]), "utf-8"
+        )
 
 
 def parse_curves(pose: str, group: h5py.Group) -> ResponseCurves:
@@ -250,25 +252,25 @@ def _parse_errors(group: h5py.Group) -> dict[str, FloatArray]:
     return {REDUCTION: group["error"][:]} if "error" in group else {}
 
 
-def split_port(text: str) -> Port:
+def split_port(text: str) -> Channel:
     """The port of a name such as ``tcp x``."""
     name, _, direction = text.rpartition(" ")
     return name, direction
 
 
-def _summarise_port(figures: PortFigures) -> PortSummary:
-    linear = figures.port[1] in "xyz"
+def _summarise_port(figures: DrivePointFigures) -> DrivePointSummary:
+    linear = figures.channel[1] in "xyz"
     soft, stiff = (UM_PER_KN, N_PER_UM) if linear else (1.0, 1.0)
     static, worst, error = (
         _scaled(value, soft)
         for value in (figures.static, figures.most_negative_real, figures.most_negative_real_error)
     )
-    chatter, softest = (
+    chatter, most_compliant = (
         _scaled(value, stiff)
         for value in (figures.chatter_limit, figures.minimum_dynamic_stiffness)
     )
-    summary: PortSummary = {
-        "dof": list(figures.port),
+    summary: DrivePointSummary = {
+        "dof": list(figures.channel),
         "most_negative_real_hz": figures.most_negative_real_hz,
         "most_negative_real_error_share": {
             source: soft * size for source, size in figures.most_negative_real_error_share.items()
@@ -285,7 +287,7 @@ def _summarise_port(figures: PortFigures) -> PortSummary:
         }
         summary |= {
             "chatter_limit_N_per_um": chatter,
-            "minimum_dynamic_stiffness_N_per_um": softest,
+            "minimum_dynamic_stiffness_N_per_um": most_compliant,
         }
     else:
         summary |= {
@@ -293,7 +295,7 @@ def _summarise_port(figures: PortFigures) -> PortSummary:
             "most_negative_real_SI": worst,
             "most_negative_real_error_SI": error,
         }
-        summary |= {"chatter_limit_SI": chatter, "minimum_dynamic_stiffness_SI": softest}
+        summary |= {"chatter_limit_SI": chatter, "minimum_dynamic_stiffness_SI": most_compliant}
     return summary
 
 

@@ -48,7 +48,7 @@ class WorkspaceMap(Answer):
     positions: tuple[FloatArray, ...]
     fixed: dict[str, float]
     quantities: dict[str, FloatArray]
-    likeness: float
+    mac: float
     crossings: tuple[tuple[int, int], ...]
     tracking_breaks: int
     trend: float
@@ -64,7 +64,7 @@ class WorkspaceMap(Answer):
                 check_finite("positions of the map", values) for values in self.positions
             ],
             "fixed": self.fixed,
-            "least_mac": self.likeness,
+            "least_mac": self.mac,
             "crossings": list(self.crossings),
             "tracking_breaks": self.tracking_breaks,
             "f1_and_mean_leg_correlation": self.trend,

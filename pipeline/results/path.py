@@ -12,7 +12,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.answers import Answer
 from headstock.pipeline.results.frf import split_port
 from headstock.solvers.paths.response import PathDeviation, ZoneFigures
-from headstock.solvers.second_order import Port, name_port
+from headstock.solvers.second_order import Channel, name_channel
 
 _PARTS = ("total", "quasi_static", "low_frequency", "dynamic")
 # ``peak_um`` or ``peak_urad`` and so on, ``settling_s`` without a value where it never settles
@@ -85,7 +85,7 @@ class PathCurves:
 
     feed: float
     zones: tuple[tuple[float, float], tuple[float, float]]
-    outputs: tuple[Port, ...]
+    outputs: tuple[Channel, ...]
     deviation: PathDeviation
     frozen: FloatArray
     positions: FloatArray
@@ -234,24 +234,24 @@ def _summarise_run(run: PathRun) -> FeedSummary:
         "acceleration": float(np.abs(run.curves.accelerations).max()),
         "outputs": [
             {
-                "dof": list(port),
-                "accelerating": _summarise_zone(port, zones[0], frozen[0]),
-                "decelerating": _summarise_zone(port, zones[1], frozen[1]),
+                "dof": list(channel),
+                "accelerating": _summarise_zone(channel, zones[0], frozen[0]),
+                "decelerating": _summarise_zone(channel, zones[1], frozen[1]),
             }
-            for port, zones, frozen in zip(
+            for channel, zones, frozen in zip(
                 run.curves.outputs, run.figures, run.frozen_figures, strict=True
             )
         ],
     }
 
 
-def deviation_unit(port: Port) -> tuple[str, float]:
+def deviation_unit(channel: Channel) -> tuple[str, float]:
     """Unit in which a deviation is shown, and the factor from SI to it."""
-    return ("urad" if port[1].startswith("r") else "um"), 1e6
+    return ("urad" if channel[1].startswith("r") else "um"), 1e6
 
 
-def _summarise_zone(port: Port, zone: ZoneFigures, frozen: ZoneFigures) -> ZoneSummary:
-    unit, factor = deviation_unit(port)
+def _summarise_zone(channel: Channel, zone: ZoneFigures, frozen: ZoneFigures) -> ZoneSummary:
+    unit, factor = deviation_unit(channel)
     times = {
         "begin_s": zone.begin,
         "ramp_end_s": zone.ramp_end,
@@ -271,7 +271,7 @@ def fill_path(group: h5py.Group, curves: PathCurves) -> None:
     """Write the curves of one feed, in SI."""
     group.attrs["feed"], group.attrs["zones"] = curves.feed, np.array(curves.zones)
     group["outputs"] = np.char.encode(
-        np.array([name_port(port) for port in curves.outputs]), "utf-8"
+        np.array([name_channel(channel) for channel in curves.outputs]), "utf-8"
     )
     group["times"], group["positions"], group["accelerations"] = (
         curves.deviation.times,

@@ -34,7 +34,7 @@ from headstock.solvers.mechanisms.modes import (
     solve_pose_modes,
 )
 from headstock.solvers.milling.contouring import (
-    GiveHistory,
+    CompliantHistory,
     LinearMotion,
     drive_forces,
     interpolate_nodes,
@@ -97,12 +97,12 @@ class ContourRun:
 
     times: FloatArray
     gap: FloatArray
-    sag: FloatArray
+    gravity_deflection: FloatArray
     force: FloatArray
     marks: FloatArray
     motion: LinearMotion
     drive: PathDrive
-    history: GiveHistory
+    history: CompliantHistory
     highest_hz: float
 
 
@@ -147,15 +147,26 @@ def run_contour(
     else:
         force = _given_force(request, path.velocity(times), times, marks, record) @ turn
         history = march_linear(motion, motion.load + motion.tool_load(force))
-    moved = motion.tool_motion(history.give)
+    moved = motion.tool_motion(history.compliant)
     if request.model == "nonlinear":
         history = refine_motion(model, drive, motion, force, history)
-        moved = tool_gaps(model, drive, times, history.give)
-    sag = motion.tool_motion(interpolate_nodes(times, motion.nodes, motion.sag)) @ turn.T
+        moved = tool_gaps(model, drive, times, history.compliant)
+    gravity_deflection = (
+        motion.tool_motion(interpolate_nodes(times, motion.nodes, motion.gravity_deflection))
+        @ turn.T
+    )
     modes = solve_pose_modes(linearise_poses(model, drive.states[:: max(1, len(nodes) // 20)]))
     highest = float(modes.frequencies_hz.max())
     return ContourRun(
-        times, moved @ turn.T - sag, sag, force, marks, motion, drive, history, highest
+        times,
+        moved @ turn.T - gravity_deflection,
+        gravity_deflection,
+        force,
+        marks,
+        motion,
+        drive,
+        history,
+        highest,
     )
 
 
@@ -339,8 +350,8 @@ def evaluate_contour(
         faces=tuple(
             _face(model, run, face) for face in range(len(FACES)) if face_instants(run, face).any()
         ),
-        least_give=np.abs(run.sag).min(axis=0),
-        most_give=np.abs(run.sag).max(axis=0),
+        least_gravity_deflection=np.abs(run.gravity_deflection).min(axis=0),
+        most_gravity_deflection=np.abs(run.gravity_deflection).max(axis=0),
         force_mean=on_tool.mean(axis=0),
         force_peak=np.abs(on_tool).max(axis=0),
         high_share=high_share(run),
@@ -371,7 +382,7 @@ def leg_forces(model: CompliantMechanism, run: ContourRun, some: NDArray[np.intp
         ``(k, 3)`` [N].
     """
     history = run.history
-    thin = GiveHistory(history.give[some], history.rate[some], history.acceleration[some])
+    thin = CompliantHistory(history.compliant[some], history.rate[some], history.acceleration[some])
     return drive_forces(model, run.drive, run.times[some], thin, run.force[some])[:, : len(LENGTHS)]
 
 
@@ -413,9 +424,9 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
             " raise steps_per_turn in [analyses.contouring] to see it"
         )
     found = evaluate_contour(mechanism, model, request, run, loss)
-    told = ", ".join(
+    reported = ", ".join(
         f"face {face.number} {1e6 * face.gap_mean[0]:+.1f} µm"
         for face in found.faces
         if face.number in (1, 3)
     )
-    return Outcome(detail=f"{len(run.times)} steps, gap along x on {told}", answers=(found,))
+    return Outcome(detail=f"{len(run.times)} steps, gap along x on {reported}", answers=(found,))

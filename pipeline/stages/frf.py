@@ -12,7 +12,7 @@ import numpy as np
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.results.estimates import CURVED_FACES, DISCRETISATION, REDUCTION
-from headstock.pipeline.results.frf import PortFigures, PoseResponse, ResponseCurves
+from headstock.pipeline.results.frf import DrivePointFigures, PoseResponse, ResponseCurves
 from headstock.pipeline.stages.estimates import name_what_is_left_out
 from headstock.pipeline.stages.machine import DAMPING, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import (
@@ -110,12 +110,12 @@ def estimate_response_errors(
         if lossy and name in truncated.keys() | meshed.keys()
     ]
     losses = {name: parts.plan.components[name].material.loss_factor for name in names}
-    ports = (input_columns(system, response.inputs), output_rows(system, response.outputs))
+    channels = (input_columns(system, response.inputs), output_rows(system, response.outputs))
     space = project_response(
         system,
         ErrorSources(truncated, meshed, losses),
         modes,
-        ports,
+        channels,
         float(response.frequencies_hz.max()),
     )
     errors = bound_response_errors(space, response.frequencies_hz)
@@ -123,8 +123,10 @@ def estimate_response_errors(
 
 
 def add_figure_errors(
-    figures: tuple[PortFigures, ...], response: FrequencyResponse, estimate: ResponseEstimate | None
-) -> tuple[PortFigures, ...]:
+    figures: tuple[DrivePointFigures, ...],
+    response: FrequencyResponse,
+    estimate: ResponseEstimate | None,
+) -> tuple[DrivePointFigures, ...]:
     """The figures with the change of their most negative real part: a peak that moves keeps its
     depth.
 
@@ -137,7 +139,7 @@ def add_figure_errors(
         return figures
     found = []
     for own in figures:
-        row, column = response.outputs.index(own.port), response.inputs.index(own.port)
+        row, column = response.outputs.index(own.channel), response.inputs.index(own.channel)
         plain = response.receptance[:, row, column]
         low, high = (
             change[:, row, column] for change in (estimate.errors.least, estimate.errors.most)
@@ -320,16 +322,16 @@ def _port_figures(
     *,
     modes_hz: FloatArray,
     names: tuple[str, ...],
-) -> tuple[PortFigures, ...]:
-    by_port = {figures.port: figures for figures in stability}
+) -> tuple[DrivePointFigures, ...]:
+    by_port = {figures.channel: figures for figures in stability}
     found = []
-    for port in request.inputs:
-        if port in request.outputs:
-            row, column = request.outputs.index(port), request.inputs.index(port)
-            static, own = float(model.at_rest[row, column]), by_port.get(port)
+    for channel in request.inputs:
+        if channel in request.outputs:
+            row, column = request.outputs.index(channel), request.inputs.index(channel)
+            static, own = float(model.at_rest[row, column]), by_port.get(channel)
             found.append(
-                PortFigures(
-                    port=port,
+                DrivePointFigures(
+                    channel=channel,
                     static=None if np.isnan(static) else static,
                     most_negative_real=own.most_negative_real if own else None,
                     most_negative_real_hz=own.most_negative_real_hz if own else None,

@@ -63,8 +63,8 @@ class PlacedMechanism:
         return np.asarray(placement.origin + placement.rotation @ self._local(end))
 
     def _local(self, end: JointEnd) -> FloatArray:
-        attachments = self.superelements[end.component or ""].attachments
-        return attachments[end.interface or ""].frame.origin
+        interface_maps = self.superelements[end.component or ""].interface_maps
+        return interface_maps[end.interface or ""].frame.origin
 
 
 def build_compliant_mechanism(

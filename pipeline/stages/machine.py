@@ -42,7 +42,7 @@ from headstock.scene.scene import Scene
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
-from headstock.solvers.second_order import Port, SecondOrderSystem
+from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 DAMPING = "damping"
 # of all surfaces together, so that the report can be mailed; what has more is drawn more coarsely
@@ -82,11 +82,11 @@ class CoupledPose:
         """Motions of superelement dofs ``(n_all, k)`` of motions of the system ``(n, k)``."""
         return np.asarray(self.coupled.basis @ motions)
 
-    def push(self, port: Port) -> FloatArray:
+    def push(self, channel: Channel) -> FloatArray:
         """Motion of the system ``(n,)`` under a unit force at a port, as far as free motions leave
         it determined.
         """
-        return solve_machine_static(self.coupled, self.system.inputs[port]).displacements
+        return solve_machine_static(self.coupled, self.system.inputs[channel]).displacements
 
     def name_modes(self, modes: ModalResult) -> NamedModes:
         """Names by what moves and where it is fixed, and energy shares."""
@@ -105,8 +105,8 @@ class CoupledPose:
         coupled = self.coupled
         found = point_budget(coupled, name)
         along = np.diag(found.compliance)[:3]
-        softest = DIRECTIONS[int(np.nanargmax(along))]
-        link = find_weakest_link(coupled, name, softest, found)
+        most_compliant = DIRECTIONS[int(np.nanargmax(along))]
+        link = find_weakest_link(coupled, name, most_compliant, found)
         errors = estimate_compliance_errors(self.parts, coupled, found.displacements)
         errors |= {
             direction: Estimate()

@@ -125,10 +125,10 @@ def _join(rows: list[PoseRows]) -> PoseRows:
 
 def _assemble(request: MapRequest, shape: tuple[int, ...], rows: PoseRows) -> WorkspaceMap:
     edges = _edges(shape, np.isfinite(rows.condition))
-    likeness = _likeness(rows.shapes[:, :, : request.count], edges)
-    plain = _Followed(rows.frequencies_hz[:, : request.count], crossings=(), torn=0)
-    followed, crossings, torn = (
-        plain if likeness >= PLAINLY_ALIKE else _follow(rows, edges, request.count)
+    mac = _mac(rows.shapes[:, :, : request.count], edges)
+    plain = _Followed(rows.frequencies_hz[:, : request.count], crossings=(), tracking_breaks=0)
+    followed, crossings, tracking_breaks = (
+        plain if mac >= PLAINLY_ALIKE else _follow(rows, edges, request.count)
     )
     quantities = {"condition_number": rows.condition}
     quantities |= {f"f{number + 1}_hz": followed[:, number] for number in range(request.count)}
@@ -143,9 +143,9 @@ def _assemble(request: MapRequest, shape: tuple[int, ...], rows: PoseRows) -> Wo
         positions=tuple(values for _, values in request.axes),
         fixed=request.fixed,
         quantities={name: values.reshape(shape) for name, values in quantities.items()},
-        likeness=likeness,
+        mac=mac,
         crossings=crossings,
-        tracking_breaks=torn,
+        tracking_breaks=tracking_breaks,
         trend=_correlation(followed[good, 0], rows.lengths[good].mean(axis=1)),
     )
 
@@ -163,7 +163,7 @@ def _edges(shape: tuple[int, ...], taken: NDArray[np.bool_]) -> IndexArray:
     return np.asarray(found[taken[found].all(axis=1)])
 
 
-def _likeness(shapes: FloatArray, edges: IndexArray) -> float:
+def _mac(shapes: FloatArray, edges: IndexArray) -> float:
     """Least squared cosine between modes of the same number of neighbours."""
     first, second = edges.T
     cosines = (shapes[first] * shapes[second]).sum(axis=1) ** 2
@@ -177,7 +177,7 @@ class _Followed(NamedTuple):
 
     frequencies_hz: FloatArray
     crossings: tuple[tuple[int, int], ...]
-    torn: int
+    tracking_breaks: int
 
 
 def _follow(rows: PoseRows, edges: IndexArray, count: int) -> _Followed:
@@ -198,7 +198,7 @@ def _follow(rows: PoseRows, edges: IndexArray, count: int) -> _Followed:
     crossings = tuple(
         (int(i) + 1, int(j) + 1) for i, j in sorted(tracked.crossings) if min(i, j) < count
     )
-    return _Followed(followed, crossings, tracked.torn)
+    return _Followed(followed, crossings, tracked.tracking_breaks)
 
 
 def _correlation(first: FloatArray, second: FloatArray) -> float:

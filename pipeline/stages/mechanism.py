@@ -32,7 +32,7 @@ from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import pose_system
-from headstock.solvers.second_order import Port, SecondOrderSystem
+from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 SWING_SHARE = 0.5  # kinetic energy of the legs from which a mode is called theirs
 NAMED_SHARE = 0.2
@@ -86,9 +86,9 @@ class LumpedPose:
         """Motions of superelement dofs ``(n_all, k)`` of motions of the system ``(n, k)``."""
         return np.concatenate([moving @ motions for moving in self.placed.body_motions.values()])
 
-    def push(self, port: Port) -> FloatArray:
+    def push(self, channel: Channel) -> FloatArray:
         """Motion of the system ``(n,)`` under a unit force at a port."""
-        return solve_static(self.system, self.system.inputs[port]).displacements
+        return solve_static(self.system, self.system.inputs[channel]).displacements
 
     def name_modes(self, modes: ModalResult) -> NamedModes:
         """Names, strain energy by leg and kinetic energy by component."""
@@ -114,21 +114,21 @@ class LumpedPose:
             direction: spring_shares(placed, moved[:, column])
             for column, direction in enumerate(DIRECTIONS)
         }
-        softest = DIRECTIONS[int(np.argmax(np.diag(compliance)[:3]))]
-        weakest, share = max(budget[softest].items(), key=lambda item: item[1])
+        most_compliant = DIRECTIONS[int(np.argmax(np.diag(compliance)[:3]))]
+        weakest, share = max(budget[most_compliant].items(), key=lambda item: item[1])
         # the legs are in series with the tool: halving a part's compliance takes half its share
         # away
         sentence = (
-            f"{weakest} contributes {100 * share:.0f} % of the {softest} compliance; doubling its stiffness changes it by"
+            f"{weakest} contributes {100 * share:.0f} % of the {most_compliant} compliance; doubling its stiffness changes it by"
             f" {-50 * share:+.0f} %"
         )
         gravity = self.parts.plan.gravity
-        sag = (
+        gravity_deflection = (
             None
             if gravity is None
             else loads.T @ solve_static(system, placed.motions.gravity).displacements
         )
-        return Solved(PointCompliance(compliance, budget, sentence, sag))
+        return Solved(PointCompliance(compliance, budget, sentence, gravity_deflection))
 
     def view(self) -> PoseView:
         """What is drawn of the pose without motions."""

@@ -24,7 +24,7 @@ from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.path_loads import PATH_INPUT, add_path_input, stack_modes
 from headstock.scene.requests import PathCut, PathRequest
 from headstock.solvers.control.drive_loops import close_loops
-from headstock.solvers.control.friction_loop import friction_ports
+from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.control.stability import require_stable
 from headstock.solvers.errors import ModelError, UnstableControlError
 from headstock.solvers.linear.modal_analysis import solve_modal
@@ -55,7 +55,7 @@ STEPS_PER_TURN = 96  # of the spindle: forces are straight between them
 
 
 def _close_path(
-    state: RunState, request: PathRequest, coupled: CoupledMachine, slow_hz: float
+    state: RunState, request: PathRequest, coupled: CoupledMachine, low_frequency_limit_hz: float
 ) -> ControlledPath:
     """The closed loop of a scene's drives in a pose of the path.
 
@@ -64,18 +64,18 @@ def _close_path(
     """
     driven = drive_machine(state, coupled)
     require_stable(driven.system, driven.trains)
-    ports = friction_ports(driven.trains)
+    channels = friction_channels(driven.trains)
     cut = request.cut
     pushed = () if cut is None else tuple((cut.at, dof) for dof in DIRECTIONS)
     band = 0.5 * request.sampling_hz if request.low_pass is None else request.low_pass.frequency_hz
-    reach = (FRICTION_REACH if ports else LINEAR_REACH) * band
+    reach = (FRICTION_REACH if channels else LINEAR_REACH) * band
     machine = state.scene.machine
     directions = travel_directions(machine, request.path)
     return ControlledPath(
         loop=close_loops(
             driven.system,
             driven.trains,
-            inputs=(*pushed, *ports),
+            inputs=(*pushed, *channels),
             outputs=request.outputs,
             up_to_hz=reach,
         ),
@@ -86,7 +86,7 @@ def _close_path(
                 for name, dof in request.outputs
             ]
         ),
-        slow_hz=slow_hz,
+        low_frequency_limit_hz=low_frequency_limit_hz,
         loads=None
         if cut is None
         else cutting_loads(cut, _tool_travel(machine, directions, cut.at)),
@@ -98,7 +98,7 @@ def _drive_path(
     state: RunState, path: ControlledPath, move: SetPoint, samples: FloatArray
 ) -> PathDeviation:
     """Deviation over a move, with friction where the scene names it."""
-    if not friction_ports(path.loop.trains):
+    if not friction_channels(path.loop.trains):
         return solve_controlled_path(path, move, samples)
     deviation, motion = solve_rubbing_path(path, move, samples)
     if motion.energy.error > ENERGY_LIMIT:
@@ -218,7 +218,7 @@ def _solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> S
         coupled = couple(
             superelements, state.scene.machine, request.path.pose_at(0.5 * request.path.length)
         )
-        loop = _close_path(state, request, coupled, model.slow_hz)
+        loop = _close_path(state, request, coupled, model.low_frequency_limit_hz)
         driven = tuple(
             _drive_path(state, loop, move, sample_path(request, move)) for move in request.moves
         )
@@ -311,8 +311,8 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
         lowpass_hz=None if request.low_pass is None else request.low_pass.frequency_hz,
         filter="none" if request.low_pass is None else request.low_pass.kind,
         damped=damped,
-        low_frequency_limit_hz=model.slow_hz,
-        low_frequency_modes=slow_modes(middle.modes.frequencies_hz, model.slow_hz),
+        low_frequency_limit_hz=model.low_frequency_limit_hz,
+        low_frequency_modes=slow_modes(middle.modes.frequencies_hz, model.low_frequency_limit_hz),
         poses=solved.poses,
         runs=tuple(
             _run_move(request, move, raw, kept)
@@ -344,13 +344,14 @@ def _run_move(
         motion.positions,
         motion.accelerations,
     )
-    ports = range(len(request.outputs))
+    channels = range(len(request.outputs))
     return PathRun(
         curves,
         figures=tuple(
-            measure_zones(found, raw, move, port, request.residual_time) for port in ports
+            measure_zones(found, raw, move, channel, request.residual_time) for channel in channels
         ),
         frozen_figures=tuple(
-            measure_zones(frozen, kept, move, port, request.residual_time) for port in ports
+            measure_zones(frozen, kept, move, channel, request.residual_time)
+            for channel in channels
         ),
     )

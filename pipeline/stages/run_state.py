@@ -27,7 +27,7 @@ from headstock.reduction.motions.mode_naming import NamedModes
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import Scene
 from headstock.solvers.linear.modal_analysis import ModalResult
-from headstock.solvers.second_order import Port, SecondOrderSystem
+from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +123,7 @@ class PoseModel(Protocol):
     def expand(self, motions: FloatArray) -> FloatArray:
         """Motions of superelement dofs ``(n_all, k)`` of motions of the system ``(n, k)``."""
 
-    def push(self, port: Port) -> FloatArray:
+    def push(self, channel: Channel) -> FloatArray:
         """Motion of the system ``(n,)`` under a unit force or moment at a port [m/N]."""
 
     def name_modes(self, modes: ModalResult) -> NamedModes:

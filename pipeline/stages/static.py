@@ -19,7 +19,7 @@ from headstock.pipeline.results.static import (
 from headstock.pipeline.stages.run_state import Outcome, PoseMotions, RunState, Solved, pose_model
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import turn_dofs
-from headstock.reduction.coupling.ports import GRAVITY, load_factors
+from headstock.reduction.coupling.channels import GRAVITY, load_factors
 from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.solvers.errors import ModelError
 

@@ -153,7 +153,7 @@ def _check_texts(path: str, superelement: Superelement) -> None:
     words.
     """
     nested = (
-        superelement.attachments,
+        superelement.interface_maps,
         superelement.loads,
         superelement.rails,
         superelement.free_dofs,
@@ -240,8 +240,8 @@ def _check_places(path: str, superelement: Superelement) -> None:
     """Nodes and interfaces must lie within the body, and rails must be rails."""
     places = {f"node {number}": frame.origin for number, frame in enumerate(superelement.frames)}
     places |= {
-        f"interface {name!r}": attachment.frame.origin
-        for name, attachment in superelement.attachments.items()
+        f"interface {name!r}": interface_map.frame.origin
+        for name, interface_map in superelement.interface_maps.items()
     }
     for number, station in enumerate(superelement.stations):
         if (
@@ -343,10 +343,10 @@ def _check_shapes(path: str, superelement: Superelement) -> None:
             )
         if array is not None and not np.isfinite(array).all():
             raise RecordError(f"{path}: {name} holds values that are not finite")
-    for name, attachment in superelement.attachments.items():
-        if not 0 <= attachment.node < len(superelement.frames):
+    for name, interface_map in superelement.interface_maps.items():
+        if not 0 <= interface_map.node < len(superelement.frames):
             raise RecordError(
-                f"{path}: interface {name!r} sits on node {attachment.node}; there are {len(superelement.frames)}"
+                f"{path}: interface {name!r} sits on node {interface_map.node}; there are {len(superelement.frames)}"
             )
 
 

@@ -14,7 +14,7 @@ from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.components.interface_patches import MeshPatch, measure_patch
 from headstock.reduction.components.rail_fits import RailFit, fit_rail
 from headstock.reduction.rails import RailStation
-from headstock.reduction.superelement import Attachment
+from headstock.reduction.superelement import InterfaceMap
 from headstock.solvers.errors import ModelError
 
 MINIMUM_FACETS = 4
@@ -48,7 +48,7 @@ class BoundaryBasis:
     """
 
     nodes: tuple[BoundaryNode, ...]
-    attachments: dict[str, Attachment]
+    interface_maps: dict[str, InterfaceMap]
     rails: tuple[RailFit, ...]
     shapes: tuple[tuple[IntArray, FloatArray, int], ...]
     fixed: BoolArray
@@ -76,7 +76,7 @@ def build_boundary_basis(
         ModelError: An interface is point- or line-like and not forced.
     """
     warnings: list[str] = []
-    nodes, attachments = _merge_interfaces(component, mesh, warnings)
+    nodes, interface_maps = _merge_interfaces(component, mesh, warnings)
     supported = np.zeros(3 * len(mesh.points), dtype=bool)
     for support in supports:
         points = np.unique(mesh.patches[f"support:{support.name}"])
@@ -118,7 +118,7 @@ def build_boundary_basis(
     )
     return BoundaryBasis(
         tuple(nodes),
-        attachments,
+        interface_maps,
         rails,
         tuple(shapes),
         fixed,
@@ -130,9 +130,9 @@ def build_boundary_basis(
 
 def _merge_interfaces(
     component: Component, mesh: ComponentMesh, warnings: list[str]
-) -> tuple[list[BoundaryNode], dict[str, Attachment]]:
+) -> tuple[list[BoundaryNode], dict[str, InterfaceMap]]:
     nodes: list[BoundaryNode] = []
-    attachments: dict[str, Attachment] = {}
+    interface_maps: dict[str, InterfaceMap] = {}
     # rigid patches first: a mean over points that a rigid patch already carries is that patch's own
     # motion
     fixed = [interface for interface in component.interfaces.values() if interface.rail is None]
@@ -148,8 +148,8 @@ def _merge_interfaces(
             warnings.append(
                 f"component {component.name}: interface {interface.name} covers the same points as {nodes[host].name}; merged"
             )
-        attachments[interface.name] = Attachment(host, Frame(patch.centroid))
-    return nodes, attachments
+        interface_maps[interface.name] = InterfaceMap(host, Frame(patch.centroid))
+    return nodes, interface_maps
 
 
 def _carries(node: BoundaryNode, interface: Interface, patch: MeshPatch) -> bool:

@@ -9,7 +9,7 @@ from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, rigid_transf
 from headstock.geometry.parts.components import Component, Load
 from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.reduction.rails import Rail, lay_out_rail, station_motion, station_points
-from headstock.reduction.superelement import Attachment, StaticLoad, Superelement
+from headstock.reduction.superelement import InterfaceMap, StaticLoad, Superelement
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.errors import ModelError
 
@@ -43,8 +43,8 @@ def reduce_rigid(
         name=component.name,
         labels=tuple(("center", dof) for dof in DOF_NAMES),
         frames=(Frame(center),),
-        attachments={
-            name: Attachment(0, Frame(properties.patch_centroids[name])) for name in fixed
+        interface_maps={
+            name: InterfaceMap(0, Frame(properties.patch_centroids[name])) for name in fixed
         },
         stiffness=np.zeros((6, 6)),
         mass=mass,

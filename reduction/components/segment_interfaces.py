@@ -21,7 +21,7 @@ from headstock.reduction.components.segment_chain import (
     section_motion,
     station_at,
 )
-from headstock.reduction.superelement import Attachment
+from headstock.reduction.superelement import InterfaceMap
 
 DEPENDENCE_TOLERANCE = 1e-10
 
@@ -44,7 +44,7 @@ class SegmentedBar:
     solid: PlanarSolid | Tube
     frames: tuple[Frame, ...]
     names: tuple[str, ...]
-    attachments: dict[str, Attachment]
+    interface_maps: dict[str, InterfaceMap]
     constraints: FloatArray
 
 
@@ -80,7 +80,7 @@ def attach_interfaces(
     names = [f"segment_{number}" for number in range(1, chain.count + 1)] + [""] * (
         len(frames) - chain.count
     )
-    attachments: dict[str, Attachment] = {}
+    interface_maps: dict[str, InterfaceMap] = {}
     ties = list(chain.tied)
     means: list[Interface] = []
     for name, interface in fixed.items():
@@ -97,16 +97,16 @@ def attach_interfaces(
             means.append(interface)
             frames.append(frame)
             names.append(name)
-        attachments[name] = Attachment(node, frame)
+        interface_maps[name] = InterfaceMap(node, frame)
     rows = [_tie_rows(chain, tied=tied, node=node) for tied, node in ties] + [
-        _mean_rows(chain, solid, item, attachments[item.name].frame) for item in means
+        _mean_rows(chain, solid, item, interface_maps[item.name].frame) for item in means
     ]
     return SegmentedBar(
         chain,
         solid,
         tuple(frames),
         tuple(names),
-        attachments,
+        interface_maps,
         _join_rows(rows, len(chain.places), len(means)),
     )
 

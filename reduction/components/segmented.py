@@ -85,7 +85,7 @@ def reduce_segmented(
         name=component.name,
         labels=tuple((name, dof) for name in row.names for dof in DOF_NAMES),
         frames=row.frames,
-        attachments=row.attachments,
+        interface_maps=row.interface_maps,
         stiffness=_over_all_nodes(row, _over_all_nodes(row, chain_stiffness(row.chain)).T),
         mass=mass,
         recovery=Recovery(

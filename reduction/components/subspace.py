@@ -11,7 +11,7 @@ from headstock.reduction.components.boundary_basis import BoundaryBasis, boundar
 from headstock.reduction.components.constraint_modes import MeanConstraints, dependent_rows
 from headstock.reduction.components.fixed_interface_modes import FixedInterfaceModes
 from headstock.reduction.rails import STATION_DOFS, Rail
-from headstock.reduction.superelement import Attachment, Superelement
+from headstock.reduction.superelement import InterfaceMap, Superelement
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
 from headstock.solvers.elastic.elasticity import ElasticOperators
 from headstock.solvers.ranks import sum_over_ranks
@@ -73,9 +73,9 @@ def project_component(
         name=component.name,
         labels=tuple(labels),
         frames=means.node_frames,
-        attachments=basis.attachments
+        interface_maps=basis.interface_maps
         if means.loose_frame is None
-        else {BODY_NODE: Attachment(0, means.loose_frame)},
+        else {BODY_NODE: InterfaceMap(0, means.loose_frame)},
         stiffness=stiffness,
         mass=mass,
         constraints=constraints,

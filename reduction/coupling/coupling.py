@@ -32,7 +32,7 @@ from headstock.reduction.coupling.matrices import (
     sum_mass,
     sum_stiffness,
 )
-from headstock.reduction.coupling.ports import machine_loads, machine_ports
+from headstock.reduction.coupling.channels import machine_loads, machine_ports
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.second_order import SecondOrderSystem
 
@@ -122,14 +122,14 @@ def couple(
     floating = floating_groups(
         machine, {name: part.supported for name, part in superelements.items()}
     )
-    ports = machine_ports(layout, machine, basis, memo.ports)
+    channels = machine_ports(layout, machine, basis, memo.channels)
     return CoupledMachine(
         system=SecondOrderSystem(
             mass=sum_mass(layout, matrices, basis, memo),
             damping=sum_damping(layout, matrices, basis, reduced),
             stiffness=sum_stiffness(layout, matrices, elimination, reduced, grading, memo=memo),
-            inputs=ports,
-            outputs=ports,
+            inputs=channels,
+            outputs=channels,
             labels=memo.recall(
                 "labels",
                 (basis, *superelements.values()),

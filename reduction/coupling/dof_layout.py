@@ -51,7 +51,9 @@ def lay_out_dofs(
         offsets[name] = slice(size, size + len(superelement.labels))
         size += len(superelement.labels)
         places = [frame.origin for frame in superelement.frames]
-        places += [attachment.frame.origin for attachment in superelement.attachments.values()]
+        places += [
+            interface_map.frame.origin for interface_map in superelement.interface_maps.values()
+        ]
         places += [station.point for station in superelement.stations]
         positions += [
             placements[name].origin + placements[name].rotation @ place for place in places
@@ -186,7 +188,7 @@ def locate_interface(layout: DofLayout, end: JointEnd) -> FloatArray:
     component, interface = _named_end(layout, end)
     superelement, placement = layout.superelements[component], layout.placements[component]
     rail = superelement.rails.get(interface)
-    place = superelement.attachments[interface].frame.origin if rail is None else rail.center
+    place = superelement.interface_maps[interface].frame.origin if rail is None else rail.center
     return np.asarray(placement.origin + placement.rotation @ place)
 
 
@@ -224,7 +226,7 @@ def motion_rows(
             superelement, interface, placement, point, length
         )
         return rows
-    node = superelement.attachments[interface].node
+    node = superelement.interface_maps[interface].node
     origin = placement.origin + placement.rotation @ superelement.frames[node].origin
     first = layout.offsets[component].start + 6 * node
     rows[:, first : first + 6] = rigid_transfer(origin, point)
@@ -260,7 +262,7 @@ def _named_end(layout: DofLayout, end: JointEnd) -> tuple[str, str]:
             f"there is no component {end.component!r}; components: {sorted(layout.superelements)}"
         )
     superelement = layout.superelements[end.component]
-    known = [*superelement.attachments, *superelement.rails]
+    known = [*superelement.interface_maps, *superelement.rails]
     if end.interface is None or end.interface not in known:
         raise ModelError(
             f"component {end.component!r} has no interface {end.interface!r}; interfaces: {sorted(known)}"

@@ -387,13 +387,13 @@ def grade_springs(
     parts.sort(key=lambda part: -abs(part.level))
     if not parts:
         return SpringGrading((), (), ())
-    softest = parts[-1]
-    deformations = _stiff_deformations(layout, stiffnesses, abs(softest.level))
-    if abs(parts[0].level) <= GRADING_RATIO * abs(softest.level):
+    most_compliant = parts[-1]
+    deformations = _stiff_deformations(layout, stiffnesses, abs(most_compliant.level))
+    if abs(parts[0].level) <= GRADING_RATIO * abs(most_compliant.level):
         return SpringGrading((), (), (), deformations)
     groups: list[list[SpringDirection]] = []
     for part in parts:
-        if abs(part.level) <= GRADING_RATIO * abs(softest.level):
+        if abs(part.level) <= GRADING_RATIO * abs(most_compliant.level):
             break
         if not groups or abs(part.level) * GRADING_STEP < abs(groups[-1][0].level):
             groups.append([])
@@ -402,13 +402,13 @@ def grade_springs(
     return SpringGrading(
         tuple(tuple(group) for group in groups),
         soft,
-        tuple(_ratio_warnings(parts, softest)),
+        tuple(_ratio_warnings(parts, most_compliant)),
         deformations,
     )
 
 
 def _stiff_deformations(
-    layout: DofLayout, stiffnesses: Mapping[str, FloatArray], softest: float
+    layout: DofLayout, stiffnesses: Mapping[str, FloatArray], most_compliant: float
 ) -> tuple[FloatArray, ...]:
     """Rows of the boundary dofs of far stiffer components, less the rigid motion of the first node
     of each.
@@ -426,7 +426,7 @@ def _stiff_deformations(
         if (
             element.supported
             or boundary <= DOFS_OF_A_BODY
-            or not level > STIFF_COMPONENT_RATIO * softest
+            or not level > STIFF_COMPONENT_RATIO * most_compliant
         ):
             continue
         rows = np.zeros((boundary - DOFS_OF_A_BODY, layout.size))
@@ -442,15 +442,15 @@ def _acts(spring: PlacedJoint, part: SpringDirection) -> bool:
     return bool(np.any(part.direction @ spring.rows))
 
 
-def _ratio_warnings(parts: Sequence[SpringDirection], softest: SpringDirection) -> list[str]:
+def _ratio_warnings(parts: Sequence[SpringDirection], most_compliant: SpringDirection) -> list[str]:
     warnings = []
     for part in parts:
-        ratio = abs(part.level / softest.level)
+        ratio = abs(part.level / most_compliant.level)
         if ratio <= STIFF_RATIO:
             break
         text = (
             f"joint {part.joint}, {part.dof}: {part.stiffness:.3g} is {ratio:.2g} times as stiff as "
-            f"joint {softest.joint}, {softest.dof} ({softest.stiffness:.3g})"
+            f"joint {most_compliant.joint}, {most_compliant.dof} ({most_compliant.stiffness:.3g})"
         )
         remedy = (
             "check the units of both"

@@ -30,7 +30,7 @@ class CouplingMemo:
         ports: Names of the points and interfaces that are loaded and observed; None for all.
     """
 
-    ports: Collection[str] | None = None
+    channels: Collection[str] | None = None
     _kept: dict[str, tuple[tuple[object, ...], Any]] = field(default_factory=dict)
 
     def recall[T](self, name: str, made_of: tuple[object, ...], make: Callable[[], T]) -> T:

@@ -30,7 +30,7 @@ from headstock.reduction.coupling.dof_layout import (
 from headstock.reduction.coupling.elimination import RANK_TOLERANCE
 from headstock.reduction.coupling.joint_springs import place_joint
 from headstock.reduction.coupling.matrices import component_matrices
-from headstock.reduction.coupling.ports import point_rows
+from headstock.reduction.coupling.channels import point_rows
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.errors import ModelError
 
@@ -331,7 +331,7 @@ def slope_point_compliance(
         force: That acts.
     """
     rows = np.vstack(
-        [machine.pieces.observers[port.observer][port.dof] for port in (motion, force)]
+        [machine.pieces.observers[channel.observer][channel.dof] for channel in (motion, force)]
     )
     stiff, _ = machine.changed_forces(slope, answers)
     total = -float(answers[:, 0] @ stiff[:, 1])

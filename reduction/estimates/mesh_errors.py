@@ -62,11 +62,11 @@ def meshed_parts(coupled: CoupledMachine) -> dict[str, MeshedPart]:
             rows = turn_dofs(part, coupled.placements[name]) @ coupled.basis[coupled.offsets[name]]
             # a fixed-interface mode is strained, so a mesh misses some of its energy
             silent = np.diag(errors.missing_energy) <= 0.0
-            blind = bool(silent.all())
-            silent[: part.boundary_size] &= blind
+            unidentifiable = bool(silent.all())
+            silent[: part.boundary_size] &= unidentifiable
             reach = (
                 0.0
-                if blind
+                if unidentifiable
                 else part.modal_frequencies_hz[silent[part.boundary_size :]].min(initial=np.inf)
             )
             found[name] = MeshedPart(
@@ -226,14 +226,14 @@ def doubted_energies(
     found: dict[str, FloatArray] = {}
     for (name, interface), area in areas.items():
         element = coupled.layout.superelements[name]
-        if interface not in element.attachments:
+        if interface not in element.interface_maps:
             continue
         own = (
             turn_dofs(element, coupled.placements[name])
             @ coupled.basis[coupled.offsets[name]]
             @ motions
         )
-        node = element.attachments[interface].node
+        node = element.interface_maps[interface].node
         rows = slice(6 * node, 6 * node + 6)
         forces = element.stiffness[rows] @ own - (element.mass[rows] @ own) * squares
         radius, modulus = (

@@ -72,12 +72,12 @@ class ResponseSpace:
         system: SecondOrderSystem,
         sources: ErrorSources,
         space: FloatArray,
-        ports: tuple[FloatArray, FloatArray],
+        channels: tuple[FloatArray, FloatArray],
         rest: float,
     ) -> None:
         self.sources, self.rest = sources, rest
-        self.loads: FloatArray = space.T @ ports[0]
-        self.rows: FloatArray = ports[1] @ space
+        self.loads: FloatArray = space.T @ channels[0]
+        self.rows: FloatArray = channels[1] @ space
         self._stiffness = space.T @ system.stiffness @ space
         self._hysteretic = (
             None if system.hysteretic is None else space.T @ system.hysteretic @ space
@@ -171,7 +171,7 @@ def project_response(
     system: SecondOrderSystem,
     sources: ErrorSources,
     modes: ModalResult,
-    ports: tuple[FloatArray, FloatArray],
+    channels: tuple[FloatArray, FloatArray],
     highest_hz: float,
 ) -> ResponseSpace:
     """Bring a machine into the space of its modes, of static responses at its ports and of the
@@ -190,11 +190,11 @@ def project_response(
         system,
         sources.truncated,
         modes,
-        pushes=np.hstack([ports[0], ports[1].T]),
+        pushes=np.hstack([channels[0], channels[1].T]),
         highest_hz=highest_hz,
         shift=shift,
     )
-    return ResponseSpace(system, sources, space, ports, RESTING * shift)
+    return ResponseSpace(system, sources, space, channels, RESTING * shift)
 
 
 def _trial_space(

@@ -10,7 +10,7 @@ from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import FrfRequest, ModalRequest, StaticRequest
 from headstock.scene.schema.effects import find_effect_fault
 from headstock.scene.schema.scene import SceneTable
-from headstock.solvers.second_order import Port
+from headstock.solvers.second_order import Channel
 
 DEFAULT_MODES = 6
 
@@ -53,9 +53,9 @@ def build_frf(scene: SceneTable, poses: tuple[str, ...]) -> FrfRequest | None:
     )
 
 
-def build_ports(ports: Sequence[tuple[str, str]]) -> tuple[Port, ...]:
+def build_ports(channels: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
     """Every port once, with its direction."""
-    found = [(name, dof) for name, given in ports for dof in ([given] if given else DIRECTIONS)]
+    found = [(name, dof) for name, given in channels for dof in ([given] if given else DIRECTIONS)]
     return tuple(dict.fromkeys(found))
 
 
@@ -64,10 +64,10 @@ def check_requests(draft: Draft, findings: Findings) -> None:
     analyses = draft.table.analyses
     for index, point in enumerate(analyses.static.at or () if analyses.static else ()):
         check_name(("analyses", "static", "at", index), point, "points", draft, findings)
-    for key, ports in (
+    for key, channels in (
         (("inputs", analyses.frf.inputs), ("outputs", analyses.frf.outputs)) if analyses.frf else ()
     ):
-        for index, (name, _) in enumerate(ports or ()):
+        for index, (name, _) in enumerate(channels or ()):
             check_port(("analyses", "frf", key, index), name, draft, findings)
     for name, table in (
         ("static", analyses.static),

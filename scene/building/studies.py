@@ -100,7 +100,7 @@ def check_sweep_carriages(machine: Machine, sweep: Sweep, findings: Findings) ->
         sweep: Its poses.
         findings: Receives problems.
     """
-    told: set[str] = set()
+    reported: set[str] = set()
     for number in range(len(sweep.positions)):
         pose = sweep_pose(sweep, number)
         try:
@@ -108,8 +108,8 @@ def check_sweep_carriages(machine: Machine, sweep: Sweep, findings: Findings) ->
         except PoseError:
             continue  # out of the mechanism's reach: blank in the maps
         for joint, fault in overhangs.items():
-            if joint not in told and len(told) < OVERHANGS_TOLD:
-                told.add(joint)
+            if joint not in reported and len(reported) < OVERHANGS_TOLD:
+                reported.add(joint)
                 findings.add(("sweeps", sweep.name), f"in pose {pose.name} {fault}")
 
 

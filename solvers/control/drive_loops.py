@@ -26,7 +26,7 @@ from headstock.solvers.control.dead_time import (
 )
 from headstock.solvers.control.drive_trains import FORCE, MOTOR, SLIDE, DriveTrain, measured_port
 from headstock.solvers.linear.state_space import StateSpace, to_state_space
-from headstock.solvers.second_order import Port, SecondOrderSystem
+from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 SET_POINTS = ("position", "velocity", "acceleration")
 ENCODER = "encoder"
@@ -57,8 +57,8 @@ def close_loops(
     system: SecondOrderSystem,
     trains: Sequence[DriveTrain],
     *,
-    inputs: Sequence[Port] = (),
-    outputs: Sequence[Port] = (),
+    inputs: Sequence[Channel] = (),
+    outputs: Sequence[Channel] = (),
     up_to_hz: float | None = None,
 ) -> ClosedLoop:
     """Close the loops of all drives.
@@ -82,8 +82,8 @@ def open_plant(
     system: SecondOrderSystem,
     trains: Sequence[DriveTrain],
     *,
-    inputs: Sequence[Port] = (),
-    outputs: Sequence[Port] = (),
+    inputs: Sequence[Channel] = (),
+    outputs: Sequence[Channel] = (),
     up_to_hz: float | None = None,
 ) -> StateSpace:
     """The machine between drive forces with loads, and the motions that are wanted with those that
@@ -156,8 +156,8 @@ def _feed_back(
     plant: StateSpace,
     control: LinearBlock,
     trains: tuple[DriveTrain, ...],
-    inputs: tuple[Port, ...],
-    outputs: tuple[Port, ...],
+    inputs: tuple[Channel, ...],
+    outputs: tuple[Channel, ...],
 ) -> StateSpace:
     count, asked = len(trains), len(outputs)
     to_forces, to_loads = slice(0, count), slice(count, None)
@@ -198,13 +198,13 @@ def _feed_back(
         rows[:, split:],
         outs[:, :split],
         outs[:, split:],
-        (*set_ports(trains), *inputs),
+        (*set_channels(trains), *inputs),
         (*outputs, *names),
         states,
     )
 
 
-def set_ports(trains: Sequence[DriveTrain]) -> tuple[Port, ...]:
+def set_channels(trains: Sequence[DriveTrain]) -> tuple[Channel, ...]:
     """Set points of every driven axis."""
     return tuple(
         (axis, kind)
@@ -226,7 +226,7 @@ def _spread_set_points(trains: tuple[DriveTrain, ...]) -> FloatArray:
     return spread
 
 
-def find_velocity_lag(loop: ClosedLoop, axis: str) -> tuple[float, dict[Port, float]]:
+def find_velocity_lag(loop: ClosedLoop, axis: str) -> tuple[float, dict[Channel, float]]:
     """Steady lag of an axis that moves at 1 m/s.
 
     At constant speed the states follow ``x = X1 t + X0`` with ``A X1 + B_p = 0`` and ``A X0 + B_v =
@@ -246,5 +246,5 @@ def find_velocity_lag(loop: ClosedLoop, axis: str) -> tuple[float, dict[Port, fl
     steady = np.linalg.solve(space.a, travel - space.b[:, velocity])
     moved: FloatArray = space.c @ steady + space.d[:, velocity]
     train = next(train for train in loop.trains if train.axis == axis)
-    shown = {port: float(value) for port, value in zip(space.outputs, moved, strict=True)}
+    shown = {channel: float(value) for channel, value in zip(space.outputs, moved, strict=True)}
     return -shown[train.name, ENCODER], shown

@@ -10,7 +10,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
-from headstock.solvers.second_order import Port, SecondOrderSystem
+from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 FORCE, MOTOR, SCALE, SLIDE = "force", "motor", "scale", "slide"
 
@@ -80,8 +80,8 @@ def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> Seco
     mass, stiffness = _pad(system.mass, total), _pad(system.stiffness, total)
     damping = None if system.damping is None else _pad(system.damping, total)
     hysteretic = None if system.hysteretic is None else _pad(system.hysteretic, total)
-    inputs = {port: _pad_row(row, total) for port, row in system.inputs.items()}
-    outputs = {port: _pad_row(row, total) for port, row in system.outputs.items()}
+    inputs = {channel: _pad_row(row, total) for channel, row in system.inputs.items()}
+    outputs = {channel: _pad_row(row, total) for channel, row in system.outputs.items()}
     labels = list(system.labels)
     for train, count, place in zip(trains, own, size + np.cumsum([0, *own[:-1]]), strict=True):
         motor, screw = np.eye(total)[place], np.eye(total)[place + count - 1]
@@ -111,7 +111,7 @@ def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> Seco
     return SecondOrderSystem(mass, damping, stiffness, inputs, outputs, tuple(labels), hysteretic)
 
 
-def measured_port(train: DriveTrain) -> Port:
+def measured_port(train: DriveTrain) -> Channel:
     """What the position controller of a drive sees."""
     return train.name, train.control.encoder
 

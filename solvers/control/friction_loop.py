@@ -8,9 +8,9 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import GuideFriction
-from headstock.solvers.control.drive_loops import ClosedLoop, set_ports
+from headstock.solvers.control.drive_loops import ClosedLoop, set_channels
 from headstock.solvers.control.drive_trains import SLIDE, DriveTrain
-from headstock.solvers.second_order import Port
+from headstock.solvers.second_order import Channel
 
 WORKS = 4  # of the drives, of the loads, lost in dampers, lost in friction
 
@@ -137,7 +137,7 @@ class RubbingLoop:
         )
 
 
-def friction_ports(trains: tuple[DriveTrain, ...]) -> tuple[Port, ...]:
+def friction_channels(trains: tuple[DriveTrain, ...]) -> tuple[Channel, ...]:
     """Inputs where friction acts: the last ones a loop is to be closed with."""
     return tuple((train.name, SLIDE) for train in trains if train.friction is not None)
 
@@ -152,22 +152,22 @@ def make_rubbing_loop(loop: ClosedLoop) -> RubbingLoop:
         ValueError: They are not.
     """
     space, plant = loop.space, loop.plant
-    ports = friction_ports(loop.trains)
-    given = len(space.inputs) - len(ports)
-    if space.inputs[given:] != ports:
+    channels = friction_channels(loop.trains)
+    given = len(space.inputs) - len(channels)
+    if space.inputs[given:] != channels:
         raise ValueError(
-            f"a loop with friction is closed with {ports} as its last inputs, not {space.inputs[given:]}"
+            f"a loop with friction is closed with {channels} as its last inputs, not {space.inputs[given:]}"
         )
-    rows = [space.outputs.index(port) for port in ports]
+    rows = [space.outputs.index(channel) for channel in channels]
     first, second = np.arange(0, loop.plant_size, 2), np.arange(1, loop.plant_size, 2)
     weights = np.ones(loop.plant_size)
     # a mode's states are (s p, p') with s' = s p' and p'' = -omega^2 / s (s p)
     weights[first] = -plant.a[second, first] / plant.a[first, second]
     dampers = np.zeros((loop.plant_size, loop.plant_size))
     dampers[np.ix_(second, second)] = -plant.a[np.ix_(second, second)]
-    slides = np.zeros((len(ports), len(space.a)))
+    slides = np.zeros((len(channels), len(space.a)))
     slides[:, : loop.plant_size] = (
-        plant.c[[plant.outputs.index(port) for port in ports]] @ plant.a if rows else 0.0
+        plant.c[[plant.outputs.index(channel) for channel in channels]] @ plant.a if rows else 0.0
     )
     return RubbingLoop(
         loop=loop,
@@ -175,7 +175,7 @@ def make_rubbing_loop(loop: ClosedLoop) -> RubbingLoop:
         slides=slides,
         drag=space.b[:, given:],
         given=given,
-        sets=len(set_ports(loop.trains)),
+        sets=len(set_channels(loop.trains)),
         weights=weights,
         dampers=dampers,
     )

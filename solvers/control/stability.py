@@ -175,9 +175,9 @@ def scale_velocity_gain(control: AxisControl, scale: float) -> AxisControl:
     """The controller with another velocity gain, and position control that hardly acts: its
     velocity loop by itself.
     """
-    slow = SMALLEST_SCALE * control.position_gain
+    low_frequency = SMALLEST_SCALE * control.position_gain
     return dataclasses.replace(
-        control, velocity_gain=scale * control.velocity_gain, position_gain=slow
+        control, velocity_gain=scale * control.velocity_gain, position_gain=low_frequency
     )
 
 

@@ -24,7 +24,7 @@ SOUND_RESIDUAL = 1e-13  # below it a solve is as good as its factorisation
 # so
 NEGLIGIBLE_ROUNDOFF = 1e-6
 # of displacements: energies see the square of what they are off by
-ENERGY_BLIND = float(np.sqrt(np.finfo(float).eps))
+ENERGY_ROUNDOFF = float(np.sqrt(np.finfo(float).eps))
 REFINEMENT_STEPS = 5
 
 
@@ -159,7 +159,7 @@ class ConstrainedSolver:
         """What rounding of residuals can make of refined displacements, as a share of them."""
         residuals = np.longdouble if self.roundoff > NEGLIGIBLE_ROUNDOFF else np.float64
         return max(
-            self.roundoff * float(np.finfo(residuals).eps / np.finfo(float).eps), ENERGY_BLIND
+            self.roundoff * float(np.finfo(residuals).eps / np.finfo(float).eps), ENERGY_ROUNDOFF
         )
 
     def forces(self, displacements: FloatArray) -> FloatArray:

@@ -49,7 +49,7 @@ WIDE, WIDEST = 3.0, 3.0
 # Single hexahedra across a bar, as thick as this share of their longest side: their stresses look
 # smooth whatever they miss
 THICK = 0.9
-BLIND_SHARE = 0.5  # of the volume
+UNSEEN_SHARE = 0.5  # of the volume
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ def sees_errors(mesh: ComponentMesh) -> bool:
     thick = (single & (spans >= THICK * spans.max(axis=1, keepdims=True))).any(axis=1) | (
         single.sum(axis=1) >= 4
     )
-    return float(spans.prod(axis=1)[thick].sum()) <= BLIND_SHARE * float(spans.prod(axis=1).sum())
+    return float(spans.prod(axis=1)[thick].sum()) <= UNSEEN_SHARE * float(spans.prod(axis=1).sum())
 
 
 def estimate_mesh_errors(

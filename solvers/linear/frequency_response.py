@@ -31,7 +31,7 @@ from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.second_order import (
     ComplexArray,
     Motion,
-    Port,
+    Channel,
     SecondOrderSystem,
     input_columns,
     output_rows,
@@ -69,8 +69,8 @@ class FrequencyResponse:
     """
 
     frequencies_hz: FloatArray
-    inputs: tuple[Port, ...]
-    outputs: tuple[Port, ...]
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
     receptance: ComplexArray
     free_body: BoolArray
     singular: BoolArray
@@ -90,8 +90,8 @@ class FrfModel:
         coordinates: Modal coordinates, where the system has them.
     """
 
-    inputs: tuple[Port, ...]
-    outputs: tuple[Port, ...]
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
     form: ModalSum | DamperSum | PoleSum | DirectResponse
     direct: DirectResponse
     at_rest: FloatArray
@@ -102,8 +102,8 @@ def solve_frf(
     system: SecondOrderSystem,
     frequencies_hz: FloatArray,
     *,
-    inputs: Sequence[Port],
-    outputs: Sequence[Port],
+    inputs: Sequence[Channel],
+    outputs: Sequence[Channel],
 ) -> FrequencyResponse:
     """Receptance at given frequencies; at 0 Hz the static compliance, at negative ones the complex
     conjugate.
@@ -126,8 +126,8 @@ def solve_frf(
 def prepare_frf(
     system: SecondOrderSystem,
     *,
-    inputs: Sequence[Port],
-    outputs: Sequence[Port],
+    inputs: Sequence[Channel],
+    outputs: Sequence[Channel],
     modes: ModalResult | None = None,
 ) -> FrfModel:
     """Bring a system into the form that answers fastest.
@@ -321,7 +321,7 @@ class StabilityFigures:
         minimum_dynamic_stiffness_hz: Its frequency [Hz].
     """
 
-    port: Port
+    channel: Channel
     most_negative_real: float | None
     most_negative_real_hz: float | None
     chatter_limit: float | None
@@ -342,14 +342,20 @@ def find_stability_figures(
     = -1 / (2 K_s Re G).
     """
     return tuple(
-        _judge(model, response, port, response.outputs.index(port), response.inputs.index(port))
-        for port in response.inputs
-        if port in response.outputs and not np.isnan(_entry(response, port)).all()
+        _judge(
+            model,
+            response,
+            channel,
+            response.outputs.index(channel),
+            response.inputs.index(channel),
+        )
+        for channel in response.inputs
+        if channel in response.outputs and not np.isnan(_entry(response, channel)).all()
     )
 
 
 def _judge(
-    model: FrfModel, response: FrequencyResponse, port: Port, row: int, column: int
+    model: FrfModel, response: FrequencyResponse, channel: Channel, row: int, column: int
 ) -> StabilityFigures:
     values = response.receptance[:, row, column]
     real_parts, sizes = np.array(values.real, dtype=float), np.array(np.abs(values), dtype=float)
@@ -361,7 +367,7 @@ def _judge(
     soft_hz, soft = _lowest(response.frequencies_hz, -sizes, lambda hz: -abs(value_at(hz)))
     negative = real < 0.0
     return StabilityFigures(
-        port=port,
+        channel=channel,
         most_negative_real=real if negative else None,
         most_negative_real_hz=real_hz if negative else None,
         chatter_limit=-0.5 / real if negative else None,
@@ -387,5 +393,5 @@ def _lowest(
     return (float(found.x), float(found.fun)) if found.fun < best[1] else best
 
 
-def _entry(response: FrequencyResponse, port: Port) -> ComplexArray:
-    return response.receptance[:, response.outputs.index(port), response.inputs.index(port)]
+def _entry(response: FrequencyResponse, channel: Channel) -> ComplexArray:
+    return response.receptance[:, response.outputs.index(channel), response.inputs.index(channel)]

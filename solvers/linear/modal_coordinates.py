@@ -12,7 +12,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.linear.symmetric_matrices import find_null_space, is_symmetric
-from headstock.solvers.second_order import Port, SecondOrderSystem, input_columns, output_rows
+from headstock.solvers.second_order import Channel, SecondOrderSystem, input_columns, output_rows
 
 DIAGONAL_LIMIT = (
     1e-9  # off-diagonal entries below this share of their diagonal entries are roundoff
@@ -62,8 +62,8 @@ class ModalCoordinates:
 
 def to_modal_coordinates(
     system: SecondOrderSystem,
-    inputs: Sequence[Port],
-    outputs: Sequence[Port],
+    inputs: Sequence[Channel],
+    outputs: Sequence[Channel],
     modes: ModalResult | None = None,
 ) -> ModalCoordinates | None:
     """The system in modal coordinates; None where they cannot carry it.

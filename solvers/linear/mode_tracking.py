@@ -76,7 +76,7 @@ class TrackedModes:
     index: IntArray
     correlation: FloatArray
     crossings: dict[tuple[int, int], int]
-    torn: int
+    tracking_breaks: int
 
 
 @dataclass(eq=False)
@@ -101,25 +101,25 @@ def track_modes(modes: SweptModes, neighbours: Edges) -> TrackedModes:
     """
     present = modes.present
     edges = [(i, j) for i, j in neighbours if present[i] and present[j]]
-    likeness = np.concatenate(
+    mac = np.concatenate(
         [
             np.zeros(0),
             *(
-                _likeness(modes, edges[at : at + EDGES_AT_ONCE])
+                _mac(modes, edges[at : at + EDGES_AT_ONCE])
                 for at in range(0, len(edges), EDGES_AT_ONCE)
             ),
         ]
     )
     nodes: dict[int, _Node] = {}
     labels = 0
-    for number, before in _walk(modes, edges, likeness):
+    for number, before in _walk(modes, edges, mac):
         nodes[number] = _follow(modes.mode_set(number), nodes.get(before), labels)
         labels = max(labels, int(nodes[number].labels.max(initial=labels - 1)) + 1)
     _join_labels(nodes, edges)
     return _tabulate(modes, nodes, edges)
 
 
-def _likeness(modes: SweptModes, edges: Edges) -> FloatArray:
+def _mac(modes: SweptModes, edges: Edges) -> FloatArray:
     """How much the wanted mode that is least alike in two poses still looks like one of the other
     pose, per edge.
     """
@@ -134,7 +134,7 @@ def _likeness(modes: SweptModes, edges: Edges) -> FloatArray:
     return worst
 
 
-def _walk(modes: SweptModes, edges: Edges, likeness: FloatArray) -> Iterator[tuple[int, int]]:
+def _walk(modes: SweptModes, edges: Edges, mac: FloatArray) -> Iterator[tuple[int, int]]:
     """Every pose that has modes, after the neighbour it is followed from; -1 for those that begin.
 
     It begins where frequencies lie furthest apart, since a cluster's shapes say nothing about which
@@ -143,7 +143,7 @@ def _walk(modes: SweptModes, edges: Edges, likeness: FloatArray) -> Iterator[tup
     size, gaps = len(modes.frequencies_hz), _closest_gaps(modes)
     ends = np.array(edges, dtype=np.int32).reshape(-1, 2)
     graph = coo_array(
-        (1.0 - likeness + SMALLEST_STEP, (ends[:, 0], ends[:, 1])), shape=(size, size)
+        (1.0 - mac + SMALLEST_STEP, (ends[:, 0], ends[:, 1])), shape=(size, size)
     ).tocsr()
     tree = minimum_spanning_tree(graph)
     _, groups = connected_components(graph, directed=False)
@@ -268,9 +268,9 @@ def _tabulate(modes: SweptModes, nodes: dict[int, _Node], edges: Edges) -> Track
     tracked = tracked_frequencies(modes.frequencies_hz, index[:, asked])
     order = np.flatnonzero(asked)[np.argsort(np.nanmedian(tracked, axis=0), kind="stable")]
     tracked = tracked_frequencies(modes.frequencies_hz, index[:, order])
-    torn = sum(_is_torn(nodes[i], nodes[j]) for i, j in edges)
+    tracking_breaks = sum(_breaks(nodes[i], nodes[j]) for i, j in edges)
     return TrackedModes(
-        index[:, order], correlation[:, order], _find_crossings(tracked, edges), torn
+        index[:, order], correlation[:, order], _find_crossings(tracked, edges), tracking_breaks
     )
 
 
@@ -294,7 +294,7 @@ def _find_crossings(tracked: FloatArray, edges: Edges) -> dict[tuple[int, int], 
     return found
 
 
-def _is_torn(one: _Node, other: _Node) -> bool:
+def _breaks(one: _Node, other: _Node) -> bool:
     common = np.intersect1d(one.labels[one.labels >= 0], other.labels)
     first = [int(np.flatnonzero(one.labels == label)[0]) for label in common]
     second = [int(np.flatnonzero(other.labels == label)[0]) for label in common]

@@ -22,10 +22,10 @@ from headstock.solvers.linear.modal_coordinates import (
 )
 from headstock.solvers.second_order import (
     ComplexArray,
-    Port,
+    Channel,
     SecondOrderSystem,
     input_columns,
-    name_port,
+    name_channel,
     output_rows,
 )
 
@@ -66,8 +66,8 @@ class StateSpace:
     b: FloatArray
     c: FloatArray
     d: FloatArray
-    inputs: tuple[Port, ...]
-    outputs: tuple[Port, ...]
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
     states: tuple[str, ...]
     pairs: ModalPairs | None = None
 
@@ -85,8 +85,8 @@ class StateSpace:
 def to_state_space(
     system: SecondOrderSystem,
     *,
-    inputs: Sequence[Port],
-    outputs: Sequence[Port],
+    inputs: Sequence[Channel],
+    outputs: Sequence[Channel],
     up_to_hz: float | None = None,
 ) -> StateSpace:
     """State space of a system; outputs are displacements.
@@ -118,7 +118,7 @@ def to_state_space(
 
 
 def modal_state_space(
-    coordinates: ModalCoordinates, inputs: tuple[Port, ...], outputs: tuple[Port, ...]
+    coordinates: ModalCoordinates, inputs: tuple[Channel, ...], outputs: tuple[Channel, ...]
 ) -> StateSpace:
     """State space of modal coordinates: state ``2k`` is ``omega p`` of mode k, state ``2k + 1`` is
     ``p'``.
@@ -157,7 +157,7 @@ def modal_state_space(
 
 
 def _unsymmetric(
-    system: SecondOrderSystem, inputs: tuple[Port, ...], outputs: tuple[Port, ...]
+    system: SecondOrderSystem, inputs: tuple[Channel, ...], outputs: tuple[Channel, ...]
 ) -> StateSpace:
     if system.hysteretic is not None:
         raise ModelError(
@@ -200,7 +200,7 @@ def to_control(space: StateSpace) -> Any:
         ) from error
     return control.StateSpace(
         space.a, space.b, space.c, space.d,
-        inputs=[name_port(port) for port in space.inputs],
-        outputs=[name_port(port) for port in space.outputs],
+        inputs=[name_channel(channel) for channel in space.inputs],
+        outputs=[name_channel(channel) for channel in space.outputs],
         states=list(space.states),
     )  # fmt: skip

@@ -172,10 +172,10 @@ def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatAr
     a = np.zeros((len(pairs.squares), 2, 2))
     a[:, 0, 1], a[:, 1, 0], a[:, 1, 1] = pairs.scales, -pairs.squares / pairs.scales, -pairs.viscous
     transition, total, rising = np.empty_like(a), np.empty_like(a), np.empty_like(a)
-    slow = np.maximum(np.sqrt(pairs.squares), pairs.viscous) * step < SLOW
-    for mode in np.flatnonzero(slow):
+    low_frequency = np.maximum(np.sqrt(pairs.squares), pairs.viscous) * step < SLOW
+    for mode in np.flatnonzero(low_frequency):
         transition[mode], (total[mode], rising[mode]) = _integrals(a[mode], step)
-    fast = np.flatnonzero(~slow)
+    fast = np.flatnonzero(~low_frequency)
     if len(fast):
         transition[fast] = _pair_exponentials(
             a[fast], pairs.squares[fast], pairs.viscous[fast], step

@@ -187,7 +187,7 @@ def tool_compliance(model: CompliantMechanism, motions: SmallMotions) -> FloatAr
 
 
 def pose_system(
-    model: CompliantMechanism, motions: SmallMotions, ports: Mapping[str, FloatArray]
+    model: CompliantMechanism, motions: SmallMotions, channels: Mapping[str, FloatArray]
 ) -> SecondOrderSystem:
     """One pose as a second-order system.
 
@@ -198,7 +198,7 @@ def pose_system(
     """
     rows = {
         (name, dof): motion[row]
-        for name, motion in ports.items()
+        for name, motion in channels.items()
         for row, dof in enumerate(DOF_NAMES)
     }
     return SecondOrderSystem(

@@ -53,7 +53,7 @@ class PartitionedMotion:
     force: ForceLaw
     guess: FloatArray
 
-    def at(self, time: float, give: FloatArray, rates: FloatArray) -> PartitionedDynamics:
+    def at(self, time: float, compliant: FloatArray, rates: FloatArray) -> PartitionedDynamics:
         """Equations of motion at a time and state.
 
         Args:
@@ -67,7 +67,7 @@ class PartitionedMotion:
         drive = self.drive(time)
         try:
             self.guess, kinematics = compose_state(
-                self.model.mechanism, drive.position, give, self.guess
+                self.model.mechanism, drive.position, compliant, self.guess
             )
             return partition_dynamics(
                 self.model, self.guess, kinematics, drive, rates=rates, force=self.force(time)
@@ -77,7 +77,7 @@ class PartitionedMotion:
                 f"at t = {time:.6g} s: {error}; the motion ends at a singular pose"
             ) from error
 
-    def accelerations(self, time: float, give: FloatArray, rates: FloatArray) -> FloatArray:
+    def accelerations(self, time: float, compliant: FloatArray, rates: FloatArray) -> FloatArray:
         """Accelerations ``(c,)`` of the compliant coordinates [m/s^2, rad/s^2].
 
         Args:
@@ -88,24 +88,24 @@ class PartitionedMotion:
         Raises:
             SingularPoseError: The passive coordinates are undetermined.
         """
-        motion = self.at(time, give, rates)
-        return np.asarray(np.linalg.solve(motion.mass, self._balance(motion, give, rates)))
+        motion = self.at(time, compliant, rates)
+        return np.asarray(np.linalg.solve(motion.mass, self._balance(motion, compliant, rates)))
 
     def state_rates(self, time: float, both: FloatArray) -> FloatArray:
         """First-order form for a library integrator: ``(2 c + 1,)`` = compliant coordinates, their
         rates, work put in [J].
         """
         count = (len(both) - 1) // 2
-        give, rates = both[:count], both[count : 2 * count]
-        motion = self.at(time, give, rates)
+        compliant, rates = both[:count], both[count : 2 * count]
+        motion = self.at(time, compliant, rates)
         accelerations: FloatArray = np.asarray(
-            np.linalg.solve(motion.mass, self._balance(motion, give, rates))
+            np.linalg.solve(motion.mass, self._balance(motion, compliant, rates))
         )
         return np.concatenate(
             [rates, accelerations, [self._power(time, motion, rates, accelerations)]]
         )
 
-    def energy(self, time: float, give: FloatArray, rates: FloatArray) -> float:
+    def energy(self, time: float, compliant: FloatArray, rates: FloatArray) -> float:
         """Kinetic, gravity and spring energy [J].
 
         Args:
@@ -116,9 +116,9 @@ class PartitionedMotion:
         Raises:
             SingularPoseError: The passive coordinates are undetermined.
         """
-        motion = self.at(time, give, rates)
+        motion = self.at(time, compliant, rates)
         kinetic = kinetic_energy(motion.dynamics, motion.rates)
-        springs = 0.5 * (motion.stiffness * give**2).sum()
+        springs = 0.5 * (motion.stiffness * compliant**2).sum()
         return float(kinetic + gravity_energy(self.model, motion.dynamics.placement) + springs)
 
     def drives(self, time: float, state: MotionState) -> FloatArray:
@@ -141,7 +141,7 @@ class PartitionedMotion:
             motion.mass, _damping(self.model, size), np.diag(motion.stiffness), np.zeros((0, size))
         )
 
-    def start(self, time: float, give: FloatArray, rates: FloatArray) -> MotionState:
+    def start(self, time: float, compliant: FloatArray, rates: FloatArray) -> MotionState:
         """A consistent start: accelerations from the equations of motion.
 
         Args:
@@ -152,13 +152,17 @@ class PartitionedMotion:
         Raises:
             SingularPoseError: The passive coordinates are undetermined.
         """
-        return MotionState(time, give, rates, self.accelerations(time, give, rates), np.zeros(0))
+        return MotionState(
+            time, compliant, rates, self.accelerations(time, compliant, rates), np.zeros(0)
+        )
 
     def _balance(
-        self, motion: PartitionedDynamics, give: FloatArray, rates: FloatArray
+        self, motion: PartitionedDynamics, compliant: FloatArray, rates: FloatArray
     ) -> FloatArray:
         return np.asarray(
-            motion.load - motion.stiffness * give - _damping(self.model, len(give)) @ rates
+            motion.load
+            - motion.stiffness * compliant
+            - _damping(self.model, len(compliant)) @ rates
         )
 
     def _power(
@@ -230,11 +234,14 @@ class ConstrainedMotion:
             if self.last is not None and self.last[0] is state
             else self.evaluate(state).dynamics
         )
-        size, give = len(state.position), len(self.model.mechanism.compliant)
+        size, compliant = len(state.position), len(self.model.mechanism.compliant)
         stiffness, damping = np.zeros((size, size)), np.zeros((size, size))
         springs = self.model.springs.stiffness(self.drive(state.time).position)
-        last = slice(size - give, size)
-        stiffness[last, last], damping[last, last] = np.diag(springs), _damping(self.model, give)
+        last = slice(size - compliant, size)
+        stiffness[last, last], damping[last, last] = (
+            np.diag(springs),
+            _damping(self.model, compliant),
+        )
         return Linearisation(
             dynamics.mass[self.free, self.free], damping, stiffness, dynamics.closures[:, self.free]
         )
@@ -282,11 +289,11 @@ class ConstrainedMotion:
             self.model.mechanism.driven_slice
         ]
         driven = coordinates[self.model.mechanism.driven_slice]
-        give = coordinates[self.model.mechanism.compliant_slice]
+        compliant = coordinates[self.model.mechanism.compliant_slice]
         np.add.at(
             balance,
             self.model.springs.length,
-            0.5 * self.model.springs.stiffness_slope(driven) * give**2,
+            0.5 * self.model.springs.stiffness_slope(driven) * compliant**2,
         )
         return balance
 
@@ -297,7 +304,7 @@ class ConstrainedMotion:
         coordinates: FloatArray,
         accelerations: FloatArray,
     ) -> FloatArray:
-        give = self.model.mechanism.compliant_slice
+        compliant = self.model.mechanism.compliant_slice
         balance = (
             dynamics.mass @ accelerations - dynamics.load - dynamics.tool.T @ self.force(state.time)
         )
@@ -305,8 +312,8 @@ class ConstrainedMotion:
             balance += dynamics.closures.T @ state.multipliers
         springs = self.model.springs.stiffness(coordinates[self.model.mechanism.driven_slice])
         count = len(self.model.mechanism.compliant)
-        balance[give] += (
-            springs * coordinates[give]
+        balance[compliant] += (
+            springs * coordinates[compliant]
             + _damping(self.model, count) @ state.velocity[len(state.velocity) - count :]
         )
         return np.asarray(balance)

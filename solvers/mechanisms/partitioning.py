@@ -180,8 +180,8 @@ def driven_forces(
     balance = (dynamics.mass @ everything[..., None])[..., 0] - applied
     drives = (np.swapaxes(motion.from_driven, -1, -2) @ balance[..., None])[..., 0]
     driven = motion.state[..., model.mechanism.driven_slice]
-    give = motion.state[..., model.mechanism.compliant_slice]
-    work = 0.5 * model.springs.stiffness_slope(driven) * give**2
+    compliant = motion.state[..., model.mechanism.compliant_slice]
+    work = 0.5 * model.springs.stiffness_slope(driven) * compliant**2
     for spring, length in enumerate(model.springs.length):
         drives[..., length] += work[..., spring]
     return np.asarray(drives)

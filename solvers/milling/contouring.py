@@ -61,18 +61,18 @@ class LinearMotion:
     damping: FloatArray
     stiffness: FloatArray
     tool: FloatArray
-    sag: FloatArray
+    gravity_deflection: FloatArray
     load: FloatArray
 
     def between(self, values: FloatArray, part: slice) -> FloatArray:
         """Values ``(k, ...)`` at the nodes, at some of the steps."""
         return interpolate_nodes(self.times[part], self.nodes, values)
 
-    def tool_motion(self, give: FloatArray) -> FloatArray:
+    def tool_motion(self, compliant: FloatArray) -> FloatArray:
         """``(n, 3)`` motion of the tool at compliant coordinates ``(n, c)``."""
         parts = [
-            (self.between(self.tool, part) @ give[part][..., None])[..., 0]
-            for part in chunk_slices(len(give))
+            (self.between(self.tool, part) @ compliant[part][..., None])[..., 0]
+            for part in chunk_slices(len(compliant))
         ]
         return np.concatenate(parts)
 
@@ -86,10 +86,10 @@ class LinearMotion:
 
 
 @dataclass(frozen=True, eq=False)
-class GiveHistory:
+class CompliantHistory:
     """Compliant coordinates over time: ``(n, c)`` values, rates and accelerations."""
 
-    give: FloatArray
+    compliant: FloatArray
     rate: FloatArray
     acceleration: FloatArray
 
@@ -135,7 +135,7 @@ def linear_motion(
         damping=damping,
         stiffness=motions.stiffness,
         tool=mark_motion(model, motions, model.tool)[:, :3],
-        sag=motions.gravity / motions.stiffness,
+        gravity_deflection=motions.gravity / motions.stiffness,
         load=interpolate_nodes(times, load_nodes, rigid),
     )
 
@@ -146,7 +146,7 @@ def march_linear(
     *,
     scheme: AlphaScheme | None = None,
     regeneration: Regeneration | None = None,
-) -> GiveHistory:
+) -> CompliantHistory:
     """Generalised-α steps of the linear model, from static rest at the first instant.
 
     Args:
@@ -181,7 +181,7 @@ def march_linear(
             raise ConvergenceError(
                 f"the motion grows without bound before t = {times[part.stop - 1]:.4g} s: the cut is unstable"
             )
-    return GiveHistory(history[:, 0], history[:, 1], history[:, 2])
+    return CompliantHistory(history[:, 0], history[:, 1], history[:, 2])
 
 
 def refine_motion(
@@ -189,8 +189,8 @@ def refine_motion(
     drive: PathDrive,
     motion: LinearMotion,
     force: FloatArray,
-    first: GiveHistory,
-) -> GiveHistory:
+    first: CompliantHistory,
+) -> CompliantHistory:
     """The nonlinear solution of the same steps, by sweeps from the linear one.
 
     Args:
@@ -209,12 +209,12 @@ def refine_motion(
         change = march_linear(
             motion, -_unbalanced(model, drive, motion, force, history=found, states=states)
         )
-        found = GiveHistory(
-            found.give + change.give,
+        found = CompliantHistory(
+            found.compliant + change.compliant,
             found.rate + change.rate,
             found.acceleration + change.acceleration,
         )
-        size = float(np.abs(change.give).max())
+        size = float(np.abs(change.compliant).max())
         if size < CONVERGED:
             return found
         if size > last:
@@ -226,7 +226,7 @@ def refine_motion(
 
 
 def tool_gaps(
-    model: CompliantMechanism, drive: PathDrive, times: FloatArray, give: FloatArray
+    model: CompliantMechanism, drive: PathDrive, times: FloatArray, compliant: FloatArray
 ) -> FloatArray:
     """Tool point of the compliant mechanism less that of the rigid one, ground frame of the chains.
 
@@ -247,7 +247,7 @@ def tool_gaps(
             compose_state(model.mechanism, driven, coordinates, guess)[1].placement.positions[
                 :, tool
             ]
-            for coordinates in (give[part], np.zeros_like(give[part]))
+            for coordinates in (compliant[part], np.zeros_like(compliant[part]))
         )
         gaps.append(bent - rigid)
     return np.concatenate(gaps)
@@ -257,7 +257,7 @@ def drive_forces(
     model: CompliantMechanism,
     drive: PathDrive,
     times: FloatArray,
-    history: GiveHistory,
+    history: CompliantHistory,
     force: FloatArray,
 ) -> FloatArray:
     """Forces of the drives in a motion that has been solved (eq. 14 of Bonnemains et al. 2010).
@@ -274,9 +274,13 @@ def drive_forces(
     """
     found = []
     for part in chunk_slices(len(times)):
-        give, rate, guess = history.give[part], history.rate[part], drive.rigid_states(times[part])
+        compliant, rate, guess = (
+            history.compliant[part],
+            history.rate[part],
+            drive.rigid_states(times[part]),
+        )
         dynamics = _evaluate(
-            model, drive.at(times[part]), guess, give=give, rate=rate, force=force[part]
+            model, drive.at(times[part]), guess, compliant=compliant, rate=rate, force=force[part]
         )
         found.append(driven_forces(model, dynamics, history.acceleration[part], force[part]))
     return np.concatenate(found)
@@ -286,7 +290,7 @@ def _rigid_load(model: CompliantMechanism, drive: PathDrive, times: FloatArray) 
     none = np.zeros((len(times), len(model.mechanism.compliant)))
     force = np.zeros((len(times), 3))
     return _evaluate(
-        model, drive.at(times), drive.rigid_states(times), give=none, rate=none, force=force
+        model, drive.at(times), drive.rigid_states(times), compliant=none, rate=none, force=force
     ).load
 
 
@@ -296,20 +300,20 @@ def _unbalanced(
     motion: LinearMotion,
     force: FloatArray,
     *,
-    history: GiveHistory,
+    history: CompliantHistory,
     states: FloatArray,
 ) -> FloatArray:
     """``(n, c)`` what the nonlinear equations of a trial motion are off by [N]; its states are
     brought up to date.
     """
-    found = np.empty_like(history.give)
+    found = np.empty_like(history.compliant)
     for part in chunk_slices(len(motion.times)):
-        give, rate = history.give[part], history.rate[part]
+        compliant, rate = history.compliant[part], history.rate[part]
         dynamics = _evaluate(
             model,
             drive.at(motion.times[part]),
             states[part],
-            give=give,
+            compliant=compliant,
             rate=rate,
             force=force[part],
         )
@@ -318,7 +322,7 @@ def _unbalanced(
         found[part] = (
             inertia
             + (motion.between(motion.damping, part) @ rate[..., None])[..., 0]
-            + dynamics.stiffness * give
+            + dynamics.stiffness * compliant
             - dynamics.load
         )
     return found
@@ -329,12 +333,12 @@ def _evaluate(
     drives: Drive,
     guess: FloatArray,
     *,
-    give: FloatArray,
+    compliant: FloatArray,
     rate: FloatArray,
     force: FloatArray,
 ) -> PartitionedDynamics:
     """The full equations at many instants at once, from a guess of the states."""
-    state, kinematics = compose_state(model.mechanism, drives.position, give, guess)
+    state, kinematics = compose_state(model.mechanism, drives.position, compliant, guess)
     return partition_dynamics(model, state, kinematics, drives, rates=rate, force=force)
 
 

@@ -15,7 +15,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
 from headstock.solvers.milling.contouring import (
-    GiveHistory,
+    CompliantHistory,
     LinearMotion,
     chunk_slices,
     scheme_matrices,
@@ -83,7 +83,7 @@ def cutting_phases(cut: MillingCut, steps_per_turn: int) -> tuple[CuttingPhase, 
 
 def march_regenerative(
     motion: LinearMotion, load: FloatArray, cut: RegenerativeCut
-) -> tuple[GiveHistory, FloatArray]:
+) -> tuple[CompliantHistory, FloatArray]:
     """Generalised-α steps of the linear model with the chip of each instant, from static rest.
 
     Args:
@@ -118,7 +118,7 @@ def march_regenerative(
                     state += np.outer(reach, inverse[row] @ (force[n] @ tool[row]))
             history[n] = state
             place[n] = tool[row] @ state[0]
-    return GiveHistory(history[:, 0], history[:, 1], history[:, 2]), force
+    return CompliantHistory(history[:, 0], history[:, 1], history[:, 2]), force
 
 
 def _cut_force(cut: RegenerativeCut, step: int, moved: FloatArray) -> FloatArray:

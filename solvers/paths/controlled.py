@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.control.drive_loops import ClosedLoop, set_ports
+from headstock.solvers.control.drive_loops import ClosedLoop, set_channels
 from headstock.solvers.control.driven_motion import DrivenMotion, solve_motion
 from headstock.solvers.control.stability import has_free_motions
 from headstock.solvers.errors import ModelError
@@ -43,7 +43,7 @@ class ControlledPath:
     loop: ClosedLoop
     shares: Mapping[str, float]
     travel: FloatArray
-    slow_hz: float
+    low_frequency_limit_hz: float
     loads: Callable[[FloatArray, FloatArray], FloatArray] | None = None
     load_step: float = np.inf
 
@@ -65,7 +65,7 @@ class _Motion:
     speed: FloatArray
     pull: FloatArray
     inputs: FloatArray
-    slow: FloatArray
+    low_frequency: FloatArray
 
 
 def solve_controlled_path(
@@ -94,7 +94,7 @@ def solve_controlled_path(
     a = np.zeros((size + 2, size + 2))
     a[:size] = np.hstack([space.a, motion.inputs[:, :2]])
     a[size, size + 1] = 1.0
-    first = len(set_ports(path.loop.trains))
+    first = len(set_channels(path.loop.trains))
     own = space.b[:, first : first + _count_loads(path)]
     b = np.hstack(
         [
@@ -102,13 +102,19 @@ def solve_controlled_path(
             np.vstack([own, np.zeros((2, own.shape[1]))]),
         ]
     )
-    slow = rows @ motion.slow
+    low_frequency = rows @ motion.low_frequency
     direct = np.zeros((2 * count, b.shape[1]))
     direct[:count, 1:] = space.d[:count, first : first + own.shape[1]]
     c = np.vstack(
         [
             np.hstack([rows, -path.travel[:, None], np.zeros((count, 1))]),
-            np.hstack([slow, -(slow @ motion.place)[:, None], -(slow @ motion.speed)[:, None]]),
+            np.hstack(
+                [
+                    low_frequency,
+                    -(low_frequency @ motion.place)[:, None],
+                    -(low_frequency @ motion.speed)[:, None],
+                ]
+            ),
         ]
     )
     whole = StateSpace(a, b, c, direct, (), (), ())
@@ -121,9 +127,11 @@ def solve_controlled_path(
         [step_accelerations(move, times)[:, :, None], _step_loads(path, move, times)], axis=2
     )
     found = solve_stepped_response(whole, times, given).outputs[places[::parts]]
-    follows = _follow(path, motion, move, samples)
-    total, sway = found[:, :count], found[:, count:]
-    return PathDeviation(samples, total, follows, sway, total - follows - sway)
+    quasi_static = _follow(path, motion, move, samples)
+    total, low_frequency = found[:, :count], found[:, count:]
+    return PathDeviation(
+        samples, total, quasi_static, low_frequency, total - quasi_static - low_frequency
+    )
 
 
 def solve_rubbing_path(
@@ -143,7 +151,7 @@ def solve_rubbing_path(
     linear = solve_controlled_path(path, move, samples)
     cosines = [
         path.shares.get(axis, 0.0)
-        for axis, kind in set_ports(path.loop.trains)
+        for axis, kind in set_channels(path.loop.trains)
         if kind == "position"
     ]
 
@@ -189,14 +197,20 @@ def _split(path: ControlledPath) -> _Motion:
         )
     kinds = [
         space.b[:, number] * path.shares.get(axis, 0.0)
-        for number, (axis, _) in enumerate(set_ports(path.loop.trains))
+        for number, (axis, _) in enumerate(set_channels(path.loop.trains))
     ]
     inputs = np.column_stack([np.sum(kinds[kind::3], axis=0) for kind in range(3)])
     factors = scipy.linalg.lu_factor(space.a)
     place = scipy.linalg.lu_solve(factors, -inputs[:, 0])
     speed = scipy.linalg.lu_solve(factors, place - inputs[:, 1])
     pull = scipy.linalg.lu_solve(factors, speed - inputs[:, 2])
-    return _Motion(place, speed, pull, inputs, _slow_projector(space.a, 2.0 * np.pi * path.slow_hz))
+    return _Motion(
+        place,
+        speed,
+        pull,
+        inputs,
+        _slow_projector(space.a, 2.0 * np.pi * path.low_frequency_limit_hz),
+    )
 
 
 def _follow(
@@ -205,7 +219,7 @@ def _follow(
     """What speed and acceleration hold ``(n, n_outputs)``."""
     rows = path.loop.space.c[: len(path.travel)]
     now = sample_move(move, samples)
-    pull = rows @ (motion.pull - motion.slow @ motion.pull)
+    pull = rows @ (motion.pull - motion.low_frequency @ motion.pull)
     return np.asarray(np.outer(now.speeds, rows @ motion.speed) + np.outer(now.accelerations, pull))
 
 

@@ -28,7 +28,7 @@ from headstock.solvers.paths.set_points import (
     sample_move,
     step_accelerations,
 )
-from headstock.solvers.second_order import Port, SecondOrderSystem
+from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 SAME_INSTANT = 1e-9  # a break so near to a sample, as a share of the step, is the sample
 FILTER_ORDER = 4
@@ -69,9 +69,9 @@ class PathModel:
         up_to_hz: Modes kept; those above follow at once. None keeps all.
     """
 
-    source: Port
-    outputs: tuple[Port, ...]
-    slow_hz: float
+    source: Channel
+    outputs: tuple[Channel, ...]
+    low_frequency_limit_hz: float
     up_to_hz: float | None = None
 
 
@@ -133,8 +133,8 @@ def solve_path(
     times, places = step_times(move, samples)
     loads = step_accelerations(move, times)[:, :, None]
     space = modal_state_space(coordinates, (model.source,), model.outputs)
-    slow = np.repeat(coordinates.omega < 2.0 * np.pi * model.slow_hz, 2)
-    rows = np.vstack([space.c, np.where(slow, space.c, 0.0)])
+    below = np.repeat(coordinates.omega < 2.0 * np.pi * model.low_frequency_limit_hz, 2)
+    rows = np.vstack([space.c, np.where(below, space.c, 0.0)])
     stretched = type(space)(
         space.a, space.b, rows, np.zeros((len(rows), 1)), (), (), space.states, space.pairs
     )
@@ -142,23 +142,28 @@ def solve_path(
     now = sample_move(move, samples).accelerations[:, None]
     count = len(model.outputs)
     at_once = now * space.d[:, 0]
-    sway, follows = moved[:, count:], now * static_share(coordinates, model.slow_hz)
+    low_frequency, quasi_static = (
+        moved[:, count:],
+        now * static_share(coordinates, model.low_frequency_limit_hz),
+    )
     total = moved[:, :count] + at_once
-    return PathDeviation(samples, total, follows, sway, total - follows - sway)
+    return PathDeviation(
+        samples, total, quasi_static, low_frequency, total - quasi_static - low_frequency
+    )
 
 
-def static_share(coordinates: ModalCoordinates, slow_hz: float) -> FloatArray:
+def static_share(coordinates: ModalCoordinates, low_frequency_limit_hz: float) -> FloatArray:
     """Deviation per unit acceleration ``(n_outputs,)`` if all but the slow modes follow at once
     [m/(m/s^2)].
     """
-    fast = coordinates.omega >= 2.0 * np.pi * slow_hz
+    fast = coordinates.omega >= 2.0 * np.pi * low_frequency_limit_hz
     share = (coordinates.outputs[:, fast] / coordinates.squares[fast]) @ coordinates.inputs[fast, 0]
     return np.asarray(share if coordinates.complete else share + coordinates.residual[:, 0])
 
 
-def slow_modes(frequencies_hz: Sequence[float] | FloatArray, slow_hz: float) -> int:
+def slow_modes(frequencies_hz: Sequence[float] | FloatArray, low_frequency_limit_hz: float) -> int:
     """How many modes sway."""
-    return int(np.count_nonzero(np.asarray(frequencies_hz) < slow_hz))
+    return int(np.count_nonzero(np.asarray(frequencies_hz) < low_frequency_limit_hz))
 
 
 @dataclass(frozen=True)
@@ -313,8 +318,8 @@ def _settle(raw: PathDeviation, output: int, zone: _Zone) -> float | None:
     when it does not.
     """
     first, ended, last = np.searchsorted(raw.times, [zone.begin, zone.ramp_end, zone.limit - 1e-9])
-    ringing = np.abs(raw.dynamic[first:last, output])
-    loud = np.flatnonzero(ringing > BAND * ringing.max(initial=0.0))
+    residual = np.abs(raw.dynamic[first:last, output])
+    loud = np.flatnonzero(residual > BAND * residual.max(initial=0.0))
     if not len(loud) or first + loud[-1] < ended:
         return 0.0
     following = first + int(loud[-1]) + 1

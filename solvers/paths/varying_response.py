@@ -118,13 +118,21 @@ def solve_varying_path(
     motion = sample_move(move, samples)
     now = motion.accelerations[:, None]
     displacements = states / system.scales
-    follows, rest = (now * system.splines[name](motion.positions) for name in ("follows", "rest"))
-    moved, sway = (
+    quasi_static, rest = (
+        now * system.splines[name](motion.positions) for name in ("quasi_static", "rest")
+    )
+    moved, low_frequency = (
         _observe(system.splines[name], motion.positions, displacements)
         for name in ("rows", "low_frequency")
     )
     total = moved + rest
-    return PathDeviation(samples, total, np.asarray(follows), sway, total - follows - sway)
+    return PathDeviation(
+        samples,
+        total,
+        np.asarray(quasi_static),
+        low_frequency,
+        total - quasi_static - low_frequency,
+    )
 
 
 def _march(

@@ -77,7 +77,7 @@ class Station:
     load: FloatArray
     rows: FloatArray
     low_frequency: FloatArray
-    follows: FloatArray
+    quasi_static: FloatArray
     rest: FloatArray
 
 
@@ -249,16 +249,16 @@ def _turn_pose(pose: _Pose, turn: FloatArray, model: PathModel) -> Station:
     # matrices in the turned modes q = T q': T^T Omega^2 T is full where close modes mix, and smooth
     # along the path. What the other modes add to the quasi-static deviation (rest) is all of it
     # less the part of the fast modes kept
-    slow = found.omega[:kept] < 2.0 * np.pi * model.slow_hz
-    follows = static_share(found, model.slow_hz)
+    below = found.omega[:kept] < 2.0 * np.pi * model.low_frequency_limit_hz
+    quasi_static = static_share(found, model.low_frequency_limit_hz)
     return Station(
         stiffness=turn.T @ (squares[:, None] * turn),
         damping=turn.T @ damping @ turn,
         load=turn.T @ load,
         rows=rows @ turn,
-        low_frequency=np.where(slow, rows, 0.0) @ turn,
-        follows=follows,
-        rest=follows - (rows[:, ~slow] / squares[~slow]) @ load[~slow],
+        low_frequency=np.where(below, rows, 0.0) @ turn,
+        quasi_static=quasi_static,
+        rest=quasi_static - (rows[:, ~below] / squares[~below]) @ load[~below],
     )
 
 
@@ -294,8 +294,8 @@ def _misfit(
         "rows": _inverse_size(station.rows),
         "low_frequency": _inverse_size(station.rows),
         # what the modes lack is small beside the whole, and often nothing but roundoff
-        "follows": _inverse_size(station.follows),
-        "rest": _inverse_size(station.follows),
+        "quasi_static": _inverse_size(station.quasi_static),
+        "rest": _inverse_size(station.quasi_static),
     }
     misses = [
         np.abs(weights[name] * (spline(position) - getattr(station, name))).max(initial=0.0)

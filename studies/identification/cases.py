@@ -108,8 +108,8 @@ class CaseState:
     @cached_property
     def compliances(self) -> FloatArray:
         """Motion per unit force of each target ``(c,)`` [m/N]."""
-        ports = [target.motion for target in self.model.case.compliances]
-        rows = [self.coupled.system.outputs[name, DOF_NAMES[dof]] for name, dof in ports]
+        channels = [target.motion for target in self.model.case.compliances]
+        rows = [self.coupled.system.outputs[name, DOF_NAMES[dof]] for name, dof in channels]
         return np.array([row @ self.displacements[:, 2 * i + 1] for i, row in enumerate(rows)])
 
     @cached_property
@@ -158,7 +158,7 @@ def make_case(
     """
     watched = {name for target in case.modes if target.shape for name, _, _ in target.shape.entries}
     watched |= {
-        port.observer for target in case.compliances for port in (target.motion, target.force)
+        channel.observer for target in case.compliances for channel in (target.motion, target.force)
     }
     return CaseModel(case, parametric, pose, parameters, tuple(sorted(watched)))
 
@@ -245,10 +245,12 @@ def _solve_modes(model: CaseModel, coupled: CoupledMachine) -> tuple[FloatArray,
 
 
 def _solve_static(model: CaseModel, coupled: CoupledMachine) -> FloatArray:
-    ports = [port for target in model.case.compliances for port in (target.motion, target.force)]
-    if not ports:
+    channels = [
+        channel for target in model.case.compliances for channel in (target.motion, target.force)
+    ]
+    if not channels:
         return np.zeros((coupled.basis.shape[1], 0))
-    loads = np.column_stack([coupled.system.inputs[name, DOF_NAMES[dof]] for name, dof in ports])
+    loads = np.column_stack([coupled.system.inputs[name, DOF_NAMES[dof]] for name, dof in channels])
     return solve_machine_static(coupled, loads).displacements
 
 

@@ -124,11 +124,11 @@ def summarise_identification(found: Identification) -> IdentificationSummary:
         },
         "unidentifiable": [
             {
-                "direction": dict(blind.entries),
-                "text": str(blind),
-                "spread_over_allowed": _finite(blind.spread),
+                "direction": dict(unidentifiable.entries),
+                "text": str(unidentifiable),
+                "spread_over_allowed": _finite(unidentifiable.spread),
             }
-            for blind in found.statistics.blind
+            for unidentifiable in found.statistics.unidentifiable
         ],
         "correlated": [
             {"parameters": [names[i], names[j]], "correlation": float(correlations[i, j])}

@@ -64,7 +64,7 @@ class KeyLaw:
         somewhere = None if self.calculated is None else self.calculated.somewhere[self.key]
         return self.written, tuple(rules), somewhere
 
-    def follows(self, parameter: str) -> bool:
+    def quasi_static(self, parameter: str) -> bool:
         """Whether the number depends on a parameter."""
         return any(other.name == parameter for other, _ in self.rules) or (
             self.calculated is not None
@@ -209,7 +209,7 @@ def _find_followers(
     between = {p.name: p.lower + SOMEWHERE * (p.upper - p.lower) for p in parameters}
     before = calculated.leaves(references)
     for name, value in between.items():
-        if any(law.follows(name) for law in calculated.laws):
+        if any(law.quasi_static(name) for law in calculated.laws):
             after = calculated.leaves({**references, name: value})
             if changed := sorted(map(show_key, before.keys() ^ after.keys())):
                 raise ParameterValueError(f"{changed[0]} is there with some values of {name} only")

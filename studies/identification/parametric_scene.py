@@ -404,4 +404,4 @@ def _find_touched(
 
 
 def _laws_of(parameter: str, laws: Iterable[KeyLaw]) -> list[KeyLaw]:
-    return [law for law in laws if law.follows(parameter)]
+    return [law for law in laws if law.quasi_static(parameter)]

@@ -182,11 +182,12 @@ def summarise_sweep(results: SweepResults) -> SweepSummary:
         "sampled_errors": [_summarise_errors(sample) for sample in results.sampled_errors],
         "correlation": [] if results.tracked is None else _nulls(results.tracked.correlation),
         "crossings": _list_crossings(results),
-        "tracking_breaks": 0 if results.tracked is None else results.tracked.torn,
+        "tracking_breaks": 0 if results.tracked is None else results.tracked.tracking_breaks,
         "static": {name: _summarise_point(point) for name, point in results.points.items()},
         "condition_number": None if results.condition is None else _nulls(results.condition),
         "frf": {
-            " ".join(port): _summarise_figures(values) for port, values in results.figures.items()
+            " ".join(channel): _summarise_figures(values)
+            for channel, values in results.figures.items()
         },
         "warnings": list(results.warnings),
     }

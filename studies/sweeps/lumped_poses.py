@@ -150,7 +150,8 @@ def _point_motion(shared: LumpedPoses, motions: SmallMotions, end: JointEnd) -> 
     name, interface = end.component or "", end.interface or ""
     mark, own = shared.mechanism.carries[name], shared.own[name]
     local = (
-        own.origin + own.rotation @ shared.superelements[name].attachments[interface].frame.origin
+        own.origin
+        + own.rotation @ shared.superelements[name].interface_maps[interface].frame.origin
     )
     place = shared.model.mechanism.marks.index(mark)
     arm = motions.kinematics.placement.rotations[:, place] @ local

@@ -48,11 +48,11 @@ class MachinePoses:
 def share_machine(parts: MachineParts, superelements: Mapping[str, Superelement]) -> MachinePoses:
     """What all poses of the machine of a scene share."""
     static, frf = parts.scene.analyses.static, parts.scene.analyses.frf
-    ports = {
+    channels = {
         *(() if static is None else static.at),
         *(name for name, _ in (() if frf is None else frf.inputs + frf.outputs)),
     }
-    return MachinePoses(parts, superelements, CouplingMemo(ports))
+    return MachinePoses(parts, superelements, CouplingMemo(channels))
 
 
 def solve_machine_pose(shared: MachinePoses, pose: Pose, positions: FloatArray) -> PoseResult:
@@ -184,5 +184,7 @@ def list_figures(model: PoseModel) -> FloatArray:
     """What the frequency response in a pose says about cutting, ``(ports, f)`` as ``FIGURES`` names
     it, NaN where it says nothing.
     """
-    ports = respond(model, judged=False).answer.figures
-    return np.array([[getattr(port, name) for name in FIGURES] for port in ports], dtype=float)
+    channels = respond(model, judged=False).answer.figures
+    return np.array(
+        [[getattr(channel, name) for name in FIGURES] for channel in channels], dtype=float
+    )

@@ -28,7 +28,7 @@ from headstock.solvers.linear.mode_tracking import (
     track_modes,
     tracked_frequencies,
 )
-from headstock.solvers.second_order import Port
+from headstock.solvers.second_order import Channel
 from headstock.studies.sweeps.journals import FIGURES, PoseResult, PoseState, SingleArray
 
 
@@ -100,7 +100,7 @@ class SweepResults:
     shapes: SingleArray
     points: dict[str, PointMap]
     condition: FloatArray | None
-    figures: dict[Port, FloatArray]
+    figures: dict[Channel, FloatArray]
     warnings: tuple[str, ...] = ()
     mode_names: tuple[str, ...] = ()
     sampled_errors: tuple[SampledErrors, ...] = ()
@@ -146,7 +146,9 @@ def collect_results(
         )
         tracked = track_modes(modes, sweep_neighbours(sweep, modes.present))
     static, frf = scene.analyses.static, scene.analyses.frf
-    ports = () if frf is None else tuple(port for port in frf.inputs if port in frf.outputs)
+    channels = (
+        () if frf is None else tuple(channel for channel in frf.inputs if channel in frf.outputs)
+    )
     conditions = _pad([result.condition for result in found])
     return SweepResults(
         name=scene.name,
@@ -162,7 +164,7 @@ def collect_results(
             for place, name in enumerate(() if static is None else static.at)
         },
         condition=conditions[:, 0] if conditions.shape[1] else None,
-        figures={port: _figures(found, place) for place, port in enumerate(ports)},
+        figures={channel: _figures(found, place) for place, channel in enumerate(channels)},
     )
 
 

@@ -260,7 +260,7 @@ def wait_for_array(
     Raises:
         SlurmError: Slurm has not answered for minutes.
     """
-    begin, silences, told, ended = time.monotonic(), 0, "", False
+    begin, silences, reported, ended = time.monotonic(), 0, "", False
     last: dict[int, TaskState] = {}
     while True:
         try:
@@ -274,8 +274,8 @@ def wait_for_array(
                 ) from error
             states = last
         last |= states
-        if states and (text := describe_states(last)) != told:
-            told = text
+        if states and (text := describe_states(last)) != reported:
+            reported = text
             on_change(text)
         if not is_waiting(states) and not silences:
             # seen twice, because a task that goes back into the queue may look ended in between

@@ -42,7 +42,7 @@ def test_a_study_of_the_scene_is_the_study_of_the_command_line(scene: Path, tmp_
 
 def test_a_study_made_in_python_varies_as_single_runs_do(scene: Path, tmp_path: Path) -> None:
     lengths = [0.4, 0.5]
-    told: list[bool] = []
+    reported: list[bool] = []
     watch = "modal.frequencies_hz[0]"
     machine = hs.load(scene).change(set={"name": "made in Python", "analyses.modal.count": 1})
     for _ in range(2):
@@ -51,9 +51,9 @@ def test_a_study_made_in_python_varies_as_single_runs_do(scene: Path, tmp_path: 
             vary={LENGTH: lengths},
             watch=[watch],
             output=tmp_path / "points",
-            progress=lambda point: told.append(point.known),
+            progress=lambda point: reported.append(point.known),
         )
-    assert told == [False, False, True, True]
+    assert reported == [False, False, True, True]
     for row, length in zip(table.rows, lengths, strict=True):
         single = hs.run(machine.change(set={LENGTH: length})).modes["reference"]
         assert row.values[watch] == single.frequencies_hz[0]

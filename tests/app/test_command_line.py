@@ -326,8 +326,8 @@ def test_a_segmented_scene_runs_and_one_that_cannot_be_segmented_ends_with_2_and
             main([*arguments, "--set", f"components.block.solid={solid}", "--json", str(summary)])
             == 2
         )
-        told = capsys.readouterr().err
-        assert reason in told and 'write "elastic" or "rigid"' in told
+        reported = capsys.readouterr().err
+        assert reason in reported and 'write "elastic" or "rigid"' in reported
         assert not summary.exists()
 
 
@@ -375,8 +375,8 @@ def test_a_fidelity_without_a_part_that_deforms_ends_with_2_and_the_remedy(
 ) -> None:
     out = tmp_path / "out"
     assert main(["run", str(scene_file), "--fidelity", "segmented", "-o", str(out)]) == 2
-    told = " ".join(capsys.readouterr().err.split())
-    assert "--fidelity segmented changes nothing" in told and 'fidelity = "elastic"' in told
+    reported = " ".join(capsys.readouterr().err.split())
+    assert "--fidelity segmented changes nothing" in reported and 'fidelity = "elastic"' in reported
     assert not out.exists()
 
 

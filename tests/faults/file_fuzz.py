@@ -23,7 +23,7 @@ from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.meshing import describe_component, mesh_component
 from headstock.pipeline.planning.resources import peak_memory_mb
 from headstock.pipeline.storage.superelements import read_superelement, write_superelement
-from headstock.reduction.superelement import Attachment, Superelement
+from headstock.reduction.superelement import InterfaceMap, Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.reading.forces import read_forces
@@ -193,7 +193,7 @@ def box_superelement() -> Superelement:
         name="column",
         labels=labels,
         frames=(Frame(),),
-        attachments={"foot": Attachment(0, Frame())},
+        interface_maps={"foot": InterfaceMap(0, Frame())},
         stiffness=numbers + numbers.T,
         mass=np.eye(8),
         constraints=np.zeros((0, 8)),

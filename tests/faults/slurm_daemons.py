@@ -98,9 +98,9 @@ def _write_settings(folder: Path, cpus: int) -> None:
         (folder / name).mkdir(exist_ok=True)
         (folder / name).chmod(OPEN_FOLDER)
     host = socket.gethostname().partition(".")[0]
-    ports = _free_ports(2)
+    channels = _free_ports(2)
     settings = SETTINGS.format(
-        host=host, folder=folder, cpus=cpus, controller_port=ports[0], node_port=ports[1]
+        host=host, folder=folder, cpus=cpus, controller_port=channels[0], node_port=channels[1]
     )
     (folder / "slurm.conf").write_text(settings)
     (folder / "cgroup.conf").write_text(CONTROL_GROUPS)

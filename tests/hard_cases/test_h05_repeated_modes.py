@@ -41,7 +41,7 @@ def angle(model: FullModel, one: FloatArray, other: FloatArray) -> float:
     )
 
 
-def twins(frequencies: FloatArray) -> list[int]:
+def equals(frequencies: FloatArray) -> list[int]:
     return [
         i for i in range(len(frequencies) - 1) if frequencies[i + 1] < frequencies[i] * (1.0 + 1e-4)
     ]
@@ -49,7 +49,7 @@ def twins(frequencies: FloatArray) -> list[int]:
 
 def test_twins_of_a_symmetric_mesh_are_not_split(column: tuple[FullModel, FullModes]) -> None:
     _, modes = column
-    pairs = twins(modes.frequencies_hz)
+    pairs = equals(modes.frequencies_hz)
     assert len(pairs) >= 3 and pairs[0] == 0
     split = [modes.frequencies_hz[i + 1] / modes.frequencies_hz[i] - 1.0 for i in pairs]
     assert max(split) < 1e-7
@@ -80,7 +80,7 @@ def test_twins_span_the_same_plane_in_another_solver(column: tuple[FullModel, Fu
     other[free] = vectors
     order = np.argsort(np.einsum("ij,ij->j", other, model.operators.apply_stiffness(other)))
     other = other[:, order]
-    pairs = twins(modes.frequencies_hz)
+    pairs = equals(modes.frequencies_hz)
     assert pairs
     for first in pairs:
         assert angle(model, modes.shapes[:, first : first + 2], other[:, first : first + 2]) < 1e-6
@@ -91,7 +91,7 @@ def test_twins_span_the_same_plane_from_any_start(column: tuple[FullModel, FullM
     start = np.random.default_rng(99).standard_normal((model.operators.owned_dofs, 8))
     with ConstrainedSolver(model.operators, model.owned_fixed, np.zeros((len(start), 0))) as solver:
         again = lowest_modes(solver, start, ModeTarget(count=8))
-    pairs = [first for first in twins(modes.frequencies_hz) if first + 1 < 8]
+    pairs = [first for first in equals(modes.frequencies_hz) if first + 1 < 8]
     assert pairs
     for first in pairs:
         assert (

@@ -35,7 +35,7 @@ def reduce_to(column: ComponentMesh) -> ReduceTo:
 
 def receptance(element: Superelement, frequency_hz: float) -> FloatArray:
     """Motion of the tip's x under a unit force there, foot fixed."""
-    tip = element.attachments["tip"].node
+    tip = element.interface_maps["tip"].node
     free = np.r_[np.arange(6 * tip, 6 * tip + 6), np.arange(12, len(element.stiffness))]
     square = (2.0 * np.pi * frequency_hz) ** 2
     dynamic = (element.stiffness - square * element.mass)[np.ix_(free, free)]

@@ -156,7 +156,7 @@ def test_the_tip_of_a_thin_strip_between_two_interfaces_gives_way_as_beam_theory
         comm=COMM,
         request=ReductionRequest(),
     )
-    tip = slice(6 * element.attachments["tip"].node, 6 * element.attachments["tip"].node + 6)
+    tip = slice(6 * element.interface_maps["tip"].node, 6 * element.interface_maps["tip"].node + 6)
     compliance = np.linalg.inv(element.stiffness[tip, tip])
     inertia = WIDTH * THICKNESS**3 / 12.0
     young = material.youngs_modulus

@@ -9,7 +9,7 @@ from headstock.geometry.frames import Frame, rigid_transfer
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.compliance_budget import point_compliance
-from headstock.reduction.superelement import Attachment, Superelement
+from headstock.reduction.superelement import InterfaceMap, Superelement
 from headstock.solvers.linear.modal_analysis import solve_modal
 from lumped_machines import joint_between, lumped_machine, two_node_body
 
@@ -35,7 +35,7 @@ def split_head(superelement: Superelement) -> Superelement:
         superelement,
         labels=(*superelement.labels, *(("side", dof) for _, dof in superelement.labels[:6])),
         frames=(*superelement.frames, Frame(SIDE)),
-        attachments=superelement.attachments | {"side": Attachment(2, Frame(SIDE))},
+        interface_maps=superelement.interface_maps | {"side": InterfaceMap(2, Frame(SIDE))},
         stiffness=share.T @ superelement.stiffness @ share,
         mass=share.T @ superelement.mass @ share,
         constraints=rows,
@@ -47,7 +47,7 @@ def machines() -> tuple[
 ]:
     component, merged = two_node_body("column", 40.0, 0.5, (1e8, 2e8, 5e8, 2e6, 3e6, 1e6))
     one = dataclasses.replace(
-        merged, attachments=merged.attachments | {"side": Attachment(1, Frame(SIDE))}
+        merged, interface_maps=merged.interface_maps | {"side": InterfaceMap(1, Frame(SIDE))}
     )
     joints = [
         joint_between("foot", "ground", "column.foot", stiffness=SPRING),

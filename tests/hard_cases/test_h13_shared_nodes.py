@@ -58,16 +58,16 @@ def compliance(element: Superelement, name: str) -> FloatArray:
     ties kept.
     """
     size = len(element.stiffness)
-    foot = element.attachments["foot"].node
+    foot = element.interface_maps["foot"].node
     rows = [np.eye(size)[6 * foot : 6 * foot + 6], element.constraints]
     _, values, vectors = np.linalg.svd(np.vstack(rows))
     basis = vectors[int((values > 1e-9 * values[0]).sum()) :].T
-    place = element.attachments[name]
+    place = element.interface_maps[name]
     motion = np.zeros((6, size))
     transfer = rigid_transfer(element.frames[place.node].origin, place.frame.origin)
     motion[:, 6 * place.node : 6 * place.node + 6] = transfer
-    ports = motion @ basis
-    return np.asarray(ports @ np.linalg.solve(basis.T @ element.stiffness @ basis, ports.T))
+    channels = motion @ basis
+    return np.asarray(channels @ np.linalg.solve(basis.T @ element.stiffness @ basis, channels.T))
 
 
 def frequencies(element: Superelement) -> FloatArray:
@@ -99,9 +99,11 @@ def test_overlapping_rigid_patches_move_as_one(reduced: Callable[..., Supereleme
     assert np.linalg.matrix_rank(two.constraints, tol=1e-9) == 6
     assert any("share" in warning and "6" in warning for warning in two.warnings)
     whole = compliance(one, "all")
-    center = one.attachments["all"].frame.origin
+    center = one.interface_maps["all"].frame.origin
     for name in ("left", "right"):
-        assert_same(compliance(two, name), moved(whole, center, two.attachments[name].frame.origin))
+        assert_same(
+            compliance(two, name), moved(whole, center, two.interface_maps[name].frame.origin)
+        )
     np.testing.assert_allclose(frequencies(two)[6:12], frequencies(one)[6:12], rtol=1e-9)
 
 
@@ -109,7 +111,7 @@ def test_identical_rigid_patches_are_merged(reduced: Callable[..., Superelement]
     two = reduced({"foot": "rigid", "all": "rigid", "again": "rigid"})
     one = reduced({"foot": "rigid", "all": "rigid"})
     assert two.stiffness.shape == one.stiffness.shape
-    assert two.attachments["all"].node == two.attachments["again"].node
+    assert two.interface_maps["all"].node == two.interface_maps["again"].node
     assert_same(compliance(two, "again"), compliance(one, "all"))
     assert any("merged" in warning for warning in two.warnings)
 
@@ -128,8 +130,8 @@ def test_a_mean_over_a_rigid_patch_is_the_patchs_own_motion(
     one = reduced({"foot": "rigid", "all": "rigid"})
     exact = moved(
         compliance(one, "all"),
-        one.attachments["all"].frame.origin,
-        two.attachments["left"].frame.origin,
+        one.interface_maps["all"].frame.origin,
+        two.interface_maps["left"].frame.origin,
     )
     assert_same(compliance(two, "left"), exact)
 
@@ -143,7 +145,7 @@ def test_rigid_patches_that_meet_in_an_edge_keep_the_hinge_between_them(
     assert np.linalg.matrix_rank(hinged.constraints, tol=1e-9) == 5
     hinge = np.zeros(6 * len(hinged.frames))
     edge = np.array([SIZE[0], 0.0, SIZE[2]])
-    node = hinged.attachments["side"].node
+    node = hinged.interface_maps["side"].node
     arm = hinged.frames[node].origin - edge
     hinge[6 * node : 6 * node + 6] = [*np.cross([0.0, 1.0, 0.0], arm), 0.0, 1.0, 0.0]
     assert np.abs(hinged.constraints[:, : len(hinge)] @ hinge).max() < 1e-9
@@ -161,7 +163,7 @@ def test_a_curved_patch_over_two_faces_is_one_rigid_interface(
     # the patch over the corner shares an edge with the foot: the body is fixed by it but for the
     # turn about that edge
     assert np.linalg.matrix_rank(element.constraints, tol=1e-9) == 5
-    place = element.frames[element.attachments["skew"].node].origin
+    place = element.frames[element.interface_maps["skew"].node].origin
     center = block.points[foot].mean(axis=0)
     turn = np.zeros((len(block.points), 3))
     turn[skew] = np.cross([0.0, 1.0, 0.0], block.points[skew] - [SIZE[0], 0.0, 0.0])
@@ -174,7 +176,7 @@ def test_a_curved_patch_over_two_faces_is_one_rigid_interface(
         stiffness[np.ix_(inner, inner)], stiffness[np.ix_(inner, outer)] @ answer[outer]
     )
     dofs = np.zeros(12)
-    node = element.attachments["skew"].node
+    node = element.interface_maps["skew"].node
     dofs[6 * node : 6 * node + 6] = [
         *np.cross([0.0, 1.0, 0.0], place - [SIZE[0], 0.0, 0.0]),
         0.0,
@@ -215,7 +217,7 @@ def test_a_mean_that_overlaps_a_rigid_patch_is_still_the_mean(
     assert_same(compliance(two, "left"), compliance(alone, "left"), 1e-9)
     # any motion of the dofs gives the points of the face displacements whose mean is the
     # interface's own motion
-    place = two.attachments["all"].node
+    place = two.interface_maps["all"].node
     dofs = np.random.default_rng(2).standard_normal(len(two.stiffness))
     patch = measure_patch(block, "all")
     points = (3 * patch.nodes[:, None] + np.arange(3)).ravel()
@@ -234,7 +236,7 @@ def test_a_face_of_the_whole_and_a_part_of_it_both_rigid_are_one(
     one = reduced({"foot": "rigid", "all": "rigid"})
     exact = moved(
         compliance(one, "all"),
-        one.attachments["all"].frame.origin,
-        two.attachments["left"].frame.origin,
+        one.interface_maps["all"].frame.origin,
+        two.interface_maps["left"].frame.origin,
     )
     assert_same(compliance(two, "left"), exact)

@@ -60,7 +60,7 @@ def test_the_rotation_about_the_line_is_fixed_and_named(
     element = reduce_elastic(
         make_component({"foot": "rigid", "line": coupling}), mesh, comm=COMM, request=MODES
     )
-    node = element.attachments["line"].node
+    node = element.interface_maps["line"].node
     turn = np.zeros(len(element.stiffness))
     turn[6 * node + 3 : 6 * node + 6] = axis
     assert np.abs(element.stiffness @ turn).max() < 1e-9 * np.abs(element.stiffness).max()
@@ -93,7 +93,7 @@ def test_the_other_five_motions_are_those_of_a_rigid_line(
     free = np.repeat(~fixed, 3)
     basis = np.hstack([motions.reshape(-1, 5), np.eye(len(free))[:, free]])
     exact = np.linalg.inv(basis.T @ stiffness @ basis)[:5, :5]
-    node = element.attachments["line"].node
+    node = element.interface_maps["line"].node
     select = np.zeros((6, 5))
     select[:3, :3], select[3:, 3:] = np.eye(3), across.T
     block = element.stiffness[6 * node : 6 * node + 6, 6 * node : 6 * node + 6]
@@ -115,7 +115,7 @@ def test_a_mean_over_a_line_yields_finite_motions_softer_than_the_rigid_line(
         )
         for coupling in ("rigid", "average")
     )
-    node = rigid.attachments["line"].node
+    node = rigid.interface_maps["line"].node
     rows = slice(6 * node, 6 * node + 3)
     soft = np.linalg.inv(average.stiffness[rows, rows])
     stiff = np.linalg.inv(rigid.stiffness[rows, rows])

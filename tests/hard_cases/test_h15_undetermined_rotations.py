@@ -29,13 +29,13 @@ def hinged_column(
     """
     component, part = two_node_body("column", 40.0, 0.5, SPRING)
     axis = np.array(axis) / np.linalg.norm(axis)
-    blind = np.eye(12)
-    blind[9:, 9:] -= np.outer(axis, axis)
+    unidentifiable = np.eye(12)
+    unidentifiable[9:, 9:] -= np.outer(axis, axis)
     row = np.concatenate([np.zeros(9), axis])[None]
     return component, dataclasses.replace(
         part,
-        stiffness=blind @ part.stiffness @ blind,
-        mass=blind @ part.mass @ blind,
+        stiffness=unidentifiable @ part.stiffness @ unidentifiable,
+        mass=unidentifiable @ part.mass @ unidentifiable,
         constraints=row,
         supported=True,
     )

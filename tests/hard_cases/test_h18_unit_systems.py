@@ -80,7 +80,7 @@ def test_stiffness_and_mass_of_the_interfaces_are_the_same_quantities(
 
 def displacement_with_foot_fixed(element: Superelement) -> FloatArray:
     load = element.loads["oil"]
-    foot = element.attachments["foot"].node
+    foot = element.interface_maps["foot"].node
     free = np.setdiff1d(np.arange(len(element.stiffness)), np.arange(6 * foot, 6 * foot + 6))
     answer = np.zeros(len(element.stiffness))
     answer[free] = np.linalg.solve(element.stiffness[np.ix_(free, free)], load.vector[free])

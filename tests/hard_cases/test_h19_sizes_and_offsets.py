@@ -83,7 +83,7 @@ def test_compliances_go_with_one_over_length(reduce_at: ReduceAt, length: float)
     reduce_size, unit = reduce_at
     element = reduce_size(length)
     units = np.array([1.0, 1.0, 1.0, 1.0 / length, 1.0 / length, 1.0 / length])
-    foot = element.attachments["foot"].node
+    foot = element.interface_maps["foot"].node
     rows = slice(6 - 6 * foot, 12 - 6 * foot)
     found = units[:, None] * element.stiffness[rows, rows] * units / length
     exact = unit.stiffness[rows, rows]

@@ -109,7 +109,7 @@ def test_statics_at_the_interfaces_are_those_of_the_full_model_for_any_count(
     mesh, stiffness, _ = block
     # foot fixed as it is coupled, unit forces and moments on the tip
     element = reduced(mesh, ("rigid", coupling), count)
-    rows = {name: slice(6 * a.node, 6 * a.node + 6) for name, a in element.attachments.items()}
+    rows = {name: slice(6 * a.node, 6 * a.node + 6) for name, a in element.interface_maps.items()}
     free = np.r_[
         np.arange(*rows["tip"].indices(len(element.stiffness))),
         np.arange(12, len(element.stiffness)),
@@ -193,7 +193,7 @@ def test_loads_on_the_body_move_every_point_as_in_the_full_model_for_any_count(
     for name, force in loads.items():
         exact = basis @ np.linalg.solve(basis.T @ stiffness @ basis, basis.T @ force)
         fixed = slice(
-            6 * element.attachments["foot"].node, 6 * element.attachments["foot"].node + 6
+            6 * element.interface_maps["foot"].node, 6 * element.interface_maps["foot"].node + 6
         )
         active = np.setdiff1d(np.arange(len(element.stiffness)), np.arange(fixed.start, fixed.stop))
         answer = np.zeros(len(element.stiffness))

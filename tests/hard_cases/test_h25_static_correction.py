@@ -71,13 +71,15 @@ def test_the_correction_makes_the_kept_range_right_too() -> None:
 
 def test_the_response_of_a_machine_at_rest_is_its_static_compliance() -> None:
     system = a_machine()
-    ports = [("tcp", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")]
+    channels = [("tcp", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")]
     static = (
-        output_rows(system, ports)
-        @ solve_static(system, input_columns(system, ports)).displacements
+        output_rows(system, channels)
+        @ solve_static(system, input_columns(system, channels)).displacements
     )
     for damped in (system, add_modal_damping(system, [0.03])):
-        found = solve_frf(damped, np.array([0.0, 1e-7]), inputs=ports, outputs=ports).receptance
+        found = solve_frf(
+            damped, np.array([0.0, 1e-7]), inputs=channels, outputs=channels
+        ).receptance
         np.testing.assert_array_equal(found[0], static)
         np.testing.assert_allclose(
             found[1].real, static, rtol=1e-8, atol=1e-8 * np.abs(static).max()

@@ -15,11 +15,11 @@ from headstock.solvers.linear.frequency_response import (
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
 
-PORT = ("mass", "x")
+CHANNEL = ("mass", "x")
 
 
 def oscillator(hz: float, mass: float = 3.0) -> SecondOrderSystem:
-    row: dict[tuple[str, str], FloatArray] = {PORT: np.ones(1)}
+    row: dict[tuple[str, str], FloatArray] = {CHANNEL: np.ones(1)}
     return SecondOrderSystem(
         np.eye(1) * mass, None, np.eye(1) * mass * (2.0 * np.pi * hz) ** 2, row, row, ("q",)
     )
@@ -27,7 +27,7 @@ def oscillator(hz: float, mass: float = 3.0) -> SecondOrderSystem:
 
 @pytest.mark.parametrize("hz", [1.3, 80.0, 12345.6])
 def test_on_the_resonance_the_frequency_is_flagged_and_no_number_given(hz: float) -> None:
-    found = solve_frf(oscillator(hz), np.array([0.5 * hz, hz]), inputs=[PORT], outputs=[PORT])
+    found = solve_frf(oscillator(hz), np.array([0.5 * hz, hz]), inputs=[CHANNEL], outputs=[CHANNEL])
     assert found.singular[:, 0, 0].tolist() == [False, True]
     assert np.isnan(found.receptance[1, 0, 0]) and not found.free_body.any()
 
@@ -36,7 +36,9 @@ def test_on_the_resonance_the_frequency_is_flagged_and_no_number_given(hz: float
 def test_beside_the_resonance_the_response_is_that_of_the_closed_form(distance: float) -> None:
     system = oscillator(80.0)
     ratios = np.array([1.0 - distance, 1.0 + distance])
-    found = solve_frf(system, 80.0 * ratios, inputs=[PORT], outputs=[PORT]).receptance[:, 0, 0]
+    found = solve_frf(system, 80.0 * ratios, inputs=[CHANNEL], outputs=[CHANNEL]).receptance[
+        :, 0, 0
+    ]
     omega = 2.0 * np.pi * 80.0 * ratios
     resonance = np.sqrt(system.stiffness[0, 0] / system.mass[0, 0])
     expected = 1.0 / (system.mass[0, 0] * (resonance - omega) * (resonance + omega))
@@ -55,7 +57,7 @@ def test_a_resonance_that_does_not_reach_a_port_flags_only_the_others() -> None:
 
 def test_the_adaptive_grid_keeps_off_undamped_resonances() -> None:
     system = oscillator(80.0)
-    model = prepare_frf(system, inputs=[PORT], outputs=[PORT])
+    model = prepare_frf(system, inputs=[CHANNEL], outputs=[CHANNEL])
     grid = refine_grid(np.linspace(0.0, 160.0, 17, dtype=np.float64), model.form.poles())
     found = evaluate_frf(model, grid)
     # 80 Hz is a point of the even grid

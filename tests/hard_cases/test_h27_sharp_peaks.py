@@ -16,7 +16,7 @@ from headstock.solvers.linear.frequency_response import (
 )
 from headstock.solvers.second_order import SecondOrderSystem
 
-PORT = ("end", "x")
+CHANNEL = ("end", "x")
 SIZE = 6
 
 
@@ -28,7 +28,7 @@ def chain(zeta: float) -> SecondOrderSystem:
     stiffness = np.diag(springs) + 4e6 * (
         2.0 * np.eye(SIZE) - np.eye(SIZE, k=1) - np.eye(SIZE, k=-1)
     )
-    row = {PORT: np.eye(SIZE)[-1]}
+    row = {CHANNEL: np.eye(SIZE)[-1]}
     dampers = 2.0 * zeta * np.diag(np.linspace(0.5, 1.5, SIZE)) * np.sqrt(4e6)
     return SecondOrderSystem(np.eye(SIZE), dampers, stiffness, row, row, ("q",) * SIZE)
 
@@ -39,7 +39,7 @@ def test_every_peak_stands_where_its_complex_mode_says_and_as_high(
     zeta: float, points: int
 ) -> None:
     system = chain(zeta)
-    model = prepare_frf(system, inputs=[PORT], outputs=[PORT])
+    model = prepare_frf(system, inputs=[CHANNEL], outputs=[CHANNEL])
     assert model.form.evaluate(np.ones(1)).shape == (1, 1, 1)
     grid = refine_grid(np.linspace(0.0, 900.0, points, dtype=np.float64), model.form.poles())
     size = np.abs(evaluate_frf(model, grid).receptance[:, 0, 0])
@@ -55,7 +55,7 @@ def test_every_peak_stands_where_its_complex_mode_says_and_as_high(
 
 
 def test_the_even_grid_alone_misses_the_peak() -> None:
-    model = prepare_frf(chain(1e-6), inputs=[PORT], outputs=[PORT])
+    model = prepare_frf(chain(1e-6), inputs=[CHANNEL], outputs=[CHANNEL])
     base = np.linspace(0.0, 900.0, 97, dtype=np.float64)
     even = np.abs(evaluate_frf(model, base).receptance).max()
     refined = np.abs(evaluate_frf(model, refine_grid(base, model.form.poles())).receptance).max()
@@ -66,7 +66,7 @@ def test_peaks_of_structural_damping_are_found_as_well() -> None:
     eta = 2e-6
     system = chain(0.0)
     system = dataclasses.replace(system, damping=None, hysteretic=eta * system.stiffness)
-    model = prepare_frf(system, inputs=[PORT], outputs=[PORT])
+    model = prepare_frf(system, inputs=[CHANNEL], outputs=[CHANNEL])
     grid = refine_grid(np.linspace(0.0, 900.0, 31, dtype=np.float64), model.form.poles())
     response = evaluate_frf(model, grid)
     (figures,) = find_stability_figures(model, response)

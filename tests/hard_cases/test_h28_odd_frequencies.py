@@ -48,14 +48,14 @@ def dampings(system: SecondOrderSystem) -> Iterator[tuple[str, SecondOrderSystem
     )
 
 
-PORTS = [(place, dof) for place in ("tcp", "tool") for dof in ("x", "y", "z")]
+CHANNELS = [(place, dof) for place in ("tcp", "tool") for dof in ("x", "y", "z")]
 
 
 @pytest.mark.parametrize("name", ["modal", "coupled", "structural"])
 def test_negative_frequencies_give_the_conjugate_and_ports_are_reciprocal(name: str) -> None:
     system = dict(dampings(two_bodies(grounded=True)))[name]
-    forth = solve_frf(system, FREQUENCIES, inputs=PORTS, outputs=PORTS).receptance
-    back = solve_frf(system, -FREQUENCIES, inputs=PORTS, outputs=PORTS).receptance
+    forth = solve_frf(system, FREQUENCIES, inputs=CHANNELS, outputs=CHANNELS).receptance
+    back = solve_frf(system, -FREQUENCIES, inputs=CHANNELS, outputs=CHANNELS).receptance
     size = np.abs(forth).max(axis=(1, 2), keepdims=True)
     assert np.isfinite(forth).all()
     assert (np.abs(back - forth.conj()) <= 1e-12 * size).all()
@@ -65,9 +65,9 @@ def test_negative_frequencies_give_the_conjugate_and_ports_are_reciprocal(name: 
 def test_a_conjugate_is_what_the_equations_of_a_negative_frequency_give() -> None:
     system = dict(dampings(two_bodies(grounded=True)))["coupled"]
     omega = -2.0 * np.pi * 40.0
-    rows = np.array([system.outputs[port] for port in PORTS])
+    rows = np.array([system.outputs[channel] for channel in CHANNELS])
     dynamic = system.stiffness - omega**2 * system.mass + 1j * omega * present(system.damping)
-    found = solve_frf(system, np.array([-40.0]), inputs=PORTS, outputs=PORTS).receptance[0]
+    found = solve_frf(system, np.array([-40.0]), inputs=CHANNELS, outputs=CHANNELS).receptance[0]
     np.testing.assert_allclose(
         found, rows @ np.linalg.solve(dynamic, rows.T), rtol=1e-8, atol=1e-12 * np.abs(found).max()
     )
@@ -76,16 +76,16 @@ def test_a_conjugate_is_what_the_equations_of_a_negative_frequency_give() -> Non
 @pytest.mark.parametrize("name", ["modal", "coupled", "structural"])
 def test_at_a_gigahertz_only_inertia_is_left(name: str) -> None:
     system = dict(dampings(two_bodies(grounded=True)))[name]
-    rows = np.array([system.outputs[port] for port in PORTS])
+    rows = np.array([system.outputs[channel] for channel in CHANNELS])
     omega = 2.0 * np.pi * 1e9
     inertia = -rows @ np.linalg.solve(system.mass, rows.T) / omega**2
-    found = solve_frf(system, np.array([1e9]), inputs=PORTS, outputs=PORTS).receptance[0]
+    found = solve_frf(system, np.array([1e9]), inputs=CHANNELS, outputs=CHANNELS).receptance[0]
     np.testing.assert_allclose(found, inertia, rtol=1e-5, atol=1e-5 * np.abs(inertia).max())
 
 
 def test_a_machine_that_floats_answers_between_tool_and_work_and_is_named_free_elsewhere() -> None:
     system = two_bodies(grounded=False)
-    found = solve_frf(system, np.array([0.0, 1e-3]), inputs=PORTS, outputs=PORTS)
+    found = solve_frf(system, np.array([0.0, 1e-3]), inputs=CHANNELS, outputs=CHANNELS)
     inner, outer = slice(0, 3), slice(3, 6)
     assert not found.free_body[0, inner, inner].any() and not found.free_body[1].any()
     assert found.free_body[0, outer, outer].any(axis=1).all()
@@ -102,7 +102,7 @@ def test_a_machine_that_floats_answers_between_tool_and_work_and_is_named_free_e
 @given(st.floats(-1e9, 1e9), st.floats(0.0, 0.5))
 def test_reciprocity_and_conjugacy_hold_at_any_frequency(hz: float, zeta: float) -> None:
     system = add_modal_damping(two_bodies(grounded=True), [zeta])
-    found = solve_frf(system, np.array([hz, -hz]), inputs=PORTS, outputs=PORTS)
+    found = solve_frf(system, np.array([hz, -hz]), inputs=CHANNELS, outputs=CHANNELS)
     if found.singular.any():
         return
     size = np.abs(found.receptance).max()

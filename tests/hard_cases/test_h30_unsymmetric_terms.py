@@ -14,7 +14,7 @@ from headstock.solvers.linear.response_forms import find_poles
 from headstock.solvers.linear.symmetric_matrices import SYMMETRY_TOLERANCE, is_symmetric
 from headstock.solvers.second_order import SecondOrderSystem
 
-PORTS = [("disk", "rx"), ("disk", "ry")]
+CHANNELS = [("disk", "rx"), ("disk", "ry")]
 
 
 def rotor(spin: float, *, damping: float = 0.0, circulation: float = 0.0) -> SecondOrderSystem:
@@ -23,7 +23,7 @@ def rotor(spin: float, *, damping: float = 0.0, circulation: float = 0.0) -> Sec
     """
     gyro = 2.0 * spin * np.array([[0.0, 1.0], [-1.0, 0.0]])
     stiffness = 1e4 * np.eye(2) + circulation * np.array([[0.0, 1.0], [-1.0, 0.0]])
-    rows = {port: np.eye(2)[i] for i, port in enumerate(PORTS)}
+    rows = {channel: np.eye(2)[i] for i, channel in enumerate(CHANNELS)}
     return SecondOrderSystem(
         np.eye(2), gyro + damping * np.eye(2), stiffness, rows, rows, ("rx", "ry")
     )
@@ -44,7 +44,7 @@ def test_gyroscopic_whirl_splits_as_the_closed_form_says(spin: float) -> None:
 def test_the_response_of_a_spinning_disk_is_not_reciprocal() -> None:
     system = rotor(40.0, damping=3.0)
     frequencies = np.array([0.0, 5.0, 12.0])
-    found = solve_frf(system, frequencies, inputs=PORTS, outputs=PORTS)
+    found = solve_frf(system, frequencies, inputs=CHANNELS, outputs=CHANNELS)
     assert found.method == "direct"
     for hz, value in zip(frequencies, found.receptance, strict=True):
         omega = 2.0 * np.pi * hz
@@ -90,6 +90,6 @@ def test_a_feedback_force_makes_the_road_general_even_without_dampers() -> None:
     fed_back = dataclasses.replace(
         system, damping=None, stiffness=system.stiffness + np.array([[0.0, 300.0], [0.0, 0.0]])
     )
-    found = solve_frf(fed_back, np.array([3.0]), inputs=PORTS, outputs=PORTS)
+    found = solve_frf(fed_back, np.array([3.0]), inputs=CHANNELS, outputs=CHANNELS)
     expected = np.linalg.inv(fed_back.stiffness - (6.0 * np.pi) ** 2 * np.eye(2))
     np.testing.assert_allclose(found.receptance[0], expected, rtol=1e-12)

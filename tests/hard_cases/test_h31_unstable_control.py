@@ -88,15 +88,15 @@ def test_an_undamped_motion_that_control_does_not_reach_is_not_called_unstable()
     # a third body on a spring of its own, which the drive does not feel
     wide = [np.pad(matrix, ((0, 1), (0, 1))) for matrix in (system.mass, system.stiffness)]
     wide[0][2, 2], wide[1][2, 2] = 10.0, 1e6
-    ports = {port: np.append(row, 0.0) for port, row in system.outputs.items()}
-    loads = {port: np.append(row, 0.0) for port, row in system.inputs.items()}
+    channels = {channel: np.append(row, 0.0) for channel, row in system.outputs.items()}
+    loads = {channel: np.append(row, 0.0) for channel, row in system.inputs.items()}
     apart = dataclasses.replace(
         system,
         mass=wide[0],
         damping=None,
         stiffness=wide[1],
         inputs=loads,
-        outputs=ports,
+        outputs=channels,
         labels=(*system.labels, "apart"),
     )
     poles = require_stable(apart, [train])

@@ -12,18 +12,18 @@ from headstock.solvers.linear.state_space import StateSpace, to_state_space
 from headstock.solvers.linear.time_response import make_propagator, solve_time_response
 from headstock.solvers.second_order import SecondOrderSystem
 
-PORT = ("end", "x")
+CHANNEL = ("end", "x")
 
 
 def chain(stiff: float) -> SecondOrderSystem:
     """Two soft masses and one on a spring so stiff that its period is far below any step."""
     stiffness = np.array([[3e4, -1e4, 0.0], [-1e4, 1e4 + stiff, -stiff], [0.0, -stiff, stiff]])
-    row = {PORT: np.eye(3)[0]}
+    row = {CHANNEL: np.eye(3)[0]}
     return SecondOrderSystem(np.diag([1.0, 1.5, 0.5]), None, stiffness, row, row, ("a", "b", "c"))
 
 
 def space_of(system: SecondOrderSystem) -> StateSpace:
-    return to_state_space(system, inputs=[PORT], outputs=[PORT])
+    return to_state_space(system, inputs=[CHANNEL], outputs=[CHANNEL])
 
 
 @pytest.mark.parametrize("stiff", [1e9, 1e12])

@@ -29,7 +29,7 @@ def clean(machine: Tripteor) -> PathDrive:
 def gaps(machine: Tripteor, drive: PathDrive, step: float) -> tuple[FloatArray, FloatArray]:
     times = np.arange(0.0, SPAN, step, dtype=np.float64)
     motion = linear_motion(machine.model, drive, times, np.array([0.02]))
-    return times, motion.tool_motion(march_linear(motion, motion.load).give)
+    return times, motion.tool_motion(march_linear(motion, motion.load).compliant)
 
 
 def share_above(values: FloatArray, step: float, hz: float) -> float:

@@ -32,10 +32,10 @@ def test_positions_velocities_and_energy_stay_with_drives_at_rest() -> None:
         PartitionedMotion(model, still, no_force, start),
         ConstrainedMotion(model, still, no_force),
     )
-    give = np.array([0.0, 4e-5, 0.0, 5e-5, 0.0, -6e-5])
-    first = reduced.at(0.0, give, np.zeros(6))
+    compliant = np.array([0.0, 4e-5, 0.0, 5e-5, 0.0, -6e-5])
+    first = reduced.at(0.0, compliant, np.zeros(6))
     begun = full.start(0.0, first.state[full.free], first.rates[full.free])
-    energy, position, velocity = [reduced.energy(0.0, give, np.zeros(6))], 0.0, 0.0
+    energy, position, velocity = [reduced.energy(0.0, compliant, np.zeros(6))], 0.0, 0.0
 
     def observe(state: MotionState) -> None:
         nonlocal position, velocity
@@ -49,7 +49,7 @@ def test_positions_velocities_and_energy_stay_with_drives_at_rest() -> None:
 
     integrate_motion(full, begun, 4e-5, STEPS, observe=observe, scheme=AlphaScheme(1.0))
     assert position < 1e-12 and velocity < 1e-7
-    stored = 0.5 * float((first.stiffness * give**2).sum())
+    stored = 0.5 * float((first.stiffness * compliant**2).sum())
     # second order: an oscillation of the fastest mode, no trend
     assert np.ptp(energy) < 0.02 * stored
     assert abs(np.mean(energy[-10:]) - np.mean(energy[:10])) < 0.01 * stored

@@ -81,8 +81,8 @@ def test_a_jump_of_the_force_swings_to_twice_its_static_answer_and_no_further(
     force = np.zeros((len(times), 3))
     force[times >= 0.03] = 500.0, 0.0, 0.0
     moved = (
-        march_linear(motion, motion.load + motion.tool_load(force)).give
-        - march_linear(motion, motion.load).give
+        march_linear(motion, motion.load + motion.tool_load(force)).compliant
+        - march_linear(motion, motion.load).compliant
     )
     static = motion.tool_load(force)[-1] / motion.stiffness[-1]
     axial = np.abs(static) > 0.05 * np.abs(static).max()

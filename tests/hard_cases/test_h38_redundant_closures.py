@@ -19,11 +19,11 @@ from headstock.geometry.mechanisms.exechon import (
     platform_states,
 )
 from headstock.geometry.mechanisms.mechanism import (
-    Alignment,
+    OrientationConstraint,
     ChainItem,
     Mark,
     Mechanism,
-    Meeting,
+    PointConstraint,
     shift,
     turn,
 )
@@ -46,7 +46,7 @@ def bricard() -> Mechanism:
     )  # fmt: skip
     start = (Mark("start"),)
     return Mechanism(
-        "Bricard", (chain, start), (Meeting("end", "start"), Alignment("end", "start")), ()
+        "Bricard", (chain, start), (PointConstraint("end", "start"), OrientationConstraint("end", "start")), ()
     )
 
 
@@ -88,7 +88,7 @@ def test_bricard_cut_open_at_a_hinge_has_rank_four_of_five() -> None:
     mechanism = Mechanism(
         "Bricard, cut at a hinge",
         ((*chain[:cut], Mark("end")), back),
-        (Meeting("end", "start"), Alignment("start", "end", ("x", "y"))),
+        (PointConstraint("end", "start"), OrientationConstraint("start", "end", ("x", "y"))),
         (),
     )
     angles = close_bricard()[:5]
@@ -111,7 +111,7 @@ def test_an_exechon_with_all_twelve_loop_equations_has_two_too_many() -> None:
         shift("x", -platform[2]), Mark("platform_3"),
     )  # fmt: skip
     closures = tuple(
-        kind("platform_1", f"platform_{leg}") for leg in (2, 3) for kind in (Meeting, Alignment)
+        kind("platform_1", f"platform_{leg}") for leg in (2, 3) for kind in (PointConstraint, OrientationConstraint)
     )
     mechanism = Mechanism(
         "Exechon, every joint", (leg(1), leg(2), third), closures, ("q1", "q2", "q3")
@@ -154,8 +154,8 @@ def parallelogram(*, flexible: bool) -> CompliantMechanism:
         )
     closures = tuple(
         kind(f"c{number}") for number in (2, 3) for kind in (
-            lambda other: Meeting("c1", other, ("x", "y")),
-            lambda other: Alignment("c1", other, ("z",)),
+            lambda other: PointConstraint("c1", other, ("x", "y")),
+            lambda other: OrientationConstraint("c1", other, ("z",)),
         )
     )  # fmt: skip
     compliant = ("d1", "d2", "d3") if flexible else ()

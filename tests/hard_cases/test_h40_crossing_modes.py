@@ -112,7 +112,7 @@ def test_over_1000_poses_each_curve_is_one_closed_form_from_end_to_end(scene_fil
     assert min(deviations[1]) < 1e-9
     assert results.tracked is not None
     assert results.tracked.crossings == {(0, 1): 1}
-    assert results.tracked.torn == 0
+    assert results.tracked.tracking_breaks == 0
     swaps = np.flatnonzero(np.diff(np.sign(found[:, 0] - found[:, 1])))
     crossing = places[np.argmin(np.abs(along - across))]
     assert len(swaps) == 1

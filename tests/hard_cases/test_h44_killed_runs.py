@@ -130,13 +130,13 @@ def test_torn_files_wrong_numbers_and_temporaries_of_killed_runs_are_reported(
     monkeypatch.setattr(kill, "_kill_one", spoil)
     monkeypatch.setattr(kill, "finish_run", finish)
     outcome = kill_runs(5, seed=1, root=tmp_path)
-    told = " | ".join(outcome.faults)
+    reported = " | ".join(outcome.faults)
     assert [fault.partition(":")[0] for fault in outcome.faults] == [
         "kill 1",
         "kill 2",
         "kill 3",
         "kill 4",
-    ], told
+    ], reported
     for number, name in enumerate(
         ("results.h5", "summary.json", "report.html", "numbers of neither variant")
     ):

@@ -23,7 +23,7 @@ from headstock.pipeline.storage.superelements import (
     write_superelement,
 )
 from headstock.reduction.superelement import (
-    Attachment,
+    InterfaceMap,
     ErrorEstimates,
     Recovery,
     StaticLoad,
@@ -54,7 +54,7 @@ def bar() -> Superelement:
         name="bar",
         labels=labels,
         frames=(Frame(),),
-        attachments={"foot": Attachment(0, Frame())},
+        interface_maps={"foot": InterfaceMap(0, Frame())},
         stiffness=stiffness,
         mass=mass,
         recovery=Recovery(basis=np.ones((9, 8)), points=points),

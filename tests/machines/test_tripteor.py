@@ -119,4 +119,6 @@ def test_components_on_joints_with_springs_at_the_leg_tips_are_the_lumped_model(
         assert np.allclose(moved, right, rtol=1e-8, atol=1e-15)
     assert found["mechanism"] == summary["mechanism"]
     # the tripod is fixed twice over-constrained, as its mobility says
-    assert found["warnings"] and all("2 fixed motion(s)" in warning for warning in found["warnings"])
+    assert found["warnings"] and all(
+        "2 fixed motion(s)" in warning for warning in found["warnings"]
+    )

@@ -103,7 +103,7 @@ def test_a_rigid_motion_of_the_body_is_the_same_motion_of_every_carriage(
 
 def test_a_superelement_with_a_rail_passes_its_check(element: Superelement) -> None:
     check_superelement(element)
-    assert set(element.rails) == {"rail"} and "rail" not in element.attachments
+    assert set(element.rails) == {"rail"} and "rail" not in element.interface_maps
 
 
 def test_stations_have_four_dofs_each_and_are_named(elastic: Superelement) -> None:
@@ -209,7 +209,7 @@ def test_a_segmented_bar_bends_under_a_carriage_as_a_cantilever_does() -> None:
     worst = []
     for count in (10, 20, 40):
         part = reduce_bar("segmented", segments=count)
-        node = part.attachments["end"].node
+        node = part.interface_maps["end"].node
         free = np.setdiff1d(np.arange(part.node_size), np.arange(6 * node, 6 * node + 6))
         flexibility = np.linalg.inv(part.stiffness[np.ix_(free, free)])
         errors = []
@@ -301,10 +301,10 @@ def test_a_machine_with_a_rail_answers_the_same_when_it_is_turned(
         coupled = couple(
             {"bar": part, "slide": slide_body(machine)}, machine, Pose("p", {"X": 0.17 + shift})
         )
-        ports = np.column_stack([coupled.system.inputs["tcp", dof] for dof in "xyz"])
+        channels = np.column_stack([coupled.system.inputs["tcp", dof] for dof in "xyz"])
         compliance = (
             turn.rotation.T
-            @ (ports.T @ solve_static(coupled.system, ports).displacements)
+            @ (channels.T @ solve_static(coupled.system, channels).displacements)
             @ turn.rotation
         )
         found.append(compliance)
@@ -393,7 +393,7 @@ def test_a_segmented_screw_is_as_stiff_along_and_about_itself_as_its_shaft_where
     properties = closed_form_properties(screw)
     assert properties is not None
     part = reduce_segmented(screw, properties)
-    node = part.attachments["end"].node
+    node = part.interface_maps["end"].node
     free = np.setdiff1d(np.arange(part.node_size), np.arange(6 * node, 6 * node + 6))
     flexibility = np.linalg.inv(part.stiffness[np.ix_(free, free)])
     axial, torsional = 2.1e11 * np.pi * 0.014**2, 2.1e11 / 2.6 * np.pi * 0.014**4 / 2.0

@@ -218,5 +218,5 @@ def test_the_problems_of_all_variants_are_told_at_once_before_anything_is_comput
     scene.write_text(SCENE.replace(solid, hollow).replace(', cells = "hex"', ""))
     with pytest.raises(SceneError) as caught:
         choose_variants(scene, ("S", "Q"))
-    told = str(caught.value)
-    assert "cannot be segmented" in told and "unknown variant 'Q'" in told
+    reported = str(caught.value)
+    assert "cannot be segmented" in reported and "unknown variant 'Q'" in reported

@@ -47,7 +47,7 @@ from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.mode_pairing import ModeSet, pair_modes
-from headstock.solvers.second_order import ComplexArray, Port, input_columns, output_rows
+from headstock.solvers.second_order import ComplexArray, Channel, input_columns, output_rows
 from headstock.validation.coverage.parts import PRODUCT, CoveragePart, draw_part
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
 
@@ -59,7 +59,7 @@ WATCHED, PARTNERS = (
 JUDGED_MODES, TRUE_MODES = 24, 40  # fixed-interface modes kept
 LOSS_FACTOR = 0.03
 LINES = 150
-PORTS: tuple[Port, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
+CHANNELS: tuple[Channel, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
 VISIBLE = 1e-2  # 40 dB below the highest peak
 # the error of a true mesh is known within this share of its estimate: estimates came out 0.7 to 1.9
 # times the true errors
@@ -256,7 +256,7 @@ def _respond(
     lossy = dataclasses.replace(
         coupled.system, damping=None, hysteretic=LOSS_FACTOR * coupled.system.stiffness
     )
-    ports = (input_columns(lossy, PORTS), output_rows(lossy, PORTS))
+    channels = (input_columns(lossy, CHANNELS), output_rows(lossy, CHANNELS))
     meshed = meshed_parts(coupled)
     if finer:  # as estimated, without what covers the doubt
         element = coupled.layout.superelements["part"]
@@ -268,10 +268,10 @@ def _respond(
             name: dataclasses.replace(each, energy=plain[name]) for name, each in meshed.items()
         }
     sources = ErrorSources(truncated_parts(coupled), meshed, {"part": LOSS_FACTOR})
-    space = project_response(lossy, sources, modes, ports, float(grid.max()))
+    space = project_response(lossy, sources, modes, channels, float(grid.max()))
     errors = bound_response_errors(space, grid)
     found = evaluate_frf(
-        prepare_frf(lossy, inputs=PORTS, outputs=PORTS, modes=modes), grid
+        prepare_frf(lossy, inputs=CHANNELS, outputs=CHANNELS, modes=modes), grid
     ).receptance
     total = errors.bounds
     for sizes in (errors.mesh_sizes, errors.face_sizes):

@@ -30,7 +30,7 @@ from headstock.solvers.control.drive_loops import (
 )
 from headstock.solvers.control.drive_trains import MOTOR, DriveTrain, free_motors
 from headstock.solvers.control.driven_motion import DrivenMotion, solve_motion
-from headstock.solvers.control.friction_loop import friction_ports
+from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.control.stability import (
     find_largest_gain,
     find_loop_poles,
@@ -38,7 +38,7 @@ from headstock.solvers.control.stability import (
 )
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.time_response import solve_time_response
-from headstock.solvers.second_order import ComplexArray, Port, SecondOrderSystem
+from headstock.solvers.second_order import ComplexArray, Channel, SecondOrderSystem
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound
 
 LOAD = ("load", "x")
@@ -88,7 +88,7 @@ def make_drive(
         friction: On the slide; None where there is none.
     """
     one: FloatArray = np.ones(1)
-    row: dict[Port, FloatArray] = {LOAD: one}
+    row: dict[Channel, FloatArray] = {LOAD: one}
     locked_motor = SecondOrderSystem(
         masses.load * np.eye(1),
         masses.damping * np.eye(1),
@@ -381,7 +381,7 @@ def _settled_offset() -> tuple[float, float]:
     """
     law = GuideFriction(coulomb=50.0, breakaway=50.0, smoothing=1e-5)
     system, train = make_drive(MASSES, AxisControl(40.0, 2e4), law)
-    loop = close_loops(system, [train], inputs=friction_ports((train,)), outputs=[LOAD])
+    loop = close_loops(system, [train], inputs=friction_channels((train,)), outputs=[LOAD])
     found = _pull(loop, 0.05, np.asarray(np.linspace(0.0, 1.0, 501), dtype=float))
     return 0.05 * (1.0 - 0.05) - float(_column(loop, found, ENCODER)[-1]), found.energy.error
 
@@ -392,7 +392,7 @@ def _stick_and_slip() -> tuple[float, float, float]:
         500.0, 1e8, velocity_feed_forward=1.0, acceleration_feed_forward=STICKING.motor
     )
     system, train = make_drive(STICKING, control, DRY)
-    loop = close_loops(system, [train], inputs=friction_ports((train,)), outputs=[LOAD])
+    loop = close_loops(system, [train], inputs=friction_channels((train,)), outputs=[LOAD])
     times = np.asarray(np.linspace(0.0, WATCHED, 20001), dtype=float)
     found = _pull(loop, PULL, times)
     stretch = _column(loop, found, MOTOR) - found.outputs[:, 0]

@@ -47,7 +47,7 @@ ERROR_LIMIT = 0.05
 COVERAGE = Target(0.95, "-", 0.05 / 0.95, "statistics")
 # two springs side by side and one that carries next to nothing
 SUM = 170.0 + 60.0  # N/um, of the feet in truth and of the pad as written
-BLIND = """
+UNIDENTIFIABLE = """
 [parameters.feet_z]
 keys = ["joints.feet.stiffness.z"]
 bounds = ["20 N/um", "900 N/um"]
@@ -214,17 +214,17 @@ def judge_blindness(folder: Path) -> list[ValidationRow]:
     named.
     """
     others = {name: value for name, value in true_values().items() if name != "feet_z"}
-    text = measure(solve_measured(folder), 0, NOISE) + write_parameters(others) + BLIND
+    text = measure(solve_measured(folder), 0, NOISE) + write_parameters(others) + UNIDENTIFIABLE
     found = identify(prepare_text(folder, text), "blind")
-    blind = {
+    unidentifiable = {
         name: abs(share)
-        for direction in found.statistics.blind
+        for direction in found.statistics.unidentifiable
         for name, share in direction.entries[:1]
     }
     names = [item.parameter.name for item in found.parameters]
     springs = next(
         dict(direction.entries)
-        for direction in found.statistics.blind
+        for direction in found.statistics.unidentifiable
         if "pad_z" in dict(direction.entries)
     )
     stiffness = {
@@ -252,7 +252,12 @@ def judge_blindness(folder: Path) -> list[ValidationRow]:
             0.5,
             "named as unidentifiable",
         ),
-        judge(CASE, PLACE_SHARE, blind.get("bolt_height", 0.0), Target(1.0, "-", 0.05, "identity")),
+        judge(
+            CASE,
+            PLACE_SHARE,
+            unidentifiable.get("bolt_height", 0.0),
+            Target(1.0, "-", 0.05, "identity"),
+        ),
     ]
 
 

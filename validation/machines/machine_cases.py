@@ -67,10 +67,10 @@ def check_three_axis_machine(comm: MPI.Comm) -> list[ValidationRow]:
     rows: list[ValidationRow] = []
     for pose in scene.poses.values():
         coupled = couple(reduced, machine, pose)
-        ports = [("tcp", dof) for dof in DOF_NAMES]
-        inputs = np.column_stack([coupled.system.inputs[port] for port in ports])
+        channels = [("tcp", dof) for dof in DOF_NAMES]
+        inputs = np.column_stack([coupled.system.inputs[channel] for channel in channels])
         compliance = (
-            np.vstack([coupled.system.outputs[port] for port in ports])
+            np.vstack([coupled.system.outputs[channel] for channel in channels])
             @ solve_static(coupled.system, inputs).displacements
         )
         frequencies = solve_modal(coupled.system, count=FREQUENCY_COUNT).frequencies_hz
@@ -147,8 +147,8 @@ def answer_reduced(machine: Machine, parts: dict[str, Superelement], place: floa
         place: Position of the axis [m].
     """
     system = couple(parts, machine, Pose("p", {"X": place})).system
-    ports = np.column_stack([system.inputs["tcp", dof] for dof in DOF_NAMES])
-    compliance = ports.T @ solve_static(system, ports).displacements
+    channels = np.column_stack([system.inputs["tcp", dof] for dof in DOF_NAMES])
+    compliance = channels.T @ solve_static(system, channels).displacements
     return np.diag(compliance)[:3], solve_modal(system, count=COUNT).frequencies_hz
 
 

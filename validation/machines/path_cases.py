@@ -38,7 +38,7 @@ from headstock.reduction.coupling.dof_layout import lay_out_dofs, turn_dofs
 from headstock.reduction.coupling.joint_springs import place_joints
 from headstock.reduction.coupling.matrices import component_matrices
 from headstock.reduction.coupling.path_loads import PATH_INPUT, add_path_input, stack_modes
-from headstock.reduction.coupling.ports import point_rows
+from headstock.reduction.coupling.channels import point_rows
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.scene.building.loader import load_scene
@@ -50,7 +50,7 @@ from headstock.solvers.paths.response import PathModel, solve_path
 from headstock.solvers.paths.set_points import Ramp, SetPoint, list_breaks, sample_move
 from headstock.solvers.paths.varying_response import solve_varying_path
 from headstock.solvers.paths.varying_system import PosedModes, sample_system
-from headstock.solvers.second_order import Port
+from headstock.solvers.second_order import Channel
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
 
 SCENE = PROJECT / "machines" / "three_axis.toml"
@@ -107,7 +107,7 @@ def _place_absolutely(
     parts: Mapping[str, Superelement],
     machine: Machine,
     path: MachinePath,
-    outputs: tuple[Port, ...],
+    outputs: tuple[Channel, ...],
     places: FloatArray,
 ) -> AbsoluteMachine:
     """Couple a machine anew at every place; fixed motions must be the same all along the path.
@@ -258,11 +258,11 @@ def run_path(variant: str) -> PathResult:
 
 
 def _judge_variant(name: str, found: PathResult) -> list[ValidationRow]:
-    slow, fast = found.runs
+    low_frequency, fast = found.runs
     count = int(0.4 * found.sampling_hz)
     rows = []
     kept = (
-        np.abs(fast.curves.frozen[:count] - 5.0 * slow.curves.frozen[:count]).max()
+        np.abs(fast.curves.frozen[:count] - 5.0 * low_frequency.curves.frozen[:count]).max()
         / np.abs(fast.curves.frozen[:count]).max()
     )
     rows.append(
@@ -305,7 +305,7 @@ def _judge_variant(name: str, found: PathResult) -> list[ValidationRow]:
             show(
                 CASE,
                 f"{name}: 3000 over 600 mm/min, {zone}",
-                figures.ramp_peak / slow.figures[0][number].ramp_peak,
+                figures.ramp_peak / low_frequency.figures[0][number].ramp_peak,
                 "-",
                 "during the ramp, pose followed",
             )
@@ -350,7 +350,7 @@ def _second_road(
     parts: Mapping[str, Superelement],
     machine: Machine,
     path: MachinePath,
-    outputs: tuple[Port, ...],
+    outputs: tuple[Channel, ...],
     move: SetPoint,
     times: FloatArray,
 ) -> FloatArray:

@@ -18,7 +18,7 @@ from headstock.geometry.parts.components import Component, MeshSettings, Reducti
 from headstock.geometry.parts.solids import HollowColumn
 from headstock.meshing.components.meshing import mesh_component
 from headstock.pipeline.results.estimates import DISCRETISATION
-from headstock.pipeline.results.frf import PortFigures
+from headstock.pipeline.results.frf import DrivePointFigures
 from headstock.pipeline.stages.frf import ResponseEstimate, add_figure_errors
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
@@ -34,7 +34,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.frequency_response import FrequencyResponse, evaluate_frf, prepare_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.second_order import ComplexArray, Port, input_columns, output_rows
+from headstock.solvers.second_order import ComplexArray, Channel, input_columns, output_rows
 from headstock.validation.machines.accuracy_cases import CANTILEVER, LARGEST_FACTOR, LEAST_RANK
 from headstock.validation.machines.estimate_cases import (
     CLAMP,
@@ -68,7 +68,7 @@ WATCHED = 10
 # (place among the elastic frequencies, share of the way to the next): beside, on and between
 # resonances
 LINES = ((0, -0.5), (0, 0.0), (0, 0.02), (1, 0.5), (2, -0.03), (3, 0.01), (4, 0.4))
-PORTS: tuple[Port, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
+CHANNELS: tuple[Channel, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
 SPECIMENS = (clamped_beam, free_pair, patched_column, ribbed_plate, guideway)
 CASE = "mesh-estimates-response"
 MODES = 40
@@ -141,14 +141,14 @@ def compare_responses(specimen: Specimen, lines: tuple[tuple[int, float], ...]) 
             coupled.system, damping=None, hysteretic=LOSS_FACTOR * coupled.system.stiffness
         )
         found = evaluate_frf(
-            prepare_frf(lossy, inputs=PORTS, outputs=PORTS, modes=modes), places
+            prepare_frf(lossy, inputs=CHANNELS, outputs=CHANNELS, modes=modes), places
         ).receptance
-        ports = (input_columns(lossy, PORTS), output_rows(lossy, PORTS))
+        channels = (input_columns(lossy, CHANNELS), output_rows(lossy, CHANNELS))
         sources = ErrorSources(
             truncated_parts(coupled), loss_factors=dict.fromkeys(parts, LOSS_FACTOR)
         )
         errors = bound_response_errors(
-            project_response(lossy, sources, modes, ports, float(places.max())), places
+            project_response(lossy, sources, modes, channels, float(places.max())), places
         )
         pairs.append(
             ErrorPairs((np.abs(found - right) / sizes).ravel(), (errors.bounds / sizes).ravel())
@@ -283,10 +283,10 @@ def _respond(coupled: CoupledMachine, places: FloatArray) -> _Found:
     lossy = dataclasses.replace(
         coupled.system, damping=None, hysteretic=LOSS_FACTOR * coupled.system.stiffness
     )
-    model = prepare_frf(lossy, inputs=PORTS, outputs=PORTS, modes=modes)
-    ports = (input_columns(lossy, PORTS), output_rows(lossy, PORTS))
+    model = prepare_frf(lossy, inputs=CHANNELS, outputs=CHANNELS, modes=modes)
+    channels = (input_columns(lossy, CHANNELS), output_rows(lossy, CHANNELS))
     sources = ErrorSources(meshed=meshed_parts(coupled), loss_factors={"column": LOSS_FACTOR})
-    space = project_response(lossy, sources, modes, ports, REACH * places.max())
+    space = project_response(lossy, sources, modes, channels, REACH * places.max())
     lines, grid = (
         evaluate_frf(model, hz) for hz in (places, np.linspace(0.0, REACH * places.max(), GRID))
     )
@@ -296,12 +296,12 @@ def _respond(coupled: CoupledMachine, places: FloatArray) -> _Found:
         for found in errors
     ]
     figures = []
-    for number, port in enumerate(PORTS):
+    for number, channel in enumerate(CHANNELS):
         real = grid.receptance[:, number, number].real
         deepest = int(np.argmin(real))
         hz = float(grid.frequencies_hz[deepest])
         figures.append(
-            PortFigures(port, None, float(real[deepest]), hz, None, None, None, "", None)
+            DrivePointFigures(channel, None, float(real[deepest]), hz, None, None, None, "", None)
         )
     judged = add_figure_errors(tuple(figures), grid, ResponseEstimate(errors[1], space, ()))
     return _Found(

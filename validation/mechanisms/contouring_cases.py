@@ -98,12 +98,12 @@ def check_contouring(comm: MPI.Comm) -> list[ValidationRow]:
             )
         )
     rows.append(_step_row(case, tripteor, "linear", FINER_UNTIL))
-    sag = 1e6 * np.abs(run.sag[:, 0])
+    gravity_deflection = 1e6 * np.abs(run.gravity_deflection[:, 0])
     rows.append(
         show(
             case,
             "deflection under gravity along x, minimum",
-            float(sag.min()),
+            float(gravity_deflection.min()),
             "um",
             "subtracted from every gap",
         )
@@ -112,7 +112,7 @@ def check_contouring(comm: MPI.Comm) -> list[ValidationRow]:
         show(
             case,
             "deflection under gravity along x, maximum",
-            float(sag.max()),
+            float(gravity_deflection.max()),
             "um",
             "subtracted from every gap",
         )
@@ -132,7 +132,7 @@ def check_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
     )
     whole = (time.process_time() - begun) * 10.7 / SOME
     fine = _step_row(case, tripteor, "nonlinear", SOME)
-    deflection = float(np.abs(full.gap + full.sag).max())
+    deflection = float(np.abs(full.gap + full.gravity_deflection).max())
     share = float(np.abs(full.gap - linear.gap).max()) / deflection
     return [
         judge_bound(
@@ -162,7 +162,7 @@ def check_whole_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
     begun = time.process_time()
     full = run_contour(tripteor.scene, tripteor.model, contour_request(material, "nonlinear"))
     seconds = time.process_time() - begun
-    deflection = float(np.abs(full.gap + full.sag).max())
+    deflection = float(np.abs(full.gap + full.gravity_deflection).max())
     off = float(np.abs(full.gap - linear.gap).max())
     return [
         *_face_rows(case, f"nonlinear, {material}", full),
@@ -434,7 +434,7 @@ def _marched_multiplier(period: float, depth: float, steps: int, turns: int = 60
         damping=both(2.0 * ZETA * omega * MASS),
         stiffness=np.full((2, 1), MASS * omega**2),
         tool=tool,
-        sag=np.zeros((2, 1)),
+        gravity_deflection=np.zeros((2, 1)),
         load=np.zeros((len(times), 1)),
     )
     kick = np.zeros((len(times), 1))
@@ -443,7 +443,7 @@ def _marched_multiplier(period: float, depth: float, steps: int, turns: int = 60
     stiffness[:, 0, 0] = _slotting_gain(times, period, depth)
     moved = (
         march_linear(motion, kick, regeneration=Regeneration(stiffness, steps))
-        .give[:, 0]
+        .compliant[:, 0]
         .reshape(turns, steps)
     )
     before, now, after = moved[-3], moved[-2], moved[-1]

@@ -204,11 +204,11 @@ def _compare_instant(
 ) -> list[ValidationRow]:
     model = tripteor.model
     drive, rng = swaying_drive(start[model.mechanism.driven_slice]), np.random.default_rng(3)
-    give, rates = 1e-4 * rng.normal(size=6), 1e-2 * rng.normal(size=6)
+    compliant, rates = 1e-4 * rng.normal(size=6), 1e-2 * rng.normal(size=6)
     reduced = PartitionedMotion(model, drive, steady_force, start)
     for time in np.linspace(0.0, INSTANT, 6):
-        motion = reduced.at(float(time), give, rates)
-    accelerations = reduced.accelerations(INSTANT, give, rates)
+        motion = reduced.at(float(time), compliant, rates)
+    accelerations = reduced.accelerations(INSTANT, compliant, rates)
     force = steady_force(INSTANT)
     drives = driven_forces(model, motion, accelerations, force)
     full = ConstrainedMotion(model, drive, steady_force)
@@ -219,7 +219,11 @@ def _compare_instant(
     pushes = -found.multipliers[
         [row for row, item in enumerate(system.constraints) if item.value(INSTANT)[0] != 0.0]
     ]
-    work = 0.5 * model.springs.stiffness_slope(motion.state[model.mechanism.driven_slice]) * give**2
+    work = (
+        0.5
+        * model.springs.stiffness_slope(motion.state[model.mechanism.driven_slice])
+        * compliant**2
+    )
     return [
         judge_bound(
             case,
@@ -301,26 +305,26 @@ def _absolute_frequencies(tripteor: Tripteor, state: FloatArray) -> FloatArray:
 
 
 def _at_rest(
-    model: CompliantMechanism, state: FloatArray, give: FloatArray, force: FloatArray
+    model: CompliantMechanism, state: FloatArray, compliant: FloatArray, force: FloatArray
 ) -> PartitionedDynamics:
     still = np.zeros(len(model.mechanism.driven))
     closed, kinematics = compose_state(
-        model.mechanism, state[model.mechanism.driven_slice], give, state
+        model.mechanism, state[model.mechanism.driven_slice], compliant, state
     )
     drive = Drive(closed[model.mechanism.driven_slice], still, still)
     return partition_dynamics(
-        model, closed, kinematics, drive, rates=np.zeros_like(give), force=force
+        model, closed, kinematics, drive, rates=np.zeros_like(compliant), force=force
     )
 
 
 def _static_rest(model: CompliantMechanism, state: FloatArray, force: FloatArray) -> FloatArray:
     """Displacement of the tool in nonlinear equilibrium, by fixed-point iteration [m]."""
     tool = model.mechanism.marks.index(model.tool)
-    give: FloatArray = np.zeros(len(model.mechanism.compliant))
+    compliant: FloatArray = np.zeros(len(model.mechanism.compliant))
     for _ in range(20):
-        motion = _at_rest(model, state, give, force)
-        give = motion.load / motion.stiffness
-    moved = _at_rest(model, state, give, force).dynamics.placement.positions[tool]
+        motion = _at_rest(model, state, compliant, force)
+        compliant = motion.load / motion.stiffness
+    moved = _at_rest(model, state, compliant, force).dynamics.placement.positions[tool]
     return np.asarray(moved - place_marks(model.mechanism, state).positions[tool])
 
 
@@ -333,9 +337,9 @@ def _swing_frequencies(model: CompliantMechanism, state: FloatArray) -> FloatArr
     for index in range(size):
         ends = []
         for sign in (1.0, -1.0):
-            give = sign * AMPLITUDE * np.eye(size)[index]
-            motion = _at_rest(model, state, give, np.zeros(3))
-            ends.append(np.linalg.solve(motion.mass, motion.load - motion.stiffness * give))
+            compliant = sign * AMPLITUDE * np.eye(size)[index]
+            motion = _at_rest(model, state, compliant, np.zeros(3))
+            ends.append(np.linalg.solve(motion.mass, motion.load - motion.stiffness * compliant))
         columns.append((ends[1] - ends[0]) / (2.0 * AMPLITUDE))
     squares = np.linalg.eigvals(np.stack(columns, axis=1)).real
     return np.asarray(np.sqrt(np.sort(squares)) / (2.0 * np.pi))

@@ -190,12 +190,12 @@ def _moving(*, damped: bool = False) -> tuple[PartitionedMotion, tuple[FloatArra
     )
     drive = swaying_drive(coordinates[model.mechanism.driven_slice])
     motion = PartitionedMotion(model, drive, steady_force, coordinates)
-    give: FloatArray = np.zeros(6)
+    compliant: FloatArray = np.zeros(6)
     for _ in range(10):
-        still = motion.at(0.0, give, np.zeros(6))
-        give = still.load / still.stiffness
+        still = motion.at(0.0, compliant, np.zeros(6))
+        compliant = still.load / still.stiffness
     # from quasi-static rest, with the legs stretched further: the first three modes swing
-    return motion, (give + np.array([0.0, 4e-5, 0.0, 5e-5, 0.0, -6e-5]), np.zeros(6))
+    return motion, (compliant + np.array([0.0, 4e-5, 0.0, 5e-5, 0.0, -6e-5]), np.zeros(6))
 
 
 def _reference(

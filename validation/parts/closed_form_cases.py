@@ -89,13 +89,13 @@ def block_frequencies(block: SprungBlock) -> FloatArray:
 
 
 def _sway_rock_pair(
-    sway: float, mass: float, rock: float, inertia: float, height: float
+    low_frequency: float, mass: float, rock: float, inertia: float, height: float
 ) -> list[float]:
     """Squared angular frequencies [rad^2/s^2] of swaying and rocking when the springs act
     ``height`` below the centre.
     """
-    k11, k22 = sway / mass, (rock + sway * height**2) / inertia
-    k12 = sway * height / math.sqrt(mass * inertia)
+    k11, k22 = low_frequency / mass, (rock + low_frequency * height**2) / inertia
+    k12 = low_frequency * height / math.sqrt(mass * inertia)
     mean, radius = 0.5 * (k11 + k22), math.hypot(0.5 * (k11 - k22), k12)
     return [mean - radius, mean + radius]
 

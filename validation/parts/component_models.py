@@ -239,7 +239,7 @@ def interface_compliance(
     whole: FloatArray = np.asarray(np.linalg.inv(element.stiffness), dtype=float)
     rows = {
         name: slice(6 * place.node, 6 * place.node + 6)
-        for name, place in element.attachments.items()
+        for name, place in element.interface_maps.items()
     }
     return {(moved, loaded): whole[rows[moved], rows[loaded]] for moved in rows for loaded in rows}
 

@@ -25,7 +25,7 @@ from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.state_space import to_state_space
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.linear.time_response import solve_time_response
-from headstock.solvers.second_order import Port, SecondOrderSystem
+from headstock.solvers.second_order import Channel, SecondOrderSystem
 from headstock.validation.parts.closed_form_cases import DEEP_BEAM, face_interface, mesh_settings
 from headstock.validation.parts.component_models import shared_mesh
 from headstock.validation.references.rows import Target, ValidationRow, judge, show
@@ -33,8 +33,8 @@ from headstock.validation.references.rows import Target, ValidationRow, judge, s
 LOAD_PER_LENGTH = 1e6
 DAMPING = 0.02
 SIZE, MODES = 0.5, 120
-LOAD: Port = ("load", "x")
-MOVED: Port = ("middle", "x")
+LOAD: Channel = ("load", "x")
+MOVED: Channel = ("middle", "x")
 MIDDLE = np.array([0.0, 0.0, 0.5 * DEEP_BEAM.length])
 FIBRE = MIDDLE[None] - np.array([[0.5 * DEEP_BEAM.width, 0.0, 0.0]])
 SWEEP: FloatArray = np.asarray(np.linspace(40.0, 45.0, 2001), dtype=float)
@@ -80,7 +80,7 @@ def check_harmonic_beam(comm: MPI.Comm) -> list[ValidationRow]:
         solve_frf(beam.system, SWEEP, inputs=[LOAD], outputs=[MOVED]).receptance[:, 0, 0]
     )
     peak = int(np.argmax(moved))
-    every = [port for port in beam.system.outputs if port != MOVED]
+    every = [channel for channel in beam.system.outputs if channel != MOVED]
     swing = solve_frf(beam.system, SWEEP[[peak]], inputs=[LOAD], outputs=every).receptance[0, :, 0]
     parts = (np.array(swing.real, dtype=float), np.array(swing.imag, dtype=float))
     places, weights = _section_points()
@@ -126,7 +126,7 @@ def check_transient_beam(comm: MPI.Comm) -> list[ValidationRow]:
     OptiStruct verification OS-V:0330.
     """
     beam = loaded_beam(comm)
-    system, every = beam.system, [port for port in beam.system.outputs if port != MOVED]
+    system, every = beam.system, [channel for channel in beam.system.outputs if channel != MOVED]
     space = to_state_space(system, inputs=[LOAD], outputs=[MOVED, *every])
     found = solve_time_response(space, np.ones((round(DURATION / STEP) + 1, 1)), STEP)
     moved = found.outputs[:, 0]
@@ -192,7 +192,7 @@ def loaded_beam(comm: MPI.Comm) -> LoadedBeam:
     fields: FloatArray = element.recovery.basis @ coupled.basis
     axis = int(np.argmin(np.linalg.norm(mesh.points - MIDDLE, axis=1)))
     unit: FloatArray = np.eye(fields.shape[1])
-    outputs: dict[Port, FloatArray] = {MOVED: fields[3 * axis]}
+    outputs: dict[Channel, FloatArray] = {MOVED: fields[3 * axis]}
     outputs |= {(f"q{number}", "x"): unit[number] for number in range(len(unit))}
     system = dataclasses.replace(
         coupled.system, inputs={LOAD: coupled.loads["line"]}, outputs=outputs

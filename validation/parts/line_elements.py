@@ -121,8 +121,13 @@ def _assemble(local: FloatArray, elements: int, *, shared: int = 1) -> FloatArra
 def _tip_system(
     stiffness: FloatArray, mass: FloatArray, damping: FloatArray | None, tip: int
 ) -> SecondOrderSystem:
-    port = np.zeros(len(mass))
-    port[tip] = 1.0
+    channel = np.zeros(len(mass))
+    channel[tip] = 1.0
     return SecondOrderSystem(
-        mass, damping, stiffness, {TIP: port}, {TIP: port}, tuple(f"q{i}" for i in range(len(mass)))
+        mass,
+        damping,
+        stiffness,
+        {TIP: channel},
+        {TIP: channel},
+        tuple(f"q{i}" for i in range(len(mass))),
     )

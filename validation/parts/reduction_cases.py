@@ -101,7 +101,7 @@ def check_static_exactness(comm: MPI.Comm) -> list[ValidationRow]:
         element = _reduce(component, mesh, count, comm)
         if not exact.any():
             centers = {
-                name: element.frames[element.attachments[name].node].origin
+                name: element.frames[element.interface_maps[name].node].origin
                 for name in ("foot", "head")
             }
             exact = fixed_compliance(rigid_face_matrices(mesh, STEEL, centers))
@@ -110,7 +110,10 @@ def check_static_exactness(comm: MPI.Comm) -> list[ValidationRow]:
         worst = float(np.abs((found - exact) / scale).max())
         rows.append(
             judge_bound(
-                case, f"{element.modal_count} modes: compliance of the head, foot fixed", worst, 1e-8
+                case,
+                f"{element.modal_count} modes: compliance of the head, foot fixed",
+                worst,
+                1e-8,
             )
         )
     return rows
@@ -124,7 +127,7 @@ def check_mode_truncation(comm: MPI.Comm) -> list[ValidationRow]:
     component, mesh = _column("rigid", FINE, comm)
     element = _reduce(component, mesh, MOST_MODES, comm)
     centers = {
-        name: element.frames[element.attachments[name].node].origin for name in ("foot", "head")
+        name: element.frames[element.interface_maps[name].node].origin for name in ("foot", "head")
     }
     whole = lowest_frequencies(rigid_face_matrices(mesh, STEEL, centers), RIGID + WATCHED)[RIGID:]
     # fewer than four modes leave fewer than ten elastic frequencies: an endless error

@@ -61,7 +61,7 @@ TO_HZ = 800.0
 FREQUENCIES = np.array([0.0, 10.0, 100.0, 128.0, 250.0, 326.0, 600.0, 779.0, 800.0, 1000.0, 1200.0])
 LOSS_FACTOR = 0.04
 RESPONSE_TOLERANCE = 1e-2
-PORTS = tuple(("tip", dof) for dof in DIRECTIONS)
+CHANNELS = tuple(("tip", dof) for dof in DIRECTIONS)
 ROD_ELEMENTS, STEPS_PER_PERIOD, PERIODS = 100, 1000, 3
 # A triangle's corner is made of all its waves: N right modes with the static compliance of the
 # others lack 2 / (pi^2 N) of the static displacement there, and what a mesh carries beyond its
@@ -101,7 +101,7 @@ def check_column_response(comm: MPI.Comm) -> list[ValidationRow]:
     whole model.
     """
     system, whole = column_models(comm)
-    found = solve_frf(system, FREQUENCIES, inputs=PORTS, outputs=PORTS).receptance
+    found = solve_frf(system, FREQUENCIES, inputs=CHANNELS, outputs=CHANNELS).receptance
     rows: list[ValidationRow] = []
     for hz, value in zip(FREQUENCIES, found, strict=True):
         right = direct_response(whole, hz)

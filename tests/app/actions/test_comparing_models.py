@@ -125,14 +125,14 @@ def test_the_elastic_column_has_the_numbers_of_a_run(scene: Path) -> None:
         assert np.abs(np.subtract(variant["static"]["tcp"][key], point[key])).max() < 1e-12 * scale
     direct = [entry for entry in variant["frf"] if entry["output"] == entry["input"]]
     assert len(direct) == len(response["drive_points"]) == 3
-    for entry, port in zip(direct, response["drive_points"], strict=True):
+    for entry, channel in zip(direct, response["drive_points"], strict=True):
         assert entry["most_negative_real"] * 1e9 == pytest.approx(
-            port["most_negative_real_um_per_kN"], rel=1e-12
+            channel["most_negative_real_um_per_kN"], rel=1e-12
         )
         assert 1e-6 / entry["peak"] == pytest.approx(
-            port["minimum_dynamic_stiffness_N_per_um"], rel=1e-12
+            channel["minimum_dynamic_stiffness_N_per_um"], rel=1e-12
         )
-        assert entry["peak_mode"] == port["minimum_dynamic_stiffness_mode"]
+        assert entry["peak_mode"] == channel["minimum_dynamic_stiffness_mode"]
 
 
 def test_the_difference_of_responses_is_that_of_the_files_of_two_runs(scene: Path) -> None:
@@ -309,8 +309,8 @@ def test_where_there_is_nothing_to_compare_the_remedy_is_named(
     given = scene if path is None else MACHINES / path
     out = scene.parent / "none"
     assert main(["compare", str(given), "-o", str(out), *arguments]) == 2
-    told = capsys.readouterr().err
-    assert "nothing to compare" in told and message in told and not out.exists()
+    reported = capsys.readouterr().err
+    assert "nothing to compare" in reported and message in reported and not out.exists()
 
 
 def test_a_scene_with_variants_compares_them_until_fidelities_are_asked_for(scene: Path) -> None:
@@ -325,10 +325,10 @@ def test_a_scene_with_variants_compares_them_until_fidelities_are_asked_for(scen
     assert set(asked["verdicts"]) == {"thick rigid"}
     # what is missing is what these columns lack, not the scene as written
     assert asked["not_compared"] == [] and asked["variants"]["thick rigid"]["frf"]
-    (told,) = compare(scene, "--variants", "as written", "--fidelity", "rigid,segmented")[
+    (reported,) = compare(scene, "--variants", "as written", "--fidelity", "rigid,segmented")[
         "not_compared"
     ]
-    assert 'inputs = ["tcp"]' in told
+    assert 'inputs = ["tcp"]' in reported
 
 
 def test_seconds_say_whether_the_components_came_from_the_store(

@@ -244,10 +244,10 @@ def test_colour_bars_of_a_sweep_hold_whole_numbers_not_offsets(figures: list[Fig
 
 
 def make_curves(pose: str, factor: float, spacing: str = "log") -> ResponseCurves:
-    ports = (("tcp", "x"),)
+    channels = (("tcp", "x"),)
     frequencies = np.geomspace(20.0, 200.0, 30)
     values = (factor * 1e-7 / (1.0 - (frequencies / 90.0) ** 2 + 0.1j))[:, None, None]
-    return ResponseCurves(pose, ports, ports, frequencies, values, "receptance", spacing)  # type: ignore[arg-type]
+    return ResponseCurves(pose, channels, channels, frequencies, values, "receptance", spacing)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

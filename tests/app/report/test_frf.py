@@ -22,7 +22,7 @@ from headstock.pipeline.results.files import read_curves, read_summary, read_vie
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.solvers.second_order import ComplexArray
 
-PORTS = (("tcp", "x"), ("<b>", "rx"))
+CHANNELS = (("tcp", "x"), ("<b>", "rx"))
 SCENE = """
 name = "Two bodies"
 [materials.steel]
@@ -70,7 +70,7 @@ def curves_with_a_gap() -> ResponseCurves:
     frequencies = np.linspace(0.0, 100.0, 11, dtype=np.float64)
     values: ComplexArray = 1e-6 * np.exp(-0.1j * frequencies)[:, None, None] * np.ones((1, 2, 2))
     values[0], values[5] = 1e-6, np.nan
-    return ResponseCurves("reference", PORTS, PORTS, frequencies, values)
+    return ResponseCurves("reference", CHANNELS, CHANNELS, frequencies, values)
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_summary_table_and_file_hold_the_same_response(run_folder: Path) -> None
     assert response["method"] == "poles" and response["damped"]
     assert response["outputs"] == [["tcp", "x"], ["tcp", "y"], ["tcp", "z"], ["head.seat", "rx"]]
     assert (
-        [port["dof"] for port in response["drive_points"]]
+        [channel["dof"] for channel in response["drive_points"]]
         == response["inputs"]
         == [["tcp", d] for d in "xyz"]
     )
@@ -104,9 +104,9 @@ def test_summary_table_and_file_hold_the_same_response(run_folder: Path) -> None
     assert 1e9 * curves.receptance[0, 0, 0].real == pytest.approx(
         response["drive_points"][0]["static_um_per_kN"], rel=1e-12
     )
-    softest = 1e-6 / np.abs(curves.receptance[:, 1, 1]).max()
+    most_compliant = 1e-6 / np.abs(curves.receptance[:, 1, 1]).max()
     assert response["drive_points"][1]["minimum_dynamic_stiffness_N_per_um"] == pytest.approx(
-        softest, rel=1e-4
+        most_compliant, rel=1e-4
     )
 
 

@@ -13,18 +13,26 @@ from headstock.pipeline.results.path import PathCurves
 from headstock.solvers.paths.response import PathDeviation
 from headstock.solvers.paths.set_points import Ramp, SetPoint, sample_move
 
-PORTS = (("tcp", "z"), ("tcp", "rx"))
+CHANNELS = (("tcp", "z"), ("tcp", "rx"))
 
 
 def make_curves(feed: float) -> PathCurves:
     move = SetPoint(0.08, feed, Ramp("linear", 0.1))
     times = np.arange(0.0, move.duration + 0.3, 4e-4, dtype=np.float64)
     motion = sample_move(move, times)
-    follows = np.column_stack([-3e-7 * motion.accelerations, 1e-7 * motion.accelerations])
+    quasi_static = np.column_stack([-3e-7 * motion.accelerations, 1e-7 * motion.accelerations])
     rings = 1e-7 * np.column_stack([np.sin(500.0 * times), np.cos(500.0 * times)])
-    deviation = PathDeviation(times, follows + rings, follows, np.zeros_like(follows), rings)
+    deviation = PathDeviation(
+        times, quasi_static + rings, quasi_static, np.zeros_like(quasi_static), rings
+    )
     return PathCurves(
-        feed, move.zones, PORTS, deviation, follows + rings, motion.positions, motion.accelerations
+        feed,
+        move.zones,
+        CHANNELS,
+        deviation,
+        quasi_static + rings,
+        motion.positions,
+        motion.accelerations,
     )
 
 

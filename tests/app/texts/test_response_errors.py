@@ -13,7 +13,7 @@ from headstock.app.texts.tables import encode_csv, tabulate_response
 from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION
 from headstock.pipeline.results.frf import PoseResponse, ResponseCurves, fill_curves, parse_curves
 
-PORT = ("tcp", "x")
+CHANNEL = ("tcp", "x")
 HZ = np.array([0.0, 10.0, 20.0])
 RESPONSE = np.array([2.0, -4.0 + 3.0j, 1.0])[:, None, None]
 MESH, MODES = np.array([0.2, 1.0, 0.1])[:, None, None], np.array([0.0, 0.5, np.nan])[:, None, None]
@@ -23,7 +23,7 @@ MESH, MODES = np.array([0.2, 1.0, 0.1])[:, None, None], np.array([0.0, 0.5, np.n
 def curves() -> ResponseCurves:
     shares = {DISCRETISATION: MESH, REDUCTION: MODES}
     return ResponseCurves(
-        "reference", (PORT,), (PORT,), HZ, RESPONSE, motion="mobility", error_share=shares
+        "reference", (CHANNEL,), (CHANNEL,), HZ, RESPONSE, motion="mobility", error_share=shares
     )
 
 

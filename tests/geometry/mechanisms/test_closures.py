@@ -18,11 +18,11 @@ from headstock.geometry.mechanisms.closures import (
 from headstock.geometry.mechanisms.exechon import ExechonDimensions, exechon_mechanism
 from headstock.geometry.mechanisms.kinematics import mark_bias, place_marks
 from headstock.geometry.mechanisms.mechanism import (
-    Alignment,
-    Balance,
+    OrientationConstraint,
+    CoordinateConstraint,
     Mark,
     Mechanism,
-    Meeting,
+    PointConstraint,
     shift,
     turn,
 )
@@ -154,9 +154,9 @@ def test_loops_that_cannot_close_end_with_a_name() -> None:
 
 @pytest.mark.parametrize(("change", "message"), [
     ({"driven": ("nothing",)}, "different ones of the chains"),
-    ({"closures": (Balance({"x": 1.0, "who": 1.0}),)}, "names who"),
-    ({"closures": (Meeting("end", "somewhere"),)}, "names somewhere"),
-    ({"closures": (Alignment("end", "end", ("x",)), Meeting("end", "end", frame="off"))}, "names off"),
+    ({"closures": (CoordinateConstraint({"x": 1.0, "who": 1.0}),)}, "names who"),
+    ({"closures": (PointConstraint("end", "somewhere"),)}, "names somewhere"),
+    ({"closures": (OrientationConstraint("end", "end", ("x",)), PointConstraint("end", "end", frame="off"))}, "names off"),
     ({"chains": ((shift("x", "x"), Mark("end"), Mark("end")),)}, "named twice"),
 ])  # fmt: skip
 def test_a_mechanism_with_a_wrong_name_is_refused(change: dict[str, Any], message: str) -> None:

@@ -297,9 +297,9 @@ def test_a_surface_that_cannot_be_thinned_out_stays_whole_and_says_why(
     points = np.vstack([box.points, box.points + np.array([1.0, 1.0, 0.0])])
     points, numbers = np.unique(np.round(points, 12), axis=0, return_inverse=True)
     corners = numbers.ravel()[np.vstack([inner, twin[inner]])]
-    twins = Skin(points, corners, sharp_edges(points, corners), "mesh")
+    equals = Skin(points, corners, sharp_edges(points, corners), "mesh")
     with_reasons = {
-        "more than two triangles": thin_skin(twins, largest=200),
+        "more than two triangles": thin_skin(equals, largest=200),
         "another shape": thin_skin(tube(120, 12, wall=5e-4), largest=300),
     }
     monkeypatch.setitem(sys.modules, skins.REDUCER, None)

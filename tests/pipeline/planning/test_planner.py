@@ -93,11 +93,11 @@ def test_equal_parts_are_surveyed_once_and_whoever_waits_is_told() -> None:
     tube = Tube(0.1, 0.06, 0.2)
     left, right, longer = (make_component(name, solid=tube) for name in ("left", "right", "longer"))
     longer = dataclasses.replace(longer, solid=dataclasses.replace(tube, length=0.3))
-    told: list[str] = []
+    reported: list[str] = []
     plan = plan_scene(
-        make_scene(left, right, longer, modal=SIX), survey=True, before_survey=told.append
+        make_scene(left, right, longer, modal=SIX), survey=True, before_survey=reported.append
     )
-    assert told == ["left", "longer"]
+    assert reported == ["left", "longer"]
     dofs = {stage.component: stage.estimated_dofs for stage in plan.stages if stage.kind == "mesh"}
     assert dofs["left"] == dofs["right"]
     assert (dofs["longer"] or 0) > 1.2 * (dofs["left"] or 0)

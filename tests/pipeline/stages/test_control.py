@@ -150,8 +150,8 @@ def test_a_positive_set_point_moves_the_axis_in_its_positive_direction_however_t
             )
             travel = solve_modal(released.system).shapes[:, 0]
             moved = [
-                released.system.outputs[port] @ travel
-                for port in (("tcp", "x"), ("X", "motor"), ("X", "scale"))
+                released.system.outputs[channel] @ travel
+                for channel in (("tcp", "x"), ("X", "motor"), ("X", "scale"))
             ]
             np.testing.assert_allclose(moved, moved[0], rtol=1e-9)
 
@@ -292,11 +292,13 @@ def test_a_path_under_control_lags_and_says_whose_drives_it_used(tmp_path: Path)
     (found,) = find_answers(results.answers, PathResult)
     assert found.drives == ("X",)
     curves = [run.curves for run in found.runs]
-    along = [port for port in curves[0].outputs if port[1] == "x"]
+    along = [channel for channel in curves[0].outputs if channel[1] == "x"]
     column = curves[0].outputs.index(along[0])
-    slow, fast = (float(np.abs(curve.deviation.total[:, column]).max()) for curve in curves)
-    assert slow == pytest.approx(0.01 / 50.0, rel=1e-2)
-    assert fast == pytest.approx(5.0 * slow, rel=1e-2)
+    low_frequency, fast = (
+        float(np.abs(curve.deviation.total[:, column]).max()) for curve in curves
+    )
+    assert low_frequency == pytest.approx(0.01 / 50.0, rel=1e-2)
+    assert fast == pytest.approx(5.0 * low_frequency, rel=1e-2)
 
 
 def test_a_path_with_friction_balances_its_energy(tmp_path: Path) -> None:

@@ -72,15 +72,15 @@ def test_a_set_that_a_mesh_file_lacks_is_told_with_its_line_and_the_sets_there_a
 ) -> None:
     path = write_scene(tmp_path, name, foot="set:fot", tip="set:tips")
     assert run_guarded(lambda: check_scene(path, None, (), None), debug=False) == BAD_INPUT
-    told = capsys.readouterr().err
+    reported = capsys.readouterr().err
     for line, key, wrong in (
         (12, "components.part.interfaces.foot.patches[1].face", "fot"),
         (15, "components.part.interfaces.tip.face", "tips"),
     ):
-        assert f"{path}:{line}: {key}\n" in told
-        assert f"there is no set '{wrong}'; available: x-, x+, y-, y+, z-, z+, set:" in told
-    assert "set:foot" in told
-    assert "set:tip\n" in told or "set:tip, " in told
+        assert f"{path}:{line}: {key}\n" in reported
+        assert f"there is no set '{wrong}'; available: x-, x+, y-, y+, z-, z+, set:" in reported
+    assert "set:foot" in reported
+    assert "set:tip\n" in reported or "set:tip, " in reported
 
 
 def test_a_run_tells_the_same_and_ends_as_bad_input(
@@ -93,9 +93,9 @@ def test_a_run_tells_the_same_and_ends_as_bad_input(
         return 0
 
     assert run_guarded(action, debug=False) == BAD_INPUT
-    told = capsys.readouterr().err
-    assert f"{path}:12: components.part.interfaces.foot.patches[1].face\n" in told
-    assert "there is no set 'fot'; available: x-" in told
+    reported = capsys.readouterr().err
+    assert f"{path}:12: components.part.interfaces.foot.patches[1].face\n" in reported
+    assert "there is no set 'fot'; available: x-" in reported
     with pytest.raises(hs.SceneError, match="there is no set 'fot'; available: x-"):
         hs.check(path)
 

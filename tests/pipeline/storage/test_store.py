@@ -38,7 +38,7 @@ from headstock.pipeline.storage.store import (
     write_entry,
 )
 from headstock.pipeline.storage.superelements import read_superelement, write_superelement
-from headstock.reduction.superelement import Attachment, Recovery, StaticLoad, Superelement
+from headstock.reduction.superelement import InterfaceMap, Recovery, StaticLoad, Superelement
 
 KEY = "ab" + 62 * "0"
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
@@ -80,7 +80,10 @@ def make_superelement() -> Superelement:
             ("mode", "2"),
         ),
         frames=(Frame(np.array([1.0, 2.0, 3.0]), rotation_about(np.array([1.0, 1, 0]), 0.3)),),
-        attachments={"foot": Attachment(0, Frame()), "tip/upper": Attachment(0, Frame(np.ones(3)))},
+        interface_maps={
+            "foot": InterfaceMap(0, Frame()),
+            "tip/upper": InterfaceMap(0, Frame(np.ones(3))),
+        },
         stiffness=stiffness + stiffness.T,
         mass=np.eye(8),
         recovery=Recovery(
@@ -332,7 +335,7 @@ def test_a_superelement_file_comes_back_as_it_went_in(tmp_path: Path) -> None:
     [
         ({"mass": np.eye(7)}, "mass has shape"),
         ({"stiffness": np.full((8, 8), np.nan)}, "not finite"),
-        ({"attachments": {"foot": Attachment(3, Frame())}}, "sits on node 3"),
+        ({"attachments": {"foot": InterfaceMap(3, Frame())}}, "sits on node 3"),
         ({"loads": {"push": StaticLoad(np.zeros(3))}}, "loads/push"),
     ],
 )

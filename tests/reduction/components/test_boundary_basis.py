@@ -38,9 +38,9 @@ def test_a_support_fixes_its_directions_alone(mesh: ComponentMesh) -> None:
 def test_rigid_patches_come_first_and_every_interface_keeps_its_name(mesh: ComponentMesh) -> None:
     basis = build_boundary_basis(make_component({"tip": "average", "foot": "rigid"}), mesh, ())
     assert [node.name for node in basis.nodes] == ["foot", "tip"]
-    assert basis.attachments["tip"].node == 1
+    assert basis.interface_maps["tip"].node == 1
     np.testing.assert_allclose(
-        basis.attachments["tip"].frame.origin, [SIZE[0] / 2, SIZE[1] / 2, SIZE[2]], rtol=1e-12
+        basis.interface_maps["tip"].frame.origin, [SIZE[0] / 2, SIZE[1] / 2, SIZE[2]], rtol=1e-12
     )
 
 

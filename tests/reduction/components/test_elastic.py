@@ -81,7 +81,7 @@ def test_half_a_body_on_its_symmetry_plane_is_the_symmetric_half_of_the_whole() 
         """
         motions = np.zeros((12, 2))
         for name, sign in (("foot", -1.0), ("tip", 1.0)):
-            node = element.attachments[name].node
+            node = element.interface_maps[name].node
             assert element.frames[node].origin[0] == pytest.approx(middle)
             motions[6 * node + 2, 0] = motions[6 * node + 3, 1] = sign
         return motions.T @ element.stiffness @ motions
@@ -135,7 +135,7 @@ def test_recovery_shows_every_interface_its_own_motion(mesh: ComponentMesh) -> N
     element = reduce_elastic(
         make_component({"foot": "rigid", "tip": "rigid"}), mesh, comm=COMM, request=SIX
     )
-    node = element.attachments["tip"].node
+    node = element.interface_maps["tip"].node
     moved = (present(element.recovery).basis[:, 6 * node + 2]).reshape(-1, 3)
     tip, foot = mesh.points[:, 2] > SIZE[2] - 1e-9, mesh.points[:, 2] < 1e-9
     np.testing.assert_allclose(moved[tip], np.tile([0.0, 0.0, 1.0], (tip.sum(), 1)), atol=1e-12)

@@ -56,8 +56,8 @@ def test_a_stated_mass_scales_the_inertia_too() -> None:
 
 def test_interfaces_sit_at_their_centroids_on_the_one_node() -> None:
     part = reduce_rigid(COMPONENT, PROPERTIES)
-    assert part.attachments["top"].node == 0
-    np.testing.assert_array_equal(part.attachments["top"].frame.origin, TOP)
+    assert part.interface_maps["top"].node == 0
+    np.testing.assert_array_equal(part.interface_maps["top"].frame.origin, TOP)
 
 
 def test_body_loads_and_tractions_act_in_machine_axes_with_their_moments() -> None:

@@ -82,10 +82,10 @@ def cantilever(component: Component) -> CoupledMachine:
 
 
 def compliance(coupled: CoupledMachine) -> FloatArray:
-    ports = np.column_stack(
+    channels = np.column_stack(
         [coupled.system.inputs["tcp", dof] for dof in ("x", "y", "z", "rx", "ry", "rz")]
     )
-    return np.asarray(ports.T @ solve_static(coupled.system, ports).displacements)
+    return np.asarray(channels.T @ solve_static(coupled.system, channels).displacements)
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 17])

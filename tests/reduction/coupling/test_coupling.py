@@ -249,8 +249,8 @@ def test_gravity_sags_a_block_by_weight_over_stiffness_and_a_force_load_acts_in_
         gravity=np.array([0.0, 0.0, -9.81]),
     )
     row = coupled.system.outputs["block.c0", "z"]
-    sag = row @ solve_static(coupled.system, coupled.loads["gravity"]).displacements
-    assert sag == pytest.approx(-230.0 * 9.81 / (4 * 1.8e4), rel=1e-12)
+    gravity_deflection = row @ solve_static(coupled.system, coupled.loads["gravity"]).displacements
+    assert gravity_deflection == pytest.approx(-230.0 * 9.81 / (4 * 1.8e4), rel=1e-12)
     np.testing.assert_allclose(
         coupled.loads["push"], 100.0 * coupled.system.inputs["block.c0", "x"], rtol=1e-14
     )
@@ -327,7 +327,7 @@ def test_a_body_on_springs_far_softer_than_itself_keeps_their_digits(stiffness: 
         compliance, arm @ arm.T / stiffness, rtol=2e-6 * max(stiffness, 1.0), atol=1e-9 / stiffness
     )
     element = body[1]
-    motions = rigid_motions(element, element.frames[element.attachments["foot"].node].origin)
+    motions = rigid_motions(element, element.frames[element.interface_maps["foot"].node].origin)
     mass = motions.T @ element.mass @ motions
     rigid = np.sqrt(stiffness * scipy.linalg.eigvalsh(np.eye(6), mass)) / (2.0 * np.pi)
     np.testing.assert_allclose(

@@ -41,6 +41,6 @@ def test_every_matrix_is_that_of_a_coupling_without_a_memo(fixed: bool) -> None:
         assert set(quick.system.inputs) == {
             ("tcp", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")
         }
-        for port, row in quick.system.inputs.items():
-            assert np.array_equal(row, plain.system.inputs[port])
+        for channel, row in quick.system.inputs.items():
+            assert np.array_equal(row, plain.system.inputs[channel])
         assert quick.system.labels == plain.system.labels

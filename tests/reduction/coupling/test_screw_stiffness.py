@@ -71,8 +71,8 @@ def axial_compliance(parts: dict[str, Superelement], machine: Machine, place: fl
     near bearing [m].
     """
     system = couple(parts, machine, Pose("p", {"X": place - 0.1})).system
-    ports = np.column_stack([system.inputs[point, "x"] for point in ("tcp", "near")])
-    return np.asarray(ports.T @ solve_static(system, ports).displacements)
+    channels = np.column_stack([system.inputs[point, "x"] for point in ("tcp", "near")])
+    return np.asarray(channels.T @ solve_static(system, channels).displacements)
 
 
 @pytest.mark.parametrize("place", [0.05, 0.3, 0.85])
@@ -162,9 +162,9 @@ def test_a_turned_machine_has_the_same_screw() -> None:
     parts, machine = screw_machine(FIXED_AT_BOTH_ENDS)
     frame = Frame(np.array([0.3, 1.0, -2.0]), rotation_about(np.array([1.0, -2.0, 0.4]), 0.7))
     system = couple(parts, orient_machine(machine, frame), Pose("p", {"X": 0.25})).system
-    ports = np.column_stack([system.inputs["tcp", dof] for dof in "xyz"])
+    channels = np.column_stack([system.inputs["tcp", dof] for dof in "xyz"])
     along = frame.rotation[:, 0]
-    found = along @ (ports.T @ solve_static(system, ports).displacements) @ along
+    found = along @ (channels.T @ solve_static(system, channels).displacements) @ along
     assert found == pytest.approx(axial_compliance(parts, machine, 0.35)[0, 0], rel=1e-9)
 
 

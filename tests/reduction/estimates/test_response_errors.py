@@ -29,7 +29,7 @@ from headstock.validation.machines.estimate_cases import (
     unreduced,
 )
 from headstock.validation.machines.monolithic_machines import monolithic_frequencies
-from headstock.validation.machines.response_estimate_cases import LINES, PORTS, compare_responses
+from headstock.validation.machines.response_estimate_cases import LINES, CHANNELS, compare_responses
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +57,10 @@ def respond(
     coupled = couple(parts, specimen.machine, specimen.pose)
     modes = solve_modal(coupled.system)
     system = dataclasses.replace(coupled.system, damping=None)
-    ports = (input_columns(system, PORTS), output_rows(system, PORTS))
-    space = project_response(system, ErrorSources(truncated_parts(coupled)), modes, ports, max(hz))
+    channels = (input_columns(system, CHANNELS), output_rows(system, CHANNELS))
+    space = project_response(
+        system, ErrorSources(truncated_parts(coupled)), modes, channels, max(hz)
+    )
     return coupled, bound_response_errors(space, np.array(hz))
 
 

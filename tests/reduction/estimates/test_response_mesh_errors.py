@@ -38,7 +38,7 @@ from headstock.solvers.second_order import SecondOrderSystem, input_columns, out
 
 SIZE = (0.04, 0.1, 0.4)
 LOSS = 0.03
-PORTS = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
+CHANNELS = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
 FINE = ("hex27", (3, 8, 26))
 COARSE = [("hex27", (1, 2, 3)), ("hex27", (1, 3, 8)), ("tet10", (1, 2, 6)), ("hex8", (2, 4, 12))]
 
@@ -81,7 +81,11 @@ def judged(
     sources = ErrorSources(meshed=meshed_parts(coupled), loss_factors={"body": LOSS})
     modes = solve_modal(coupled.system)
     return system, project_response(
-        system, sources, modes, (input_columns(system, PORTS), output_rows(system, PORTS)), max(hz)
+        system,
+        sources,
+        modes,
+        (input_columns(system, CHANNELS), output_rows(system, CHANNELS)),
+        max(hz),
     )
 
 
@@ -100,8 +104,8 @@ def test_a_softened_response_is_that_of_the_whole_machine_less_the_missing_energ
         stiffness=system.stiffness - missing,
         hysteretic=present(system.hysteretic) - LOSS * missing,
     )
-    whole = solve_frf(softer, lines, inputs=PORTS, outputs=PORTS).receptance
-    plain = solve_frf(system, lines, inputs=PORTS, outputs=PORTS).receptance
+    whole = solve_frf(softer, lines, inputs=CHANNELS, outputs=CHANNELS).receptance
+    plain = solve_frf(system, lines, inputs=CHANNELS, outputs=CHANNELS).receptance
     np.testing.assert_allclose(
         soften_response(space, lines), whole, atol=2e-2 * np.abs(whole - plain).max()
     )
@@ -149,12 +153,12 @@ def test_estimates_are_within_a_factor_of_three_and_rank_lines_and_meshes_as_the
     lines = np.array(
         [0.0, 0.5 * first, first, 1.02 * first, 0.5 * (first + second), second, 3.0 * second]
     )
-    right = solve_frf(judged(exact, lines)[0], lines, inputs=PORTS, outputs=PORTS).receptance
+    right = solve_frf(judged(exact, lines)[0], lines, inputs=CHANNELS, outputs=CHANNELS).receptance
     sizes = np.abs(right).max(axis=(1, 2))[:, None]
     true, found = [], []
     for kind, counts in COARSE:
         system, space = judged(column(kind, counts), lines)
-        plain = solve_frf(system, lines, inputs=PORTS, outputs=PORTS).receptance
+        plain = solve_frf(system, lines, inputs=CHANNELS, outputs=CHANNELS).receptance
         true.append(np.abs(np.diagonal(plain - right, axis1=1, axis2=2)) / sizes)
         found.append(
             np.abs(np.diagonal(present(bound_response_errors(space, lines).mesh), axis1=1, axis2=2))
@@ -182,13 +186,13 @@ def test_a_peak_that_passes_over_a_line_is_in_its_error(
     system = dataclasses.replace(
         coupled.system, damping=None, hysteretic=loss * coupled.system.stiffness
     )
-    ports = (input_columns(system, PORTS), output_rows(system, PORTS))
+    channels = (input_columns(system, CHANNELS), output_rows(system, CHANNELS))
     space = project_response(
-        system, ErrorSources(meshed=parts, loss_factors={"body": loss}), modes, ports, first
+        system, ErrorSources(meshed=parts, loss_factors={"body": loss}), modes, channels, first
     )
     errors = bound_response_errors(space, lines)
     row = int(np.argmax(present(errors.mesh_sizes)[0].diagonal()))
-    plain = solve_frf(system, lines, inputs=PORTS, outputs=PORTS).receptance
+    plain = solve_frf(system, lines, inputs=CHANNELS, outputs=CHANNELS).receptance
     missing = parts["body"].rows.T @ parts["body"].energy @ parts["body"].rows
     passing = []
     for share in np.linspace(0.4, 0.6, 41):
@@ -199,7 +203,7 @@ def test_a_peak_that_passes_over_a_line_is_in_its_error(
         moved = dataclasses.replace(system, stiffness=stiffness, hysteretic=hysteretic)
         passing.append(
             abs(
-                (solve_frf(moved, lines, inputs=PORTS, outputs=PORTS).receptance - plain)[
+                (solve_frf(moved, lines, inputs=CHANNELS, outputs=CHANNELS).receptance - plain)[
                     0, row, row
                 ]
             )
@@ -221,12 +225,12 @@ def test_a_line_is_off_by_the_largest_change_anywhere_on_the_way_to_finer_meshes
     system = dataclasses.replace(
         coupled.system, damping=None, hysteretic=LOSS * coupled.system.stiffness
     )
-    ports = input_columns(system, PORTS), output_rows(system, PORTS)
+    channels = input_columns(system, CHANNELS), output_rows(system, CHANNELS)
     space = project_response(
         system,
         ErrorSources({}, coarse, {"body": LOSS}),
         solve_modal(coupled.system),
-        ports,
+        channels,
         max(lines),
     )
     found = bound_response_errors(space, lines)

@@ -88,11 +88,13 @@ def test_what_is_faster_than_the_steps_is_told() -> None:
         np.arange(0.0, 1.0, 1e-5, dtype=np.float64),
         np.arange(0.01, 0.99, 1e-3, dtype=np.float64),
     )
-    slow = np.stack([np.sin(40.0 * fine), np.zeros_like(fine), np.cos(30.0 * fine)], axis=-1)
+    low_frequency = np.stack(
+        [np.sin(40.0 * fine), np.zeros_like(fine), np.cos(30.0 * fine)], axis=-1
+    )
     fast = np.stack(
         [np.zeros_like(fine), np.sin(2.0 * np.pi * 3300.0 * fine), np.zeros_like(fine)], axis=-1
     )
-    assert resampling_loss(ForceRecord(fine, slow), steps) < 1e-3
+    assert resampling_loss(ForceRecord(fine, low_frequency), steps) < 1e-3
     # equal parts of what the steps hold and of what they do not
-    mixed = resampling_loss(ForceRecord(fine, slow + np.sqrt(2.0) * fast), steps)
+    mixed = resampling_loss(ForceRecord(fine, low_frequency + np.sqrt(2.0) * fast), steps)
     assert mixed == pytest.approx(np.sqrt(0.5), rel=0.05)

@@ -13,7 +13,7 @@ from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.driven_motion import solve_motion
 from headstock.solvers.control.friction_loop import (
     friction_force,
-    friction_ports,
+    friction_channels,
     friction_slope,
     make_rubbing_loop,
 )
@@ -32,7 +32,7 @@ TIMES = np.linspace(0.0, 0.2, 201, dtype=np.float64)
 
 def loop_with(law: GuideFriction | None) -> ClosedLoop:
     system, train = make_drive(TwoMasses(), CONTROL, law)
-    return close_loops(system, [train], inputs=[LOAD, *friction_ports((train,))], outputs=[LOAD])
+    return close_loops(system, [train], inputs=[LOAD, *friction_channels((train,))], outputs=[LOAD])
 
 
 def push(instant: float) -> FloatArray:

@@ -26,7 +26,7 @@ from headstock.solvers.linear.frequency_response import (
 from headstock.solvers.linear.quadratic_pencils import state_eigenpairs
 from headstock.solvers.second_order import ComplexArray, Motion, SecondOrderSystem
 
-PORTS = (("a", "x"), ("b", "x"))
+CHANNELS = (("a", "x"), ("b", "x"))
 
 
 def make_system(
@@ -40,9 +40,9 @@ def make_system(
     factor = random.standard_normal((size, size))
     stiffness = 1e6 * (factor @ factor.T + 0.1 * np.eye(size))
     mass = np.diag(random.uniform(0.5, 5.0, size))
-    ports = {port: np.eye(size)[i] for i, port in enumerate(PORTS)}
+    channels = {channel: np.eye(size)[i] for i, channel in enumerate(CHANNELS)}
     return SecondOrderSystem(
-        mass, damping, stiffness, ports, ports, tuple(map(str, range(size))), hysteretic
+        mass, damping, stiffness, channels, channels, tuple(map(str, range(size))), hysteretic
     )
 
 
@@ -50,11 +50,11 @@ def make_oscillator(
     *, zeta: float = 0.0, eta: float = 0.0, hz: float = 80.0, mass: float = 3.0
 ) -> SecondOrderSystem:
     square = (2.0 * np.pi * hz) ** 2
-    port: dict[tuple[str, str], FloatArray] = {("a", "x"): np.ones(1)}
+    channel: dict[tuple[str, str], FloatArray] = {("a", "x"): np.ones(1)}
     damping = np.full((1, 1), 2.0 * zeta * mass * np.sqrt(square)) if zeta else None
     loss = np.full((1, 1), eta * mass * square) if eta else None
     return SecondOrderSystem(
-        np.eye(1) * mass, damping, np.eye(1) * mass * square, port, port, ("q",), loss
+        np.eye(1) * mass, damping, np.eye(1) * mass * square, channel, channel, ("q",), loss
     )
 
 
@@ -125,7 +125,7 @@ def test_few_dampers_cost_a_small_solve_per_frequency_and_the_answer_is_that_of_
     name: str,
 ) -> None:
     system = few_dampers()[name]
-    model = prepare_frf(system, inputs=PORTS[:1], outputs=PORTS)
+    model = prepare_frf(system, inputs=CHANNELS[:1], outputs=CHANNELS)
     undamped = np.linalg.eigvalsh(
         np.linalg.solve(np.diag(np.sqrt(np.diag(system.mass))), system.stiffness)
         / np.sqrt(np.diag(system.mass))
@@ -155,11 +155,11 @@ def test_a_mode_that_no_damper_reaches_is_singular_at_its_own_frequency_and_only
         grown[name] = alone.copy()
         grown[name][:60, :60] = matrix
         grown[name][60, 60] = grown[name][61, 61] = own
-    ports = {("a", "x"): np.eye(62)[0], ("alone", "x"): np.eye(62)[60]}
+    channels = {("a", "x"): np.eye(62)[0], ("alone", "x"): np.eye(62)[60]}
     whole = SecondOrderSystem(
-        inputs=ports, outputs=ports, labels=tuple(map(str, range(62))), **grown
+        inputs=channels, outputs=channels, labels=tuple(map(str, range(62))), **grown
     )
-    found = solve_frf(whole, np.array([55.0]), inputs=tuple(ports), outputs=tuple(ports))
+    found = solve_frf(whole, np.array([55.0]), inputs=tuple(channels), outputs=tuple(channels))
     assert found.method == "dampers"
     assert np.isnan(found.receptance[0]).tolist() == [[False, False], [False, True]]
 
@@ -171,8 +171,8 @@ def test_many_dampers_that_differ_take_the_sum_over_poles() -> None:
         solve_frf(
             dataclasses.replace(system, damping=damping),
             np.array([10.0]),
-            inputs=PORTS,
-            outputs=PORTS,
+            inputs=CHANNELS,
+            outputs=CHANNELS,
         ).method
         == "poles"
     )
@@ -180,7 +180,7 @@ def test_many_dampers_that_differ_take_the_sum_over_poles() -> None:
 
 def test_peaks_of_few_dampers_lie_within_a_fifth_of_their_width_of_the_poles() -> None:
     system = few_dampers()["dashpots"]
-    model = prepare_frf(system, inputs=PORTS[:1], outputs=PORTS)
+    model = prepare_frf(system, inputs=CHANNELS[:1], outputs=CHANNELS)
     expected = solve_damped(system).poles
     found = find_peaks(model, 60.0)
     inside = expected[np.abs(expected) < 2.0 * np.pi * 60.0]
@@ -193,7 +193,7 @@ def test_peaks_of_few_dampers_lie_within_a_fifth_of_their_width_of_the_poles() -
 def test_every_sum_equals_a_direct_solve_per_frequency(name: str) -> None:
     system, method = cases()[name]
     frequencies = np.linspace(3.0, 2000.0, 150, dtype=np.float64)
-    model = prepare_frf(system, inputs=PORTS, outputs=PORTS)
+    model = prepare_frf(system, inputs=CHANNELS, outputs=CHANNELS)
     found = evaluate_frf(model, frequencies)
     expected = model.direct.evaluate(2.0 * np.pi * frequencies)
     assert found.method == method
@@ -219,7 +219,7 @@ def test_an_unsymmetric_stiffness_takes_the_direct_road_and_is_not_symmetrised()
     skew = np.zeros((4, 4))
     skew[0, 1], skew[1, 0] = 3e5, -3e5
     system = dataclasses.replace(bare, stiffness=bare.stiffness + skew)
-    found = solve_frf(system, np.array([0.0, 100.0]), inputs=PORTS, outputs=PORTS)
+    found = solve_frf(system, np.array([0.0, 100.0]), inputs=CHANNELS, outputs=CHANNELS)
     assert found.method == "direct"
     for index, hz in enumerate((0.0, 100.0)):
         dynamic = system.stiffness - (2.0 * np.pi * hz) ** 2 * system.mass
@@ -234,7 +234,7 @@ def test_critical_damping_falls_back_to_direct_solves_or_stays_right() -> None:
     damping = np.array([[200.0, 50.0], [50.0, 200.0]])
     system = dataclasses.replace(bare, mass=mass, stiffness=stiffness, damping=damping)
     frequencies = np.linspace(1.0, 60.0, 30, dtype=np.float64)
-    found = solve_frf(system, frequencies, inputs=PORTS, outputs=PORTS).receptance
+    found = solve_frf(system, frequencies, inputs=CHANNELS, outputs=CHANNELS).receptance
     for hz, value in zip(frequencies, found, strict=True):
         omega = 2.0 * np.pi * hz
         np.testing.assert_allclose(
@@ -245,12 +245,12 @@ def test_critical_damping_falls_back_to_direct_solves_or_stays_right() -> None:
 def test_a_dashpot_on_a_dof_without_mass_takes_the_direct_road() -> None:
     mass, stiffness = np.diag([2.0, 0.0]), np.array([[3e4, -1e4], [-1e4, 1e4]])
     bare = dataclasses.replace(make_system(2), mass=mass, stiffness=stiffness)
-    undamped = solve_frf(bare, np.array([0.0, 7.0]), inputs=PORTS, outputs=PORTS)
+    undamped = solve_frf(bare, np.array([0.0, 7.0]), inputs=CHANNELS, outputs=CHANNELS)
     damped = solve_frf(
         dataclasses.replace(bare, damping=np.diag([0.0, 40.0])),
         np.array([7.0]),
-        inputs=PORTS,
-        outputs=PORTS,
+        inputs=CHANNELS,
+        outputs=CHANNELS,
     )
     assert (undamped.method, damped.method) == ("modal", "direct")
     np.testing.assert_allclose(undamped.receptance[0], np.linalg.inv(stiffness), rtol=1e-12)
@@ -265,9 +265,9 @@ def test_a_dashpot_on_a_dof_without_mass_takes_the_direct_road() -> None:
 def test_two_bodies_that_float_answer_elastically_between_them_and_rigidly_to_one_load() -> None:
     masses, spring = np.array([2.0, 6.0]), 5e6
     stiffness = spring * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    ports = {("a", "x"): np.array([1.0, 0.0]), ("gap", "x"): np.array([1.0, -1.0])}
-    system = SecondOrderSystem(np.diag(masses), None, stiffness, ports, ports, ("a", "b"))
-    found = solve_frf(system, np.array([0.0, 20.0]), inputs=list(ports), outputs=list(ports))
+    channels = {("a", "x"): np.array([1.0, 0.0]), ("gap", "x"): np.array([1.0, -1.0])}
+    system = SecondOrderSystem(np.diag(masses), None, stiffness, channels, channels, ("a", "b"))
+    found = solve_frf(system, np.array([0.0, 20.0]), inputs=list(channels), outputs=list(channels))
     assert found.free_body[0].tolist() == [[True, False], [False, False]]
     assert not found.free_body[1].any()
     omega = 40.0 * np.pi
@@ -279,11 +279,11 @@ def test_two_bodies_that_float_answer_elastically_between_them_and_rigidly_to_on
 
 
 def test_a_dashpot_alone_holds_a_body_at_every_frequency_but_zero() -> None:
-    port: dict[tuple[str, str], FloatArray] = {("a", "x"): np.ones(1)}
+    channel: dict[tuple[str, str], FloatArray] = {("a", "x"): np.ones(1)}
     system = SecondOrderSystem(
-        np.eye(1) * 4.0, np.eye(1) * 30.0, np.zeros((1, 1)), port, port, ("q",)
+        np.eye(1) * 4.0, np.eye(1) * 30.0, np.zeros((1, 1)), channel, channel, ("q",)
     )
-    found = solve_frf(system, np.array([0.0, 2.0]), inputs=list(port), outputs=list(port))
+    found = solve_frf(system, np.array([0.0, 2.0]), inputs=list(channel), outputs=list(channel))
     omega = 4.0 * np.pi
     assert found.free_body[0, 0, 0]
     assert found.receptance[1, 0, 0] == pytest.approx(
@@ -327,7 +327,7 @@ def test_equivalent_viscous_damping_takes_energy_out_of_every_motion() -> None:
 
 
 def test_the_grid_holds_the_even_points_and_the_top_of_every_peak() -> None:
-    model = prepare_frf(add_modal_damping(make_system(), [1e-4]), inputs=PORTS, outputs=PORTS)
+    model = prepare_frf(add_modal_damping(make_system(), [1e-4]), inputs=CHANNELS, outputs=CHANNELS)
     base = np.linspace(0.0, 1000.0, 101, dtype=np.float64)
     poles = model.form.poles()
     grid = refine_grid(base, poles)
@@ -364,12 +364,12 @@ def test_the_worst_real_part_and_the_softest_frequency_are_those_of_one_mass() -
 @pytest.mark.parametrize("hz", [np.nan, np.inf])
 def test_a_frequency_that_is_no_number_is_refused(hz: float) -> None:
     with pytest.raises(ModelError, match="not finite"):
-        solve_frf(make_system(), np.array([1.0, hz]), inputs=PORTS, outputs=PORTS)
+        solve_frf(make_system(), np.array([1.0, hz]), inputs=CHANNELS, outputs=CHANNELS)
 
 
 def test_an_unknown_port_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ModelError, match=r"no input 'c x'.*\['a', 'b'\]"):
-        solve_frf(make_system(), np.array([1.0]), inputs=[("c", "x")], outputs=PORTS)
+        solve_frf(make_system(), np.array([1.0]), inputs=[("c", "x")], outputs=CHANNELS)
 
 
 @pytest.mark.parametrize("ratios", [[], [-0.01], [np.nan]])
@@ -394,8 +394,8 @@ def test_peaks_of_few_dampers_are_the_poles_of_the_whole_state_matrix_from_small
             [[1.0, -1.0], [-1.0, 1.0]]
         )
     damping[0, 0] += 1.0
-    port = {("tip", "x"): np.eye(size)[-1]}
-    system = SecondOrderSystem(np.eye(size), damping, stiffness, port, port, ("q",) * size)
+    channel = {("tip", "x"): np.eye(size)[-1]}
+    system = SecondOrderSystem(np.eye(size), damping, stiffness, channel, channel, ("q",) * size)
     model = prepare_frf(system, inputs=[("tip", "x")], outputs=[("tip", "x")])
     solved: list[int] = []
     whole = state_eigenpairs

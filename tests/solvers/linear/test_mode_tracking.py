@@ -115,7 +115,7 @@ def test_a_grid_is_followed_around_the_line_on_which_modes_cross() -> None:
     )
     assert found.shape[1] == 4
     assert np.isfinite(found).all()
-    assert tracked.torn == 0
+    assert tracked.tracking_breaks == 0
     for column in range(4):
         curve = np.sqrt(levels[:, column]) / (2.0 * np.pi)
         assert np.abs(found - curve[:, None]).max(axis=0).min() < 1e-9

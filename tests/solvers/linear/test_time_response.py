@@ -14,13 +14,13 @@ from headstock.solvers.linear.state_space import to_state_space
 from headstock.solvers.linear.time_response import solve_time_response
 from headstock.solvers.second_order import SecondOrderSystem
 
-PORTS = (("a", "x"), ("b", "x"))
+CHANNELS = (("a", "x"), ("b", "x"))
 
 
 def make_system(size: int = 5, seed: int = 0) -> SecondOrderSystem:
     random = np.random.default_rng(seed)
     factor = random.standard_normal((size, size))
-    rows = {port: np.eye(size)[i] for i, port in enumerate(PORTS)}
+    rows = {channel: np.eye(size)[i] for i, channel in enumerate(CHANNELS)}
     stiffness = 1e4 * (factor @ factor.T + 0.1 * np.eye(size))
     return SecondOrderSystem(
         np.diag(random.uniform(0.5, 2.0, size)), None, stiffness, rows, rows, ("q",) * size
@@ -55,7 +55,7 @@ def test_every_step_agrees_with_radau(name: str, step: float) -> None:
     system = SYSTEMS[name]
     times = step * np.arange(6)
     loads = np.column_stack([np.sin(40.0 * times), np.where(times > 2.5 * step, 1.0, 0.3)])
-    space = to_state_space(system, inputs=PORTS, outputs=PORTS)
+    space = to_state_space(system, inputs=CHANNELS, outputs=CHANNELS)
     found = solve_time_response(space, loads, step).outputs
     state, expected = (
         np.zeros(len(space.a)),
@@ -75,17 +75,17 @@ def test_every_step_agrees_with_radau(name: str, step: float) -> None:
 @pytest.mark.parametrize("name", list(SYSTEMS))
 def test_the_state_space_has_the_frequency_response_of_the_system(name: str) -> None:
     frequencies = np.array([0.3, 7.0, 40.0, 200.0])
-    expected = solve_frf(SYSTEMS[name], frequencies, inputs=PORTS, outputs=PORTS).receptance
-    space = to_state_space(SYSTEMS[name], inputs=PORTS, outputs=PORTS)
+    expected = solve_frf(SYSTEMS[name], frequencies, inputs=CHANNELS, outputs=CHANNELS).receptance
+    space = to_state_space(SYSTEMS[name], inputs=CHANNELS, outputs=CHANNELS)
     np.testing.assert_allclose(
         space.respond(2.0 * np.pi * frequencies), expected, atol=1e-9 * np.abs(expected).max()
     )
-    assert (space.inputs, space.outputs) == (PORTS, PORTS)
+    assert (space.inputs, space.outputs) == (CHANNELS, CHANNELS)
     assert len(space.states) == len(space.a) == 10
 
 
 def test_modes_left_out_of_a_state_space_stay_in_it_statically() -> None:
-    space = to_state_space(SYSTEMS["modal"], inputs=PORTS, outputs=PORTS, up_to_hz=30.0)
+    space = to_state_space(SYSTEMS["modal"], inputs=CHANNELS, outputs=CHANNELS, up_to_hz=30.0)
     assert 2 <= len(space.a) < 10 and space.d.any()
     static = np.linalg.inv(SYSTEMS["modal"].stiffness)[:2, :2]
     np.testing.assert_allclose(
@@ -96,18 +96,20 @@ def test_modes_left_out_of_a_state_space_stay_in_it_statically() -> None:
 def test_structural_damping_decays_like_the_viscous_one_of_equal_loss() -> None:
     bare = make_system()
     lossy = to_state_space(
-        dataclasses.replace(bare, hysteretic=0.04 * bare.stiffness), inputs=PORTS, outputs=PORTS
+        dataclasses.replace(bare, hysteretic=0.04 * bare.stiffness),
+        inputs=CHANNELS,
+        outputs=CHANNELS,
     )
-    viscous = to_state_space(add_modal_damping(bare, [0.02]), inputs=PORTS, outputs=PORTS)
+    viscous = to_state_space(add_modal_damping(bare, [0.02]), inputs=CHANNELS, outputs=CHANNELS)
     np.testing.assert_allclose(lossy.a, viscous.a, atol=1e-8 * np.abs(viscous.a).max())
 
 
 def test_a_free_mass_falls_as_galileo_says() -> None:
-    port: dict[tuple[str, str], FloatArray] = {("a", "x"): np.ones(1)}
+    channel: dict[tuple[str, str], FloatArray] = {("a", "x"): np.ones(1)}
     space = to_state_space(
-        SecondOrderSystem(np.eye(1) * 2.0, None, np.zeros((1, 1)), port, port, ("q",)),
-        inputs=list(port),
-        outputs=list(port),
+        SecondOrderSystem(np.eye(1) * 2.0, None, np.zeros((1, 1)), channel, channel, ("q",)),
+        inputs=list(channel),
+        outputs=list(channel),
     )
     times = 0.1 * np.arange(50)
     found = solve_time_response(space, np.full((50, 1), 6.0), 0.1)
@@ -115,7 +117,7 @@ def test_a_free_mass_falls_as_galileo_says() -> None:
 
 
 def test_a_stretch_goes_on_from_the_final_state_of_the_one_before() -> None:
-    space = to_state_space(SYSTEMS["coupled"], inputs=PORTS, outputs=PORTS)
+    space = to_state_space(SYSTEMS["coupled"], inputs=CHANNELS, outputs=CHANNELS)
     loads = np.random.default_rng(4).standard_normal((40, 2))
     whole = solve_time_response(space, loads, 0.01)
     first = solve_time_response(space, loads[:20], 0.01)
@@ -125,6 +127,6 @@ def test_a_stretch_goes_on_from_the_final_state_of_the_one_before() -> None:
 
 @pytest.mark.parametrize(("step", "load"), [(0.0, 1.0), (-1.0, 1.0), (np.nan, 1.0), (0.1, np.inf)])
 def test_senseless_steps_and_loads_are_refused(step: float, load: float) -> None:
-    space = to_state_space(SYSTEMS["modal"], inputs=PORTS, outputs=PORTS)
+    space = to_state_space(SYSTEMS["modal"], inputs=CHANNELS, outputs=CHANNELS)
     with pytest.raises(ModelError):
         solve_time_response(space, np.full((3, 2), load), step)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.mechanism import Mark, Mechanism, Meeting, shift, turn
+from headstock.geometry.mechanisms.mechanism import Mark, Mechanism, PointConstraint, shift, turn
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
 from headstock.solvers.mechanisms.modes import (
@@ -32,7 +32,7 @@ def pendulum(stiffening: bool, sign: float) -> CompliantMechanism:
     # a second chain that closes a loop through a passive coordinate, so that closures take part
     other = (shift("x", "u"), shift("x", "v"), Mark("end"))
     mechanism = Mechanism(
-        "pendulum", (chain, other), (Meeting("bob", "end", ("x",)),), ("u",), ("d",)
+        "pendulum", (chain, other), (PointConstraint("bob", "end", ("x",)),), ("u",), ("d",)
     )
     springs = LumpedSprings(
         np.array([1.0 / SPRING]), np.zeros(1), np.zeros(1, dtype=np.intp), ("hinge",)
@@ -67,11 +67,11 @@ def test_it_is_the_slope_of_the_tripteors_own_gravity_forces() -> None:
     found = gravity_stiffness(model, states)
     assert np.abs(found - np.swapaxes(found, -1, -2)).max() < 1e-9 * np.abs(found).max()
 
-    def load(give: FloatArray) -> FloatArray:
+    def load(compliant: FloatArray) -> FloatArray:
         still = np.zeros((len(states), 5))
         driven = states[:, model.mechanism.driven_slice]
         state, kinematics = compose_state(
-            model.mechanism, driven, np.broadcast_to(give, (len(states), 6)), states
+            model.mechanism, driven, np.broadcast_to(compliant, (len(states), 6)), states
         )
         drive, rates = Drive(driven, still, still), np.zeros((len(states), 6))
         return partition_dynamics(

@@ -75,20 +75,24 @@ def test_all_steps_at_once_are_the_steps_one_by_one() -> None:
     motion, force = moving(200, 0.0)
     linear = march_linear(motion, motion.load + motion.tool_load(force))
     whole = refine_motion(model, drive, motion, force, linear)
-    stepped = [whole.give[0]]
+    stepped = [whole.compliant[0]]
     problem = PartitionedMotion(
         model, drive.at, lambda time: force[round(time / STEP)], drive.states[0]
     )
-    first = problem.start(0.0, whole.give[0], np.zeros(6))
+    first = problem.start(0.0, whole.compliant[0], np.zeros(6))
     assert np.abs(first.acceleration).max() < 1e-6
 
     def observe(state: MotionState) -> None:
         stepped.append(state.position)
 
     integrate_motion(problem, first, STEP, len(motion.times) - 1, observe=observe, tolerance=1e-14)
-    assert np.abs(np.array(stepped) - whole.give).max() < 1e-11
+    assert np.abs(np.array(stepped) - whole.compliant).max() < 1e-11
     # the linear model follows within a hundredth of the motion
-    assert 1e-9 < np.abs(linear.give - whole.give).max() < 0.02 * np.abs(whole.give).max()
+    assert (
+        1e-9
+        < np.abs(linear.compliant - whole.compliant).max()
+        < 0.02 * np.abs(whole.compliant).max()
+    )
 
 
 def test_a_slow_force_moves_the_tool_as_the_static_compliance_says() -> None:
@@ -97,8 +101,8 @@ def test_a_slow_force_moves_the_tool_as_the_static_compliance_says() -> None:
     ramp = 1.0 - np.cos(np.pi * np.minimum(motion.times / 0.08, 1.0))
     push = 100.0 * ramp[:, None] * np.array([1.0, 0.5, -0.3])
     moved = (
-        march_linear(motion, motion.load + motion.tool_load(push)).give
-        - march_linear(motion, motion.load).give
+        march_linear(motion, motion.load + motion.tool_load(push)).compliant
+        - march_linear(motion, motion.load).compliant
     )
     compliance = tool_compliance(
         model, linearise_poses(model, drive.rigid_states(motion.times[-1:]))
@@ -114,12 +118,17 @@ def test_drive_forces_at_rest_hold_the_weight() -> None:
         model,
         drive,
         motion.times[:1],
-        replace(rest, give=rest.give[:1], rate=rest.rate[:1], acceleration=rest.acceleration[:1]),
+        replace(
+            rest,
+            compliant=rest.compliant[:1],
+            rate=rest.rate[:1],
+            acceleration=rest.acceleration[:1],
+        ),
         0.0 * force[:1],
     )
     still = linearise_poses(model, drive.states[0])
     # the springs along the legs give under what the drives hold, but for the beams' own weight
-    springs = -(still.stiffness * rest.give[0])[1::2]
+    springs = -(still.stiffness * rest.compliant[0])[1::2]
     own = 65.0 * 9.81
     assert np.allclose(legs[0, :3], springs, atol=own)
     assert np.abs(legs[0, :3]).max() > 500.0
@@ -130,7 +139,9 @@ def test_regeneration_without_delay_does_nothing_and_a_strong_one_grows() -> Non
     load = motion.load + motion.tool_load(force)
     plain = march_linear(motion, load)
     none = Regeneration(np.zeros((len(motion.times), 3, 3)), 24)
-    assert np.allclose(march_linear(motion, load, regeneration=none).give, plain.give, atol=1e-16)
+    assert np.allclose(
+        march_linear(motion, load, regeneration=none).compliant, plain.compliant, atol=1e-16
+    )
     strong = Regeneration(np.broadcast_to(1e11 * np.eye(3), (len(motion.times), 3, 3)), 24)
     with (
         pytest.raises(ConvergenceError, match="without bound"),

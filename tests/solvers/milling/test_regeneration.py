@@ -66,7 +66,7 @@ def teeth(cut: MillingCut, count: int) -> RegenerativeCut:
 
 def march(cut: MillingCut, motion: LinearMotion, load: FloatArray) -> tuple[FloatArray, FloatArray]:
     history, force = march_regenerative(motion, load, teeth(cut, len(motion.times)))
-    return history.give, force
+    return history.compliant, force
 
 
 def test_without_motion_the_forces_are_those_of_rigid_teeth() -> None:
@@ -98,8 +98,8 @@ def test_small_motions_follow_the_linear_delay_equation() -> None:
         motion,
         motion.load + motion.tool_load(rigid),
         regeneration=Regeneration(regeneration_stiffness(cut, motion.times), STEPS // 4),
-    ).give
-    plain = march_linear(motion, motion.load + motion.tool_load(rigid)).give
+    ).compliant
+    plain = march_linear(motion, motion.load + motion.tool_load(rigid)).compliant
     # at rest before, the first teeth leave waves; a settled motion repeats with every tooth and has
     # none
     effect = np.abs(linear - plain).max()

@@ -11,7 +11,7 @@ from common import present
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
-from headstock.solvers.control.friction_loop import friction_ports
+from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.errors import ModelError
 from headstock.solvers.paths.controlled import (
     ControlledPath,
@@ -33,8 +33,8 @@ def path_with(
     control: AxisControl = CONTROL, masses: TwoMasses = MASSES, law: GuideFriction | None = None
 ) -> ControlledPath:
     system, train = make_drive(masses, control, law)
-    loop = close_loops(system, [train], inputs=friction_ports((train,)), outputs=[LOAD])
-    return ControlledPath(loop, {"X": 1.0}, np.ones(1), slow_hz=5.0)
+    loop = close_loops(system, [train], inputs=friction_channels((train,)), outputs=[LOAD])
+    return ControlledPath(loop, {"X": 1.0}, np.ones(1), low_frequency_limit_hz=5.0)
 
 
 def test_at_constant_speed_it_lags_by_the_speed_over_kv_and_the_parts_add_up() -> None:
@@ -49,9 +49,11 @@ def test_at_constant_speed_it_lags_by_the_speed_over_kv_and_the_parts_add_up() -
 
 
 def test_five_times_the_feed_with_the_same_ramps_deviates_five_times_as_much() -> None:
-    slow, fast = (plan_move(0.05 * feed, 0.05 * feed, Ramp("linear", 0.1)) for feed in (0.2, 1.0))
+    low_frequency, fast = (
+        plan_move(0.05 * feed, 0.05 * feed, Ramp("linear", 0.1)) for feed in (0.2, 1.0)
+    )
     first, second = (
-        solve_controlled_path(path_with(), move, SAMPLES).total for move in (slow, fast)
+        solve_controlled_path(path_with(), move, SAMPLES).total for move in (low_frequency, fast)
     )
     np.testing.assert_allclose(second, 5.0 * first, atol=1e-6 * np.abs(second).max())
 
@@ -90,9 +92,9 @@ def test_a_machine_that_floats_is_refused() -> None:
         for matrix in (system.mass, system.stiffness, system.damping)
     ]
     wide[0][2, 2] = 10.0
-    ports = {port: np.append(row, 0.0) for port, row in system.outputs.items()}
-    loads = {port: np.append(row, 0.0) for port, row in system.inputs.items()}
-    apart = SecondOrderSystem(wide[0], wide[2], wide[1], loads, ports, (*system.labels, "apart"))
+    channels = {channel: np.append(row, 0.0) for channel, row in system.outputs.items()}
+    loads = {channel: np.append(row, 0.0) for channel, row in system.inputs.items()}
+    apart = SecondOrderSystem(wide[0], wide[2], wide[1], loads, channels, (*system.labels, "apart"))
     path = dataclasses.replace(path_with(), loop=close_loops(apart, [train], outputs=[LOAD]))
     with pytest.raises(ModelError, match="floats"):
         solve_controlled_path(path, MOVE, SAMPLES)

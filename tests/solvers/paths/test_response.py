@@ -21,7 +21,7 @@ SOURCE, TIP = ("path", "acceleration"), ("tip", "x")
 MASS, HZ, ZETA = 35.0, 78.6, 0.02
 OMEGA = 2.0 * np.pi * HZ
 MOVE = SetPoint(0.08, 0.05, Ramp("linear", 0.1))
-MODEL = PathModel(SOURCE, (TIP,), slow_hz=10.0)
+MODEL = PathModel(SOURCE, (TIP,), low_frequency_limit_hz=10.0)
 
 
 def oscillator(zeta: float = ZETA, soft_hz: float | None = None) -> SecondOrderSystem:
@@ -87,9 +87,11 @@ def test_the_parts_add_up_and_the_quasi_static_one_is_inertia_over_stiffness() -
 
 
 def test_five_times_the_feed_deviates_five_times_as_far() -> None:
-    slow = SetPoint(0.08, 0.01, MOVE.ramp)
+    low_frequency = SetPoint(0.08, 0.01, MOVE.ramp)
     fast = solve_path(oscillator(), MODEL, MOVE, sample_times(MOVE, 2500.0, 0.3)).total
-    found = solve_path(oscillator(), MODEL, slow, sample_times(slow, 2500.0, 0.3)).total
+    found = solve_path(
+        oscillator(), MODEL, low_frequency, sample_times(low_frequency, 2500.0, 0.3)
+    ).total
     np.testing.assert_allclose(fast[:4000], 5.0 * found[:4000], atol=1e-12 * np.abs(fast).max())
 
 
@@ -115,16 +117,18 @@ def test_ringing_without_damping_never_settles() -> None:
 @pytest.mark.parametrize("kind", ["zero_phase", "causal"])
 def test_a_low_pass_keeps_what_is_slow_and_takes_what_is_fast(kind: str) -> None:
     times = np.arange(5000) / 2500.0
-    slow, fast = (
+    low_frequency, fast = (
         np.sin(2.0 * np.pi * 20.0 * times)[:, None],
         np.sin(2.0 * np.pi * 1000.0 * times)[:, None],
     )
     raw = solve_path(oscillator(), MODEL, MOVE, times)
-    mixed = type(raw)(times, slow + fast, slow, np.zeros_like(slow), fast)
+    mixed = type(raw)(
+        times, low_frequency + fast, low_frequency, np.zeros_like(low_frequency), fast
+    )
     found = filter_deviation(mixed, LowPass(300.0, "causal" if kind == "causal" else "zero_phase"))
     middle = slice(500, -500)
     # a causal one delays by 2.6134 / (2 pi 300 Hz) = 1.39 ms
-    late = slow if kind == "zero_phase" else np.roll(slow, 3, axis=0)
+    late = low_frequency if kind == "zero_phase" else np.roll(low_frequency, 3, axis=0)
     np.testing.assert_allclose(found.total[middle], late[middle], atol=0.03)
     np.testing.assert_allclose(
         found.quasi_static + found.low_frequency + found.dynamic, found.total, atol=1e-15

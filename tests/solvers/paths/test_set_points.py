@@ -45,8 +45,10 @@ def test_linear_ramps_are_those_of_the_seed() -> None:
     """100 ms are 0.1 m/s^2 at 600 and 0.5 m/s^2 at 3000 mm/min; braking takes place from 1.6 to 1.7
     s.
     """
-    slow, fast = (plan_move(0.08, feed / 6e4, Ramp("linear", 0.1)) for feed in (600.0, 3000.0))
-    for move, size in ((slow, 0.1), (fast, 0.5)):
+    low_frequency, fast = (
+        plan_move(0.08, feed / 6e4, Ramp("linear", 0.1)) for feed in (600.0, 3000.0)
+    )
+    for move, size in ((low_frequency, 0.1), (fast, 0.5)):
         assert sample_move(move, np.array([0.05])).accelerations[0] == pytest.approx(
             size, rel=1e-14
         )

@@ -19,7 +19,7 @@ SOURCE, TIP = ("path", "acceleration"), ("tip", "x")
 LENGTH = 0.08
 # 30 g would be needed to stop a machine so: much happens within a few periods
 MOVE = SetPoint(LENGTH, 0.5, Ramp("linear", 0.02))
-MODEL = PathModel(SOURCE, (TIP,), slow_hz=50.0, up_to_hz=2000.0)
+MODEL = PathModel(SOURCE, (TIP,), low_frequency_limit_hz=50.0, up_to_hz=2000.0)
 MASSES = np.diag([30.0, 20.0, 5.0])
 
 
@@ -99,7 +99,7 @@ def solve(system: VaryingSystem, sampling_hz: float = 2500.0) -> PathDeviation:
 def test_where_nothing_changes_the_answer_is_the_frozen_one() -> None:
     found = solve(follow(strength=0.0))
     frozen = solve_path(
-        place_bare(0.0), PathModel(SOURCE, (TIP,), MODEL.slow_hz), MOVE, found.times
+        place_bare(0.0), PathModel(SOURCE, (TIP,), MODEL.low_frequency_limit_hz), MOVE, found.times
     )
     size = np.abs(frozen.total).max()
     for part in ("total", "quasi_static", "low_frequency", "dynamic"):
@@ -113,7 +113,10 @@ def test_a_changing_system_follows_an_integrator_at_tight_tolerance() -> None:
     np.testing.assert_allclose(found.total[:, 0], reference, atol=2e-5 * size)
     # the frozen pose is not the answer here
     frozen = solve_path(
-        place_bare(0.5 * LENGTH), PathModel(SOURCE, (TIP,), MODEL.slow_hz), MOVE, found.times
+        place_bare(0.5 * LENGTH),
+        PathModel(SOURCE, (TIP,), MODEL.low_frequency_limit_hz),
+        MOVE,
+        found.times,
     )
     assert np.abs(frozen.total[:, 0] - reference).max() > 0.1 * size
 

@@ -17,7 +17,7 @@ def test_standard_deviations_are_those_of_weighed_least_squares() -> None:
     assert found.sigmas**2 == pytest.approx(0.01 * np.diag(np.linalg.inv(LINE.T @ LINE)))
     assert found.quantile == pytest.approx(1.959964, rel=1e-6)
     assert found.freedom == pytest.approx(18.0)
-    assert found.blind == ()
+    assert found.unidentifiable == ()
 
 
 def test_residuals_set_the_size_of_the_errors_where_that_is_asked_for() -> None:
@@ -46,11 +46,11 @@ def test_a_sum_that_alone_is_seen_leaves_the_difference_blind() -> None:
     found = assess(
         ["a", "b"], np.full((6, 2), 100.0), np.zeros(6), NO_PRIOR, WIDE, from_residuals=False
     )
-    (blind,) = found.blind
-    assert dict(blind.entries) == pytest.approx({"a": np.sqrt(0.5), "b": -np.sqrt(0.5)}) or dict(
-        blind.entries
-    ) == pytest.approx({"b": np.sqrt(0.5), "a": -np.sqrt(0.5)})
-    assert blind.spread > 1e6
+    (unidentifiable,) = found.unidentifiable
+    assert dict(unidentifiable.entries) == pytest.approx(
+        {"a": np.sqrt(0.5), "b": -np.sqrt(0.5)}
+    ) or dict(unidentifiable.entries) == pytest.approx({"b": np.sqrt(0.5), "a": -np.sqrt(0.5)})
+    assert unidentifiable.spread > 1e6
     assert np.isinf(found.sigmas).all()
     assert found.data_share == pytest.approx([0.5, 0.5], abs=1e-3)
 
@@ -61,4 +61,4 @@ def test_priors_make_a_blind_direction_finite_and_leave_it_blind() -> None:
     )
     assert found.sigmas == pytest.approx(0.3 * np.sqrt(0.5), rel=1e-3)
     assert found.correlations[0, 1] == pytest.approx(-1.0, abs=1e-3)
-    assert len(found.blind) == 1
+    assert len(found.unidentifiable) == 1

@@ -96,11 +96,11 @@ def test_nobody_can_tell_the_mesh_for_a_number_whose_error_is_unknown() -> None:
 
 
 def test_the_number_that_takes_the_finest_mesh_decides() -> None:
-    slow, fast = (
+    low_frequency, fast = (
         WatchedSeries(
             name, "Hz", name, tuple(1.0 + share * f**2 for f in FACTORS), (None,) * 5, (None,) * 5
         )
         for name, share in (("f1", 0.001), ("f2", 0.02))
     )
-    limits = [find_limit(FACTORS, each) for each in (slow, fast)]
-    assert find_need(0.01, COSTS, [slow, fast], limits).decisive == "f2"
+    limits = [find_limit(FACTORS, each) for each in (low_frequency, fast)]
+    assert find_need(0.01, COSTS, [low_frequency, fast], limits).decisive == "f2"

@@ -75,9 +75,9 @@ def make_job(
 
 
 def compute(job: StudyJob, folder: Path) -> tuple[list[StudyRecord], list[StudyProgress]]:
-    told: list[StudyProgress] = []
+    reported: list[StudyProgress] = []
     folder.mkdir(exist_ok=True)
-    return run_study(job, folder, comm=MPI.COMM_WORLD, observer=told.append), told
+    return run_study(job, folder, comm=MPI.COMM_WORLD, observer=reported.append), reported
 
 
 def test_a_grid_has_every_combination_and_pairs_go_together() -> None:
@@ -112,12 +112,12 @@ def test_a_second_study_computes_nothing_again_and_a_changed_scene_only_what_cha
     scene_file: Path, tmp_path: Path
 ) -> None:
     first, _ = compute(make_job(scene_file), tmp_path / "out")
-    again, told = compute(make_job(scene_file), tmp_path / "out")
+    again, reported = compute(make_job(scene_file), tmp_path / "out")
     assert [record.summary for record in again] == [record.summary for record in first]
-    assert all(progress.known for progress in told)
+    assert all(progress.known for progress in reported)
     scene_file.write_text(SCENE.replace('"70 GPa"', '"71 GPa"').replace("[2, 3, 4]", "[2, 5]"))
-    _, told = compute(make_job(scene_file), tmp_path / "out")
-    assert [progress.known for progress in told] == [True, False, False, False]
+    _, reported = compute(make_job(scene_file), tmp_path / "out")
+    assert [progress.known for progress in reported] == [True, False, False, False]
 
 
 def test_a_point_that_fails_is_recorded_with_its_error_and_the_others_are_computed(
@@ -131,10 +131,10 @@ def test_a_point_that_fails_is_recorded_with_its_error_and_the_others_are_comput
     records, _ = compute(make_job(scene_file, study=study), tmp_path / "out")
     assert [record.status for record in records] == ["done", "done", "failed", "failed"]
     assert "joints.clamp" in records[2].error
-    _, told = compute(make_job(scene_file, study=study), tmp_path / "out")
-    assert [progress.known for progress in told] == [True] * 4
-    _, told = compute(make_job(scene_file, study=study, retry=True), tmp_path / "out")
-    assert [progress.known for progress in told] == [True, True, False, False]
+    _, reported = compute(make_job(scene_file, study=study), tmp_path / "out")
+    assert [progress.known for progress in reported] == [True] * 4
+    _, reported = compute(make_job(scene_file, study=study, retry=True), tmp_path / "out")
+    assert [progress.known for progress in reported] == [True, True, False, False]
 
 
 @pytest.mark.parametrize(
@@ -162,8 +162,8 @@ def test_a_point_that_met_a_full_disk_ends_the_study_and_is_computed_when_it_is_
     with pytest.raises(type(fault), match=r"could not be|cannot be"):
         compute(make_job(scene_file), tmp_path / "out")
     assert len(read_records(tmp_path / "out")) == 2
-    records, told = compute(make_job(scene_file), tmp_path / "out")
-    assert [progress.known for progress in told] == [True, True, False, False, False, False]
+    records, reported = compute(make_job(scene_file), tmp_path / "out")
+    assert [progress.known for progress in reported] == [True, True, False, False, False, False]
     assert [record.key for record in records] == [record.key for record in undisturbed]
     for record, alone in zip(records, undisturbed, strict=True):
         assert record.status == "done"

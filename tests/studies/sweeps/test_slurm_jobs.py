@@ -129,7 +129,7 @@ def wait(
 ) -> tuple[dict[int, TaskState], list[str]]:
     """Wait while squeue gives these answers, one after the other."""
     left = list(answers)
-    told: list[str] = []
+    reported: list[str] = []
 
     def answer(_: str) -> dict[int, TaskState]:
         found = left.pop(0)
@@ -140,13 +140,13 @@ def wait(
     monkeypatch.setattr(headstock.studies.sweeps.slurm_jobs, "read_states", answer)
     monkeypatch.setattr(headstock.studies.sweeps.slurm_jobs, "SHORTEST_SECONDS", 0.0)
     monkeypatch.setattr(headstock.studies.sweeps.slurm_jobs, "MOST_SILENCES", 2)
-    states = wait_for_array(SUBMISSION, told.append)
+    states = wait_for_array(SUBMISSION, reported.append)
     assert not left
-    return states, told
+    return states, reported
 
 
 def test_waiting_ends_when_every_task_has(monkeypatch: pytest.MonkeyPatch) -> None:
-    states, told = wait(
+    states, reported = wait(
         monkeypatch,
         {1: "PENDING Resources", 2: "PENDING Resources"},
         {1: "RUNNING None", 2: "PENDING Resources"},
@@ -154,7 +154,7 @@ def test_waiting_ends_when_every_task_has(monkeypatch: pytest.MonkeyPatch) -> No
         {1: "COMPLETED None", 2: "COMPLETED None"},
     )
     assert {state.state for state in states.values()} == {"COMPLETED"}
-    assert told == ["2 pending (Resources)", "1 pending (Resources), 1 running", "2 completed"]
+    assert reported == ["2 pending (Resources)", "1 pending (Resources), 1 running", "2 completed"]
 
 
 def test_a_task_put_back_into_the_queue_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -201,5 +201,7 @@ def test_what_is_missing_is_told_with_state_and_log(tmp_path: Path) -> None:
     ]
     log_file(tmp_path, "17", 2).unlink()
     log_file(tmp_path, "16", 0).write_text("ModelError: no mesh\n")
-    told = describe_missing(tmp_path, SWEEP, SUBMISSION, {2: [1]}, {})
-    assert f"job 16 (components); log {log_file(tmp_path, '16', 0)}: ModelError: no mesh" in told
+    reported = describe_missing(tmp_path, SWEEP, SUBMISSION, {2: [1]}, {})
+    assert (
+        f"job 16 (components); log {log_file(tmp_path, '16', 0)}: ModelError: no mesh" in reported
+    )

@@ -42,7 +42,7 @@ def machine_ports(
     ends = [
         JointEnd(name, interface)
         for name, superelement in layout.superelements.items()
-        for interface in (*superelement.attachments, *superelement.rails)
+        for interface in (*superelement.interface_maps, *superelement.rails)
     ]
     rows = {
         str(end): motion_rows(layout, end, locate_interface(layout, end))
