@@ -138,7 +138,7 @@ class Superelement:
         labels: ``(node, station or "mode", dof name or mode number)`` for each dof, in their order.
         frames: Frame of each boundary node in the component frame (origin where its 6 dofs live,
             axes parallel to the component).
-        attachments: Interface name to boundary node and interface frame. Elastic components have
+        interface_maps: Interface name to boundary node and interface frame. Elastic components have
             one node per distinct interface; rigid ones a single node at the centre of mass that
             carries every interface. Rails are not among them.
         stiffness: ``(n, n)`` symmetric.

@@ -10,7 +10,7 @@ from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.milling.tool_path import SquareContour
 from headstock.solvers.paths.response import LowPass
 from headstock.solvers.paths.set_points import SetPoint
-from headstock.solvers.second_order import Motion, Channel
+from headstock.solvers.second_order import Channel, Motion
 
 
 @dataclass(frozen=True)

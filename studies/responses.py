@@ -12,7 +12,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.frf import PoseResponse, ResponseCurves
 from headstock.pipeline.stages.frf import peaks_have_tops
 from headstock.solvers.linear.frequency_response import FrfModel, evaluate_frf, find_peaks
-from headstock.solvers.second_order import ComplexArray, Channel
+from headstock.solvers.second_order import Channel, ComplexArray
 from headstock.studies.variants import VariantSolution
 
 HOLDS = 0.1  # share of the reference's value up to which another model is said to hold it

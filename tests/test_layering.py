@@ -73,7 +73,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "mechanisms": {"references", "parts"},
         "coverage": {"references", "parts"},
         "machines": {"references", "parts", "mechanisms"},
-        "ladder": {"references", "parts", "mechanisms"},
+        "refinement": {"references", "parts", "mechanisms"},
     },
     "app": {
         "texts": set(),

@@ -12,11 +12,11 @@ from mpi4py import MPI
 
 import headstock.validation
 from headstock.app.actions.running import require_ranks
-from headstock.app.charts.ladder import draw_ladder
+from headstock.app.charts.refinement import draw_refinement
 from headstock.app.charts.study import draw_costs, draw_study
 from headstock.app.terminal.console import print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
-from headstock.app.terminal.ladder import ladder_tables, list_claims, print_ladder
+from headstock.app.terminal.refinement import list_claims, print_refinement, refinement_tables
 from headstock.app.terminal.study import (
     StudyListing,
     cost_table,
@@ -39,10 +39,10 @@ from headstock.studies.parameters.costs import weigh_costs
 from headstock.studies.parameters.records import StudyRecord
 from headstock.studies.parameters.runs import StudyJob, check_points, hash_scene, run_study
 from headstock.studies.parameters.tables import StudyTable, tabulate_study
-from headstock.validation.ladder.claims import judge_ladder, judge_own
-from headstock.validation.ladder.paper_elements import paper_points
-from headstock.validation.ladder.points import collect_points, measure_beam
-from headstock.validation.ladder.references import LadderBeam, ladder_beam
+from headstock.validation.refinement.paper_elements import paper_points
+from headstock.validation.refinement.points import collect_points, measure_beam
+from headstock.validation.refinement.references import ReferenceBeam, reference_beam
+from headstock.validation.refinement.statements import judge_own, judge_statements
 
 TABLE_FILE, LISTING_FILE = "study.csv", "study.json"
 Extra = dict[str, bytes]  # further files of a study, by name
@@ -133,7 +133,7 @@ def _publish(
     extra: Extra = {}
     listing = list_study(table, request.scene.path)
     if table.study.reference is not None:
-        _add_ladder(ladder_beam(table.study.reference), records, listing, extra)
+        _add_refinement(reference_beam(table.study.reference), records, listing, extra)
     if table.study.reference_run is not None:
         _add_costs(table, listing, extra)
     figure = draw_study(table)
@@ -159,18 +159,18 @@ def _add_costs(table: StudyTable, listing: StudyListing, extra: Extra) -> None:
     listing["costs"], listing["digits"] = list_costs(points), digit_words(points)
 
 
-def _add_ladder(
-    beam: LadderBeam, records: Sequence[StudyRecord], listing: StudyListing, extra: Extra
+def _add_refinement(
+    beam: ReferenceBeam, records: Sequence[StudyRecord], listing: StudyListing, extra: Extra
 ) -> None:
-    """Figures, tables and claims of a ladder."""
+    """Figures, tables and statements of a refinement study."""
     points = [*collect_points(beam, records), *paper_points(beam)]
-    claims, own = judge_ladder(beam, points), judge_own(beam, points)
+    claims, own = judge_statements(beam, points), judge_own(beam, points)
     extra.update(
         {
             f"{table.name}.csv": encode_csv(table)
-            for table in ladder_tables(beam, points, [*claims, *own])
+            for table in refinement_tables(beam, points, [*claims, *own])
         }
     )
-    extra.update({f"{name}.png": image for name, image in draw_ladder(beam, points).items()})
-    print_ladder(beam, points, claims, own)
+    extra.update({f"{name}.png": image for name, image in draw_refinement(beam, points).items()})
+    print_refinement(beam, points, claims, own)
     listing["claims"], listing["own_claims"] = list_claims(claims), list_claims(own)

@@ -34,7 +34,7 @@ from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import COLORS, component_colors
-from headstock.solvers.second_order import ComplexArray, Channel
+from headstock.solvers.second_order import Channel, ComplexArray
 
 DPI = 130
 BARS_SHOWN = 8

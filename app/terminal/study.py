@@ -17,7 +17,7 @@ from headstock.app.terminal.console import (
     print_table,
     spaced,
 )
-from headstock.app.terminal.ladder import ClaimListing
+from headstock.app.terminal.refinement import ClaimListing
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.app.texts.tables import Cell, PlainTable, encode_csv
 from headstock.pipeline.storage.provenance import ProvenanceSummary

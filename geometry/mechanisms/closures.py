@@ -24,9 +24,9 @@ from headstock.geometry.mechanisms.kinematics import (
 )
 from headstock.geometry.mechanisms.mechanism import (
     AXES,
-    OrientationConstraint,
     CoordinateConstraint,
     Mechanism,
+    OrientationConstraint,
     PointConstraint,
 )
 

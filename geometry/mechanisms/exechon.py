@@ -24,12 +24,12 @@ from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.mechanisms.closures import evaluate_kinematics
 from headstock.geometry.mechanisms.kinematics import place_marks
 from headstock.geometry.mechanisms.mechanism import (
-    OrientationConstraint,
     AxisName,
-    CoordinateConstraint,
     ChainItem,
+    CoordinateConstraint,
     Mark,
     Mechanism,
+    OrientationConstraint,
     PointConstraint,
     shift,
     turn,

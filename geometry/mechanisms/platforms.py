@@ -7,9 +7,9 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.mechanism import (
     AxisName,
-    CoordinateConstraint,
     ChainItem,
     Closure,
+    CoordinateConstraint,
     Mark,
     Mechanism,
     PointConstraint,

@@ -158,8 +158,8 @@ class ContourAnswer(Answer):
         regeneration: Teeth meet the waves of those before them.
         coriolis: Velocity terms are in the equations of motion.
         faces: That were reached.
-        least_give: ``(3,)`` under gravity, least on the way [m].
-        most_give: ``(3,)`` under gravity, most on the way [m].
+        least_gravity_deflection: ``(3,)`` under gravity, least on the way [m].
+        most_gravity_deflection: ``(3,)`` under gravity, most on the way [m].
         force_mean: ``(3,)`` on the tool, machine frame [N].
         force_peak: ``(3,)`` largest magnitude on the tool [N].
         high_share: Share of the gap's root mean square above twice the highest natural frequency.

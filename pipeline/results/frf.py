@@ -14,7 +14,7 @@ from headstock.pipeline.results.answers import Answer
 from headstock.pipeline.results.estimates import REDUCTION
 from headstock.pipeline.results.static import N_PER_UM, UM_PER_KN
 from headstock.solvers.linear.frequency_response import convert_receptance
-from headstock.solvers.second_order import ComplexArray, Motion, Channel, name_channel
+from headstock.solvers.second_order import Channel, ComplexArray, Motion, name_channel
 
 Spacing = Literal["linear", "log"]
 
@@ -73,7 +73,7 @@ class DrivePointFigures:
     """What the response at one port to a load there says about cutting.
 
     Attributes:
-        port: Name and direction.
+        channel: Name and direction.
         static: Compliance at 0 Hz [m/N or rad/(N m)]; None for a free body.
         most_negative_real: Most negative real part; None where there is none, or the response is unbounded.
         most_negative_real_hz: Its frequency [Hz].

@@ -37,7 +37,7 @@ class WorkspaceMap(Answer):
         fixed: Positions of the other axes.
         quantities: Name to ``(n0, n1, ...)`` values, NaN where the pose cannot be taken. ``f1_hz``
             is one mode, followed by its shape, the one with the lowest median.
-        likeness: Least squared cosine between modes of the same number in neighbouring poses; 1 is
+        mac: Least squared cosine between modes of the same number in neighbouring poses; 1 is
             the same shape.
         crossings: Numbers of modes whose order changes somewhere.
         tracking_breaks: How many pairs of neighbours hold a mode in shapes that do not look alike.

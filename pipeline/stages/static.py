@@ -17,9 +17,9 @@ from headstock.pipeline.results.static import (
     StaticAnswer,
 )
 from headstock.pipeline.stages.run_state import Outcome, PoseMotions, RunState, Solved, pose_model
+from headstock.reduction.coupling.channels import GRAVITY, load_factors
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import turn_dofs
-from headstock.reduction.coupling.channels import GRAVITY, load_factors
 from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.solvers.errors import ModelError
 

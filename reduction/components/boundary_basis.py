@@ -36,7 +36,7 @@ class BoundaryBasis:
 
     Attributes:
         nodes: Boundary nodes in dof order.
-        attachments: Every fixed interface by name.
+        interface_maps: Every fixed interface by name.
         rails: Interfaces that carriages slide along; their stations follow the nodes in dof order.
         shapes: ``(3 n_points, 6 n_nodes)`` sparse-in-spirit pairs ``(dofs, columns block)`` of
             rigid patches.

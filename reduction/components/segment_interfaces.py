@@ -35,7 +35,7 @@ class SegmentedBar:
         solid: The shape it stands for.
         frames: Of every node: those of the chain first, then one per averaging interface.
         names: A name per node.
-        attachments: Interface to node and frame.
+        interface_maps: Interface to node and frame.
         constraints: ``(m, 6 n)`` rows that tie nodes under one rigid interface, or make a node the
             mean of a surface.
     """

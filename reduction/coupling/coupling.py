@@ -7,6 +7,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Machine, Pose, place_components
+from headstock.reduction.coupling.channels import machine_loads, machine_ports
 from headstock.reduction.coupling.dof_layout import (
     DofLayout,
     label_dofs,
@@ -32,7 +33,6 @@ from headstock.reduction.coupling.matrices import (
     sum_mass,
     sum_stiffness,
 )
-from headstock.reduction.coupling.channels import machine_loads, machine_ports
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.second_order import SecondOrderSystem
 

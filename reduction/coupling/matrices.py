@@ -27,7 +27,7 @@ class CouplingMemo:
     """What was made last under each name, with what it was made of.
 
     Attributes:
-        ports: Names of the points and interfaces that are loaded and observed; None for all.
+        channels: Names of the points and interfaces that are loaded and observed; None for all.
     """
 
     channels: Collection[str] | None = None

@@ -18,6 +18,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, rotate_dofs
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Machine
+from headstock.reduction.coupling.channels import point_rows
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import (
     DofLayout,
@@ -30,7 +31,6 @@ from headstock.reduction.coupling.dof_layout import (
 from headstock.reduction.coupling.elimination import RANK_TOLERANCE
 from headstock.reduction.coupling.joint_springs import place_joint
 from headstock.reduction.coupling.matrices import component_matrices
-from headstock.reduction.coupling.channels import point_rows
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.errors import ModelError
 

@@ -181,7 +181,7 @@ def project_response(
         system: The coupled machine with its damping.
         sources: Of error.
         modes: All its undamped modes.
-        ports: Loads ``(n, n_inputs)`` and output rows ``(n_outputs, n)``.
+        channels: Loads ``(n, n_inputs)`` and output rows ``(n_outputs, n)``.
         highest_hz: Up to where it will be asked.
     """
     elastic = modes.frequencies_hz[modes.rigid_count :]

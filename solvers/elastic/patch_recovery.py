@@ -249,12 +249,12 @@ def _orthonormal_terms(normal: FloatArray) -> FloatArray:
 
 def _monomials(places: FloatArray, powers: IntArray) -> FloatArray:
     """``(n_monomials, ...)`` at places ``(..., 3)``."""
-    ladder = [np.ones_like(places), places, places * places]
+    refinement = [np.ones_like(places), places, places * places]
     result = np.empty((len(powers), *places.shape[:-1]))
     for row in range(len(powers)):
         a, b, c = (int(power) for power in powers[row])
-        np.multiply(ladder[a][..., 0], ladder[b][..., 1], out=result[row])
-        result[row] *= ladder[c][..., 2]
+        np.multiply(refinement[a][..., 0], refinement[b][..., 1], out=result[row])
+        result[row] *= refinement[c][..., 2]
     return result
 
 

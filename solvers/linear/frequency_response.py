@@ -29,9 +29,9 @@ from headstock.solvers.linear.response_forms import (
 )
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.second_order import (
+    Channel,
     ComplexArray,
     Motion,
-    Channel,
     SecondOrderSystem,
     input_columns,
     output_rows,
@@ -311,7 +311,7 @@ class StabilityFigures:
     """Of the response at one port to a load at the same port.
 
     Attributes:
-        port: Where.
+        channel: Where.
         most_negative_real: Most negative real part [m/N]; None where it is never negative.
         most_negative_real_hz: Its frequency [Hz].
         chatter_limit: ``-1 / (2 Re)`` [N/m]: over the cutting stiffness per width it is the

@@ -70,7 +70,7 @@ class TrackedModes:
             it was first met, NaN where it is not.
         crossings: Pairs of tracked modes whose order changes between neighbours, and between how
             many.
-        torn: How many pairs of neighbours hold a tracked mode in shapes that do not look alike.
+        tracking_breaks: How many pairs of neighbours hold a tracked mode in shapes that do not look alike.
     """
 
     index: IntArray

@@ -21,8 +21,8 @@ from headstock.solvers.linear.modal_coordinates import (
     to_modal_coordinates,
 )
 from headstock.solvers.second_order import (
-    ComplexArray,
     Channel,
+    ComplexArray,
     SecondOrderSystem,
     input_columns,
     name_channel,

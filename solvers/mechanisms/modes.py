@@ -194,7 +194,7 @@ def pose_system(
     Args:
         model: The mechanism.
         motions: At one pose.
-        ports: Name of a point to ``(6, c)`` its motion per compliant coordinate.
+        channels: Name of a point to ``(6, c)`` its motion per compliant coordinate.
     """
     rows = {
         (name, dof): motion[row]

@@ -58,7 +58,7 @@ class PartitionedMotion:
 
         Args:
             time: [s].
-            give: ``(c,)`` compliant coordinates [m, rad].
+            compliant: ``(c,)`` compliant coordinates [m, rad].
             rates: ``(c,)`` their velocities [m/s, rad/s].
 
         Raises:
@@ -82,7 +82,7 @@ class PartitionedMotion:
 
         Args:
             time: [s].
-            give: ``(c,)`` compliant coordinates [m, rad].
+            compliant: ``(c,)`` compliant coordinates [m, rad].
             rates: ``(c,)`` their velocities [m/s, rad/s].
 
         Raises:
@@ -110,7 +110,7 @@ class PartitionedMotion:
 
         Args:
             time: [s].
-            give: ``(c,)`` compliant coordinates [m, rad].
+            compliant: ``(c,)`` compliant coordinates [m, rad].
             rates: ``(c,)`` their velocities [m/s, rad/s].
 
         Raises:
@@ -146,7 +146,7 @@ class PartitionedMotion:
 
         Args:
             time: [s].
-            give: ``(c,)`` compliant coordinates [m, rad].
+            compliant: ``(c,)`` compliant coordinates [m, rad].
             rates: ``(c,)`` their velocities [m/s, rad/s].
 
         Raises:

@@ -51,7 +51,7 @@ class LinearMotion:
         damping: ``(k, c, c)``.
         stiffness: ``(k, c)``.
         tool: ``(k, 3, c)`` motion of the tool per compliant coordinate, ground frame of the chains.
-        sag: ``(k, c)`` static deflection under gravity alone.
+        gravity_deflection: ``(k, c)`` static deflection under gravity alone.
         load: ``(n, c)`` inertial and gravity load of the rigid motion.
     """
 
@@ -234,7 +234,7 @@ def tool_gaps(
         model: The mechanism.
         drive: What its drives do.
         times: ``(n,)`` [s].
-        give: ``(n, c)`` compliant coordinates then [m, rad].
+        compliant: ``(n, c)`` compliant coordinates then [m, rad].
 
     Returns:
         ``(n, 3)`` [m].

@@ -34,7 +34,7 @@ class ControlledPath:
         shares: Travel of each driven axis per travel along the path [-].
         travel: ``(n_outputs,)`` how the rigid machine moves each output wanted per travel along the
             path.
-        slow_hz: Poles below this size sway [Hz].
+        low_frequency_limit_hz: Poles below this size sway [Hz].
         loads: Loads ``(n, n_loads)`` at instants and at the speeds along the path there; None for
             none.
         load_step: Longest time over which a load may be taken for straight [s].
@@ -58,7 +58,7 @@ class _Motion:
         speed: X_v: at constant speed.
         pull: X_a: at constant acceleration.
         inputs: ``(n, 3)`` columns of position, speed and acceleration along the path.
-        slow: ``(n, n)`` projector on the slow poles.
+        low_frequency: ``(n, n)`` projector on the slow poles.
     """
 
     place: FloatArray

@@ -65,7 +65,7 @@ class PathModel:
     Attributes:
         source: Input of the acceleration along the path.
         outputs: Where the deviation is wanted.
-        slow_hz: Modes below do not follow a ramp but sway [Hz].
+        low_frequency_limit_hz: Modes below do not follow a ramp but sway [Hz].
         up_to_hz: Modes kept; those above follow at once. None keeps all.
     """
 

@@ -67,7 +67,7 @@ class Station:
         load: ``(m,)`` per unit acceleration along the path.
         rows: ``(p, m)`` motion at the outputs.
         low_frequency: ``(p, m)`` motion at the outputs of the slow modes alone.
-        follows: ``(p,)`` quasi-static deviation per unit acceleration, of everything but the slow
+        quasi_static: ``(p,)`` quasi-static deviation per unit acceleration, of everything but the slow
             modes.
         rest: ``(p,)`` what the modes kept lack of it.
     """

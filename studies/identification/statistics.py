@@ -43,7 +43,7 @@ class FitStatistics:
         data_share: Share of the variance allowed beforehand (prior, else bounds) that the data take away
             ``(p,)``.
         correlations: ``(p, p)``.
-        blind: Directions the data do not see.
+        unidentifiable: Directions the data do not see.
         noise: Factor on the stated tolerances that the residuals ask for; None with too few of
             them.
         freedom: Degrees of freedom of the data, parameters that priors hold counted in part.

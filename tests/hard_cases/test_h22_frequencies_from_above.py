@@ -34,19 +34,19 @@ def frequencies(
         )
         return dense.frequencies(element.stiffness, element.mass)[6:]
 
-    ladder = [reduced(count) for count in COUNTS]
+    refinement = [reduced(count) for count in COUNTS]
     # means leave the body as it is, rigid faces tie their points
     basis, _ = dense.rigid_map(mesh, ["foot", "tip"] if request.param == "rigid" else [])
     stiffness, mass = dense.pencil(mesh, component.material)
     full = dense.frequencies(basis.T @ stiffness @ basis, basis.T @ mass @ basis)[6:]
-    return ladder, full
+    return refinement, full
 
 
 def test_every_reduced_frequency_lies_above_the_full_one(
     frequencies: tuple[list[FloatArray], FloatArray],
 ) -> None:
-    ladder, full = frequencies
-    for found in ladder:
+    refinement, full = frequencies
+    for found in refinement:
         shared = min(len(found), len(full))
         assert shared
         assert (found[:shared] >= full[:shared] * (1.0 - FLOOR)).all()
@@ -55,8 +55,8 @@ def test_every_reduced_frequency_lies_above_the_full_one(
 def test_frequencies_fall_with_every_mode_kept(
     frequencies: tuple[list[FloatArray], FloatArray],
 ) -> None:
-    ladder, _ = frequencies
-    for coarse, fine in pairwise(ladder):
+    refinement, _ = frequencies
+    for coarse, fine in pairwise(refinement):
         shared = min(len(coarse), len(fine))
         assert shared
         assert (fine[:shared] <= coarse[:shared] * (1.0 + FLOOR)).all()
@@ -65,5 +65,5 @@ def test_frequencies_fall_with_every_mode_kept(
 def test_forty_modes_bring_the_first_ten_within_a_percent(
     frequencies: tuple[list[FloatArray], FloatArray],
 ) -> None:
-    ladder, full = frequencies
-    assert np.abs(ladder[-1][:10] / full[:10] - 1.0).max() < 1e-2
+    refinement, full = frequencies
+    assert np.abs(refinement[-1][:10] / full[:10] - 1.0).max() < 1e-2

@@ -19,10 +19,10 @@ from headstock.geometry.mechanisms.exechon import (
     platform_states,
 )
 from headstock.geometry.mechanisms.mechanism import (
-    OrientationConstraint,
     ChainItem,
     Mark,
     Mechanism,
+    OrientationConstraint,
     PointConstraint,
     shift,
     turn,
@@ -46,7 +46,10 @@ def bricard() -> Mechanism:
     )  # fmt: skip
     start = (Mark("start"),)
     return Mechanism(
-        "Bricard", (chain, start), (PointConstraint("end", "start"), OrientationConstraint("end", "start")), ()
+        "Bricard",
+        (chain, start),
+        (PointConstraint("end", "start"), OrientationConstraint("end", "start")),
+        (),
     )
 
 
@@ -111,7 +114,9 @@ def test_an_exechon_with_all_twelve_loop_equations_has_two_too_many() -> None:
         shift("x", -platform[2]), Mark("platform_3"),
     )  # fmt: skip
     closures = tuple(
-        kind("platform_1", f"platform_{leg}") for leg in (2, 3) for kind in (PointConstraint, OrientationConstraint)
+        kind("platform_1", f"platform_{leg}")
+        for leg in (2, 3)
+        for kind in (PointConstraint, OrientationConstraint)
     )
     mechanism = Mechanism(
         "Exechon, every joint", (leg(1), leg(2), third), closures, ("q1", "q2", "q3")

@@ -23,8 +23,8 @@ from headstock.pipeline.storage.superelements import (
     write_superelement,
 )
 from headstock.reduction.superelement import (
-    InterfaceMap,
     ErrorEstimates,
+    InterfaceMap,
     Recovery,
     StaticLoad,
     Superelement,

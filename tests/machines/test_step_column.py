@@ -25,7 +25,7 @@ from headstock.meshing.components.cad_survey import CadSurvey, survey_step
 from headstock.meshing.components.meshing import describe_component, mesh_component
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.scene.building.loader import load_scene
-from headstock.validation.parts.component_models import full_model, full_modes, fixed_by
+from headstock.validation.parts.component_models import fixed_by, full_model, full_modes
 
 ROOT = Path(__file__).resolve().parents[2]
 MACHINES = ROOT / "machines"

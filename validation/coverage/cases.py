@@ -47,7 +47,7 @@ from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.mode_pairing import ModeSet, pair_modes
-from headstock.solvers.second_order import ComplexArray, Channel, input_columns, output_rows
+from headstock.solvers.second_order import Channel, ComplexArray, input_columns, output_rows
 from headstock.validation.coverage.parts import PRODUCT, CoveragePart, draw_part
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
 

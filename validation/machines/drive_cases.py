@@ -38,7 +38,7 @@ from headstock.solvers.control.stability import (
 )
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.time_response import solve_time_response
-from headstock.solvers.second_order import ComplexArray, Channel, SecondOrderSystem
+from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound
 
 LOAD = ("load", "x")

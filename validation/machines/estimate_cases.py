@@ -48,7 +48,7 @@ from headstock.validation.parts.closed_form_cases import (
     face_interface,
     mesh_settings,
 )
-from headstock.validation.parts.component_models import full_model, full_modes, fixed_by
+from headstock.validation.parts.component_models import fixed_by, full_model, full_modes
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
 
 MACHINES = PROJECT / "machines"

@@ -33,12 +33,12 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.provenance import PROJECT
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.coupling.channels import point_rows
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.dof_layout import lay_out_dofs, turn_dofs
 from headstock.reduction.coupling.joint_springs import place_joints
 from headstock.reduction.coupling.matrices import component_matrices
 from headstock.reduction.coupling.path_loads import PATH_INPUT, add_path_input, stack_modes
-from headstock.reduction.coupling.channels import point_rows
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.scene.building.loader import load_scene

@@ -34,7 +34,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.frequency_response import FrequencyResponse, evaluate_frf, prepare_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.second_order import ComplexArray, Channel, input_columns, output_rows
+from headstock.solvers.second_order import Channel, ComplexArray, input_columns, output_rows
 from headstock.validation.machines.accuracy_cases import CANTILEVER, LARGEST_FACTOR, LEAST_RANK
 from headstock.validation.machines.estimate_cases import (
     CLAMP,

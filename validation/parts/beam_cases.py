@@ -21,9 +21,9 @@ from headstock.validation.parts.closed_form_cases import (
     mesh_settings,
 )
 from headstock.validation.parts.component_models import (
+    fixed_by,
     full_model,
     full_modes,
-    fixed_by,
     interface_compliance,
     shared_mesh,
 )

@@ -35,9 +35,9 @@ from headstock.validation.parts.closed_form_cases import (
 )
 from headstock.validation.parts.component_models import (
     FullModes,
+    fixed_by,
     full_model,
     full_modes,
-    fixed_by,
     rigid_frequencies,
     shared_mesh,
 )

@@ -21,10 +21,10 @@ from headstock.validation.parts.closed_form_cases import (
 )
 from headstock.validation.parts.component_models import (
     all_frequencies,
+    fixed_compliance,
     full_model,
     full_modes,
     guyan_matrices,
-    fixed_compliance,
     lowest_frequencies,
     rigid_face_matrices,
     shared_mesh,

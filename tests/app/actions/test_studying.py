@@ -31,14 +31,14 @@ watch = "totals.mass_kg"
 [analyses.modal]
 """
 )
-LADDER = """
-[studies.ladder]
+REFINEMENT = """
+[studies.refinement]
 reference = "kono-cantilever"
-[studies.ladder.families.static_segmented]
+[studies.refinement.families.static_segmented]
 analyses = "static"
 set = { "components.column.fidelity" = "segmented" }
 vary = { "components.column.segments.count" = [5, 15] }
-[studies.ladder.families.modal_segmented]
+[studies.refinement.families.modal_segmented]
 analyses = "modal"
 set = { "components.column.fidelity" = "segmented" }
 vary = { "components.column.segments.count" = [10, 35] }
@@ -117,13 +117,13 @@ def test_an_unknown_study_is_refused_with_the_names_there_are(
     assert "did you mean 'rows'?" in capsys.readouterr().err
 
 
-def test_a_ladder_draws_the_paper_s_figures_and_lists_its_claims(
+def test_a_refinement_study_draws_the_paper_s_figures_and_lists_its_claims(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "cantilever.toml"
     shipped = (Path(__file__).resolve().parents[3] / "machines" / "cantilever.toml").read_text()
-    path.write_text(shipped[: shipped.index("# the paper's section")] + LADDER)
-    code, folder = run_study(path, "ladder", "--json", str(tmp_path / "ladder.json"))
+    path.write_text(shipped[: shipped.index("# the paper's section")] + REFINEMENT)
+    code, folder = run_study(path, "refinement", "--json", str(tmp_path / "refinement.json"))
     assert code == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert "every deviation < 10 % from nDOF 30 dy(Fy) +3.06 %" in printed
@@ -138,7 +138,7 @@ def test_a_ladder_draws_the_paper_s_figures_and_lists_its_claims(
         "figure_09_ndof",
         "overview",
     }
-    with (folder / "ladder.csv").open() as file:
+    with (folder / "refinement.csv").open() as file:
         rows = list(csv.DictReader(file))
     (row,) = [
         row
@@ -146,7 +146,7 @@ def test_a_ladder_draws_the_paper_s_figures_and_lists_its_claims(
         if (row["model"], row["nDOF"], row["quantity"]) == ("segmented", "30", "dx(Fx)")
     ]
     assert float(row["deviation"]) == pytest.approx(435.8276 / 433.91 - 1.0, abs=1e-4)
-    claims = json.loads((tmp_path / "ladder.json").read_text())["claims"]
+    claims = json.loads((tmp_path / "refinement.json").read_text())["claims"]
     assert {claim["figure"] for claim in claims} == {6, 7, 8, 9}
     with (folder / "claims.csv").open() as file:
         assert [row["verdict"] for row in csv.DictReader(file)][: len(claims)] == [

@@ -18,10 +18,10 @@ from headstock.geometry.mechanisms.closures import (
 from headstock.geometry.mechanisms.exechon import ExechonDimensions, exechon_mechanism
 from headstock.geometry.mechanisms.kinematics import mark_bias, place_marks
 from headstock.geometry.mechanisms.mechanism import (
-    OrientationConstraint,
     CoordinateConstraint,
     Mark,
     Mechanism,
+    OrientationConstraint,
     PointConstraint,
     shift,
     turn,

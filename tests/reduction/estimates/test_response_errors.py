@@ -29,7 +29,7 @@ from headstock.validation.machines.estimate_cases import (
     unreduced,
 )
 from headstock.validation.machines.monolithic_machines import monolithic_frequencies
-from headstock.validation.machines.response_estimate_cases import LINES, CHANNELS, compare_responses
+from headstock.validation.machines.response_estimate_cases import CHANNELS, LINES, compare_responses
 
 
 @pytest.fixture(scope="module")

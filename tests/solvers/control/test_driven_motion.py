@@ -12,8 +12,8 @@ from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.driven_motion import solve_motion
 from headstock.solvers.control.friction_loop import (
-    friction_force,
     friction_channels,
+    friction_force,
     friction_slope,
     make_rubbing_loop,
 )

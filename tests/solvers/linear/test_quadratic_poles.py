@@ -14,7 +14,7 @@ SIZE, INSIDE = 320, 30
 
 def _modal(strength: float, kind: str) -> tuple[FloatArray, FloatArray]:
     """Squares and damping of a chain in modal coordinates: dashpots at some masses, or a loss
-    factor that differs from spring to spring; ``twins`` are two equal chains.
+    factor that differs from spring to spring; ``equals`` are two equal chains.
     """
     random = np.random.default_rng(3)
     size = SIZE // 2 if kind == "twins" else SIZE

@@ -10,10 +10,10 @@ from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.validation.parts.component_models import (
     all_frequencies,
+    fixed_compliance,
     full_model,
     full_modes,
     guyan_matrices,
-    fixed_compliance,
     lowest_frequencies,
     rigid_face_matrices,
 )

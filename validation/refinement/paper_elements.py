@@ -25,9 +25,9 @@ from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.elements.topology import reference_nodes
 from headstock.solvers.elastic.sparse_eigenpairs import lowest_symmetric_pairs, solve_symmetric
-from headstock.validation.ladder.points import LadderPoint, cantilever_displacements
-from headstock.validation.ladder.references import LadderBeam
-from headstock.validation.ladder.theory_shapes import (
+from headstock.validation.refinement.points import RefinementPoint, cantilever_displacements
+from headstock.validation.refinement.references import ReferenceBeam
+from headstock.validation.refinement.theory_shapes import (
     find_theory_shapes,
     read_shape,
     section_motions,
@@ -199,33 +199,33 @@ def _strain_rows(place: FloatArray, half: FloatArray) -> FloatArray:
     return rows.reshape(6, 33)
 
 
-def paper_points(beam: LadderBeam) -> list[LadderPoint]:
+def paper_points(beam: ReferenceBeam) -> list[RefinementPoint]:
     """Models of a beam by the paper's elements; static ones of the cantilever only, as the fixed
     beam's mesh is not known.
     """
     column = beam.ends == "clamped-free"
-    found: list[LadderPoint] = []
+    found: list[RefinementPoint] = []
     for grid in COLUMN_GRIDS if column else FIXED_GRIDS:
         model = brick_model(beam.size, grid, beam.material)
         ndof = 3 * len(model.points)
         if column:
             found.append(
-                LadderPoint(
+                RefinementPoint(
                     "wilson8", ndof, "static", _static_values(beam, model), {}, math.nan, math.nan
                 )
             )
         values, macs = _modal_values(beam, model)
-        found.append(LadderPoint("wilson8", ndof, "modal", values, macs, math.nan, math.nan))
+        found.append(RefinementPoint("wilson8", ndof, "modal", values, macs, math.nan, math.nan))
     return found
 
 
-def _fixed_nodes(beam: LadderBeam, model: BrickModel) -> IntArray:
+def _fixed_nodes(beam: ReferenceBeam, model: BrickModel) -> IntArray:
     place = model.points[:, beam.axis] / beam.size[beam.axis] + 0.5
     ends = (0.0,) if beam.ends == "clamped-free" else (0.0, 1.0)
     return np.flatnonzero(np.min([np.abs(place - end) for end in ends], axis=0) < ON_FACE)
 
 
-def _static_values(beam: LadderBeam, model: BrickModel) -> dict[str, float]:
+def _static_values(beam: ReferenceBeam, model: BrickModel) -> dict[str, float]:
     """Unit forces and moments on the top face, spread evenly over its nodes, and the mean motion of
     that face.
     """
@@ -239,7 +239,9 @@ def _static_values(beam: LadderBeam, model: BrickModel) -> dict[str, float]:
     )
 
 
-def _modal_values(beam: LadderBeam, model: BrickModel) -> tuple[dict[str, float], dict[str, float]]:
+def _modal_values(
+    beam: ReferenceBeam, model: BrickModel
+) -> tuple[dict[str, float], dict[str, float]]:
     frequencies, shapes = fixed_modes(model, _fixed_nodes(beam, model), MODES)
     half = 0.5 * beam.size[beam.axis]
     sections = section_motions(

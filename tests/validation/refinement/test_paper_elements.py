@@ -5,18 +5,18 @@
 import pytest
 
 from common import present
-from headstock.validation.ladder.claims import Claim, judge_ladder
-from headstock.validation.ladder.paper_elements import paper_points
-from headstock.validation.ladder.references import ladder_beam
+from headstock.validation.refinement.paper_elements import paper_points
+from headstock.validation.refinement.references import reference_beam
+from headstock.validation.refinement.statements import Claim, judge_statements
 
 
 @pytest.fixture(scope="module")
 def claims() -> dict[tuple[int, str], Claim]:
-    beams = [ladder_beam(name) for name in ("kono-cantilever", "kono-fixed-beam")]
+    beams = [reference_beam(name) for name in ("kono-cantilever", "kono-fixed-beam")]
     return {
         (claim.figure, claim.text): claim
         for beam in beams
-        for claim in judge_ladder(beam, paper_points(beam))
+        for claim in judge_statements(beam, paper_points(beam))
     }
 
 

@@ -36,7 +36,7 @@ CLAMP = "beam theory lets the section contract at the clamp"
 
 
 @dataclass(frozen=True)
-class LadderReference:
+class BeamReference:
     """What a quantity should be, by three roads.
 
     Attributes:
@@ -57,7 +57,7 @@ class LadderReference:
 
 
 @dataclass(frozen=True, eq=False)
-class LadderBeam:
+class ReferenceBeam:
     """A beam of the paper.
 
     Attributes:
@@ -78,11 +78,11 @@ class LadderBeam:
     axis: int
     ends: EndConditions
     material: Material
-    references: dict[str, LadderReference]
+    references: dict[str, BeamReference]
     figures: tuple[int, int, int, int]
 
 
-def cantilever_references() -> dict[str, LadderReference]:
+def cantilever_references() -> dict[str, BeamReference]:
     """Six loads and six modes of the column clamped at its foot."""
     thin, wide = CANTILEVER, turn_section(CANTILEVER)
     solid = list(reference_case("kono-cantilever-static").values.values())
@@ -108,7 +108,7 @@ def cantilever_references() -> dict[str, LadderReference]:
         ("dx(Mc)", twist, twist, WARPING),
     ]
     found = [
-        LadderReference(name, "static", UM * analytic, UM * beam, right, note)
+        BeamReference(name, "static", UM * analytic, UM * beam, right, note)
         for (name, analytic, beam, note), right in zip(static, solid, strict=True)
     ]
     slender_x, slender_y = (
@@ -133,7 +133,7 @@ def cantilever_references() -> dict[str, LadderReference]:
     )
 
 
-def fixed_beam_references() -> dict[str, LadderReference]:
+def fixed_beam_references() -> dict[str, BeamReference]:
     """A force at and above the middle of the front face, and three modes, of the beam clamped at
     both ends.
     """
@@ -159,7 +159,7 @@ def fixed_beam_references() -> dict[str, LadderReference]:
         ),
     ]
     found = [
-        LadderReference(name, "static", UM * a, UM * b, c, note) for name, a, b, c, note in static
+        BeamReference(name, "static", UM * a, UM * b, c, note) for name, a, b, c, note in static
     ]
     slender, deep = (
         euler_bernoulli_frequencies(flat, "clamped-clamped", 2),
@@ -177,14 +177,14 @@ def fixed_beam_references() -> dict[str, LadderReference]:
     )
 
 
-def ladder_beam(name: str) -> LadderBeam:
+def reference_beam(name: str) -> ReferenceBeam:
     """The beam of a name.
 
     Raises:
         KeyError: There is none.
     """
     return {
-        "kono-cantilever": LadderBeam(
+        "kono-cantilever": ReferenceBeam(
             name,
             "cantilever",
             (0.038, 0.1, 0.5),
@@ -194,7 +194,7 @@ def ladder_beam(name: str) -> LadderBeam:
             cantilever_references(),
             (6, 7, 8, 9),
         ),
-        "kono-fixed-beam": LadderBeam(
+        "kono-fixed-beam": ReferenceBeam(
             name,
             "beam fixed at both ends",
             (0.032, 0.75, 0.25),
@@ -209,12 +209,12 @@ def ladder_beam(name: str) -> LadderBeam:
 
 def _modal_references(
     modal: list[tuple[str, float, float, str]], solid: list[float]
-) -> list[LadderReference]:
+) -> list[BeamReference]:
     return [
-        LadderReference(name, "modal", float(analytic), float(beam), right, note)
+        BeamReference(name, "modal", float(analytic), float(beam), right, note)
         for (name, analytic, beam, note), right in zip(modal, solid, strict=True)
     ]
 
 
-def _by_name(references: list[LadderReference]) -> dict[str, LadderReference]:
+def _by_name(references: list[BeamReference]) -> dict[str, BeamReference]:
     return {reference.quantity: reference for reference in references}

@@ -1,4 +1,4 @@
-"""Short ladders of the two beams that ship: the rungs that decide what the fidelity ladder must
+"""Short refinement studies of the two beams that ship: the models that decide what the series must
 show.
 """
 
@@ -14,24 +14,24 @@ from common import present
 from headstock.scene.building.loader import load_scene
 from headstock.scene.studies import Study
 from headstock.studies.parameters.runs import StudyJob, hash_scene, run_study
-from headstock.validation.ladder.claims import judge_ladder, judge_own
-from headstock.validation.ladder.points import (
-    LadderError,
-    LadderPoint,
+from headstock.validation.refinement.points import (
+    RefinementError,
+    RefinementPoint,
     collect_points,
     deviations,
     measure_beam,
-    pick_rungs,
+    pick_series,
     worst_of,
 )
-from headstock.validation.ladder.references import LadderBeam, ladder_beam
+from headstock.validation.refinement.references import ReferenceBeam, reference_beam
+from headstock.validation.refinement.statements import judge_own, judge_statements
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 MACHINES = Path(__file__).resolve().parents[2] / "machines"
-Rungs = Mapping[str, Sequence[int | str]]
-Ladder = tuple[LadderBeam, list[LadderPoint]]
-CANTILEVER: Rungs = {
+RefinementSeries = Mapping[str, Sequence[int | str]]
+Refinement = tuple[ReferenceBeam, list[RefinementPoint]]
+CANTILEVER: RefinementSeries = {
     "static_segmented": [2, 5, 15, 70],
     "static_hex8": ["100 mm", "50 mm"],
     "static_tet4": ["30 mm"],
@@ -40,7 +40,7 @@ CANTILEVER: Rungs = {
     "modal_hex8": ["50 mm"],
     "modal_hex27": ["25 mm", "19 mm"],
 }
-FIXED: Rungs = {
+FIXED: RefinementSeries = {
     "static_segmented": [3, 15, 51],
     "static_tet4": ["200 mm"],
     "static_hex8": ["200 mm"],
@@ -50,25 +50,27 @@ FIXED: Rungs = {
 }
 
 
-def short_study(study: Study, rungs: Rungs) -> Study:
+def short_study(study: Study, series: RefinementSeries) -> Study:
     """The families of a study with few of their own segments or sizes."""
     families = []
     for family in study.families:
-        if family.name in rungs:
+        if family.name in series:
             (key,) = [key for key in family.vary if key != "variant"]
-            assert set(rungs[family.name]) <= set(family.vary[key]), (
-                "the shipped ladder has these rungs"
+            assert set(series[family.name]) <= set(family.vary[key]), (
+                "the shipped study has these models"
             )
             families.append(
-                dataclasses.replace(family, vary={**family.vary, key: tuple(rungs[family.name])})
+                dataclasses.replace(family, vary={**family.vary, key: tuple(series[family.name])})
             )
     return dataclasses.replace(study, families=tuple(families), cold=False, repeats=1)
 
 
-def climb(name: str, rungs: Rungs, folder: Path, scene_file: Path | None = None) -> Ladder:
+def climb(
+    name: str, series: RefinementSeries, folder: Path, scene_file: Path | None = None
+) -> Refinement:
     path = scene_file or MACHINES / f"{name}.toml"
     scene = load_scene(path)
-    study = short_study(scene.studies["ladder"], rungs)
+    study = short_study(scene.studies["refinement"], series)
     job = StudyJob(
         path,
         study,
@@ -79,30 +81,30 @@ def climb(name: str, rungs: Rungs, folder: Path, scene_file: Path | None = None)
     )
     records = run_study(job, folder, comm=MPI.COMM_WORLD)
     assert [record.error for record in records if record.status == "failed"] == []
-    beam = ladder_beam(present(study.reference))
+    beam = reference_beam(present(study.reference))
     return beam, collect_points(beam, records)
 
 
 @pytest.fixture(scope="module")
-def cantilever(tmp_path_factory: pytest.TempPathFactory) -> Ladder:
+def cantilever(tmp_path_factory: pytest.TempPathFactory) -> Refinement:
     return climb("cantilever", CANTILEVER, tmp_path_factory.mktemp("cantilever"))
 
 
 @pytest.fixture(scope="module")
-def fixed_beam(tmp_path_factory: pytest.TempPathFactory) -> Ladder:
+def fixed_beam(tmp_path_factory: pytest.TempPathFactory) -> Refinement:
     return climb("fixed_beam", FIXED, tmp_path_factory.mktemp("fixed"))
 
 
-def verdicts(ladder: Ladder, figure: int, models: str) -> dict[str, bool]:
+def verdicts(refinement: Refinement, figure: int, models: str) -> dict[str, bool]:
     return {
         claim.text: claim.confirmed
-        for claim in judge_ladder(*ladder)
+        for claim in judge_statements(*refinement)
         if claim.figure == figure and claim.models == models
     }
 
 
 def test_the_segmented_cantilever_meets_the_paper_s_static_limits_and_does_not_get_worse(
-    cantilever: tuple[LadderBeam, list[LadderPoint]],
+    cantilever: tuple[ReferenceBeam, list[RefinementPoint]],
 ) -> None:
     assert verdicts(cantilever, 6, "segmented") == {
         "every deviation < 10 % from nDOF 30": True,
@@ -113,54 +115,56 @@ def test_the_segmented_cantilever_meets_the_paper_s_static_limits_and_does_not_g
 
 
 def test_what_is_left_of_the_segmented_cantilever_s_deviation_is_shear(
-    cantilever: tuple[LadderBeam, list[LadderPoint]],
+    cantilever: tuple[ReferenceBeam, list[RefinementPoint]],
 ) -> None:
-    rungs = pick_rungs(*cantilever, "static", "segmented")
-    names = list(rungs.points[0].values)
-    assert worst_of(deviations(rungs, names)).quantity == "dy(Fy)"
-    assert abs(worst_of(deviations(rungs, names, against="beam")).value) < 1e-7
+    series = pick_series(*cantilever, "static", "segmented")
+    names = list(series.points[0].values)
+    assert worst_of(deviations(series, names)).quantity == "dy(Fy)"
+    assert abs(worst_of(deviations(series, names, against="beam")).value) < 1e-7
 
 
 def test_the_segmented_cantilever_s_modes_are_within_20_per_cent_and_miss_16_only_by_the_reference(
-    cantilever: tuple[LadderBeam, list[LadderPoint]],
+    cantilever: tuple[ReferenceBeam, list[RefinementPoint]],
 ) -> None:
     found = verdicts(cantilever, 8, "segmented")
     assert found["every deviation < 20 % from nDOF 60"]
     assert not found["every deviation < 16 % above nDOF 200"]
     beam, points = cantilever
-    (claim,) = [c for c in judge_ladder(beam, points) if c.figure == 8 and "16 %" in c.text]
+    (claim,) = [c for c in judge_statements(beam, points) if c.figure == 8 and "16 %" in c.text]
     assert "Y2" in claim.decides
     assert "converged 3D elasticity itself lies at -16.04 %" in claim.note
 
 
 def test_second_order_elements_come_within_3_per_mille_of_converged_3d_elasticity(
-    cantilever: tuple[LadderBeam, list[LadderPoint]],
+    cantilever: tuple[ReferenceBeam, list[RefinementPoint]],
 ) -> None:
     own = [claim for claim in judge_own(*cantilever) if claim.models == "hex27"]
     assert [claim.confirmed for claim in own] == [True, True], [claim.decides for claim in own]
 
 
 def test_linear_elements_fail_in_bending_and_in_torsion(
-    cantilever: tuple[LadderBeam, list[LadderPoint]],
+    cantilever: tuple[ReferenceBeam, list[RefinementPoint]],
 ) -> None:
     for kind in ("tet4", "hex8"):
-        rungs = pick_rungs(*cantilever, "static", kind)
-        assert all(d.value < -0.10 for d in deviations(rungs, ["dx(Fx)", "dx(Mb)", "dx(Mc)"])), kind
-    (torsion,) = deviations(pick_rungs(*cantilever, "modal", "hex8"), ["T1"])
+        series = pick_series(*cantilever, "static", kind)
+        assert all(d.value < -0.10 for d in deviations(series, ["dx(Fx)", "dx(Mb)", "dx(Mc)"])), (
+            kind
+        )
+    (torsion,) = deviations(pick_series(*cantilever, "modal", "hex8"), ["T1"])
     assert torsion.value > 0.10
 
 
 def test_every_mode_of_the_paper_is_found_by_its_shape(
-    cantilever: tuple[LadderBeam, list[LadderPoint]],
+    cantilever: tuple[ReferenceBeam, list[RefinementPoint]],
 ) -> None:
     for kind in ("segmented", "hex27"):
-        finest = pick_rungs(*cantilever, "modal", kind).points[-1]
+        finest = pick_series(*cantilever, "modal", kind).points[-1]
         assert list(finest.values) == ["X1", "Y1", "X2", "T1", "Y2", "X3"]
         assert min(finest.macs.values()) > 0.98
 
 
 def test_the_segmented_fixed_beam_meets_the_paper_s_limits(
-    fixed_beam: tuple[LadderBeam, list[LadderPoint]],
+    fixed_beam: tuple[ReferenceBeam, list[RefinementPoint]],
 ) -> None:
     found = verdicts(fixed_beam, 11, "segmented")
     assert found["dx within 10 % from nDOF 90"]
@@ -172,24 +176,24 @@ def test_the_segmented_fixed_beam_meets_the_paper_s_limits(
 
 
 def test_linear_elements_fail_for_the_fixed_beam_by_more_than_70_per_cent(
-    fixed_beam: tuple[LadderBeam, list[LadderPoint]],
+    fixed_beam: tuple[ReferenceBeam, list[RefinementPoint]],
 ) -> None:
     shifts = ["dx(Fx), h_F = 0", "dx(Fx), h_F = 100 mm"]
     for kind in ("tet4", "hex8"):
-        found = deviations(pick_rungs(*fixed_beam, "static", kind), shifts)
+        found = deviations(pick_series(*fixed_beam, "static", kind), shifts)
         assert len(found) == 2
         assert worst_of(found).value < -0.70
 
 
 def test_the_fixed_beam_s_torsion_is_20_per_cent_off_its_analytic_value_with_any_element(
-    fixed_beam: tuple[LadderBeam, list[LadderPoint]],
+    fixed_beam: tuple[ReferenceBeam, list[RefinementPoint]],
 ) -> None:
     for kind in ("hex8", "hex27"):
         assert all(
-            d.value > 0.20 for d in deviations(pick_rungs(*fixed_beam, "modal", kind), ["T1"])
+            d.value > 0.20 for d in deviations(pick_series(*fixed_beam, "modal", kind), ["T1"])
         )
     finest = deviations(
-        pick_rungs(*fixed_beam, "modal", "hex27"), ["X1", "T1", "X2"], against="solid"
+        pick_series(*fixed_beam, "modal", "hex27"), ["X1", "T1", "X2"], against="solid"
     )
     assert abs(worst_of(finest).value) < 0.03
 
@@ -199,5 +203,5 @@ def test_a_scene_that_is_not_the_beam_is_refused_with_what_it_should_be(tmp_path
     path.write_text(
         (MACHINES / "cantilever.toml").read_text().replace('"38 mm", "100 mm"', '"40 mm", "100 mm"')
     )
-    with pytest.raises(LadderError, match="38 x 100 x 500 mm"):
+    with pytest.raises(RefinementError, match="38 x 100 x 500 mm"):
         climb("cantilever", {"static_segmented": [2]}, tmp_path, path)

@@ -1,9 +1,9 @@
 import pytest
 
-from headstock.validation.ladder.references import LadderBeam, ladder_beam
 from headstock.validation.references.values import reference_case
+from headstock.validation.refinement.references import ReferenceBeam, reference_beam
 
-CANTILEVER, FIXED = ladder_beam("kono-cantilever"), ladder_beam("kono-fixed-beam")
+CANTILEVER, FIXED = reference_beam("kono-cantilever"), reference_beam("kono-fixed-beam")
 
 
 def test_the_order_of_modes_is_the_paper_s() -> None:
@@ -44,7 +44,7 @@ def test_analytic_values_are_those_of_the_tables() -> None:
 
 @pytest.mark.parametrize("beam", [CANTILEVER, FIXED], ids=lambda beam: beam.name)
 def test_where_the_analytic_value_is_more_than_a_per_cent_off_the_reason_is_given(
-    beam: LadderBeam,
+    beam: ReferenceBeam,
 ) -> None:
     assert beam.references
     for reference in beam.references.values():

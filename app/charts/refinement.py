@@ -13,28 +13,28 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullForma
 
 from headstock.app.charts.charts import INK, calm_axes, encode_figure, new_figure
 from headstock.pipeline.results.views import COLORS
-from headstock.validation.ladder.points import (
-    KINDS,
-    LadderKind,
-    LadderPoint,
-    Rungs,
-    deviations,
-    pick_rungs,
-    worst_by_ndof,
-)
-from headstock.validation.ladder.references import Group, LadderBeam
 from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
 from headstock.validation.machines.axis_kit_models import MEASURED_COMPLIANCE, VARIANTS
 from headstock.validation.references.rows import ValidationRow
+from headstock.validation.refinement.points import (
+    KINDS,
+    ModelKind,
+    RefinementPoint,
+    RefinementSeries,
+    deviations,
+    pick_series,
+    worst_by_ndof,
+)
+from headstock.validation.refinement.references import Group, ReferenceBeam
 
 Over = Literal["ndof", "time"]
 NDOF: Over = "ndof"
 TIME: Over = "time"
 # the paper's own first, then by pairs of the same order
-PANELS: tuple[LadderKind, ...] = ("wilson8", "tet4", "hex8", "tet10", "hex27")
+PANELS: tuple[ModelKind, ...] = ("wilson8", "tet4", "hex8", "tet10", "hex27")
 KIND_COLORS = ("#1f5fa8", "#d9660a", "#2f855a", "#b83280", "#6b46c1", "#64748b")
 MARKERS = ("o", "s", "^", "D", "v", "P")
-KIND_LABELS: dict[LadderKind, str] = {
+KIND_LABELS: dict[ModelKind, str] = {
     "segmented": "segmented bodies",
     "tet4": "linear tets (4 nodes)",
     "hex8": "linear hexes (8 nodes)",
@@ -53,12 +53,12 @@ TICKS = (-100, -50, -20, -10, -5, 0, 5, 10, 20, 50, 100, 200, 500)
 LEAST_SHOWN = 1e-3  # percent, in the overview
 
 
-def draw_ladder(beam: LadderBeam, points: Sequence[LadderPoint]) -> dict[str, bytes]:
-    """Every figure of a ladder by file name: those of the paper over nDOF and over time, and all
+def draw_refinement(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> dict[str, bytes]:
+    """Every figure of a refinement study by file name: those of the paper over nDOF and over time, and all
     models together.
     """
     found: dict[str, bytes] = {}
-    cases: tuple[tuple[Group, tuple[LadderKind, ...]], ...] = (
+    cases: tuple[tuple[Group, tuple[ModelKind, ...]], ...] = (
         ("static", KINDS[:1]),
         ("static", PANELS),
         ("modal", KINDS[:1]),
@@ -67,7 +67,7 @@ def draw_ladder(beam: LadderBeam, points: Sequence[LadderPoint]) -> dict[str, by
     for number, (group, kinds) in zip(beam.figures, cases, strict=True):
         for over, own in ((NDOF, points), (TIME, _timed(points))):
             panels = [
-                rungs for kind in kinds if (rungs := pick_rungs(beam, own, group, kind)).points
+                series for kind in kinds if (series := pick_series(beam, own, group, kind)).points
             ]
             if panels:
                 found[f"figure_{number:02d}_{over}"] = _draw_figure(panels, number, over)
@@ -76,11 +76,11 @@ def draw_ladder(beam: LadderBeam, points: Sequence[LadderPoint]) -> dict[str, by
     return found
 
 
-def _timed(points: Sequence[LadderPoint]) -> list[LadderPoint]:
+def _timed(points: Sequence[RefinementPoint]) -> list[RefinementPoint]:
     return [point for point in points if math.isfinite(point.cpu_seconds)]
 
 
-def _draw_figure(panels: Sequence[Rungs], number: int, over: Over) -> bytes:
+def _draw_figure(panels: Sequence[RefinementSeries], number: int, over: Over) -> bytes:
     """One panel per kind of model, on the same axes; the legend in the first row where that has one
     panel of several.
     """
@@ -101,7 +101,7 @@ def _draw_figure(panels: Sequence[Rungs], number: int, over: Over) -> bytes:
         x=0.01,
         ha="left",
     )
-    largest = max(abs(d.value) for rungs in panels for d in deviations(rungs, names)) * 100.0
+    largest = max(abs(d.value) for series in panels for d in deviations(series, names)) * 100.0
     grid = figure.subplots(height, width, sharex=True, sharey=True, squeeze=False)
     odd = len(panels) % width > 0
     handles = _handles(names, segmented=panels[0].kinds == ("segmented",))
@@ -113,9 +113,9 @@ def _draw_figure(panels: Sequence[Rungs], number: int, over: Over) -> bytes:
             handles=handles, loc="outside lower center", ncols=2 * width, fontsize=8, frameon=False
         )
     cells = [axes for place, axes in enumerate(grid.flat) if not (odd and place == 1)]
-    for axes, rungs in zip(cells, panels, strict=True):
-        _draw_panel(axes, rungs, names, over)
-        axes.set_title(KIND_LABELS[rungs.kinds[0]], fontsize=9, color=INK, loc="left")
+    for axes, series in zip(cells, panels, strict=True):
+        _draw_panel(axes, series, names, over)
+        axes.set_title(KIND_LABELS[series.kinds[0]], fontsize=9, color=INK, loc="left")
     for axes in cells:
         _shape_axes(axes, largest)
     for axes in grid[:, 0]:
@@ -125,10 +125,10 @@ def _draw_figure(panels: Sequence[Rungs], number: int, over: Over) -> bytes:
     return encode_figure(figure)
 
 
-def _draw_panel(axes: Axes, rungs: Rungs, names: Sequence[str], over: Over) -> None:
+def _draw_panel(axes: Axes, series: RefinementSeries, names: Sequence[str], over: Over) -> None:
     axes.axhline(0.0, color=INK, linewidth=0.8)
     for name, color, marker in zip(names, KIND_COLORS, MARKERS, strict=False):
-        found = deviations(rungs, [name])
+        found = deviations(series, [name])
         x = [
             deviation.point.ndof if over == "ndof" else deviation.point.cpu_seconds
             for deviation in found
@@ -141,9 +141,9 @@ def _draw_panel(axes: Axes, rungs: Rungs, names: Sequence[str], over: Over) -> N
             markersize=4.5,
             linewidth=1.3,
         )
-        reference = rungs.beam.references[name]
+        reference = series.beam.references[name]
         roads = [(reference.solid, "none")] + (
-            [(reference.beam, color)] if rungs.kinds == ("segmented",) else []
+            [(reference.beam, color)] if series.kinds == ("segmented",) else []
         )
         for value, filled in roads:
             level = 100.0 * (value / reference.analytic - 1.0)
@@ -206,7 +206,7 @@ def _handles(names: Sequence[str], *, segmented: bool) -> list[Line2D]:
     return lines
 
 
-def _draw_overview(beam: LadderBeam, points: Sequence[LadderPoint]) -> bytes:
+def _draw_overview(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> bytes:
     """Largest deviation from converged 3D elasticity over time, all models together."""
     both: tuple[Group, ...] = ("static", "modal")
     groups = [group for group in both if any(point.group == group for point in points)]
@@ -218,7 +218,7 @@ def _draw_overview(beam: LadderBeam, points: Sequence[LadderPoint]) -> bytes:
         axes = figure.add_subplot(1, len(groups), number + 1)
         names = [name for name, reference in beam.references.items() if reference.group == group]
         for kind, color, marker in zip(KINDS, KIND_COLORS, MARKERS, strict=False):
-            worst = worst_by_ndof(pick_rungs(beam, points, group, kind), names, against="solid")
+            worst = worst_by_ndof(pick_series(beam, points, group, kind), names, against="solid")
             if not worst:
                 continue
             x, y = (

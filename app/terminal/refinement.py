@@ -12,19 +12,22 @@ from rich.text import Text
 
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
 from headstock.app.texts.tables import PlainTable
-from headstock.validation.ladder.claims import Claim
-from headstock.validation.ladder.points import KINDS, LadderPoint, ndof_within, pick_rungs
-from headstock.validation.ladder.references import Group, LadderBeam
 from headstock.validation.references.rows import verdict
+from headstock.validation.refinement.points import KINDS, RefinementPoint, ndof_within, pick_series
+from headstock.validation.refinement.references import Group, ReferenceBeam
+from headstock.validation.refinement.statements import Claim
 
 LIMITS = (0.10, 0.05, 0.01, 0.003)
 UNITS: dict[Group, str] = {"static": "um", "modal": "Hz"}
 
 
-def print_ladder(
-    beam: LadderBeam, points: Sequence[LadderPoint], claims: Sequence[Claim], own: Sequence[Claim]
+def print_refinement(
+    beam: ReferenceBeam,
+    points: Sequence[RefinementPoint],
+    claims: Sequence[Claim],
+    own: Sequence[Claim],
 ) -> None:
-    """References, effort and claims of a ladder.
+    """References, effort and statements of a refinement study.
 
     Args:
         beam: Whose references they are.
@@ -44,10 +47,10 @@ def print_ladder(
     _print_claims(console, "What Headstock's own models show", own)
 
 
-def ladder_tables(
-    beam: LadderBeam, points: Sequence[LadderPoint], claims: Sequence[Claim]
+def refinement_tables(
+    beam: ReferenceBeam, points: Sequence[RefinementPoint], claims: Sequence[Claim]
 ) -> list[PlainTable]:
-    """Every value of a ladder beside its three references, and the claims.
+    """Every value of a refinement study beside its three references, and the statements.
 
     Args:
         beam: Whose references they are.
@@ -74,7 +77,7 @@ def ladder_tables(
                 point.macs.get(name),
             )
             rows.append((point.kind, point.ndof, name, UNITS[point.group], value, *compared, *cost))
-    table = PlainTable("ladder", headings, tuple(rows))
+    table = PlainTable("refinement", headings, tuple(rows))
     verdicts = tuple(
         (c.figure, c.models, c.text, verdict(c.confirmed), c.decides, c.value, c.note)
         for c in claims
@@ -117,7 +120,7 @@ def list_claims(claims: Sequence[Claim]) -> list[ClaimListing]:
     ]
 
 
-def _reference_table(beam: LadderBeam) -> Table:
+def _reference_table(beam: ReferenceBeam) -> Table:
     table = make_table(
         "quantity", "", ">analytic", ">beam with shear", ">off by", ">converged 3D", ">off by"
     )
@@ -136,7 +139,7 @@ def _reference_table(beam: LadderBeam) -> Table:
     return table
 
 
-def _print_reasons(console: Console, beam: LadderBeam) -> None:
+def _print_reasons(console: Console, beam: ReferenceBeam) -> None:
     """Why the analytic values are off, each reason with its quantities."""
     reasons: dict[str, list[str]] = {}
     for name, reference in beam.references.items():
@@ -148,19 +151,19 @@ def _print_reasons(console: Console, beam: LadderBeam) -> None:
     console.print()
 
 
-def _effort_table(beam: LadderBeam, points: Sequence[LadderPoint]) -> Table:
+def _effort_table(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> Table:
     table = make_table("models", "", *(f">{100 * limit:g} %" for limit in LIMITS))
     groups: tuple[Group, ...] = ("static", "modal")
     for group in groups:
         names = [name for name, reference in beam.references.items() if reference.group == group]
         for kind in KINDS:
-            rungs = pick_rungs(beam, points, group, kind)
-            if not rungs.points:
+            series = pick_series(beam, points, group, kind)
+            if not series.points:
                 continue
             cells = []
             for limit in LIMITS:
-                ndof = ndof_within(rungs, names, limit, against="solid")
-                seconds = [point.cpu_seconds for point in rungs.points if point.ndof == ndof]
+                ndof = ndof_within(series, names, limit, against="solid")
+                seconds = [point.cpu_seconds for point in series.points if point.ndof == ndof]
                 timed = (
                     f" ({max(seconds):.2g} s)" if seconds and math.isfinite(max(seconds)) else ""
                 )

@@ -3,7 +3,7 @@ import pytest
 
 from headstock.geometry.frames import rigid_map
 from headstock.geometry.parts.components import Material
-from headstock.validation.ladder.paper_elements import (
+from headstock.validation.refinement.paper_elements import (
     brick_mass,
     brick_model,
     brick_stiffness,

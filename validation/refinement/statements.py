@@ -12,22 +12,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.validation.ladder.points import (
+from headstock.validation.parts.closed_form_cases import PATCH
+from headstock.validation.refinement.points import (
     LINEAR,
     QUADRATIC,
     Against,
-    LadderPoint,
-    Rungs,
+    RefinementPoint,
+    RefinementSeries,
     deviations,
     ndof_within,
     nearest_rung,
-    pick_rungs,
+    pick_series,
     reference_value,
     worst_by_ndof,
     worst_of,
 )
-from headstock.validation.ladder.references import Group, LadderBeam
-from headstock.validation.parts.closed_form_cases import PATCH
+from headstock.validation.refinement.references import Group, ReferenceBeam
 
 ROUNDOFF = 1e-6
 ABOUT_EQUAL = 2.0  # nDOF of two models that may be compared
@@ -46,13 +46,13 @@ PLAIN = (
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement about a ladder and what became of it.
+    """A statement about a series of models and what became of it.
 
     Attributes:
         figure: Number of the paper's figure.
         models: Which models it is about.
         text: The statement.
-        confirmed: Whether the ladder shows it.
+        confirmed: Whether the series shows it.
         decides: The number that decides, and where it was met.
         value: That number; None where there is none.
         note: What a reader should know.
@@ -72,12 +72,12 @@ class Statement:
     """What is said of some models; each method decides it in one way.
 
     Attributes:
-        rungs: Models by rising nDOF.
+        series: Models by rising nDOF.
         text: The statement, in the paper's words.
         quantities: Names of the quantities it is about.
     """
 
-    rungs: Rungs
+    series: RefinementSeries
     text: str
     quantities: Sequence[str]
 
@@ -90,11 +90,11 @@ class Statement:
             above: Smallest nDOF that counts.
             note: What to say where it is not confirmed and the reference is not to blame.
         """
-        missing, found = self._lacking(above), deviations(self.rungs, self.quantities, above=above)
+        missing, found = self._lacking(above), deviations(self.series, self.quantities, above=above)
         if not found:
             return None
         worst = worst_of(found)
-        confirmed = abs(worst.value) < limit and not (missing and self.rungs.group == "modal")
+        confirmed = abs(worst.value) < limit and not (missing and self.series.group == "modal")
         decides = (
             str(worst) if abs(worst.value) >= limit or confirmed else _name_missing(missing[0])
         )
@@ -117,7 +117,7 @@ class Statement:
         """
         worst = [
             d
-            for ndof, d in worst_by_ndof(self.rungs, self.quantities, above=above).items()
+            for ndof, d in worst_by_ndof(self.series, self.quantities, above=above).items()
             if ndof <= below
         ]
         if not worst:
@@ -133,17 +133,17 @@ class Statement:
         )
         remark = note if small else ""
         if abs(self._solid_off(least.quantity)) > limit:
-            remark = f"{self._name_solid(least.quantity, digits=1)}: {self.rungs.beam.references[least.quantity].note}"
+            remark = f"{self._name_solid(least.quantity, digits=1)}: {self.series.beam.references[least.quantity].note}"
         return self._decide(not small, decides, (small or [least])[0].value, remark)
 
     def coarsest_exceeds(self, limit: float) -> Claim | None:
         """In the smallest model some deviation is larger than a limit [-]; the note says from which
         nDOF on none is.
         """
-        worst = list(worst_by_ndof(self.rungs, self.quantities).values())
+        worst = list(worst_by_ndof(self.series, self.quantities).values())
         if not worst:
             return None
-        enough, last = ndof_within(self.rungs, self.quantities, limit), self.rungs.points[-1].ndof
+        enough, last = ndof_within(self.series, self.quantities, limit), self.series.points[-1].ndof
         note = (
             f"still in the largest model, nDOF {last}"
             if enough is None
@@ -153,7 +153,7 @@ class Statement:
 
     def between(self, low: float, high: float) -> Claim | None:
         """The largest deviation of every model lies between two limits [-]."""
-        worst = list(worst_by_ndof(self.rungs, self.quantities).values())
+        worst = list(worst_by_ndof(self.series, self.quantities).values())
         if not worst:
             return None
         outside = [deviation for deviation in worst if not low <= abs(deviation.value) <= high]
@@ -169,7 +169,7 @@ class Statement:
         """No deviation grows from one model to the next; where nothing is left to shrink that is
         said.
         """
-        by_quantity = [deviations(self.rungs, [name]) for name in self.quantities]
+        by_quantity = [deviations(self.series, [name]) for name in self.quantities]
         steps = [
             (abs(fine.value) - abs(coarse.value), fine)
             for own in by_quantity
@@ -179,7 +179,7 @@ class Statement:
             return None
         growth, where = max(steps, key=lambda step: step[0])
         if all(abs(step) < ROUNDOFF for step, _ in steps):
-            decides = f"unchanged: {worst_of(deviations(self.rungs, self.quantities))}"
+            decides = f"unchanged: {worst_of(deviations(self.series, self.quantities))}"
             return self._decide(growth < ROUNDOFF, decides, growth, UNCHANGED)
         return self._decide(
             growth < ROUNDOFF, f"largest growth {100 * growth:+.2g} points: {where}", growth
@@ -192,7 +192,7 @@ class Statement:
         by_quantity = [
             found
             for name in self.quantities
-            if len(found := deviations(self.rungs, [name], above=above)) > 1
+            if len(found := deviations(self.series, [name], above=above)) > 1
         ]
         if not by_quantity:
             return None
@@ -205,7 +205,7 @@ class Statement:
         said = dataclasses.replace(self, text=f"{self.text} (within {100 * limit:g} point)")
         return said._decide(span <= limit, f"{100 * span:.2g} points: {least} to {most}", span)
 
-    def smaller_than(self, worse: Rungs, *, above: float, below: float) -> Claim | None:
+    def smaller_than(self, worse: RefinementSeries, *, above: float, below: float) -> Claim | None:
         """In a range of nDOF these models deviate less than others of about equal nDOF, in every
         quantity; a missing mode loses.
 
@@ -215,7 +215,7 @@ class Statement:
             below: Largest nDOF.
         """
         gaps = []
-        for own in deviations(self.rungs, self.quantities, above=above):
+        for own in deviations(self.series, self.quantities, above=above):
             other = nearest_rung(worse, own.point.ndof, own.quantity)
             if (
                 own.point.ndof <= below
@@ -230,28 +230,30 @@ class Statement:
         gap, own, off = max(gaps, key=lambda item: item[0])
         decides = f"{own} beside {off}" if not lacking else _name_missing(lacking[0])
         return self._decide(
-            gap < 0.0 and not lacking, decides, gap, models=f"{self.rungs.models}, {worse.models}"
+            gap < 0.0 and not lacking, decides, gap, models=f"{self.series.models}, {worse.models}"
         )
 
     def coarsest_lacks(self) -> Claim | None:
         """The smallest model has not a certain mode."""
-        if not self.rungs.points:
+        if not self.series.points:
             return None
-        (name,), smallest = self.quantities, self.rungs.points[0]
+        (name,), smallest = self.quantities, self.series.points[0]
         if name not in smallest.values:
             return self._decide(
                 True, f"none resembles {name} at nDOF {smallest.ndof} ({smallest.kind})", None
             )
         found = next(
-            deviation for deviation in deviations(self.rungs, [name]) if deviation.point is smallest
+            deviation
+            for deviation in deviations(self.series, [name])
+            if deviation.point is smallest
         )
         return self._decide(False, f"{found}, MAC {smallest.macs[name]:.2f}", found.value)
 
-    def softer_than(self, stiffer: Rungs) -> Claim | None:
+    def softer_than(self, stiffer: RefinementSeries) -> Claim | None:
         """The smallest of these models gives larger displacements than the smallest of others."""
-        if not (self.rungs.points and stiffer.points):
+        if not (self.series.points and stiffer.points):
             return None
-        own, other = self.rungs.points[0], stiffer.points[0]
+        own, other = self.series.points[0], stiffer.points[0]
         ratios = {name: own.values[name] / other.values[name] for name in self.quantities}
         name = min(ratios, key=lambda key: ratios[key])
         decides = f"{name} {ratios[name]:.3g} times that of {stiffer.models} (nDOF {own.ndof} and {other.ndof})"
@@ -259,10 +261,10 @@ class Statement:
             ratios[name] >= 1.0,
             decides,
             ratios[name],
-            models=f"{self.rungs.models}, {stiffer.models}",
+            models=f"{self.series.models}, {stiffer.models}",
         )
 
-    def like(self, others: Rungs, limit: float, *, above: float) -> Claim | None:
+    def like(self, others: RefinementSeries, limit: float, *, above: float) -> Claim | None:
         """Deviations of two kinds of models of about equal nDOF differ by less than a limit.
 
         Args:
@@ -271,12 +273,12 @@ class Statement:
             above: Least nDOF.
         """
         gaps = []
-        for own in deviations(self.rungs, self.quantities, above=above):
+        for own in deviations(self.series, self.quantities, above=above):
             other = nearest_rung(others, own.point.ndof, own.quantity)
             if other is not None:
                 gap = own.value - (
                     other.values[own.quantity]
-                    / reference_value(self.rungs.beam, own.quantity, "analytic")
+                    / reference_value(self.series.beam, own.quantity, "analytic")
                     - 1.0
                 )
                 gaps.append((gap, own, other))
@@ -285,10 +287,10 @@ class Statement:
         gap, own, other = max(gaps, key=lambda item: abs(item[0]))
         decides = f"{100 * gap:+.3g} points: {own} against {other.kind} at nDOF {other.ndof}"
         return self._decide(
-            abs(gap) < limit, decides, gap, models=f"{others.models}, {self.rungs.models}"
+            abs(gap) < limit, decides, gap, models=f"{others.models}, {self.series.models}"
         )
 
-    def costlier_than(self, few: Rungs, limit: float, *, least: float) -> Claim | None:
+    def costlier_than(self, few: RefinementSeries, limit: float, *, least: float) -> Claim | None:
         """These models need at least so many times the dofs of others to stay within a limit of the
         analytic values.
 
@@ -297,13 +299,15 @@ class Statement:
             limit: Largest relative deviation [-].
             least: Least ratio of the nDOF needed [-].
         """
-        if not (self.rungs.points and few.points):
+        if not (self.series.points and few.points):
             return None
-        needed, enough = (ndof_within(rungs, self.quantities, limit) for rungs in (self.rungs, few))
+        needed, enough = (
+            ndof_within(series, self.quantities, limit) for series in (self.series, few)
+        )
         models, share, last = (
-            f"{few.models}, {self.rungs.models}",
+            f"{few.models}, {self.series.models}",
             f"{100 * limit:g} %",
-            self.rungs.points[-1].ndof,
+            self.series.points[-1].ndof,
         )
         if enough is None:
             return self._decide(
@@ -320,10 +324,10 @@ class Statement:
 
     def reaches(self, limit: float, *, against: Against) -> Claim | None:
         """The largest model lies within a limit [-] of a reference, in every quantity."""
-        if not self.rungs.points:
+        if not self.series.points:
             return None
-        finest = list(worst_by_ndof(self.rungs, self.quantities, against=against).values())[-1]
-        enough = ndof_within(self.rungs, self.quantities, limit, against=against)
+        finest = list(worst_by_ndof(self.series, self.quantities, against=against).values())[-1]
+        enough = ndof_within(self.series, self.quantities, limit, against=against)
         decides = f"from nDOF {enough} on; {finest}" if enough is not None else str(finest)
         return self._decide(enough is not None, decides, finest.value)
 
@@ -337,8 +341,8 @@ class Statement:
         models: str = "",
     ) -> Claim:
         return Claim(
-            self.rungs.figure,
-            models or self.rungs.models,
+            self.series.figure,
+            models or self.series.models,
             self.text,
             confirmed,
             decides,
@@ -346,16 +350,16 @@ class Statement:
             note,
         )
 
-    def _lacking(self, above: float, below: float = np.inf) -> list[LadderPoint]:
+    def _lacking(self, above: float, below: float = np.inf) -> list[RefinementPoint]:
         """Models between two nDOF that miss a quantity."""
-        inside = [point for point in self.rungs.points if above <= point.ndof <= below]
+        inside = [point for point in self.series.points if above <= point.ndof <= below]
         return [
             point for point in inside if any(name not in point.values for name in self.quantities)
         ]
 
     def _solid_off(self, quantity: str) -> float:
         """Deviation of converged 3D elasticity from the analytic value [-]."""
-        reference = self.rungs.beam.references[quantity]
+        reference = self.series.beam.references[quantity]
         return reference.solid / reference.analytic - 1.0
 
     def _name_solid(self, quantity: str, *, digits: int) -> str:
@@ -365,7 +369,7 @@ class Statement:
         """Says so where a right model cannot meet a limit, since the analytic value it is compared
         with is off.
         """
-        reference = self.rungs.beam.references[quantity]
+        reference = self.series.beam.references[quantity]
         off = {"beam theory with shear": reference.beam / reference.analytic - 1.0}
         off["converged 3D elasticity"] = self._solid_off(quantity)
         words = [
@@ -376,19 +380,19 @@ class Statement:
         return f"{', '.join(words)}: {reference.note}" if words else ""
 
 
-def _name_missing(point: LadderPoint) -> str:
+def _name_missing(point: RefinementPoint) -> str:
     return f"a mode is missing at nDOF {point.ndof} ({point.kind})"
 
 
-def judge_ladder(beam: LadderBeam, points: Sequence[LadderPoint]) -> list[Claim]:
-    """Every statement about a beam that its ladder has models to decide by, in the order of the
+def judge_statements(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> list[Claim]:
+    """Every statement about a beam that its series has models to decide by, in the order of the
     paper's figures.
     """
     judge = _judge_cantilever if beam.name == "kono-cantilever" else _judge_fixed_beam
     return _decided(judge(beam, points))
 
 
-def judge_own(beam: LadderBeam, points: Sequence[LadderPoint]) -> list[Claim]:
+def judge_own(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> list[Claim]:
     """What the paper does not say: second-order elements reach converged 3D elasticity, segments
     reach beam theory with shear.
     """
@@ -399,9 +403,9 @@ def judge_own(beam: LadderBeam, points: Sequence[LadderPoint]) -> list[Claim]:
         text = (
             f"second-order elements come within {100 * SOLID_LIMIT:g} % of converged 3D elasticity"
         )
-        fine = [pick_rungs(beam, points, group, kind) for kind in QUADRATIC]
+        fine = [pick_series(beam, points, group, kind) for kind in QUADRATIC]
         found += [
-            Statement(rungs, text, names).reaches(SOLID_LIMIT, against="solid") for rungs in fine
+            Statement(series, text, names).reaches(SOLID_LIMIT, against="solid") for series in fine
         ]
         # the loaded patch holds a part of the span against twist, at most all that lies under it
         limit = BEAM_LIMIT + (
@@ -413,7 +417,7 @@ def judge_own(beam: LadderBeam, points: Sequence[LadderPoint]) -> list[Claim]:
             f"segments come within {100 * limit:.2g} % of beam theory with shear and free warping"
         )
         found.append(
-            Statement(pick_rungs(beam, points, group, "segmented"), text, names).reaches(
+            Statement(pick_series(beam, points, group, "segmented"), text, names).reaches(
                 limit, against="beam"
             )
         )
@@ -424,10 +428,10 @@ def _decided(claims: Sequence[Claim | None]) -> list[Claim]:
     return sorted((claim for claim in claims if claim is not None), key=lambda claim: claim.figure)
 
 
-def _judge_cantilever(beam: LadderBeam, points: Sequence[LadderPoint]) -> list[Claim | None]:
+def _judge_cantilever(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> list[Claim | None]:
     modes = [name for name, reference in beam.references.items() if reference.group == "modal"]
     loads = [*FORCES, *TORSION]
-    segments = pick_rungs(beam, points, "static", "segmented")
+    segments = pick_series(beam, points, "static", "segmented")
     found = [
         Statement(segments, "every deviation < 10 % from nDOF 30", loads).below(0.10, above=30),
         Statement(segments, "every deviation < 4 % from nDOF 90", loads).below(0.04, above=90),
@@ -436,52 +440,52 @@ def _judge_cantilever(beam: LadderBeam, points: Sequence[LadderPoint]) -> list[C
             ALMOST, above=60
         ),
     ]
-    for rungs in (pick_rungs(beam, points, "static", kind) for kind in LINEAR):
+    for series in (pick_series(beam, points, "static", kind) for kind in LINEAR):
         found += [
             Statement(
                 segments, "small segmented models are softer than small FE models", loads
-            ).softer_than(rungs),
-            Statement(rungs, "< 10 % from nDOF 40, dx(Mc) apart", FORCES).below(
+            ).softer_than(series),
+            Statement(series, "< 10 % from nDOF 40, dx(Mc) apart", FORCES).below(
                 0.10, above=40, note=PLAIN
             ),
-            Statement(rungs, "< 2 % from nDOF 200, dx(Mc) apart", FORCES).below(
+            Statement(series, "< 2 % from nDOF 200, dx(Mc) apart", FORCES).below(
                 0.02, above=200, note=PLAIN
             ),
-            Statement(rungs, "dx(Mc) still > 10 % above nDOF 500", TORSION).exceeds(
+            Statement(series, "dx(Mc) still > 10 % above nDOF 500", TORSION).exceeds(
                 0.10, above=500, below=2000, note=ACROSS
             ),
-            Statement(rungs, "differ by < 5 % above nDOF 100, dx(Mc) apart", FORCES).like(
+            Statement(series, "differ by < 5 % above nDOF 100, dx(Mc) apart", FORCES).like(
                 segments, 0.05, above=100
             ),
         ]
-    segments = pick_rungs(beam, points, "modal", "segmented")
+    segments = pick_series(beam, points, "modal", "segmented")
     found += [
         Statement(segments, "every deviation < 20 % from nDOF 60", modes).below(0.20, above=60),
         Statement(segments, "every deviation < 16 % above nDOF 200", modes).below(0.16, above=200),
         Statement(segments, "X3 is missing at the smallest nDOF", ["X3"]).coarsest_lacks(),
     ]
-    for rungs in (pick_rungs(beam, points, "modal", kind) for kind in LINEAR):
+    for series in (pick_series(beam, points, "modal", kind) for kind in LINEAR):
         found += [
-            Statement(rungs, "every deviation < 20 % from nDOF 100", modes).below(
+            Statement(series, "every deviation < 20 % from nDOF 100", modes).below(
                 0.20, above=100, note=PLAIN
             ),
-            Statement(rungs, "every deviation < 15 % above nDOF 200", modes).below(
+            Statement(series, "every deviation < 15 % above nDOF 200", modes).below(
                 0.15, above=200, note=PLAIN
             ),
-            Statement(rungs, "X3 is missing at the smallest nDOF", ["X3"]).coarsest_lacks(),
+            Statement(series, "X3 is missing at the smallest nDOF", ["X3"]).coarsest_lacks(),
             Statement(
                 segments, "segments deviate less in X2 and X3 from nDOF 40 to 100", ["X2", "X3"]
-            ).smaller_than(rungs, above=40, below=100),
-            Statement(rungs, "differ by < 10 % above nDOF 100", modes).like(
+            ).smaller_than(series, above=40, below=100),
+            Statement(series, "differ by < 10 % above nDOF 100", modes).like(
                 segments, 0.10, above=100
             ),
         ]
     return found
 
 
-def _judge_fixed_beam(beam: LadderBeam, points: Sequence[LadderPoint]) -> list[Claim | None]:
+def _judge_fixed_beam(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> list[Claim | None]:
     shifts, bending = [AT_CENTRE, ABOVE], ["X1", "X2"]
-    segments = pick_rungs(beam, points, "static", "segmented")
+    segments = pick_series(beam, points, "static", "segmented")
     found = [
         Statement(segments, "dx within 10 % from nDOF 90", shifts).below(0.10, above=90),
         Statement(segments, "dx and dz within 3 % above nDOF 300", [*shifts, TILT]).below(
@@ -492,24 +496,24 @@ def _judge_fixed_beam(beam: LadderBeam, points: Sequence[LadderPoint]) -> list[C
             ALMOST, above=200
         ),
     ]
-    linear = [pick_rungs(beam, points, "static", kind) for kind in LINEAR]
+    linear = [pick_series(beam, points, "static", kind) for kind in LINEAR]
     found += [
         Statement(
-            rungs, "> 70 % without midside nodes, on the coarsest mesh", shifts
+            series, "> 70 % without midside nodes, on the coarsest mesh", shifts
         ).coarsest_exceeds(0.70)
-        for rungs in linear
+        for series in linear
     ]
-    for rungs in (pick_rungs(beam, points, "static", kind) for kind in QUADRATIC):
+    for series in (pick_series(beam, points, "static", kind) for kind in QUADRATIC):
         found += [
-            Statement(rungs, "12 to 40 % with midside nodes", shifts).between(0.12, 0.40),
-            Statement(rungs, "still > 10 % at h_F = 100 mm near nDOF 10 000", [ABOVE]).exceeds(
+            Statement(series, "12 to 40 % with midside nodes", shifts).between(0.12, 0.40),
+            Statement(series, "still > 10 % at h_F = 100 mm near nDOF 10 000", [ABOVE]).exceeds(
                 0.10, above=7e3, below=2e4
             ),
-            Statement(rungs, "segments need 1/30 of the nDOF, or fewer", shifts).costlier_than(
+            Statement(series, "segments need 1/30 of the nDOF, or fewer", shifts).costlier_than(
                 segments, 0.10, least=30.0
             ),
         ]
-    segments = pick_rungs(beam, points, "modal", "segmented")
+    segments = pick_series(beam, points, "modal", "segmented")
     found += [
         Statement(segments, "every deviation < 20 % from nDOF 60", ["X1", "T1", "X2"]).below(
             0.20, above=60
@@ -518,18 +522,18 @@ def _judge_fixed_beam(beam: LadderBeam, points: Sequence[LadderPoint]) -> list[C
             0.03, above=400
         ),
     ]
-    for rungs in (pick_rungs(beam, points, "modal", kind) for kind in LINEAR):
+    for series in (pick_series(beam, points, "modal", kind) for kind in LINEAR):
         found += [
-            Statement(rungs, "T1 still > 20 % above nDOF 1000", ["T1"]).exceeds(
+            Statement(series, "T1 still > 20 % above nDOF 1000", ["T1"]).exceeds(
                 0.20, above=1e3, below=MANY
             ),
-            Statement(rungs, "X1 and X2 < 20 % from nDOF 210", bending).below(
+            Statement(series, "X1 and X2 < 20 % from nDOF 210", bending).below(
                 0.20, above=210, note=PLAIN
             ),
-            Statement(rungs, "X1 and X2 < 3 % above nDOF 800", bending).below(
+            Statement(series, "X1 and X2 < 3 % above nDOF 800", bending).below(
                 0.03, above=800, note=PLAIN
             ),
-            Statement(rungs, "segments need half the nDOF, or fewer", bending).costlier_than(
+            Statement(series, "segments need half the nDOF, or fewer", bending).costlier_than(
                 segments, 0.03, least=2.0
             ),
         ]

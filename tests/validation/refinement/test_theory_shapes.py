@@ -2,15 +2,15 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
-from headstock.validation.ladder.theory_shapes import (
+from headstock.validation.references.bending import euler_bernoulli_shape
+from headstock.validation.references.prismatic_beams import EndConditions
+from headstock.validation.references.torsion import wave_numbers
+from headstock.validation.refinement.theory_shapes import (
     PairedMode,
     find_theory_shapes,
     read_shape,
     section_motions,
 )
-from headstock.validation.references.bending import euler_bernoulli_shape
-from headstock.validation.references.prismatic_beams import EndConditions
-from headstock.validation.references.torsion import wave_numbers
 
 SIDES = (0.04, 0.1, 0.5)
 NAMES = ("X1", "Y1", "X2", "T1", "Y2", "X3")

@@ -1,5 +1,5 @@
 """What results of a scene say about a beam of the paper, and their deviations from the references
-along a fidelity ladder.
+along a series of models.
 """
 
 import dataclasses
@@ -18,35 +18,35 @@ from headstock.pipeline.results.results import Results
 from headstock.scene.scene import Scene
 from headstock.studies.parameters.records import Measured, StudyRecord
 from headstock.studies.parameters.tables import median_seconds
-from headstock.validation.ladder.references import (
+from headstock.validation.refinement.references import (
     FORCE,
     MOMENT,
     OFFSET,
     UM,
     Group,
-    LadderBeam,
-    ladder_beam,
+    ReferenceBeam,
+    reference_beam,
 )
-from headstock.validation.ladder.theory_shapes import (
+from headstock.validation.refinement.theory_shapes import (
     find_theory_shapes,
     read_shape,
     section_motions,
 )
 
-LadderKind = Literal["segmented", "tet4", "hex8", "tet10", "hex27", "wilson8"]
-KINDS: tuple[LadderKind, ...] = ("segmented", "tet4", "hex8", "tet10", "hex27", "wilson8")
-LINEAR: tuple[LadderKind, ...] = ("wilson8", "tet4", "hex8")
-QUADRATIC: tuple[LadderKind, ...] = ("tet10", "hex27")
+ModelKind = Literal["segmented", "tet4", "hex8", "tet10", "hex27", "wilson8"]
+KINDS: tuple[ModelKind, ...] = ("segmented", "tet4", "hex8", "tet10", "hex27", "wilson8")
+LINEAR: tuple[ModelKind, ...] = ("wilson8", "tet4", "hex8")
+QUADRATIC: tuple[ModelKind, ...] = ("tet10", "hex27")
 SAME = 1e-6
 Against = Literal["analytic", "beam", "solid"]
 
 
-class LadderError(HeadstockError):
+class RefinementError(HeadstockError):
     """A scene is not what a published study is about."""
 
 
 @dataclass(frozen=True, eq=False)
-class LadderPoint:
+class RefinementPoint:
     """A model of a beam.
 
     Attributes:
@@ -60,7 +60,7 @@ class LadderPoint:
         cpu_seconds: Processor time of the same [s].
     """
 
-    kind: LadderKind
+    kind: ModelKind
     ndof: int
     group: Group
     values: dict[str, float]
@@ -80,7 +80,7 @@ def measure_beam(reference: str, scene: Scene, results: Results) -> Measured:
     Raises:
         LadderError: The scene is not the beam of the reference.
     """
-    beam = ladder_beam(reference)
+    beam = reference_beam(reference)
     component = _check_beam(beam, scene)
     facts = results.components[component.name]
     mesh = component.mesh
@@ -103,11 +103,11 @@ def measure_beam(reference: str, scene: Scene, results: Results) -> Measured:
     return {"kind": kind, "ndof": facts.full_dofs, "values": values, "macs": macs}
 
 
-def collect_points(beam: LadderBeam, records: Sequence[StudyRecord]) -> list[LadderPoint]:
-    """The rungs of a ladder from a study's records; a point with static and modal results is two
-    rungs, a failed one is none.
+def collect_points(beam: ReferenceBeam, records: Sequence[StudyRecord]) -> list[RefinementPoint]:
+    """The models of a series from a study's records; a point with static and modal results is two
+    models, a failed one is none.
     """
-    found: list[LadderPoint] = []
+    found: list[RefinementPoint] = []
     for record in records:
         seconds, cpu = median_seconds(record), median_seconds(record, "cpu_seconds")
         if record.status == "failed" or seconds is None or cpu is None:
@@ -122,8 +122,8 @@ def collect_points(beam: LadderBeam, records: Sequence[StudyRecord]) -> list[Lad
             if own:
                 macs = measured["macs"] if group == "modal" else {}
                 found.append(
-                    LadderPoint(
-                        cast(LadderKind, measured["kind"]),
+                    RefinementPoint(
+                        cast(ModelKind, measured["kind"]),
                         measured["ndof"],
                         cast(Group, group),
                         own,
@@ -139,7 +139,7 @@ def _nodes(cells: str, order: int) -> int:
     return {("tet", 1): 4, ("tet", 2): 10, ("hex", 1): 8, ("hex", 2): 27}[cells, order]
 
 
-def _check_beam(beam: LadderBeam, scene: Scene) -> Component:
+def _check_beam(beam: ReferenceBeam, scene: Scene) -> Component:
     """The one component of a scene, which must be the beam."""
     components = list(scene.machine.components.values())
     solid = components[0].solid
@@ -153,7 +153,7 @@ def _check_beam(beam: LadderBeam, scene: Scene) -> Component:
     )
     if not right or not np.allclose(own, wanted, rtol=SAME, atol=0.0):
         sides = " x ".join(f"{1e3 * side:g}" for side in beam.size)
-        raise LadderError(
+        raise RefinementError(
             f"{scene.path} is compared with {beam.name}, which is one box of {sides} mm with E = {beam.material.youngs_modulus:g} Pa, "
             f"nu = {beam.material.poisson_ratio:g}, rho = {beam.material.density:g} kg/m^3; take those, or vary without `reference`"
         )
@@ -171,7 +171,7 @@ def cantilever_displacements(compliance: FloatArray) -> dict[str, float]:
     1/N, 1/(N m)].
     """
     c = np.abs(compliance) * UM
-    half = ladder_beam("kono-cantilever").size[1] / 2.0
+    half = reference_beam("kono-cantilever").size[1] / 2.0
     return {
         "dx(Fx)": FORCE * float(c[0, 0]),
         "dy(Fy)": FORCE * float(c[1, 1]),
@@ -187,10 +187,10 @@ def _fixed_beam_statics(component: Component, scene: Scene, results: Results) ->
     found: dict[str, float] = {}
     for name, answer in next(iter(results.static.values())).items():
         patch = component.interfaces[str(scene.machine.points[name].tool.interface)].patches[0]
-        height = patch.center[2] - 0.5 * ladder_beam("kono-fixed-beam").size[2]
+        height = patch.center[2] - 0.5 * reference_beam("kono-fixed-beam").size[2]
         label = "0" if abs(height) < SAME else "100 mm" if abs(height - OFFSET) < SAME else ""
         if not label or answer.displacement is None:
-            raise LadderError(
+            raise RefinementError(
                 f"point {name!r}: the paper's force of 1 kN along x acts at 0 or 100 mm above the middle of the front face"
             )
         shift = np.abs(answer.displacement) * UM
@@ -202,7 +202,7 @@ def _fixed_beam_statics(component: Component, scene: Scene, results: Results) ->
 
 
 def _beam_modes(
-    beam: LadderBeam, component: Component, results: Results
+    beam: ReferenceBeam, component: Component, results: Results
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Frequencies of the modes the paper names, found by their shapes, and how alike those are."""
     modes = results.modal[0]
@@ -224,7 +224,7 @@ def _beam_modes(
 
 
 @dataclass(frozen=True, eq=False)
-class Rungs:
+class RefinementSeries:
     """Models of some kinds by rising nDOF, static or modal.
 
     Attributes:
@@ -234,10 +234,10 @@ class Rungs:
         points: By rising nDOF.
     """
 
-    beam: LadderBeam
-    kinds: tuple[LadderKind, ...]
+    beam: ReferenceBeam
+    kinds: tuple[ModelKind, ...]
     group: Group
-    points: tuple[LadderPoint, ...]
+    points: tuple[RefinementPoint, ...]
 
     @property
     def models(self) -> str:
@@ -258,16 +258,16 @@ class Deviation:
 
     value: float
     quantity: str
-    point: LadderPoint
+    point: RefinementPoint
 
     def __str__(self) -> str:
         """As a reader takes it in: ``dy(Fy) +3.06 % at nDOF 30 (hex8)``."""
         return f"{self.quantity} {100 * self.value:+.3g} % at nDOF {self.point.ndof} ({self.point.kind})"
 
 
-def pick_rungs(
-    beam: LadderBeam, points: Sequence[LadderPoint], group: Group, *kinds: LadderKind
-) -> Rungs:
+def pick_series(
+    beam: ReferenceBeam, points: Sequence[RefinementPoint], group: Group, *kinds: ModelKind
+) -> RefinementSeries:
     """The models of some kinds, by rising nDOF.
 
     Args:
@@ -280,16 +280,20 @@ def pick_rungs(
         (point for point in points if point.group == group and point.kind in kinds),
         key=lambda point: point.ndof,
     )
-    return Rungs(beam, kinds, group, tuple(own))
+    return RefinementSeries(beam, kinds, group, tuple(own))
 
 
 def deviations(
-    rungs: Rungs, quantities: Sequence[str], *, above: float = 0.0, against: Against = "analytic"
+    series: RefinementSeries,
+    quantities: Sequence[str],
+    *,
+    above: float = 0.0,
+    against: Against = "analytic",
 ) -> list[Deviation]:
     """Every deviation of some quantities in models of at least so many dofs.
 
     Args:
-        rungs: Models by rising nDOF.
+        series: Models by rising nDOF.
         quantities: Names of the quantities; those that a model has not are left out.
         above: Least nDOF.
         against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D
@@ -300,16 +304,16 @@ def deviations(
     """
     return [
         Deviation(
-            point.values[name] / reference_value(rungs.beam, name, against) - 1.0, name, point
+            point.values[name] / reference_value(series.beam, name, against) - 1.0, name, point
         )
-        for point in rungs.points
+        for point in series.points
         if point.ndof >= above
         for name in quantities
         if name in point.values
     ]
 
 
-def reference_value(beam: LadderBeam, quantity: str, against: Against) -> float:
+def reference_value(beam: ReferenceBeam, quantity: str, against: Against) -> float:
     """The value that a quantity of a beam is compared with, in the unit of the quantity.
 
     Args:
@@ -328,52 +332,60 @@ def worst_of(found: Sequence[Deviation]) -> Deviation:
 
 
 def worst_by_ndof(
-    rungs: Rungs, quantities: Sequence[str], *, above: float = 0.0, against: Against = "analytic"
+    series: RefinementSeries,
+    quantities: Sequence[str],
+    *,
+    above: float = 0.0,
+    against: Against = "analytic",
 ) -> dict[int, Deviation]:
     """The largest deviation at each nDOF, by rising nDOF; models of equal nDOF count together.
 
     Args:
-        rungs: Models by rising nDOF.
+        series: Models by rising nDOF.
         quantities: Names of the quantities.
         above: Least nDOF.
         against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D
             elasticity.
     """
     grouped: dict[int, list[Deviation]] = {}
-    for deviation in deviations(rungs, quantities, above=above, against=against):
+    for deviation in deviations(series, quantities, above=above, against=against):
         grouped.setdefault(deviation.point.ndof, []).append(deviation)
     return {ndof: worst_of(found) for ndof, found in grouped.items()}
 
 
 def ndof_within(
-    rungs: Rungs, quantities: Sequence[str], limit: float, *, against: Against = "analytic"
+    series: RefinementSeries,
+    quantities: Sequence[str],
+    limit: float,
+    *,
+    against: Against = "analytic",
 ) -> int | None:
     """Smallest nDOF from which on every deviation is within a limit; None where the largest model
     is outside.
 
     Args:
-        rungs: Models by rising nDOF.
+        series: Models by rising nDOF.
         quantities: Names of the quantities.
         limit: Largest relative deviation [-].
         against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D
             elasticity.
     """
     enough: int | None = None
-    for ndof, worst in reversed(worst_by_ndof(rungs, quantities, against=against).items()):
+    for ndof, worst in reversed(worst_by_ndof(series, quantities, against=against).items()):
         if abs(worst.value) > limit:
             break
         enough = ndof
     return enough
 
 
-def nearest_rung(rungs: Rungs, ndof: int, quantity: str) -> LadderPoint | None:
+def nearest_rung(series: RefinementSeries, ndof: int, quantity: str) -> RefinementPoint | None:
     """The model with this quantity whose nDOF comes nearest, by ratio.
 
     Args:
-        rungs: Models by rising nDOF.
+        series: Models by rising nDOF.
         ndof: Wanted nDOF.
         quantity: The model must have it.
     """
-    own = [point for point in rungs.points if quantity in point.values]
+    own = [point for point in series.points if quantity in point.values]
     distances = [abs(math.log(point.ndof / ndof)) for point in own]
     return own[distances.index(min(distances))] if own else None
