@@ -184,7 +184,7 @@ each.3 = { from = "catalogue:guide_30", "stiffness.normal" = "1 N/um" }
 def test_a_joint_that_is_made_rigid_keeps_no_damping_of_its_element(load: Load) -> None:
     rigid = ", ".join(f'{key} = "rigid"' for key in ("normal", "lateral", "roll", "pitch", "yaw"))
     scene = load(old='stiffness.lateral = "200 N/um"', new=f"stiffness = {{ {rigid} }}")
-    assert scene.machine.joints["pad_1"].held == (1, 2, 3, 4, 5)
+    assert scene.machine.joints["pad_1"].fixed == (1, 2, 3, 4, 5)
     assert scene.machine.joints["pad_1"].loss_factor == 0.0
 
 
