@@ -3,7 +3,7 @@ run with all parts stored.
 
     ./headstock exec python3 benchmarks/many_parts.py [PARTS ...]
 
-PARTS is 50 100 200 unless given.
+Default of PARTS: 50 100 200.
 """
 
 import os

@@ -3,7 +3,7 @@ on one rank and on two.
 
     ./headstock exec python3 benchmarks/sweeps.py [POSES]
 
-POSES is 10000 unless given. Beside the wall-clock time stands the processor time of the rank that
+Default of POSES: 10000. Beside the wall-clock time stands the processor time of the rank that
 has most: on a machine that does other things besides, their ratio says what a second rank gives.
 """
 

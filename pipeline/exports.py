@@ -59,7 +59,7 @@ def export_state_space(
         scene: The same on every rank; its damping counts.
         path: File to write, whole or not at all.
         up_to_hz: Modes up to here become states, the others act statically.
-        pose: Name of a pose; the first unless given.
+        pose: Name of a pose; default: the first.
         comm: Collective.
         origin: Written with it.
 

@@ -89,9 +89,9 @@ def run_scene(
         scene: The same on every rank.
         output: Folder for the files, made where it is missing.
         comm: Collective.
-        observer: Told of each stage as it ends, on rank 0.
+        observer: Called with each stage as it ends, on rank 0.
         store: Where meshes and superelements are kept; by default the user's.
-        announce: Told of each stage before it begins, on rank 0.
+        announce: Called with each stage before it begins, on rank 0.
         volume: Write the volume meshes with their motions and stresses, too.
         provenance: Where the results come from, to be written with them.
 

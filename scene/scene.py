@@ -44,7 +44,7 @@ class AccuracyGoal:
 
 @dataclass(frozen=True)
 class CompareSettings:
-    """What ``headstock compare`` shows unless it is told otherwise.
+    """What ``headstock compare`` shows by default.
 
     Attributes:
         variants: Columns, ``A+B`` for joined variants and ``as written`` for none; empty for all.

@@ -275,7 +275,7 @@ def try_effects(
         choice: The scene.
         store: Where meshes and superelements are kept: no effect changes them, and no time of
             theirs is counted.
-        announce: Told what is run.
+        announce: Called with what is run.
 
     Raises:
         SceneError: The scene as written has problems.

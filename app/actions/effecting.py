@@ -27,7 +27,7 @@ from headstock.studies.effects import (
 )
 
 SHOWN = 3  # answers per effect
-CLEARLY = 0.05  # share of the time from which it is told as a number
+CLEARLY = 0.05  # share of the time from which it is shown as a number
 
 
 def print_trials(trials: Sequence[EffectTrial]) -> None:

@@ -67,7 +67,7 @@ def _section(
 
 def _key_table(label: str, table: JsonTable) -> Iterator[str]:
     required = _items(table, "required")
-    yield from ["| key | value | unless given | |", "|---|---|---|---|"]
+    yield from ["| key | value | default | |", "|---|---|---|---|"]
     for key, rule in rules_in(table, "properties").items():
         note = NOTES.get(f"{label}.{key}", "")
         default = "**required**" if key in required else _describe_default(rule)

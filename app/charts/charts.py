@@ -133,7 +133,7 @@ def add_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str])
 
 
 class LineStyle(TypedDict):
-    """What lines are told apart by."""
+    """What lines are distinguished by."""
 
     color: str
     linestyle: str

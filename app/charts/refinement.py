@@ -142,10 +142,10 @@ def _draw_panel(axes: Axes, series: RefinementSeries, names: Sequence[str], over
             linewidth=1.3,
         )
         reference = series.beam.references[name]
-        roads = [(reference.solid, "none")] + (
+        methods = [(reference.solid, "none")] + (
             [(reference.beam, color)] if series.kinds == ("segmented",) else []
         )
-        for value, filled in roads:
+        for value, filled in methods:
             level = 100.0 * (value / reference.analytic - 1.0)
             axes.plot(
                 1.015,

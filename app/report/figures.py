@@ -38,7 +38,7 @@ LEVELS = ((1e-3, "0.1 %"), (1e-2, "1 %"), (1e-1, "10 %"), (1.0, "100 %"))
 COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b", "#8a6fae", "#b5566e", "#777777")
 GROWING = "#c0392b"
 MAP_WIDTH, MAP_LEFT, MAP_TOP, MAP_BOTTOM = 340, 56, 22, 34
-# five stops of viridis, told apart by most colour-blind readers and in grey
+# five stops of viridis, distinguished by most colour-blind readers and in grey
 STOPS = np.array(
     [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], dtype=float
 )

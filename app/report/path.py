@@ -20,7 +20,7 @@ WIDTH, LEFT, RIGHT, TITLE, FOOT = 1150, 52, 14, 24, 26
 LINE_HEIGHT, PANEL_HEIGHT, GAP = 150, 150, 44
 SHARES = (0.4, 0.3, 0.3)  # of the width: the whole move, and a closer look at both ramps
 FEED_COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b", "#8a6bb0", "#b5566e", "#5d8f8f")
-TOTAL, FOLLOWS, RINGS = "#2f6db3", "#d08a4a", "#8c9bab"
+TOTAL, QUASI_STATIC, RESIDUAL = "#2f6db3", "#d08a4a", "#8c9bab"
 UNITS = {"um": "µm", "urad": "µrad"}
 BEFORE, AFTER = 0.1, 2.4  # how far a closer look reaches before and after a ramp, in its durations
 
@@ -105,7 +105,7 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
         factor * found.total[:, output],
         factor * (found.quasi_static + found.low_frequency)[:, output],
     )
-    rings = factor * found.dynamic[:, output]
+    residual = factor * found.dynamic[:, output]
     last = float(found.times[-1])
     spans = [(0.0, last)]
     for begin, end in run.zones:
@@ -120,7 +120,7 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
             share * room,
             PANEL_HEIGHT,
             span,
-            _range([total, quasi_static, rings]),
+            _range([total, quasi_static, residual]),
         )
         parts.append(
             svg.heading(
@@ -136,16 +136,16 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
         ]
         parts.append(_axes(panel, "s", ""))
         if number:
-            parts.append(_curve(panel, found.times, rings, RINGS, 1.0))
+            parts.append(_curve(panel, found.times, residual, RESIDUAL, 1.0))
         parts += [
-            _curve(panel, found.times, quasi_static, FOLLOWS, 1.6),
+            _curve(panel, found.times, quasi_static, QUASI_STATIC, 1.6),
             _curve(panel, found.times, total, TOTAL, 1.3),
         ]
         left += panel.width + LEFT
     words = (
         ("deviation", TOTAL),
-        ("quasi-static, with low-frequency response", FOLLOWS),
-        ("residual vibration", RINGS),
+        ("quasi-static, with low-frequency response", QUASI_STATIC),
+        ("residual vibration", RESIDUAL),
     )
     for place, (word, color) in zip((0, 70, 310), words, strict=True):
         parts.append(svg.text(LEFT + 150 + place, top + TITLE - 10, word, size=10.5, color=color))

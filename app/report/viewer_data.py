@@ -356,7 +356,7 @@ def _encode_pose(
             for part in shape.parts
             if part.ndim == 2
         ]
-        # square roots, so that what holds a hundredth of the largest density is still told apart
+        # square roots, so that what holds a hundredth of the largest density is still distinguished
         blocks += [
             pack_columns(np.round(255.0 * np.sqrt(density))[:, None].astype(np.uint8))
             for density in shape.energies

@@ -67,8 +67,8 @@ def refinement_tables(
     ):
         for name, value in point.values.items():
             reference = beam.references[name]
-            roads = (reference.analytic, reference.beam, reference.solid)
-            compared = [cell for right in roads for cell in (right, value / right - 1.0)]
+            methods = (reference.analytic, reference.beam, reference.solid)
+            compared = [cell for right in methods for cell in (right, value / right - 1.0)]
             cost = (
                 *(
                     time if math.isfinite(time) else None

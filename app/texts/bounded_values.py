@@ -110,7 +110,7 @@ def show_damped(hz: float | None, error: float | None, *, rigid: bool) -> tuple[
     Args:
         hz: Of the oscillation; zero where the mode is overdamped, None where nothing damps.
         error: How far it may be off; None where that is not known.
-        rigid: A rigid-body mode, whose error is not told.
+        rigid: A rigid-body mode, whose error is not shown.
     """
     if not hz:
         return "-" if hz is None else "overdamped", ""
@@ -130,7 +130,7 @@ def show_damping_error(ratio: float | None, error: float | None, *, rigid: bool)
     Args:
         ratio: Damping ratio; None where nothing damps.
         error: How far it may be off; zero where the scene gives the ratio.
-        rigid: A rigid-body mode, whose error is not told.
+        rigid: A rigid-body mode, whose error is not shown.
     """
     if ratio is None:
         return "-", ""

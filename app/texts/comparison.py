@@ -17,7 +17,7 @@ from headstock.studies.comparison_summary import (
     RowSummary,
 )
 
-ALIKE = 0.9  # MAC from which rigid-body modes of variants are told in one line
+ALIKE = 0.9  # MAC from which rigid-body modes of variants are shown in one line
 STEP_NAMES = {
     "load": "scene",
     "components": "components",

@@ -108,7 +108,7 @@ def rail_end(machine: Machine, joint: Joint) -> JointEnd | None:
 
 
 def place_carriages(machine: Machine, pose: Pose) -> tuple[Carriage, ...]:
-    """Every carriage whose place can be told without a mesh.
+    """Every carriage whose place is known without a mesh.
 
     Raises:
         ValueError: The pose names an unknown axis or leaves its limits.

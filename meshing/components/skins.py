@@ -89,7 +89,7 @@ def thin_skin(skin: Skin, *, largest: int, pixel: float | None = None) -> Skin:
     Args:
         skin: The surface.
         largest: How many triangles there may be if it then looks the same.
-        pixel: What is not seen [m]; a pixel of a picture of this surface unless given.
+        pixel: What is not seen [m]; default: a pixel of a picture of this surface.
     """
     if len(skin.triangles) <= largest:
         return skin

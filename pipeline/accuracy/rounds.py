@@ -56,7 +56,7 @@ class History:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """What rank 0 makes of a round: whether the search ends, else the next scene; and what is told
+    """What rank 0 makes of a round: whether the search ends, else the next scene; and what is reported
     of it.
     """
 

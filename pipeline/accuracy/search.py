@@ -83,7 +83,7 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
     Args:
         scene: With an accuracy.
         run_round: Runs a scene's plan without writing anything.
-        note: Told of each refinement on rank 0.
+        note: Called with each refinement on rank 0.
 
     Raises:
         BudgetError: Not even the coarsest settings fit the limits.

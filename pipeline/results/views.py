@@ -21,7 +21,7 @@ from headstock.reduction.superelement import Superelement
 # single precision is plenty for pictures and halves the file
 ShiftArray = NDArray[np.floating]
 BENDING_SPLITS = 3
-# told apart in light and dark, and by most colour-blind readers
+# distinguished in light and dark, and by most colour-blind readers
 COLORS = (
     "#4f7cac",
     "#d08a4a",

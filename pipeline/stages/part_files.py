@@ -1,4 +1,4 @@
-"""Patches that the file of a part does not have: found before a run, and told with their place in the
+"""Patches that the file of a part does not have: found before a run, and reported with their place in the
 scene.
 """
 

@@ -180,7 +180,7 @@ class SolvedMoves:
 
 
 def choose_model(request: PathRequest) -> PathModel:
-    """What follows and what rings: a mode whose period is longer than a ramp does not follow it."""
+    """The quasi-static share and the residual vibration: a mode whose period is longer than a ramp does not follow it."""
     return PathModel(
         PATH_INPUT,
         request.outputs,

@@ -26,7 +26,7 @@ _MARK = struct.Struct("<II")  # length and CRC-32 before a record
 
 @dataclass(frozen=True)
 class JournalForm:
-    """How a journal begins, and how its records are told apart.
+    """How a journal begins, and how its records are distinguished.
 
     Attributes:
         start: What every such file begins with, whatever its version; what begins with something

@@ -107,7 +107,7 @@ def judge_element_order(component: Component, mesh: ComponentMesh) -> tuple[str,
             return (finding,)
         raise ModelError(f"{finding}; write order = 2 (or give a mesh of second-order elements)")
     if component.mesh.order == 1:
-        return ()  # asked for in the scene, which has been told
+        return ()  # asked for in the scene, which has been reported
     return (
         f"component {component.name}: its mesh has elements of order 1 ({mesh.kind}), which lock: bending comes out too stiff; give a "
         "mesh of second-order elements",

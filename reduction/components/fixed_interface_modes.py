@@ -89,7 +89,7 @@ def find_fixed_interface_modes(
     if not pairs.complete:
         remarks = (
             f"{len(pairs.values)} of {target.count} fixed-interface modes are kept: from {cutoff:.4g} Hz on "
-            "they lie too densely to be told apart; the ± covers what they add",
+            "they lie too densely to be distinguished; the ± covers what they add",
         )
     better = _improve(solver, pairs.values, pairs.vectors)
     return FixedInterfaceModes(
@@ -98,7 +98,7 @@ def find_fixed_interface_modes(
 
 
 def verify_mode_count(solver: ConstrainedSolver, modes: FixedInterfaceModes) -> None:
-    """Count the modes below the first one left out by a factorisation of its own, so that no twin
+    """Count the modes below the first one left out by a factorisation of its own, so that no repeated mode
     can have been lost.
 
     Raises:

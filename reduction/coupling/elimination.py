@@ -50,7 +50,7 @@ def eliminate_constraints(
     Args:
         constraints: ``(m, n_all)`` rows that must vanish.
         groups: Rows ``(m_g, n_all)`` of springs, the stiffest group first; springs not listed are
-            the softest.
+            the most compliant.
         scale: ``(n_all,)`` factor per dof after which every dof is a length; rank decisions are
             made there.
 
@@ -62,7 +62,7 @@ def eliminate_constraints(
     touched = np.concatenate([np.zeros(0, dtype=np.int64), *(one.dofs for one in sets)])
     untouched = np.setdiff1d(np.arange(len(scale)), touched)
     splits = [_split_set(rows, one) for one in sets]
-    # coordinates that stretch nothing first, then from the softest group to the stiffest: a graded
+    # coordinates that stretch nothing first, then from the most compliant group to the stiffest: a graded
     # matrix, whose small entries no stiff spring's digits are added to. Every set of dofs fills its
     # own rows only, so the columns of a level stand side by side
     order = [0, *range(len(rows) - 1, 0, -1)]

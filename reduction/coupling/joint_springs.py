@@ -26,11 +26,11 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.symmetric_matrices import is_symmetric
 
 ROUNDOFF = 4.0 * float(np.finfo(float).eps)
-GRADING_RATIO = 1e4  # stiffer than this times the softest spring: a coordinate of its own
+GRADING_RATIO = 1e4  # stiffer than this times the most compliant spring: a coordinate of its own
 GRADING_STEP = 1e3  # springs within this factor share a group
 STIFF_RATIO = 1e9
 ABSURD_RATIO = 1e12
-# of a component to the softest spring: its rounding costs the spring all but nine or ten digits
+# of a component to the most compliant spring: its rounding costs the spring all but nine or ten digits
 STIFF_COMPONENT_RATIO = 3e6
 
 
@@ -344,7 +344,7 @@ class SpringGrading:
         soft: The other springs, where there are groups.
         warnings: About ratios no machine has.
         deformations: Rows ``(m, n_all)`` of the deformations of components that are far stiffer
-            still than the softest spring, in one block; none where there are no such components.
+            still than the most compliant spring, in one block; none where there are no such components.
     """
 
     groups: tuple[tuple[SpringDirection, ...], ...]

@@ -36,7 +36,7 @@ class MeshedPart:
         stiffness: ``(n_c, n_c)`` of the component.
         rows: ``(n_c, n)``.
         silent: ``(n_c,)`` dofs that the estimate leaves out: some files estimate the lower modal
-            dofs only, and of some meshes nothing can be told.
+            dofs only, and of some meshes nothing is known.
         reach_hz: Lowest fixed-interface frequency among them [Hz], inf with none, 0 where all are
             silent.
         shape_stiffness: ``(n_c, n_c)`` what the part's curved faces change of its stiffness,

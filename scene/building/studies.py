@@ -284,14 +284,17 @@ def _check_study(name: str, study: StudyTable, draft: Draft, findings: Findings)
     parts: list[tuple[KeyPath, StudyTable | FamilyTable]] = [(key, study), *named]
     for place, table in parts:
         varied = table.vary or {}
-        truth = (table.reference_run or {}) if isinstance(table, StudyTable) else {}
-        for section, paths in (("vary", varied), ("set", table.set), ("reference_run", truth)):
+        reference = (table.reference_run or {}) if isinstance(table, StudyTable) else {}
+        for section, paths in (("vary", varied), ("set", table.set), ("reference_run", reference)):
             for path in paths:
                 if not (section in {"vary", "reference_run"} and path == VARIANT) and (
                     reason := path_exists(draft.written, path)
                 ):
                     findings.add((*place, section, path), reason)
-        choices = [*varied.get(VARIANT, ()), *([truth[VARIANT]] if VARIANT in truth else [])]
+        choices = [
+            *varied.get(VARIANT, ()),
+            *([reference[VARIANT]] if VARIANT in reference else []),
+        ]
         for choice in choices:
             check_variant(
                 (*place, "vary", VARIANT),

@@ -330,8 +330,8 @@ class ReductionTable(StrictTable):
 
 
 class SegmentsTable(StrictTable):
-    """Into how many segments a component is cut, and along which of its axes; the longest side
-    unless given.
+    """Into how many segments a component is cut, and along which of its axes; by default
+    along the longest side.
     """
 
     count: Annotated[Count, Field(le=1000)] = 10

@@ -117,7 +117,7 @@ class JointTable(StrictTable):
 
 
 class AxisTable(StrictTable):
-    """A machine axis; `moves` is worked out from the joints unless given."""
+    """A machine axis; by default `moves` is worked out from the joints."""
 
     joints: Names | None = None
     joint: Text | None = None

@@ -54,7 +54,7 @@ def solve_damped(
     decades cost no digits. Where only the lowest are wanted they come by way of a small space
     (``find_lowest_poles``), to the same digits; from the whole state matrix if that fails.
 
-    Unsymmetric terms of control or gyroscopes are found by a test and take the general road,
+    Unsymmetric terms of control or gyroscopes are found by a test and take the general method,
     without undamped modes and shares.
 
     Args:

@@ -111,7 +111,7 @@ def solve_frf(
     Structural (hysteretic) damping acts at every frequency but 0 Hz.
 
     Args:
-        system: Any linear system; unsymmetric terms are found and take the direct road.
+        system: Any linear system; unsymmetric terms are found and are solved directly.
         frequencies_hz: ``(n_freq,)`` finite [Hz].
         inputs: Ports.
         outputs: Ports.

@@ -71,7 +71,7 @@ def solve_time_response(
         space: From ``to_state_space``.
         loads: ``(n_steps, n_inputs)`` at times 0, step, 2 step...
         step: [s].
-        initial_state: ``(n,)``; at rest unless given.
+        initial_state: ``(n,)``; default: at rest.
 
     Raises:
         ModelError: The step is not positive, or a load is not finite.

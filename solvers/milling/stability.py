@@ -6,7 +6,7 @@ tooth, which is the delay as well. Over each of ``m`` steps ``G`` is its mean th
 output a line between its samples (first-order semi-discretisation, Insperger and Stepan 2004 and
 2011, sec. 3): multipliers converge with the square of the step. The tip is stable when the largest
 is below one. With the mean of ``G`` over a period in place of ``G`` the limit is a matter of one
-frequency (Altintas and Budak 1995, their zeroth order); this is the second road, exact for a
+frequency (Altintas and Budak 1995, their zeroth order); this is an independent method, exact for a
 constant engagement and close for many teeth in the cut.
 """
 

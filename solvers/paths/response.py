@@ -33,7 +33,9 @@ from headstock.solvers.second_order import Channel, SecondOrderSystem
 SAME_INSTANT = 1e-9  # a break so near to a sample, as a share of the step, is the sample
 FILTER_ORDER = 4
 FilterKind = Literal["zero_phase", "causal"]
-BAND = 0.05  # settled: the ringing stays below this share of its largest value in the zone
+BAND = (
+    0.05  # settled: the residual vibration stays below this share of its largest value in the zone
+)
 PADDING = 5.0  # rest before and after a record, in periods of the low-pass
 
 
@@ -48,7 +50,7 @@ class PathDeviation:
             at once.
         low_frequency: ``(n, n_outputs)``: the slower modes, in which the machine sways on soft mounts as a
             whole.
-        dynamic: ``(n, n_outputs)``: the ringing of the faster modes.
+        dynamic: ``(n, n_outputs)``: the residual vibration of the faster modes.
     """
 
     times: FloatArray
@@ -65,7 +67,7 @@ class PathModel:
     Attributes:
         source: Input of the acceleration along the path.
         outputs: Where the deviation is wanted.
-        low_frequency_limit_hz: Modes below do not follow a ramp but sway [Hz].
+        low_frequency_limit_hz: Modes below it do not follow a ramp [Hz].
         up_to_hz: Modes kept; those above follow at once. None keeps all.
     """
 
@@ -162,7 +164,7 @@ def static_share(coordinates: ModalCoordinates, low_frequency_limit_hz: float) -
 
 
 def slow_modes(frequencies_hz: Sequence[float] | FloatArray, low_frequency_limit_hz: float) -> int:
-    """How many modes sway."""
+    """How many modes lie below the limit."""
     return int(np.count_nonzero(np.asarray(frequencies_hz) < low_frequency_limit_hz))
 
 
@@ -182,21 +184,21 @@ class LowPass:
 
 @dataclass(frozen=True)
 class ZoneFigures:
-    """One output in one acceleration zone: the ramp, and the ringing down after it.
+    """One output in one acceleration zone: the ramp, and the residual vibration after it.
 
     Attributes:
         begin: Of the ramp [s].
         ramp_end: Its end [s].
-        end: Where the ringing down is no longer looked at [s].
+        end: Where the residual vibration is no longer looked at [s].
         peak: Largest deviation, with its sign [m, rad].
         peak_time: When [s].
         span: Largest less smallest deviation.
         ramp_peak: Largest deviation during the ramp, with its sign.
         ramp_span: Largest less smallest during the ramp.
         quasi_static: Largest quasi-static part, with its sign.
-        dynamic: Largest size of the ringing.
+        dynamic: Largest residual vibration.
         rms: Of the deviation over the zone.
-        settling: How long after the ramp the ringing stays below a share of its largest value [s];
+        settling: How long after the ramp the residual vibration stays below a share of its largest value [s];
             None when it does not.
     """
 
@@ -253,7 +255,7 @@ def measure_zones(
     Args:
         found: As filtered.
         raw: Before the filter, which would round the corners of the quasi-static part and carry
-            ringing from one zone into another.
+            residual vibration from one zone into another.
         move: The set point.
         output: Number of the output.
         residual_time: How long after a ramp its residual vibration is looked at [s].
@@ -314,7 +316,7 @@ def _measure(found: PathDeviation, raw: PathDeviation, output: int, zone: _Zone)
 
 
 def _settle(raw: PathDeviation, output: int, zone: _Zone) -> float | None:
-    """Time after a ramp from which the ringing stays small until the next ramp or the end; None
+    """Time after a ramp from which the residual vibration stays small until the next ramp or the end; None
     when it does not.
     """
     first, ended, last = np.searchsorted(raw.times, [zone.begin, zone.ramp_end, zone.limit - 1e-9])

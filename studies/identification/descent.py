@@ -247,7 +247,7 @@ def fit(
 
     Args:
         problem: To be solved.
-        observer: Told of each start as it ends.
+        observer: Called with each start as it ends.
 
     Raises:
         ConvergenceError: No start could be computed.

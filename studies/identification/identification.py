@@ -209,7 +209,7 @@ def identify(
     Args:
         problem: Prepared cases and parameters.
         name: For reports.
-        observer: Told of each start as it ends.
+        observer: Called with each start as it ends.
 
     Raises:
         ConvergenceError: No start could be computed.

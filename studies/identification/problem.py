@@ -37,7 +37,7 @@ def pair_targets(state: CaseState) -> Pairing:
     """The pairing of targets and modes that leaves the smallest sum of squares in frequencies and
     shapes.
 
-    Held-out targets take part: they are told apart by what is known of them, and add nothing to the
+    Held-out targets take part: they are distinguished by what is known of them, and add nothing to the
     fit.
     """
     targets = state.model.case.modes

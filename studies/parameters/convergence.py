@@ -203,7 +203,7 @@ def run_convergence(
         goal: When to stop.
         folder: Holds ``points.jsonl``, from which finished meshes are taken.
         comm: Ranks that compute each mesh together.
-        observer: Told of each mesh on rank 0.
+        observer: Called with each mesh on rank 0.
 
     Returns:
         What was found, on rank 0; None elsewhere.

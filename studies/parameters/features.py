@@ -94,7 +94,7 @@ def try_features(
         goal: With the accuracy asked for.
         folder: Holds ``points.jsonl``.
         comm: Ranks that compute together.
-        observer: Told of each mesh on rank 0.
+        observer: Called with each mesh on rank 0.
 
     Returns:
         What was tried, on rank 0; nothing where no part has such features or no limit is known.

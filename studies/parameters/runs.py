@@ -165,7 +165,7 @@ def run_study(
         job: The same on every rank.
         folder: Holds ``points.jsonl``.
         comm: Ranks that share the points, or the components of each.
-        observer: Told of each point on rank 0.
+        observer: Called with each point on rank 0.
         warm_up: Where seconds are measured from an empty store, the first point of each kind of
             element is computed once before.
 

@@ -137,7 +137,7 @@ def run_sweep(
     Args:
         job: The same on every rank.
         comm: Collective.
-        observer: Told of each component's stage as it ends, on rank 0.
+        observer: Called with each component's stage as it ends, on rank 0.
 
     Raises:
         OutputError: A journal cannot be written.

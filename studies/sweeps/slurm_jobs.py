@@ -252,7 +252,7 @@ def wait_for_array(
 
     Args:
         submission: The array job.
-        on_change: Told how many tasks are in which state, whenever that changes.
+        on_change: Called with how many tasks are in which state, whenever that changes.
 
     Returns:
         The last state seen of each task.

@@ -143,16 +143,16 @@ def cover_part(seed: int) -> PartCoverage:
 
 def measure_part(part: CoveragePart) -> PartCoverage:
     """Errors and estimates of a part on each of its meshes."""
-    truth = _solve(part, part.truth, TRUE_MODES, PARTNERS)
-    elastic = truth.modes.frequencies_hz[truth.modes.rigid_count :]
+    reference = _solve(part, part.reference, TRUE_MODES, PARTNERS)
+    elastic = reference.modes.frequencies_hz[reference.modes.rigid_count :]
     grid = np.linspace(0.2 * elastic[0], 1.15 * elastic[4], LINES)
-    right, _ = _respond(truth.coupled, grid, finer=True)
-    doubt = UNSURE * np.abs(right - _respond(truth.coupled, grid)[0])
+    right, _ = _respond(reference.coupled, grid, finer=True)
+    doubt = UNSURE * np.abs(right - _respond(reference.coupled, grid)[0])
     tables, lines, failures = [], [], []
     for settings in part.meshes:
         try:
-            judged = _solve(part, settings, JUDGED_MODES, WATCHED, truth.places)
-            tables.append(_compare(judged, truth))
+            judged = _solve(part, settings, JUDGED_MODES, WATCHED, reference.places)
+            tables.append(_compare(judged, reference))
             lines.append(_cover_lines(judged.coupled, grid, right, doubt))
         except HeadstockError as error:
             failures.append(f"{type(error).__name__}: {error}")
@@ -202,18 +202,18 @@ def _solve(
     )
 
 
-def _compare(judged: _Solved, truth: _Solved) -> FloatArray:
+def _compare(judged: _Solved, reference: _Solved) -> FloatArray:
     """Rows ``(4, n)``: compliance or not, true error, estimate and what is not known of the truth,
     over the number.
     """
     columns = []
-    for pair in pair_modes(judged.modes, truth.modes):
+    for pair in pair_modes(judged.modes, reference.modes):
         if pair.first >= judged.modes.rigid_count:
             value, plain = (
                 float(judged.modes.frequencies_hz[pair.first]),
-                float(truth.plain[0][pair.second]),
+                float(reference.plain[0][pair.second]),
             )
-            right = float(truth.modes.frequencies_hz[pair.second]) - plain
+            right = float(reference.modes.frequencies_hz[pair.second]) - plain
             columns.append(
                 [
                     0.0,
@@ -223,7 +223,10 @@ def _compare(judged: _Solved, truth: _Solved) -> FloatArray:
                 ]
             )
     for axis, value in enumerate(judged.compliances):
-        right, plain = truth.compliances[axis] + truth.plain[1][axis], truth.plain[1][axis]
+        right, plain = (
+            reference.compliances[axis] + reference.plain[1][axis],
+            reference.plain[1][axis],
+        )
         columns.append(
             [1.0, abs(value - right) / value, judged.total[1][axis] / value, UNSURE * plain / value]
         )

@@ -53,7 +53,7 @@ class CoveragePart:
     kind: str
     machine: Machine
     meshes: tuple[MeshSettings, ...]
-    truth: MeshSettings
+    reference: MeshSettings
 
 
 @dataclass(frozen=True)
@@ -130,8 +130,8 @@ def draw_part(seed: int, folder: Path) -> CoveragePart:
         for share in drawn.shares
     )
     fine = drawn.fine * drawn.extent
-    truth = MeshSettings(size=fine, growth=0.3, rim_size=0.1 * fine, across_patches=10)
-    return CoveragePart(seed, kind, machine, meshes, truth)
+    reference = MeshSettings(size=fine, growth=0.3, rim_size=0.1 * fine, across_patches=10)
+    return CoveragePart(seed, kind, machine, meshes, reference)
 
 
 def _diagonal(*sides: float) -> float:

@@ -311,7 +311,7 @@ class ErrorPairs:
 
     @property
     def clear(self) -> BoolArray:
-        """Which have one, and a true error well above the roundoff of both roads."""
+        """Which have one, and a true error well above the roundoff of both methods."""
         return np.asarray(self.given & (self.true > CLEAR))
 
 

@@ -39,8 +39,10 @@ MEASURED = {
 }  # fmt: skip
 FREQUENCIES = 12
 CASE = "known-stiffnesses"
-SPRINGS_ALONG = "two springs side by side: cosine of the blind direction with a constant sum"
-PLACE_SHARE = "a place that hardly matters: its part in a blind direction"
+SPRINGS_ALONG = (
+    "two springs side by side: cosine of the unidentifiable direction with a constant sum"
+)
+PLACE_SHARE = "a place that hardly matters: its part in an unidentifiable direction"
 SEEDS = 50
 NOISE = 0.01
 ERROR_LIMIT = 0.05

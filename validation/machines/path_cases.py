@@ -1,7 +1,7 @@
 """Independent methods for the deviation from a path: absolute coordinates, every pose coupled anew, and
 integrators of others.
 
-Nothing is shared with the first road behind the joints' springs and the components' matrices: no
+Nothing is shared with the first method behind the joints' springs and the components' matrices: no
 coordinates about the travelling machine, no common shapes, no modes, no exact steps.
 
 The path test of Kono et al., section 4.3: the X-axis moves 80 mm at two feeds, and the tool leaves
@@ -141,7 +141,7 @@ def _place_absolutely(
                 and np.abs(spring.rows[list(spring.fixed)] @ basis).max() > FIXED_TOLERANCE
             ):
                 raise ModelError(
-                    f"joint {spring.name!r} holds other motions along the path; this road cannot follow it"
+                    f"joint {spring.name!r} holds other motions along the path; this method cannot follow it"
                 )
             stacked += spring.rows.T @ spring.stiffness @ spring.rows
         seen = np.array(
@@ -316,7 +316,7 @@ def _judge_variant(name: str, found: PathResult) -> list[ValidationRow]:
 
 
 def compare_roads() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Deviation in z ``(n,)`` over the first ramp, undamped: by this program, by the second road,
+    """Deviation in z ``(n,)`` over the first ramp, undamped: by this program, by the second method,
     and in the pose of the start.
     """
     scene = load_scene(SCENE, variant=VARIANTS["BE"])

@@ -69,7 +69,7 @@ def contour_request(material: str, model: str = "linear") -> ContouringRequest:
 
 def check_contouring(comm: MPI.Comm) -> list[ValidationRow]:
     """The whole contour, linear along the path, for two sets of coefficients; the orientation of x
-    is assumed, so both are told.
+    is assumed, so both are reported.
     """
     case, tripteor = "tripteor-contouring", load_tripteor()
     rows: list[ValidationRow] = []

@@ -53,7 +53,7 @@ PARTS = (
 
 def check_eigensolvers(comm: MPI.Comm) -> list[ValidationRow]:
     """The lowest twelve frequencies by each eigensolver against those of dense matrices, one for
-    one, so that a lost twin shows.
+    one, so that a lost repeated mode shows.
     """
     rows = []
     for part in PARTS:

@@ -90,7 +90,7 @@ def check_displacement_orders(comm: MPI.Comm) -> list[ValidationRow]:
 def rod_frequencies(
     kind: CellKind, elements: int, comm: MPI.Comm, *, sideways: Literal["free", "fixed"]
 ) -> FloatArray:
-    """The first three axial frequencies ``(3,)`` [Hz] of the rod, told from bending and torsion by
+    """The first three axial frequencies ``(3,)`` [Hz] of the rod, distinguished from bending and torsion by
     their shapes.
 
     Args:

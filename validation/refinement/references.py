@@ -37,7 +37,7 @@ CLAMP = "beam theory lets the section contract at the clamp"
 
 @dataclass(frozen=True)
 class BeamReference:
-    """What a quantity should be, by three roads.
+    """What a quantity should be, by three methods.
 
     Attributes:
         quantity: ``dx(Fx)`` [um] or a natural frequency such as ``X1`` [Hz].

@@ -80,11 +80,11 @@ def test_limits_cover_a_fine_mesh_of_another_kind_and_the_needed_mesh_is_as_good
     assert found["text"] in " ".join(printed.split())
     assert "every number is known well enough" in printed
     # hexes of a fifth of the width: a square section, whose bending modes come in pairs
-    truth = frequencies(
+    finest = frequencies(
         scene_file, tmp_path / "fine", "6.67 mm", "--set", "components.part.mesh.cells=hex"
     )
     numbers = {number["name"]: number for number in found["numbers"]}
-    for place, hz in enumerate(truth):
+    for place, hz in enumerate(finest):
         number = numbers[f"f{place + 1}"]
         assert number["limit_error"] is not None
         # the hexes are themselves too stiff by a little
@@ -92,7 +92,7 @@ def test_limits_cover_a_fine_mesh_of_another_kind_and_the_needed_mesh_is_as_good
     need = found["needs"][0]
     assert need["accuracy"] == 0.01
     tried = frequencies(scene_file, tmp_path / "tried", need["sizes"]["part"])
-    assert max(abs(a / b - 1.0) for a, b in zip(tried, truth, strict=True)) <= 0.013
+    assert max(abs(a / b - 1.0) for a, b in zip(tried, finest, strict=True)) <= 0.013
 
 
 def test_meshes_of_several_parts_shrink_together_and_limits_cover_a_finer_mesh(
@@ -105,9 +105,9 @@ def test_meshes_of_several_parts_shrink_together_and_limits_cover_a_finer_mesh(
     assert sizes[-1] == {"part": "14.1 mm", "arm": "10.6 mm"}
     assert set(found["needs"][0]["sizes"]) == {"part", "arm"}
     fine = ("--set", "components.arm.mesh.size=7.5 mm")
-    truth = frequencies(scene_file, tmp_path / "fine", "10 mm", *fine)
+    finest = frequencies(scene_file, tmp_path / "fine", "10 mm", *fine)
     numbers = {number["name"]: number for number in found["numbers"]}
-    for place, hz in enumerate(truth):
+    for place, hz in enumerate(finest):
         number = numbers[f"f{place + 1}"]
         assert number["limit_error"] is not None
         assert abs(number["limit"] - hz) <= number["limit_error"] + 1e-3 * hz

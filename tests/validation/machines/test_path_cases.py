@@ -9,5 +9,5 @@ def test_absolute_coordinates_coupled_anew_agree_with_carried_modes() -> None:
     first, second, frozen = compare_roads()
     size = np.abs(second).max()
     assert np.abs(first - second).max() < ROADS_TOLERANCE * size
-    # and the pose that is kept is told apart
+    # and the pose that is kept is distinguished
     assert np.abs(frozen - second).max() > 20.0 * ROADS_TOLERANCE * size
