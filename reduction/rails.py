@@ -9,18 +9,23 @@ import numpy as np
 import scipy  # whose interpolation, a third of a second, is loaded where it is used
 
 from headstock.geometry.frames import FloatArray, rigid_transfer, skew
-from headstock.geometry.machine.carriages import DEGREE, LEAST_INTERVALS, count_stations, rail_span
+from headstock.geometry.machine.carriages import (
+    DEGREE,
+    LEAST_INTERVALS,
+    count_control_points,
+    rail_span,
+)
 from headstock.geometry.machine.machine import show_position
 from headstock.geometry.parts.components import Component, Interface
 from headstock.geometry.parts.patches import OVERHANG_TOLERANCE
 from headstock.solvers.errors import ModelError
 
-STATION_DOFS = 4
+CONTROL_POINT_DOFS = 4
 _GAUSS_NODES, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
 @dataclass(frozen=True, eq=False)
-class RailStation:
+class ControlPoint:
     """A control point of a rail that has dofs of its own: ``x y z`` and the rotation about the
     rail, component axes.
 
@@ -37,7 +42,7 @@ class RailStation:
 @dataclass(frozen=True, eq=False)
 class Rail:
     """A straight strip whose motion is a spline: four control values (x y z, rotation about the
-    rail) per station.
+    rail) per control point.
 
     Attributes:
         axis: Axis of the component it runs along, 0..2.
@@ -48,7 +53,7 @@ class Rail:
             beginning to the end or beyond them.
         control: ``(4 N, n)`` control values per superelement dof, component axes.
         blur: What a carriage sees is averaged over places so far apart [m]: the distance of the
-            stations where they have dofs of their own, zero where they follow from others.
+            control points where they have dofs of their own, zero where they follow from others.
     """
 
     axis: int
@@ -89,29 +94,29 @@ def lay_out_rail(component: Component, interface: Interface, centroid: FloatArra
         low,
         high,
         place_knots(low, high, DEGREE + 1),
-        np.zeros((STATION_DOFS * (DEGREE + 1), 0)),
+        np.zeros((CONTROL_POINT_DOFS * (DEGREE + 1), 0)),
     )
 
 
-def place_knots(low: float, high: float, stations: int) -> FloatArray:
-    """Evenly spaced clamped knots ``(stations + 4,)`` of cubic B-splines between the ends of a
+def place_knots(low: float, high: float, control_points: int) -> FloatArray:
+    """Evenly spaced clamped knots ``(control_points + 4,)`` of cubic B-splines between the ends of a
     rail.
 
     Args:
         low: Where the rail begins along its axis [m].
         high: Where it ends [m].
-        stations: Number of control points, at least 4.
+        control_points: Number of control points, at least 4.
 
     Raises:
-        ValueError: Fewer stations than a cubic needs.
+        ValueError: Fewer control points than a cubic needs.
     """
-    if stations <= DEGREE:
-        raise ValueError(f"a rail needs at least {DEGREE + 1} stations, not {stations}")
-    inner = np.linspace(low, high, stations - DEGREE + 1)
+    if control_points <= DEGREE:
+        raise ValueError(f"a rail needs at least {DEGREE + 1} control points, not {control_points}")
+    inner = np.linspace(low, high, control_points - DEGREE + 1)
     return np.concatenate([np.full(DEGREE, low), inner, np.full(DEGREE, high)])
 
 
-def station_points(knots: FloatArray, center: FloatArray, axis: int) -> FloatArray:
+def control_point_positions(knots: FloatArray, center: FloatArray, axis: int) -> FloatArray:
     """Places ``(N, 3)`` of the control points on the centre line: there a spline field that is
     linear takes their values.
 
@@ -129,7 +134,7 @@ def station_points(knots: FloatArray, center: FloatArray, axis: int) -> FloatArr
     return points
 
 
-def station_motion(point: FloatArray, axis: int, origin: FloatArray) -> FloatArray:
+def control_point_motion(point: FloatArray, axis: int, origin: FloatArray) -> FloatArray:
     """Control values ``(4, 6)`` of a control point, ``x y z`` and turn about the rail, under six
     unit rigid motions of the body.
 
@@ -157,7 +162,7 @@ def carriage_rows(rail: Rail, place: float, length: float) -> FloatArray:
 
     Raises:
         ModelError: The carriage is longer than the rail, hangs over one of its ends, or is too
-            short for the stations.
+            short for the control points.
     """
     place = _check_place(rail, place, length)
     points, mean, slope = _weigh_carriage(rail.knots, place, length, rail.blur)
@@ -165,7 +170,7 @@ def carriage_rows(rail: Rail, place: float, length: float) -> FloatArray:
     splines = scipy.interpolate.BSpline(rail.knots, np.eye(len(rail.knots) - degree - 1), degree)(
         points
     )
-    control = rail.control.reshape(splines.shape[1], STATION_DOFS, -1)
+    control = rail.control.reshape(splines.shape[1], CONTROL_POINT_DOFS, -1)
     means = np.tensordot(mean @ splines, control, axes=1)
     rows = np.zeros((6, control.shape[2]))
     rows[3:] = skew(np.eye(3)[rail.axis]) @ np.tensordot(slope @ splines, control[:, :3], axes=1)
@@ -180,7 +185,7 @@ def _weigh_carriage(
     in the slope ``(q,)`` [1/m].
 
     An even weight over the carriage, averaged over all places within half a blur of its own: its
-    spectrum is zero where the stations would be heard. Its lengths are such that the mean of
+    spectrum is zero where the control points would be heard. Its lengths are such that the mean of
     parabolas and the slope of cubics are those over the carriage itself. Gauss rules between knots
     and edges are exact.
     """
@@ -233,9 +238,9 @@ def _check_place(rail: Rail, place: float, length: float) -> float:
             "carriage shorter"
         )
     if length < LEAST_INTERVALS * rail.blur * (1.0 - OVERHANG_TOLERANCE):
-        least = count_stations(rail.high - rail.low, length, LEAST_INTERVALS)
+        least = count_control_points(rail.high - rail.low, length, LEAST_INTERVALS)
         raise ModelError(
-            f"{len(rail.control) // STATION_DOFS} stations are too few for a carriage of {show_position(length)} on a rail of "
+            f"{len(rail.control) // CONTROL_POINT_DOFS} control points are too few for a carriage of {show_position(length)} on a rail of "
             f"{show_position(rail.high - rail.low)}: it would feel them pass; take at least {least}"
         )
     over = max(rail.low - (place - 0.5 * length), place + 0.5 * length - rail.high)

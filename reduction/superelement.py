@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame
-from headstock.reduction.rails import STATION_DOFS, Rail, RailStation
+from headstock.reduction.rails import CONTROL_POINT_DOFS, ControlPoint, Rail
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,12 +130,12 @@ class ErrorEstimates:
 class Superelement:
     """A component reduced to boundary and modal dofs, in its own frame, SI.
 
-    Dofs are ordered [6 per boundary node in the order x y z rx ry rz | 4 per station of its rails |
-    modal dofs].
+    Dofs are ordered [6 per boundary node in the order x y z rx ry rz | 4 per control point of its
+    rails | modal dofs].
 
     Attributes:
         name: Component name.
-        labels: ``(node, station or "mode", dof name or mode number)`` for each dof, in their order.
+        labels: ``(node, control point or "mode", dof name or mode number)`` for each dof, in their order.
         frames: Frame of each boundary node in the component frame (origin where its 6 dofs live,
             axes parallel to the component).
         interface_maps: Interface name to boundary node and interface frame. Elastic components have
@@ -162,7 +162,7 @@ class Superelement:
             rotation of a line patch.
         supported: Some of its points are fixed to the machine frame, so it has no rigid-body
             motions.
-        stations: Control points of elastic rails, which have dofs of their own.
+        control_points: Control points of elastic rails, which have dofs of their own.
         rails: Interfaces that carriages slide along, by name.
         errors: What the modes left out and the mesh make of its matrices.
     """
@@ -187,7 +187,7 @@ class Superelement:
     free_dofs: tuple[str, ...] = ()
     supported: bool = False
     warnings: tuple[str, ...] = ()
-    stations: tuple[RailStation, ...] = ()
+    control_points: tuple[ControlPoint, ...] = ()
     rails: dict[str, Rail] = field(default_factory=dict)
     errors: ErrorEstimates = field(default_factory=ErrorEstimates)
 
@@ -198,8 +198,8 @@ class Superelement:
 
     @property
     def boundary_size(self) -> int:
-        """Number of boundary dofs: of boundary nodes and stations."""
-        return self.node_size + STATION_DOFS * len(self.stations)
+        """Number of boundary dofs: of boundary nodes and control points."""
+        return self.node_size + CONTROL_POINT_DOFS * len(self.control_points)
 
     @property
     def modal_count(self) -> int:

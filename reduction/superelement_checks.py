@@ -6,7 +6,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, rigid_transfer
 from headstock.meshing.component_mesh import IntArray
-from headstock.reduction.rails import STATION_DOFS, station_motion
+from headstock.reduction.rails import CONTROL_POINT_DOFS, control_point_motion
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import AccuracyError
 
@@ -69,13 +69,13 @@ def dof_scale(superelement: Superelement) -> FloatArray:
 def rotation_dofs(superelement: Superelement) -> IntArray:
     """Which boundary dofs are rotations."""
     nodes = (6 * np.arange(len(superelement.frames))[:, None] + np.arange(3, 6)).ravel()
-    stations = (
+    control_points = (
         superelement.node_size
-        + STATION_DOFS * np.arange(len(superelement.stations))
-        + STATION_DOFS
+        + CONTROL_POINT_DOFS * np.arange(len(superelement.control_points))
+        + CONTROL_POINT_DOFS
         - 1
     )
-    return np.concatenate([nodes, stations])
+    return np.concatenate([nodes, control_points])
 
 
 def rigid_motions(superelement: Superelement, origin: FloatArray) -> FloatArray:
@@ -85,9 +85,11 @@ def rigid_motions(superelement: Superelement, origin: FloatArray) -> FloatArray:
     motions = np.zeros((len(superelement.labels), 6))
     for node, frame in enumerate(superelement.frames):
         motions[6 * node : 6 * node + 6] = rigid_transfer(origin, frame.origin)
-    for number, station in enumerate(superelement.stations):
-        first = superelement.node_size + STATION_DOFS * number
-        motions[first : first + STATION_DOFS] = station_motion(station.point, station.axis, origin)
+    for number, control_point in enumerate(superelement.control_points):
+        first = superelement.node_size + CONTROL_POINT_DOFS * number
+        motions[first : first + CONTROL_POINT_DOFS] = control_point_motion(
+            control_point.point, control_point.axis, origin
+        )
     return motions
 
 

@@ -226,8 +226,8 @@ class EffectTrial:
         seconds_without: And without it [s].
         noise: By which share runs of the same scene differ in time.
         obstacle: Why it could not be tried; empty where it was.
-        together_with: Effect it acts through, on in both runs though the scene does not name it; empty
-            elsewhere.
+        together_with: Effect it acts through, on in both runs though the scene does not name it;
+            empty elsewhere.
     """
 
     effect: str

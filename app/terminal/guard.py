@@ -17,7 +17,8 @@ from headstock.geometry.errors import printable
 VERDICT = "HEADSTOCK_VERDICT"
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 LOST_OUTPUT = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EFBIG)
-# a failure that all ranks share is reported by rank 0; the others wait so long before they report theirs
+# a failure that all ranks share is reported by rank 0; the others wait so long before they report
+# theirs
 HOLD_BACK_SECONDS = 0.5
 # characters of tables and messages, for terminals whose encoding has not got them
 SPELLED = {

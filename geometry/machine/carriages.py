@@ -24,9 +24,7 @@ from headstock.geometry.parts.patches import (
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
 
 DEGREE = 3  # of the splines along a rail
-LEAST_INTERVALS = (
-    1.5  # station intervals per carriage length below which the carriage feels every single station
-)
+LEAST_INTERVALS = 1.5  # intervals of control points per carriage length below which the carriage feels every single control point
 
 
 def rail_span(solid: Solid, interface: Interface) -> Span | None:
@@ -184,13 +182,13 @@ def _joint_point(
     return None if moment is None else np.asarray(now.origin + now.rotation @ moment[1])
 
 
-def count_stations(span: float, length: float, intervals: float) -> int:
+def count_control_points(span: float, length: float, intervals: float) -> int:
     """Stations of a rail that give a carriage of a length so many intervals; at least as many as a
     cubic needs.
 
     Args:
         span: Length of the rail [m].
         length: Of the carriage [m].
-        intervals: Between stations, per length of the carriage.
+        intervals: Between control points, per length of the carriage.
     """
     return max(math.ceil(intervals * span / length * (1.0 - OVERHANG_TOLERANCE)), 1) + DEGREE

@@ -48,7 +48,7 @@ STAGE_SECONDS = {
 STEPS_PER_SECOND = 3e4  # of a contour
 POSES_PER_SECOND = 7e3  # of a map
 MOST_GUESSED_MODES = 300
-STATION_DOFS = 4
+CONTROL_POINT_DOFS = 4
 # estimates are refused only where they exceed the limit by more than their own error; the run
 # itself stops at the limit
 TIME_MARGIN = 2.0
@@ -102,7 +102,7 @@ def _boundary_dofs(component: Component) -> int:
     rails = [
         interface.rail for interface in component.interfaces.values() if interface.rail is not None
     ]
-    return 6 * (len(component.interfaces) - len(rails)) + STATION_DOFS * sum(
+    return 6 * (len(component.interfaces) - len(rails)) + CONTROL_POINT_DOFS * sum(
         rail.control_points for rail in rails
     )
 

@@ -84,8 +84,8 @@ class ContourRun:
 
     Attributes:
         times: ``(n,)`` steps [s].
-        gap: ``(n, 3)`` tool point of the compliant mechanism less that of the rigid one and less the deflection under gravity,
-            machine frame [m].
+        gap: ``(n, 3)`` tool point of the compliant mechanism less that of the rigid one and less
+            the deflection under gravity, machine frame [m].
         gravity_deflection: ``(n, 3)`` static deflection under gravity [m].
         force: ``(n, 3)`` on the tool, ground frame of the chains [N].
         marks: ``(5,)`` when the straight cuts start, and when the last one ends [s].

@@ -234,7 +234,8 @@ def respond(
 
     Args:
         machine: In the pose.
-        judged: Name the modes of least dynamic stiffness, and estimate errors of a machine of superelements.
+        judged: Name the modes of least dynamic stiffness, and estimate errors of a machine of
+            superelements.
         model: Of ``prepare_response``, where it is already known.
     """
     scene, bare, modes = machine.parts.scene, machine.system, machine.all_modes

@@ -28,7 +28,7 @@ from headstock.pipeline.storage.records import (
     write_record,
     write_words,
 )
-from headstock.reduction.rails import STATION_DOFS
+from headstock.reduction.rails import CONTROL_POINT_DOFS
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import dof_scale
 
@@ -243,14 +243,14 @@ def _check_places(path: str, superelement: Superelement) -> None:
         f"interface {name!r}": interface_map.frame.origin
         for name, interface_map in superelement.interface_maps.items()
     }
-    for number, station in enumerate(superelement.stations):
+    for number, control_point in enumerate(superelement.control_points):
         if (
-            station.axis not in (0, 1, 2)
-            or station.point.shape != (3,)
-            or not np.isfinite(station.point).all()
+            control_point.axis not in (0, 1, 2)
+            or control_point.point.shape != (3,)
+            or not np.isfinite(control_point.point).all()
         ):
-            raise RecordError(f"{path}: station {number} has no place along an axis")
-        places[f"station {number}"] = station.point
+            raise RecordError(f"{path}: control point {number} has no place along an axis")
+        places[f"control point {number}"] = control_point.point
     for name, rail in superelement.rails.items():
         ends = np.array([rail.low, rail.high, rail.blur, *rail.knots])
         if (
@@ -333,7 +333,7 @@ def _check_shapes(path: str, superelement: Superelement) -> None:
     for name, rail in superelement.rails.items():
         expected[f"rails/{name}/control"] = (
             rail.control,
-            (STATION_DOFS * (len(rail.knots) - DEGREE - 1), size),
+            (CONTROL_POINT_DOFS * (len(rail.knots) - DEGREE - 1), size),
         )
         expected[f"rails/{name}/center"] = (rail.center, (3,))
     for name, (array, shape) in expected.items():

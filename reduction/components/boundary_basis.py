@@ -13,7 +13,7 @@ from headstock.geometry.parts.components import Component, Interface, Support
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.components.interface_patches import MeshPatch, measure_patch
 from headstock.reduction.components.rail_fits import RailFit, fit_rail
-from headstock.reduction.rails import RailStation
+from headstock.reduction.rails import ControlPoint
 from headstock.reduction.superelement import InterfaceMap
 from headstock.solvers.errors import ModelError
 
@@ -37,7 +37,8 @@ class BoundaryBasis:
     Attributes:
         nodes: Boundary nodes in dof order.
         interface_maps: Every fixed interface by name.
-        rails: Interfaces that carriages slide along; their stations follow the nodes in dof order.
+        rails: Interfaces that carriages slide along; their control points follow the nodes in dof
+            order.
         shapes: ``(3 n_points, 6 n_nodes)`` sparse-in-spirit pairs ``(dofs, columns block)`` of
             rigid patches.
         fixed: ``(3 n_points,)`` dofs in rigid patches or supports.
@@ -57,9 +58,9 @@ class BoundaryBasis:
     warnings: tuple[str, ...]
 
     @property
-    def stations(self) -> tuple[RailStation, ...]:
+    def control_points(self) -> tuple[ControlPoint, ...]:
         """Stations of all rails in dof order."""
-        return tuple(RailStation(point, rail.axis) for rail in self.rails for point in rail.points)
+        return tuple(ControlPoint(point, rail.axis) for rail in self.rails for point in rail.points)
 
 
 def build_boundary_basis(
@@ -236,9 +237,11 @@ def _independent_rows(rows: FloatArray) -> FloatArray:
 def boundary_labels(basis: BoundaryBasis) -> list[tuple[str, str]]:
     """Labels of the boundary dofs in order."""
     nodes = [(node.name, dof) for node in basis.nodes for dof in DOF_NAMES]
-    stations = [
+    control_points = [
         (f"{rail.name}[{i}]", i, rail) for rail in basis.rails for i in range(len(rail.points))
     ]
     return nodes + [
-        (name, dof) for name, _, rail in stations for dof in (*DIRECTIONS, DOF_NAMES[3 + rail.axis])
+        (name, dof)
+        for name, _, rail in control_points
+        for dof in (*DIRECTIONS, DOF_NAMES[3 + rail.axis])
     ]

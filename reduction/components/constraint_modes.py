@@ -11,7 +11,7 @@ from mpi4py import MPI
 from headstock.geometry.frames import BoolArray, FloatArray, Frame, rigid_map, rigid_transfer
 from headstock.meshing.component_mesh import IntArray
 from headstock.reduction.components.boundary_basis import BoundaryBasis
-from headstock.reduction.rails import STATION_DOFS, station_motion
+from headstock.reduction.rails import CONTROL_POINT_DOFS, control_point_motion
 from headstock.solvers.elastic.constrained_solver import (
     ConstrainedSolver,
     free_combinations,
@@ -56,7 +56,7 @@ class MeanConstraints:
 
     def __init__(self, basis: BoundaryBasis, operators: ElasticOperators) -> None:
         local_of = {int(point): row for row, point in enumerate(operators.nodes)}
-        count = 6 * len(basis.nodes) + STATION_DOFS * len(basis.stations)
+        count = 6 * len(basis.nodes) + CONTROL_POINT_DOFS * len(basis.control_points)
         columns, selectors = [], []
         for number, node in enumerate(basis.nodes):
             if node.coupling == "average":
@@ -209,7 +209,10 @@ def _rigid_part(
     supported = basis.supported[local_dofs(operators)]
     center, free = free_combinations(operators, supported)
     rows = [rigid_transfer(center, frame.origin) for frame in means.node_frames]
-    rows += [station_motion(station.point, station.axis, center) for station in basis.stations]
+    rows += [
+        control_point_motion(control_point.point, control_point.axis, center)
+        for control_point in basis.control_points
+    ]
     boundary = np.vstack([np.zeros((0, 6)), *rows]) @ free
     arms = max_over_ranks(
         operators.comm, np.abs(operators.points - center).max(axis=0, initial=0.0)

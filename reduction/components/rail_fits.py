@@ -12,11 +12,11 @@ from headstock.geometry.frames import FloatArray, skew
 from headstock.geometry.machine.carriages import DEGREE
 from headstock.geometry.parts.components import Interface
 from headstock.reduction.components.interface_patches import MeshPatch
-from headstock.reduction.rails import STATION_DOFS, place_knots, station_points
+from headstock.reduction.rails import CONTROL_POINT_DOFS, control_point_positions, place_knots
 from headstock.solvers.errors import ModelError
 
-# of the fit, dofs scaled alike: 20 to 60 on any mesh that tells the stations apart, 1e6 where it
-# just fails to
+# of the fit, dofs scaled alike: 20 to 60 on any mesh that tells the control points apart, 1e6 where
+# it just fails to
 CONDITION_LIMIT = 1e3
 THIN = 1e-12
 
@@ -30,7 +30,7 @@ class RailFit:
         axis: Axis of the component it runs along, 0..2.
         center: ``(3,)`` middle of its centre line [m].
         knots: ``(N + 4,)`` along the axis [m].
-        points: ``(N, 3)`` places of the stations [m].
+        points: ``(N, 3)`` places of the control points [m].
         patch: Its area.
         operator: ``(3 n, 4 N)`` matrix C whose ``C^T u`` are the control values.
     """
@@ -58,7 +58,8 @@ def fit_rail(component: str, interface: Interface, patch: MeshPatch) -> RailFit:
         patch: The strip on the mesh.
 
     Raises:
-        ModelError: The mesh is too coarse along the rail for its stations, or the rail has gaps.
+        ModelError: The mesh is too coarse along the rail for its control points, or the rail has
+            gaps.
 
     Source: as for averaging interfaces (Kaufmann, Buxbaum and Lichtblau 2019), with B-splines (de
     Boor 2001) for constants.
@@ -79,8 +80,10 @@ def fit_rail(component: str, interface: Interface, patch: MeshPatch) -> RailFit:
     gram = columns.T @ weighted
     _check_condition(component, interface, gram)
     fitted = scipy.linalg.solve(gram, weighted.T, assume_a="pos").T
-    kept = fitted.reshape(len(weighted), interface.rail.control_points, -1)[:, :, :STATION_DOFS]
-    points = station_points(knots, center, axis)
+    kept = fitted.reshape(len(weighted), interface.rail.control_points, -1)[
+        :, :, :CONTROL_POINT_DOFS
+    ]
+    points = control_point_positions(knots, center, axis)
     return RailFit(
         interface.name, axis, center, knots, points, patch, kept.reshape(len(weighted), -1)
     )
@@ -112,8 +115,8 @@ def _check_condition(component: str, interface: Interface, gram: FloatArray) -> 
         values = np.linalg.eigvalsh(scale[:, None] * gram * scale)
         if values[0] * CONDITION_LIMIT > values[-1]:
             return
-    stations = 0 if interface.rail is None else interface.rail.control_points
+    control_points = 0 if interface.rail is None else interface.rail.control_points
     raise ModelError(
-        f"component {component}: the mesh has too few points along rail {interface.name} to tell its {stations} stations apart, or the "
-        "rail has gaps; take elements no longer than two station intervals, or fewer stations"
+        f"component {component}: the mesh has too few points along rail {interface.name} to tell its {control_points} control points apart, or the "
+        "rail has gaps; take elements no longer than two intervals of control points, or fewer control points"
     )

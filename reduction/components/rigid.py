@@ -8,7 +8,12 @@ import numpy as np
 from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, rigid_transfer
 from headstock.geometry.parts.components import Component, Load
 from headstock.geometry.parts.mass_properties import SolidProperties
-from headstock.reduction.rails import Rail, lay_out_rail, station_motion, station_points
+from headstock.reduction.rails import (
+    Rail,
+    control_point_motion,
+    control_point_positions,
+    lay_out_rail,
+)
 from headstock.reduction.superelement import InterfaceMap, StaticLoad, Superelement
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.errors import ModelError
@@ -75,8 +80,10 @@ def _rigid_rails(
     for name, interface in component.interfaces.items():
         if interface.rail is not None:
             layout = lay_out_rail(component, interface, properties.patch_centroids[name])
-            points = station_points(layout.knots, layout.center, layout.axis)
-            control = np.vstack([station_motion(point, layout.axis, origin) for point in points])
+            points = control_point_positions(layout.knots, layout.center, layout.axis)
+            control = np.vstack(
+                [control_point_motion(point, layout.axis, origin) for point in points]
+            )
             rails[name] = dataclasses.replace(layout, control=control)
     return rails
 

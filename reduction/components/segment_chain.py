@@ -82,7 +82,7 @@ def segment_mass(bar: PrismaticBar, density: float, length: float) -> FloatArray
 
 
 @dataclass(frozen=True)
-class Station:
+class SegmentNode:
     """A stretch of a bar that moves rigidly with one node: a segment's centre (no length), an end
     face, or rigid interfaces.
 
@@ -107,7 +107,7 @@ class SegmentChain:
         material: Its material.
         count: Number of segments.
         places: ``(n, 3)`` node places in the component frame [m].
-        stations: In ascending order along the bar; springs run between neighbours.
+        nodes_along: In ascending order along the bar; springs run between neighbours.
         tied: Segments whose centre lies in a rigid stretch that another node stands for:
             ``(segment, node)``.
     """
@@ -116,7 +116,7 @@ class SegmentChain:
     material: Material
     count: int
     places: FloatArray
-    stations: tuple[Station, ...]
+    nodes_along: tuple[SegmentNode, ...]
     tied: tuple[tuple[int, int], ...]
 
 
@@ -137,7 +137,7 @@ def lay_out_chain(
     length = bar.length / count
     places = [bar.low + (number + 0.5) * length for number in range(count)]
     tied: list[tuple[int, int]] = []
-    stations: list[Station] = []
+    nodes_along: list[SegmentNode] = []
     inside: set[int] = set()
     for low, high in join_spans(rigid_spans, CLOSEST * length):
         within = [
@@ -151,9 +151,9 @@ def lay_out_chain(
         else:
             places.append(0.5 * (low + high))
         node = within[0] if within else len(places) - 1
-        stations.append(Station(low, high, node))
+        nodes_along.append(SegmentNode(low, high, node))
         tied += [(other, node) for other in within[1:]]
-    stations += [Station(places[i], places[i], i) for i in range(count) if i not in inside]
+    nodes_along += [SegmentNode(places[i], places[i], i) for i in range(count) if i not in inside]
     on_axis = np.tile(bar.center, (len(places), 1))
     on_axis[:, bar.axis] = places
     return SegmentChain(
@@ -161,7 +161,7 @@ def lay_out_chain(
         material,
         count,
         on_axis,
-        tuple(sorted(stations, key=lambda station: station.low)),
+        tuple(sorted(nodes_along, key=lambda segment_node: segment_node.low)),
         tuple(tied),
     )
 
@@ -177,16 +177,19 @@ def join_spans(spans: Sequence[Span], slack: float) -> list[Span]:
     return joined
 
 
-def station_at(chain: SegmentChain, place: float) -> Station:
-    """The station nearest to a place along the bar."""
-    return min(chain.stations, key=lambda station: max(station.low - place, place - station.high))
+def node_at(chain: SegmentChain, place: float) -> SegmentNode:
+    """The node nearest to a place along the bar."""
+    return min(
+        chain.nodes_along,
+        key=lambda segment_node: max(segment_node.low - place, place - segment_node.high),
+    )
 
 
 def chain_stiffness(chain: SegmentChain) -> FloatArray:
-    """Stiffness ``(6 n, 6 n)`` of the springs between neighbouring stations."""
+    """Stiffness ``(6 n, 6 n)`` of the springs between neighbouring nodes."""
     size = 6 * len(chain.places)
     stiffness = np.zeros((size, size))
-    for first, second in itertools.pairwise(chain.stations):
+    for first, second in itertools.pairwise(chain.nodes_along):
         start, stop = _axis_point(chain, first.high), _axis_point(chain, second.low)
         carry = np.zeros((12, size))
         carry[:6, _dofs(first.node)] = rigid_transfer(chain.places[first.node], start)
@@ -206,21 +209,21 @@ def section_motion(chain: SegmentChain, place: float) -> FloatArray:
     """Motion ``(6, 6 n)`` of the section at a place along the bar, at its centre, per unit node
     dof.
 
-    Between stations it is that of the beam loaded at its ends, before the first and after the last
+    Between nodes it is that of the beam loaded at its ends, before the first and after the last
     one it is rigid.
     """
     here = _axis_point(chain, place)
     motion = np.zeros((6, 6 * len(chain.places)))
-    nearest = station_at(chain, place)
+    nearest = node_at(chain, place)
     if (
         nearest.low <= place <= nearest.high
-        or place < chain.stations[0].low
-        or place > chain.stations[-1].high
+        or place < chain.nodes_along[0].low
+        or place > chain.nodes_along[-1].high
     ):
         motion[:, _dofs(nearest.node)] = rigid_transfer(chain.places[nearest.node], here)
         return motion
-    second = next(i for i, station in enumerate(chain.stations) if station.low > place)
-    before, after = chain.stations[second - 1], chain.stations[second]
+    second = next(i for i, segment_node in enumerate(chain.nodes_along) if segment_node.low > place)
+    before, after = chain.nodes_along[second - 1], chain.nodes_along[second]
     start, stop = _axis_point(chain, before.high), _axis_point(chain, after.low)
     # the end force at `stop`, carried to here, bends what lies between `start` and here
     end_force = _spring_stiffness(chain.bar, chain.material, start, stop)[6:]

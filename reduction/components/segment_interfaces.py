@@ -18,8 +18,8 @@ from headstock.reduction.components.segment_chain import (
     SegmentChain,
     Span,
     lay_out_chain,
+    node_at,
     section_motion,
-    station_at,
 )
 from headstock.reduction.superelement import InterfaceMap
 
@@ -88,7 +88,7 @@ def attach_interfaces(
         node = len(chain.places) + len(means)
         if name in firm:
             nodes = list(
-                dict.fromkeys(station_at(chain, 0.5 * sum(span)).node for span in spans[name])
+                dict.fromkeys(node_at(chain, 0.5 * sum(span)).node for span in spans[name])
             )
             node = nodes[0]
             ties += [(other, node) for other in nodes[1:]]
@@ -131,7 +131,13 @@ def _sample_surface(
     chain: SegmentChain, solid: PlanarSolid | Tube, patches: Sequence[Patch]
 ) -> PatchSamples:
     """Points on patches for area integrals of the bar's motion."""
-    breaks = sorted({place for station in chain.stations for place in (station.low, station.high)})
+    breaks = sorted(
+        {
+            place
+            for segment_node in chain.nodes_along
+            for place in (segment_node.low, segment_node.high)
+        }
+    )
     return sample_patches(solid, patches, chain.bar.axis, breaks)
 
 

@@ -30,7 +30,7 @@ from headstock.reduction.components.segment_interfaces import (
     surface_motion,
     traction_load,
 )
-from headstock.reduction.rails import Rail, lay_out_rail, station_motion
+from headstock.reduction.rails import Rail, control_point_motion, lay_out_rail
 from headstock.reduction.superelement import Recovery, StaticLoad, Superelement
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.errors import ModelError
@@ -146,7 +146,7 @@ def _fit_rail(row: SegmentedBar, rail: Rail, name: str) -> Rail:
         center, point = np.array(bar.center), np.array(rail.center)
         center[bar.axis] = point[bar.axis] = site
         motions.append(
-            station_motion(point, bar.axis, center) @ section_motion(row.chain, float(site))
+            control_point_motion(point, bar.axis, center) @ section_motion(row.chain, float(site))
         )
     values = _over_all_nodes(row, np.vstack(motions).T).T
     spline = make_interp_spline(sites, values.reshape(len(sites), -1), k=DEGREE)

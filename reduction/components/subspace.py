@@ -10,7 +10,7 @@ from headstock.geometry.parts.components import Component
 from headstock.reduction.components.boundary_basis import BoundaryBasis, boundary_labels
 from headstock.reduction.components.constraint_modes import MeanConstraints, dependent_rows
 from headstock.reduction.components.fixed_interface_modes import FixedInterfaceModes
-from headstock.reduction.rails import STATION_DOFS, Rail
+from headstock.reduction.rails import CONTROL_POINT_DOFS, Rail
 from headstock.reduction.superelement import InterfaceMap, Superelement
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
 from headstock.solvers.elastic.elasticity import ElasticOperators
@@ -87,7 +87,7 @@ def project_component(
         inertia=inertia,
         supported=bool(basis.supported.any()),
         warnings=basis.warnings,
-        stations=basis.stations,
+        control_points=basis.control_points,
         rails=_free_rails(basis, size),
     )
 
@@ -115,7 +115,7 @@ def _free_rails(basis: BoundaryBasis, size: int) -> dict[str, Rail]:
     """Rails whose control values are dofs of their own."""
     rails, first = {}, 6 * len(basis.nodes)
     for fit in basis.rails:
-        count = STATION_DOFS * len(fit.points)
+        count = CONTROL_POINT_DOFS * len(fit.points)
         low, high = float(fit.knots[0]), float(fit.knots[-1])
         blur = float(np.diff(fit.knots).max())
         rails[fit.name] = Rail(

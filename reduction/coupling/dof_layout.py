@@ -54,7 +54,7 @@ def lay_out_dofs(
         places += [
             interface_map.frame.origin for interface_map in superelement.interface_maps.values()
         ]
-        places += [station.point for station in superelement.stations]
+        places += [control_point.point for control_point in superelement.control_points]
         positions += [
             placements[name].origin + placements[name].rotation @ place for place in places
         ]

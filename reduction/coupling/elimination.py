@@ -62,9 +62,9 @@ def eliminate_constraints(
     touched = np.concatenate([np.zeros(0, dtype=np.int64), *(one.dofs for one in sets)])
     untouched = np.setdiff1d(np.arange(len(scale)), touched)
     splits = [_split_set(rows, one) for one in sets]
-    # coordinates that stretch nothing first, then from the most compliant group to the stiffest: a graded
-    # matrix, whose small entries no stiff spring's digits are added to. Every set of dofs fills its
-    # own rows only, so the columns of a level stand side by side
+    # coordinates that stretch nothing first, then from the most compliant group to the stiffest: a
+    # graded matrix, whose small entries no stiff spring's digits are added to. Every set of dofs
+    # fills its own rows only, so the columns of a level stand side by side
     order = [0, *range(len(rows) - 1, 0, -1)]
     widths = [sum(split.blocks[level].shape[1] for split in splits) for level in order]
     basis = np.zeros((len(scale), len(untouched) + sum(widths)))

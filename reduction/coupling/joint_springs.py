@@ -30,7 +30,8 @@ GRADING_RATIO = 1e4  # stiffer than this times the most compliant spring: a coor
 GRADING_STEP = 1e3  # springs within this factor share a group
 STIFF_RATIO = 1e9
 ABSURD_RATIO = 1e12
-# of a component to the most compliant spring: its rounding costs the spring all but nine or ten digits
+# of a component to the most compliant spring: its rounding costs the spring all but nine or ten
+# digits
 STIFF_COMPONENT_RATIO = 3e6
 
 
@@ -344,7 +345,8 @@ class SpringGrading:
         soft: The other springs, where there are groups.
         warnings: About ratios no machine has.
         deformations: Rows ``(m, n_all)`` of the deformations of components that are far stiffer
-            still than the most compliant spring, in one block; none where there are no such components.
+            still than the most compliant spring, in one block; none where there are no such
+            components.
     """
 
     groups: tuple[tuple[SpringDirection, ...], ...]

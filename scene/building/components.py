@@ -59,7 +59,7 @@ from headstock.scene.schema.components import (
 )
 from headstock.scene.schema.scene import SceneTable
 
-FEWEST_STATIONS = 4
+FEWEST_CONTROL_POINTS = 4
 FILE_SUFFIXES: dict[str, tuple[str, ...]] = {
     "step": (".step", ".stp"),
     "mesh": MESH_SUFFIXES,
@@ -185,16 +185,16 @@ def build_frame(at: list[float], rotate: list[RotationTable]) -> Frame:
 
 
 def build_interface(
-    name: str, table: InterfaceTable, solid: Solid, stations: int | None = None
+    name: str, table: InterfaceTable, solid: Solid, control_points: int | None = None
 ) -> Interface:
-    """The interface a table stands for; a rail takes the given number of stations where the table
+    """The interface a table stands for; a rail takes the given number of control points where the table
     names none.
 
     Args:
         name: Of the interface.
         table: Its table.
         solid: Of its component, in whose frame patches are placed.
-        stations: Of a rail whose table names none; as few as a cubic needs without.
+        control_points: Of a rail whose table names none; as few as a cubic needs without.
     """
     patches = tuple(build_patch(patch, solid) for patch in table.patch_tables())
     if table.rail is None:
@@ -204,7 +204,9 @@ def build_interface(
         patches,
         "average",
         table.allow_singular,
-        RailSettings(table.rail.along, table.rail.control_points or stations or FEWEST_STATIONS),
+        RailSettings(
+            table.rail.along, table.rail.control_points or control_points or FEWEST_CONTROL_POINTS
+        ),
     )
 
 
@@ -215,9 +217,9 @@ def build_component(
     material: Material,
     *,
     free: bool,
-    stations: Mapping[str, int],
+    control_points: Mapping[str, int],
 ) -> Component:
-    """The component a faultless table stands for; ``stations`` are those of rails whose tables name
+    """The component a faultless table stands for; ``control_points`` are those of rails whose tables name
     none.
 
     Args:
@@ -226,10 +228,10 @@ def build_component(
         solid: Its shape.
         material: Its material.
         free: Every component of the scene may float.
-        stations: Of rails whose tables name none, by interface.
+        control_points: Of rails whose tables name none, by interface.
     """
     interfaces = {
-        key: build_interface(key, entry, solid, stations.get(key))
+        key: build_interface(key, entry, solid, control_points.get(key))
         for key, entry in table.interfaces.items()
     }
     return Component(

@@ -53,7 +53,7 @@ from headstock.scene.building.mechanism import (
 )
 from headstock.scene.building.path import build_path_request, check_path, check_path_carriages
 from headstock.scene.building.plausibility import check_mode_counts, check_mounts, check_numbers
-from headstock.scene.building.rails import check_carriages, check_rails, choose_stations
+from headstock.scene.building.rails import check_carriages, check_rails, choose_control_points
 from headstock.scene.building.studies import (
     build_study,
     build_sweep,
@@ -345,7 +345,7 @@ def build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
 def _build_components(scene: SceneTable, folder: Path) -> dict[str, Component]:
     materials = {name: build_material(name, table) for name, table in scene.materials.items()}
     solids = {name: build_solid(table.solid, folder) for name, table in scene.components.items()}
-    stations = choose_stations(scene, solids)
+    control_points = choose_control_points(scene, solids)
     return {
         name: build_component(
             name,
@@ -353,7 +353,7 @@ def _build_components(scene: SceneTable, folder: Path) -> dict[str, Component]:
             solids[name],
             NO_MATERIAL if table.material is None else materials[table.material],
             free=scene.free,
-            stations=stations[name],
+            control_points=control_points[name],
         )
         for name, table in scene.components.items()
     }

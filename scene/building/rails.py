@@ -6,7 +6,7 @@ import math
 
 from headstock.geometry.machine.carriages import (
     LEAST_INTERVALS,
-    count_stations,
+    count_control_points,
     find_overhangs,
     rail_span,
 )
@@ -24,14 +24,12 @@ from headstock.scene.schema.components import ComponentTable, InterfaceTable
 from headstock.scene.schema.connections import JointTable
 from headstock.scene.schema.scene import SceneTable
 
-DEFAULT_INTERVALS = (
-    2.5  # station intervals per carriage length: docs/guideways.md says what more or fewer give
-)
+DEFAULT_INTERVALS = 2.5  # intervals of control points per carriage length: docs/guideways.md says what more or fewer give
 
 Ends = dict[tuple[str, str], list[str]]
 
 
-def default_stations(
+def default_control_points(
     span: tuple[float, float], length: float, intervals: float = DEFAULT_INTERVALS
 ) -> int:
     """Stations of a rail for a carriage of a length [m].
@@ -39,9 +37,9 @@ def default_stations(
     Args:
         span: Where the rail begins and ends [m].
         length: Of the carriage [m].
-        intervals: Between stations, per length of the carriage.
+        intervals: Between control points, per length of the carriage.
     """
-    return count_stations(span[1] - span[0], length, intervals)
+    return count_control_points(span[1] - span[0], length, intervals)
 
 
 def carriage_joints(scene: SceneTable) -> Ends:
@@ -65,7 +63,7 @@ def shortest_carriage(scene: SceneTable, joints: list[str]) -> float | None:
     return min(lengths, default=None)
 
 
-def choose_stations(scene: SceneTable, solids: dict[str, Solid]) -> dict[str, dict[str, int]]:
+def choose_control_points(scene: SceneTable, solids: dict[str, Solid]) -> dict[str, dict[str, int]]:
     """Stations of every rail by component and interface, from its length and the shortest carriage
     on it where both are known.
     """
@@ -74,7 +72,7 @@ def choose_stations(scene: SceneTable, solids: dict[str, Solid]) -> dict[str, di
         span = _span_of(scene.components[component].interfaces[name], solids[component])
         shortest = shortest_carriage(scene, joints)
         if span is not None and shortest is not None:
-            found[component][name] = default_stations(span, shortest)
+            found[component][name] = default_control_points(span, shortest)
     return found
 
 
@@ -149,7 +147,7 @@ def _check_rail(
                 ("joints", joint, "length"), f"{text}; make the rail longer or the carriage shorter"
             )
     _warn_of_segments(key, scene.components[component], solid, shortest, findings)
-    least = default_stations(span, shortest, LEAST_INTERVALS)
+    least = default_control_points(span, shortest, LEAST_INTERVALS)
     if (
         table.rail.control_points is not None
         and table.rail.control_points < least
@@ -159,7 +157,7 @@ def _check_rail(
             (*key, "control_points"),
             f"{table.rail.control_points} control points on {show_position(span[1] - span[0])} are too few for a carriage of "
             f"{show_position(shortest)}, whose stiffness would vary as it passes them; write at least {least}, better "
-            f"{default_stations(span, shortest)}, or leave control_points away",
+            f"{default_control_points(span, shortest)}, or leave control_points away",
         )
 
 

@@ -34,7 +34,8 @@ class ControlledPath:
         shares: Travel of each driven axis per travel along the path [-].
         travel: ``(n_outputs,)`` how the rigid machine moves each output wanted per travel along the
             path.
-        low_frequency_limit_hz: Poles below this frequency are rigid-body motion on the drives and mounts [Hz].
+        low_frequency_limit_hz: Poles below this frequency are rigid-body motion on the drives and
+            mounts [Hz].
         loads: Loads ``(n, n_loads)`` at instants and at the speeds along the path there; None for
             none.
         load_step: Longest time over which a load may be taken for straight [s].
@@ -75,8 +76,8 @@ def solve_controlled_path(
     the acceleration alone.
 
     Quasi-static is what constant speed (lag) and constant acceleration hold, without the slow
-    poles; low_frequency is the part of the slow poles; dynamic is the residual vibration of the others, and what loads
-    do.
+    poles; low_frequency is the part of the slow poles; dynamic is the residual vibration of the
+    others, and what loads do.
 
     Args:
         path: The loop and its path.

@@ -48,8 +48,8 @@ class PathDeviation:
         total: ``(n, n_outputs)`` [m, rad].
         quasi_static: ``(n, n_outputs)``: every mode that is faster than the ramp follows its load
             at once.
-        low_frequency: ``(n, n_outputs)``: the slower modes, in which the machine sways on soft mounts as a
-            whole.
+        low_frequency: ``(n, n_outputs)``: the slower modes, in which the machine sways on soft
+            mounts as a whole.
         dynamic: ``(n, n_outputs)``: the residual vibration of the faster modes.
     """
 
@@ -198,8 +198,8 @@ class ZoneFigures:
         quasi_static: Largest quasi-static part, with its sign.
         dynamic: Largest residual vibration.
         rms: Of the deviation over the zone.
-        settling: How long after the ramp the residual vibration stays below a share of its largest value [s];
-            None when it does not.
+        settling: How long after the ramp the residual vibration stays below a share of its largest
+            value [s]; None when it does not.
     """
 
     begin: float

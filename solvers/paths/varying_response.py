@@ -17,7 +17,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError
 from headstock.solvers.paths.response import PathDeviation, step_times
 from headstock.solvers.paths.set_points import SetPoint, sample_move, step_accelerations
-from headstock.solvers.paths.varying_system import Station, VaryingSystem
+from headstock.solvers.paths.varying_system import SampledPose, VaryingSystem
 
 STEP_TOLERANCE = 1e-9  # of the interpolated steps, as a share of their largest entry
 FIRST_KNOTS, MOST_KNOTS = 33, 2049
@@ -70,14 +70,14 @@ def make_step_table(system: VaryingSystem, size: float) -> StepTable:
     )
 
 
-def exact_step(station: Station, scales: FloatArray, size: float) -> FloatArray:
+def exact_step(sampled_pose: SampledPose, scales: FloatArray, size: float) -> FloatArray:
     """Exact step of the system frozen at one position, as a matrix ``(2m, 2m + 2)``.
 
     It gives the state ``(scale q, q')`` after the step from the state before it and the
     accelerations along the path at its beginning and end, between which they are linear.
 
     Args:
-        station: Modal matrices of ``m`` modes at that position.
+        sampled_pose: Modal matrices of ``m`` modes at that position.
         scales: ``(m,)`` [rad/s] that make displacements as large as velocities.
         size: Length of the step [s].
 
@@ -86,9 +86,9 @@ def exact_step(station: Station, scales: FloatArray, size: float) -> FloatArray:
     count = len(scales)
     big = np.zeros((2 * count + 2, 2 * count + 2))
     big[:count, count : 2 * count] = np.diag(scales)
-    big[count : 2 * count, :count] = -station.stiffness / scales
-    big[count : 2 * count, count : 2 * count] = -station.damping
-    big[count : 2 * count, 2 * count] = station.load
+    big[count : 2 * count, :count] = -sampled_pose.stiffness / scales
+    big[count : 2 * count, count : 2 * count] = -sampled_pose.damping
+    big[count : 2 * count, 2 * count] = sampled_pose.load
     # A linear load is an integral of two more states: the acceleration at the start, and its rise
     # per step (hence 1, not size). One exponential then holds the step and both integrals of the
     # load, also where frequencies are zero and no closed form would do

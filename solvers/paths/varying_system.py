@@ -1,5 +1,5 @@
 """A second-order system whose matrices change along a path: its modes, carried from pose to pose
-and interpolated between stations.
+and interpolated between sampled poses.
 
 In every pose the coordinates are the modes up to a frequency. Modes of neighbouring poses differ in
 sign, in order and, where two frequencies cross, altogether; turned to agree as well as they can
@@ -27,13 +27,12 @@ from headstock.solvers.linear.modal_coordinates import ModalCoordinates, to_moda
 from headstock.solvers.paths.response import PathModel, static_share
 from headstock.solvers.second_order import SecondOrderSystem
 
-FIRST_STATIONS = 5
-MOST_STATIONS = 257
-# of what is interpolated half-way between stations, as a share of its size; 1/16 of it between all
+FIRST_POSES = 5
+MOST_POSES = 257
+# of what is interpolated half-way between sampled poses, as a share of its size; 1/16 of it between
+# all
 TOLERANCE = 5e-5
-TURN_TOLERANCE = (
-    1e-3  # of modes carried along the stations before the last halving [rad]; 1/4 of it along all
-)
+TURN_TOLERANCE = 1e-3  # of modes carried along the sampled poses before the last halving [rad]; 1/4 of it along all
 SEARCHED = (
     1.5  # the highest mode kept lies below the widest gap up to so many times the highest frequency
 )
@@ -58,7 +57,7 @@ class PosedModes:
 
 
 @dataclass(frozen=True, eq=False)
-class Station:
+class SampledPose:
     """The system at a place of the path, in carried modes of unit mass.
 
     Attributes:
@@ -67,8 +66,8 @@ class Station:
         load: ``(m,)`` per unit acceleration along the path.
         rows: ``(p, m)`` motion at the outputs.
         low_frequency: ``(p, m)`` motion at the outputs of the slow modes alone.
-        quasi_static: ``(p,)`` quasi-static deviation per unit acceleration, of everything but the slow
-            modes.
+        quasi_static: ``(p,)`` quasi-static deviation per unit acceleration, of everything but the
+            slow modes.
         rest: ``(p,)`` what the modes kept lack of it.
     """
 
@@ -86,13 +85,13 @@ class VaryingSystem:
     """A system along a path.
 
     Attributes:
-        positions: ``(k,)`` of the stations [m].
+        positions: ``(k,)`` of the sampled poses [m].
         scales: ``(m,)`` angular frequencies of the modes in the middle [rad/s].
-        splines: Field of a station to its cubic spline along the path.
-        error: Largest error of splines through the others at the stations added last; of splines
-            through all about 1/16 of it.
-        rotation_error: Largest difference of modes carried along all stations from those carried along
-            all but the last ones [rad].
+        splines: Field of a sampled pose to its cubic spline along the path.
+        error: Largest error of splines through the others at the sampled poses added last; of
+            splines through all about 1/16 of it.
+        rotation_error: Largest difference of modes carried along all sampled poses from those
+            carried along all but the last ones [rad].
         next_hz: Lowest frequency, anywhere along the path, of a mode that is not kept [Hz]; inf
             where all are.
     """
@@ -104,9 +103,9 @@ class VaryingSystem:
     rotation_error: float
     next_hz: float
 
-    def at(self, position: float) -> Station:
+    def at(self, position: float) -> SampledPose:
         """The system at a position [m]."""
-        return Station(
+        return SampledPose(
             **{name: np.asarray(spline(position)) for name, spline in self.splines.items()}
         )
 
@@ -132,11 +131,11 @@ def sample_system(
 
     Raises:
         ModelError: A damper acts on a dof without mass.
-        AccuracyError: The greatest number of stations does not suffice.
+        AccuracyError: The greatest number of sampled poses does not suffice.
     """
     if model.up_to_hz is None:
         raise ValueError("a system along a path keeps modes up to a frequency")
-    first = [float(value) for value in np.linspace(0.0, length, FIRST_STATIONS)]
+    first = [float(value) for value in np.linspace(0.0, length, FIRST_POSES)]
     poses = {position: _look(place(position), model) for position in first}
     wide = list(itertools.pairwise(first))
     while True:
@@ -145,12 +144,14 @@ def sample_system(
         poses = dict(sorted(poses.items()))
         kept, next_hz = _count_kept(poses, model.up_to_hz)
         turns = _carry(poses, kept)
-        stations = {
+        sampled_poses = {
             position: _turn_pose(pose, turns[position], model) for position, pose in poses.items()
         }
-        scales = _scales(stations)
-        splines = _interpolate({position: stations[position] for position in before})
-        misses = [_misfit(splines, position, stations[position], scales) for position in halves]
+        scales = _scales(sampled_poses)
+        splines = _interpolate({position: sampled_poses[position] for position in before})
+        misses = [
+            _misfit(splines, position, sampled_poses[position], scales) for position in halves
+        ]
         rotation_error = _check_turns(poses, turns, before)
         wide = [
             side
@@ -164,12 +165,12 @@ def sample_system(
             return VaryingSystem(
                 np.array(list(poses)),
                 scales,
-                _interpolate(stations),
+                _interpolate(sampled_poses),
                 max(misses),
                 rotation_error,
                 next_hz,
             )
-        if len(poses) + len(wide) > MOST_STATIONS:
+        if len(poses) + len(wide) > MOST_POSES:
             raise AccuracyError(
                 f"{len(poses)} poses along the path leave an error of {max(misses):.2g} between them (limit {TOLERANCE:g}), of "
                 f"{rotation_error:.2g} in the direction of modes (limit {TURN_TOLERANCE:g}); shorten the path, or write "
@@ -241,7 +242,7 @@ def _carry(poses: Mapping[float, _Pose], kept: int) -> dict[float, FloatArray]:
     return turns
 
 
-def _turn_pose(pose: _Pose, turn: FloatArray, model: PathModel) -> Station:
+def _turn_pose(pose: _Pose, turn: FloatArray, model: PathModel) -> SampledPose:
     kept = len(turn)
     found = pose.coordinates
     squares, rows, load = found.squares[:kept], found.outputs[:, :kept], found.inputs[:kept, 0]
@@ -251,7 +252,7 @@ def _turn_pose(pose: _Pose, turn: FloatArray, model: PathModel) -> Station:
     # less the part of the fast modes kept
     below = found.omega[:kept] < 2.0 * np.pi * model.low_frequency_limit_hz
     quasi_static = static_share(found, model.low_frequency_limit_hz)
-    return Station(
+    return SampledPose(
         stiffness=turn.T @ (squares[:, None] * turn),
         damping=turn.T @ damping @ turn,
         load=turn.T @ load,
@@ -262,43 +263,47 @@ def _turn_pose(pose: _Pose, turn: FloatArray, model: PathModel) -> Station:
     )
 
 
-def _scales(stations: Mapping[float, Station]) -> FloatArray:
-    middle = stations[list(stations)[len(stations) // 2]]
+def _scales(sampled_poses: Mapping[float, SampledPose]) -> FloatArray:
+    middle = sampled_poses[list(sampled_poses)[len(sampled_poses) // 2]]
     return np.asarray(
         np.sqrt(np.maximum(middle.stiffness.diagonal(), (2.0 * np.pi * LEAST_HZ) ** 2))
     )
 
 
-def _interpolate(stations: Mapping[float, Station]) -> dict[str, CubicSpline]:
-    names = [field.name for field in dataclasses.fields(Station)]
-    positions = list(stations)
+def _interpolate(sampled_poses: Mapping[float, SampledPose]) -> dict[str, CubicSpline]:
+    names = [field.name for field in dataclasses.fields(SampledPose)]
+    positions = list(sampled_poses)
     return {
         name: CubicSpline(
-            positions, np.array([getattr(station, name) for station in stations.values()])
+            positions,
+            np.array([getattr(sampled_pose, name) for sampled_pose in sampled_poses.values()]),
         )
         for name in names
     }
 
 
 def _misfit(
-    splines: Mapping[str, CubicSpline], position: float, station: Station, scales: FloatArray
+    splines: Mapping[str, CubicSpline],
+    position: float,
+    sampled_pose: SampledPose,
+    scales: FloatArray,
 ) -> float:
-    """How far splines miss a station: matrices by the frequencies they make, the rest by its
+    """How far splines miss a sampled pose: matrices by the frequencies they make, the rest by its
     largest entry.
     """
     root = np.sqrt(scales)
     weights = {
         "stiffness": 1.0 / np.outer(scales, scales),
         "damping": 1.0 / np.outer(root, root),
-        "load": _inverse_size(station.load),
-        "rows": _inverse_size(station.rows),
-        "low_frequency": _inverse_size(station.rows),
+        "load": _inverse_size(sampled_pose.load),
+        "rows": _inverse_size(sampled_pose.rows),
+        "low_frequency": _inverse_size(sampled_pose.rows),
         # what the modes lack is small beside the whole, and often nothing but roundoff
-        "quasi_static": _inverse_size(station.quasi_static),
-        "rest": _inverse_size(station.quasi_static),
+        "quasi_static": _inverse_size(sampled_pose.quasi_static),
+        "rest": _inverse_size(sampled_pose.quasi_static),
     }
     misses = [
-        np.abs(weights[name] * (spline(position) - getattr(station, name))).max(initial=0.0)
+        np.abs(weights[name] * (spline(position) - getattr(sampled_pose, name))).max(initial=0.0)
         for name, spline in splines.items()
     ]
     return float(max(misses))

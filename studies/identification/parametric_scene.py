@@ -150,13 +150,13 @@ class ParametricShape:
         if table.material is not None:
             entry = self._entry("materials", table.material, numbers)
             material = build_material(table.material, MaterialTable.model_validate(entry))
-        stations = {
+        control_points = {
             key: item.rail.control_points
             for key, item in written.interfaces.items()
             if item.rail is not None
         }
         component = build_component(
-            self.name, table, solid, material, free=written.free, stations=stations
+            self.name, table, solid, material, free=written.free, control_points=control_points
         )
         component = dataclasses.replace(component, reduction=written.reduction)
         if component.fidelity == "elastic":

@@ -37,8 +37,8 @@ def pair_targets(state: CaseState) -> Pairing:
     """The pairing of targets and modes that leaves the smallest sum of squares in frequencies and
     shapes.
 
-    Held-out targets take part: they are distinguished by what is known of them, and add nothing to the
-    fit.
+    Held-out targets take part: they are distinguished by what is known of them, and add nothing to
+    the fit.
     """
     targets = state.model.case.modes
     if not targets:

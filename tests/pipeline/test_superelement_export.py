@@ -87,7 +87,7 @@ def test_a_rail_and_its_stations_go_through_a_file(tmp_path: Path) -> None:
     element = reduce_elastic(component, mesh, comm=MPI.COMM_SELF)
     write_superelement(tmp_path / "bed.h5", element)
     found = read_superelement(tmp_path / "bed.h5")
-    assert len(found.stations) == 6 and found.boundary_size == element.boundary_size
+    assert len(found.control_points) == 6 and found.boundary_size == element.boundary_size
     expected = carriage_rows(element.rails["rail"], 0.17, 0.25)
     np.testing.assert_array_equal(carriage_rows(found.rails["rail"], 0.17, 0.25), expected)
     truncation = present(element.errors.truncation)

@@ -31,7 +31,7 @@ from headstock.reduction.components.rail_fits import fit_rail
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
 from headstock.reduction.coupling.coupling import couple
-from headstock.reduction.rails import Rail, carriage_rows, place_knots, station_points
+from headstock.reduction.rails import Rail, carriage_rows, control_point_positions, place_knots
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import check_superelement, rigid_motions
@@ -41,12 +41,12 @@ from headstock.solvers.linear.static_response import solve_static
 
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 LENGTH, WIDTH, HEIGHT = 0.6, 0.08, 0.05
-STATIONS = 9  # 100 mm apart
+CONTROL_POINTS = 9  # 100 mm apart
 CARRIAGE = 0.15  # the shortest for them
 
 
-def rail_interface(stations: int = STATIONS) -> Interface:
-    return Interface("rail", (Patch("z+"),), "average", rail=RailSettings("x", stations))
+def rail_interface(control_points: int = CONTROL_POINTS) -> Interface:
+    return Interface("rail", (Patch("z+"),), "average", rail=RailSettings("x", control_points))
 
 
 def bar(fidelity: Fidelity, *, segments: int = 10) -> Component:
@@ -108,7 +108,7 @@ def test_a_superelement_with_a_rail_passes_its_check(element: Superelement) -> N
 
 def test_stations_have_four_dofs_each_and_are_named(elastic: Superelement) -> None:
     assert elastic.labels[6:10] == tuple(("rail[0]", dof) for dof in ("x", "y", "z", "rx"))
-    assert elastic.boundary_size == 6 + 4 * STATIONS == len(elastic.labels)
+    assert elastic.boundary_size == 6 + 4 * CONTROL_POINTS == len(elastic.labels)
 
 
 @pytest.mark.parametrize("place", [0.08, 0.231, 0.3, 0.5199])
@@ -122,7 +122,7 @@ def test_compliance_under_a_carriage_is_that_of_the_whole_mesh_at_any_place(
     fit = fit_rail("bar", rail_interface(), measure_patch(mesh, "rail"))
     dofs = (3 * fit.patch.nodes[:, None] + np.arange(3)).ravel()
     rows = carriage_rows(
-        dataclasses.replace(elastic.rails["rail"], control=np.eye(4 * STATIONS)), place, 0.16
+        dataclasses.replace(elastic.rails["rail"], control=np.eye(4 * CONTROL_POINTS)), place, 0.16
     )
     seen = np.zeros((6, 3 * len(mesh.points)))
     seen[:, dofs] = rows @ fit.operator.T
@@ -178,14 +178,14 @@ def test_a_carriage_takes_the_mean_and_the_slope_of_the_motion_under_it() -> Non
 def test_averaging_over_the_stations_leaves_the_mean_of_parabolas_and_the_slope_of_cubics(
     elastic: Superelement,
 ) -> None:
-    rail = dataclasses.replace(elastic.rails["rail"], control=np.eye(4 * STATIONS))
+    rail = dataclasses.replace(elastic.rails["rail"], control=np.eye(4 * CONTROL_POINTS))
     middle = 0.5 * (rail.low + rail.high)
     for power, expected in (
         (2, [0.05**2 + 0.2**2 / 12.0, 2.0 * 0.05]),
         (3, [None, 3.0 * 0.05**2 + 3.0 * 0.2**2 / 20.0]),
     ):
-        sites = station_points(rail.knots, rail.center, rail.axis)[:, 0]
-        values = np.zeros((STATIONS, 4))
+        sites = control_point_positions(rail.knots, rail.center, rail.axis)[:, 0]
+        values = np.zeros((CONTROL_POINTS, 4))
         values[:, 1] = make_interp_spline(sites, (sites - middle) ** power, t=rail.knots, k=3).c
         rows = carriage_rows(rail, middle + 0.05, 0.2) @ values.ravel()
         assert rows[5] == pytest.approx(expected[1], rel=1e-10)
@@ -350,14 +350,14 @@ def test_a_rail_across_the_segments_is_refused() -> None:
 def test_stations_too_few_for_a_carriage_are_refused_with_a_remedy(elastic: Superelement) -> None:
     with pytest.raises(
         ModelError,
-        match=r"9 stations are too few for a carriage of 100 mm on a rail of 600 mm.*take at least 12",
+        match=r"9 control points are too few for a carriage of 100 mm on a rail of 600 mm.*take at least 12",
     ):
         carriage_rows(elastic.rails["rail"], 0.3, 0.1)
 
 
 def test_more_stations_than_the_mesh_can_tell_apart_are_refused(mesh: ComponentMesh) -> None:
     with pytest.raises(
-        ModelError, match=r"too few points along rail rail to tell its 40 stations apart"
+        ModelError, match=r"too few points along rail rail to tell its 40 control points"
     ):
         fit_rail("bar", rail_interface(40), measure_patch(mesh, "rail"))
 

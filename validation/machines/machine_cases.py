@@ -114,7 +114,10 @@ def check_guideway() -> list[ValidationRow]:
     mesh = mesh_component(machine.components["bed"])
     parts = reduce_parts(machine, {"bed": mesh}, MPI.COMM_SELF)
     ripple = judge_bound(
-        GUIDEWAY, "ripple of ten frequencies over the stations", find_ripple(machine, parts), RIPPLE
+        GUIDEWAY,
+        "ripple of ten frequencies over the control points",
+        find_ripple(machine, parts),
+        RIPPLE,
     )
     return [*_compare_meshes(machine, mesh, parts), ripple, *_measure_cost(machine, parts)]
 

@@ -39,13 +39,13 @@ def check_rail_bases() -> list[ValidationRow]:
     rail, flexibility = _finest_rail()
     bare = dataclasses.replace(rail, blur=0.0)
     right = _local_compliance(lambda place: carriage_rows(bare, place, CARRIAGE), flexibility)
-    for stations in STATION_COUNTS:
-        dofs = 4 * stations
-        splines = _coarse_rail(rail, stations)
+    for control_points in STATION_COUNTS:
+        dofs = 4 * control_points
+        splines = _coarse_rail(rail, control_points)
         sets = {
             "splines": _ride(splines),
             "splines not averaged": _ride(dataclasses.replace(splines, blur=0.0)),
-            "polynomials": _ride_polynomials(bare, stations),
+            "polynomials": _ride_polynomials(bare, control_points),
             "frames between splines": _ride_frames(bare, dofs // 6),
         }
         for name, seen in sets.items():
@@ -85,13 +85,13 @@ def _finest_rail() -> tuple[Rail, FloatArray]:
     )
 
 
-def _coarse_rail(rail: Rail, stations: int) -> Rail:
-    """The rail fitted with fewer stations: fits of fits are fits, as coarse splines with nested
+def _coarse_rail(rail: Rail, control_points: int) -> Rail:
+    """The rail fitted with fewer control points: fits of fits are fits, as coarse splines with nested
     knots are fine ones too.
     """
-    knots = place_knots(rail.low, rail.high, stations)
+    knots = place_knots(rail.low, rail.high, control_points)
     points, weights = _quadrature(rail)
-    coarse = BSpline(knots, np.eye(stations), 3)(points)
+    coarse = BSpline(knots, np.eye(control_points), 3)(points)
     fine = BSpline(rail.knots, np.eye(FINE + 3), 3)(points)
     fit = np.linalg.solve(
         coarse.T @ (weights[:, None] * coarse), coarse.T @ (weights[:, None] * fine)
@@ -100,7 +100,7 @@ def _coarse_rail(rail: Rail, stations: int) -> Rail:
         rail,
         knots=knots,
         control=np.kron(fit, np.eye(4)) @ rail.control,
-        blur=SPAN / (stations - 3),
+        blur=SPAN / (control_points - 3),
     )
 
 

@@ -335,7 +335,7 @@ def test_a_superelement_file_comes_back_as_it_went_in(tmp_path: Path) -> None:
     [
         ({"mass": np.eye(7)}, "mass has shape"),
         ({"stiffness": np.full((8, 8), np.nan)}, "not finite"),
-        ({"attachments": {"foot": InterfaceMap(3, Frame())}}, "sits on node 3"),
+        ({"interface_maps": {"foot": InterfaceMap(3, Frame())}}, "sits on node 3"),
         ({"loads": {"push": StaticLoad(np.zeros(3))}}, "loads/push"),
     ],
 )
