@@ -1,17 +1,18 @@
+# fmt: off
+# ruff: noqa: E501, I001
+# written by .ci/stub.py
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.machine import Noun
+from headstock.scene.schema import components, connections
+from headstock.values import Quantity
 from headstock.geometry.errors import HeadstockError as HeadstockError
 from headstock.machine import Machine as Machine
-from headstock.nouns import Axis as Axis
 from headstock.nouns import Box as Box
-from headstock.nouns import Column as Column
-from headstock.nouns import Component as Component
-from headstock.nouns import Interface as Interface
-from headstock.nouns import Joint as Joint
-from headstock.nouns import Load as Load
-from headstock.nouns import Material as Material
-from headstock.nouns import Plate as Plate
-from headstock.nouns import Point as Point
-from headstock.nouns import Support as Support
-from headstock.nouns import Tube as Tube
 from headstock.pipeline.results.files import read_mesh as read_mesh
 from headstock.pipeline.results.results import Results as Results
 from headstock.runs import check as check
@@ -29,5 +30,147 @@ from headstock.studies.identification.identification import Identification as Id
 from headstock.studies.parameters.tables import StudyTable as StudyTable
 from headstock.studies.sweeps.results import SweepResults as SweepResults
 
+type _Table = Noun | Mapping[str, object]
+type _Numbers = Sequence[Quantity] | NDArray[np.floating[Any]]
+
 __version__: str
 __all__: list[str]
+
+class Axis(Noun, schema=connections.AxisTable):
+    def __init__(
+        self, *,
+        joints: Sequence[str] | str | None = ...,
+        joint: str | None = ...,
+        direction: Literal['x', 'y', 'z', '+x', '+y', '+z', '-x', '-y', '-z'] | _Numbers | None = ...,
+        kind: Literal['linear', 'rotary'] | None = ...,
+        center: _Numbers | None = ...,
+        limits: _Numbers | None = ...,
+        moves: Sequence[str] | str | None = ...,
+    ) -> None: ...
+
+class Column(Noun, schema=components.SolidTable):
+    def __init__(
+        self, *,
+        size: _Numbers,
+        wall: Quantity,
+        cap: Quantity,
+        rib: Quantity | None = ...,
+        ribs_z: int | None = ...,
+        ribs_x: int | None = ...,
+        ribs_y: int | None = ...,
+        core_hole: Quantity | None = ...,
+    ) -> None: ...
+
+class Component(Noun, schema=components.ComponentTable):
+    def __init__(
+        self, *,
+        solid: _Table,
+        material: str | None = ...,
+        mass: Quantity | None = ...,
+        at: _Numbers | None = ...,
+        places: Sequence[_Numbers] | Mapping[str, _Numbers] | None = ...,
+        each: Mapping[str, Mapping[str, object]] | None = ...,
+        rotate: Sequence[_Table] | _Table | None = ...,
+        fidelity: Literal['rigid', 'segmented', 'elastic'] | None = ...,
+        mesh: _Table | None = ...,
+        reduction: _Table | None = ...,
+        segments: _Table | None = ...,
+        interfaces: Mapping[str, _Table] | None = ...,
+        free: bool | None = ...,
+    ) -> None: ...
+
+class Interface(Noun, schema=components.InterfaceTable):
+    def __init__(
+        self, *,
+        face: str | None = ...,
+        disk: _Table | None = ...,
+        rect: _Table | None = ...,
+        strip: _Table | None = ...,
+        patches: Sequence[_Table] | None = ...,
+        places: Sequence[_Numbers] | Mapping[str, _Numbers] | None = ...,
+        each: Mapping[str, Mapping[str, object]] | None = ...,
+        coupling: Literal['rigid', 'average'] | None = ...,
+        allow_singular: bool | None = ...,
+        rail: _Table | None = ...,
+    ) -> None: ...
+
+class Joint(Noun, schema=connections.JointTable):
+    def __init__(
+        self, *,
+        from_: str | None = ...,
+        between: Sequence[str],
+        kind: Literal['rigid', 'spring', 'linear_guide', 'ball_screw', 'bolted', 'bearing', 'mount', 'revolute', 'universal', 'spherical', 'prismatic'] | None = ...,
+        axis: Literal['x', 'y', 'z', '+x', '+y', '+z', '-x', '-y', '-z'] | _Numbers | None = ...,
+        normal: Literal['x', 'y', 'z', '+x', '+y', '+z', '-x', '-y', '-z'] | _Numbers | None = ...,
+        at: _Numbers | None = ...,
+        places: Sequence[_Numbers] | Mapping[str, _Numbers] | None = ...,
+        carriages: _Table | None = ...,
+        each: Mapping[str, Mapping[str, object]] | None = ...,
+        length: Quantity | None = ...,
+        screw: _Table | None = ...,
+        stiffness: Mapping[str, Quantity | Literal['rigid']] | None = ...,
+        damping: Mapping[str, Quantity] | None = ...,
+        loss_factor: Quantity | None = ...,
+        allow_negative: bool | None = ...,
+    ) -> None: ...
+
+class Load(Noun, schema=connections.LoadTable):
+    def __init__(
+        self, *,
+        at: str | None = ...,
+        face: str | None = ...,
+        component: str | None = ...,
+        disk: _Table | None = ...,
+        rect: _Table | None = ...,
+        strip: _Table | None = ...,
+        force: _Numbers | None = ...,
+        moment: _Numbers | None = ...,
+        traction: _Numbers | None = ...,
+        pressure: Quantity | None = ...,
+        body: _Numbers | None = ...,
+    ) -> None: ...
+
+class Material(Noun, schema=components.MaterialTable):
+    def __init__(
+        self, *,
+        E: Quantity,
+        nu: float,
+        rho: Quantity,
+        loss_factor: Quantity | None = ...,
+    ) -> None: ...
+
+class Plate(Noun, schema=components.SolidTable):
+    def __init__(
+        self, *,
+        size: _Numbers,
+        rib_height: Quantity | None = ...,
+        rib: Quantity | None = ...,
+        ribs_x: int | None = ...,
+        ribs_y: int | None = ...,
+    ) -> None: ...
+
+class Point(Noun, schema=connections.PointTable):
+    def __init__(
+        self, *,
+        tool: str,
+        work: str,
+    ) -> None: ...
+
+class Support(Noun, schema=connections.SupportTable):
+    def __init__(
+        self, *,
+        face: str | None = ...,
+        at: str | None = ...,
+        disk: _Table | None = ...,
+        rect: _Table | None = ...,
+        strip: _Table | None = ...,
+        fix: Sequence[Literal['x', 'y', 'z']],
+    ) -> None: ...
+
+class Tube(Noun, schema=components.SolidTable):
+    def __init__(
+        self, *,
+        outer: Quantity,
+        inner: Quantity | None = ...,
+        length: Quantity,
+    ) -> None: ...

@@ -11,7 +11,7 @@ from functools import cached_property
 from inspect import Parameter, Signature
 from keyword import iskeyword
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import ClassVar, Self, TypedDict, Unpack
 
 from pydantic import BaseModel
 
@@ -111,6 +111,38 @@ def _without_underscore(key: str) -> str:
     return key[:-1] if iskeyword(key[:-1]) else key
 
 
+type Table = Noun | Mapping[str, object]
+type Entries = Mapping[str, Table]
+
+
+class Sections(TypedDict, total=False):
+    """Sections of a scene, as a machine is made of them."""
+
+    name: str
+    parameters: Mapping[str, object]
+    materials: Entries
+    components: Entries
+    joints: Entries
+    points: Entries
+    axes: Entries
+    supports: Entries
+    loads: Entries
+    probes: Entries
+    mechanism: Table
+    variants: Mapping[str, Mapping[str, object]]
+    compare: Table
+    poses: Mapping[str, Mapping[str, object]]
+    sweeps: Entries
+    studies: Entries
+    drives: Entries
+    effects: Mapping[str, object] | Sequence[str]
+    analyses: Entries
+    orientation: Table
+    limits: Table
+    accuracy: Table | str | float
+    free: bool
+
+
 class Machine(Noun, schema=SceneTable):
     """A scene: a machine, its poses and what is to be computed. It is checked as
     ``headstock check`` does when it is made, and is not changed afterwards.
@@ -125,7 +157,7 @@ class Machine(Noun, schema=SceneTable):
     scene: Scene
     choice: SceneChoice | None
 
-    def __init__(self, *, folder: str | Path = ".", **keys: object) -> None:
+    def __init__(self, *, folder: str | Path = ".", **keys: Unpack[Sections]) -> None:
         """Build a machine of nouns and tables, with the sections of a scene as keys.
 
         Args:

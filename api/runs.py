@@ -18,14 +18,21 @@ from headstock.machine import Machine, write_setting, write_settings
 from headstock.pipeline.accuracy.search import plan_first_round
 from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.results.files import RESULTS_FILE, SUMMARY_FILE, open_results
+from headstock.pipeline.results.files import (
+    FIGURES_FOLDER,
+    REPORT_FILE,
+    RESULTS_FILE,
+    SUMMARY_FILE,
+    TABLES_FOLDER,
+    open_results,
+)
 from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, write_mode_files
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.part_files import find_missing_patches
 from headstock.pipeline.stages.rigid_checks import find_unheld_motions
-from headstock.pipeline.storage.outputs import claim_output
+from headstock.pipeline.storage.outputs import claim_output, remove_outputs, replace_outputs
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice, trace_content
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene, prepare_sweep
@@ -119,7 +126,8 @@ def run(
     Args:
         machine: Machine or path of a scene file.
         output: Folder for ``results.h5`` and ``summary.json``, which ``open`` reads and
-            ``headstock report`` makes a page of; None for no files.
+            ``headstock report`` makes a page of; pages of an earlier run are removed. None for no
+            files.
         analyses: Names of those to run; empty for all but those on request.
         volume: Write the volume meshes with modes and stresses, too.
         progress: Called with each stage that has ended, on rank 0.
@@ -139,6 +147,10 @@ def run(
         )
         if output is not None and comm.rank == 0:
             write_mode_files(folder, summarise(results)["modal"], results.view)
+            # of an earlier run: pages and pictures are made by `headstock report`
+            remove_outputs(folder, [REPORT_FILE])
+            for part in (TABLES_FOLDER, FIGURES_FOLDER):
+                replace_outputs(folder, part, {})
     if comm.size == 1:
         return results
     # meshes stay on rank 0: other ranks have the surfaces
@@ -385,8 +397,9 @@ def _folder(output: str | Path | None, comm: MPI.Comm) -> Iterator[Path]:
             scratch = tempfile.TemporaryDirectory(prefix="headstock-run-")
             folder = Path(stack.enter_context(scratch))
         elif comm.rank == 0:
-            parts = (MODES_FOLDER, VOLUME_FOLDER)
-            stack.enter_context(claim_output(folder, (RESULTS_FILE, SUMMARY_FILE), parts))
+            names = (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE)
+            parts = (MODES_FOLDER, VOLUME_FOLDER, TABLES_FOLDER, FIGURES_FOLDER)
+            stack.enter_context(claim_output(folder, names, parts))
         yield share_from_root(comm, folder)
 
 

@@ -17,7 +17,7 @@ from headstock.app.pictures.pictures import (
 )
 from headstock.app.report.report import Stills, render_report, write_report
 from headstock.app.texts.tables import encode_csv, list_tables, tabulate_path, tabulate_response
-from headstock.pipeline.results.files import SUMMARY_FILE
+from headstock.pipeline.results.files import FIGURES_FOLDER, SUMMARY_FILE, TABLES_FOLDER
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, write_mode_files
 from headstock.pipeline.results.path import PathCurves
@@ -26,7 +26,6 @@ from headstock.pipeline.results.views import MachineView
 from headstock.pipeline.storage.outputs import UnusableOutputError, replace_outputs
 from headstock.pipeline.storage.store import Store, default_store_root
 
-TABLES_FOLDER, FIGURES_FOLDER = "tables", "figures"
 PARTS = (TABLES_FOLDER, FIGURES_FOLDER, MODES_FOLDER, VOLUME_FOLDER)
 
 

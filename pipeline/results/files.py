@@ -57,6 +57,7 @@ VERSION = 2
 RESULTS_FILE = "results.h5"
 SUMMARY_FILE = "summary.json"
 REPORT_FILE = "report.html"
+TABLES_FOLDER, FIGURES_FOLDER = "tables", "figures"
 # what other commands leave in their folders
 OTHER_RESULTS = {
     "sweep.json": "sweep",

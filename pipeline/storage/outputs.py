@@ -242,6 +242,24 @@ def replace_outputs(folder: Path, part: str, files: Mapping[str, bytes]) -> list
     return remarks
 
 
+def remove_outputs(folder: Path, names: Iterable[str]) -> None:
+    """Remove files of an earlier run that the present one does not write; what somebody else wrote
+    or changed is kept.
+
+    Args:
+        folder: Of the output.
+        names: Of files in it.
+
+    Raises:
+        OutputError: One cannot be removed.
+    """
+    with naming_output(folder):
+        listed = _read_list(folder)
+        for name in names:
+            if os.path.lexists(folder / name) and not _is_taken(folder, name, listed):
+                (folder / name).unlink()
+
+
 def make_part(folder: Path) -> None:
     """Make a folder in an output folder, where it is missing.
 

@@ -3,6 +3,7 @@
 import ast
 import json
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,8 @@ import pytest
 
 import headstock as hs
 from headstock.app.command_line import main
+from headstock.machine import Sections
+from headstock.scene.schema.scene import SceneTable
 
 ROOT = Path(__file__).resolve().parents[2]
 COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
@@ -56,16 +59,33 @@ def test_every_public_name_is_there_and_no_other() -> None:
         hs.analyze  # type: ignore[attr-defined]  # noqa: B018
 
 
-def test_the_stub_has_the_same_names() -> None:
-    tree = ast.parse((ROOT / "api" / "__init__.pyi").read_text())
-    names = {
-        alias.asname
-        for node in tree.body
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
-    names |= {ast.unparse(node.target) for node in tree.body if isinstance(node, ast.AnnAssign)}
-    assert names - {"__all__"} == set(hs.__all__)
+def test_the_stub_has_the_names_and_the_keys_of_now() -> None:
+    """Else: ``./headstock exec python3 .ci/stub.py`` writes it anew."""
+    program = runpy.run_path(str(ROOT / ".ci" / "stub.py"))
+    text = program["render_stub"]()
+    assert (ROOT / "api" / "__init__.pyi").read_text() == text
+    tree = ast.parse(text)
+    classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+    imported = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
+    names = {alias.asname for node in imported for alias in node.names if alias.asname}
+    assert names - {"np"} | classes.keys() | {"__version__"} == set(hs.__all__)
+    (init,) = classes["Joint"].body
+    assert isinstance(init, ast.FunctionDef)
+    assert {"between", "stiffness", "from_"} <= {each.arg for each in init.args.kwonlyargs}
+
+
+def test_sections_of_a_machine_are_those_of_a_scene() -> None:
+    assert set(Sections.__annotations__) == SceneTable.model_fields.keys() - {"include"}
+
+
+def test_a_key_that_a_type_checker_refuses_is_refused_with_the_right_one() -> None:
+    """mypy reads this file too, and would tell of an ``ignore`` that hides nothing."""
+    with pytest.raises(hs.SceneError, match="did you mean 'stiffness'"):
+        hs.Joint(between=["a.b", "ground"], kind="spring", stifness={})  # type: ignore[call-arg]
+    with pytest.raises(hs.SceneError, match="did you mean 'linear_guide'"):
+        hs.Joint(between=["a.b", "ground"], kind="linear_guid")  # type: ignore[arg-type]
+    with pytest.raises(hs.SceneError, match="did you mean 'joints'"):
+        hs.Machine(name="a", joint={})  # type: ignore[call-arg]
 
 
 def test_a_run_finds_what_the_command_line_finds(scene: Path, tmp_path: Path) -> None:
@@ -90,6 +110,29 @@ def test_a_report_is_made_of_what_a_run_wrote(scene: Path, tmp_path: Path) -> No
     hs.run(scene, output=tmp_path / "out")
     assert main(["report", str(tmp_path / "out")]) == 0
     assert "Hz" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_run_leaves_no_page_of_an_earlier_one_and_keeps_what_the_user_put_there(
+    scene: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    assert main(["run", str(scene), "-o", str(out)]) == 0
+    (out / "tables" / "mine.csv").write_text("mine")
+    machine = hs.load(scene, set={"components.column.solid.box[2]": 0.4})
+    result = hs.run(machine, output=out)
+    left = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
+    assert left - {name for name in left if name.startswith(("modes/", "."))} == {
+        "results.h5",
+        "summary.json",
+        "tables/mine.csv",
+    }
+    assert main(["report", str(out)]) == 0
+    frequency = f"{result.modes['reference'].frequencies_hz[0]:.4g}"
+    assert frequency in (out / "report.html").read_text()
+    (out / "report.html").write_text("edited")
+    with pytest.raises(hs.HeadstockError, match=r"holds report\.html, which .* changed since"):
+        hs.run(machine, output=out)
+    assert (out / "report.html").read_text() == "edited"
 
 
 def test_a_run_without_output_leaves_no_file(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:

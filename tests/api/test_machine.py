@@ -75,9 +75,9 @@ def test_the_comparison_of_this_file_sees_a_change_of_one_number() -> None:
     assert machine != changed
 
 
-def build_column(analyses: Mapping[str, object] | None = None) -> hs.Machine:
+def build_column(analyses: Mapping[str, Mapping[str, object]] | None = None) -> hs.Machine:
     return hs.Machine(
-        analyses=analyses,
+        analyses=analyses or {},
         materials={"steel": hs.Material(E=2.1e11, nu=0.3, rho="7850 kg/m^3")},
         components={
             "column": hs.Component(
@@ -138,7 +138,7 @@ def test_a_rotational_stiffness_takes_its_own_si_unit() -> None:
 
 def test_a_fault_of_a_noun_is_told_when_it_is_made() -> None:
     with pytest.raises(hs.SceneError) as caught:
-        hs.Material(E="210 mm", nu=0.3, density="7850 kg/m^3")
+        hs.Material(E="210 mm", nu=0.3, density="7850 kg/m^3")  # type: ignore[call-arg]
     keys = {problem.key for problem in caught.value.problems}
     assert keys == {"E", "density", "rho"}
     with pytest.raises(hs.SceneError, match=r"tube\.inner"):

@@ -86,10 +86,57 @@ def test_variants_are_compared_mode_by_mode(scene: Path) -> None:
 
 
 def test_a_sweep_has_the_frequencies_of_runs_in_its_poses(tmp_path: Path) -> None:
-    swept = hs.sweep(SLIDE, "named", output=tmp_path / "out")
+    stages: list[str] = []
+    swept = hs.sweep(
+        SLIDE,
+        "named",
+        output=tmp_path / "out",
+        progress=lambda done: stages.append(done.stage.kind),
+    )
+    assert set(stages) == {"rigid", "segment"}
     assert len(swept.frequencies_hz) == 3
     assert (tmp_path / "out" / "sweep.h5").is_file()
     machine = hs.load(SLIDE, set={"poses.third": {"X": "12 mm"}})
     single = hs.run(machine, analyses=["modal"]).modes["third"].frequencies_hz
     wanted = np.sort(swept.frequencies_hz[2])
     assert wanted == pytest.approx(np.sort(single)[: len(wanted)], rel=1e-6)
+
+
+TARGETS = """
+[fit]
+starts = 3
+[cases.measured]
+frequencies = ["200 Hz", "500 Hz"]
+[parameters.length]
+keys = ["components.column.solid.box[2]"]
+bounds = ["300 mm", "600 mm"]
+[parameters.stiffness]
+keys = ["materials.steel.E"]
+bounds = ["100 GPa", "300 GPa"]
+prior_sigma = 0.05
+"""
+
+
+def test_a_fit_is_that_of_the_command_line(scene: Path, tmp_path: Path) -> None:
+    targets, ends = tmp_path / "targets.toml", list[bool]()
+    targets.write_text(TARGETS)
+    found = hs.identify(scene, targets, progress=lambda start: ends.append(start.converged))
+    assert ends == [True] * 3
+    out = tmp_path / "out"
+    assert main(["identify", str(scene), str(targets), "-o", str(out)]) == 0
+    written = json.loads((out / "identification.json").read_text())
+    assert found.values == {
+        name: pytest.approx(entry["value"] * scale, rel=1e-9)
+        for (name, entry), scale in zip(written["parameters"].items(), (1e-3, 1e9), strict=True)
+    }
+    fitted = hs.load(
+        scene,
+        set={LENGTH: found.values["length"], "materials.steel.E": found.values["stiffness"]},
+    )
+    modes = hs.run(fitted).modes["reference"].frequencies_hz
+    assert [outcome.found for outcome in found.outcomes] == pytest.approx(modes[:2], rel=1e-6)
+    again = hs.identify(hs.load(scene), targets, starts=1)
+    assert len(again.starts) == 1
+    targets.write_text(TARGETS.replace("box[2]", "box[3]"))
+    with pytest.raises(hs.SceneError, match=r"box holds 3 entries"):
+        hs.identify(scene, targets)

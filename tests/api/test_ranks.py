@@ -1,0 +1,140 @@
+"""A script on two ranks gets the answers of one process, on every rank."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SCENE = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.block]
+solid = { box = ["100 mm", "100 mm", "300 mm"] }
+material = "steel"
+fidelity = "elastic"
+mesh = { size = "100 mm" }
+interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
+[joints.mount]
+between = ["ground", "block.foot"]
+kind = "spring"
+[joints.mount.stiffness]
+x = "10 N/um"
+y = "12 N/um"
+z = "40 N/um"
+rx = "1 MN m/rad"
+ry = "1 MN m/rad"
+rz = "1 MN m/rad"
+[axes.X]
+joints = ["mount"]
+direction = "x"
+limits = ["-50 mm", "50 mm"]
+[points]
+tcp = { tool = "block.tip", work = "ground" }
+[sweeps.line]
+axes = { X = ["0 mm", "10 mm", 3] }
+[variants.heavy]
+"materials.steel.rho" = "9000 kg/m^3"
+[analyses.static]
+at = "tcp"
+[analyses.modal]
+count = 4
+"""
+TARGETS = """
+[cases.measured]
+frequencies = ["60 Hz", "70 Hz"]
+[parameters.mount]
+keys = ["joints.mount.stiffness.x"]
+bounds = ["2 N/um", "50 N/um"]
+"""
+SCRIPT = """
+import json, os, sys
+import headstock as hs
+
+stages = []
+run = hs.run("scene.toml", output="out", progress=lambda done: stages.append(done.stage.kind))
+study = hs.study(
+    "scene.toml",
+    vary={"joints.mount.stiffness.x": [8e6, 12e6]},
+    watch=["modal.frequencies_hz[0]"],
+    output="points",
+)
+sweep = hs.sweep("scene.toml", "line", output="swept")
+rank = os.environ.get("OMPI_COMM_WORLD_RANK", "0")
+answers = {
+    "run": list(run.modes["reference"].frequencies_hz),
+    "opened": list(hs.open("out").modes["reference"].frequencies_hz),
+    "compliance": run.compliance["tcp"].tolist(),
+    "study": [row.values["modal.frequencies_hz[0]"] for row in study.rows],
+    "sweep": sweep.frequencies_hz.tolist(),
+    "compare": [
+        {name: cell.frequency_hz for name, cell in row.cells.items()}
+        for row in hs.compare("scene.toml", ["heavy"]).rows
+    ],
+    "identify": hs.identify("scene.toml", "targets.toml").values,
+    "made": len(stages) > 0 if rank == "0" else stages == [],
+    "points": run.mesh("block").n_points > 0,
+}
+with open(f"answers{sys.argv[1]}_{rank}.json", "w") as file:
+    json.dump(answers, file)
+"""
+
+
+def run_script(folder: Path, ranks: int) -> None:
+    """As ``./headstock python --ranks N script.py`` does."""
+    launcher = shutil.which("mpirun")
+    assert launcher is not None
+    inherited = {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(("PMIX_", "PRTE_", "OMPI_COMM_"))
+    }
+    paths = [str(ROOT / ".typing"), *filter(None, [inherited.get("PYTHONPATH")])]
+    more = {
+        "PYTHONPATH": os.pathsep.join(paths),
+        "OMP_NUM_THREADS": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "HEADSTOCK_STORE": str(folder / f"store{ranks}"),
+    }
+    on_ranks = [launcher, "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
+    done = subprocess.run(
+        [*on_ranks, sys.executable, "-m", "mpi4py", "script.py", str(ranks)],
+        cwd=folder,
+        env=inherited | more,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+
+
+@pytest.mark.mpi
+def test_every_rank_gets_what_one_process_gets(tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_text(SCENE)
+    (tmp_path / "targets.toml").write_text(TARGETS)
+    (tmp_path / "script.py").write_text(SCRIPT)
+    run_script(tmp_path, 1)
+    shutil.rmtree(tmp_path / "points")
+    shutil.rmtree(tmp_path / "swept")
+    run_script(tmp_path, 2)
+    alone, first, second = (
+        json.loads((tmp_path / f"answers{name}.json").read_text()) for name in ("1_0", "2_0", "2_1")
+    )
+    assert alone["made"]
+    assert first == second
+    assert first.keys() == alone.keys()
+    for key in ("run", "opened", "study"):
+        assert first[key] == pytest.approx(alone[key], rel=1e-8)
+    assert first["identify"]["mount"] == pytest.approx(alone["identify"]["mount"], rel=1e-5)
+    assert len(first["sweep"]) == len(alone["sweep"]) == 3
+    for found, wanted in zip(first["sweep"], alone["sweep"], strict=True):
+        assert found == pytest.approx(wanted, rel=1e-8)
+    assert first["compare"][0].keys() == alone["compare"][0].keys()
