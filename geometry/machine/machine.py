@@ -73,7 +73,7 @@ class Machine:
         gravity: Acceleration of gravity in the machine frame [m/s^2].
         mechanism: The closed-loop mechanism that carries components, if any: their placements, and
             points and axes of joints whose leading end is one of them, are given in the frame of
-            the mark that carries them.
+            the marker that carries them.
     """
 
     name: str

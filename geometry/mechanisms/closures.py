@@ -18,8 +18,8 @@ from headstock.geometry.mechanisms.kinematics import (
     IndexArray,
     Placement,
     cross,
-    mark_jacobians,
-    place_marks,
+    marker_jacobians,
+    place_markers,
     skew_matrices,
 )
 from headstock.geometry.mechanisms.mechanism import (
@@ -44,44 +44,46 @@ class Kinematics:
 
     Attributes:
         placement: Where everything is.
-        of_position: ``(..., P, 3, n)`` derivative of the marks' positions.
-        of_turn: ``(..., P, 3, n)`` of their orientations.
+        of_position: ``(..., P, 3, n)`` derivative of the markers' positions.
+        of_rotation: ``(..., P, 3, n)`` of their orientations.
         closures: ``(..., m, n)`` ``phi_q``.
     """
 
     placement: Placement
     of_position: FloatArray
-    of_turn: FloatArray
+    of_rotation: FloatArray
     closures: FloatArray
 
 
 def evaluate_kinematics(mechanism: Mechanism, state: FloatArray) -> Kinematics:
     """Placement and all Jacobians at a state ``(..., n)``."""
-    placement = place_marks(mechanism, state)
-    of_position, of_turn = mark_jacobians(placement)
+    placement = place_markers(mechanism, state)
+    of_position, of_rotation = marker_jacobians(placement)
     return Kinematics(
         placement,
         of_position,
-        of_turn,
-        _closure_jacobian(mechanism, placement, of_position, of_turn),
+        of_rotation,
+        _closure_jacobian(mechanism, placement, of_position, of_rotation),
     )
 
 
 @dataclass(frozen=True, eq=False)
 class ClosureLayout:
-    """Closures as arrays: marks of all meetings and alignments, and which of their components are
+    """Closures as arrays: markers of all point constraints and orientation constraints, and which
+    of their components are
     wanted.
 
     Attributes:
-        meet_first: ``(K,)`` marks of the meetings.
+        meet_first: ``(K,)`` markers of the point constraints.
         meet_second: ``(K,)``.
-        meet_frame: ``(K,)`` mark whose axes are used; the number of marks for ground.
-        align_first: ``(L,)`` marks of the alignments.
+        meet_frame: ``(K,)`` marker whose axes are used; the number of markers for ground.
+        align_first: ``(L,)`` markers of the orientation constraints.
         align_second: ``(L,)``.
-        rows: Picks the wanted components from meetings (3 K), alignments (3 L) and balances, in the
+        rows: Picks the wanted components from point constraints (3 K), orientation constraints (3
+            L) and balances, in the
             order of the closures.
-        weights: ``(B, n)`` of the balances.
-        values: ``(B,)`` of the balances.
+        weights: ``(B, n)`` of the coordinate constraints.
+        values: ``(B,)`` of the coordinate constraints.
     """
 
     meet_first: IndexArray
@@ -97,15 +99,15 @@ class ClosureLayout:
 @lru_cache(maxsize=64)
 def closure_layout(mechanism: Mechanism) -> ClosureLayout:
     """The closures of a mechanism as arrays."""
-    marks = {name: place for place, name in enumerate(mechanism.marks)}
-    meetings = [item for item in mechanism.closures if isinstance(item, PointConstraint)]
-    alignments = [item for item in mechanism.closures if isinstance(item, OrientationConstraint)]
-    balances = [item for item in mechanism.closures if isinstance(item, CoordinateConstraint)]
+    markers = {name: place for place, name in enumerate(mechanism.markers)}
+    points = [item for item in mechanism.closures if isinstance(item, PointConstraint)]
+    orientations = [item for item in mechanism.closures if isinstance(item, OrientationConstraint)]
+    sums = [item for item in mechanism.closures if isinstance(item, CoordinateConstraint)]
     weights = np.array(
-        [[item.weights.get(name, 0.0) for name in mechanism.coordinates] for item in balances]
+        [[item.weights.get(name, 0.0) for name in mechanism.coordinates] for item in sums]
     )
-    starts = {id(item): 3 * number for number, item in enumerate((*meetings, *alignments))}
-    starts |= {id(item): 3 * len(starts) + number for number, item in enumerate(balances)}
+    starts = {id(item): 3 * number for number, item in enumerate((*points, *orientations))}
+    starts |= {id(item): 3 * len(starts) + number for number, item in enumerate(sums)}
     rows: list[int] = []
     for item in mechanism.closures:
         picked = (
@@ -117,18 +119,18 @@ def closure_layout(mechanism: Mechanism) -> ClosureLayout:
 
     def place(names: list[str | None]) -> IndexArray:
         return np.array(
-            [len(marks) if name is None else marks[name] for name in names], dtype=np.intp
+            [len(markers) if name is None else markers[name] for name in names], dtype=np.intp
         )
 
     return ClosureLayout(
-        place([item.first for item in meetings]),
-        place([item.second for item in meetings]),
-        place([item.frame for item in meetings]),
-        place([item.first for item in alignments]),
-        place([item.second for item in alignments]),
+        place([item.first for item in points]),
+        place([item.second for item in points]),
+        place([item.frame for item in points]),
+        place([item.first for item in orientations]),
+        place([item.second for item in orientations]),
         np.array(rows, dtype=np.intp),
-        weights.reshape(len(balances), len(mechanism.coordinates)),
-        np.array([item.value for item in balances]),
+        weights.reshape(len(sums), len(mechanism.coordinates)),
+        np.array([item.value for item in sums]),
     )
 
 
@@ -140,10 +142,10 @@ def closure_residual(
     Args:
         mechanism: With its chains and closures.
         state: Coordinates ``(..., n)`` [m, rad].
-        placement: Of the marks there, where it is known already.
+        placement: Of the markers there, where it is known already.
     """
     layout = closure_layout(mechanism)
-    placement = placement or place_marks(mechanism, state)
+    placement = placement or place_markers(mechanism, state)
     axes, gap = _axes_and_gap(layout, placement)
     met = (np.swapaxes(axes, -1, -2) @ gap[..., None])[..., 0]
     aligned = _vee(_relative(layout, placement))
@@ -157,8 +159,8 @@ def closure_bias(mechanism: Mechanism, placement: Placement, bias: Bias) -> Floa
 
     Args:
         mechanism: With its chains and closures.
-        placement: Of the marks in a state.
-        bias: Accelerations of the marks there with zero joint accelerations.
+        placement: Of the markers in a state.
+        bias: Accelerations of the markers there with zero joint accelerations.
     """
     layout = closure_layout(mechanism)
     axes, gap = _axes_and_gap(layout, placement)
@@ -271,16 +273,18 @@ def find_mobility(mechanism: Mechanism, state: FloatArray) -> Mobility:
 
 
 def _closure_jacobian(
-    mechanism: Mechanism, placement: Placement, of_position: FloatArray, of_turn: FloatArray
+    mechanism: Mechanism, placement: Placement, of_position: FloatArray, of_rotation: FloatArray
 ) -> FloatArray:
     layout = closure_layout(mechanism)
     axes, gap = _axes_and_gap(layout, placement)
-    frame_turn = of_turn.take(layout.meet_frame, axis=-3)
+    frame_turn = of_rotation.take(layout.meet_frame, axis=-3)
     opening = of_position.take(layout.meet_first, axis=-3) - of_position.take(
         layout.meet_second, axis=-3
     )
     met = np.swapaxes(axes, -1, -2) @ (opening + skew_matrices(gap) @ frame_turn)
-    turning = of_turn.take(layout.align_second, axis=-3) - of_turn.take(layout.align_first, axis=-3)
+    turning = of_rotation.take(layout.align_second, axis=-3) - of_rotation.take(
+        layout.align_first, axis=-3
+    )
     first = placement.rotations.take(layout.align_first, axis=-3)
     aligned = _vee_map(_relative(layout, placement)) @ np.swapaxes(first, -1, -2) @ turning
     balanced = np.broadcast_to(

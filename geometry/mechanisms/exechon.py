@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from headstock.geometry.errors import JointLimitError, SingularPoseError, UnreachablePoseError
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.mechanisms.closures import evaluate_kinematics
-from headstock.geometry.mechanisms.kinematics import place_marks
+from headstock.geometry.mechanisms.kinematics import place_markers
 from headstock.geometry.mechanisms.mechanism import (
     AxisName,
     ChainItem,
     CoordinateConstraint,
-    Mark,
+    Marker,
     Mechanism,
     OrientationConstraint,
     PointConstraint,
@@ -82,13 +82,13 @@ def exechon_mechanism(dimensions: ExechonDimensions) -> Mechanism:
     """
     c, h = dimensions.wrist
     wrist: tuple[ChainItem, ...] = (
-        shift("x", c), shift("z", h), turn("z", "g4"), Mark("wrist_4"), turn("y", "g5"), Mark("wrist_5"),
-        shift("z", dimensions.tool_length), Mark("tcp"),
+        shift("x", c), shift("z", h), turn("z", "g4"), Marker("wrist_4"), turn("y", "g5"), Marker("wrist_5"),
+        shift("z", dimensions.tool_length), Marker("tcp"),
     )  # fmt: skip
     x3, c3 = dimensions.base[2], dimensions.platform[2]
     third: tuple[ChainItem, ...] = (
-        shift("x", x3), turn("x", "a1"), turn("y", "a2"), turn("z", "a3"), Mark("leg_3"), shift("z", "q3"), Mark("tip_3"),
-        shift("x", "d31"), shift("z", "d32"), Mark("joint_3"), turn("y", "ps3"), shift("x", -c3), Mark("platform_3"),
+        shift("x", x3), turn("x", "a1"), turn("y", "a2"), turn("z", "a3"), Marker("leg_3"), shift("z", "q3"), Marker("tip_3"),
+        shift("x", "d31"), shift("z", "d32"), Marker("joint_3"), turn("y", "ps3"), shift("x", -c3), Marker("platform_3"),
     )  # fmt: skip
     between: tuple[AxisName, ...] = ("y", "z")
     return Mechanism(
@@ -113,20 +113,20 @@ def _planar_leg(
     place = leg - 1
     return (
         turn("y", "phi"),
-        *((Mark("plane"),) if leg == 1 else ()),
+        *((Marker("plane"),) if leg == 1 else ()),
         shift("y", dimensions.base[place]),
         shift("z", dimensions.universal_offsets[place]),
         turn("x", f"th{leg}"),
-        Mark(f"leg_{leg}"),
+        Marker(f"leg_{leg}"),
         shift("z", f"q{leg}"),
-        Mark(f"tip_{leg}"),
+        Marker(f"tip_{leg}"),
         shift("y", f"d{leg}1"),
         shift("z", f"d{leg}2"),
-        Mark(f"joint_{leg}"),
+        Marker(f"joint_{leg}"),
         turn("x", f"ps{leg}"),
         shift("z", -dimensions.platform_heights[place]),
         shift("y", -dimensions.platform[place]),
-        Mark("platform" if leg == 1 else "platform_2"),
+        Marker("platform" if leg == 1 else "platform_2"),
         *wrist,
     )
 
@@ -222,8 +222,8 @@ def survey_tool_poses(
         states = platform_states(
             machine.dimensions, _wrist_center(machine, points, directions), machine.assembly
         )
-        turned = place_marks(machine.mechanism, states)
-        platform = turned.rotations[..., machine.mechanism.marks.index("platform"), :, :]
+        turned = place_markers(machine.mechanism, states)
+        platform = turned.rotations[..., machine.mechanism.markers.index("platform"), :, :]
         own = (np.swapaxes(machine.mounting.rotation @ platform, -1, -2) @ directions[..., None])[
             ..., 0
         ]
@@ -305,7 +305,7 @@ def condition_numbers(mechanism: Mechanism, states: FloatArray) -> FloatArray:
     )
     legs = slice(0, len(LENGTHS))
     follow = -np.linalg.solve(passive, closures[..., legs])
-    center = kinematics.of_position[..., mechanism.marks.index("wrist_4"), :, :]
+    center = kinematics.of_position[..., mechanism.markers.index("wrist_4"), :, :]
     motion = center[..., legs] + center[..., mechanism.passive_slice] @ follow
     sizes = np.linalg.svd(motion, compute_uv=False)
     lost = ~regular | (sizes[..., -1] <= SINGULAR * sizes[..., 0])

@@ -1,4 +1,5 @@
-"""Positions, Jacobians and bias accelerations of the marks of a mechanism, for one state or a batch
+"""Positions, Jacobians and bias accelerations of the markers of a mechanism, for one state or a
+batch
 of states at once.
 
 A chain is a product of elementary motions, as 4 x 4 matrices (Denavit and Hartenberg 1955, with one
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray, skew
-from headstock.geometry.mechanisms.mechanism import AXES, Mark, Mechanism, Step
+from headstock.geometry.mechanisms.mechanism import AXES, Marker, Mechanism, Step
 
 IndexArray = NDArray[np.intp]
 _SKEW = np.array([skew(axis).ravel() for axis in np.eye(3)])
@@ -35,11 +36,12 @@ class ChainLayout:
         amount: ``(C, D)`` fixed part of each motion.
         direction: ``(C, D, 3)`` axis of each motion in its own frame, zero where there is none.
         turns: ``(C, D)`` 1 for rotations, else 0.
-        mark_chain: ``(P,)`` chain of each mark; after the mechanism's marks comes the ground, as
+        marker_chain: ``(P,)`` chain of each marker; after the mechanism's markers comes the ground,
+            as
             one more.
-        mark_depth: ``(P,)`` motions before each mark.
-        mark_local: ``(P, 4, 4)`` fixed steps between the last motion and the mark.
-        spread: ``(P, D, n)`` 1 where a motion on the way to a mark is driven by a coordinate.
+        mark_depth: ``(P,)`` motions before each marker.
+        mark_local: ``(P, 4, 4)`` fixed steps between the last motion and the marker.
+        spread: ``(P, D, n)`` 1 where a motion on the way to a marker is driven by a coordinate.
     """
 
     constant: FloatArray
@@ -50,9 +52,9 @@ class ChainLayout:
     amount: FloatArray
     direction: FloatArray
     turns: FloatArray
-    mark_chain: IndexArray
-    mark_depth: IndexArray
-    mark_local: FloatArray
+    marker_chain: IndexArray
+    marker_depth: IndexArray
+    marker_local: FloatArray
     spread: FloatArray
 
 
@@ -64,8 +66,8 @@ class Placement:
         layout: The chains.
         frames: ``(..., C, D + 1, 4, 4)`` frame after each motion.
         axes: ``(..., C, D, 3)`` axis of each motion in the ground frame.
-        rotations: ``(..., P, 3, 3)`` orientation of each mark.
-        positions: ``(..., P, 3)`` origin of each mark [m].
+        rotations: ``(..., P, 3, 3)`` orientation of each marker.
+        positions: ``(..., P, 3)`` origin of each marker [m].
     """
 
     layout: ChainLayout
@@ -77,7 +79,7 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class Bias:
-    """Velocities, and accelerations with zero joint accelerations, of every mark.
+    """Velocities, and accelerations with zero joint accelerations, of every marker.
 
     Attributes:
         omega: ``(..., P, 3)`` angular velocity [rad/s].
@@ -104,12 +106,12 @@ def chain_layout(mechanism: Mechanism) -> ChainLayout:
         np.zeros((count, depth)),
         np.zeros((count, depth, 3)),
     )
-    marks: list[tuple[int, int, FloatArray]] = []
+    markers: list[tuple[int, int, FloatArray]] = []
     for row, chain in enumerate(mechanism.chains):
         fixed, level = np.eye(4), 0
         for item in chain:
-            if isinstance(item, Mark):
-                marks.append((row, level, fixed))
+            if isinstance(item, Marker):
+                markers.append((row, level, fixed))
                 continue
             motion = _motion_tensors(item)
             if item.coordinate is None:
@@ -122,12 +124,12 @@ def chain_layout(mechanism: Mechanism) -> ChainLayout:
                 np.eye(3)[AXES.index(item.axis)],
             )
             fixed, level = np.eye(4), level + 1
-    # the ground, as a last mark without a name
-    marks.append((0, 0, np.eye(4)))
-    chains, depths = (np.array([mark[i] for mark in marks], dtype=np.intp) for i in (0, 1))
+    # the ground, as a last marker without a name
+    markers.append((0, 0, np.eye(4)))
+    chains, depths = (np.array([marker[i] for marker in markers], dtype=np.intp) for i in (0, 1))
     spread = np.eye(len(mechanism.coordinates) + 1)[source][..., :-1][chains]
     spread = spread * (np.arange(depth) < depths[:, None])[..., None]
-    local = np.array([mark[2] for mark in marks])
+    local = np.array([marker[2] for marker in markers])
     constant, cosine, sine, linear = tensors
     return ChainLayout(
         constant,
@@ -145,8 +147,8 @@ def chain_layout(mechanism: Mechanism) -> ChainLayout:
     )
 
 
-def place_marks(mechanism: Mechanism, state: FloatArray) -> Placement:
-    """Frames of all motions and marks.
+def place_markers(mechanism: Mechanism, state: FloatArray) -> Placement:
+    """Frames of all motions and markers.
 
     Args:
         mechanism: With ``n`` coordinates.
@@ -170,29 +172,29 @@ def place_marks(mechanism: Mechanism, state: FloatArray) -> Placement:
             frames[..., level, :, :], steps[..., level, :, :], out=frames[..., level + 1, :, :]
         )
     axes = (frames[..., 1:, :3, :3] @ layout.direction[..., None])[..., 0]
-    marked = frames[..., layout.mark_chain, layout.mark_depth, :, :] @ layout.mark_local
+    marked = frames[..., layout.marker_chain, layout.marker_depth, :, :] @ layout.marker_local
     return Placement(layout, frames, axes, marked[..., :3, :3], marked[..., :3, 3])
 
 
-def mark_jacobians(placement: Placement) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of the marks' motion by the coordinates.
+def marker_jacobians(placement: Placement) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of the markers' motion by the coordinates.
 
     Returns:
         Of positions ``(..., P, 3, n)`` and of orientations ``(..., P, 3, n)``: velocity and angular
         velocity per unit rate.
     """
     layout = placement.layout
-    axes = placement.axes.take(layout.mark_chain, axis=-3)
-    centers = placement.frames[..., 1:, :3, 3].take(layout.mark_chain, axis=-3)
-    turns = layout.turns[layout.mark_chain][..., None]
+    axes = placement.axes.take(layout.marker_chain, axis=-3)
+    centers = placement.frames[..., 1:, :3, 3].take(layout.marker_chain, axis=-3)
+    turns = layout.turns[layout.marker_chain][..., None]
     arms = placement.positions[..., :, None, :] - centers
     columns = turns * cross(axes, arms) + (1.0 - turns) * axes
     spread = layout.spread
     return np.swapaxes(columns, -1, -2) @ spread, np.swapaxes(turns * axes, -1, -2) @ spread
 
 
-def mark_bias(placement: Placement, rates: FloatArray) -> Bias:
-    """Velocities and bias accelerations of all marks at given rates ``(..., n)`` of the
+def marker_bias(placement: Placement, rates: FloatArray) -> Bias:
+    """Velocities and bias accelerations of all markers at given rates ``(..., n)`` of the
     coordinates.
     """
     layout = placement.layout
@@ -209,7 +211,7 @@ def mark_bias(placement: Placement, rates: FloatArray) -> Bias:
     acceleration = _running_sum(
         cross(alpha[..., :-1, :], step) + cross(before, swept + 2.0 * sliding)
     )
-    place = (..., layout.mark_chain, layout.mark_depth, slice(None))
+    place = (..., layout.marker_chain, layout.marker_depth, slice(None))
     omega, alpha = omega[place], alpha[place]
     arms = placement.positions - origins[place]
     lever = cross(omega, arms)
@@ -240,7 +242,7 @@ def _running_sum(terms: FloatArray) -> FloatArray:
     return total
 
 
-def _motion_count(chain: tuple[Step | Mark, ...]) -> int:
+def _motion_count(chain: tuple[Step | Marker, ...]) -> int:
     return sum(isinstance(item, Step) and item.coordinate is not None for item in chain)
 
 

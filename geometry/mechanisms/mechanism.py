@@ -31,13 +31,13 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Mark:
+class Marker:
     """A name for the frame that the steps before it lead to: a body, a joint centre, the tool."""
 
     name: str
 
 
-ChainItem = Step | Mark
+ChainItem = Step | Marker
 
 
 def turn(axis: AxisName, by: str | float) -> Step:
@@ -52,7 +52,8 @@ def shift(axis: AxisName, by: str | float) -> Step:
 
 @dataclass(frozen=True)
 class PointConstraint:
-    """Two marks coincide in some directions: ``axes`` of the frame of a third mark, of ground where
+    """Two markers coincide in some directions: ``axes`` of the frame of a third marker, of ground
+    where
     there is none.
     """
 
@@ -64,7 +65,7 @@ class PointConstraint:
 
 @dataclass(frozen=True)
 class OrientationConstraint:
-    """Two marks have the same orientation about some axes of the first: components of ``vee
+    """Two markers have the same orientation about some axes of the first: components of ``vee
     skew(R1^T R2)`` vanish.
     """
 
@@ -90,7 +91,7 @@ class Mechanism:
 
     Attributes:
         name: For messages.
-        chains: Each a row of steps and marks, from the ground frame outwards; chains may share
+        chains: Each a row of steps and markers, from the ground frame outwards; chains may share
             coordinates.
         closures: What makes loops of the chains.
         driven: Coordinates that drives prescribe, ``u``.
@@ -124,13 +125,13 @@ class Mechanism:
         object.__setattr__(
             self, "passive", tuple(name for name in dict.fromkeys(used) if name not in named)
         )
-        marks = [item.name for chain in self.chains for item in chain if isinstance(item, Mark)]
-        if len(set(marks)) < len(marks):
-            raise ValueError(f"{self.name}: a mark is named twice among {marks}")
+        markers = [item.name for chain in self.chains for item in chain if isinstance(item, Marker)]
+        if len(set(markers)) < len(markers):
+            raise ValueError(f"{self.name}: a marker is named twice among {markers}")
         for closure in self.closures:
             wrong = sorted(
                 _names_in(closure)
-                - (set(used) if isinstance(closure, CoordinateConstraint) else set(marks))
+                - (set(used) if isinstance(closure, CoordinateConstraint) else set(markers))
             )
             if wrong:
                 raise ValueError(
@@ -143,9 +144,11 @@ class Mechanism:
         return (*self.driven, *self.passive, *self.compliant)
 
     @cached_property
-    def marks(self) -> tuple[str, ...]:
-        """Every mark, chain by chain."""
-        return tuple(item.name for chain in self.chains for item in chain if isinstance(item, Mark))
+    def markers(self) -> tuple[str, ...]:
+        """Every marker, chain by chain."""
+        return tuple(
+            item.name for chain in self.chains for item in chain if isinstance(item, Marker)
+        )
 
     @cached_property
     def driven_slice(self) -> slice:

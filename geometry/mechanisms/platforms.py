@@ -10,7 +10,7 @@ from headstock.geometry.mechanisms.mechanism import (
     ChainItem,
     Closure,
     CoordinateConstraint,
-    Mark,
+    Marker,
     Mechanism,
     PointConstraint,
     shift,
@@ -35,9 +35,9 @@ def planar_3rpr(base: FloatArray, platform: FloatArray) -> Mechanism:
     for leg in (1, 2, 3):
         place, joint = base[leg - 1], platform[leg - 1]
         chain: tuple[ChainItem, ...] = (
-            shift("x", float(place[0])), shift("y", float(place[1])), turn("z", f"th{leg}"), Mark(f"leg_{leg}"),
-            shift("x", f"q{leg}"), shift("x", f"d{leg}"), Mark(f"joint_{leg}"), turn("z", f"ps{leg}"),
-            shift("x", -float(joint[0])), shift("y", -float(joint[1])), Mark(f"platform_{leg}"),
+            shift("x", float(place[0])), shift("y", float(place[1])), turn("z", f"th{leg}"), Marker(f"leg_{leg}"),
+            shift("x", f"q{leg}"), shift("x", f"d{leg}"), Marker(f"joint_{leg}"), turn("z", f"ps{leg}"),
+            shift("x", -float(joint[0])), shift("y", -float(joint[1])), Marker(f"platform_{leg}"),
         )  # fmt: skip
         chains.append(chain)
         if leg > 1:
@@ -72,7 +72,7 @@ def planar_3rpr_state(
         "ps": wrap_angles(angle - directions),
         "d": np.zeros(3),
     }
-    # the balances compare plain sums of angles, so all legs count the same turns
+    # the coordinate constraints compare plain sums of angles, so all legs count the same turns
     values["ps"] += angle - directions - values["ps"]
     return np.array([values[name[:-1]][int(name[-1]) - 1] for name in mechanism.coordinates])
 
@@ -134,7 +134,7 @@ def hexapod(base: FloatArray, platform: FloatArray) -> Mechanism:
         for item in _joint_there_and_back(number + 1, platform[number])
     ]
     free: tuple[ChainItem, ...] = (
-        shift("x", "x"), shift("y", "y"), shift("z", "z"), turn("x", "rx"), turn("y", "ry"), turn("z", "rz"), Mark("platform"),
+        shift("x", "x"), shift("y", "y"), shift("z", "z"), turn("x", "rx"), turn("y", "ry"), turn("z", "rz"), Marker("platform"),
         *carried,
     )  # fmt: skip
     legs = [_telescopic_leg(number + 1, base[number]) for number in range(len(base))]
@@ -161,7 +161,7 @@ def tricept(base: FloatArray, platform: FloatArray) -> Mechanism:
         turn("x", "rx"),
         turn("y", "ry"),
         shift("z", "z"),
-        Mark("platform"),
+        Marker("platform"),
         *carried,
     )
     legs = [_telescopic_leg(number + 1, base[number]) for number in range(len(base))]
@@ -175,7 +175,7 @@ def _joint_there_and_back(number: int, joint: FloatArray) -> tuple[ChainItem, ..
         shift("x", x),
         shift("y", y),
         shift("z", z),
-        Mark(f"foot_{number}"),
+        Marker(f"foot_{number}"),
     )
     return (*there, shift("x", -x), shift("y", -y), shift("z", -z))
 
@@ -184,5 +184,5 @@ def _telescopic_leg(number: int, joint: FloatArray) -> tuple[ChainItem, ...]:
     x, y, z = (float(value) for value in joint)
     return (
         shift("x", x), shift("y", y), shift("z", z), turn("x", f"al{number}"), turn("y", f"be{number}"), shift("z", f"q{number}"),
-        Mark(f"tip_{number}"),
+        Marker(f"tip_{number}"),
     )  # fmt: skip

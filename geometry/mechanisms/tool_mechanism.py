@@ -7,7 +7,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame, compose_frames, rotation_about
 from headstock.geometry.mechanisms.exechon import MountedExechon, solve_tool_pose
-from headstock.geometry.mechanisms.kinematics import place_marks
+from headstock.geometry.mechanisms.kinematics import place_markers
 
 # the axes of a tool pose: place of the tool point, and turns of the tool about the machine's x and
 # y
@@ -22,8 +22,9 @@ class ToolMechanism:
     Attributes:
         mounted: Dimensions, place and limits.
         tool: ``(3,)`` direction of the tool in the machine frame where a pose does not turn it.
-        carries: Component to the mark of the mechanism it is fixed to; its placement is relative to
-            that mark.
+        carries: Component to the marker of the mechanism it is fixed to; its placement is relative
+            to
+            that marker.
     """
 
     mounted: MountedExechon
@@ -55,14 +56,14 @@ def solve_pose(mechanism: ToolMechanism, positions: Mapping[str, float]) -> Floa
 
 
 def place_carriers(mechanism: ToolMechanism, positions: Mapping[str, float]) -> dict[str, Frame]:
-    """Frame of the mark under every carried component in the machine frame, in a pose.
+    """Frame of the marker under every carried component in the machine frame, in a pose.
 
     Raises:
         PoseError: The pose is out of reach, singular or beyond a joint's limits.
     """
     known = mechanism.mounted.mechanism
-    placed = place_marks(known, solve_pose(mechanism, positions))
-    places = {name: known.marks.index(mark) for name, mark in mechanism.carries.items()}
+    placed = place_markers(known, solve_pose(mechanism, positions))
+    places = {name: known.markers.index(marker) for name, marker in mechanism.carries.items()}
     return {
         name: compose_frames(
             mechanism.mounted.mounting, Frame(placed.positions[place], placed.rotations[place])

@@ -163,7 +163,7 @@ class ContourAnswer(Answer):
         force_mean: ``(3,)`` on the tool, machine frame [N].
         force_peak: ``(3,)`` largest magnitude on the tool [N].
         high_share: Share of the gap's root mean square above twice the highest natural frequency.
-        marks: ``(5,)`` when the straight cuts start, and when the last one ends [s].
+        face_times: ``(5,)`` when the straight cuts start, and when the last one ends [s].
         assumed: In plain words.
         times: ``(k,)`` thinned [s].
         gap: ``(k, 3)`` then [m].
@@ -184,7 +184,7 @@ class ContourAnswer(Answer):
     force_mean: FloatArray
     force_peak: FloatArray
     high_share: float
-    marks: FloatArray
+    face_times: FloatArray
     assumed: tuple[str, ...]
     times: FloatArray
     gap: FloatArray
@@ -224,7 +224,7 @@ class ContourAnswer(Answer):
             "force_mean_n": check_finite(what, self.force_mean),
             "force_peak_n": check_finite(what, self.force_peak),
             "share_above_twice_the_highest_mode": self.high_share,
-            "face_times_s": check_finite(what, self.marks),
+            "face_times_s": check_finite(what, self.face_times),
             "assumptions": list(self.assumed),
             "series": series,
         }

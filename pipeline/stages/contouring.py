@@ -29,7 +29,7 @@ from headstock.scene.scene import SceneMechanism
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import (
     linearise_poses,
-    mark_motion,
+    marker_motion,
     modal_damping,
     solve_pose_modes,
 )
@@ -88,7 +88,7 @@ class ContourRun:
             the deflection under gravity, machine frame [m].
         gravity_deflection: ``(n, 3)`` static deflection under gravity [m].
         force: ``(n, 3)`` on the tool, ground frame of the chains [N].
-        marks: ``(5,)`` when the straight cuts start, and when the last one ends [s].
+        face_times: ``(5,)`` when the straight cuts start, and when the last one ends [s].
         motion: The linear model.
         drive: What the drives do.
         history: Compliant coordinates.
@@ -99,7 +99,7 @@ class ContourRun:
     gap: FloatArray
     gravity_deflection: FloatArray
     force: FloatArray
-    marks: FloatArray
+    face_times: FloatArray
     motion: LinearMotion
     drive: PathDrive
     history: CompliantHistory
@@ -127,7 +127,7 @@ def run_contour(
         PoseError: The path cannot be followed.
         ForceFileError: The record does not cover it.
     """
-    path, marks = square_path(request.contour)
+    path, face_times = square_path(request.contour)
     end = min(path.span[1], until)
     step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
     times: FloatArray = np.asarray(np.arange(0.0, end, step), dtype=float)
@@ -142,10 +142,10 @@ def run_contour(
         history, force = march_regenerative(
             motion,
             motion.load,
-            _regenerative_cut(request, path.velocity(times), times, marks, turn),
+            _regenerative_cut(request, path.velocity(times), times, face_times, turn),
         )
     else:
-        force = _given_force(request, path.velocity(times), times, marks, record) @ turn
+        force = _given_force(request, path.velocity(times), times, face_times, record) @ turn
         history = march_linear(motion, motion.load + motion.tool_load(force))
     moved = motion.tool_motion(history.compliant)
     if request.model == "nonlinear":
@@ -162,7 +162,7 @@ def run_contour(
         moved @ turn.T - gravity_deflection,
         gravity_deflection,
         force,
-        marks,
+        face_times,
         motion,
         drive,
         history,
@@ -171,7 +171,7 @@ def run_contour(
 
 
 def _tool_force(
-    request: ContouringRequest, velocity: FloatArray, times: FloatArray, marks: FloatArray
+    request: ContouringRequest, velocity: FloatArray, times: FloatArray, face_times: FloatArray
 ) -> FloatArray:
     """``(n, 3)`` cutting force on the tool in the machine frame; the tool enters and leaves over
     its radius.
@@ -179,7 +179,7 @@ def _tool_force(
     feed = np.hypot(velocity[:, 0], velocity[:, 1])
     own = (
         repeated_forces(request.cut, request.steps_per_turn, feed)
-        * _engagement(request, times, marks)[:, None]
+        * _engagement(request, times, face_times)[:, None]
     )
     return np.asarray((own[:, None, :] @ travel_frames(velocity))[:, 0])
 
@@ -198,7 +198,7 @@ def _regenerative_cut(
     request: ContouringRequest,
     velocity: FloatArray,
     times: FloatArray,
-    marks: FloatArray,
+    face_times: FloatArray,
     mounting: FloatArray,
 ) -> RegenerativeCut:
     """What the teeth cut along the path, for a mechanism mounted with a rotation ``(3, 3)``."""
@@ -207,7 +207,7 @@ def _regenerative_cut(
         phases=cutting_phases(request.cut, request.steps_per_turn),
         delay=request.steps_per_turn // request.cut.mill.teeth,
         feed=feed,
-        share=_engagement(request, times, marks) * (feed > 0.0),
+        share=_engagement(request, times, face_times) * (feed > 0.0),
         frame=travel_frames(velocity) @ mounting,
     )
 
@@ -216,30 +216,34 @@ def _given_force(
     request: ContouringRequest,
     velocity: FloatArray,
     times: FloatArray,
-    marks: FloatArray,
+    face_times: FloatArray,
     record: ForceRecord | None,
 ) -> FloatArray:
     """``(n, 3)`` force that does not depend on the motion, machine frame."""
     if not request.cutting:
         return np.zeros((len(times), 3))
     return (
-        _tool_force(request, velocity, times, marks)
+        _tool_force(request, velocity, times, face_times)
         if record is None
         else resample_forces(record, times)
     )
 
 
-def _engagement(request: ContouringRequest, times: FloatArray, marks: FloatArray) -> FloatArray:
+def _engagement(
+    request: ContouringRequest, times: FloatArray, face_times: FloatArray
+) -> FloatArray:
     rate = request.contour.feed / request.contour.offset
     return np.asarray(
-        np.clip((times - marks[0]) * rate, 0.0, 1.0) * np.clip((marks[4] - times) * rate, 0.0, 1.0)
+        np.clip((times - face_times[0]) * rate, 0.0, 1.0)
+        * np.clip((face_times[4] - times) * rate, 0.0, 1.0)
     )
 
 
 def face_instants(run: ContourRun, face: int) -> FloatArray:
     """Which steps lie on a face (0 to 3), its ends left out."""
     return np.asarray(
-        (run.times > run.marks[face] + SETTLING) & (run.times < run.marks[face + 1] - SETTLING)
+        (run.times > run.face_times[face] + SETTLING)
+        & (run.times < run.face_times[face + 1] - SETTLING)
     )
 
 
@@ -317,7 +321,7 @@ def face_dynamics(
     frame: FloatArray = (
         travel_frames(np.array([[*TRAVELS[face], 0.0]]))[0] @ mechanism.mounted.mounting.rotation
     )
-    tip = frame @ mark_motion(model, motions, model.tool)[:3]
+    tip = frame @ marker_motion(model, motions, model.tool)[:3]
     return tip_dynamics(motions.mass, damping, np.diag(motions.stiffness), forced=tip, seen=tip[:2])
 
 
@@ -355,7 +359,7 @@ def evaluate_contour(
         force_mean=on_tool.mean(axis=0),
         force_peak=np.abs(on_tool).max(axis=0),
         high_share=high_share(run),
-        marks=run.marks,
+        face_times=run.face_times,
         assumed=(*ASSUMED, *([TORQUE] if mechanism.screw_lead else [])),
         times=run.times[some],
         gap=run.gap[some],

@@ -1,4 +1,4 @@
-"""A scene's lumped mechanism: rigid components on the marks that carry them, springs in the legs,
+"""A scene's lumped mechanism: rigid components on the markers that carry them, springs in the legs,
 placed in a pose.
 """
 
@@ -13,7 +13,7 @@ from headstock.geometry.mechanisms.exechon import COMPLIANCES, LEGS, LENGTHS
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import LegSprings, SceneMechanism
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
-from headstock.solvers.mechanisms.modes import SmallMotions, linearise_poses, mark_motion
+from headstock.solvers.mechanisms.modes import SmallMotions, linearise_poses, marker_motion
 
 SPRING_PARTS = ("joint", "drive", "screw")
 
@@ -85,12 +85,12 @@ def build_compliant_mechanism(
         stiffening: Whether small motions feel gravity.
     """
     bodies = []
-    for name, mark in mechanism.carries.items():
+    for name, marker in mechanism.carries.items():
         body, own = superelements[name], placements[name]
         center = own.origin + own.rotation @ body.center_of_mass
         bodies.append(
             MechanismBody(
-                name, mark, body.mass_kg, center, own.rotation @ body.inertia @ own.rotation.T
+                name, marker, body.mass_kg, center, own.rotation @ body.inertia @ own.rotation.T
             )
         )
     turned = np.zeros(3) if gravity is None else mechanism.mounted.mounting.rotation.T @ gravity
@@ -150,18 +150,18 @@ def place_mechanism(
     placements: dict[str, Frame] = {}
     moving: dict[str, FloatArray] = {}
     for name, body in superelements.items():
-        mark = mechanism.carries.get(name)
-        if mark is None:
+        marker = mechanism.carries.get(name)
+        if marker is None:
             placements[name], moving[name] = own[name], np.zeros((6, len(motions.stiffness)))
             continue
-        place = model.mechanism.marks.index(mark)
-        on_mark = compose_frames(
+        place = model.mechanism.markers.index(marker)
+        on_marker = compose_frames(
             mounting, Frame(placement.positions[place], placement.rotations[place])
         )
-        placements[name] = compose_frames(on_mark, own[name])
+        placements[name] = compose_frames(on_marker, own[name])
         center = placements[name].origin + placements[name].rotation @ body.center_of_mass
-        motion = rotate_dofs(mounting.rotation) @ mark_motion(model, motions, mark)
-        moving[name] = rigid_transfer(on_mark.origin, center) @ motion
+        motion = rotate_dofs(mounting.rotation) @ marker_motion(model, motions, marker)
+        moving[name] = rigid_transfer(on_marker.origin, center) @ motion
     return PlacedMechanism(
         model, mechanism.springs, state, motions, superelements, placements, moving
     )

@@ -191,8 +191,8 @@ class LumpedPose:
             return f"{swinging} swings" if "+" not in swinging else f"{swinging} swing"
         mechanism, motions = self.placed.model.mechanism, self.placed.motions
         rates = motions.from_compliant @ shape
-        speed = motions.kinematics.of_position[mechanism.marks.index("wrist_4")] @ rates
-        own = motions.kinematics.placement.rotations[mechanism.marks.index("platform")].T @ speed
+        speed = motions.kinematics.of_position[mechanism.markers.index("wrist_4")] @ rates
+        own = motions.kinematics.placement.rotations[mechanism.markers.index("platform")].T @ speed
         return f"platform {PLATFORM_MOTIONS[int(np.argmax(np.abs(own)))]} on {on}"
 
 

@@ -46,7 +46,9 @@ def build_mechanism(table: MechanismTable) -> SceneMechanism:
         model=table.model,
         mounted=mounted,
         tool=np.array(table.tool),
-        carries={component: mark for mark, names in table.carries.items() for component in names},
+        carries={
+            component: marker for marker, names in table.carries.items() for component in names
+        },
         springs=springs,
         screw_lead=table.screw_lead,
     )
@@ -164,12 +166,12 @@ def _check_carried(
     table: MechanismTable, mechanism: Mechanism, scene: SceneTable, findings: Findings
 ) -> None:
     seen: dict[str, str] = {}
-    for mark, names in table.carries.items():
-        if mark not in mechanism.marks:
-            hint = suggest_names(mark, mechanism.marks, what="bodies of the mechanism")
-            findings.add(("mechanism", "carries", mark), f"unknown body {mark!r}; {hint}")
+    for marker, names in table.carries.items():
+        if marker not in mechanism.markers:
+            hint = suggest_names(marker, mechanism.markers, what="bodies of the mechanism")
+            findings.add(("mechanism", "carries", marker), f"unknown body {marker!r}; {hint}")
         for index, name in enumerate(names):
-            key = ("mechanism", "carries", mark, index)
+            key = ("mechanism", "carries", marker, index)
             if name not in scene.components:
                 findings.add(
                     key,
@@ -177,7 +179,7 @@ def _check_carried(
                 )
             if name in seen:
                 findings.add(key, f"{name} is carried by {seen[name]} too; keep one")
-            seen[name] = mark
+            seen[name] = marker
     if scene.is_lumped:
         for name in scene.loads:
             findings.add(

@@ -18,7 +18,7 @@ from headstock.geometry.mechanisms.kinematics import (
     IndexArray,
     Placement,
     cross,
-    mark_bias,
+    marker_bias,
     skew_matrices,
 )
 from headstock.geometry.mechanisms.mechanism import Mechanism
@@ -26,18 +26,18 @@ from headstock.geometry.mechanisms.mechanism import Mechanism
 
 @dataclass(frozen=True, eq=False)
 class MechanismBody:
-    """A rigid body that is fixed to a mark.
+    """A rigid body that is fixed to a marker.
 
     Attributes:
         name: For energy shares and messages.
-        mark: The mark whose frame it is given in.
+        marker: The marker whose frame it is given in.
         mass: [kg].
         center: ``(3,)`` centre of mass [m].
         inertia: ``(3, 3)`` about the centre of mass [kg m^2].
     """
 
     name: str
-    mark: str
+    marker: str
     mass: float
     center: FloatArray = field(default_factory=lambda: np.zeros(3))
     inertia: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
@@ -77,7 +77,7 @@ class CompliantMechanism:
         mechanism: Chains and closures; its compliant coordinates carry the springs.
         bodies: Rigid bodies.
         springs: In the compliant coordinates.
-        tool: Mark of the tool point.
+        tool: Marker of the tool point.
         gravity: ``(3,)`` acceleration in the ground frame of the chains [m/s^2].
         damping: ``(c, c)`` viscous damping of the compliant coordinates [N s/m].
         velocity_terms: Whether Coriolis and centrifugal forces are counted; without them bodies and
@@ -97,9 +97,9 @@ class CompliantMechanism:
 
 @dataclass(frozen=True, eq=False)
 class BodyArrays:
-    """Bodies as arrays: which mark, mass, centre and inertia in its frame."""
+    """Bodies as arrays: which marker, mass, centre and inertia in its frame."""
 
-    mark: IndexArray
+    marker: IndexArray
     mass: FloatArray
     center: FloatArray
     inertia: FloatArray
@@ -131,9 +131,9 @@ class MechanismDynamics:
 @lru_cache(maxsize=32)
 def body_arrays(model: CompliantMechanism) -> BodyArrays:
     """The bodies of a model as arrays."""
-    marks = [model.mechanism.marks.index(body.mark) for body in model.bodies]
+    markers = [model.mechanism.markers.index(body.marker) for body in model.bodies]
     return BodyArrays(
-        np.array(marks, dtype=np.intp),
+        np.array(markers, dtype=np.intp),
         np.array([body.mass for body in model.bodies]),
         np.array([body.center for body in model.bodies]),
         np.array([body.inertia for body in model.bodies]),
@@ -157,14 +157,14 @@ def evaluate_dynamics(
     spin = bodies.inertia @ turning
     mass = _gram(heavy, moving) + _gram(spin, turning)
     load = (np.swapaxes(heavy, -1, -2) @ model.gravity).sum(axis=-2)
-    tool = model.mechanism.marks.index(model.tool)
+    tool = model.mechanism.markers.index(model.tool)
     if rates is None:
         gamma, tool_bias = (
             np.zeros(closures.shape[:-1]),
             np.zeros_like(placement.positions[..., tool, :]),
         )
     else:
-        bias = mark_bias(placement, rates)
+        bias = marker_bias(placement, rates)
         load = load - _inertial_forces(bodies, placement, bias, heavy=heavy, turning=turning)
         gamma, tool_bias = (
             closure_bias(model.mechanism, placement, bias),
@@ -183,13 +183,13 @@ def kinetic_energy(dynamics: MechanismDynamics, rates: FloatArray) -> FloatArray
 def gravity_energy(model: CompliantMechanism, placement: Placement) -> FloatArray:
     """``(...)`` potential energy of all bodies in the gravity field [J]."""
     bodies = body_arrays(model)
-    centers = placement.positions[..., bodies.mark, :] + _arms(bodies, placement)
+    centers = placement.positions[..., bodies.marker, :] + _arms(bodies, placement)
     return np.asarray(-(bodies.mass * (centers @ model.gravity)).sum(axis=-1))
 
 
 def _arms(bodies: BodyArrays, placement: Placement) -> FloatArray:
     return np.asarray(
-        (placement.rotations[..., bodies.mark, :, :] @ bodies.center[..., None])[..., 0]
+        (placement.rotations[..., bodies.marker, :, :] @ bodies.center[..., None])[..., 0]
     )
 
 
@@ -198,12 +198,12 @@ def _body_jacobians(bodies: BodyArrays, kinematics: Kinematics) -> tuple[FloatAr
     axes.
     """
     placement = kinematics.placement
-    of_turn = kinematics.of_turn.take(bodies.mark, axis=-3)
+    of_rotation = kinematics.of_rotation.take(bodies.marker, axis=-3)
     moving = (
-        kinematics.of_position.take(bodies.mark, axis=-3)
-        - skew_matrices(_arms(bodies, placement)) @ of_turn
+        kinematics.of_position.take(bodies.marker, axis=-3)
+        - skew_matrices(_arms(bodies, placement)) @ of_rotation
     )
-    return moving, np.swapaxes(placement.rotations[..., bodies.mark, :, :], -1, -2) @ of_turn
+    return moving, np.swapaxes(placement.rotations[..., bodies.marker, :, :], -1, -2) @ of_rotation
 
 
 def _inertial_forces(
@@ -215,13 +215,13 @@ def _inertial_forces(
     # heavy is m Jp; turning is Jw in the axes of each body, where its inertia is constant (Newton
     # and Euler)
     arms = _arms(bodies, placement)
-    omega, alpha = bias.omega[..., bodies.mark, :], bias.alpha[..., bodies.mark, :]
+    omega, alpha = bias.omega[..., bodies.marker, :], bias.alpha[..., bodies.marker, :]
     acceleration = (
-        bias.acceleration[..., bodies.mark, :]
+        bias.acceleration[..., bodies.marker, :]
         + cross(alpha, arms)
         + cross(omega, cross(omega, arms))
     )
-    own = np.swapaxes(placement.rotations[..., bodies.mark, :, :], -1, -2)
+    own = np.swapaxes(placement.rotations[..., bodies.marker, :, :], -1, -2)
     spin, gain = (own @ omega[..., None]), (own @ alpha[..., None])
     moment = (bodies.inertia @ gain)[..., 0] + cross(spin[..., 0], (bodies.inertia @ spin)[..., 0])
     forces = (

@@ -100,25 +100,25 @@ def gravity_stiffness(model: CompliantMechanism, states: FloatArray) -> FloatArr
     return np.asarray(-np.stack(columns, axis=-1))
 
 
-def mark_motion(model: CompliantMechanism, motions: SmallMotions, mark: str) -> FloatArray:
-    """Motion of a mark per compliant coordinate, in the ground frame of the chains.
+def marker_motion(model: CompliantMechanism, motions: SmallMotions, marker: str) -> FloatArray:
+    """Motion of a marker per compliant coordinate, in the ground frame of the chains.
 
     Args:
         model: The mechanism.
         motions: Its small motions about poses ``(...)`` with ``c`` compliant coordinates.
-        mark: Name of the mark.
+        marker: Name of the marker.
 
     Returns:
-        ``(..., 6, c)``: displacement of the mark's origin, then its rotation.
+        ``(..., 6, c)``: displacement of the marker's origin, then its rotation.
 
     Raises:
-        ValueError: There is no such mark.
+        ValueError: There is no such marker.
     """
-    place = model.mechanism.marks.index(mark)
+    place = model.mechanism.markers.index(marker)
     kinematics = motions.kinematics
     return np.asarray(
         np.concatenate(
-            [kinematics.of_position[..., place, :, :], kinematics.of_turn[..., place, :, :]],
+            [kinematics.of_position[..., place, :, :], kinematics.of_rotation[..., place, :, :]],
             axis=-2,
         )
         @ motions.from_compliant
@@ -178,7 +178,7 @@ def tool_compliance(model: CompliantMechanism, motions: SmallMotions) -> FloatAr
     """Static compliance ``(..., 6, 6)`` of the tool point [m/N, rad/N, 1/N, rad/(N m)]: ``J K^-1
     J^T``.
     """
-    tool = mark_motion(model, motions, model.tool)
+    tool = marker_motion(model, motions, model.tool)
     if motions.geometric is not None:
         return np.asarray(
             tool @ np.linalg.solve(motions.total_stiffness, np.swapaxes(tool, -1, -2))

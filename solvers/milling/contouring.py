@@ -20,7 +20,7 @@ from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
 from headstock.solvers.mechanisms.modes import (
     linearise_poses,
-    mark_motion,
+    marker_motion,
     modal_damping,
     solve_pose_modes,
 )
@@ -134,7 +134,7 @@ def linear_motion(
         mass=motions.mass,
         damping=damping,
         stiffness=motions.stiffness,
-        tool=mark_motion(model, motions, model.tool)[:, :3],
+        tool=marker_motion(model, motions, model.tool)[:, :3],
         gravity_deflection=motions.gravity / motions.stiffness,
         load=interpolate_nodes(times, load_nodes, rigid),
     )
@@ -239,7 +239,7 @@ def tool_gaps(
     Returns:
         ``(n, 3)`` [m].
     """
-    tool = model.mechanism.marks.index(model.tool)
+    tool = model.mechanism.markers.index(model.tool)
     gaps = []
     for part in chunk_slices(len(times)):
         driven, guess = drive.at(times[part]).position, drive.rigid_states(times[part])

@@ -22,7 +22,7 @@ from headstock.geometry.mechanisms.exechon import (
     name_limit_faults,
     survey_tool_poses,
 )
-from headstock.geometry.mechanisms.kinematics import mark_bias
+from headstock.geometry.mechanisms.kinematics import marker_bias
 from headstock.solvers.errors import ModelError
 from headstock.solvers.mechanisms.partitioning import Drive
 from headstock.solvers.milling.tool_path import PathPoints
@@ -79,20 +79,20 @@ def follow_path(
     _require_poses(machine, times, survey)
     mechanism, turn = machine.mechanism, machine.mounting.rotation
     kinematics = evaluate_kinematics(mechanism, survey.states)
-    tool, rigid = mechanism.marks.index("tcp"), slice(0, mechanism.compliant_slice.start)
+    tool, rigid = mechanism.markers.index("tcp"), slice(0, mechanism.compliant_slice.start)
     # the tool turns about its own axis only
     across = np.swapaxes(kinematics.placement.rotations[:, tool, :, :2], -1, -2)
     rows = [
         kinematics.closures,
         kinematics.of_position[:, tool],
-        across @ kinematics.of_turn[:, tool],
+        across @ kinematics.of_rotation[:, tool],
     ]
     matrix = np.concatenate(rows, axis=-2)[..., rigid]
     rates = np.zeros_like(survey.states)
     nothing = np.zeros((len(times), 2))
     closed = np.zeros((len(times), kinematics.closures.shape[-2]))
     rates[:, rigid] = _solve(matrix, (closed, path.velocity @ turn, nothing))
-    bias = mark_bias(kinematics.placement, rates)
+    bias = marker_bias(kinematics.placement, rates)
     pull = path.acceleration @ turn - bias.acceleration[:, tool]
     twist = -(across @ bias.alpha[:, tool, :, None])[..., 0]
     growth = _solve(matrix, (-closure_bias(mechanism, kinematics.placement, bias), pull, twist))

@@ -161,7 +161,7 @@ def square_path(contour: SquareContour) -> tuple[SmoothPath, FloatArray]:
     """
     half, radius, feed = 0.5 * contour.side, contour.offset, contour.feed
     center = complex(*contour.center)
-    starts, rate, marks = [-math.inf], [1.0], list[float]()
+    starts, rate, face_times = [-math.inf], [1.0], list[float]()
     poly, swing = list[list[complex]](), list[complex]()
     corner = center + complex(-half, -half)
     direction = 1j
@@ -180,11 +180,11 @@ def square_path(contour: SquareContour) -> tuple[SmoothPath, FloatArray]:
 
     for face in range(4):
         lead = (contour.lead if face == 0 else 0.0) + (contour.lead if face == 3 else 0.0)
-        marks.append(now + (contour.lead / feed if face == 0 else 0.0))
+        face_times.append(now + (contour.lead / feed if face == 0 else 0.0))
         add((contour.side + lead) / feed, [here, feed * direction], 0.0, 1.0)
         here += (contour.side + lead) * direction
         if face == 3:
-            marks.append(now - contour.lead / feed)
+            face_times.append(now - contour.lead / feed)
             break
         arm = radius * 1j * direction
         add(0.5 * math.pi * radius / feed, [here - arm, 0.0], arm, -feed / radius)
@@ -197,5 +197,5 @@ def square_path(contour: SquareContour) -> tuple[SmoothPath, FloatArray]:
     )
     delay = 0.5 * AVERAGES * contour.window
     return SmoothPath(raw, contour.window, contour.height, (0.0, now + 2.0 * delay)), np.array(
-        marks
+        face_times
     ) + delay

@@ -20,7 +20,7 @@ from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import (
     SmallMotions,
     linearise_poses,
-    mark_motion,
+    marker_motion,
     solve_pose_modes,
 )
 from headstock.studies.sweeps.journals import PoseResult
@@ -148,14 +148,14 @@ def _point_motion(shared: LumpedPoses, motions: SmallMotions, end: JointEnd) -> 
     chains.
     """
     name, interface = end.component or "", end.interface or ""
-    mark, own = shared.mechanism.carries[name], shared.own[name]
+    marker, own = shared.mechanism.carries[name], shared.own[name]
     local = (
         own.origin
         + own.rotation @ shared.superelements[name].interface_maps[interface].frame.origin
     )
-    place = shared.model.mechanism.marks.index(mark)
+    place = shared.model.mechanism.markers.index(marker)
     arm = motions.kinematics.placement.rotations[:, place] @ local
-    motion = mark_motion(shared.model, motions, mark)
+    motion = marker_motion(shared.model, motions, marker)
     return np.asarray(
         motion[:, :3] + np.cross(motion[:, 3:], arm[:, :, None], axisa=1, axisb=1, axisc=1)
     )

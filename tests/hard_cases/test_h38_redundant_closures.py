@@ -20,7 +20,7 @@ from headstock.geometry.mechanisms.exechon import (
 )
 from headstock.geometry.mechanisms.mechanism import (
     ChainItem,
-    Mark,
+    Marker,
     Mechanism,
     OrientationConstraint,
     PointConstraint,
@@ -42,9 +42,9 @@ def bricard() -> Mechanism:
     chain = (
         turn("z", "t1"), shift("x", 1.0), turn("x", QUARTER), turn("z", "t2"), shift("x", 1.0), turn("x", -QUARTER), turn("z", "t3"),
         shift("x", 1.0), turn("x", QUARTER), turn("z", "t4"), shift("x", 1.0), turn("x", -QUARTER), turn("z", "t5"), shift("x", 1.0),
-        turn("x", QUARTER), turn("z", "t6"), shift("x", 1.0), turn("x", -QUARTER), Mark("end"),
+        turn("x", QUARTER), turn("z", "t6"), shift("x", 1.0), turn("x", -QUARTER), Marker("end"),
     )  # fmt: skip
-    start = (Mark("start"),)
+    start = (Marker("start"),)
     return Mechanism(
         "Bricard",
         (chain, start),
@@ -87,10 +87,10 @@ def test_bricard_cut_open_at_a_hinge_has_rank_four_of_five() -> None:
     # without the angle of the last hinge: five closures of that hinge on the other five angles
     chain, _ = bricard().chains
     cut = next(place for place, item in enumerate(chain) if item == turn("z", "t6"))
-    back = (turn("x", QUARTER), shift("x", -1.0), Mark("start"))
+    back = (turn("x", QUARTER), shift("x", -1.0), Marker("start"))
     mechanism = Mechanism(
         "Bricard, cut at a hinge",
-        ((*chain[:cut], Mark("end")), back),
+        ((*chain[:cut], Marker("end")), back),
         (PointConstraint("end", "start"), OrientationConstraint("start", "end", ("x", "y"))),
         (),
     )
@@ -106,12 +106,12 @@ def test_an_exechon_with_all_twelve_loop_equations_has_two_too_many() -> None:
     def leg(number: int) -> tuple[ChainItem, ...]:
         return (
             turn("y", f"phi{number}"), shift("y", base[number - 1]), turn("x", f"th{number}"), shift("z", f"q{number}"),
-            turn("x", f"ps{number}"), shift("y", -platform[number - 1]), Mark(f"platform_{number}"),
+            turn("x", f"ps{number}"), shift("y", -platform[number - 1]), Marker(f"platform_{number}"),
         )  # fmt: skip
 
     third = (
         shift("x", base[2]), turn("x", "a1"), turn("y", "a2"), turn("z", "a3"), shift("z", "q3"), turn("y", "ps3"),
-        shift("x", -platform[2]), Mark("platform_3"),
+        shift("x", -platform[2]), Marker("platform_3"),
     )  # fmt: skip
     closures = tuple(
         kind("platform_1", f"platform_{leg}")
@@ -154,7 +154,7 @@ def parallelogram(*, flexible: bool) -> CompliantMechanism:
                 *give,
                 turn("z", f"s{number}"),
                 shift("x", -place),
-                Mark(f"c{number}"),
+                Marker(f"c{number}"),
             )
         )
     closures = tuple(

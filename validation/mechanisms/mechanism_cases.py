@@ -22,7 +22,7 @@ from headstock.geometry.mechanisms.exechon import (
     platform_states,
     survey_tool_poses,
 )
-from headstock.geometry.mechanisms.kinematics import cross, mark_bias, place_marks
+from headstock.geometry.mechanisms.kinematics import cross, marker_bias, place_markers
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, evaluate_dynamics
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance
 from headstock.solvers.mechanisms.motion import ConstrainedMotion, DriveLaw, PartitionedMotion
@@ -71,10 +71,10 @@ def check_mechanism_derivatives(comm: MPI.Comm) -> list[ValidationRow]:
         evaluate_kinematics(mechanism, state),
         dataclasses.replace(tripteor.model, gravity=np.zeros(3)),
     )
-    bias = closure_bias(mechanism, found.placement, mark_bias(found.placement, rates))
+    bias = closure_bias(mechanism, found.placement, marker_bias(found.placement, rates))
     inertial = -evaluate_dynamics(weightless, found, rates).load
     closures = _complex_step(lambda q: closure_residual(mechanism, q), state)
-    marks = _complex_step(lambda q: place_marks(mechanism, q).positions, state)
+    markers = _complex_step(lambda q: place_markers(mechanism, q).positions, state)
     second = _complex_step(lambda q: evaluate_kinematics(mechanism, q).closures, state)
     slope = _complex_step(
         lambda q: evaluate_dynamics(weightless, evaluate_kinematics(mechanism, q)).mass, state
@@ -85,7 +85,7 @@ def check_mechanism_derivatives(comm: MPI.Comm) -> list[ValidationRow]:
     )
     compared = (
         ("closure Jacobian", found.closures, closures),
-        ("Jacobian of bodies and tool", found.of_position, marks),
+        ("Jacobian of bodies and tool", found.of_position, markers),
         ("closure bias", bias, np.einsum("ijk,j,k->i", second, rates, rates)),
         ("inertial forces", inertial, lagrange),
     )
@@ -275,18 +275,18 @@ def absolute_state(tripteor: Tripteor, coordinates: FloatArray, rates: FloatArra
         coordinates: ``(n,)`` with the loops closed [m, rad].
         rates: ``(n,)`` consistent with the closures [m/s, rad/s].
     """
-    placement = place_marks(tripteor.model.mechanism, coordinates)
-    moving = mark_bias(placement, rates)
+    placement = place_markers(tripteor.model.mechanism, coordinates)
+    moving = marker_bias(placement, rates)
     bodies = {body.name: body for body in tripteor.model.bodies}
-    marks = [tripteor.model.mechanism.marks.index(bodies[name].mark) for name in BODY_NAMES]
-    rotations, spins = placement.rotations[marks], moving.omega[marks]
+    markers = [tripteor.model.mechanism.markers.index(bodies[name].marker) for name in BODY_NAMES]
+    rotations, spins = placement.rotations[markers], moving.omega[markers]
     arms = np.array(
         [rotations[place] @ bodies[name].center for place, name in enumerate(BODY_NAMES)]
     )
     return AbsoluteState(
-        placement.positions[marks] + arms,
+        placement.positions[markers] + arms,
         rotations,
-        moving.velocity[marks] + cross(spins, arms),
+        moving.velocity[markers] + cross(spins, arms),
         spins,
     )
 
@@ -319,13 +319,13 @@ def _at_rest(
 
 def _static_rest(model: CompliantMechanism, state: FloatArray, force: FloatArray) -> FloatArray:
     """Displacement of the tool in nonlinear equilibrium, by fixed-point iteration [m]."""
-    tool = model.mechanism.marks.index(model.tool)
+    tool = model.mechanism.markers.index(model.tool)
     compliant: FloatArray = np.zeros(len(model.mechanism.compliant))
     for _ in range(20):
         motion = _at_rest(model, state, compliant, force)
         compliant = motion.load / motion.stiffness
     moved = _at_rest(model, state, compliant, force).dynamics.placement.positions[tool]
-    return np.asarray(moved - place_marks(model.mechanism, state).positions[tool])
+    return np.asarray(moved - place_markers(model.mechanism, state).positions[tool])
 
 
 def _swing_frequencies(model: CompliantMechanism, state: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import closure_residual
-from headstock.geometry.mechanisms.kinematics import place_marks
+from headstock.geometry.mechanisms.kinematics import place_markers
 from headstock.geometry.mechanisms.mechanism import Mechanism
 from headstock.geometry.mechanisms.platforms import planar_3rpr, planar_3rpr_state
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
@@ -161,8 +161,8 @@ def check_common_path(comm: MPI.Comm) -> list[ValidationRow]:
     motion, start = _moving()
     reference = _reference(motion, start, span)
     coordinates = motion.at(span, reference[:6], reference[6:12]).state
-    tool = place_marks(motion.model.mechanism, coordinates).positions[
-        motion.model.mechanism.marks.index("tcp")
+    tool = place_markers(motion.model.mechanism, coordinates).positions[
+        motion.model.mechanism.markers.index("tcp")
     ]
     system = absolute_tripteor(tripteor, motion.drive)
     first = motion.at(0.0, *start)

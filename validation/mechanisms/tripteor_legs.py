@@ -12,7 +12,7 @@ from mpi4py import MPI
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Pose, place_components
 from headstock.geometry.mechanisms.exechon import LENGTHS
-from headstock.geometry.mechanisms.kinematics import place_marks
+from headstock.geometry.mechanisms.kinematics import place_markers
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.geometry.parts.components import Component
 from headstock.meshing.components.meshing import describe_component, mesh_component
@@ -84,12 +84,14 @@ def solve_beams(tripteor: LeggedTripteor, pose: str, count: int) -> FloatArray:
     if machine.mechanism is None:
         raise ValueError("the machine has no mechanism")
     mounted = machine.mechanism.mounted
-    marks, mounting = mounted.mechanism.marks, mounted.mounting
+    markers, mounting = mounted.mechanism.markers, mounted.mounting
     state = solve_pose(machine.mechanism, positions)
-    placed = place_marks(mounted.mechanism, state)
+    placed = place_markers(mounted.mechanism, state)
 
-    def locate(mark: str) -> FloatArray:
-        return np.asarray(mounting.origin + mounting.rotation @ placed.positions[marks.index(mark)])
+    def locate(marker: str) -> FloatArray:
+        return np.asarray(
+            mounting.origin + mounting.rotation @ placed.positions[markers.index(marker)]
+        )
 
     frames = place_components(machine, Pose(pose, positions))
     lengths = {leg: float(state[mounted.mechanism.index(LENGTHS[leg - 1])]) for leg in (1, 2, 3)}

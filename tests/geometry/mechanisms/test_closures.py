@@ -16,10 +16,10 @@ from headstock.geometry.mechanisms.closures import (
     find_mobility,
 )
 from headstock.geometry.mechanisms.exechon import ExechonDimensions, exechon_mechanism
-from headstock.geometry.mechanisms.kinematics import mark_bias, place_marks
+from headstock.geometry.mechanisms.kinematics import marker_bias, place_markers
 from headstock.geometry.mechanisms.mechanism import (
     CoordinateConstraint,
-    Mark,
+    Marker,
     Mechanism,
     OrientationConstraint,
     PointConstraint,
@@ -70,7 +70,7 @@ def test_jacobians_are_those_of_the_complex_step(mechanism: Mechanism, seed: int
     found = evaluate_kinematics(mechanism, state)
     for jacobian, function in (
         (found.closures, lambda q: closure_residual(mechanism, q)),
-        (found.of_position, lambda q: place_marks(mechanism, q).positions),
+        (found.of_position, lambda q: place_markers(mechanism, q).positions),
     ):
         assert np.abs(jacobian - complex_step(function, state)).max() < 1e-12 * max(
             1.0, np.abs(jacobian).max()
@@ -80,11 +80,11 @@ def test_jacobians_are_those_of_the_complex_step(mechanism: Mechanism, seed: int
 @pytest.mark.parametrize("mechanism", ALL, ids=lambda mechanism: mechanism.name)
 def test_bias_is_the_second_derivative_along_constant_rates(mechanism: Mechanism) -> None:
     state, rates = random_motion(mechanism, 7)
-    placement = place_marks(mechanism, state)
-    bias = mark_bias(placement, rates)
+    placement = place_markers(mechanism, state)
+    bias = marker_bias(placement, rates)
     closures = complex_step(lambda q: evaluate_kinematics(mechanism, q).closures, state)
     places = complex_step(lambda q: evaluate_kinematics(mechanism, q).of_position, state)
-    turns = complex_step(lambda q: evaluate_kinematics(mechanism, q).of_turn, state)
+    turns = complex_step(lambda q: evaluate_kinematics(mechanism, q).of_rotation, state)
     gamma = np.einsum("ijk,j,k->i", closures, rates, rates)
     assert np.allclose(closure_bias(mechanism, placement, bias), gamma, rtol=1e-12, atol=1e-12)
     assert np.allclose(
@@ -99,22 +99,22 @@ def test_a_batch_gives_what_its_states_give_one_by_one() -> None:
     rng = np.random.default_rng(1)
     states, rates = rng.normal(size=(2, 2, 3, len(EXECHON.coordinates)))
     together = evaluate_kinematics(EXECHON, states)
-    bias = mark_bias(together.placement, rates)
+    bias = marker_bias(together.placement, rates)
     gamma = closure_bias(EXECHON, together.placement, bias)
     for i in range(2):
         for j in range(3):
             alone = evaluate_kinematics(EXECHON, states[i, j])
             assert np.allclose(together.closures[i, j], alone.closures, atol=1e-14)
-            own = mark_bias(alone.placement, rates[i, j])
+            own = marker_bias(alone.placement, rates[i, j])
             assert np.allclose(gamma[i, j], closure_bias(EXECHON, alone.placement, own), atol=1e-12)
 
 
 def straight_legs(mechanism: Mechanism, base: FloatArray, pose: dict[str, float]) -> FloatArray:
     """State with the platform in a pose and its legs from joint to joint."""
     state = np.array([pose.get(name, 0.0) for name in mechanism.coordinates])
-    placement = place_marks(mechanism, state)
+    placement = place_markers(mechanism, state)
     for number, foot in enumerate(base, 1):
-        leg = placement.positions[mechanism.marks.index(f"foot_{number}")] - foot
+        leg = placement.positions[mechanism.markers.index(f"foot_{number}")] - foot
         length = float(np.linalg.norm(leg))
         values = {"q": length, "be": np.arcsin(leg[0] / length), "al": np.arctan2(-leg[1], leg[2])}
         for name, value in values.items():
@@ -157,11 +157,11 @@ def test_loops_that_cannot_close_end_with_a_name() -> None:
     ({"closures": (CoordinateConstraint({"x": 1.0, "who": 1.0}),)}, "names who"),
     ({"closures": (PointConstraint("end", "somewhere"),)}, "names somewhere"),
     ({"closures": (OrientationConstraint("end", "end", ("x",)), PointConstraint("end", "end", frame="off"))}, "names off"),
-    ({"chains": ((shift("x", "x"), Mark("end"), Mark("end")),)}, "named twice"),
+    ({"chains": ((shift("x", "x"), Marker("end"), Marker("end")),)}, "named twice"),
 ])  # fmt: skip
 def test_a_mechanism_with_a_wrong_name_is_refused(change: dict[str, Any], message: str) -> None:
     data: dict[str, Any] = {
-        "chains": ((turn("z", "x"), Mark("end")),),
+        "chains": ((turn("z", "x"), Marker("end")),),
         "closures": (),
         "driven": ("x",),
     }

@@ -20,7 +20,7 @@ from headstock.geometry.mechanisms.exechon import (
     solve_tool_pose,
     survey_tool_poses,
 )
-from headstock.geometry.mechanisms.kinematics import place_marks
+from headstock.geometry.mechanisms.kinematics import place_markers
 
 DOWN = np.array([0.0, 0.0, -1.0])
 DIMENSIONS = ExechonDimensions(
@@ -48,8 +48,8 @@ def test_the_tool_stands_where_it_was_sent_in_closed_loops(
     direction = np.array([tx, ty, -1.0]) / np.linalg.norm([tx, ty, -1.0])
     state = solve_tool_pose(MACHINE, np.array([x, y, z]), direction)
     assert np.abs(closure_residual(MACHINE.mechanism, state)).max() < 1e-14
-    placement = place_marks(MACHINE.mechanism, state)
-    tool = MACHINE.mechanism.marks.index("tcp")
+    placement = place_markers(MACHINE.mechanism, state)
+    tool = MACHINE.mechanism.markers.index("tcp")
     assert np.allclose(
         MACHINE.mounting.origin + MACHINE.mounting.rotation @ placement.positions[tool],
         [x, y, z],
@@ -74,11 +74,11 @@ def test_every_assembly_puts_the_wrist_centre_in_the_same_place_with_another_pla
     mechanism, center = exechon_mechanism(dimensions), np.array([0.02, 0.7, 1.02])
     turned = []
     for assembly in ASSEMBLIES:
-        placement = place_marks(mechanism, platform_states(dimensions, center, assembly))
+        placement = place_markers(mechanism, platform_states(dimensions, center, assembly))
         assert np.allclose(
-            placement.positions[mechanism.marks.index("wrist_4")], center, atol=1e-14
+            placement.positions[mechanism.markers.index("wrist_4")], center, atol=1e-14
         )
-        turned.append(placement.rotations[mechanism.marks.index("platform")])
+        turned.append(placement.rotations[mechanism.markers.index("platform")])
     assert all(np.abs(turned[i] - turned[j]).max() > 0.1 for i in range(4) for j in range(i))
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from headstock.geometry.machine.machine import Pose, place_components
-from headstock.geometry.mechanisms.kinematics import place_marks
+from headstock.geometry.mechanisms.kinematics import place_markers
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose, tool_pose
 from headstock.scene.building.loader import load_scene
 
@@ -23,11 +23,11 @@ def test_the_spindle_points_where_the_pose_says_and_every_leg_runs_to_its_platfo
         assert np.allclose(spindle.rotation[:, 2], direction, atol=1e-12)
         tip = spindle.origin + 0.48 * spindle.rotation[:, 2]
         assert np.allclose(tip, point, atol=1e-12)
-        marks = place_marks(known.mechanism, solve_pose(machine.mechanism, positions))
+        markers = place_markers(known.mechanism, solve_pose(machine.mechanism, positions))
         for number in (1, 2, 3):
             sleeve, beam = frames[f"sleeve_{number}"], frames[f"beam_{number}"]
             assert np.allclose(sleeve.rotation, beam.rotation, atol=1e-12)
-            joint = marks.positions[known.mechanism.marks.index(f"joint_{number}")]
+            joint = markers.positions[known.mechanism.markers.index(f"joint_{number}")]
             at_tip = beam.origin + 1.8 * beam.rotation[:, 2]
             assert np.allclose(
                 at_tip, known.mounting.origin + known.mounting.rotation @ joint, atol=1e-12

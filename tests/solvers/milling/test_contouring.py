@@ -9,7 +9,7 @@ import pytest
 from headstock.geometry.errors import JointLimitError, UnreachablePoseError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import close_loops
-from headstock.geometry.mechanisms.kinematics import place_marks
+from headstock.geometry.mechanisms.kinematics import place_markers
 from headstock.solvers.errors import ConvergenceError, ModelError
 from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_motion
 from headstock.solvers.mechanisms.modes import linearise_poses, tool_compliance
@@ -63,9 +63,9 @@ def test_drives_lead_the_tool_along_the_path() -> None:
     later, earlier = drive.at(times + 1e-6).position, drive.at(times - 1e-6).position
     assert np.allclose((later - earlier) / 2e-6, speeds.speed, atol=1e-7)
     states = drive.rigid_states(times)
-    tool = mechanism.marks.index("tcp")
+    tool = mechanism.markers.index("tcp")
     states[:, mechanism.driven_slice] = speeds.position
-    placed = place_marks(mechanism, close_loops(mechanism, states)).positions[:, tool]
+    placed = place_markers(mechanism, close_loops(mechanism, states)).positions[:, tool]
     mounting = machine().scene.mounted.mounting
     assert np.abs(mounting.origin + placed @ mounting.rotation.T - points.position).max() < 2e-8
 

@@ -33,10 +33,10 @@ def test_jerk_is_limited_everywhere() -> None:
 
 
 def test_feed_is_kept_on_faces_and_the_block_stays_on_the_right() -> None:
-    path, marks = square_path(CONTOUR)
+    path, markers = square_path(CONTOUR)
     center = np.array([*CONTOUR.center, CONTOUR.height])
     for face in range(4):
-        points = path.at(np.linspace(marks[face] + 0.1, marks[face + 1] - 0.3, 50))
+        points = path.at(np.linspace(markers[face] + 0.1, markers[face + 1] - 0.3, 50))
         assert np.allclose(
             np.linalg.norm(points.velocity, axis=1), CONTOUR.feed, rtol=1e-11, atol=0.0
         )
@@ -47,10 +47,10 @@ def test_feed_is_kept_on_faces_and_the_block_stays_on_the_right() -> None:
 
 
 def test_averages_cut_corners_by_as_much_as_they_shrink_a_circle() -> None:
-    path, marks = square_path(CONTOUR)
-    middle = marks[1:4] - 0.25 * np.pi * CONTOUR.offset / CONTOUR.feed
+    path, markers = square_path(CONTOUR)
+    middle = markers[1:4] - 0.25 * np.pi * CONTOUR.offset / CONTOUR.feed
     corners = np.array(CONTOUR.center) + 0.1 * np.array([[-1, 1], [1, 1], [1, -1]])
     found = np.linalg.norm(path.at(middle).position[:, :2] - corners, axis=1)
     half = 0.5 * CONTOUR.window * CONTOUR.feed / CONTOUR.offset
     assert np.allclose(found, CONTOUR.offset * (np.sin(half) / half) ** 3, atol=1e-11)
-    assert marks[4] == pytest.approx(path.span[1] - 0.015 - 0.02 / CONTOUR.feed)
+    assert markers[4] == pytest.approx(path.span[1] - 0.015 - 0.02 / CONTOUR.feed)
