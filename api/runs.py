@@ -66,6 +66,10 @@ from headstock.studies.variants import (
     solve_variant,
 )
 
+# what a run writes into its folder or removes there
+RUN_FILES = (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE)
+RUN_PARTS = (MODES_FOLDER, VOLUME_FOLDER, TABLES_FOLDER, FIGURES_FOLDER)
+
 type Source = Machine | str | Path  # a machine, or the path of a scene file
 
 
@@ -141,7 +145,7 @@ def run(
     made = _machine(machine)
     scene = _with_analyses(made.scene, analyses)
     origin = _trace(made, analyses, comm.size) if comm.rank == 0 else None
-    with _folder(output, comm) as folder:
+    with _claimed(output, comm, RUN_FILES, RUN_PARTS) as folder:
         results = run_scene(
             scene, folder, comm=comm, observer=progress, volume=volume, provenance=origin
         )
@@ -201,7 +205,7 @@ def study(
         }
         family = StudyFamily("", "", settings={}, vary=values, pairwise=pairwise)
         chosen = Study("study", (family,), watch=tuple(watch))
-    with made.on_disk() as choice, _scratch(output, comm) as folder:
+    with made.on_disk() as choice, _claimed(output, comm) as folder:
         job = StudyJob(
             path=choice.path,
             study=chosen,
@@ -241,7 +245,7 @@ def sweep(
     made = _machine(machine)
     require_name(made.scene, "sweeps", name, made.scene.sweeps)
     chosen = made.scene.sweeps[name]
-    with made.on_disk() as choice, _scratch(output, comm) as folder:
+    with made.on_disk() as choice, _claimed(output, comm) as folder:
         scene = prepare_sweep(
             load_scene(choice.path, variant=choice.variant, overrides=choice.overrides),
             name,
@@ -341,11 +345,7 @@ def identify(
         HeadstockError: A computation failed.
     """
     with _machine(machine).on_disk() as file:
-        loaded = load_targets(Path(targets), file.path, overrides=file.overrides)
-        if starts is not None:
-            settings = dataclasses.replace(loaded.task.settings, starts=starts)
-            task = dataclasses.replace(loaded.task, settings=settings)
-            loaded = dataclasses.replace(loaded, task=task)
+        loaded = load_targets(Path(targets), file.path, overrides=file.overrides, starts=starts)
         problem = prepare_problem(loaded, Store(default_store_root()), MPI.COMM_SELF)
         return fit_parameters(problem, loaded.task.name, progress)
 
@@ -376,29 +376,21 @@ def _with_analyses(scene: Scene, names: Sequence[str]) -> Scene:
 
 
 @contextlib.contextmanager
-def _scratch(output: str | Path | None, comm: MPI.Comm) -> Iterator[Path]:
-    """A folder that keeps what is finished; a temporary one where none is wanted."""
+def _claimed(
+    output: str | Path | None,
+    comm: MPI.Comm,
+    names: Iterable[str] = (),
+    parts: Iterable[str] = (),
+) -> Iterator[Path]:
+    """An output folder that no other run writes into, with files and folders in it that will be
+    written; a temporary one where none is wanted.
+    """
     with contextlib.ExitStack() as stack:
         folder = Path() if output is None else Path(output)
         if comm.rank == 0 and output is None:
-            scratch = tempfile.TemporaryDirectory(prefix="headstock-points-")
+            scratch = tempfile.TemporaryDirectory(prefix="headstock-results-")
             folder = Path(stack.enter_context(scratch))
         elif comm.rank == 0:
-            stack.enter_context(claim_output(folder))
-        yield share_from_root(comm, folder)
-
-
-@contextlib.contextmanager
-def _folder(output: str | Path | None, comm: MPI.Comm) -> Iterator[Path]:
-    """The folder of a run, which no other writes into; a temporary one where none is wanted."""
-    with contextlib.ExitStack() as stack:
-        folder = Path() if output is None else Path(output)
-        if comm.rank == 0 and output is None:
-            scratch = tempfile.TemporaryDirectory(prefix="headstock-run-")
-            folder = Path(stack.enter_context(scratch))
-        elif comm.rank == 0:
-            names = (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE)
-            parts = (MODES_FOLDER, VOLUME_FOLDER, TABLES_FOLDER, FIGURES_FOLDER)
             stack.enter_context(claim_output(folder, names, parts))
         yield share_from_root(comm, folder)
 

@@ -2,7 +2,6 @@
 that the data leave open.
 """
 
-import dataclasses
 import math
 import shlex
 import time
@@ -171,12 +170,10 @@ def identify_scene(request: IdentifyRequest, origin: Provenance | None = None) -
         HeadstockError: A computation failed.
     """
     begin = time.perf_counter()
-    loaded = load_targets(request.targets, request.scene.path, overrides=request.scene.overrides)
-    if request.starts is not None:
-        settings = dataclasses.replace(loaded.task.settings, starts=request.starts)
-        loaded = dataclasses.replace(
-            loaded, task=dataclasses.replace(loaded.task, settings=settings)
-        )
+    chosen = request.scene
+    loaded = load_targets(
+        request.targets, chosen.path, overrides=chosen.overrides, starts=request.starts
+    )
     output = request.output or Path("results") / f"{request.scene.path.stem}-{request.targets.stem}"
     with claim_output(output, (OVERRIDES_FILE, RECORD_FILE)):
         print_task(loaded.task)

@@ -239,13 +239,16 @@ class LoadedTask:
     findings: Findings
 
 
-def load_targets(path: Path, scene: Path, *, overrides: Sequence[str] = ()) -> LoadedTask:
+def load_targets(
+    path: Path, scene: Path, *, overrides: Sequence[str] = (), starts: int | None = None
+) -> LoadedTask:
     """Load a target file for a scene.
 
     Args:
         path: Target file (``.toml``).
         scene: Scene file.
         overrides: ``key=value`` settings of the scene.
+        starts: How many starting points the fit has; None for what the file says.
 
     Raises:
         SceneError: Anything is wrong with either file; holds every problem with file, line, key and
@@ -271,7 +274,12 @@ def load_targets(path: Path, scene: Path, *, overrides: Sequence[str] = ()) -> L
     findings.raise_if_any()
     fit = table.fit
     settings = FitSettings(
-        fit.starts, fit.seed, fit.pairing, fit.noise, fit.method, fit.evaluations
+        fit.starts if starts is None else starts,
+        fit.seed,
+        fit.pairing,
+        fit.noise,
+        fit.method,
+        fit.evaluations,
     )
     return LoadedTask(
         IdentificationTask(table.name or path.stem, tuple(cases), parameters, settings),
