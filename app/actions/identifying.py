@@ -33,6 +33,7 @@ from headstock.studies.identification.identification import (
     identify,
     prepare_problem,
 )
+from headstock.studies.identification.problem import FitProblem
 from headstock.studies.identification.target_files import load_targets
 from headstock.studies.identification.targets import IdentificationTask
 
@@ -49,6 +50,21 @@ def print_task(task: IdentificationTask) -> None:
     make_console().print(
         f"{task.name}  ({text}{f', {held} held out' if held else ''})", style="bold", markup=False
     )
+
+
+def print_cost(problem: FitProblem) -> None:
+    """Say which components are meshed anew, as this is what a fit then takes its time for."""
+    meshed: dict[str, list[str]] = {}
+    for model in problem.cases:
+        for parameter, touched in model.parametric.touched.items():
+            for name in touched.meshed:
+                meshed[name] = list(dict.fromkeys([*meshed.get(name, []), parameter]))
+    for name, parameters in meshed.items():
+        text = (
+            f"{name} is meshed and reduced anew at every value of {', '.join(parameters)}: once per evaluation "
+            f"and {2 * len(parameters)} times for its derivatives"
+        )
+        make_console().print(text, markup=False, soft_wrap=True)
 
 
 def print_start(record: StartRecord) -> None:
@@ -178,6 +194,7 @@ def identify_scene(request: IdentifyRequest, origin: Provenance | None = None) -
     with claim_output(output, (OVERRIDES_FILE, RECORD_FILE)):
         print_task(loaded.task)
         problem = prepare_problem(loaded, Store(default_store_root()), MPI.COMM_SELF)
+        print_cost(problem)
         found = identify(problem, loaded.task.name, print_start)
         summary = summarise_identification(found)
         summary["seconds"] = time.perf_counter() - begin

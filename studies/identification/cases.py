@@ -33,6 +33,8 @@ from headstock.studies.identification.targets import Parameter, TargetCase
 RIGID_MOTIONS = 6
 SPARE_MODES = 8  # computed above the targets, so that a pairing can choose
 STEP = 2.0**-10  # of the difference of parts, relative to the parameter
+# the same where a part is meshed anew: well above what two meshes differ by
+MESHED_STEP = 2.0**-6
 # reach and weight of each pair of a difference
 SECOND_ORDER = ((1.0, 0.5),)
 FOURTH_ORDER = ((1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0))
@@ -272,13 +274,14 @@ def _slope_pieces(state: CaseState, parameter: Parameter) -> StackedPieces | Non
         touched.components, tuple(dict.fromkeys([*touched.joints, *beside])), tuple(watched)
     )
     value = state.values[parameter.name]
-    step = STEP * (abs(value) if parameter.logarithmic else parameter.upper - parameter.lower)
+    reached = MESHED_STEP if touched.meshed else STEP
+    step = reached * (abs(value) if parameter.logarithmic else parameter.upper - parameter.lower)
     pairs = []
     # levers are linear in every place, so that one pair is exact but for matrices of components,
     # carriages on rails and screws
     rails = any(part.rails for part in state.model.parametric.superelements.values())
     curved = touched.matrices or rails or any(joint.screw is not None for joint in joints.values())
-    for reach, weight in FOURTH_ORDER if curved else SECOND_ORDER:
+    for reach, weight in FOURTH_ORDER if curved and not touched.meshed else SECOND_ORDER:
         after, before = (
             _pieces_at(state, {**state.values, parameter.name: value + side * reach * step}, wanted)
             for side in (1.0, -1.0)

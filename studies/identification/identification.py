@@ -3,6 +3,7 @@ intervals.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,10 +11,12 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Component
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.storage.store import Store
+from headstock.reduction.superelement import Superelement
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.keys import write_number
 from headstock.scene.requests import ModalRequest
@@ -191,7 +194,11 @@ def prepare_problem(loaded: LoadedTask, store: Store, comm: MPI.Comm) -> FitProb
             scene = _with_modes(loaded.scenes[case.variant], loaded.task.cases)
             superelements = make_superelements(RunState(scene, plan_scene(scene), comm, store))
             scenes[case.variant] = make_parametric(
-                scene, superelements, loaded.task.parameters, scenes.values()
+                scene,
+                superelements,
+                loaded.task.parameters,
+                scenes.values(),
+                reduce=functools.partial(_reduce, scene, comm, store),
             )
         poses = loaded.scenes[case.variant].poses
         pose = poses[case.pose] if case.pose is not None else next(iter(poses.values()))
@@ -244,6 +251,16 @@ def identify(
         problem=problem,
         point=point,
     )
+
+
+def _reduce(scene: Scene, comm: MPI.Comm, store: Store, component: Component) -> Superelement:
+    """Mesh and reduce a changed component of a scene; the store answers where it is known."""
+    machine = dataclasses.replace(
+        scene.machine, components=scene.machine.components | {component.name: component}
+    )
+    changed = dataclasses.replace(scene, machine=machine)
+    state = RunState(changed, plan_scene(changed), comm, store)
+    return make_superelements(state, only=[component.name])[component.name]
 
 
 def _with_modes(scene: Scene, cases: tuple[TargetCase, ...]) -> Scene:

@@ -13,7 +13,6 @@ from headstock.scene.reading.findings import Findings, show_key
 from headstock.scene.reading.keys import (
     NUMBER,
     find_keys,
-    read_entries,
     read_number,
     split_key,
     value_at,
@@ -101,7 +100,8 @@ def _check_followers(
             findings.add(first.place, str(error))
             return
         found += len(laws)
-        for fault in [fault for law in laws if (fault := _find_fault(law.key, scene))][:1]:
+        faults = [_find_fault(law.key, scene) for law in laws if law.key[2] != "mesh"]
+        for fault in [fault for fault in faults if fault][:1]:
             name = show_key(first.rule.key)
             findings.add(
                 first.place, f"a value is calculated from {name} that no fit takes: {fault}"
@@ -201,19 +201,11 @@ def _find_fault(key: KeyPath, scene: Scene) -> str:
             ]
         )
         return f"{show_key(key)} cannot be fitted; what can: {places}"
-    components = scene.machine.components
     variant = f"in variant {scene.variant}" if scene.variant else "in the scene as written"
     if section == "components" and key[2] not in _FREE_OF_MESH:
-        component = components[str(key[1])]
-        if component.fidelity == "elastic" or isinstance(component.solid, SuperelementFile):
-            return (
-                f"{key[1]} is elastic {variant}, so every step would mesh and reduce it anew and the noise of the mesh would hide the "
-                'slope; make it segmented or rigid for the fit (fidelity = "segmented"), or fit its place, mass or material'
-            )
-    if section == "materials" and key[2] == "nu":
-        for name, table in read_entries(scene.raw, "components").items():
-            if table.get("material") == key[1] and components[name].fidelity == "elastic":
-                return f"{name} is elastic {variant}, and its matrices are not proportional to nu; make it segmented, or fit E or rho"
+        component = scene.machine.components[str(key[1])]
+        if isinstance(component.solid, SuperelementFile):
+            return f"{key[1]} is an imported superelement {variant}; fit its place, mass or joints"
     return ""
 
 

@@ -14,7 +14,7 @@ from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import Frame
 from headstock.geometry.machine.joints import Joint
 from headstock.geometry.machine.machine import Machine
-from headstock.geometry.parts.components import Component, Load
+from headstock.geometry.parts.components import Component, Load, ReductionSettings
 from headstock.meshing.components.meshing import describe_component
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
@@ -36,6 +36,7 @@ from headstock.scene.scene import Scene
 from headstock.scene.schema.components import ComponentTable, MaterialTable
 from headstock.scene.schema.parameters import PARAMETERS
 from headstock.studies.identification.key_laws import KeyLaw, ParameterValueError, find_laws
+from headstock.studies.identification.matched_modes import match_modes
 from headstock.studies.identification.targets import Parameter
 
 REMEMBERED = 64  # builds of one entry that are kept
@@ -86,19 +87,22 @@ class ParametricJoint:
 
 @dataclass(eq=False)
 class ParametricShape:
-    """What a component is made of: solid, interfaces, mass and material, wherever it stands.
+    """What a component is made of: solid, interfaces, mass and material, wherever it stands. An
+    elastic one whose shape follows a parameter is meshed and reduced anew.
 
     Attributes:
         scene: Variant it stands in.
         name: Component it is read from; others of the same content share it.
         superelement: Of the component as written.
         laws: Of its keys and of those of its material, places left out.
+        reduce: Meshes and reduces a changed component.
     """
 
     scene: Scene
     name: str
     superelement: Superelement
     laws: tuple[KeyLaw, ...]
+    reduce: Callable[[Component], Superelement]
     _known: OrderedDict[tuple[float, ...], tuple[Component, Superelement]] = field(
         default_factory=OrderedDict
     )
@@ -159,12 +163,16 @@ class ParametricShape:
             self.name, table, solid, material, free=written.free, control_points=control_points
         )
         component = dataclasses.replace(component, reduction=written.reduction)
-        if component.fidelity == "elastic":
+        if component.fidelity == "elastic" and not any(map(reshapes, self.laws)):
             return component, _rescale(self.superelement, written, component)
         for key, interface in table.interfaces.items():
             for patch in interface.patch_tables():
                 if fault := find_patch_fault(patch, solid):
                     raise ValueError(f"interfaces.{key}: {fault}")
+        if component.fidelity == "elastic":
+            settings = ReductionSettings(modes=self.superelement.modal_count)
+            made = self.reduce(dataclasses.replace(component, reduction=settings))
+            return component, match_modes(self.superelement, made)
         reduce: Callable[..., Superelement] = (
             reduce_rigid if component.fidelity == "rigid" else reduce_segmented
         )
@@ -223,6 +231,11 @@ def moves(law: KeyLaw) -> bool:
     return law.key[0] == "components" and law.key[2] == "at"
 
 
+def reshapes(law: KeyLaw) -> bool:
+    """Whether an elastic component has to be meshed or reduced anew for another value."""
+    return law.key[2] in ("solid", "interfaces", "mesh", "nu")
+
+
 def _rescale(superelement: Superelement, before: Component, after: Component) -> Superelement:
     """An elastic superelement for another modulus, density or mass: shapes and modal dofs stay as
     they are, which is exact.
@@ -277,12 +290,14 @@ class Touched:
         joints: By name: their stiffness or their own place.
         stiffness_only: Nothing but stiffnesses of joints, none of them in series with a screw.
         matrices: The superelement of a component changes too, not only places.
+        meshed: Elastic components that are meshed and reduced anew.
     """
 
     components: tuple[str, ...]
     joints: tuple[str, ...]
     stiffness_only: bool
     matrices: bool
+    meshed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,6 +343,8 @@ def make_parametric(
     superelements: dict[str, Superelement],
     parameters: Sequence[Parameter],
     others: Iterable[ParametricScene] = (),
+    *,
+    reduce: Callable[[Component], Superelement],
 ) -> ParametricScene:
     """Tie the numbers of a variant to parameters; keys the variant does not hold as numbers are
     left out.
@@ -337,6 +354,7 @@ def make_parametric(
         superelements: Of its components as written.
         parameters: Their rules name keys of the scene.
         others: Other variants; a component that is the same there is built once for all.
+        reduce: Meshes and reduces a component of the variant whose shape has changed.
     """
     laws = find_laws(scene, parameters)
     by_component: dict[str, list[KeyLaw]] = {}
@@ -353,7 +371,11 @@ def make_parametric(
     for name, own in by_component.items():
         shape = _share_shape(
             ParametricShape(
-                scene, name, superelements[name], tuple(law for law in own if not moves(law))
+                scene,
+                name,
+                superelements[name],
+                tuple(law for law in own if not moves(law)),
+                reduce,
             ),
             shapes,
         )
@@ -400,6 +422,11 @@ def _find_touched(
         and all(law.key[2] == "stiffness" for laws in moved.values() for law in laws)
         and all(joints[name].written.screw is None for name, laws in moved.items() if laws),
         matrices=any(not moves(law) for laws in mine.values() for law in laws),
+        meshed=tuple(
+            name
+            for name, laws in mine.items()
+            if components[name].written.fidelity == "elastic" and any(map(reshapes, laws))
+        ),
     )
 
 

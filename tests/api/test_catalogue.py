@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import headstock as hs
+from headstock.scene.reading.keys import read_entries
 
 PLACES = [[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]]
 
@@ -77,8 +78,8 @@ def test_a_body_on_mounts_has_half_their_loss_factor_as_damping_ratio() -> None:
     mount = hs.Joint(from_="catalogue:rubber_mount_2kN", between=["slide.bottom", "ground"])
     plain = slide(mount)  # for its slide
     damped = hs.Machine(
-        materials=plain.table["materials"],
-        components=plain.table["components"],
+        materials=read_entries(plain.table, "materials"),
+        components=read_entries(plain.table, "components"),
         joints={"mount": mount},
         analyses={"modal": {"count": 6}},
         effects={"damping": True},

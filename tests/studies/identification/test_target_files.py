@@ -148,16 +148,6 @@ def test_a_file_whose_targets_are_all_fixed_out_is_refused(tmp_path: Path) -> No
     assert "nothing to fit to" in problem.message
 
 
-def test_shapes_of_elastic_components_are_refused_with_the_reason(tmp_path: Path) -> None:
-    text = GOOD.replace('"stiff"', '"fine"').replace(
-        '"joints.guide_1.at[1]"', '"components.column.solid.box[0]"'
-    )
-    (problem,) = problems(tmp_path, text)
-    assert problem.key == "parameters.width.keys[0]"
-    assert "column is elastic in variant fine" in problem.message
-    assert 'fidelity = "segmented"' in problem.message
-
-
 def test_a_mechanism_is_fitted_in_variants_of_components_only(tmp_path: Path) -> None:
     machines = ROOT / "machines"
     task = load_targets(machines / "tripteor_targets.toml", machines / "tripteor.toml").task
