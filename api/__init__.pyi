@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.machine import Noun
-from headstock.scene.schema import components, connections
+from headstock.scene.schema import axes, components, joints, loads
 from headstock.values import Quantity
 from headstock.geometry.errors import HeadstockError as HeadstockError
 from headstock.machine import Machine as Machine
@@ -36,7 +36,7 @@ type _Numbers = Sequence[Quantity] | NDArray[np.floating[Any]]
 __version__: str
 __all__: list[str]
 
-class Axis(Noun, schema=connections.AxisTable):
+class Axis(Noun, schema=axes.AxisTable):
     def __init__(
         self, *,
         joints: Sequence[str] | str | None = ...,
@@ -94,7 +94,7 @@ class Interface(Noun, schema=components.InterfaceTable):
         rail: _Table | None = ...,
     ) -> None: ...
 
-class Joint(Noun, schema=connections.JointTable):
+class Joint(Noun, schema=joints.JointTable):
     def __init__(
         self, *,
         from_: str | None = ...,
@@ -114,7 +114,7 @@ class Joint(Noun, schema=connections.JointTable):
         allow_negative: bool | None = ...,
     ) -> None: ...
 
-class Load(Noun, schema=connections.LoadTable):
+class Load(Noun, schema=loads.LoadTable):
     def __init__(
         self, *,
         at: str | None = ...,
@@ -149,14 +149,14 @@ class Plate(Noun, schema=components.SolidTable):
         ribs_y: int | None = ...,
     ) -> None: ...
 
-class Point(Noun, schema=connections.PointTable):
+class Point(Noun, schema=axes.PointTable):
     def __init__(
         self, *,
         tool: str,
         work: str,
     ) -> None: ...
 
-class Support(Noun, schema=connections.SupportTable):
+class Support(Noun, schema=loads.SupportTable):
     def __init__(
         self, *,
         face: str | None = ...,

@@ -3,6 +3,7 @@
 from headstock.machine import Noun
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings
+from headstock.scene.schema.axes import AxisTable, PointTable
 from headstock.scene.schema.catalogue import fill_joint
 from headstock.scene.schema.components import (
     ComponentTable,
@@ -10,13 +11,8 @@ from headstock.scene.schema.components import (
     MaterialTable,
     SolidTable,
 )
-from headstock.scene.schema.connections import (
-    AxisTable,
-    JointTable,
-    LoadTable,
-    PointTable,
-    SupportTable,
-)
+from headstock.scene.schema.joints import JointTable
+from headstock.scene.schema.loads import LoadTable, SupportTable
 from headstock.values import Quantity
 
 

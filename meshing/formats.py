@@ -18,7 +18,7 @@ class MeshFormat:
     Attributes:
         name: As users know it.
         suffixes: Endings of its files, lower case.
-        worker: Module whose child process reads it.
+        worker: Module whose worker process reads it.
         written: ``export --mesh`` writes it.
     """
 

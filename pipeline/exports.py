@@ -52,7 +52,7 @@ def export_state_space(
     comm: MPI.Comm,
     origin: Provenance | None = None,
 ) -> str:
-    """Write the state space between the ports of ``[analyses.frf]``, or x, y and z of every point,
+    """Write the state space between the channels of ``[analyses.frf]``, or x, y and z of every point,
     as a ``.mat`` file.
 
     Args:
@@ -74,7 +74,7 @@ def export_state_space(
     name = pose or next(iter(scene.poses))
     require_name(scene, "poses", name, scene.poses)
     check_output(path)
-    inputs, outputs = _ports(scene)
+    inputs, outputs = _channels(scene)
     request = FrfRequest(inputs, outputs, up_to_hz, poses=(name,))
     wanted = dataclasses.replace(scene, analyses=Analyses(frf=request))
     state = RunState(wanted, plan_scene(wanted), comm, Store(default_store_root()))
@@ -129,7 +129,7 @@ def encode_mat(space: StateSpace, origin: Provenance | None = None) -> bytes:
     return image.getvalue()
 
 
-def _ports(scene: Scene) -> tuple[tuple[Channel, ...], tuple[Channel, ...]]:
+def _channels(scene: Scene) -> tuple[tuple[Channel, ...], tuple[Channel, ...]]:
     if scene.analyses.frf is not None:
         return scene.analyses.frf.inputs, scene.analyses.frf.outputs
     channels = tuple((point, direction) for point in scene.machine.points for direction in "xyz")

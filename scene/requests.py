@@ -43,7 +43,7 @@ class ModalRequest:
 
 @dataclass(frozen=True)
 class FrfRequest:
-    """Frequency response between ports, in named poses.
+    """Frequency response between input and output channels, in named poses.
 
     Attributes:
         inputs: Where loads act: ``(point or component.interface, direction)``.

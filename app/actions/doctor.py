@@ -105,7 +105,7 @@ LIBRARIES = (
     Question("gmsh", "import gmsh; print(gmsh.__version__)", modules=("gmsh",)),
     Question(
         "isolation",
-        "from headstock.meshing.process.guarded import isolate; print(isolate([]) or 'readers of CAD, mesh and HDF5 files see nothing else')",
+        "from headstock.meshing.process.isolation import isolate; print(isolate([]) or 'readers of CAD, mesh and HDF5 files see nothing else')",
         "readers",
         "readers of CAD, mesh and HDF5 files have limits of time and memory, but could reach other files and the network: "
         "user namespaces (Linux 5.12 or newer) would keep them from both",

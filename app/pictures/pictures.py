@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from headstock.app.pictures.picture import Picture, write_pictures
 from headstock.app.pictures.scenes import list_machine_pictures, list_mode_pictures
-from headstock.meshing.process.guarded import LAUNCHER_PREFIXES
+from headstock.meshing.process.isolation import LAUNCHER_PREFIXES
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView

@@ -1,3 +1,3 @@
-"""Gmsh and OpenCASCADE: shapes, imprints, sizes, slivers, faces, in a child process. Never imported
+"""Gmsh and OpenCASCADE: shapes, imprints, sizes, slivers, faces, in a worker process. Never imported
 outside the worker.
 """

@@ -1,4 +1,4 @@
-"""Lists and triangulates the faces of a CAD shape (runs in the child process)."""
+"""Lists and triangulates the faces of a CAD shape (runs in the worker process)."""
 
 import dataclasses
 

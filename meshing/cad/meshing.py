@@ -1,4 +1,4 @@
-"""Meshes a CAD shape with gmsh, or only measures it (runs in the child process)."""
+"""Meshes a CAD shape with gmsh, or only measures it (runs in the worker process)."""
 
 import dataclasses
 import resource

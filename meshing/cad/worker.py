@@ -1,4 +1,4 @@
-"""The child process that runs gmsh: ``python -m headstock.meshing.cad.worker``."""
+"""The worker process that runs gmsh: ``python -m headstock.meshing.cad.worker``."""
 
 import sys
 
@@ -8,7 +8,7 @@ from headstock.meshing.cad.meshing import mesh_shape
 from headstock.meshing.files.cells import guard_reader
 from headstock.meshing.files.gmsh import read_gmsh_mesh
 from headstock.meshing.process.job import MeshData, MeshJob
-from headstock.meshing.process.serving import serve_job
+from headstock.meshing.process.worker import serve_job
 
 
 def perform_job(job: MeshJob) -> MeshData:

@@ -12,8 +12,8 @@ from headstock.geometry.parts.cad_faces import CadFace, Vector
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.errors import MeshError
-from headstock.meshing.process.child import run_job
 from headstock.meshing.process.job import MeshJob
+from headstock.meshing.process.running import run_job
 from headstock.meshing.step_units import STEP_UNIT, read_length_unit
 
 TIME_LIMIT = 120.0
@@ -67,7 +67,7 @@ class CadSurvey:
 
 
 def survey_step(solid: StepFile) -> CadSurvey:
-    """List and triangulate the faces of a STEP file's solid in a child process.
+    """List and triangulate the faces of a STEP file's solid in a worker process.
 
     Raises:
         MeshError: The file is missing, is no STEP file, holds no solid or several of which none was

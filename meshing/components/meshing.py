@@ -28,8 +28,8 @@ from headstock.meshing.components.finishing import find_patch_faults, finish_mes
 from headstock.meshing.elements.hex_grid import count_grid_cells, grid_lines, mesh_box_grid
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError, MeshQualityError, PatchError
-from headstock.meshing.process.child import run_job
 from headstock.meshing.process.job import MeshData, MeshJob, format_job, scale_properties
+from headstock.meshing.process.running import run_job
 from headstock.meshing.sizing import (
     CELL_BUDGET,
     UNCOUNTED,
@@ -344,13 +344,13 @@ def run_shape_job(
     time_limit: float,
     refinement: float = 1.0,
 ) -> MeshData:
-    """Run the CAD kernel on a component in a child process and return what it found, in metres.
+    """Run the CAD kernel on a component in a worker process and return what it found, in metres.
 
     Args:
         component: With a CAD or parametric solid.
         groups: Patches by group name.
         task: Mesh it, list its faces, or count what a mesh would have.
-        time_limit: Processor time of the child [s].
+        time_limit: Processor time of the worker process [s].
         refinement: How many times finer the curved faces are to be meshed.
     """
     job = _shape_job(component, groups, task=task, refinement=refinement)
@@ -380,7 +380,7 @@ def _shape_job(
     task: Literal["mesh", "describe", "estimate"],
     refinement: float = 1.0,
 ) -> MeshJob:
-    """What the child process is to do; the same for components of the same shape, patches and mesh
+    """What the worker process is to do; the same for components of the same shape, patches and mesh
     settings.
     """
     solid = component.solid
@@ -496,12 +496,12 @@ def _mesh_grid(component: Component, groups: Groups, what: str) -> MeshData:
 
 
 def read_mesh_file(solid: MeshFile, what: str, time_limit: float = DESCRIBE_TIME_LIMIT) -> MeshData:
-    """Read a mesh file in a child process, in metres.
+    """Read a mesh file in a worker process, in metres.
 
     Args:
         solid: The file and its unit.
         what: Whose mesh it is, for messages.
-        time_limit: Processor time of the child [s].
+        time_limit: Processor time of the worker process [s].
 
     Raises:
         MeshError: It cannot be read.

@@ -1,4 +1,4 @@
-"""Reads finished meshes in Exodus files and adds side sets to them; the reader runs in a child:
+"""Reads finished meshes in Exodus files and adds side sets to them; the reader runs in a worker process:
 ``python -m headstock.meshing.files.exodus``.
 
 meshio writes Exodus without side sets; its reader knows neither them, nor sets without a name, nor
@@ -19,7 +19,7 @@ from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.errors import MeshError
 from headstock.meshing.files.cells import MESHIO_SOLIDS, RawMesh, assemble_mesh, guard_reader
 from headstock.meshing.process.job import MeshData, MeshJob
-from headstock.meshing.process.serving import serve_job
+from headstock.meshing.process.worker import serve_job
 
 HAS_NETCDF = importlib.util.find_spec("netCDF4") is not None
 if HAS_NETCDF:  # a Python of the user's own may be without it

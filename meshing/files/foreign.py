@@ -1,4 +1,4 @@
-"""Reads finished meshes of Abaqus and Nastran into gmsh's node order, in a child: ``python -m
+"""Reads finished meshes of Abaqus and Nastran into gmsh's node order, in a worker process: ``python -m
 headstock.meshing.files.foreign``.
 """
 
@@ -20,7 +20,7 @@ from headstock.meshing.files.cells import (
 )
 from headstock.meshing.files.nastran import read_nastran_mesh
 from headstock.meshing.process.job import MeshData, MeshJob
-from headstock.meshing.process.serving import serve_job
+from headstock.meshing.process.worker import serve_job
 
 COUNT_KINDS: dict[int, CellKind] = {count: kind for kind, count in NODE_COUNTS.items()}
 

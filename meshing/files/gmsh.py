@@ -1,4 +1,4 @@
-"""Reads finished gmsh meshes (runs in the child process)."""
+"""Reads finished gmsh meshes (runs in the worker process)."""
 
 from pathlib import Path
 from typing import Any, BinaryIO

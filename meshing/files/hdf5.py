@@ -1,4 +1,4 @@
-"""Reads finished meshes whose arrays lie in HDF5, XDMF and MED, in a child: ``python -m
+"""Reads finished meshes whose arrays lie in HDF5, XDMF and MED, in a worker process: ``python -m
 headstock.meshing.files.hdf5``.
 
 XDMF values and kinds of cells are read by meshio; several grids in one file, as dolfinx writes
@@ -31,7 +31,7 @@ from headstock.meshing.files.cells import (
     guard_reader,
 )
 from headstock.meshing.process.job import MeshData, MeshJob
-from headstock.meshing.process.serving import serve_job
+from headstock.meshing.process.worker import serve_job
 
 MED_NAME_BYTES = 80
 AnyArray = NDArray[Any]

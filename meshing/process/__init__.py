@@ -1,1 +1,1 @@
-"""The meshing job, the guarded child process that does it, and its limits. Never what is meshed."""
+"""The meshing job, the isolated worker process that does it, and its limits. Never what is meshed."""

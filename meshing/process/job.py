@@ -1,4 +1,4 @@
-"""Jobs for the meshing child process and their results, as JSON and npz."""
+"""Jobs for the meshing worker process and their results, as JSON and npz."""
 
 import dataclasses
 import json
@@ -30,7 +30,7 @@ _DECODER = json.JSONDecoder(
 
 @dataclass(frozen=True)
 class MeshJob:
-    """What the child process is to do; lengths in the job's own unit.
+    """What the worker process is to do; lengths in the job's own unit.
 
     Attributes:
         task: ``mesh`` (mesh a CAD shape), ``describe`` (only its properties), ``estimate`` (also
@@ -72,7 +72,7 @@ class MeshJob:
 
 @dataclass(frozen=True, eq=False)
 class MeshData:
-    """What the child process found; lengths in the job's own unit.
+    """What the worker process found; lengths in the job's own unit.
 
     Attributes:
         points: ``(n, 3)``; empty when only described.

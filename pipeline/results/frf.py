@@ -20,7 +20,7 @@ Spacing = Literal["linear", "log"]
 
 
 class DrivePointSummary(TypedDict):
-    """The entry of a port; keys in SI are those of rotations."""
+    """The entry of a drive point; keys in SI are those of rotations."""
 
     dof: list[str]
     most_negative_real_hz: float | None
@@ -70,7 +70,7 @@ class ResponseSummary(TypedDict):
 
 @dataclass(frozen=True, eq=False)
 class DrivePointFigures:
-    """What the response at one port to a load there says about cutting.
+    """What the response at one drive point to a load there says about cutting.
 
     Attributes:
         channel: Name and direction.
@@ -166,7 +166,7 @@ class PoseResponse(Answer):
         damped: Any damping is on.
         free_body: Entries without a value at 0 Hz, as ``output / input``.
         singular_hz: Frequencies on the pole of an undamped mode.
-        figures: Of every port that is input and output.
+        figures: Of every drive point, which is input and output.
         error_left_out: What is not in the errors, in plain words.
     """
 
@@ -199,7 +199,7 @@ class PoseResponse(Answer):
             "singular_hz": list(self.singular_hz),
             "error": _summarise_error(curves),
             "error_left_out": list(self.error_left_out),
-            "drive_points": [_summarise_port(figures) for figures in self.figures],
+            "drive_points": [_summarise_drive_point(figures) for figures in self.figures],
         }
 
     def fill(self, file: h5py.File) -> None:
@@ -229,7 +229,7 @@ def parse_curves(pose: str, group: h5py.Group) -> ResponseCurves:
         KeyError: A part is missing.
     """
     inputs, outputs = (
-        tuple(split_port(text.decode()) for text in group[name][:])
+        tuple(split_channel(text.decode()) for text in group[name][:])
         for name in ("inputs", "outputs")
     )
     given = group.attrs
@@ -252,13 +252,13 @@ def _parse_errors(group: h5py.Group) -> dict[str, FloatArray]:
     return {REDUCTION: group["error"][:]} if "error" in group else {}
 
 
-def split_port(text: str) -> Channel:
-    """The port of a name such as ``tcp x``."""
+def split_channel(text: str) -> Channel:
+    """The channel of a name such as ``tcp x``."""
     name, _, direction = text.rpartition(" ")
     return name, direction
 
 
-def _summarise_port(figures: DrivePointFigures) -> DrivePointSummary:
+def _summarise_drive_point(figures: DrivePointFigures) -> DrivePointSummary:
     linear = figures.channel[1] in "xyz"
     soft, stiff = (UM_PER_KN, N_PER_UM) if linear else (1.0, 1.0)
     static, worst, error = (

@@ -10,7 +10,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.answers import Answer
-from headstock.pipeline.results.frf import split_port
+from headstock.pipeline.results.frf import split_channel
 from headstock.solvers.paths.response import PathDeviation, ZoneFigures
 from headstock.solvers.second_order import Channel, name_channel
 
@@ -296,7 +296,7 @@ def parse_path(group: h5py.Group) -> PathCurves:
     return PathCurves(
         feed=float(group.attrs["feed"]),
         zones=(first, second),
-        outputs=tuple(split_port(text.decode()) for text in group["outputs"][:]),
+        outputs=tuple(split_channel(text.decode()) for text in group["outputs"][:]),
         deviation=deviation,
         frozen=group["frozen"][:],
         positions=group["positions"][:],

@@ -204,7 +204,7 @@ def _reaches(frequencies_hz: FloatArray, bounded: BoolArray, hz: float) -> bool:
 
 
 def run_frf_stage(state: RunState, stage: Stage) -> Outcome:
-    """Frequency response at the ports asked for, from 0 Hz on, with what it says about cutting."""
+    """Frequency response between the requested channels, from 0 Hz on, with what it says about cutting."""
     if not state.is_root:
         return Outcome()
     solved = respond(pose_model(state))
@@ -324,12 +324,12 @@ def _port_figures(
     modes_hz: FloatArray,
     names: tuple[str, ...],
 ) -> tuple[DrivePointFigures, ...]:
-    by_port = {figures.channel: figures for figures in stability}
+    by_channel = {figures.channel: figures for figures in stability}
     found = []
     for channel in request.inputs:
         if channel in request.outputs:
             row, column = request.outputs.index(channel), request.inputs.index(channel)
-            static, own = float(model.at_rest[row, column]), by_port.get(channel)
+            static, own = float(model.at_rest[row, column]), by_channel.get(channel)
             found.append(
                 DrivePointFigures(
                     channel=channel,

@@ -83,7 +83,7 @@ class CoupledPose:
         return np.asarray(self.coupled.basis @ motions)
 
     def push(self, channel: Channel) -> FloatArray:
-        """Motion of the system ``(n,)`` under a unit force at a port, as far as free motions leave
+        """Motion of the system ``(n,)`` under a unit force in a channel, as far as free motions leave
         it determined.
         """
         return solve_machine_static(self.coupled, self.system.inputs[channel]).displacements

@@ -87,7 +87,7 @@ class LumpedPose:
         return np.concatenate([moving @ motions for moving in self.placed.body_motions.values()])
 
     def push(self, channel: Channel) -> FloatArray:
-        """Motion of the system ``(n,)`` under a unit force at a port."""
+        """Motion of the system ``(n,)`` under a unit force in a channel."""
         return solve_static(self.system, self.system.inputs[channel]).displacements
 
     def name_modes(self, modes: ModalResult) -> NamedModes:

@@ -82,7 +82,7 @@ def _close_path(
         shares=axis_shares(request),
         travel=np.array(
             [
-                _travel_of_port(machine, directions, name=name, dof=dof)
+                _travel_of_channel(machine, directions, name=name, dof=dof)
                 for name, dof in request.outputs
             ]
         ),
@@ -137,7 +137,7 @@ def cutting_loads(
 
 def _tool_travel(machine: Machine, directions: Mapping[str, FloatArray], point: str) -> FloatArray:
     return np.array(
-        [_travel_of_port(machine, directions, name=point, dof=dof) for dof in DIRECTIONS]
+        [_travel_of_channel(machine, directions, name=point, dof=dof) for dof in DIRECTIONS]
     )
 
 
@@ -150,10 +150,10 @@ def axis_shares(request: PathRequest) -> dict[str, float]:
     }
 
 
-def _travel_of_port(
+def _travel_of_channel(
     machine: Machine, directions: Mapping[str, FloatArray], *, name: str, dof: str
 ) -> float:
-    """How the rigid machine moves a port per travel along a path; axes that move do not turn."""
+    """How the rigid machine moves a point per travel along a path; axes that move do not turn."""
     if dof not in DIRECTIONS:
         return 0.0
     rest = np.zeros(3)

@@ -124,7 +124,7 @@ class PoseModel(Protocol):
         """Motions of superelement dofs ``(n_all, k)`` of motions of the system ``(n, k)``."""
 
     def push(self, channel: Channel) -> FloatArray:
-        """Motion of the system ``(n,)`` under a unit force or moment at a port [m/N]."""
+        """Motion of the system ``(n,)`` under a unit force or moment in a channel [m/N]."""
 
     def name_modes(self, modes: ModalResult) -> NamedModes:
         """Names and energy shares of undamped modes."""

@@ -1,8 +1,8 @@
 """Superelements in Headstock's own HDF5 layout: one data set, attribute or group per field of
 ``Superelement``.
 
-A file is first read by a child process, ``python -m headstock.pipeline.storage.superelements <
-FILE``: the HDF5 library has ended whole processes on damaged files, and what the child survives its
+A file is first read by a worker process, ``python -m headstock.pipeline.storage.superelements <
+FILE``: the HDF5 library has ended whole processes on damaged files, and what the worker survives its
 parent can read.
 """
 
@@ -18,7 +18,7 @@ import scipy.linalg
 from headstock.geometry.errors import printable
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import DEGREE
-from headstock.meshing.process.guarded import ChildLimits, accept_guard, run_guarded_child
+from headstock.meshing.process.isolation import WorkerLimits, accept_limits, run_isolated
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.records import (
@@ -34,7 +34,7 @@ from headstock.reduction.superelement_checks import dof_scale
 
 FORMAT = "headstock superelement"
 VERSION = 2  # 1 had the recovery basis and the error estimates among the matrices
-# limits of the child process that reads a file first: fixed, and growing with the file
+# limits of the worker process that reads a file first: fixed, and growing with the file
 PROBE = "headstock.pipeline.storage.superelements"
 REFUSED = 3
 MEMORY_BYTES = 768 << 20
@@ -73,7 +73,7 @@ def write_superelement(
 
 
 def read_superelement(path: Path) -> Superelement:
-    """Read a superelement file and check that its parts fit together; a child process with limits
+    """Read a superelement file and check that its parts fit together; a worker process with limits
     reads it first.
 
     Raises:
@@ -87,7 +87,7 @@ def read_superelement(path: Path) -> Superelement:
             raise RecordError(
                 f"{path} is no superelement file: it has more than {LARGEST_FILE >> 30} GiB"
             )
-        # once: what the child finds sound is what is read, whoever writes to the file meanwhile
+        # once: what the worker finds sound is what is read, whoever writes to the file meanwhile
         content = path.read_bytes()
         _probe(content, path.name)
         return parse_superelement(io.BytesIO(content), str(path))
@@ -132,10 +132,10 @@ def parse_superelement(content: BinaryIO, name: str) -> Superelement:
 def _probe(content: bytes, name: str) -> None:
     size = len(content)
     more = size // 10_000_000
-    limits = ChildLimits(
+    limits = WorkerLimits(
         MEMORY_BYTES + MEMORY_FACTOR * size, SECONDS + more, WALL_SECONDS + 4 * more
     )
-    end = run_guarded_child(PROBE, [name], limits=limits, stdin=content)
+    end = run_isolated(PROBE, [name], limits=limits, stdin=content)
     if end.code == 0:
         return
     message = end.last_line
@@ -354,7 +354,7 @@ def main(arguments: list[str]) -> int:
     """Read the file on standard input within limits; 0 it is sound, 3 it is not and standard error
     says why.
     """
-    (name,) = accept_guard(arguments)
+    (name,) = accept_limits(arguments)
     try:
         parse_superelement(io.BytesIO(sys.stdin.buffer.read()), name)
     except RecordError as error:

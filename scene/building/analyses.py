@@ -5,7 +5,7 @@ may be wrong with them.
 from collections.abc import Sequence
 
 from headstock.geometry.frames import DIRECTIONS
-from headstock.scene.building.draft import Draft, check_name, check_port, check_pose_names
+from headstock.scene.building.draft import Draft, check_channel, check_name, check_pose_names
 from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import FrfRequest, ModalRequest, StaticRequest
 from headstock.scene.schema.effects import find_effect_fault
@@ -39,10 +39,10 @@ def build_frf(scene: SceneTable, poses: tuple[str, ...]) -> FrfRequest | None:
     frf = scene.analyses.frf
     if frf is None:
         return None
-    inputs = build_ports(frf.inputs or [(name, "") for name in scene.points])
+    inputs = build_channels(frf.inputs or [(name, "") for name in scene.points])
     return FrfRequest(
         inputs=inputs,
-        outputs=build_ports(frf.outputs) if frf.outputs else inputs,
+        outputs=build_channels(frf.outputs) if frf.outputs else inputs,
         to_hz=frf.to,
         from_hz=frf.start,
         points=frf.points,
@@ -53,8 +53,8 @@ def build_frf(scene: SceneTable, poses: tuple[str, ...]) -> FrfRequest | None:
     )
 
 
-def build_ports(channels: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
-    """Every port once, with its direction."""
+def build_channels(channels: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
+    """Every channel once, with its direction."""
     found = [(name, dof) for name, given in channels for dof in ([given] if given else DIRECTIONS)]
     return tuple(dict.fromkeys(found))
 
@@ -68,7 +68,7 @@ def check_requests(draft: Draft, findings: Findings) -> None:
         (("inputs", analyses.frf.inputs), ("outputs", analyses.frf.outputs)) if analyses.frf else ()
     ):
         for index, (name, _) in enumerate(channels or ()):
-            check_port(("analyses", "frf", key, index), name, draft, findings)
+            check_channel(("analyses", "frf", key, index), name, draft, findings)
     for name, table in (
         ("static", analyses.static),
         ("modal", analyses.modal),

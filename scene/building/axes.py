@@ -16,7 +16,7 @@ from headstock.scene.building.joints import build_joint, connects, find_joint_fa
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
-from headstock.scene.schema.connections import AxisTable
+from headstock.scene.schema.axes import AxisTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.types import show_direction
 

@@ -120,8 +120,8 @@ def check_end(key: KeyPath, end: JointEnd, draft: Draft, findings: Findings) -> 
         )
 
 
-def check_port(key: KeyPath, name: str, draft: Draft, findings: Findings) -> None:
-    """Report a port that is at neither a point nor ``component.interface``.
+def check_channel(key: KeyPath, name: str, draft: Draft, findings: Findings) -> None:
+    """Report a channel that is at neither a point nor ``component.interface``.
 
     Args:
         key: Where it is written.

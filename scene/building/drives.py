@@ -10,8 +10,8 @@ from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import DAMPING
 from headstock.scene.requests import ControlRequest, PathCut
-from headstock.scene.schema.connections import JointTable
 from headstock.scene.schema.drives import DriveTable, FrictionTable
+from headstock.scene.schema.joints import JointTable
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, MillingCut

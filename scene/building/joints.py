@@ -20,7 +20,7 @@ from headstock.scene.reading.units import (
     STIFFNESS,
     Quantity,
 )
-from headstock.scene.schema.connections import JointTable, ScrewTable
+from headstock.scene.schema.joints import JointTable, ScrewTable
 from headstock.scene.schema.scene import SceneTable
 
 RIGID = "rigid"

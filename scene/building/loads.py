@@ -9,7 +9,7 @@ from headstock.scene.building.draft import Draft, check_end, check_name
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.schema.components import ComponentTable, PatchTable
-from headstock.scene.schema.connections import LoadTable, SupportTable
+from headstock.scene.schema.loads import LoadTable, SupportTable
 
 
 def build_support(name: str, table: SupportTable, components: dict[str, Component]) -> Support:

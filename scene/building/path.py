@@ -4,9 +4,9 @@ feeds and carriages.
 
 from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import MachinePath, Pose
-from headstock.scene.building.analyses import build_ports
+from headstock.scene.building.analyses import build_channels
 from headstock.scene.building.axes import find_position_fault
-from headstock.scene.building.draft import Draft, check_name, check_port
+from headstock.scene.building.draft import Draft, check_channel, check_name
 from headstock.scene.building.drives import build_drives, build_path_cut
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
@@ -40,7 +40,7 @@ def build_path_request(scene: SceneTable) -> PathRequest | None:
     return PathRequest(
         path=line,
         moves=tuple(SetPoint(line.length, feed, ramp) for feed in path.feeds),
-        outputs=build_ports(path.outputs or [(name, "") for name in scene.points]),
+        outputs=build_channels(path.outputs or [(name, "") for name in scene.points]),
         sampling_hz=path.sampling,
         low_pass=None if path.lowpass is None else LowPass(path.lowpass, path.filter),
         residual_time=path.residual_time,
@@ -55,7 +55,7 @@ def check_path(draft: Draft, findings: Findings) -> None:
     if table is None:
         return
     for index, (name, _) in enumerate(table.outputs or ()):
-        check_port((*KEY, "outputs", index), name, draft, findings)
+        check_channel((*KEY, "outputs", index), name, draft, findings)
     if table.pose is not None:
         check_name((*KEY, "pose"), table.pose, "poses", draft, findings)
     for end, stops in (("from", table.start), ("to", table.to)):

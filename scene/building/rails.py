@@ -21,7 +21,7 @@ from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import Scene
 from headstock.scene.schema.components import ComponentTable, InterfaceTable
-from headstock.scene.schema.connections import JointTable
+from headstock.scene.schema.joints import JointTable
 from headstock.scene.schema.scene import SceneTable
 
 DEFAULT_INTERVALS = 2.5  # intervals of control points per carriage length: docs/guideways.md says what more or fewer give

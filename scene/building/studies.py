@@ -18,7 +18,7 @@ from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.watch_paths import parse_watch
-from headstock.scene.schema.connections import PoseTable
+from headstock.scene.schema.axes import PoseTable
 from headstock.scene.schema.overrides import AS_WRITTEN, path_exists
 from headstock.scene.schema.scene import AnalysesTable, SceneTable
 from headstock.scene.schema.studies import MAX_SWEEP_POSES, FamilyTable, StudyTable, SweepTable

@@ -6,11 +6,11 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from headstock.scene.schema.connections import PoseTable
+from headstock.scene.schema.axes import PoseTable
 from headstock.scene.schema.mechanism import MillTable
 from headstock.scene.schema.types import (
+    ChannelName,
     Direction,
-    PortName,
     PositiveAngularSpeed,
     PositiveFrequency,
     PositiveLength,
@@ -22,7 +22,7 @@ from headstock.scene.schema.types import (
     problem,
 )
 
-Ports = Annotated[list[PortName], Field(min_length=1, max_length=30)]
+Channels = Annotated[list[ChannelName], Field(min_length=1, max_length=30)]
 Feeds = Annotated[list[PositiveSpeed], Field(min_length=1, max_length=20)]
 
 
@@ -50,7 +50,7 @@ class PathTable(RequestTable):
     time_constant: PositiveTime
     ramp: Literal["linear", "s_curve", "exponential"] = "linear"
     jerk_time: PositiveTime | None = None
-    outputs: Ports | None = None
+    outputs: Channels | None = None
     sampling: PositiveFrequency = 2500.0
     lowpass: PositiveFrequency | None = None
     filter: Literal["zero_phase", "causal"] = "zero_phase"

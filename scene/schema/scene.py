@@ -6,24 +6,19 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from headstock.scene.reading.units import ACCELERATION, show_value
+from headstock.scene.schema.axes import AxisTable, PointTable, PoseTable
 from headstock.scene.schema.components import ComponentTable, MaterialTable, OrientationTable
-from headstock.scene.schema.connections import (
-    AxisTable,
-    JointTable,
-    LoadTable,
-    PointTable,
-    PoseTable,
-    ProbeTable,
-    SupportTable,
-)
 from headstock.scene.schema.drives import ControlTable, DriveTable
 from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
+from headstock.scene.schema.joints import JointTable
+from headstock.scene.schema.loads import LoadTable, ProbeTable, SupportTable
 from headstock.scene.schema.mechanism import ContouringTable, MechanismTable
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.studies import StudyTable, SweepTable
 from headstock.scene.schema.types import (
     MAX_POSES,
     RATIO_FORM,
+    ChannelName,
     Count,
     Flag,
     Frequency,
@@ -31,7 +26,6 @@ from headstock.scene.schema.types import (
     Name,
     Names,
     OrForm,
-    PortName,
     PositiveFrequency,
     PositiveMemory,
     PositiveTime,
@@ -44,7 +38,7 @@ from headstock.scene.schema.types import (
     read_share,
 )
 
-Ports = Annotated[list[PortName], Field(min_length=1, max_length=100)]
+Channels = Annotated[list[ChannelName], Field(min_length=1, max_length=100)]
 TIGHTEST, LOOSEST = 1e-4, 0.2
 MAX_INCLUDED = 50
 _PREFIX = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}")
@@ -53,8 +47,8 @@ _PREFIX = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}")
 class FrfTable(RequestTable):
     """Frequency response between points, or interfaces, from one frequency to another."""
 
-    inputs: Ports | None = None
-    outputs: Ports | None = None
+    inputs: Channels | None = None
+    outputs: Channels | None = None
     start: Annotated[Frequency, Field(alias="from")] = 0.0
     to: PositiveFrequency
     points: Annotated[Count, Field(ge=2, le=100_000)] = 401

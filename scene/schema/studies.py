@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
 from headstock.scene.reading.watch_paths import MEASURED_NAMES, WatchError, parse_watch
-from headstock.scene.schema.connections import PoseTable
+from headstock.scene.schema.axes import PoseTable
 from headstock.scene.schema.types import (
     AxisPosition,
     Count,

@@ -395,7 +395,7 @@ NotNegativeShare = Annotated[
 ]
 
 
-def _read_port(value: object) -> tuple[str, str]:
+def _read_channel(value: object) -> tuple[str, str]:
     if isinstance(value, str) and value:
         return value, ""
     if (
@@ -404,7 +404,7 @@ def _read_port(value: object) -> tuple[str, str]:
         or not all(isinstance(part, str) for part in value)
     ):
         raise problem(
-            f'{show_value(value)} is no port; write ["tcp", "x"], or "tcp" for x, y and z'
+            f'{show_value(value)} names no point and direction; write ["tcp", "x"], or "tcp" for x, y and z'
         )
     if value[1] not in DOF_NAMES:
         raise problem(
@@ -420,9 +420,9 @@ class RequestTable(StrictTable):
 
 
 # a point or component.interface, and a direction; empty for x, y and z
-PortName = Annotated[
+ChannelName = Annotated[
     tuple[str, str],
-    BeforeValidator(_read_port),
+    BeforeValidator(_read_channel),
     JsonForm(
         {
             "description": "point or component.interface with direction",

@@ -476,18 +476,18 @@ def test_where_no_view_can_be_made_the_remedy_is_said(host: Host) -> None:
 VIEW = """#!{python} -P
 import ctypes, os, sys
 sys.path.insert(0, {packages!r})
-from headstock.meshing.process import guarded
+from headstock.meshing.process import isolation
 
 uid, gid, words, stage, folder = os.geteuid(), os.getegid(), sys.argv[1:], {stage!r}, "/"
 os.unshare(os.CLONE_NEWUSER | os.CLONE_NEWNS)
 for name, text in (("setgroups", "deny"), ("uid_map", f"{{uid}} {{uid}} 1"), ("gid_map", f"{{gid}} {{gid}} 1")):
     open(f"/proc/self/{{name}}", "w").write(text)
-guarded._call("mount", None, b"/", None, guarded.MS_REC | guarded.MS_PRIVATE, None)
-guarded._call("mount", b"tmpfs", stage.encode(), b"tmpfs", 0, None)
+isolation._call("mount", None, b"/", None, isolation.MS_REC | isolation.MS_PRIVATE, None)
+isolation._call("mount", b"tmpfs", stage.encode(), b"tmpfs", 0, None)
 
 def close(target, flags):
-    wanted = (ctypes.c_uint64 * 4)(guarded.MOUNT_ATTR_RDONLY, 0, 0, 0)
-    guarded._syscall(guarded.SYS_MOUNT_SETATTR, guarded.AT_FDCWD, target.encode(), flags, wanted, ctypes.c_size_t(32))
+    wanted = (ctypes.c_uint64 * 4)(isolation.MOUNT_ATTR_RDONLY, 0, 0, 0)
+    isolation._syscall(isolation.SYS_MOUNT_SETATTR, isolation.AT_FDCWD, target.encode(), flags, wanted, ctypes.c_size_t(32))
 
 while words[0].startswith("--"):
     option = words.pop(0)
@@ -501,14 +501,14 @@ while words[0].startswith("--"):
         elif not os.path.exists(target):
             os.makedirs(os.path.dirname(target), exist_ok=True)
             open(target, "w").close()
-        guarded._call("mount", first.encode(), target.encode(), None, guarded.MS_BIND | guarded.MS_REC, None)
+        isolation._call("mount", first.encode(), target.encode(), None, isolation.MS_BIND | isolation.MS_REC, None)
         if option == "--ro-bind":
-            close(target, guarded.AT_RECURSIVE)
+            close(target, isolation.AT_RECURSIVE)
     elif option == "--symlink":
         os.symlink(first, stage + words.pop(0))
     elif option == "--tmpfs":
         os.makedirs(stage + first, exist_ok=True)
-        guarded._call("mount", b"tmpfs", (stage + first).encode(), b"tmpfs", 0, None)
+        isolation._call("mount", b"tmpfs", (stage + first).encode(), b"tmpfs", 0, None)
     elif option == "--remount-ro":
         close((stage + first).rstrip("/"), 0)
     else:

@@ -345,7 +345,7 @@ def test_closed_form_description_needs_no_child_process(
     make_component: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "subprocess.run", lambda *_, **__: pytest.fail("a child process was started")
+        "subprocess.run", lambda *_, **__: pytest.fail("a worker process was started")
     )
     component = make_component(COLUMN, {**ENDS, "disk": DISK, "rect": RECT})
     assert describe_component(component).patch_areas["disk"] == pytest.approx(np.pi * 0.005**2)

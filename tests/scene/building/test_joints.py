@@ -8,7 +8,7 @@ import pytest
 from headstock.pipeline.stages.rigid_checks import find_unheld_motions
 from headstock.scene.building.joints import KINDS, build_joint, find_joint_faults, joint_rotation
 from headstock.scene.building.loader import load_scene
-from headstock.scene.schema.connections import JointTable
+from headstock.scene.schema.joints import JointTable
 
 K = "1 N/um"
 R = "5 N m/rad"

@@ -1,4 +1,4 @@
-"""Runs a meshing job in a child process with limits of time and memory."""
+"""Runs a meshing job in a worker process with limits of time and memory."""
 
 import errno
 import math
@@ -10,11 +10,11 @@ from pathlib import Path
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.errors import MeshError, PartFileError, PatchError
 from headstock.meshing.formats import find_format
-from headstock.meshing.process.guarded import ChildEnd, ChildLimits, run_guarded_child
+from headstock.meshing.process.isolation import WorkerEnd, WorkerLimits, run_isolated
 from headstock.meshing.process.job import MeshData, MeshJob, format_job, read_data
-from headstock.meshing.process.serving import BAD_FILE, BAD_PATCH, REFUSED
+from headstock.meshing.process.worker import BAD_FILE, BAD_PATCH, REFUSED
 
-# what answers in the child: `perform_job` there, which calls `mesh_shape` of meshing/cad/meshing.py
+# what answers in the worker: `perform_job` there, which calls `mesh_shape` of meshing/cad/meshing.py
 GMSH_WORKER = "headstock.meshing.cad.worker"
 MEMORY_BYTES = 8 << 30
 # What honest mesh files need, so that a small file that lies about its counts is stopped early.
@@ -31,23 +31,23 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 def run_job(
     job: MeshJob, *, what: str, time_limit: float, memory_bytes: int = MEMORY_BYTES
 ) -> MeshData:
-    """Run a job in a child process.
+    """Run a job in a worker process.
 
     Args:
         job: What to do.
         what: Names the component in messages.
-        time_limit: Processor time after which the child is killed [s]; it waits for processors and
+        time_limit: Processor time after which the worker is killed [s]; it waits for processors and
             disks at most four times as long.
-        memory_bytes: Limit on the child's address space.
+        memory_bytes: Limit on the worker's address space.
 
     Raises:
-        MeshError: The file is none, the child refused the job, ran out of time, memory or room on
+        MeshError: The file is none, the worker refused the job, ran out of time, memory or room on
             the disk, or crashed.
     """
     worker = GMSH_WORKER
-    # processor time, so that the same part meshes on a busy machine; it also ends a child that
+    # processor time, so that the same part meshes on a busy machine; it also ends a worker that
     # nobody waits for
-    limits = ChildLimits(memory_bytes, math.ceil(time_limit), WALL_FACTOR * time_limit)
+    limits = WorkerLimits(memory_bytes, math.ceil(time_limit), WALL_FACTOR * time_limit)
     readable = []
     if isinstance(job.solid, StepFile | MeshFile):
         path = job.solid.path
@@ -68,7 +68,7 @@ def run_job(
             limits = _limit_reading(limits, readable)
     # without a name in the file system, so that nothing stays behind however this process ends
     with tempfile.TemporaryFile() as result:
-        end = run_guarded_child(
+        end = run_isolated(
             worker, [], limits=limits, readable=readable, stdin=format_job(job), result=result
         )
         if end.code == 0:
@@ -77,17 +77,17 @@ def run_job(
         raise _failure(end, job, what)
 
 
-def _limit_reading(limits: ChildLimits, readable: Sequence[Path]) -> ChildLimits:
+def _limit_reading(limits: WorkerLimits, readable: Sequence[Path]) -> WorkerLimits:
     size = sum(path.stat().st_size for path in readable if path.is_file())
-    return ChildLimits(
+    return WorkerLimits(
         min(limits.memory_bytes, READING_BYTES + READING_FACTOR * size),
         min(limits.cpu_seconds, math.ceil(READING_SECONDS + READING_SECONDS_PER_MB * size / 1e6)),
         limits.wall_seconds,
     )
 
 
-def _failure(end: ChildEnd, job: MeshJob, what: str) -> MeshError:
-    """Why a child failed; a disk without room is the cause of the error, so that nobody takes it
+def _failure(end: WorkerEnd, job: MeshJob, what: str) -> MeshError:
+    """Why a worker process failed; a disk without room is the cause of the error, so that nobody takes it
     for a fault of the mesh.
     """
     for lost in (code for code in NO_ROOM if os.strerror(code) in end.errors):
@@ -105,7 +105,7 @@ def _failure(end: ChildEnd, job: MeshJob, what: str) -> MeshError:
     return PartFileError(text) if end.code == BAD_FILE else MeshError(text)
 
 
-def _explain(end: ChildEnd, job: MeshJob) -> str:
+def _explain(end: WorkerEnd, job: MeshJob) -> str:
     if end.code in (REFUSED, BAD_FILE):
         return end.last_line
     doing, remedy = "meshing", "write a larger mesh size"

@@ -6,8 +6,8 @@ import pytest
 from faults.small_disks import limited_room
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.errors import MeshError
-from headstock.meshing.process.child import run_job
 from headstock.meshing.process.job import MeshJob
+from headstock.meshing.process.running import run_job
 from headstock.studies.parameters.runs import blames_surroundings
 
 pytestmark = pytest.mark.process

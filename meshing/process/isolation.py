@@ -1,7 +1,7 @@
-"""Child processes that read files of strangers: how they are started, which limits they take, what
+"""Worker processes that read files of strangers: how they are started, which limits they take, what
 they see.
 
-A child imports what it needs, calls `accept_guard` and only then opens the file. From there on it
+A worker imports what it needs, calls `accept_limits` and only then opens the file. From there on it
 has limits on its address space, processor time, wall-clock time and written files, and where the
 kernel grants user namespaces it has no capabilities, no network, no other processes, and a file
 system of read-only binds and one scratch folder in memory.
@@ -23,7 +23,7 @@ from typing import BinaryIO
 
 from headstock.geometry.errors import OUT_OF_MEMORY
 
-# gmsh may be linked with MPI: a child that sees its parent's launcher variables would join the
+# gmsh may be linked with MPI: a worker that sees its parent's launcher variables would join the
 # parent's job
 LAUNCHER_PREFIXES = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "MPI_")
 # a process with threads is not let into a user namespace
@@ -54,8 +54,8 @@ CAPABILITY_VERSION_3 = 0x20080522
 
 
 @dataclass(frozen=True)
-class ChildLimits:
-    """What a child may use.
+class WorkerLimits:
+    """What a worker process may use.
 
     Attributes:
         memory_bytes: Of address space, and of each file it writes.
@@ -67,11 +67,11 @@ class ChildLimits:
     cpu_seconds: int
     wall_seconds: float
 
-    def within_shell(self) -> "ChildLimits":
+    def within_shell(self) -> "WorkerLimits":
         """These limits, or those of the calling shell (``ulimit -v``, ``ulimit -t``) where they are
         lower.
         """
-        return ChildLimits(
+        return WorkerLimits(
             _at_most(resource.RLIMIT_AS, self.memory_bytes),
             _at_most(resource.RLIMIT_CPU, self.cpu_seconds),
             self.wall_seconds,
@@ -79,8 +79,8 @@ class ChildLimits:
 
 
 @dataclass(frozen=True)
-class ChildEnd:
-    """How a child ended.
+class WorkerEnd:
+    """How a worker process ended.
 
     Attributes:
         code: Exit code; minus the number of the signal that ended it.
@@ -91,8 +91,8 @@ class ChildEnd:
 
     code: int
     errors: str
-    limits: ChildLimits
-    wanted: ChildLimits
+    limits: WorkerLimits
+    wanted: WorkerLimits
 
     @property
     def last_line(self) -> str:
@@ -142,16 +142,16 @@ class ChildEnd:
         )
 
 
-def run_guarded_child(
+def run_isolated(
     module: str,
     words: Sequence[str],
     *,
-    limits: ChildLimits,
+    limits: WorkerLimits,
     readable: Sequence[Path] = (),
     stdin: str | bytes | BinaryIO = "",
     result: BinaryIO | None = None,
-) -> ChildEnd:
-    """Run a module that calls `accept_guard` in a child process.
+) -> WorkerEnd:
+    """Run a module that calls `accept_limits` in a worker process.
 
     Args:
         module: Name of the module.
@@ -163,10 +163,14 @@ def run_guarded_child(
         result: Open file it may write; its number is the last argument.
     """
     wanted, limits = limits, limits.within_shell()
-    guard = {"parent": os.getpid(), "readable": [str(path) for path in readable], **asdict(limits)}
+    settings = {
+        "parent": os.getpid(),
+        "readable": [str(path) for path in readable],
+        **asdict(limits),
+    }
     passed = [] if result is None else [result.fileno()]
     # -P: a module in the user's working folder must not stand in for ours
-    command = [sys.executable, "-P", "-m", module, json.dumps(guard), *words, *map(str, passed)]
+    command = [sys.executable, "-P", "-m", module, json.dumps(settings), *words, *map(str, passed)]
     environment = {
         name: value for name, value in os.environ.items() if not name.startswith(LAUNCHER_PREFIXES)
     }
@@ -181,33 +185,33 @@ def run_guarded_child(
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         pass_fds=passed,
-    ) as child:
+    ) as worker:
         try:
-            _, errors = child.communicate(given, timeout=limits.wall_seconds)
-            code = child.returncode
+            _, errors = worker.communicate(given, timeout=limits.wall_seconds)
+            code = worker.returncode
         except subprocess.TimeoutExpired:
-            child.kill()
-            _, errors = child.communicate()
+            worker.kill()
+            _, errors = worker.communicate()
             code = -signal.SIGALRM
         except BaseException:
-            child.kill()
+            worker.kill()
             raise
-    return ChildEnd(code, errors.decode(errors="replace"), limits, wanted)
+    return WorkerEnd(code, errors.decode(errors="replace"), limits, wanted)
 
 
-def accept_guard(arguments: Sequence[str]) -> list[str]:
-    """Take the guard that `run_guarded_child` wrote as the first argument; call it once everything
+def accept_limits(arguments: Sequence[str]) -> list[str]:
+    """Take the limits that `run_isolated` wrote as the first argument; call it once everything
     is imported and nothing is read.
 
     Returns:
         The other arguments.
     """
-    guard = json.loads(arguments[0])
-    _end_with_parent(guard["parent"])
-    _set_limits(guard["memory_bytes"], guard["cpu_seconds"])
-    isolate(guard["readable"])
-    # also ends a child that nobody waits for
-    signal.setitimer(signal.ITIMER_REAL, guard["wall_seconds"] + GRACE_SECONDS)
+    settings = json.loads(arguments[0])
+    _end_with_parent(settings["parent"])
+    _set_limits(settings["memory_bytes"], settings["cpu_seconds"])
+    isolate(settings["readable"])
+    # also ends a worker that nobody waits for
+    signal.setitimer(signal.ITIMER_REAL, settings["wall_seconds"] + GRACE_SECONDS)
     return list(arguments[1:])
 
 
@@ -299,7 +303,7 @@ def _below_hard(kind: int, wanted: int) -> int:
 
 
 def _end_with_parent(parent: int) -> None:
-    """Die when the parent does, so that a killed run leaves no child behind (Linux; elsewhere the
+    """Die when the parent does, so that a killed run leaves no worker behind (Linux; elsewhere the
     alarm ends it).
     """
     if sys.platform == "linux":

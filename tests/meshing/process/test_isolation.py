@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from headstock.meshing.process.guarded import ChildEnd, ChildLimits, isolate, run_guarded_child
+from headstock.meshing.process.isolation import WorkerEnd, WorkerLimits, isolate, run_isolated
 
-LIMITS = ChildLimits(memory_bytes=1 << 30, cpu_seconds=20, wall_seconds=60.0)
-Run = Callable[..., ChildEnd]
+LIMITS = WorkerLimits(memory_bytes=1 << 30, cpu_seconds=20, wall_seconds=60.0)
+Run = Callable[..., WorkerEnd]
 
 
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Runs lines of code in a guarded child; what it writes on standard error is in ``errors``."""
+    """Runs lines of code in an isolated worker process; what it writes on standard error is in ``errors``."""
     modules = tmp_path / "modules"
     modules.mkdir()
     monkeypatch.syspath_prepend(modules)
@@ -25,15 +25,15 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     def run_code(
         code: str,
         *words: str,
-        limits: ChildLimits = LIMITS,
+        limits: WorkerLimits = LIMITS,
         readable: tuple[Path, ...] = (),
         imports: str = "",
-    ) -> ChildEnd:
-        start = "import os, socket, sys, time\nfrom pathlib import Path\nfrom headstock.meshing.process.guarded import accept_guard\n"
-        (modules / "guarded_code.py").write_text(
-            imports + start + "words = accept_guard(sys.argv[1:])\n" + textwrap.dedent(code)
+    ) -> WorkerEnd:
+        start = "import os, socket, sys, time\nfrom pathlib import Path\nfrom headstock.meshing.process.isolation import accept_limits\n"
+        (modules / "isolated_code.py").write_text(
+            imports + start + "words = accept_limits(sys.argv[1:])\n" + textwrap.dedent(code)
         )
-        return run_guarded_child("guarded_code", words, limits=limits, readable=readable)
+        return run_isolated("isolated_code", words, limits=limits, readable=readable)
 
     return run_code
 
@@ -41,7 +41,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
 @pytest.fixture(scope="module")
 def _namespaces() -> None:
     code = (
-        "from headstock.meshing.process.guarded import isolate; import sys; sys.exit(isolate([]))"
+        "from headstock.meshing.process.isolation import isolate; import sys; sys.exit(isolate([]))"
     )
     done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True)
     if done.returncode:
@@ -49,7 +49,7 @@ def _namespaces() -> None:
 
 
 @pytest.mark.usefixtures("_namespaces")
-def test_a_child_sees_its_file_and_the_code_but_no_other_file_of_the_user(
+def test_a_worker_sees_its_file_and_the_code_but_no_other_file_of_the_user(
     run: Run, tmp_path: Path
 ) -> None:
     mine, other = tmp_path / "part.step", tmp_path / "secret.txt"
@@ -76,7 +76,7 @@ def test_threads_of_libraries_are_no_way_out(run: Run, monkeypatch: pytest.Monke
 
 
 @pytest.mark.usefixtures("_namespaces")
-def test_a_child_can_write_in_its_scratch_folder_only_and_nothing_of_it_stays(
+def test_a_worker_can_write_in_its_scratch_folder_only_and_nothing_of_it_stays(
     run: Run, tmp_path: Path
 ) -> None:
     mine = tmp_path / "part.step"
@@ -99,7 +99,7 @@ def test_a_child_can_write_in_its_scratch_folder_only_and_nothing_of_it_stays(
 
 
 @pytest.mark.usefixtures("_namespaces")
-def test_a_child_has_no_network_no_capabilities_and_no_way_to_its_parent(run: Run) -> None:
+def test_a_worker_has_no_network_no_capabilities_and_no_way_to_its_parent(run: Run) -> None:
     received: list[int] = []
     before = signal.signal(signal.SIGUSR1, lambda number, _: received.append(number))
     code = """
@@ -139,19 +139,19 @@ def test_a_file_is_seen_under_the_name_it_was_given_by(
         assert (given, end.last_line) == (given, "content")
 
 
-def test_a_child_that_waits_is_ended_by_the_wall_clock(run: Run) -> None:
-    end = run("time.sleep(3600)", limits=ChildLimits(1 << 30, 20, 1.5))
+def test_a_worker_that_waits_is_ended_by_the_wall_clock(run: Run) -> None:
+    end = run("time.sleep(3600)", limits=WorkerLimits(1 << 30, 20, 1.5))
     assert end.out_of_time == "1.5 s"
     assert not end.out_of_memory
 
 
-def test_a_child_that_computes_is_ended_by_its_processor_time(run: Run) -> None:
-    end = run("while True: pass", limits=ChildLimits(1 << 30, 1, 60.0))
+def test_a_worker_that_computes_is_ended_by_its_processor_time(run: Run) -> None:
+    end = run("while True: pass", limits=WorkerLimits(1 << 30, 1, 60.0))
     assert end.out_of_time == "1 s of processor time"
 
 
-def test_a_child_that_takes_memory_is_ended_by_its_limit(run: Run) -> None:
-    end = run("bytearray(1 << 30)", limits=ChildLimits(512 << 20, 20, 60.0))
+def test_a_worker_that_takes_memory_is_ended_by_its_limit(run: Run) -> None:
+    end = run("bytearray(1 << 30)", limits=WorkerLimits(512 << 20, 20, 60.0))
     assert end.code == 1
     assert end.out_of_memory
     assert end.memory_limit == "the limit of 0.5 GiB of memory"
@@ -165,12 +165,12 @@ def test_exit_codes_and_signals_of_a_child_reach_its_parent(run: Run) -> None:
 
 
 def test_a_killed_parent_leaves_no_child(run: Run, tmp_path: Path) -> None:
-    run("time.sleep(3600)", limits=ChildLimits(1 << 30, 20, 0.01))  # writes the module
+    run("time.sleep(3600)", limits=WorkerLimits(1 << 30, 20, 0.01))  # writes the module
     code = f"""
 import sys
 sys.path.insert(0, {str(tmp_path / "modules")!r})
-from headstock.meshing.process.guarded import ChildLimits, run_guarded_child
-run_guarded_child("guarded_code", [], limits=ChildLimits(1 << 30, 20, 3600.0), result=sys.stdout)
+from headstock.meshing.process.isolation import WorkerLimits, run_isolated
+run_isolated("isolated_code", [], limits=WorkerLimits(1 << 30, 20, 3600.0), result=sys.stdout)
 """
     parent = subprocess.Popen([sys.executable, "-P", "-c", code], stdout=subprocess.PIPE)
     assert parent.stdout is not None
@@ -201,7 +201,7 @@ def test_a_shell_with_limits_of_its_own_can_mesh(limits: str) -> None:
     code = """
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.process.job import MeshJob
-from headstock.meshing.process.child import run_job
+from headstock.meshing.process.running import run_job
 print(run_job(MeshJob("describe", Box((1.0, 2.0, 3.0))), what="box", time_limit=60.0).properties.volume)
 """
     command = ["bash", "-c", f'{limits}; exec "$@"', "bash", sys.executable, "-P", "-c", code]
@@ -213,7 +213,7 @@ def test_a_limit_of_the_shell_is_named_when_it_is_met() -> None:
     code = """
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.process.job import MeshJob
-from headstock.meshing.process.child import run_job
+from headstock.meshing.process.running import run_job
 run_job(MeshJob("mesh", Box((100.0, 40.0, 1000.0)), size=6.0, straight=True), what="column", time_limit=60.0)
 """
     command = [

@@ -1,4 +1,4 @@
-"""What both child processes do: read a job, perform it within its limits, write the result or one
+"""What both worker processes do: read a job, perform it within its limits, write the result or one
 line of refusal.
 """
 
@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 
 from headstock.meshing.errors import MeshError, PartFileError, PatchError
-from headstock.meshing.process.guarded import accept_guard
+from headstock.meshing.process.isolation import accept_limits
 from headstock.meshing.process.job import MeshData, MeshJob, parse_job, write_data
 
 REFUSED, BAD_FILE, BAD_PATCH = 3, 4, 5
@@ -17,14 +17,14 @@ def serve_job(arguments: list[str], perform: Callable[[MeshJob], MeshData]) -> i
     """Do the job that comes on standard input and write its result to a file the parent holds open.
 
     Args:
-        arguments: The guard, and the number of the open file that takes the result (npz).
+        arguments: The limits, and the number of the open file that takes the result (npz).
         perform: Does the job.
 
     Returns:
         Exit code: 0 done, 3 refused for a stated reason, 4 the file is to blame, 5 it lacks a patch, whose
         group is the line's first word.
     """
-    (result,) = accept_guard(arguments)
+    (result,) = accept_limits(arguments)
     try:
         data = perform(parse_job(sys.stdin.read()))
     except PatchError as error:
