@@ -86,7 +86,7 @@ def export_state_space(
     if state.is_root:
         if state.coupled is None:
             raise ModelError(
-                "a state space is exported from machines of joined components only, not from a lumped mechanism"
+                "a state space is exported for machines of coupled components only, not for a lumped mechanism"
             )
         system = damp_system(scene, state.coupled.system)
         space = to_state_space(system, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz)

@@ -14,7 +14,7 @@ from headstock.geometry.machine.machine import Pose, show_position
 from headstock.scene.reading.files import TomlValue
 
 VARIANT = (
-    "variant"  # varied like a key of the scene, by names of variants; "" is the scene as it stands
+    "variant"  # varied like a key of the scene, by names of variants; "" is the scene as written
 )
 MAX_POINTS = 100_000
 REFERENCE_RUN = "reference_run"  # family of the one point that the others are compared with

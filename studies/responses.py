@@ -20,7 +20,7 @@ PROMINENCE = 1.1  # times the higher of the valleys beside it: less is no peak
 # of the drive points' responses: what symmetry makes zero is left with this of an uneven mesh
 NEGLIGIBLE = 1e-3
 UNBOUNDED = (
-    "a mode in the range has no damping, so its peak has no top; write [effects] "
+    "a mode in the range has no damping, so its peak is unbounded; write [effects] "
     "damping = { modal = 0.02 }, or give joints or materials damping"
 )
 

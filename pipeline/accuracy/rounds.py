@@ -130,9 +130,7 @@ def _refine(
         if kind == RIGID_MODEL or (
             isinstance(parts[name].solid, MeshFile) and kind == DISCRETISATION
         ):
-            return Verdict(
-                True, scene, found, failure=f"the {kind} of {name} is not ours to refine"
-            )
+            return Verdict(True, scene, found, failure=f"the {kind} of {name} cannot be refined")
         if kind == DISCRETISATION:
             finer[name] = refine_mesh(finer[name], ratio=ratio, trials=trials.get(name, ()))
         else:

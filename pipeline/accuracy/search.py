@@ -178,7 +178,7 @@ def plan_first_round(scene: Scene) -> Plan:
         raise ValueError("the scene asks for no accuracy")
     plan = plan_scene(dataclasses.replace(plan_start(scene)[0], analyses=scene.analyses))
     note = (
-        f"accuracy = {100.0 * scene.accuracy.to:g} %: these are the settings of the first round; what owns the largest error is refined"
-        f" then, in up to {MOST_ROUNDS} rounds, and meshes and modes written in the scene are not used"
+        f"accuracy = {100.0 * scene.accuracy.to:g} %: these are the settings of the first round. In up to {MOST_ROUNDS} rounds the"
+        f" component with the largest error is refined. Meshes and modes written in the scene are not used"
     )
     return dataclasses.replace(plan, warnings=(*plan.warnings, note))

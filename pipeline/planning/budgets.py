@@ -177,7 +177,7 @@ def check_elapsed(seconds: float, limit_s: float | None, stage: Stage) -> None:
         raise BudgetError(
             f"{seconds:.3g} s have passed, limits.time allows {limit_s:g} s; stopped before {stage.kind}"
             + (f" of {due!r}" if due else "")
-            + ": earlier results are as they were, and what was meshed and reduced is kept for the next run"
+            + ": earlier results are unchanged; finished meshes and reductions are stored for the next run"
         )
 
 

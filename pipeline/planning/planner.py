@@ -177,7 +177,7 @@ def _spread_warnings(components: Mapping[str, Component], modal: ModalRequest | 
     ):
         return []
     return [
-        "modal.spread has nothing to vary: no component is elastic and has an interface that is no rail"
+        "modal.spread has nothing to vary: no elastic component has an interface other than a rail"
     ]
 
 
@@ -331,7 +331,7 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
             Stage(
                 "place",
                 None,
-                "loops closed in the pose, bodies and springs in its legs",
+                "loop-closure constraints solved in the pose; bodies and springs of its legs",
                 pose=pose.name,
             )
         ]
@@ -363,8 +363,8 @@ def contour_steps(request: ContouringRequest) -> float:
 
 def _plan_warnings(components: dict[str, Component]) -> tuple[str, ...]:
     return tuple(
-        f"component {name!r} is meshed with linear elements, which lock: bending comes out too stiff (a solid cantilever was seen"
-        " 10 to 50 % too high in frequency); write mesh = { order = 2 }"
+        f"component {name!r} is meshed with linear elements, which lock: they are too stiff in bending (frequencies of a solid cantilever were"
+        " 10 to 50 % too high); write mesh = { order = 2 }"
         for name, component in components.items()
         if component.fidelity == "elastic"
         and component.mesh.order == 1

@@ -414,7 +414,9 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
     if not request.damping_ratios:
         state.warn('the contour runs without damping: write [effects] damping = { modal = "2 %" }')
     if not request.cutting:
-        state.warn("the contour is run in air: write [effects] cutting_force = true to cut")
+        state.warn(
+            "the contour is simulated without cutting; write [effects] cutting_force = true to cut"
+        )
     record = None if request.forces is None or not request.cutting else read_forces(request.forces)
     # the linear model is one about the rigid path, the nonlinear one feels gravity turn by itself
     model = dataclasses.replace(
@@ -424,8 +426,8 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
     loss = None if record is None else resampling_loss(record, run.times)
     if loss is not None and loss > MOST_LOST:
         state.warn(
-            f"{100.0 * loss:.0f} % of the measured forces' rms is faster than the time steps and is averaged over them;"
-            " raise steps_per_turn in [analyses.contouring] to see it"
+            f"{100.0 * loss:.0f} % of the measured forces' rms is faster than the time steps resolve and is averaged out;"
+            " raise steps_per_turn in [analyses.contouring] to resolve it"
         )
     found = evaluate_contour(mechanism, model, request, run, loss)
     reported = ", ".join(

@@ -70,8 +70,8 @@ def run_control_stage(state: RunState, stage: Stage) -> Outcome:
     poles = find_loop_poles(loop)
     if poles.limit_hz < request.up_to_hz:
         state.warn(
-            f"control: with the dead time of the drives poles are right up to {poles.limit_hz:.4g} Hz only, and {request.up_to_hz:.4g} Hz"
-            " are asked for"
+            f"control: poles are valid up to {poles.limit_hz:.4g} Hz only (dead time of the drives), and {request.up_to_hz:.4g} Hz"
+            " are requested; lower up_to"
         )
     verdict = ""
     try:

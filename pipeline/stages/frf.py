@@ -249,7 +249,7 @@ def respond(
     bounded = peaks_have_tops(poles, request.to_hz)
     if not bounded:
         warnings.append(
-            "frequency response: a mode in the range has no damping, so its peak has no top; "
+            "frequency response: a mode in the range has no damping, so its peak is unbounded; "
             "write [effects] damping = true and give joints or materials damping, or damping = { modal = 0.02 }"
         )
     figures = find_stability_figures(model, response) if bounded else ()

@@ -224,8 +224,8 @@ def run_map_stage(state: RunState, stage: Stage) -> Outcome:
         return Outcome()
     if found.tracking_breaks:
         state.warn(
-            f"modes of the map cannot be followed by their shape between {found.tracking_breaks} pairs of neighbours;"
-            " a finer grid tells which is which"
+            f"modes of the map cannot be tracked by shape between {found.tracking_breaks} pairs of neighbouring poses;"
+            " write a finer grid"
         )
     first = found.quantities["f1_hz"]
     taken = int(np.isfinite(found.quantities["condition_number"]).sum())

@@ -150,7 +150,7 @@ def _damp_modes(
     for pole, growing_hz in zip(damped.poles, damped.frequencies_hz, strict=True):
         if pole.real > UNSTABLE * abs(pole) and pole.real > slowest:
             warnings.append(
-                f"a motion near {growing_hz:.4g} Hz grows by itself: its damping is negative; check the signs of the joints' damping"
+                f"a mode near {growing_hz:.4g} Hz is unstable: its damping is negative; check the signs of the joints' damping"
             )
     ratios, frequencies = damping_of_undamped(damped, count)
     ratios = tuple(
@@ -184,13 +184,13 @@ def _damp_modes(
             guesses.setdefault(found.dampers[mode], []).append(words)
     for damper, modes in guesses.items():
         warnings.append(
-            f"damping{_by(damper)} of mode {', '.join(modes)} is not converged: damping ratio and damped frequency are no more than rough "
-            "guesses; write a higher reduction.modes_to or a smaller mesh size. Where that moves them on and on, the damper swallows the "
-            "waves that reach it, and there is no such mode"
+            f"damping{_by(damper)} of mode {', '.join(modes)} is not converged: damping ratio and damped frequency are rough "
+            "estimates only; write a higher reduction.modes_to or a smaller mesh size. If they keep changing, the damper absorbs the "
+            "waves that reach it, and the mode does not exist"
         )
     for damper, modes in creeping.items():
         warnings.append(
-            f"mode {', '.join(modes)} is overdamped{_by(damper)}: it creeps back without oscillating; check the damping if that is not meant"
+            f"mode {', '.join(modes)} is overdamped{_by(damper)}: it returns without oscillating; check the damping if this is not intended"
         )
     return _Damping(
         ratios, frequencies, tuple(ratio_errors), tuple(frequency_errors), tuple(warnings)

@@ -39,9 +39,7 @@ def find_unheld_motions(scene: Scene) -> tuple[str, ...]:
         return ()
     points = () if scene.analyses.static is None else scene.analyses.static.at
     refused = [name for name in points if _has_no_answer(coupled, name)]
-    hopeless = (
-        f"there will be no static answer: every force at {', '.join(refused)} does work on that"
-    )
+    hopeless = f"the static analysis will be refused: every force at {', '.join(refused)} does work on that motion"
     return (warn_of_free_motions(motions), *([hopeless] if refused else []))
 
 

@@ -70,8 +70,8 @@ def _warn_of_mesh(component: Component, reduced: ReducedComponent, highest_hz: f
     if length >= FEWEST_NODES * spacing:
         return []
     return [
-        f"component {component.name!r}: at {highest_hz:.4g} Hz a wave in its walls of about {1e3 * thickness:.3g} mm is"
-        f" {1e3 * length:.3g} mm long, {length / spacing:.2g} nodes of its mesh, and frequencies there come out too high;"
+        f"component {component.name!r}: at {highest_hz:.4g} Hz the bending wavelength of its walls (about {1e3 * thickness:.3g} mm thick) is"
+        f" {1e3 * length:.3g} mm, {length / spacing:.2g} nodes of its mesh, so frequencies there are too high;"
         f' write mesh = {{ size = "{1e3 * 2.0 * length / FEWEST_NODES:.2g} mm" }}'
     ]
 
@@ -112,11 +112,11 @@ def _warn_of_locking(
     if share < LOCKED:
         return []
     size = quality.flat_size * (0.01 / share) ** (1.0 / 6.0)
-    amount = f"some {100.0 * share:.1g} %" if share < 0.5 else "many times"
+    amount = f"about {100.0 * share:.1g} %" if share < 0.5 else "many times"
     cure = ', or cells = "hex"' if isinstance(component.solid, Box) else ""
     return [
         f"component {component.name!r}: single tetrahedra of {1e3 * quality.flat_size:.3g} mm across walls of"
-        f" {1e3 * quality.flat_thickness:.3g} mm lock in bending, frequencies may come out {amount} too high;"
+        f" {1e3 * quality.flat_thickness:.3g} mm lock in bending, so frequencies may be {amount} too high;"
         f' write mesh = {{ size = "{1e3 * size:.2g} mm" }}{cure}'
     ]
 
@@ -233,7 +233,7 @@ def _warn_of_large_errors(state: RunState) -> list[str]:
             owner = max(parts, key=lambda key: parts[key])
             worst[owner] = max(worst.get(owner, (0.0, "")), (error.total / abs(value), what))
     return [
-        f"component {name!r}: {what} is no more than a rough guess, its ± is {share:.2g} times its value, most of it {source}; write"
+        f"component {name!r}: {what} is a rough estimate only: its ± is {share:.2g} times its value, most of it {source}; write"
         f" {'a higher reduction.modes_to' if source == REDUCTION else 'a smaller mesh size'}"
         for (name, source), (share, what) in worst.items()
     ]
@@ -251,7 +251,7 @@ def _component_warnings(name: str, reduced: ReducedComponent) -> list[str]:
     found = [f"component {name!r}: {message}" for message in reduced.superelement.warnings]
     if reduced.superelement.free_dofs:
         found.append(
-            f"component {name!r}: nothing holds the interface dofs {', '.join(reduced.superelement.free_dofs)}"
+            f"component {name!r}: interface dofs without mass and stiffness: {', '.join(reduced.superelement.free_dofs)}"
         )
     if reduced.quality is not None:
         found += [

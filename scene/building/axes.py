@@ -194,8 +194,8 @@ def check_floating(draft: Draft, findings: Findings) -> None:
         verb = "floats" if len(group) == 1 else "float together"
         findings.add(
             ("components", group[0]),
-            f"{', '.join(group)} {verb}: 6 rigid motions are free, since no joint or support leads to ground; join "
-            f'{"it" if len(group) == 1 else "one of them"} to "ground" or to a component that stands on it, or write free = true',
+            f"{', '.join(group)} {verb}: 6 rigid-body motions are free, since no joint or support leads to ground; connect "
+            f'{"it" if len(group) == 1 else "one of them"} to "ground" or to a grounded component, or write free = true',
         )
 
 
@@ -272,7 +272,7 @@ def _check_guides(name: str, axis: AxisTable, scene: SceneTable, findings: Findi
             findings.add(
                 ("joints", joint, "axis"),
                 f"{motion} {show_direction(own)}, but axis {name}, which it belongs to, moves along {show_direction(along)}: it would block the "
-                f"axis; write axis = {show_direction(along)}, or take it off the axis' joints",
+                f"axis; write axis = {show_direction(along)}, or remove it from the joints of the axis",
             )
 
 
@@ -284,15 +284,15 @@ def _check_moves(
     if not moves:
         findings.add(
             key,
-            f"moves nothing: without {joints} every component is still connected to ground; list every joint the axis slides in, "
-            'or name what it carries: moves = ["slider"]',
+            f"moves nothing: without {joints} every component is still connected to ground; list every joint of the axis, "
+            'or name the components that move: moves = ["slider"]',
         )
         return
     for joint in axis.joint_names():
         sides = [side in moves for side in edges[joint]]
         if sum(sides) != 1:
-            both = "both sides" if all(sides) else "no side"
+            both = "both ends" if all(sides) else "no end"
             findings.add(
                 key,
-                f"joint {joint} has {both} among what the axis moves ({', '.join(sorted(moves))}); correct joints or moves",
+                f"joint {joint} has {both} on components that the axis moves ({', '.join(sorted(moves))}); correct joints or moves",
             )

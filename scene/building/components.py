@@ -315,10 +315,10 @@ def find_patch_fault(table: PatchTable, solid: Solid) -> str:
                 if shape.center is not None and len(shape.center) == 3
                 else "write the centre with all three coordinates"
             )
-        return f"disk, rect and strip need a flat face, {table.face!r} is not one; leave the shape away to take the whole face"
+        return f"disk, rect and strip need a flat face, {table.face!r} is not one; remove the shape to use the whole face"
     center = patch_center(table, solid)
     if center is None:
-        return "only the file knows the face's middle; write the centre of the patch"
+        return "the centre of this face is known from the file only; write the centre of the patch"
     box = bounding_box(solid)
     if box is None:
         return ""
@@ -424,7 +424,7 @@ def check_components(draft: Draft, findings: Findings) -> None:
         if name == GROUND:
             findings.add(
                 key,
-                'a component cannot be called "ground": that is what it stands on; choose another name',
+                'a component cannot be called "ground", the name of the foundation; choose another name',
             )
         if name in draft.solids:
             _check_solid(key, table, draft.solids[name], findings)
@@ -435,9 +435,7 @@ def _check_solid(key: KeyPath, table: ComponentTable, solid: Solid, findings: Fi
         findings.add((*key, *place), fault)
     if isinstance(solid, SuperelementFile):
         if table.fidelity != "elastic":
-            findings.add(
-                (*key, "fidelity"), "a superelement file is elastic as it is; remove fidelity"
-            )
+            findings.add((*key, "fidelity"), "a superelement is always elastic; remove fidelity")
         if table.mass is not None:
             findings.add((*key, "mass"), "a superelement file brings its own mass; remove mass")
         return
@@ -475,7 +473,7 @@ def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyP
     if mesh.rim_size is not None and mesh.growth is None:
         yield (
             ("mesh", "rim_size"),
-            "says nothing without a growth from there; write growth = 0.3 beside it",
+            "has no effect without growth; write growth = 0.3 too",
         )
     if mesh.rim_size is not None and mesh.size is not None and mesh.rim_size >= mesh.size:
         yield (
@@ -489,7 +487,7 @@ def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyP
     if mesh.leave_out is not None and not isinstance(solid, StepFile):
         yield (
             ("mesh", "leave_out"),
-            "takes fillets and holes off STEP parts only; remove leave_out",
+            "removes fillets and holes of STEP parts only; remove leave_out",
         )
     yield from _find_rimless(table)
 
@@ -551,5 +549,5 @@ def find_segment_faults(table: ComponentTable, solid: Solid) -> list[tuple[KeyPa
             try:
                 patch_span(bar, build_patch(patch, solid))
             except ValueError as error:
-                faults.append((("interfaces", name), f"cannot hang on segments: {error}"))
+                faults.append((("interfaces", name), f"cannot be attached to segments: {error}"))
     return faults

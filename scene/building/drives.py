@@ -34,7 +34,7 @@ def check_drives(draft: Draft, findings: Findings) -> None:
         if joint in joints:
             findings.add(
                 ("drives", name),
-                f"drives joint {joint}, which drive {joints[joint]} does already; keep one of them",
+                f"drives joint {joint}, which drive {joints[joint]} drives too; keep one of them",
             )
         if joint is not None:
             joints[joint] = name
@@ -105,7 +105,7 @@ def _check_screw(
     if joint.stiffness.get("axial") == "rigid":
         findings.add(
             ("joints", name, "stiffness", "axial"),
-            f'drive {key[1]} pushes through it, so it cannot be rigid; write a stiffness such as axial = "100 N/um"',
+            f'transmits the force of drive {key[1]}, so it cannot be rigid; write a stiffness such as axial = "100 N/um"',
         )
     screw = joint.screw
     given = None if screw is None else screw.lead
@@ -135,7 +135,7 @@ def _check_effects(scene: SceneTable, findings: Findings) -> None:
         if DRIVE_CONTROL not in wanted:
             findings.add(
                 ("effects", effect),
-                f"{effect} is part of moving drives; switch drive_control on too",
+                f"{effect} acts on controlled drives; write drive_control = true too",
             )
         elif not has:
             findings.add(("effects", effect), f"no drive has a {effect}; write it in [drives.NAME]")
@@ -148,7 +148,7 @@ def _check_path(scene: SceneTable, findings: Findings) -> None:
         if scene.effects.get(FRICTION, False) is not False:
             findings.add(
                 ("effects", FRICTION),
-                "friction acts in runs in time, and the scene asks for none; add [analyses.path]",
+                "friction acts in time-domain analyses only, and the scene has none; add [analyses.path]",
             )
         return
     _check_cut(scene, path, findings)
@@ -184,7 +184,7 @@ def _check_cut(scene: SceneTable, path: PathTable, findings: Findings) -> None:
         if scene.effects.get(DRIVE_CONTROL, False) is False:
             findings.add(
                 ("effects", CUTTING_FORCE),
-                "acts along paths of drives under control; switch drive_control on too",
+                "acts on paths with controlled drives; write drive_control = true too",
             )
     if cut is None:
         return
@@ -199,7 +199,7 @@ def _check_cut(scene: SceneTable, path: PathTable, findings: Findings) -> None:
             f"unknown point {cut.at[:80]!r}; {suggest_names(cut.at, scene.points, what='points')}",
         )
     elif not scene.points:
-        findings.add(key, "there is no point where the tool could be; write [points]")
+        findings.add(key, "there is no point for the tool; write [points]")
 
 
 def _check_analysis(scene: SceneTable, findings: Findings) -> None:

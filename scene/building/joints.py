@@ -128,7 +128,7 @@ def check_joints(draft: Draft, findings: Findings) -> None:
             what = f"component {first.component!r}" if first.component else "ground"
             findings.add(
                 key,
-                f"joint {name!r} has both ends on {what}: a self joint does nothing; name two different components",
+                f"joint {name!r} has both ends on {what}: it has no effect; name two different components",
             )
         if name in draft.sections.get("components", ()):
             findings.add(
@@ -174,7 +174,7 @@ def find_joint_faults(table: JointTable) -> list[JointFault]:
         isinstance(value, Quantity) for value in table.stiffness.values()
     ):
         faults.add(
-            "there is no stiffness that it could be a share of; remove it or give a stiffness",
+            "a loss factor is a share of a stiffness, and there is none; remove it or write a stiffness",
             "loss_factor",
         )
     for part, values in (("stiffness", table.stiffness), ("damping", table.damping)):
@@ -224,7 +224,7 @@ def _check_value(
     faults: _Faults,
 ) -> None:
     if key not in rule.keys:
-        known = ", ".join(rule.keys) or "none: it holds everything"
+        known = ", ".join(rule.keys) or "none: it constrains everything"
         faults.add(f"a {table.kind} has no {part} {key!r}; keys: {known}", part, key)
         return
     if isinstance(value, str):

@@ -52,7 +52,7 @@ def check_points(draft: Draft, findings: Findings) -> None:
         if point.tool == point.work:
             findings.add(
                 ("points", name),
-                "tool and work are the same, so nothing moves between them; name two places",
+                "tool and work are the same, so their relative motion is zero; name two different ends",
             )
 
 

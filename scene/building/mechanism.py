@@ -137,14 +137,15 @@ def check_mechanism(draft: Draft, findings: Findings) -> None:
     if "orientation" in scene.model_fields_set:
         findings.add(
             ("orientation",),
-            "a mechanism is set up by its own `at` and `rotate`; move orientation there",
+            "a mechanism is placed by its own `at` and `rotate`; move orientation there",
         )
     mechanism = exechon_mechanism(build_dimensions(table.dimensions))
     _check_carried(table, mechanism, scene, findings)
     _check_limits(table, mechanism, findings)
     for name in set(scene.axes) & set(TOOL_AXES):
         findings.add(
-            ("axes", name), f"{name} is already the tool's, through the mechanism; remove this axis"
+            ("axes", name),
+            f"{name} is already a coordinate of the tool of the mechanism; remove this axis",
         )
     _check_pose_units(scene, findings)
 
@@ -190,7 +191,7 @@ def _check_carried(
             if point.tool.component not in seen or point.work.component is not None:
                 findings.add(
                     ("points", name),
-                    'the lumped model knows motions of carried components against ground only; write work = "ground"',
+                    'the lumped model has motions of carried components relative to ground only; write work = "ground"',
                 )
 
 
@@ -235,7 +236,7 @@ def _check_map(scene: SceneTable, findings: Findings) -> None:
         return
     key = ("analyses", "map")
     if not scene.is_lumped:
-        findings.add(key, "a map is made of a lumped mechanism; this scene has none")
+        findings.add(key, "a map needs a lumped mechanism; this scene has none")
     sweep = scene.sweeps.get(request.sweep)
     if sweep is None:
         findings.add(
@@ -271,7 +272,7 @@ def _check_contouring(scene: SceneTable, folder: Path, findings: Findings) -> No
     _check_regeneration(scene, table, findings)
     key = ("analyses", "contouring")
     if not scene.is_lumped:
-        findings.add(key, "contours are run on a lumped mechanism; this scene has none")
+        findings.add(key, "contours need a lumped mechanism; this scene has none")
     cutting = bool(scene.effects.get("cutting_force"))
     if (table.material is not None and table.forces is not None) or (
         cutting and table.material is None and table.forces is None
@@ -296,10 +297,10 @@ def _check_stiffening(scene: SceneTable, findings: Findings) -> None:
     if not scene.is_lumped:
         findings.add(
             key,
-            "is known for lumped mechanisms only: components have no geometric stiffness in this version; remove it",
+            "is available for lumped mechanisms only: components have no geometric stiffness in this version; remove it",
         )
     elif not scene.effects.get("gravity"):
-        findings.add(key, "comes from gravity; write [effects] gravity = true as well")
+        findings.add(key, "needs gravity; write [effects] gravity = true as well")
 
 
 def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Findings) -> None:
@@ -313,12 +314,10 @@ def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Fin
     elif table.material is None:
         findings.add(
             key,
-            "needs computed forces: measured ones hold it already; remove this, or write the material instead of forces",
+            "needs computed forces: measured ones contain it already; remove this, or write the material instead of forces",
         )
     elif table.model != "linear":
-        findings.add(
-            key, 'is solved on the linear model; write model = "linear" in [analyses.contouring]'
-        )
+        findings.add(key, 'needs the linear model; write model = "linear" in [analyses.contouring]')
     elif table.steps_per_turn % table.mill.teeth:
         findings.add(
             ("analyses", "contouring", "steps_per_turn"),

@@ -73,7 +73,7 @@ def check_path(draft: Draft, findings: Findings) -> None:
                 continue
             fault = find_position_fault(axis, value, scene)
             if scene.axes[axis].kind != "linear":
-                fault = "a path moves linear axes only; name another axis, and give this one its place by pose"
+                fault = "a path moves linear axes only; name another axis, and set the position of this one by pose"
             if fault:
                 findings.add((*KEY, end, axis), fault)
     if (
@@ -81,7 +81,7 @@ def check_path(draft: Draft, findings: Findings) -> None:
         and scene.drives
         and scene.effects.get("drive_control", False) is not False
     ):
-        text = 'drives under control are closed in the pose of the middle; write "frozen", or leave the effect drive_control away'
+        text = 'control loops are closed with the matrices at mid-path; write "frozen", or remove the effect drive_control'
         findings.add((*KEY, "pose_model"), text)
     if table.outputs is None and not scene.points:
         findings.add(

@@ -301,7 +301,7 @@ def _check_study(name: str, study: StudyTable, draft: Draft, findings: Findings)
                 str(choice or ""),
                 draft,
                 findings,
-                more='; "" is the scene as it stands',
+                more='; "" is the scene as written',
             )
         for analysis in table.analyses or ():
             asked = [

@@ -162,7 +162,7 @@ class _Parser:
         if token is None or token["sign"]:
             shown = "its end" if token is None else repr(token["sign"])
             raise ExpressionError(
-                f'lacks a value before {shown}; write such as "= 2 * (wall + 3 mm)"'
+                f'lacks a value before {shown}; write for example "= 2 * (wall + 3 mm)"'
             )
         self._token = self._next()
         if token["name"]:
@@ -172,7 +172,7 @@ class _Parser:
             match = _QUANTITY.fullmatch(token["quantity"])
             if match is None:
                 raise ExpressionError(
-                    f"holds [{token['quantity']}], which is no number with a unit; write such as [10 N m]"
+                    f"holds [{token['quantity']}], which is no number with a unit; write for example [10 N m]"
                 )
             number, unit = match.groups()
         elif "/" in unit:

@@ -132,7 +132,7 @@ def _read_row(path: Path, number: int, row: list[str], columns: list[int]) -> li
         ) from error
     if not np.isfinite(values).all():
         raise ForceFileError(
-            f"{path}:{number} holds a value that is not finite: {','.join(row)[:80]!r}; cut the record, or fill the place"
+            f"{path}:{number} holds a value that is not finite: {','.join(row)[:80]!r}; cut the record, or fill the gap"
         )
     return values
 

@@ -334,12 +334,12 @@ def _split_quantity(text: str, wanted: str, example: str) -> tuple[str, str]:
 def _scale_number(number: str, factor: Decimal, text: str, wanted: str) -> float:
     if not math.isfinite(float(number)):
         raise UnitError(
-            f"{show_value(text)} is beyond what a computer number can hold; write {wanted} of ordinary size"
+            f"{show_value(text)} is outside the range of floating-point numbers; write {wanted} of ordinary size"
         )
     value = float(Decimal(number) * factor)
     if not math.isfinite(value) or (value == 0.0 and Decimal(number) != 0):
         raise UnitError(
-            f"{show_value(text)} is beyond what a computer number can hold; write {wanted} of ordinary size"
+            f"{show_value(text)} is outside the range of floating-point numbers; write {wanted} of ordinary size"
         )
     return value
 

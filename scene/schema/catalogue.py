@@ -158,7 +158,7 @@ def _find(text: TomlValue, key: KeyPath, findings: Findings) -> CatalogueEntry:
     if not isinstance(text, str) or not text.startswith(CATALOGUE):
         findings.add(
             key,
-            f'{show_value(text)} names nothing of the catalogue; write such as from = "{CATALOGUE}guide_35"',
+            f'{show_value(text)} is no element of the catalogue; write for example from = "{CATALOGUE}guide_35"',
         )
     elif name in entries:
         return entries[name]
@@ -237,7 +237,7 @@ def _fill_screw(screw: TomlTable, key: KeyPath, findings: Findings) -> TomlTable
 def _refuse(entry: CatalogueEntry, key: KeyPath, example: str, findings: Findings) -> None:
     findings.add(
         key,
-        f"{entry.name} of the catalogue is a {entry.family.kind}; write such as "
+        f"{entry.name} of the catalogue is a {entry.family.kind}; write for example "
         f'{key[-1]} = "{CATALOGUE}{example}"',
     )
 

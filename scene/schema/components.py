@@ -262,7 +262,7 @@ class InterfaceTable(StrictTable):
             and "coupling" in self.model_fields_set
         ):
             raise problem(
-                'is a rail, which would be stiffened all along by a rigid coupling; remove coupling or write "average"'
+                'is a rail, and a rigid coupling would stiffen it over its whole length; remove coupling or write "average"'
             )
         if self.patches is None and self.face is None:
             raise problem('describes no patch; write face = "z+" or patches = [{ face = "z+" }]')

@@ -57,9 +57,7 @@ class FrictionTable(StrictTable):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.breakaway is not None and self.breakaway < self.coulomb:
-            raise problem(
-                "breaks away at less than it slides with; write a breakaway of at least coulomb"
-            )
+            raise problem("has a breakaway below coulomb; write a breakaway of at least coulomb")
         if self.viscous is not None and self.viscous.value < 0.0:
             raise problem('viscous friction must not be negative; write for example "200 N s/m"')
         return self
@@ -99,7 +97,7 @@ class DriveTable(StrictTable):
             raise problem('velocity_gain must be above zero; write for example "2e4 N s/m"')
         if self.scale is not None and self.encoder == "motor":
             raise problem(
-                'names a scale, but the motor is what is measured; write encoder = "scale" or remove scale'
+                'names a scale, but the encoder is that of the motor; write encoder = "scale" or remove scale'
             )
         return self
 

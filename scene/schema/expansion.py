@@ -188,7 +188,7 @@ def _members(entry: TomlTable, key: KeyPath, findings: Findings) -> Iterator[_Pl
 def _list_places(entry: TomlTable, key: KeyPath, findings: Findings) -> list[TomlValue]:
     if CARRIAGES in entry:
         if PLACES in entry:
-            findings.add((*key, PLACES), "stands beside carriages; write one of them")
+            findings.add((*key, PLACES), "is not allowed with carriages; write one of them")
         return _list_carriages(entry, key, findings)
     places = entry[PLACES]
     listed = list(places.values()) if isinstance(places, dict) else places
@@ -196,7 +196,7 @@ def _list_places(entry: TomlTable, key: KeyPath, findings: Findings) -> list[Tom
         return listed
     findings.add(
         (*key, PLACES),
-        f"is neither a list nor a table of 1 to {MOST_PLACES} places; write such as "
+        f"is neither a list nor a table of 1 to {MOST_PLACES} places; write for example "
         'places = [["10 mm", "0 mm", "0 mm"], ["-10 mm", "0 mm", "0 mm"]]',
     )
     return []
@@ -206,17 +206,17 @@ def _place_key(common: TomlTable, key: KeyPath, findings: Findings) -> KeyPath:
     """Where a place goes: ``at`` of a component or joint, the centre of the shape of an interface or a patch."""
     if len(key) == 2:
         if "at" in common:
-            findings.add((*key, "at"), "stands beside several places; write one of them")
+            findings.add((*key, "at"), "is not allowed with places; write one of them")
         return ("at",)
     shapes = [shape for shape in SHAPES if isinstance(common.get(shape), dict)]
     if len(shapes) != 1:
         findings.add(
             (*key, PLACES),
-            'are middles of a rect, disk or strip; write it beside them, such as rect = { size = ["50 mm", "30 mm"] }',
+            'are centres of a rect, disk or strip; write its size too, for example rect = { size = ["50 mm", "30 mm"] }',
         )
         return ("rect", "center")
     if isinstance(shape := common[shapes[0]], dict) and "center" in shape:
-        findings.add((*key, shapes[0], "center"), "stands beside several places; write one of them")
+        findings.add((*key, shapes[0], "center"), "is not allowed with places; write one of them")
     return (shapes[0], "center")
 
 
@@ -227,7 +227,7 @@ def _list_carriages(entry: TomlTable, key: KeyPath, findings: Findings) -> list[
     if not isinstance(table, dict) or not {"middle"} <= set(table) <= known:
         findings.add(
             (*key, CARRIAGES),
-            'is not a table of middle, along, across, rails and per_rail; write such as { middle = ["64 mm", "0 mm", "470 mm"], '
+            'is not a table of middle, along, across, rails and per_rail; write for example { middle = ["64 mm", "0 mm", "470 mm"], '
             'along = "93 mm", across = "180 mm" }',
         )
         return []
@@ -265,7 +265,7 @@ def _list_carriages(entry: TomlTable, key: KeyPath, findings: Findings) -> list[
 def _triple(value: TomlValue, key: KeyPath, findings: Findings) -> list[TomlValue]:
     if isinstance(value, list) and len(value) == 3:
         return value
-    findings.add(key, 'is not a point; write such as ["64 mm", "0 mm", "470 mm"]')
+    findings.add(key, 'is not a point; write for example ["64 mm", "0 mm", "470 mm"]')
     raise UnitError("no point")
 
 

@@ -152,7 +152,7 @@ def _check_sections(tables: TomlTable, findings: Findings) -> None:
         if section not in MACHINE_SECTIONS:
             findings.add(
                 (section,),
-                f"{section[:80]!r} cannot stand in an included file; write it in the scene. "
+                f"{section[:80]!r} is not allowed in an included file; write it in the scene. "
                 f"Included are: {', '.join(MACHINE_SECTIONS)}",
             )
         elif not isinstance(entries, dict):

@@ -53,7 +53,7 @@ def _check_lengths(vary: Mapping[str, Sequence[object]], *, pairwise: bool) -> N
     if pairwise and len(set(lengths.values())) > 1:
         shown = ", ".join(f"{key} has {length}" for key, length in lengths.items())
         raise problem(
-            f"pairwise takes the first values together, then the second ones: lists must be as long as each other; {shown}"
+            f"pairwise combines the first values of all lists, then the second ones: lists must have equal lengths; {shown}"
         )
 
 

@@ -43,6 +43,6 @@ def test_radii_that_no_face_has_leave_the_part_as_it_is() -> None:
 
 def test_only_step_parts_have_features_to_leave_out() -> None:
     box = 'components.support.solid={ box = ["10 mm", "10 mm", "10 mm"] }'
-    with pytest.raises(SceneError, match="takes fillets and holes off STEP parts only"):
+    with pytest.raises(SceneError, match="STEP parts only; remove leave_out"):
         load_part(box, "components.support.mesh.leave_out=2 mm")
     assert MeshSettings().leave_out is None

@@ -43,7 +43,7 @@ def test_a_bad_scene_is_refused_at_its_line(tmp_path: Path, row: dict[str, Any])
     matching = [
         problem
         for problem in caught.value.problems
-        if problem.key == row["key"] and row["message"] in problem.message
+        if problem.key == row["key"] and all(word in problem.message for word in row["words"])
     ]
     assert matching, str(caught.value)
     line = line_of(text, row["marker"])
@@ -109,8 +109,8 @@ def test_a_floating_component_is_named_with_its_free_motions(tmp_path: Path) -> 
         problem.message for problem in caught.value.problems if problem.key == "components.bed"
     ]
     assert len(messages) == 1
-    assert messages[0].startswith("bed, slider, plinth float together: 6 rigid motions are free")
-    assert "free = true" in messages[0]
+    for word in ("bed, slider, plinth", "6 rigid-body motions", '"ground"', "free = true"):
+        assert word in messages[0]
 
 
 def test_a_joint_without_stiffness_connects_nothing(tmp_path: Path) -> None:
@@ -127,7 +127,7 @@ def test_a_machine_declared_free_may_float(tmp_path: Path) -> None:
     text = 'free = true\n[materials.steel]\nE = "210 GPa"\nnu = 0.3\nrho = "7850 kg/m^3"\n'
     text += '[components.bar]\nsolid = { box = ["10 mm", "10 mm", "1 m"] }\nmaterial = "steel"\n[analyses.modal]\n'
     assert load_scene(write_scene(tmp_path, text)).machine.components["bar"].free
-    with pytest.raises(SceneError, match="bar floats: 6 rigid motions are free"):
+    with pytest.raises(SceneError, match="bar floats: 6 rigid-body motions are free"):
         load_scene(write_scene(tmp_path, text.removeprefix("free = true\n")))
 
 

@@ -205,7 +205,7 @@ def test_a_scene_says_once_what_it_leaves_to_the_catalogue(load: Load) -> None:
             ("slide.toml:25: joints.pad_1.from", "the nearest names: guide_55, guide_45, guide_65"),
         ),
         ("guide_35", "nonsense", ("joints.pad_1.from", "names: guide_..., roller_guide_...")),
-        ('"catalogue:guide_35"', '"guide_35"', ('write such as from = "catalogue:guide_35"',)),
+        ('"catalogue:guide_35"', '"guide_35"', ('write for example from = "catalogue:guide_35"',)),
         ('"catalogue:guide_35"', "35", ("slide.toml:25: joints.pad_1.from", "35 names nothing")),
         (
             "[joints.pad]",

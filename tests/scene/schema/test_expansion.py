@@ -214,11 +214,11 @@ def test_parameters_are_set_by_variants_and_on_the_command_line(load: Load) -> N
         ("joints.block_3.stiffness.x=3", ("cannot set joints.block_3.stiffness.x",)),
         ("joints.block_1.stiffnes.x=3", ("did you mean 'stiffness'",)),
         ("joints.block.places=[]", ("1 to 200 places",)),
-        ('joints.block.at=["0 m", "0 m", "0 m"]', ("stands beside several places",)),
+        ('joints.block.at=["0 m", "0 m", "0 m"]', ("with places", "write one")),
         ('joints.block.each.7={ kind = "rigid" }', ("places: 1, 2",)),
         ('joints.block.stiffness.x="3 kg"', ("joints.block_1.stiffness.x", "is a mass")),
         ('joints.block_2.between=["a.b", "ground"]', ("joints.block_2.between", "component 'a'")),
-        ("components.column.interfaces.pad.rect.center=[]", ("stands beside several places",)),
+        ("components.column.interfaces.pad.rect.center=[]", ("with places", "write one")),
     ],
 )
 def test_a_fault_is_told_where_it_is_written(
