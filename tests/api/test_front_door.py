@@ -55,7 +55,7 @@ def test_every_public_name_is_there_and_no_other() -> None:
     for name in hs.__all__:
         assert getattr(hs, name) is not None
     assert dir(hs) == sorted(hs.__all__)
-    with pytest.raises(AttributeError, match=r"no public name 'analyze'; it has: .*load"):
+    with pytest.raises(AttributeError, match=r"'analyze'.*load"):
         hs.analyze  # type: ignore[attr-defined]  # noqa: B018
 
 
@@ -130,7 +130,7 @@ def test_a_run_leaves_no_page_of_an_earlier_one_and_keeps_what_the_user_put_ther
     frequency = f"{result.modes['reference'].frequencies_hz[0]:.4g}"
     assert frequency in (out / "report.html").read_text()
     (out / "report.html").write_text("edited")
-    with pytest.raises(hs.HeadstockError, match=r"holds report\.html, which .* changed since"):
+    with pytest.raises(hs.HeadstockError, match=r"report\.html.*changed"):
         hs.run(machine, output=out)
     assert (out / "report.html").read_text() == "edited"
 
@@ -156,7 +156,7 @@ def test_only_the_analyses_that_are_named_run(scene: Path) -> None:
     result = hs.run(scene, analyses=["modal"])
     assert result.modes
     assert result.compliance == {}
-    with pytest.raises(hs.SceneError, match=r"modal'\? analyses of this scene: modal, static"):
+    with pytest.raises(hs.SceneError, match=r"'modal'\?.*modal, static"):
         hs.run(scene, analyses=["modall"])
 
 
@@ -198,7 +198,7 @@ def test_a_table_has_a_row_for_each_entry(scene: Path, table: str) -> None:
         assert list(frame["frequency_hz"]) == list(result.modes["reference"].frequencies_hz)
     if table == "compliance":
         assert frame.loc[0, "x"] == result.compliance["tcp"][0, 0]
-    with pytest.raises(KeyError, match="there are: modes, compliance, frf"):
+    with pytest.raises(KeyError, match="modes, compliance, frf"):
         result.to_pandas("moods")
 
 

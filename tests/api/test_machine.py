@@ -118,7 +118,7 @@ def test_a_noun_reads_in_si_units_and_compares_by_value() -> None:
     assert tube != hs.Tube(outer=0.06, length="1000 mm")
     assert repr(tube) == "Tube(outer='60 mm', inner='40 mm', length='1 m')"
     assert "material" in inspect.signature(hs.Component).parameters
-    with pytest.raises(AttributeError, match="a Tube has no 'diameter'"):
+    with pytest.raises(AttributeError, match=r"Tube.*'diameter'"):
         tube.diameter  # noqa: B018
 
 

@@ -138,5 +138,5 @@ def test_a_fit_is_that_of_the_command_line(scene: Path, tmp_path: Path) -> None:
     again = hs.identify(hs.load(scene), targets, starts=1)
     assert len(again.starts) == 1
     targets.write_text(TARGETS.replace("box[2]", "box[3]"))
-    with pytest.raises(hs.SceneError, match=r"box holds 3 entries"):
+    with pytest.raises(hs.SceneError, match=r"box.* 3 "):
         hs.identify(scene, targets)

@@ -326,7 +326,7 @@ def test_h12_points_lines_and_single_facets_are_refused_unless_forced(
         )
         assert len(np.unique(forced.patches["a"])) == (len(edge) if name == "edge" else 1)
     single = Patch("z+", "rect", (0.0025, 0.0025, 0.0), (0.006, 0.003))
-    with pytest.raises(MeshError, match="single facet of a larger face"):
+    with pytest.raises(MeshError, match=r"single facet.*allow_singular"):
         mesh_component(make_component(MeshFile(tmp_path / "box.inp"), {"a": single}))
 
 
@@ -345,7 +345,7 @@ def test_h04_disconnected_meshes_are_refused_with_the_number_of_parts(
     points = np.concatenate([mesh.points + np.array([0.1 * k, 0, 0]) for k in range(3)])
     cells = np.concatenate([mesh.cells + k * len(mesh.points) for k in range(3)])
     write_inp(tmp_path / "parts.inp", dataclasses.replace(mesh, points=points, cells=cells))
-    with pytest.raises(MeshError, match="falls into 3 parts"):
+    with pytest.raises(MeshError, match="3 parts"):
         mesh_component(make_component(MeshFile(tmp_path / "parts.inp"), {"foot": Patch("z-")}))
 
 
@@ -389,12 +389,12 @@ DECK = "*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n5,1,1,0\n6,1,1,1\n7,0,1,1\n8,
         (
             "a.inp",
             DECK + "*ELEMENT, TYPE=C3D4\n1,1,2,3,4\n*ELEMENT, TYPE=C3D8\n2,1,2,5,3,4,8,6,7\n",
-            "2 kinds of solid cells",
+            "2 kinds",
         ),
         ("a.inp", DECK + "*ELEMENT, TYPE=C3D6\n1,1,2,3,4,5,6\n", "C3D6"),
         ("a.inp", DECK + "*ELEMENT, TYPE=QX99\n1,1,2,3,4\n", "QX99"),
         ("a.inp", DECK + "*ELEMENT, TYPE=C3D4\n1,1,2,3,99\n", "node 99"),
-        ("a.inp", DECK + "*ELEMENT, TYPE=C3D4\n1,1,2,3\n", "C3D4 needs 4 nodes"),
+        ("a.inp", DECK + "*ELEMENT, TYPE=C3D4\n1,1,2,3\n", "C3D4.* 4 nodes"),
         ("a.inp", DECK, "no solid cells"),
         (
             "a.inp",
@@ -402,13 +402,13 @@ DECK = "*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n5,1,1,0\n6,1,1,1\n7,0,1,1\n8,
             "finite",
         ),
         ("a.inp", DECK.replace("2,1,0,0", "2,one,0,0"), "a.inp:1"),
-        ("a.inp", "*INCLUDE, INPUT=/etc/passwd\n" + DECK, "INCLUDE is not supported"),
+        ("a.inp", "*INCLUDE, INPUT=/etc/passwd\n" + DECK, "a.inp:1: .*INCLUDE"),
         ("a.bdf", "CEND\nBEGIN BULK\nGRID,1,,0.,0.,0.\nENDDATA\n", "a.bdf"),
         ("a.bdf", "nothing\n", "a.bdf"),
         (
             "a.bdf",
             "CEND\n  include '/etc/passwd'\nBEGIN BULK\nENDDATA\n",
-            "a.bdf:2: INCLUDE is not supported",
+            "a.bdf:2: .*INCLUDE",
         ),
         ("a.msh", 'SystemCall "touch pwned";\n', "not a gmsh mesh"),
         (

@@ -145,9 +145,9 @@ def test_solid_is_chosen_by_name(make_component: Make, pair: Path) -> None:
     assert describe_component(make_component(StepFile(pair, "right half"))).volume == pytest.approx(
         2e-6, rel=1e-9
     )
-    with pytest.raises(MeshError, match="0 solids named 'middle'"):
+    with pytest.raises(MeshError, match=r"0 .*'middle'"):
         describe_component(make_component(StepFile(pair, "middle")))
-    with pytest.raises(MeshError, match="no solid number 3"):
+    with pytest.raises(MeshError, match="number 3"):
         describe_component(make_component(StepFile(pair, 3)))
 
 
@@ -200,7 +200,7 @@ def test_file_of_surfaces_only_is_refused(
     gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
     gmsh.model.occ.synchronize()
     gmsh.write(str(tmp_path / "sheet.step"))
-    with pytest.raises(MeshError, match="holds no solid"):
+    with pytest.raises(MeshError, match=r"sheet.step.*no solid"):
         describe_component(make_component(StepFile(tmp_path / "sheet.step")))
 
 
@@ -317,7 +317,7 @@ def test_a_part_in_inches_that_reads_as_5_m_is_doubted_with_what_it_would_be_in_
     )
     doubt = doubt_size(path, 5.08)
     assert doubt is not None
-    assert "reads as 5.08 m long" in doubt
+    assert "5.08 m" in doubt
     assert "inch" in doubt
     assert "0.2 m if the numbers are in mm" in doubt
     assert doubt_size(path, 0.5) is None
@@ -444,7 +444,7 @@ def test_a_document_beside_a_part_is_refused_only_where_it_is_a_file(
     text = drilled.read_text()
     reference = "#9002 = APPLIED_DOCUMENT_REFERENCE(#9000,'',(#5));\n"
     drilled.write_text(text.replace("ENDSEC;\nEND-ISO", DOCUMENT + reference + "ENDSEC;\nEND-ISO"))
-    with pytest.raises(MeshError, match=r"refers to other files \(APPLIED_DOCUMENT_REFERENCE\)"):
+    with pytest.raises(MeshError, match=r"other files.*APPLIED_DOCUMENT_REFERENCE"):
         describe_component(make_component(StepFile(drilled)))
     paper = "#9000 = DOCUMENT('drawing','PDWAD of DOCUMENT_FILE',$,#9001);\n#9001 = DOCUMENT_TYPE('');\n"
     drilled.write_text(text.replace("ENDSEC;\nEND-ISO", paper + reference + "ENDSEC;\nEND-ISO"))

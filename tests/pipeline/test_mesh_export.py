@@ -78,7 +78,7 @@ def test_arrays_beside_an_xdmf_file_are_part_of_its_key(tmp_path: Path, store: S
     assert mesh_key(part, (), ()) != before
     assert dict(file_digests(tmp_path, raw)) != digests
     arrays.unlink()
-    with pytest.raises(SceneError, match=r"part.xdmf reads its arrays from another file: 'part_m"):
+    with pytest.raises(SceneError, match=r"part.xdmf.*'part_m"):
         load_scene(path)
 
 

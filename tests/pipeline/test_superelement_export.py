@@ -101,7 +101,5 @@ def test_a_rail_and_its_stations_go_through_a_file(tmp_path: Path) -> None:
         read_superelement(tmp_path / "wrong.h5")
     short = dataclasses.replace(element.rails["rail"], control=element.rails["rail"].control[:-4])
     write_superelement(tmp_path / "short.h5", dataclasses.replace(element, rails={"rail": short}))
-    with pytest.raises(
-        RecordError, match=r"rails/rail/control has shape \(20, 30\), \(24, 30\) fits"
-    ):
+    with pytest.raises(RecordError, match=r"rails/rail/control.*\(20, 30\).*\(24, 30\)"):
         read_superelement(tmp_path / "short.h5")

@@ -154,7 +154,7 @@ def test_a_worker_that_takes_memory_is_ended_by_its_limit(run: Run) -> None:
     end = run("bytearray(1 << 30)", limits=WorkerLimits(512 << 20, 20, 60.0))
     assert end.code == 1
     assert end.out_of_memory
-    assert end.memory_limit == "the limit of 0.5 GiB of memory"
+    assert "0.5 GiB" in end.memory_limit
     assert end.memory_remedy is None
 
 
@@ -229,4 +229,4 @@ run_job(MeshJob("mesh", Box((100.0, 40.0, 1000.0)), size=6.0, straight=True), wh
     done = subprocess.run(command, capture_output=True, text=True)
     last = done.stderr.strip().splitlines()[-1]
     assert "column: " in last
-    assert "this shell allows no more (ulimit -v); 8 GiB are wanted" in last
+    assert "ulimit -v" in last and "8 GiB" in last

@@ -25,9 +25,7 @@ def test_child_without_room_for_its_mesh_is_named_and_the_mesh_is_not_blamed() -
     job = MeshJob("mesh", BOX, size=50.0, straight=True)
     with limited_room(Path(), (), limited_files=True) as set_room:
         set_room(1000)
-        with pytest.raises(
-            MeshError, match="column: the mesh could not be written: File too large; make room in"
-        ) as caught:
+        with pytest.raises(MeshError, match=r"column: .*File too large.*make room") as caught:
             run_job(job, what="column", time_limit=60.0)
     assert blames_surroundings(caught.value)
     assert not blames_surroundings(MeshError("column: a cell is inverted"))

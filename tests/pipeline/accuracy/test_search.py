@@ -224,4 +224,4 @@ def test_without_a_mesh_nothing_is_said_to_be_met() -> None:
             "settings": {},
         }
     )
-    assert words.startswith("accuracy 1 %: nothing to choose")
+    assert words.startswith("accuracy 1 %")

@@ -242,7 +242,7 @@ def test_a_mesh_beyond_this_machine_is_refused_before_anything_is_computed() -> 
 
 def test_a_mesh_beyond_the_mesher_is_refused_even_where_the_scene_allows_it() -> None:
     scene = make_scene(make_component("column", mesh=MeshSettings(size=1e-4)), modal=SIX)
-    with pytest.raises(BudgetError, match="the mesher takes at most 3000000"):
+    with pytest.raises(BudgetError, match="3000000"):
         plan_scene(dataclasses.replace(scene, limits=Limits(elements=10_000_000)))
 
 
@@ -261,7 +261,7 @@ def test_a_run_that_has_used_up_its_time_stops_before_the_next_stage() -> None:
     check_elapsed(1e9, None, stage)
     with pytest.raises(
         BudgetError,
-        match=r"10\.1 s have passed, limits\.time allows 10 s; stopped before reduce of 'column'",
+        match=r"10\.1 s.*limits\.time.* 10 s.*reduce.*'column'",
     ):
         check_elapsed(10.1, 10.0, stage)
 

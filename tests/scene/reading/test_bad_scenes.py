@@ -119,7 +119,7 @@ def test_a_joint_without_stiffness_connects_nothing(tmp_path: Path) -> None:
         'normal = "500 N/um", shear = "300 N/um", tilt = "1e7 N m/rad"',
         'normal = "0 N/um", shear = "0 N/um"',
     )
-    with pytest.raises(SceneError, match="float together"):
+    with pytest.raises(SceneError, match="6 rigid-body motions"):
         load_scene(write_scene(tmp_path, text))
 
 
@@ -127,7 +127,7 @@ def test_a_machine_declared_free_may_float(tmp_path: Path) -> None:
     text = 'free = true\n[materials.steel]\nE = "210 GPa"\nnu = 0.3\nrho = "7850 kg/m^3"\n'
     text += '[components.bar]\nsolid = { box = ["10 mm", "10 mm", "1 m"] }\nmaterial = "steel"\n[analyses.modal]\n'
     assert load_scene(write_scene(tmp_path, text)).machine.components["bar"].free
-    with pytest.raises(SceneError, match="bar floats: 6 rigid-body motions are free"):
+    with pytest.raises(SceneError, match=r"bar .*6 rigid-body motions.*free = true"):
         load_scene(write_scene(tmp_path, text.removeprefix("free = true\n")))
 
 
@@ -213,7 +213,9 @@ stiffness = {{ vertical = "{stiffness}", horizontal = "{stiffness}" }}
     ]
     assert len(found) == count
     if found:
-        assert "mount_0, mount_1, mount_2, mount_3: 981 kg on 800 N/m" in found[0]
+        assert all(
+            word in found[0] for word in ("mount_0, mount_1, mount_2, mount_3", "981 kg", "800 N/m")
+        )
         assert "by 12 m" in found[0]
 
 
@@ -221,10 +223,10 @@ def test_what_an_analysis_on_request_lacks_is_a_problem_once_it_is_asked_for(
     tmp_path: Path,
 ) -> None:
     wanted = '[analyses.control]\nup_to = "300 Hz"\n'
-    with pytest.raises(SceneError, match="drives are not controlled"):
+    with pytest.raises(SceneError, match="drive_control = true"):
         load_scene(write_scene(tmp_path, GOOD + wanted))
     scene = load_scene(write_scene(tmp_path, GOOD + wanted + "on_request = true\n"))
     assert keep_analyses(scene, ["modal"]).analyses.modal is not None
-    with pytest.raises(SceneError, match="drives are not controlled") as caught:
+    with pytest.raises(SceneError, match="drive_control = true") as caught:
         keep_analyses(scene, ["control"])
     assert caught.value.problems[0].key == "analyses.control"

@@ -19,7 +19,7 @@ def test_a_file_of_one_mebibyte_is_read_and_a_larger_one_is_not(tmp_path: Path) 
     path.write_text("#" + " " * (MAX_BYTES - 2) + "\n")
     assert read(path) == {}
     path.write_text("#" + " " * (MAX_BYTES - 1) + "\n")
-    with pytest.raises(SceneError, match="larger than 1 MiB"):
+    with pytest.raises(SceneError, match="1 MiB"):
         read(path)
 
 
@@ -28,7 +28,7 @@ def test_fifty_levels_are_read_and_more_are_refused(tmp_path: Path) -> None:
     path.write_text("a = " + "[" * 48 + "]" * 48)
     assert read(path)
     path.write_text("a = " + "[" * 51 + "]" * 51)
-    with pytest.raises(SceneError, match="nested more than 50 deep"):
+    with pytest.raises(SceneError, match="50 deep"):
         read(path)
 
 

@@ -54,9 +54,9 @@ def test_impulse_is_kept_and_fast_oscillations_do_not_fold_back() -> None:
 
 
 @pytest.mark.parametrize(("change", "message"), [
-    (lambda t, f: (np.delete(t, range(40, 60)), np.delete(f, range(40, 60), axis=0)), "samples are missing between 0.039 and 0.06"),
-    (lambda t, f: (t[[0, 1, 3, 2, *range(4, 100)]], f), "does not rise after 0.003"),
-    (lambda t, f: (t, np.where(np.arange(100)[:, None] == 7, np.nan, f)), "forces.csv:9 holds a value that is not finite"),
+    (lambda t, f: (np.delete(t, range(40, 60)), np.delete(f, range(40, 60), axis=0)), "missing.* 0.039 and 0.06"),
+    (lambda t, f: (t[[0, 1, 3, 2, *range(4, 100)]], f), "time.* 0.003 s"),
+    (lambda t, f: (t, np.where(np.arange(100)[:, None] == 7, np.nan, f)), "forces.csv:9 .*not finite"),
     (lambda t, f: (t[:1], f[:1]), "at least two"),
 ])  # fmt: skip
 def test_a_damaged_record_is_refused_by_name(tmp_path: Path, change: object, message: str) -> None:
@@ -66,8 +66,8 @@ def test_a_damaged_record_is_refused_by_name(tmp_path: Path, change: object, mes
 
 
 @pytest.mark.parametrize(("text", "message"), [
-    ("", "has no column time"), ("time,fx,fy\n0,0,0\n", "has no column fz"), ("time,fx,fy,fz\n0,1,2,x\n", ":2 is no row of numbers"),
-    ("time,fx,fy,fz\n0,1\n", ":2 is no row of numbers"),
+    ("", "column time"), ("time,fx,fy\n0,0,0\n", "column fz"), ("time,fx,fy,fz\n0,1,2,x\n", ":2 .*numbers"),
+    ("time,fx,fy,fz\n0,1\n", ":2 .*numbers"),
 ])  # fmt: skip
 def test_a_file_that_is_no_record_is_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "forces.csv"
@@ -77,7 +77,7 @@ def test_a_file_that_is_no_record_is_refused(tmp_path: Path, text: str, message:
 
 
 def test_a_record_that_is_too_short_says_what_is_needed(tmp_path: Path) -> None:
-    with pytest.raises(ForceFileError, match=r"from 0 to 0.099 s, and 0 to 0.2 s are needed"):
+    with pytest.raises(ForceFileError, match=r"0\.099 s.* 0\.2 s"):
         resample_forces(ForceRecord(TIMES, FORCES), np.linspace(0.0, 0.2, 50, dtype=np.float64))
     with pytest.raises(ForceFileError, match="cannot be read"):
         read_forces(tmp_path / "missing.csv")

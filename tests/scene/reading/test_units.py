@@ -108,7 +108,7 @@ def test_a_float_written_in_si_comes_back_bit_for_bit_or_is_larger_than_any_mach
     if abs(value) <= dimension.most:
         assert parse_quantity(f"{value!r} {dimension.unit}", dimension).value == value
     else:
-        with pytest.raises(UnitError, match="more than any machine has"):
+        with pytest.raises(UnitError, match="check its unit"):
             parse_quantity(f"{value!r} {dimension.unit}", dimension)
 
 

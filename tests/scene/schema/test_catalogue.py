@@ -139,8 +139,8 @@ screw = { from = "catalogue:ball_screw_40x20", bearing = "100 N/um" }
     assert drive.stiffness[0, 0] == 300e6 and drive.screw is not None
     assert (drive.screw.lead, drive.screw.bearing) == (0.02, 100e6)
     assert drive.screw.axial == pytest.approx(210e9 * np.pi / 4.0 * 0.0355**2)
-    assert any("diameter and lead of its shaft" in text for text in scene.assumptions)
-    with pytest.raises(SceneError, match=r"guide_35 of the catalogue is a linear_guide") as caught:
+    assert any("diameter and lead" in text for text in scene.assumptions)
+    with pytest.raises(SceneError, match=r"guide_35.*linear_guide.*remove kind") as caught:
         load(old=SCENE[start:end], new=ends + own.replace("ball_screw_40x20", "guide_35"))
     assert len(caught.value.problems) == 1
 
@@ -190,7 +190,7 @@ def test_a_joint_that_is_made_rigid_keeps_no_damping_of_its_element(load: Load) 
 
 def test_a_scene_says_once_what_it_leaves_to_the_catalogue(load: Load) -> None:
     pads, drive, bearing = load().assumptions
-    assert pads.startswith("joints.pad: catalogue:guide_35, stiffness within a factor of 1.6")
+    assert pads.startswith("joints.pad: catalogue:guide_35") and " 1.6" in pads
     assert pads.endswith("own values: stiffness.lateral")
     assert bearing.startswith("joints.drive.screw.bearing: catalogue:screw_bearing_30")
     assert drive.startswith("joints.drive: catalogue:ball_screw_40x10")
