@@ -24,7 +24,7 @@ SCENE = Path(__file__).resolve().parents[3] / "machines" / "tripteor.toml"
     ('mechanism.limits.q1=["2 m", "1 m"]', "mechanism.limits.q1", "below the upper"),
     ('mechanism.dimensions.base=["1 m"]', "mechanism.dimensions.base", "needs at least 3"),
     ('mechanism.springs.joint="0 N/um"', "mechanism.springs.joint", "above zero"),
-    ('points.tcp.work="platform.top"', "points.tcp", "against ground only"),
+    ('points.tcp.work="platform.top"', "points.tcp", "relative to ground only"),
     ('analyses.contouring.radial_depth="11 mm"', "analyses.contouring.radial_depth", "more than the radius"),
     ('analyses.contouring.forces="missing.csv"', "analyses.contouring", "either the material"),
     ('effects.regeneration="yes"', "effects.regeneration", "neither true nor false"),
@@ -44,7 +44,7 @@ def test_a_wrong_mechanism_is_refused_by_name(override: str, key: str, message: 
 
 @pytest.mark.parametrize(("override", "key", "message"), [
     ('orientation.at=["1 m", "0 m", "0 m"]', "orientation", "its own `at` and `rotate`"),
-    ('analyses.map={ sweep = "plane" }', "analyses.map", "a map is made of a lumped mechanism"),
+    ('analyses.map={ sweep = "plane" }', "analyses.map", "lumped mechanism"),
     ('joints.screw_1.screw.floating_end="sleeve_1.hob"', "joints.screw_1.screw.floating_end", "did you mean 'hub'?"),
     ('joints.slide_1.length="2 m"', "joints.slide_1.length", "longer than rail beam_1.side"),
     ('mechanism.limits.q1=["0.6 m", "0.9 m"]', "poses.config_1", "outside 600 to 900 mm"),

@@ -94,7 +94,7 @@ def test_a_rail_without_stations_gets_them_from_its_length_and_the_shortest_carr
         ),
         ('rail = { along = "x" }', 'rail = { along = "x", control_points = 3 }', "components.bed.interfaces.rail.rail.control_points", "4"),
         ('rail = { along = "x" }', 'rail = { along = "z" }', "components.bed.interfaces.rail.rail", "face z+ is square to z"),
-        ('rail = { along = "x" }', 'rail = { along = "x" }, coupling = "rigid"', "components.bed.interfaces.rail", "stiffened all along"),
+        ('rail = { along = "x" }', 'rail = { along = "x" }, coupling = "rigid"', "components.bed.interfaces.rail", "coupling"),
         ('axis = "x"\nstiffness = { axial', 'axis = "x"\nlength = "10 mm"\nstiffness = { axial', "joints.screw.length", "only a carriage"),
         ('"bed.rail", "slide.block"', '"bed.rail", "ground"', "joints.guide", "ground has no place of its own"),
         ('block = { face = "z-" }', 'block = { face = "z-", rail = { along = "x" } }', "joints.guide.between", "both ends are rails"),
