@@ -209,7 +209,7 @@ class _StageRunner:
 
 
 def _run_rounds(scene: Scene, rounds: _StageRunner) -> RunState:
-    """One round; or as many as an accuracy needs, and then what is asked for beyond the analyses
+    """One round; or as many as an accuracy needs, and then what is requested beyond the analyses
     that errors are estimated of.
     """
     if scene.accuracy is None:

@@ -207,7 +207,7 @@ Request = (
 
 @dataclass(frozen=True)
 class Analyses:
-    """What is to be computed; None where an analysis is not asked for."""
+    """What is to be computed; None where an analysis is not requested."""
 
     static: StaticRequest | None = None
     modal: ModalRequest | None = None

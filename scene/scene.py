@@ -1,4 +1,4 @@
-"""The scene: a machine, where it stands, and what is to be computed of it."""
+"""The scene: a machine, its orientation, and what is to be computed of it."""
 
 import dataclasses
 from collections.abc import Collection, Iterable
@@ -163,7 +163,7 @@ def require_name(scene: Scene, section: str, name: str, known: Iterable[str]) ->
     Args:
         scene: As loaded.
         section: Of the scene, that names the things.
-        name: That was asked for.
+        name: Requested name.
         known: Those that can be.
 
     Raises:

@@ -150,7 +150,7 @@ def read_solid(job: MeshJob) -> Shape:
 
 
 def _element_size(job: MeshJob, solid: Shape, volume: int) -> float:
-    """As asked for, or by the sizing rule; for files coarser until curved faces included there are
+    """As requested, or by the sizing rule; for files coarser until curved faces included there are
     not too many cells.
     """
     if job.size is not None:
@@ -283,7 +283,7 @@ def _measure(volume: int, faces: dict[str, list[int]]) -> SolidProperties:
 
 
 def _choose_growth(job: MeshJob, imprints: Imprints, size: float) -> float | None:
-    """As asked for; around patches that are narrow beside the elements a default."""
+    """As requested; around patches that are narrow beside the elements a default."""
     narrow = any(at_rim < NARROW_PATCH * size for at_rim in imprints.sizes.values())
     return NARROW_GROWTH if job.growth is None and narrow else job.growth
 

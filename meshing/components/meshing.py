@@ -281,7 +281,7 @@ def estimate_cells(component: Component) -> int:
 
 
 def element_size(component: Component) -> float:
-    """Element size of a parametric solid [m]: as asked for, or by the sizing rule, to 12 digits."""
+    """Element size of a parametric solid [m]: as requested, or by the sizing rule, to 12 digits."""
     solid = component.solid
     if isinstance(solid, MeshFile | StepFile | SuperelementFile):
         raise ValueError("only parametric solids have a size rule of their own")
@@ -298,10 +298,10 @@ def automatic_size(component: Component) -> float:
     Raises:
         MeshError: A STEP file cannot be read.
     """
-    asked = dataclasses.replace(component, mesh=dataclasses.replace(component.mesh, size=None))
+    unsized = dataclasses.replace(component, mesh=dataclasses.replace(component.mesh, size=None))
     if isinstance(component.solid, StepFile):
-        return run_shape_job(asked, {}, task="describe", time_limit=DESCRIBE_TIME_LIMIT).size
-    return element_size(asked)
+        return run_shape_job(unsized, {}, task="describe", time_limit=DESCRIBE_TIME_LIMIT).size
+    return element_size(unsized)
 
 
 def count_hexes(component: Component, size: float) -> int:

@@ -22,7 +22,7 @@ from headstock.meshing.errors import MeshError
 SPLIT_BELOW = 800  # facets; curved facets of coarser surfaces are split through their mid-nodes
 REDUCER = "headstock.meshing.components.reduced_skins"  # loads VTK
 LARGEST_SKIN = 12_000  # triangles; finer surfaces are thinned out
-PIXEL = 1e-3  # of what fills a picture of 1000 pixels: what is off by less is not seen
+PIXEL = 1e-3  # of what fills a picture of 1000 pixels: what is off by less is not visible
 # a facet's nodes in gmsh order: corners, mid-nodes of the edges (0 1) (1 2) (2 0) or (0 1) (1 2) (2
 # 3) (3 0)
 WHOLE = {3: ((0, 1, 2),), 4: ((0, 1, 2), (0, 2, 3))}
@@ -38,7 +38,7 @@ def mesh_skin(mesh: ComponentMesh) -> Skin:
 
 
 def unmeshed_skin(solid: Solid, *, thinned: bool = True) -> Skin | None:
-    """What is seen of a solid that is not meshed: closed forms, the faces of a STEP file, the
+    """The visible surface of a solid that is not meshed: closed forms, the faces of a STEP file, the
     boundary of a mesh file.
 
     Args:
@@ -89,7 +89,7 @@ def thin_skin(skin: Skin, *, largest: int, pixel: float | None = None) -> Skin:
     Args:
         skin: The surface.
         largest: How many triangles there may be if it then looks the same.
-        pixel: What is not seen [m]; default: a pixel of a picture of this surface.
+        pixel: Largest invisible deviation [m]; default: a pixel of a picture of this surface.
     """
     if len(skin.triangles) <= largest:
         return skin

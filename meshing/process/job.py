@@ -87,7 +87,7 @@ class MeshData:
         owners: ``(n,)`` number of a face that each point lies on, as ``face:N`` counts them; 0
             inside, empty where not known.
         remarks: What the user should know of how the shape was meshed.
-        faces: Of the CAD shape, where they were asked for.
+        faces: Of the CAD shape, where they were requested.
         curved: Facets on curved faces; None where none was looked for.
     """
 

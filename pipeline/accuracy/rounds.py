@@ -74,7 +74,7 @@ def judge_round(
     Args:
         scene: Of the round, with the settings of its components.
         state: What the round computed; rank 0's.
-        goal: The accuracy asked for.
+        goal: The requested accuracy.
         history: What the rounds before have taught.
     """
     parts = scene.machine.components
@@ -97,9 +97,9 @@ def judge_round(
             True, scene, AccuracyRound("every number", 0.0, "no component is meshed")
         ), history
     component, source = worst.owner
-    because = f"{worst.name} may be off by {show_share(worst.error)}; {show_share(worst.parts[worst.owner])} is the {source} of {component}"
+    reason = f"{worst.name} may be off by {show_share(worst.error)}; {show_share(worst.parts[worst.owner])} is the {source} of {component}"
     found = AccuracyRound(
-        worst.name, worst.error if np.isfinite(worst.error) else None, because, worst.owner
+        worst.name, worst.error if np.isfinite(worst.error) else None, reason, worst.owner
     )
     if worst.error <= goal.to or state.failures:
         return Verdict(True, scene, found), history

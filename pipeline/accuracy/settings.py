@@ -28,7 +28,7 @@ from headstock.meshing.sizing import (
 # across: a quarter of it).
 START_SHARE = 0.95
 START_ACCURACY = (
-    0.01  # that this and COARSER_THAN_RULE may reach; more is asked of finer meshes at once
+    0.01  # that this and COARSER_THAN_RULE may reach; a tighter one starts with finer meshes
 )
 COARSE_ACCURACY = 0.03
 FEWEST_ALONG = 3

@@ -50,7 +50,7 @@ MODE_MARGIN = 3.0
 FRF_MARGIN = 12.0
 EXACT_MARGIN = 1.5
 FEWEST_DEFAULT_MODES = 20
-# nobody asked for more: what they leave out of a response is in its ±
+# limit of the default: what these modes leave out of a response is in its ±
 MOST_DEFAULT_MODES = 200
 GRAVITY = "gravity"
 
@@ -183,13 +183,13 @@ def _spread_warnings(components: Mapping[str, Component], modal: ModalRequest | 
 
 def choose_reduction(component: Component, analyses: Analyses) -> tuple[ReductionSettings, str]:
     """Which fixed-interface modes of a component are kept, and why."""
-    asked, modal = component.reduction, analyses.modal
+    written, modal = component.reduction, analyses.modal
     if not is_dynamic(analyses):
         return ReductionSettings(modes=0), "static only: constraint modes, no eigenpairs"
-    if asked.modes is not None:
-        return asked, f"{asked.modes} fixed-interface modes, as the scene says"
-    if asked.modes_to_hz is not None:
-        return asked, f"fixed-interface modes up to {asked.modes_to_hz:g} Hz, as the scene says"
+    if written.modes is not None:
+        return written, f"{written.modes} fixed-interface modes, as the scene says"
+    if written.modes_to_hz is not None:
+        return written, f"fixed-interface modes up to {written.modes_to_hz:g} Hz, as the scene says"
     reaches = _reaches(analyses)
     if reaches:
         what = max(reaches, key=lambda name: math.prod(reaches[name]))
@@ -197,13 +197,13 @@ def choose_reduction(component: Component, analyses: Analyses) -> tuple[Reductio
         # without interfaces modes are those of the component itself, and a margin only serves the
         # estimate of their errors
         limit = reach * (margin if component.interfaces else EXACT_MARGIN)
-        settings = dataclasses.replace(asked, modes_to_hz=limit, modes=MOST_DEFAULT_MODES)
+        settings = dataclasses.replace(written, modes_to_hz=limit, modes=MOST_DEFAULT_MODES)
         text = f"fixed-interface modes up to {limit:g} Hz, {MOST_DEFAULT_MODES} at most"
         return settings, f"{what} up to {reach:g} Hz: {text}"
     wanted = (modal.count if modal is not None else None) or 0
     count = default_mode_count(wanted)
     return dataclasses.replace(
-        asked, modes=count
+        written, modes=count
     ), f"modal analysis of {wanted} frequencies: {count} fixed-interface modes"
 
 
@@ -248,13 +248,13 @@ def choose_poses(scene: Scene) -> dict[str, Pose]:
         for request in (analyses.static, analyses.modal, analyses.frf, analyses.control)
         if request is not None
     ]
-    asked = {
+    requested = {
         name: pose
         for name, pose in scene.poses.items()
-        if any(_is_asked(name, request.poses) for request in requests)
+        if any(_is_requested(name, request.poses) for request in requests)
     }
-    if asked:
-        return asked
+    if requested:
+        return requested
     first = next(iter(scene.poses))
     return {first: scene.poses[first]}
 
@@ -264,7 +264,7 @@ def _fidelity(component: Component, scene: Scene) -> Fidelity:
     return "rigid" if scene.is_lumped else component.fidelity
 
 
-def _is_asked(pose: str, poses: tuple[str, ...]) -> bool:
+def _is_requested(pose: str, poses: tuple[str, ...]) -> bool:
     return not poses or pose in poses
 
 
@@ -337,20 +337,20 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
         ]
     else:
         stages = [Stage("couple", None, parts, pose=pose.name)]
-    if static is not None and _is_asked(pose.name, static.poses):
+    if static is not None and _is_requested(pose.name, static.poses):
         stages.append(
             Stage("static", None, f"compliance at {', '.join(static.at)}", pose=pose.name)
         )
-    if static is not None and scene.machine.probes and _is_asked(pose.name, static.poses):
+    if static is not None and scene.machine.probes and _is_requested(pose.name, static.poses):
         wanted = f"displacement and stress at {', '.join(scene.machine.probes)}"
         stages.append(Stage("recover", None, wanted, pose=pose.name))
-    if modal is not None and _is_asked(pose.name, modal.poses):
+    if modal is not None and _is_requested(pose.name, modal.poses):
         stages.append(Stage("modal", None, modal.describe(), pose=pose.name))
     frf = scene.analyses.frf
-    if frf is not None and _is_asked(pose.name, frf.poses):
+    if frf is not None and _is_requested(pose.name, frf.poses):
         stages.append(Stage("frf", None, frf.describe(), pose=pose.name))
     control = scene.analyses.control
-    if control is not None and _is_asked(pose.name, control.poses):
+    if control is not None and _is_requested(pose.name, control.poses):
         stages.append(Stage("control", None, control.describe(tuple(scene.drives)), pose=pose.name))
     return stages
 

@@ -169,7 +169,7 @@ class ContourAnswer(Answer):
         gap: ``(k, 3)`` then [m].
         legs: ``(k, 3)`` forces of the legs then [N].
         screw_lead: Of the legs [m]; None where it is not known.
-        stability: Of each face, where it was asked for.
+        stability: Of each face, where it was requested.
         force_loss: Share of measured forces that is faster than the steps; None without them.
     """
 

@@ -108,7 +108,7 @@ class ResponseCurves:
     Attributes:
         pose: Name of the pose.
         inputs: Where loads act.
-        outputs: Where motion is seen.
+        outputs: Where motion is computed.
         frequencies_hz: ``(n,)``.
         receptance: ``(n, n_outputs, n_inputs)`` [m/N, ...]; NaN where there is no value.
         motion: What is tabled and drawn.

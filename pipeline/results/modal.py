@@ -54,7 +54,7 @@ class PoseModes(Answer):
         pose_units: Axis to the unit of its position, ``m`` or ``rad``.
         placements: Frame of each component in the machine in this pose.
         spread_hz: Lowest and highest frequency of each mode with every interface averaging and
-            rigid [Hz]; None where it has no partner, empty where none was asked for.
+            rigid [Hz]; None where it has no partner, empty where none was requested.
     """
 
     pose: Pose

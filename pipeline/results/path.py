@@ -172,7 +172,7 @@ class PathResult(Answer):
         poses: How the poses were followed; None where that of the middle was enough.
         runs: One per feed.
         drives: Drives under control; empty where motors follow their set points.
-        energy_error: By feed, what the balance of energy misses, of its largest part; where
+        energy_error: By feed, error of the energy balance relative to its largest part; where
             friction acts.
     """
 

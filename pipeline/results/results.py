@@ -134,7 +134,7 @@ class Results:
         return frame
 
     def mesh(self, component: str, pose: str | None = None) -> "pyvista.UnstructuredGrid":
-        """A component where it stands in a pose [m], with its modes and responses as named arrays.
+        """A component at its position in a pose [m], with its modes and responses as named arrays.
 
         An elastic one has the cells of its mesh with shapes, stresses and strain energy, others
         have their surface with shapes. docs/files.md lists the arrays.

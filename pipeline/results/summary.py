@@ -63,7 +63,7 @@ class ComponentSummary(TypedDict):
 
 
 class RunSummary(TypedDict):
-    """The content of ``summary.json``; analyses that were not asked for are not in it, but for
+    """The content of ``summary.json``; analyses that were not requested are not in it, but for
     empty ``static`` and ``modal``.
     """
 

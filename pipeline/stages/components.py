@@ -1,6 +1,6 @@
 """The stages that turn one component into a superelement: mesh, reduce, rigid, segment, load.
 
-Of a superelement in the store that holds more than is asked for, the part asked for is taken.
+Of a superelement in the store that holds more than is requested, the requested part is taken.
 """
 
 import dataclasses
@@ -52,11 +52,11 @@ ELASTIC_MODULE = "headstock.reduction.components.elastic"
 
 @dataclass(frozen=True)
 class StoredRequest:
-    """What is asked of the store.
+    """What is requested from the store.
 
     Attributes:
         key: Of everything that the superelements of a component depend on but how much they hold.
-        reduction: How much is asked for.
+        reduction: How much is requested.
         mass: It assembles the mass.
         verify: The number of modes is to be counted.
     """
@@ -84,7 +84,7 @@ def find_superelement(store: Store, request: StoredRequest) -> StoreRead[Reduced
 
 
 def serving_keys(store: Store, request: StoredRequest) -> list[str]:
-    """Keys of stored superelements that hold all that is asked for, the smallest first."""
+    """Keys of stored superelements that hold all that is requested, the smallest first."""
     serving = [
         (-1 if extent.modes is None else extent.modes, key)
         for key in list_keys(store, ReducedComponent, f"{request.key}{SEPARATOR}")
@@ -258,7 +258,7 @@ def _reduction_request(state: RunState, component: Component) -> ReductionReques
 
 
 def stored_request(state: RunState, component: Component) -> StoredRequest:
-    """What is asked of the store for a component."""
+    """What is requested from the store for a component."""
     supports, loads = component_supports(state, component), component_loads(state, component)
     request = _reduction_request(state, component)
     return StoredRequest(

@@ -418,7 +418,7 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
             "the contour is simulated without cutting; write [effects] cutting_force = true to cut"
         )
     record = None if request.forces is None or not request.cutting else read_forces(request.forces)
-    # the linear model is one about the rigid path, the nonlinear one feels gravity turn by itself
+    # the linear model is one about the rigid path, the nonlinear one includes the rotation of gravity
     model = dataclasses.replace(
         placed.model, velocity_terms=CORIOLIS in state.scene.effects, gravity_stiffening=False
     )

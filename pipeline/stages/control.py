@@ -23,7 +23,7 @@ from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
 
-MARGIN_REACH = 4.0  # margins are looked for up to so many times the highest pole asked for
+MARGIN_REACH = 4.0  # margins are looked for up to so many times the highest requested pole
 
 
 @dataclass(frozen=True, eq=False)

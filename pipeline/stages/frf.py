@@ -214,7 +214,7 @@ def run_frf_stage(state: RunState, stage: Stage) -> Outcome:
 
 
 def prepare_response(machine: PoseModel) -> FrfModel:
-    """A machine in a pose, with the damping of its scene, ready to be asked for its response."""
+    """A machine in a pose, with the damping of its scene, ready for its response."""
     request, modes = _frf_request(machine), machine.all_modes
     system = damp_system(machine.parts.scene, machine.system, modes)
     return prepare_frf(system, inputs=request.inputs, outputs=request.outputs, modes=modes)

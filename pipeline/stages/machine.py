@@ -203,7 +203,7 @@ def add_view(state: RunState) -> None:
 
 
 def _thin_together(state: RunState, skins: dict[str, Skin]) -> dict[str, Skin]:
-    """Surfaces of a machine of many parts, coarser where that is not seen in a picture of all of
+    """Surfaces of a machine of many parts, coarser where that is not visible in a picture of all of
     them; the coarser ones are kept in the store.
     """
     share = MOST_TRIANGLES / max(1, sum(len(skin.triangles) for skin in skins.values()))
@@ -246,7 +246,7 @@ def damp_system(
 
 
 def warn_of_no_damping(scene: Scene, system: SecondOrderSystem) -> tuple[str, ...]:
-    """A warning where damping is asked for and there is none in the system as coupled."""
+    """A warning where the effect damping is on and there is none in the system as coupled."""
     if (
         DAMPING not in scene.effects
         or scene.modal_damping

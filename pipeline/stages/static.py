@@ -29,7 +29,7 @@ RECOVERY_MODULE = "headstock.solvers.elastic.stress_recovery"
 
 
 def run_static_stage(state: RunState, stage: Stage) -> Outcome:
-    """Compliance and its budget at every point asked for; a machine that moves freely is refused,
+    """Compliance and its budget at every requested point; a machine that moves freely is refused,
     and the run goes on.
     """
     if not state.is_root:

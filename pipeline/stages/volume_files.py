@@ -31,7 +31,7 @@ from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.storage.outputs import replace_outputs
 from headstock.reduction.coupling.dof_layout import turn_dofs
 
-# loaded only where volumes are asked for: it needs the element library
+# loaded only where volumes are requested: it needs the element library
 STRESS_MODULE = "headstock.solvers.elastic.patch_recovery"
 PLACES_AT_ONCE = 40_000
 SHEAR_PAIRS = ((1, 2), (0, 2), (0, 1))  # as in the stress module

@@ -100,8 +100,8 @@ def thinned_skin_key(skin: Skin, *, largest: int, pixel: float) -> str:
 
     Args:
         skin: As it was.
-        largest: How many triangles were asked for.
-        pixel: What is not seen [m].
+        largest: How many triangles are requested.
+        pixel: Largest invisible deviation [m].
     """
     return _digest(
         {
@@ -142,7 +142,7 @@ def superelement_key(
             "libraries": library_versions(REDUCTION_LIBRARIES),
             "material": (material.youngs_modulus, material.poisson_ratio, material.density),
             "mass": component.mass,
-            # only where another is asked for: what was stored before there was a choice stays good
+            # only where another is requested: what was stored before there was a choice stays good
             **(
                 {}
                 if component.reduction.eigensolver == DEFAULT_EIGENSOLVER

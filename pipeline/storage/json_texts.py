@@ -41,7 +41,7 @@ def null_open(what: str, values: FloatArray, *, free: bool) -> list[list[float |
     """The rows of values as plain lists.
 
     Args:
-        what: Is told where they are refused.
+        what: Named in the error where they are refused.
         values: ``(m, n)``.
         free: Motions are free: NaN becomes null.
 

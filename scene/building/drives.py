@@ -243,7 +243,7 @@ def build_drives(scene: SceneTable) -> dict[str, Drive]:
 
 
 def build_control(scene: SceneTable, poses: tuple[str, ...]) -> ControlRequest | None:
-    """What is asked of the control loops."""
+    """What is requested of the control loops."""
     request = scene.analyses.control
     return (
         None

@@ -125,7 +125,7 @@ def build_contouring(
 
 def check_mechanism(draft: Draft, findings: Findings) -> None:
     """Report what is wrong with a mechanism, apart from poses that it cannot take, and with what is
-    asked of it.
+    required of it.
     """
     scene = draft.table
     table = scene.mechanism

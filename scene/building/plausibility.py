@@ -110,7 +110,7 @@ def check_mode_counts(draft: Draft, findings: Findings) -> None:
     """
     scene, solids = draft.table, draft.solids
     analyses = scene.analyses
-    asked: dict[KeyPath, float | None] = {
+    requested: dict[KeyPath, float | None] = {
         ("analyses", "modal", "up_to"): None if analyses.modal is None else analyses.modal.up_to,
         ("analyses", "frf", "to"): None if analyses.frf is None else analyses.frf.to,
         ("analyses", "control", "up_to"): None
@@ -138,7 +138,7 @@ def check_mode_counts(draft: Draft, findings: Findings) -> None:
         if tables[name].reduction.modes_to is tables[name].reduction.modes is None
     }
     lowest = min(following, key=lambda name: following[name], default=None)
-    for place, wanted in asked.items():
+    for place, wanted in requested.items():
         if lowest is not None and wanted is not None and wanted > following[lowest]:
             findings.add(place, _too_high(wanted, lowest, following[lowest]))
 

@@ -62,12 +62,13 @@ def _build_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) ->
     if table.path is not None:
         step, unit = _step(table)
         return make_path(name, units, _waypoints(name, scene, paths), step, unit)
-    labels = [place if isinstance(place, str) else "" for place in table.poses or ()]
+    labels = [position if isinstance(position, str) else "" for position in table.poses or ()]
     places = [
-        scene.poses[place] if isinstance(place, str) else place for place in table.poses or ()
+        scene.poses[position] if isinstance(position, str) else position
+        for position in table.poses or ()
     ]
     return make_list(
-        name, units, [_values(place) for place in places], labels if all(labels) else []
+        name, units, [_values(position) for position in places], labels if all(labels) else []
     )
 
 
@@ -77,11 +78,11 @@ def check_sweeps(draft: Draft, findings: Findings) -> None:
     """
     scene = draft.table
     for name, table in scene.sweeps.items():
-        for index, place in enumerate(table.poses or ()):
-            if isinstance(place, str) and place not in scene.poses:
-                hint = suggest_names(place, scene.poses, what="poses")
+        for index, position in enumerate(table.poses or ()):
+            if isinstance(position, str) and position not in scene.poses:
+                hint = suggest_names(position, scene.poses, what="poses")
                 findings.add(
-                    ("sweeps", name, "poses", index), f"unknown pose {place[:80]!r}; {hint}"
+                    ("sweeps", name, "poses", index), f"unknown pose {position[:80]!r}; {hint}"
                 )
         check_variant(("sweeps", name, "variant"), table.variant, draft, findings)
         if (count := _count_poses(name, scene, draft.paths)) > MAX_SWEEP_POSES:
@@ -122,11 +123,11 @@ def _waypoints(
     path = scene.sweeps[name].path
     if isinstance(path, str):
         return paths[name].waypoints() if name in paths else []
-    return [_values(place) for place in path or ()]
+    return [_values(position) for position in path or ()]
 
 
-def _values(place: PoseTable) -> dict[str, float]:
-    return {axis: quantity.value for axis, quantity in place.items()}
+def _values(position: PoseTable) -> dict[str, float]:
+    return {axis: quantity.value for axis, quantity in position.items()}
 
 
 def _step(table: SweepTable) -> tuple[float, str]:
@@ -282,7 +283,7 @@ def _check_study(name: str, study: StudyTable, draft: Draft, findings: Findings)
     key: KeyPath = ("studies", name)
     named = [((*key, "families", family), table) for family, table in study.families.items()]
     parts: list[tuple[KeyPath, StudyTable | FamilyTable]] = [(key, study), *named]
-    for place, table in parts:
+    for where, table in parts:
         varied = table.vary or {}
         reference = (table.reference_run or {}) if isinstance(table, StudyTable) else {}
         for section, paths in (("vary", varied), ("set", table.set), ("reference_run", reference)):
@@ -290,29 +291,29 @@ def _check_study(name: str, study: StudyTable, draft: Draft, findings: Findings)
                 if not (section in {"vary", "reference_run"} and path == VARIANT) and (
                     reason := path_exists(draft.written, path)
                 ):
-                    findings.add((*place, section, path), reason)
+                    findings.add((*where, section, path), reason)
         choices = [
             *varied.get(VARIANT, ()),
             *([reference[VARIANT]] if VARIANT in reference else []),
         ]
         for choice in choices:
             check_variant(
-                (*place, "vary", VARIANT),
+                (*where, "vary", VARIANT),
                 str(choice or ""),
                 draft,
                 findings,
                 more='; "" is the scene as written',
             )
         for analysis in table.analyses or ():
-            asked = [
+            requested = [
                 kind
                 for kind in AnalysesTable.model_fields
                 if getattr(scene.analyses, kind) is not None
             ]
-            if analysis not in asked:
+            if analysis not in requested:
                 findings.add(
-                    (*place, "analyses"),
-                    f"the scene has no [analyses.{analysis}]; it has: {', '.join(asked) or 'none'}",
+                    (*where, "analyses"),
+                    f"the scene has no [analyses.{analysis}]; it has: {', '.join(requested) or 'none'}",
                 )
     for index, watch in enumerate(study.watch or ()):
         _check_watch((*key, "watch", index), watch, scene, findings)

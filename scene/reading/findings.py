@@ -132,7 +132,7 @@ class Findings:
 
     def add_for(self, analysis: str, key: KeyPath, message: str) -> None:
         """Report what an analysis lacks that a variant may bring; a problem only once the analysis
-        is asked for.
+        is requested.
 
         Args:
             analysis: That lacks it.

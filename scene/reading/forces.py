@@ -140,14 +140,14 @@ def _read_row(path: Path, number: int, row: list[str], columns: list[int]) -> li
 def _check_times(path: Path, times: FloatArray) -> None:
     steps = np.diff(times)
     if not (steps > 0.0).all():
-        place = int(np.argmax(steps <= 0.0))
+        index = int(np.argmax(steps <= 0.0))
         raise ForceFileError(
-            f"{path}: time does not rise after {times[place]:.6g} s (sample {place + 1}); sort or cut the record"
+            f"{path}: time does not rise after {times[index]:.6g} s (sample {index + 1}); sort or cut the record"
         )
     typical = float(np.median(steps))
     if steps.max() > LARGEST_GAP * typical:
-        place = int(np.argmax(steps))
+        index = int(np.argmax(steps))
         raise ForceFileError(
-            f"{path}: samples are missing between {times[place]:.6g} and {times[place + 1]:.6g} s: the gap is"
-            f" {steps[place] / typical:.0f} times the usual distance of samples"
+            f"{path}: samples are missing between {times[index]:.6g} and {times[index + 1]:.6g} s: the gap is"
+            f" {steps[index] / typical:.0f} times the usual distance of samples"
         )

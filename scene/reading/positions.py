@@ -23,7 +23,7 @@ class ScanError(ValueError):
 
 @dataclass
 class _Scanner:
-    """Walks a text once and notes the line of each key; nothing is kept but positions."""
+    """Walks a text once and records the line of each key; nothing is kept but positions."""
 
     text: str
     position: int = 0

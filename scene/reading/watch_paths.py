@@ -51,24 +51,24 @@ def parse_watch(text: str) -> WatchPath:
         WatchError: It is none, or begins with nothing that a summary holds.
     """
     steps: list[Step] = []
-    place = 0
-    while place < len(text):
-        match = _TOKEN.match(text, place)
+    position = 0
+    while position < len(text):
+        match = _TOKEN.match(text, position)
         if (
             match is None
             or len(steps) >= MAX_STEPS
             or ((match["index"] or match["low"] is not None) and not steps)
         ):
             raise WatchError(
-                f"{text[:80]!r} cannot be read at {text[place : place + 20]!r}; write a path such as {_EXAMPLE}"
+                f"{text[:80]!r} cannot be read at {text[position : position + 20]!r}; write a path such as {_EXAMPLE}"
             )
         step = _read_step(match)
         if isinstance(step, str) and (match["dot"] is None) != (not steps):
             raise WatchError(
-                f"{text[:80]!r} cannot be read at {text[place : place + 20]!r}: names are joined by dots"
+                f"{text[:80]!r} cannot be read at {text[position : position + 20]!r}: names are joined by dots"
             )
         steps.append(step)
-        place = match.end()
+        position = match.end()
     known = (*RESULT_NAMES, *MEASURED_NAMES)
     if not steps or steps[0] not in known:
         raise WatchError(f"{text[:80]!r} is no result; results begin with {', '.join(known)}")

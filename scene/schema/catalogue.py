@@ -121,7 +121,7 @@ def fill_joint(joint: TomlTable, key: KeyPath, findings: Findings) -> TomlTable:
 
     Args:
         joint: As written.
-        key: Where it stands.
+        key: Its position in the scene.
         findings: Receives problems, and what is assumed.
     """
     full = dict(joint)
@@ -134,10 +134,10 @@ def fill_joint(joint: TomlTable, key: KeyPath, findings: Findings) -> TomlTable:
             )
         full = _merged(joint, entry.joint)
         full |= {FROM: f"{CATALOGUE}{entry.name}", "kind": entry.family.kind}
-        held = isinstance(stiffness := full["stiffness"], dict) and all(
+        constrained = isinstance(stiffness := full["stiffness"], dict) and all(
             value == "rigid" for value in stiffness.values()
         )
-        if held and "loss_factor" not in joint:
+        if constrained and "loss_factor" not in joint:
             del full["loss_factor"]  # there is nothing left that it is a share of
         for name in entry.joint:
             if name not in joint:

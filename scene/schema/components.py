@@ -95,13 +95,13 @@ class PlateTable(StrictTable):
             raise problem(
                 'ribs need a height and a thickness; write rib_height = "40 mm" and rib = "10 mm"'
             )
-        for count, room, axis in (
+        for count, space, axis in (
             (self.ribs_x, self.size[1], "y"),
             (self.ribs_y, self.size[0], "x"),
         ):
-            if count * self.rib > room:
+            if count * self.rib > space:
                 raise problem(
-                    f"{count} ribs of {1e3 * self.rib:.6g} mm do not fit into {1e3 * room:.6g} mm along {axis}; take fewer or thinner ribs"
+                    f"{count} ribs of {1e3 * self.rib:.6g} mm do not fit into {1e3 * space:.6g} mm along {axis}; take fewer or thinner ribs"
                 )
         return self
 

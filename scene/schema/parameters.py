@@ -93,7 +93,7 @@ def _note_overrides(raw: TomlTable, overrides: Mapping[str, str], findings: Find
 
 
 class _Parameters:
-    """Values of the parameters of a scene, calculated when they are asked for."""
+    """Values of the parameters of a scene, calculated when they are requested."""
 
     def __init__(self, raw: TomlTable) -> None:
         section = raw.get(PARAMETERS)

@@ -414,7 +414,7 @@ def _read_channel(value: object) -> tuple[str, str]:
 
 
 class RequestTable(StrictTable):
-    """An analysis, which can be kept for when it is asked for."""
+    """An analysis, which can be kept for when it is requested."""
 
     on_request: Flag = False
 
