@@ -31,7 +31,7 @@ from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.part_files import find_missing_patches
-from headstock.pipeline.stages.rigid_checks import find_unheld_motions
+from headstock.pipeline.stages.rigid_checks import free_motion_warnings
 from headstock.pipeline.storage.outputs import claim_output, remove_outputs, replace_outputs
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice, trace_content
 from headstock.pipeline.storage.store import Store, default_store_root
@@ -106,7 +106,7 @@ def check(machine: Source) -> tuple[str, ...]:
         for name, problems in scene.deferred.items()
         for problem in problems
     ]
-    return (*scene.warnings, *lacking, *find_unheld_motions(scene), *remarks)
+    return (*scene.warnings, *lacking, *free_motion_warnings(scene), *remarks)
 
 
 def plan(machine: Source) -> Plan:

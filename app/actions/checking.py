@@ -10,7 +10,7 @@ from typing import TypedDict
 from headstock.app.terminal.console import counted, make_console, print_assumptions, print_remarks
 from headstock.pipeline.planning.plan import Plan, StageKind
 from headstock.pipeline.stages.part_files import find_missing_patches
-from headstock.pipeline.stages.rigid_checks import find_unheld_motions
+from headstock.pipeline.stages.rigid_checks import free_motion_warnings
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_output
 from headstock.scene.building.loader import load_scene
@@ -51,7 +51,7 @@ def check_scene(
         for name, problems in scene.deferred.items()
         for problem in problems
     ]
-    warnings = [*scene.warnings, *lacking, *find_unheld_motions(scene), *remarks]
+    warnings = [*scene.warnings, *lacking, *free_motion_warnings(scene), *remarks]
     print_remarks(warnings)
     _write(json_file, path, warnings=warnings, assumptions=scene.assumptions)
     return 0

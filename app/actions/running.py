@@ -25,7 +25,7 @@ from headstock.pipeline.results.path import PathResult
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.stages.rigid_checks import find_unheld_motions
+from headstock.pipeline.stages.rigid_checks import free_motion_warnings
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import claim_output, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
@@ -80,7 +80,7 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
                 )
             ),
         )
-        said = find_unheld_motions(scene) if comm.rank == 0 else ()
+        said = free_motion_warnings(scene) if comm.rank == 0 else ()
         if comm.rank == 0:
             print_header(scene, ranks=comm.size)
             print_remarks(said)

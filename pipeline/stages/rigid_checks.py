@@ -17,7 +17,7 @@ from headstock.scene.scene import Scene
 from headstock.solvers.errors import ModelError
 
 
-def find_unheld_motions(scene: Scene) -> tuple[str, ...]:
+def free_motion_warnings(scene: Scene) -> tuple[str, ...]:
     """Warnings of a machine in which bodies may move that are not declared free; empty without.
 
     Elastic bodies have the free motions of rigid ones on the same joints. Nothing is said where
@@ -39,8 +39,8 @@ def find_unheld_motions(scene: Scene) -> tuple[str, ...]:
         return ()
     points = () if scene.analyses.static is None else scene.analyses.static.at
     refused = [name for name in points if _has_no_answer(coupled, name)]
-    hopeless = f"the static analysis will be refused: every force at {', '.join(refused)} does work on that motion"
-    return (warn_of_free_motions(motions), *([hopeless] if refused else []))
+    refusal = f"the static analysis will be refused: every force at {', '.join(refused)} does work on that motion"
+    return (warn_of_free_motions(motions), *([refusal] if refused else []))
 
 
 def _couple_rigid(scene: Scene) -> CoupledMachine | None:

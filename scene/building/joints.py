@@ -321,8 +321,8 @@ def build_shaft(table: ScrewTable) -> ScrewShaft:
     )
 
 
-def tie_bearings(name: str, joint: Joint) -> Joint | None:
-    """The shaft of a screw as a tie between its two fixed bearings, whatever the nut does; None
+def couple_bearings(name: str, joint: Joint) -> Joint | None:
+    """The shaft of a screw as a coupling of its two fixed bearings, whatever the nut does; None
     with a single one.
     """
     shaft = joint.screw

@@ -35,7 +35,7 @@ from headstock.scene.building.components import (
 )
 from headstock.scene.building.draft import Draft, collect_interfaces, collect_sections
 from headstock.scene.building.drives import build_control, build_drives, check_drives
-from headstock.scene.building.joints import build_joint, check_joints, tie_bearings
+from headstock.scene.building.joints import build_joint, check_joints, couple_bearings
 from headstock.scene.building.loads import (
     build_load,
     build_support,
@@ -366,9 +366,9 @@ def _build_joints(scene: SceneTable, components: dict[str, Component]) -> dict[s
     joints: dict[str, Joint] = {}
     for key, table in scene.joints.items():
         joints[key] = build_joint(key, table)
-        tie = tie_bearings(f"{key}_shaft", joints[key])
-        if tie is not None and any(
-            components[end.component or ""].fidelity != "rigid" for end in tie.ends
+        shaft = couple_bearings(f"{key}_shaft", joints[key])
+        if shaft is not None and any(
+            components[end.component or ""].fidelity != "rigid" for end in shaft.ends
         ):
-            joints[tie.name] = tie
+            joints[shaft.name] = shaft
     return joints

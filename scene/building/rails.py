@@ -32,7 +32,7 @@ Ends = dict[tuple[str, str], list[str]]
 def default_control_points(
     span: tuple[float, float], length: float, intervals: float = DEFAULT_INTERVALS
 ) -> int:
-    """Stations of a rail for a carriage of a length [m].
+    """Control points of a rail for a carriage of a length [m].
 
     Args:
         span: Where the rail begins and ends [m].
@@ -64,7 +64,7 @@ def shortest_carriage(scene: SceneTable, joints: list[str]) -> float | None:
 
 
 def choose_control_points(scene: SceneTable, solids: dict[str, Solid]) -> dict[str, dict[str, int]]:
-    """Stations of every rail by component and interface, from its length and the shortest carriage
+    """Control points of every rail by component and interface, from its length and the shortest carriage
     on it where both are known.
     """
     found: dict[str, dict[str, int]] = {name: {} for name in scene.components}

@@ -79,7 +79,7 @@ def test_a_component_that_does_not_exist_is_named(tmp_path: Path) -> None:
         )
 
 
-def test_a_rail_and_its_stations_go_through_a_file(tmp_path: Path) -> None:
+def test_a_rail_and_its_control_points_go_through_a_file(tmp_path: Path) -> None:
     rail = Interface("rail", (Patch("z+"),), "average", rail=RailSettings("x", 6))
     mesh = make_box((4, 1, 1), (0.4, 0.05, 0.05), {"rail": "z+", "foot": "z-"})
     component = make_component({"foot": "rigid"})

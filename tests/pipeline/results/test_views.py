@@ -1,4 +1,4 @@
-"""How strongly a surface is strained, told from its displacement alone, is what elasticity says of
+"""How strongly a surface is strained, computed from its displacement alone, is what elasticity says of
 the material below it.
 """
 

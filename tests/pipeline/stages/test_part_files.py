@@ -1,4 +1,4 @@
-"""Patches that the file of a part does not have: told by ``check`` and by ``run`` with file, line, key
+"""Patches that the file of a part does not have: reported by ``check`` and by ``run`` with file, line, key
 and what there is, and an exit code of 2.
 """
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from headstock.pipeline.stages.rigid_checks import find_unheld_motions
+from headstock.pipeline.stages.rigid_checks import free_motion_warnings
 from headstock.scene.building.joints import KINDS, build_joint, find_joint_faults, joint_rotation
 from headstock.scene.building.loader import load_scene
 from headstock.scene.schema.joints import JointTable
@@ -179,7 +179,7 @@ def test_a_spindle_that_may_turn_is_known_before_any_mesh(
 ) -> None:
     path = tmp_path / "spindle.toml"
     path.write_text(SPINDLE % (fixed, offset))
-    found = find_unheld_motions(load_scene(path))
+    found = free_motion_warnings(load_scene(path))
     assert len(found) == (0 if free is None else 1)
     if free is not None:
         assert free in found[0] and "static" in found[0]
