@@ -140,7 +140,7 @@ def _response_section(
     unit, factor = response_unit("receptance", output, given)
     own = found.get(reference)
 
-    def worst(entry: EntrySummary) -> ModelCell | None:
+    def largest(entry: EntrySummary) -> ModelCell | None:
         size, hz = entry["peak"], entry["peak_hz"]
         if size is None or hz is None:
             return None
@@ -166,14 +166,14 @@ def _response_section(
         )
 
     def peaks(entry: EntrySummary) -> ModelCell | None:
-        largest = sorted(entry["peaks"], key=lambda peak: -peak["size"])[:PEAKS_SHOWN]
+        highest = sorted(entry["peaks"], key=lambda peak: -peak["size"])[:PEAKS_SHOWN]
         texts = [
             f"{show_digits(peak['frequency_hz'], 4)} Hz: {show_digits(factor * peak['size'], 3)}"
-            for peak in largest
+            for peak in highest
         ]
         return ModelCell("\n".join(texts)) if texts else None
 
-    def away(entry: EntrySummary) -> ModelCell | None:
+    def difference(entry: EntrySummary) -> ModelCell | None:
         far = entry["difference"]
         if far is None:
             return None
@@ -182,7 +182,7 @@ def _response_section(
             show_digits(factor * far["size"], 3), f"at {show_digits(far['at_hz'], 4)} Hz\n{share}"
         )
 
-    def holds(entry: EntrySummary) -> ModelCell | None:
+    def agreement(entry: EntrySummary) -> ModelCell | None:
         far = entry["difference"]
         if far is None:
             return None
@@ -197,11 +197,11 @@ def _response_section(
         return ModelRow(head, {name: cell for name, cell in cells.items() if cell is not None})
 
     rows = (
-        row("worst dynamic compliance", worst),
+        row("largest dynamic compliance", largest),
         row("most negative real part", real),
         row("largest peaks", peaks),
-        row(f"largest difference from {reference}", away),
-        row(f"within 10 % of {reference} up to", holds),
+        row(f"largest difference from {reference}", difference),
+        row(f"within 10 % of {reference} up to", agreement),
     )
     return ModelSection(
         f"Response {name_entry(output, given)} [{unit}]", tuple(each for each in rows if each.cells)
@@ -221,7 +221,7 @@ def cost_rows(summary: ComparisonSummary) -> list[ModelRow]:
     return [
         row("dofs of the components", lambda each: ModelCell(_spaced(each["full_dofs"]))),
         row("dofs solved for", lambda each: ModelCell(_spaced(each["coupled_dofs"]))),
-        row("seconds from scene to answers", seconds),
+        row("seconds from scene to results", seconds),
         row(
             "processor seconds",
             lambda each: ModelCell(f"{each['effort']['cpu_seconds']['total']:.2f}"),
@@ -252,7 +252,7 @@ def nearest_mac(
 
 
 def cannot_words(summary: ComparisonSummary) -> list[str]:
-    """What a model cannot answer, and why; once for models that share the reason."""
+    """Results that a model cannot give, and the reason; once for models that share it."""
     owners: dict[str, list[str]] = {}
     for name, why in summary["not_computed"].items():
         owners.setdefault(why, []).append(name)
@@ -263,7 +263,7 @@ def cannot_words(summary: ComparisonSummary) -> list[str]:
 
 
 def verdict_words(summary: ComparisonSummary) -> list[str]:
-    """One sentence per simpler model: what it holds, what it does not, and what it costs."""
+    """One line per simpler model: where it agrees, where it differs, and what it costs."""
     return [
         f"{name}: {_describe_verdict(summary, name, verdict)}"
         for name, verdict in summary["verdicts"].items()
@@ -285,22 +285,22 @@ def _describe_verdict(summary: ComparisonSummary, name: str, verdict: VerdictSum
         ),
     )
     lost += nowhere
-    parts = [f"holds {_join(agreeing)}" if agreeing else "holds no answer within 10 %"]
+    parts = [f"agrees for {_join(agreeing)}" if agreeing else "agrees for no result within 10 %"]
     if lost:
-        parts.append(f"off by more: {_join(lost)}")
+        parts.append(f"differs by more: {_join(lost)}")
     if verdict["missing"]:
         missed = _name_modes(
             verdict["missing"],
             lambda mode: f"f{mode['number']} ({_bends(mode)}, MAC {mode['mac']:.2f} at best)",
         )
-        parts.append(f"misses {_join(missed)}")
+        parts.append(f"lacks {_join(missed)}")
     own, best = (summary["variants"][each]["effort"] for each in (name, summary["reference"]))
     times = [
         f"{effort['seconds']['total']:.2g} s"
         + (f" ({describe_store(effort)})" if effort["elastic_components"] else "")
         for effort in (own, best)
     ]
-    return f"{'; '.join(parts)}; {times[0]} against {times[1]}"
+    return f"{'; '.join(parts)}; {times[0]} compared with {times[1]}"
 
 
 def _reach_of_responses(entries: Sequence[EntrySummary]) -> tuple[list[str], list[str]]:
