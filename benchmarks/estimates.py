@@ -5,7 +5,7 @@ Each scene is run with an empty store and again with a full one.
 
 HEADSTOCK_THREADS=1 ./headstock exec python3 benchmarks/estimates.py [SCENE[:VARIANT] ...]
 
-Child processes (the mesher, the painter of pictures) count. The stages end with results.h5; the
+Child processes (the mesher, the renderer of pictures) count. The stages end with results.h5; the
 command adds report and pictures. Imports are apart.
 """
 

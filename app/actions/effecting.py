@@ -40,7 +40,7 @@ def print_trials(trials: Sequence[EffectTrial]) -> None:
         print(f"\n{trial.effect} ({'named' if trial.active else 'not named'}{beside}; {times})")
         for change in [change for change in trial.changes if change.share > 0.0][:SHOWN]:
             print(f"  {change.answer:<24} {show_share(change.share):>9}   {_describe(change)}")
-    print("\nin short")
+    print("\nSummary")
     for trial in trials:
         print(f"  {tell_trial(trial)}")
 
@@ -98,7 +98,7 @@ def effects_request(request: EffectsRequest) -> int:
     scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
     select_analyses(scene, chosen.analyses)
     print(
-        f"{scene.name}: every effect switched the other way, one at a time; processor seconds, meshing and reduction not counted"
+        f"{scene.name}: each effect switched on or off, one at a time; processor seconds without meshing and reduction"
     )
     with show_progress() as progress:
         trials = list(

@@ -44,7 +44,7 @@ def study(
         bool,
         typer.Option(
             "--cold",
-            help="Compute every point from an empty store, so that its seconds are all of them.",
+            help="Compute every point from an empty store, so that its seconds are complete.",
         ),
     ] = False,
     repeats: Annotated[
@@ -54,7 +54,7 @@ def study(
             metavar="N",
             min=1,
             max=100,
-            help="Runs per point, for median and spread of seconds.",
+            help="Runs per point, for median and spread of the times.",
         ),
     ] = None,
     retry: Annotated[bool, typer.Option("--retry", help="Compute failed points again.")] = False,
@@ -62,7 +62,7 @@ def study(
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Vary keys of a scene and watch results; a study that was stopped goes on where it was."""
+    """Vary keys of a scene and watch results; a stopped study continues."""
 
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.actions.studying import StudyRequest, study_request
@@ -97,19 +97,24 @@ def converge(
     accuracy: Annotated[
         str,
         typer.Option(
-            "--accuracy", metavar="SHARE", help="How well every number is to be known, as in 1%."
+            "--accuracy", metavar="SHARE", help="Largest relative error of every number, as in 1%."
         ),
     ] = "1 %",
     most_dofs: Annotated[
         int,
-        typer.Option("--most-dofs", metavar="N", min=1000, help="Of the finest mesh, about."),
+        typer.Option(
+            "--most-dofs", metavar="N", min=1000, help="Approximate dofs of the finest mesh."
+        ),
     ] = 300_000,
     most_seconds: Annotated[
         float,
-        typer.Option("--most-seconds", metavar="S", min=1.0, help="Of all meshes together, about."),
+        typer.Option(
+            "--most-seconds", metavar="S", min=1.0, help="Approximate time of all meshes together."
+        ),
     ] = 600.0,
     free: Annotated[
-        bool, typer.Option("--free", help="Hold a STEP part nowhere, not at one of its ends.")
+        bool,
+        typer.Option("--free", help="Compute a STEP part without supports, not fixed at one end."),
     ] = False,
     solid: Annotated[
         str | None,
@@ -123,7 +128,7 @@ def converge(
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Say how fine a part or a machine must be meshed; one that was stopped goes on where it was."""
+    """Find how fine the mesh of a part or a machine must be; a stopped series continues."""
     share = read_percent(accuracy)
     words = click.get_current_context().find_root().obj
 
@@ -165,18 +170,20 @@ def sweep(
         typer.Option("--tasks", metavar="N", min=1, max=1000, help="With --on: array tasks [4]."),
     ] = None,
     partition: Annotated[
-        str | None, typer.Option("--partition", metavar="NAME", help="With --on: where to.")
+        str | None, typer.Option("--partition", metavar="NAME", help="With --on: partition.")
     ] = None,
     time_limit: Annotated[
         str | None,
-        typer.Option("--time", metavar="LIMIT", help="With --on: of each task, as in 0:30:00."),
+        typer.Option(
+            "--time", metavar="LIMIT", help="With --on: time limit per task, as in 0:30:00."
+        ),
     ] = None,
     sbatch: Annotated[
         list[str] | None,
         typer.Option(
             "--sbatch",
             metavar="OPTION",
-            help="With --on: as in --sbatch=--account=ours; repeatable.",
+            help="With --on: option of sbatch, as in --sbatch=--account=ours; repeatable.",
         ),
     ] = None,
     no_wait: Annotated[
@@ -193,9 +200,7 @@ def sweep(
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Repeat a scene's analyses in every pose of a sweep; one that was stopped goes on where it
-    was.
-    """
+    """Repeat a scene's analyses in every pose of a sweep; a stopped sweep continues."""
     if on not in (None, "slurm"):
         raise click.UsageError(f"--on {on} is not known; write --on slurm")
     if on is None and (tasks or partition or time_limit or sbatch or no_wait):
@@ -234,14 +239,14 @@ def compare(
         typer.Option(
             "--variants",
             metavar="A,B,C",
-            help="These variants [all]; A+B joins, 'as written' is none.",
+            help="Variants [all]; A+B applies A, then B; 'as written' is the scene itself.",
         ),
     ] = None,
     baseline: Annotated[
         bool,
         typer.Option(
             "--baseline/--no-baseline",
-            help="Show the scene as written beside its variants, or not.",
+            help="Compare the variants with the scene as written, or not.",
         ),
     ] = True,
     fidelity: Annotated[
@@ -249,7 +254,7 @@ def compare(
         typer.Option(
             "--fidelity",
             metavar="A,B",
-            help="Each variant with its elastic parts rigid, segmented or elastic [all three without variants].",
+            help="Fidelities of the elastic parts: rigid, segmented, elastic [all three without variants].",
         ),
     ] = None,
     output: Annotated[
@@ -264,13 +269,13 @@ def compare(
     reference: Annotated[
         str | None,
         typer.Option(
-            "--reference", metavar="NAME", help="Column to compare the others with [the richest]."
+            "--reference", metavar="NAME", help="Column to compare with [the most detailed]."
         ),
     ] = None,
     effort: Annotated[
         bool,
         typer.Option(
-            "--effort", help="Begin each variant from an empty store, and show what it costs."
+            "--effort", help="Start each variant from an empty store, and show its times."
         ),
     ] = False,
     change: Annotated[
@@ -278,7 +283,7 @@ def compare(
         typer.Option(
             "--change",
             metavar="NAME",
-            help="With --effort: also after this variant or KEY=VALUE; repeatable.",
+            help="With --effort: also the times after this variant or KEY=VALUE; repeatable.",
         ),
     ] = None,
     set_: Overrides = None,
@@ -331,7 +336,7 @@ def identify(
     starts: Annotated[
         int | None,
         typer.Option(
-            "--starts", metavar="N", min=1, max=4096, help="Starts, instead of the file's."
+            "--starts", metavar="N", min=1, max=4096, help="Number of starts [from the file]."
         ),
     ] = None,
     set_: Overrides = None,
@@ -339,8 +344,8 @@ def identify(
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Fit numbers of a scene to measured frequencies, shapes and compliances; the scene file is not
-    changed.
+    """Fit parameters of a scene to measured frequencies, shapes and compliances; the scene file is
+    not changed.
     """
 
     def action() -> int:

@@ -39,7 +39,7 @@ Overrides = Annotated[
 JsonFile = Annotated[
     Path | None,
     typer.Option(
-        "--json", metavar="FILE", callback=_check_file, help="Write what is printed as JSON too."
+        "--json", metavar="FILE", callback=_check_file, help="Also write the output as JSON."
     ),
 ]
 Debug = Annotated[bool, typer.Option("--debug", help="Show tracebacks.")]
@@ -48,7 +48,7 @@ Ranks = Annotated[
     typer.Option("--ranks", metavar="N", min=1, help="MPI ranks; the launcher starts them."),
 ]
 NoHost = Annotated[
-    bool, typer.Option("--no-host", help="Leave host and command line out of what is written.")
+    bool, typer.Option("--no-host", help="Leave host and command line out of the files.")
 ]
 Names = Annotated[
     list[str] | None,

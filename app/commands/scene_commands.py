@@ -35,7 +35,7 @@ def check(
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Check a scene: every problem at once, nothing computed."""
+    """Check a scene and list every problem; nothing is computed."""
 
     def action() -> int:
         from headstock.app.actions.checking import check_scene
@@ -52,7 +52,7 @@ def plan(
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Print the stages a scene calls for, with reasons, dofs and memory."""
+    """Print the stages of a run, with reasons, dofs and memory."""
 
     def action() -> int:
         from headstock.app.actions.checking import plan_rows
@@ -106,7 +106,7 @@ def run(
         typer.Option(
             "--accuracy",
             metavar="SHARE",
-            help="Choose meshes and modes so that no number is off by more, such as 1%.",
+            help="Choose meshes and modes for this largest relative error, such as 1%.",
         ),
     ] = None,
     fidelity: Annotated[
@@ -114,14 +114,14 @@ def run(
         typer.Option(
             "--fidelity",
             click_type=click.Choice(["rigid", "segmented", "elastic"]),
-            help="Take every part that the scene has elastic or segmented as this.",
+            help="Fidelity of all parts that are elastic or segmented in the scene.",
         ),
     ] = None,
     no_host: NoHost = False,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Run a scene: static compliance with its budget, natural modes, and what each cost."""
+    """Run a scene: static compliance with its budget, natural modes, frequency responses."""
 
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.actions.running import RunRequest, choose_fidelity, run_request
@@ -161,9 +161,7 @@ def effects(
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Run a scene with each effect switched the other way: how much it moves every answer, and what
-    it costs.
-    """
+    """Switch each effect of a scene on or off: the change of every result, and the time."""
 
     def action() -> int:
         from headstock.app.actions.effecting import EffectsRequest, effects_request

@@ -47,7 +47,7 @@ def show(
         str | None, typer.Option("--pose", metavar="NAME", help="Pose of a scene [the first].")
     ] = None,
     window: Annotated[
-        bool, typer.Option("--window", help="Open a window with the machine to turn it.")
+        bool, typer.Option("--window", help="Show the machine in an interactive window.")
     ] = False,
     solid: Annotated[
         str | None,
@@ -111,7 +111,7 @@ def new(
     ] = None,
     debug: Debug = False,
 ) -> int:
-    """Make a folder with a commented scene that runs as it is."""
+    """Make a folder with a commented scene that can be run."""
 
     def action() -> int:
         from headstock.app.actions.starting import StartRequest, start_scene
@@ -136,7 +136,7 @@ def validate(
     ranks: Ranks = None,
     debug: Debug = False,
 ) -> int:
-    """Hold computed numbers against closed forms and published values."""
+    """Compare computed numbers with closed forms and published values."""
 
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.actions.validating import validate_cases

@@ -162,9 +162,7 @@ def _print_meshes(console: Console, found: Convergence) -> None:
             _show_percent(own[number]),
             f"{_show_percent(errors[worst], signed=False)} {worst}" if worst else "",
         )
-    print_table(
-        console, "Meshes: what a run of each takes, and how far it is from the limit", table
-    )
+    print_table(console, "Meshes: cost of a run, and difference from the limit", table)
 
 
 def _print_numbers(console: Console, found: Convergence) -> None:
@@ -182,7 +180,7 @@ def _print_numbers(console: Console, found: Convergence) -> None:
         add_row(table, each.name, value, order, *map(_show_percent, errors), limit.remark)
     print_table(
         console,
-        "Numbers: limit of an infinitely fine mesh, observed order, and how far each mesh is from it",
+        "Numbers: limit of an infinitely fine mesh, observed order, difference of each mesh from it",
         table,
     )
 
@@ -195,7 +193,7 @@ def _head(series: MeshSeries, factor: float, *, finest: bool) -> str:
 def _print_needs(console: Console, series: MeshSeries, needs: Sequence[MeshNeed]) -> None:
     table = make_table(">for", ">dofs", ">s", ">MB", "size", "decided by")
     ways = {
-        "coarsest": "the coarsest mesh does",
+        "coarsest": "the coarsest mesh is enough",
         "between": "",
         "beyond": ", beyond the finest mesh",
     }
@@ -203,7 +201,7 @@ def _print_needs(console: Console, series: MeshSeries, needs: Sequence[MeshNeed]
         by = "" if need.reach == "coarsest" else need.decisive
         if need.reach == "far":
             accuracy = f"{100.0 * need.accuracy:g} %"
-            add_row(table, accuracy, "-", "-", "-", "-", f"{by}, too far beyond to tell")
+            add_row(table, accuracy, "-", "-", "-", "-", f"{by}, too far beyond to estimate")
             continue
         add_row(
             table,
@@ -214,7 +212,7 @@ def _print_needs(console: Console, series: MeshSeries, needs: Sequence[MeshNeed]
             show_sizes(series, need.factor).removeprefix("size ").removeprefix("sizes "),
             f"{by}{ways[need.reach]}",
         )
-    print_table(console, "How fine, for every number to be as good as that", table)
+    print_table(console, "Mesh needed for an accuracy of all numbers", table)
     asked = needs[0]
     if asked.reach != "far":
         written = [f"{key}={value}" for key, value in series.settings(asked.factor).items()]

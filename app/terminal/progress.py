@@ -11,19 +11,19 @@ from pathlib import Path
 
 from headstock.app.terminal.console import is_terminal
 
-PAINTER = Path(__file__).with_name("progress_painter.py")
+RENDERER = Path(__file__).with_name("progress_renderer.py")
 # a stage that is expected to take less is not worth a process
 SHORTEST_SECONDS = 2.0
 NO_BREAKS = str.maketrans("\t\r\n", "   ")
 
 
 class Progress:
-    """Tells a painter process when something long begins and ends; where none can be started,
+    """Tells a renderer process when something long begins and ends; where none can be started,
     nothing is shown.
     """
 
-    def __init__(self, *, haste: float = 1.0) -> None:
-        self._haste = haste
+    def __init__(self, *, time_scale: float = 1.0) -> None:
+        self._time_scale = time_scale
         self._process: subprocess.Popen[bytes] | None = None
         self._answers = -1
         self._silent = False
@@ -45,7 +45,7 @@ class Progress:
                 os.read(self._answers, 1)
 
     def close(self) -> None:
-        """End the painter."""
+        """End the renderer."""
         if self._process is not None and self._process.stdin is not None:
             with contextlib.suppress(OSError):
                 self._process.stdin.close()
@@ -56,7 +56,15 @@ class Progress:
     def _start(self) -> None:
         self._answers, theirs = os.pipe()
         kind = "bar" if is_terminal(sys.stdout) else "lines"
-        command = [sys.executable, "-I", "-S", str(PAINTER), kind, str(theirs), str(self._haste)]
+        command = [
+            sys.executable,
+            "-I",
+            "-S",
+            str(RENDERER),
+            kind,
+            str(theirs),
+            str(self._time_scale),
+        ]
         try:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL, pass_fds=(theirs,)

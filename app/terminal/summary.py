@@ -93,7 +93,7 @@ def print_plan(name: str, plan: Plan) -> None:
         add_row(
             table, stage.kind, stage.component or "", stage.pose or "", dofs, memory, stage.reason
         )
-    print_table(console, f"{name}: what the scene calls for", table)
+    print_table(console, f"{name}: planned stages", table)
     print_remarks(plan.warnings)
 
 

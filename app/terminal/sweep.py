@@ -59,7 +59,7 @@ def print_sweep(
     console.print()
     if results.frequencies_hz.shape[1]:
         print_table(
-            console, "Natural modes, followed from pose to pose [Hz]", _mode_table(summary, results)
+            console, "Natural modes, tracked from pose to pose [Hz]", _mode_table(summary, results)
         )
     for crossing in summary["crossings"]:
         one, other = crossing["modes"]
@@ -179,7 +179,7 @@ def _print_states(results: SweepResults) -> None:
     out = sum(state == "unreachable" for state in results.states)
     if out:
         console.print(
-            f"{counted(out, 'pose')} of {len(results.states)} cannot be taken by the mechanism"
+            f"{counted(out, 'pose')} of {len(results.states)} cannot be reached by the mechanism"
         )
     for number in results.failed[:FAILED_SHOWN]:
         console.print(

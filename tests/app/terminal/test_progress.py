@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 
 from headstock.app.terminal import progress
-from headstock.app.terminal.progress_painter import render_bar, render_line
+from headstock.app.terminal.progress_renderer import render_bar, render_line
 
 HASTE = "0.02"
 PROGRAM = """
 import sys, time
 from headstock.app.terminal.progress import Progress
-shown = Progress(haste=float(sys.argv[1]))
+shown = Progress(time_scale=float(sys.argv[1]))
 shown.begin("mesh    column", 40.0)
 time.sleep(float(sys.argv[2]))
 shown.end()
@@ -85,7 +85,7 @@ def test_without_a_terminal_plain_lines_come_now_and_then() -> None:
     assert "\x1b" not in said.decode() and "\r" not in said.decode()
 
 
-def test_a_killed_run_leaves_no_painter_behind(terminal: tuple[int, int]) -> None:
+def test_a_killed_run_leaves_no_renderer_behind(terminal: tuple[int, int]) -> None:
     ours, theirs = terminal
     process = start(theirs, "60")
     os.close(theirs)
@@ -105,10 +105,10 @@ def test_what_is_quick_starts_no_process(monkeypatch: pytest.MonkeyPatch) -> Non
         shown.end()
 
 
-def test_a_painter_that_is_killed_or_cannot_start_stops_nothing(
+def test_a_renderer_that_is_killed_or_cannot_start_stops_nothing(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(progress, "PAINTER", tmp_path / "gone.py")
+    monkeypatch.setattr(progress, "RENDERER", tmp_path / "gone.py")
     with progress.show_progress() as shown:
         for _ in range(3):
             shown.begin("mesh    column", 10.0)

@@ -51,12 +51,12 @@ def render_line(label: str, elapsed: float, expected: float) -> str:
     return f"  {label:<26} for {elapsed:.0f} s{about}"
 
 
-class Painter:
+class Renderer:
     """What is shown, and when next."""
 
-    def __init__(self, kind: str, haste: float) -> None:
+    def __init__(self, kind: str, time_scale: float) -> None:
         self.kind = kind
-        self.first, self.next = haste * FIRST_SECONDS[kind], haste * NEXT_SECONDS[kind]
+        self.first, self.next = time_scale * FIRST_SECONDS[kind], time_scale * NEXT_SECONDS[kind]
         self.label, self.expected, self.begun, self.drawn = "", 0.0, 0.0, False
         self.due: float | None = None
 
@@ -110,23 +110,23 @@ def main(arguments: list[str]) -> int:
             factor on all waiting times.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    painter, answers = Painter(arguments[0], float(arguments[2])), int(arguments[1])
+    renderer, answers = Renderer(arguments[0], float(arguments[2])), int(arguments[1])
     waiting = b""
     while True:
-        if not select.select([0], [], [], painter.wait())[0]:
-            painter.show()
+        if not select.select([0], [], [], renderer.wait())[0]:
+            renderer.show()
             continue
         read = os.read(0, 4096)
         if not read:
-            painter.end()
+            renderer.end()
             return 0
         *lines, waiting = (waiting + read).split(b"\n")
         for line in lines:
             if line:
                 seconds, _, label = line.decode("utf-8", "replace").partition("\t")
-                painter.begin(float(seconds), label)
+                renderer.begin(float(seconds), label)
             else:
-                painter.end()
+                renderer.end()
                 os.write(answers, b".")
 
 
