@@ -41,7 +41,7 @@ def judge_numbers(summary: RunSummary) -> list[Note]:
         notes.append(
             Note(
                 "Rigid components",
-                f"{names}: taken as infinitely stiff. The real machine is softer by what they deform.",
+                f"{names}: modelled without deformation. The real machine is more compliant by their deformation.",
             )
         )
     if "segmented" in fidelities:
@@ -69,7 +69,7 @@ def judge_numbers(summary: RunSummary) -> list[Note]:
 
 
 def _judge_compliance(summary: RunSummary) -> Note:
-    text = "Reduction adds no error to the static compliance: forces at interfaces are answered exactly by the finite element model. "
+    text = "Reduction adds no error to the static compliance: the response to forces at interfaces is that of the finite element model. "
     if any(
         error is not None
         for point in summary["static"].values()
@@ -88,8 +88,8 @@ def _judge_frequencies(summary: RunSummary) -> Note:
     if any(error is not None for modes in summary["modal"] for error in modes["error_hz"]):
         return Note(
             "Natural frequencies",
-            "The column “± Hz” covers the error of each frequency in 95 % of cases, all sources together that are named below its table."
-            " The modes that a reduction leaves out and meshes make frequencies too high, not too low. Damping is not part of these modes.",
+            "The column “± Hz” covers the error of each frequency in 95 % of cases; the line below the table names its sources."
+            " Reduction and mesh make frequencies too high, not too low. These modes are undamped.",
         )
     return Note(
         "Natural frequencies",
@@ -100,11 +100,11 @@ def _judge_frequencies(summary: RunSummary) -> Note:
 
 def _judge_response(summary: RunSummary) -> Note:
     text = (
-        "All modes of the reduced machine are summed, so the curve meets the static compliance at 0 Hz. Peaks are as high as the damping"
-        " is low: the scene's damping decides them, and it is seldom known to better than a factor of two. "
+        "All modes of the reduced machine are summed, so the curve equals the static compliance at 0 Hz. The height of peaks"
+        " depends on the scene's damping, which is seldom known to better than a factor of two. "
     )
     if any(not response["damped"] for response in summary["frf"].values()):
-        text += "Here nothing is damped: peaks have no top. "
+        text += "This machine is undamped: peaks are unbounded. "
     text += (
         "Structural damping acts as a loss factor at every frequency above 0 Hz; where damping ratios of modes are given, a mode's loss"
         " factor counts as twice its damping ratio."
