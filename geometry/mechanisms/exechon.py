@@ -31,8 +31,8 @@ from headstock.geometry.mechanisms.mechanism import (
     Mechanism,
     OrientationConstraint,
     PointConstraint,
-    shift,
-    turn,
+    prismatic,
+    revolute,
     wrap_angles,
 )
 
@@ -82,13 +82,13 @@ def exechon_mechanism(dimensions: ExechonDimensions) -> Mechanism:
     """
     c, h = dimensions.wrist
     wrist: tuple[ChainItem, ...] = (
-        shift("x", c), shift("z", h), turn("z", "g4"), Marker("wrist_4"), turn("y", "g5"), Marker("wrist_5"),
-        shift("z", dimensions.tool_length), Marker("tcp"),
+        prismatic("x", c), prismatic("z", h), revolute("z", "g4"), Marker("wrist_4"), revolute("y", "g5"), Marker("wrist_5"),
+        prismatic("z", dimensions.tool_length), Marker("tcp"),
     )  # fmt: skip
     x3, c3 = dimensions.base[2], dimensions.platform[2]
     third: tuple[ChainItem, ...] = (
-        shift("x", x3), turn("x", "a1"), turn("y", "a2"), turn("z", "a3"), Marker("leg_3"), shift("z", "q3"), Marker("tip_3"),
-        shift("x", "d31"), shift("z", "d32"), Marker("joint_3"), turn("y", "ps3"), shift("x", -c3), Marker("platform_3"),
+        prismatic("x", x3), revolute("x", "a1"), revolute("y", "a2"), revolute("z", "a3"), Marker("leg_3"), prismatic("z", "q3"), Marker("tip_3"),
+        prismatic("x", "d31"), prismatic("z", "d32"), Marker("joint_3"), revolute("y", "ps3"), prismatic("x", -c3), Marker("platform_3"),
     )  # fmt: skip
     between: tuple[AxisName, ...] = ("y", "z")
     return Mechanism(
@@ -112,20 +112,20 @@ def _planar_leg(
 ) -> tuple[ChainItem, ...]:
     place = leg - 1
     return (
-        turn("y", "phi"),
+        revolute("y", "phi"),
         *((Marker("plane"),) if leg == 1 else ()),
-        shift("y", dimensions.base[place]),
-        shift("z", dimensions.universal_offsets[place]),
-        turn("x", f"th{leg}"),
+        prismatic("y", dimensions.base[place]),
+        prismatic("z", dimensions.universal_offsets[place]),
+        revolute("x", f"th{leg}"),
         Marker(f"leg_{leg}"),
-        shift("z", f"q{leg}"),
+        prismatic("z", f"q{leg}"),
         Marker(f"tip_{leg}"),
-        shift("y", f"d{leg}1"),
-        shift("z", f"d{leg}2"),
+        prismatic("y", f"d{leg}1"),
+        prismatic("z", f"d{leg}2"),
         Marker(f"joint_{leg}"),
-        turn("x", f"ps{leg}"),
-        shift("z", -dimensions.platform_heights[place]),
-        shift("y", -dimensions.platform[place]),
+        revolute("x", f"ps{leg}"),
+        prismatic("z", -dimensions.platform_heights[place]),
+        prismatic("y", -dimensions.platform[place]),
         Marker("platform" if leg == 1 else "platform_2"),
         *wrist,
     )

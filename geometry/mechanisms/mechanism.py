@@ -18,13 +18,13 @@ class Step:
     """An elementary motion about or along an axis of the frame it starts from.
 
     Attributes:
-        kind: ``turn`` about the axis or ``shift`` along it.
+        kind: ``revolute`` about the axis or ``prismatic`` along it.
         axis: Axis of the frame that the steps before it lead to.
         coordinate: Name of the coordinate that drives it; None for a fixed step.
         amount: Fixed part [rad or m], added to the coordinate.
     """
 
-    kind: Literal["turn", "shift"]
+    kind: Literal["revolute", "prismatic"]
     axis: AxisName
     coordinate: str | None = None
     amount: float = 0.0
@@ -40,14 +40,14 @@ class Marker:
 ChainItem = Step | Marker
 
 
-def turn(axis: AxisName, by: str | float) -> Step:
+def revolute(axis: AxisName, by: str | float) -> Step:
     """Rotation about an axis by a coordinate or a fixed angle [rad]."""
-    return Step("turn", axis, by) if isinstance(by, str) else Step("turn", axis, None, by)
+    return Step("revolute", axis, by) if isinstance(by, str) else Step("revolute", axis, None, by)
 
 
-def shift(axis: AxisName, by: str | float) -> Step:
+def prismatic(axis: AxisName, by: str | float) -> Step:
     """Translation along an axis by a coordinate or a fixed length [m]."""
-    return Step("shift", axis, by) if isinstance(by, str) else Step("shift", axis, None, by)
+    return Step("prismatic", axis, by) if isinstance(by, str) else Step("prismatic", axis, None, by)
 
 
 @dataclass(frozen=True)

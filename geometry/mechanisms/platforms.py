@@ -13,8 +13,8 @@ from headstock.geometry.mechanisms.mechanism import (
     Marker,
     Mechanism,
     PointConstraint,
-    shift,
-    turn,
+    prismatic,
+    revolute,
     wrap_angles,
 )
 
@@ -35,9 +35,9 @@ def planar_3rpr(base: FloatArray, platform: FloatArray) -> Mechanism:
     for leg in (1, 2, 3):
         place, joint = base[leg - 1], platform[leg - 1]
         chain: tuple[ChainItem, ...] = (
-            shift("x", float(place[0])), shift("y", float(place[1])), turn("z", f"th{leg}"), Marker(f"leg_{leg}"),
-            shift("x", f"q{leg}"), shift("x", f"d{leg}"), Marker(f"joint_{leg}"), turn("z", f"ps{leg}"),
-            shift("x", -float(joint[0])), shift("y", -float(joint[1])), Marker(f"platform_{leg}"),
+            prismatic("x", float(place[0])), prismatic("y", float(place[1])), revolute("z", f"th{leg}"), Marker(f"leg_{leg}"),
+            prismatic("x", f"q{leg}"), prismatic("x", f"d{leg}"), Marker(f"joint_{leg}"), revolute("z", f"ps{leg}"),
+            prismatic("x", -float(joint[0])), prismatic("y", -float(joint[1])), Marker(f"platform_{leg}"),
         )  # fmt: skip
         chains.append(chain)
         if leg > 1:
@@ -134,7 +134,8 @@ def hexapod(base: FloatArray, platform: FloatArray) -> Mechanism:
         for item in _joint_there_and_back(number + 1, platform[number])
     ]
     free: tuple[ChainItem, ...] = (
-        shift("x", "x"), shift("y", "y"), shift("z", "z"), turn("x", "rx"), turn("y", "ry"), turn("z", "rz"), Marker("platform"),
+        prismatic("x", "x"), prismatic("y", "y"), prismatic("z", "z"),
+        revolute("x", "rx"), revolute("y", "ry"), revolute("z", "rz"), Marker("platform"),
         *carried,
     )  # fmt: skip
     legs = [_telescopic_leg(number + 1, base[number]) for number in range(len(base))]
@@ -158,9 +159,9 @@ def tricept(base: FloatArray, platform: FloatArray) -> Mechanism:
         for item in _joint_there_and_back(number + 1, platform[number])
     ]
     center: tuple[ChainItem, ...] = (
-        turn("x", "rx"),
-        turn("y", "ry"),
-        shift("z", "z"),
+        revolute("x", "rx"),
+        revolute("y", "ry"),
+        prismatic("z", "z"),
         Marker("platform"),
         *carried,
     )
@@ -172,17 +173,18 @@ def tricept(base: FloatArray, platform: FloatArray) -> Mechanism:
 def _joint_there_and_back(number: int, joint: FloatArray) -> tuple[ChainItem, ...]:
     x, y, z = (float(value) for value in joint)
     there: tuple[ChainItem, ...] = (
-        shift("x", x),
-        shift("y", y),
-        shift("z", z),
+        prismatic("x", x),
+        prismatic("y", y),
+        prismatic("z", z),
         Marker(f"foot_{number}"),
     )
-    return (*there, shift("x", -x), shift("y", -y), shift("z", -z))
+    return (*there, prismatic("x", -x), prismatic("y", -y), prismatic("z", -z))
 
 
 def _telescopic_leg(number: int, joint: FloatArray) -> tuple[ChainItem, ...]:
     x, y, z = (float(value) for value in joint)
     return (
-        shift("x", x), shift("y", y), shift("z", z), turn("x", f"al{number}"), turn("y", f"be{number}"), shift("z", f"q{number}"),
+        prismatic("x", x), prismatic("y", y), prismatic("z", z),
+        revolute("x", f"al{number}"), revolute("y", f"be{number}"), prismatic("z", f"q{number}"),
         Marker(f"tip_{number}"),
     )  # fmt: skip

@@ -24,8 +24,8 @@ from headstock.geometry.mechanisms.mechanism import (
     Mechanism,
     OrientationConstraint,
     PointConstraint,
-    shift,
-    turn,
+    prismatic,
+    revolute,
 )
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
 from headstock.solvers.mechanisms.motion import ConstrainedMotion
@@ -40,9 +40,11 @@ def bricard() -> Mechanism:
     open at its last hinge.
     """
     chain = (
-        turn("z", "t1"), shift("x", 1.0), turn("x", QUARTER), turn("z", "t2"), shift("x", 1.0), turn("x", -QUARTER), turn("z", "t3"),
-        shift("x", 1.0), turn("x", QUARTER), turn("z", "t4"), shift("x", 1.0), turn("x", -QUARTER), turn("z", "t5"), shift("x", 1.0),
-        turn("x", QUARTER), turn("z", "t6"), shift("x", 1.0), turn("x", -QUARTER), Marker("end"),
+        revolute("z", "t1"), prismatic("x", 1.0), revolute("x", QUARTER), revolute("z", "t2"), prismatic("x", 1.0),
+        revolute("x", -QUARTER), revolute("z", "t3"),
+        prismatic("x", 1.0), revolute("x", QUARTER), revolute("z", "t4"), prismatic("x", 1.0), revolute("x", -QUARTER), revolute("z", "t5"),
+        prismatic("x", 1.0),
+        revolute("x", QUARTER), revolute("z", "t6"), prismatic("x", 1.0), revolute("x", -QUARTER), Marker("end"),
     )  # fmt: skip
     start = (Marker("start"),)
     return Mechanism(
@@ -86,8 +88,8 @@ def test_bricard_moves_although_six_closures_meet_six_hinges() -> None:
 def test_bricard_cut_open_at_a_hinge_has_rank_four_of_five() -> None:
     # without the angle of the last hinge: five closures of that hinge on the other five angles
     chain, _ = bricard().chains
-    cut = next(place for place, item in enumerate(chain) if item == turn("z", "t6"))
-    back = (turn("x", QUARTER), shift("x", -1.0), Marker("start"))
+    cut = next(place for place, item in enumerate(chain) if item == revolute("z", "t6"))
+    back = (revolute("x", QUARTER), prismatic("x", -1.0), Marker("start"))
     mechanism = Mechanism(
         "Bricard, cut at a hinge",
         ((*chain[:cut], Marker("end")), back),
@@ -105,13 +107,13 @@ def test_an_exechon_with_all_twelve_loop_equations_has_two_too_many() -> None:
 
     def leg(number: int) -> tuple[ChainItem, ...]:
         return (
-            turn("y", f"phi{number}"), shift("y", base[number - 1]), turn("x", f"th{number}"), shift("z", f"q{number}"),
-            turn("x", f"ps{number}"), shift("y", -platform[number - 1]), Marker(f"platform_{number}"),
+            revolute("y", f"phi{number}"), prismatic("y", base[number - 1]), revolute("x", f"th{number}"), prismatic("z", f"q{number}"),
+            revolute("x", f"ps{number}"), prismatic("y", -platform[number - 1]), Marker(f"platform_{number}"),
         )  # fmt: skip
 
     third = (
-        shift("x", base[2]), turn("x", "a1"), turn("y", "a2"), turn("z", "a3"), shift("z", "q3"), turn("y", "ps3"),
-        shift("x", -platform[2]), Marker("platform_3"),
+        prismatic("x", base[2]), revolute("x", "a1"), revolute("y", "a2"), revolute("z", "a3"), prismatic("z", "q3"), revolute("y", "ps3"),
+        prismatic("x", -platform[2]), Marker("platform_3"),
     )  # fmt: skip
     closures = tuple(
         kind("platform_1", f"platform_{leg}")
@@ -144,16 +146,16 @@ def parallelogram(*, flexible: bool) -> CompliantMechanism:
     """
     chains = []
     for number, place in enumerate((0.0, 0.5, 1.0), 1):
-        give = (shift("y", f"d{number}"),) if flexible else ()
+        give = (prismatic("y", f"d{number}"),) if flexible else ()
         chains.append(
             (
-                shift("x", "u"),
-                shift("x", place),
-                turn("z", f"t{number}"),
-                shift("y", 0.4),
+                prismatic("x", "u"),
+                prismatic("x", place),
+                revolute("z", f"t{number}"),
+                prismatic("y", 0.4),
                 *give,
-                turn("z", f"s{number}"),
-                shift("x", -place),
+                revolute("z", f"s{number}"),
+                prismatic("x", -place),
                 Marker(f"c{number}"),
             )
         )

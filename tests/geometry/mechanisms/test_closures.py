@@ -23,8 +23,8 @@ from headstock.geometry.mechanisms.mechanism import (
     Mechanism,
     OrientationConstraint,
     PointConstraint,
-    shift,
-    turn,
+    prismatic,
+    revolute,
 )
 from headstock.geometry.mechanisms.platforms import hexapod, planar_3rpr, planar_3rpr_state, tricept
 
@@ -157,11 +157,11 @@ def test_loops_that_cannot_close_end_with_a_name() -> None:
     ({"closures": (CoordinateConstraint({"x": 1.0, "who": 1.0}),)}, "names who"),
     ({"closures": (PointConstraint("end", "somewhere"),)}, "names somewhere"),
     ({"closures": (OrientationConstraint("end", "end", ("x",)), PointConstraint("end", "end", frame="off"))}, "names off"),
-    ({"chains": ((shift("x", "x"), Marker("end"), Marker("end")),)}, "named twice"),
+    ({"chains": ((prismatic("x", "x"), Marker("end"), Marker("end")),)}, "named twice"),
 ])  # fmt: skip
 def test_a_mechanism_with_a_wrong_name_is_refused(change: dict[str, Any], message: str) -> None:
     data: dict[str, Any] = {
-        "chains": ((turn("z", "x"), Marker("end")),),
+        "chains": ((revolute("z", "x"), Marker("end")),),
         "closures": (),
         "driven": ("x",),
     }

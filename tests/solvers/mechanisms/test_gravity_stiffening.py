@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.mechanism import Marker, Mechanism, PointConstraint, shift, turn
+from headstock.geometry.mechanisms.mechanism import (
+    Marker,
+    Mechanism,
+    PointConstraint,
+    prismatic,
+    revolute,
+)
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
 from headstock.solvers.mechanisms.modes import (
@@ -28,9 +34,9 @@ def pendulum(stiffening: bool, sign: float) -> CompliantMechanism:
     """A point mass on a rod that hangs (or stands) on a torsion spring, its place driven along
     x.
     """
-    chain = (shift("x", "u"), turn("y", "d"), shift("z", -sign * LENGTH), Marker("bob"))
+    chain = (prismatic("x", "u"), revolute("y", "d"), prismatic("z", -sign * LENGTH), Marker("bob"))
     # a second chain that closes a loop through a passive coordinate, so that closures take part
-    other = (shift("x", "u"), shift("x", "v"), Marker("end"))
+    other = (prismatic("x", "u"), prismatic("x", "v"), Marker("end"))
     mechanism = Mechanism(
         "pendulum", (chain, other), (PointConstraint("bob", "end", ("x",)),), ("u",), ("d",)
     )
