@@ -48,8 +48,8 @@ def lowest_participating(first: FloatArray, second: FloatArray) -> float:
     """The lowest ``omega^2`` that the moments themselves show, where no mode was searched for; inf
     without any.
 
-    A Rayleigh quotient over ``K^-1 M psi``: as a rule a few percent above the lowest mode that the
-    boundary feels.
+    A Rayleigh quotient over ``K^-1 M psi``: as a rule a few percent above the lowest mode that
+    moves the boundary.
     """
     scale = np.sqrt(np.maximum(first.diagonal(), 0.0))
     scale = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 0.0)

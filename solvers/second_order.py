@@ -19,7 +19,8 @@ Motion = Literal["receptance", "mobility", "accelerance"]
 
 @dataclass(frozen=True, eq=False)
 class SecondOrderSystem:
-    """``M q'' + C q' + K q = B f``, ``y = B^T q`` for collocated ports and ``y = L q`` in general.
+    """``M q'' + C q' + K q = B f``, ``y = B^T q`` for collocated channels and ``y = L q`` in
+    general.
 
     At a frequency above zero the stiffness is ``K + i H``; at rest and in time there is no ``H``
     (``linear.damping.equivalent_viscous`` puts a viscous damping in its place).
@@ -28,9 +29,9 @@ class SecondOrderSystem:
         mass: ``(n, n)`` symmetric, positive semidefinite.
         damping: ``(n, n)`` viscous, or None.
         stiffness: ``(n, n)``; symmetric unless control or gyroscopic terms are in it.
-        inputs: Port label such as ``("tcp", "z")`` to generalised load ``(n,)`` of a unit load
+        inputs: Channel such as ``("tcp", "z")`` to generalised load ``(n,)`` of a unit load
             there.
-        outputs: Port label to row ``(n,)`` that gives the motion there.
+        outputs: Channel to row ``(n,)`` that gives the motion there.
         labels: A name for each dof.
         hysteretic: ``(n, n)`` imaginary part ``H`` of the complex stiffness (loss factor times
             stiffness), or None.

@@ -1,3 +1,3 @@
-"""Bodies tied together: joints, axes, poses, carriages on rails, drives. Never how any of it is
+"""Coupled bodies: joints, axes, poses, carriages on rails, drives. Never how any of it is
 solved.
 """

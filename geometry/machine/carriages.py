@@ -24,7 +24,7 @@ from headstock.geometry.parts.patches import (
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
 
 DEGREE = 3  # of the splines along a rail
-LEAST_INTERVALS = 1.5  # intervals of control points per carriage length below which the carriage feels every single control point
+LEAST_INTERVALS = 1.5  # intervals of control points per carriage length below which its motion depends on single control points
 
 
 def rail_span(solid: Solid, interface: Interface) -> Span | None:
@@ -183,8 +183,8 @@ def _joint_point(
 
 
 def count_control_points(span: float, length: float, intervals: float) -> int:
-    """Stations of a rail that give a carriage of a length so many intervals; at least as many as a
-    cubic needs.
+    """Number of control points of a rail for which a carriage covers so many intervals; at least
+    what a cubic spline needs.
 
     Args:
         span: Length of the rail [m].

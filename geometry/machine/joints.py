@@ -66,12 +66,12 @@ class ScrewShaft:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """Two ends that are fixed together, freed or sprung in a joint frame.
+    """Two ends that are coupled in a joint frame: each direction is fixed, free or a spring.
 
     The joint point is ``point`` (machine frame, zero axis positions) or else the frame origin of
     the first end that is neither ground nor a rail; it moves with that end's component. Both ends
-    are carried to it by rigid levers. On a rail a carriage of a given length holds on beside the
-    joint point, wherever that stands in the pose.
+    are carried to it by rigid levers. A carriage of a given length is coupled to its rail
+    next to the joint point, at the position of the pose.
 
     Attributes:
         name: Name in the scene.

@@ -73,7 +73,7 @@ def exechon_mechanism(dimensions: ExechonDimensions) -> Mechanism:
     """The mechanism: 3 lengths and 2 wrist angles driven, 9 passive angles, 9 closures, 6 lumped
     compliances.
 
-    Marks: ``leg_i`` turns with leg i and does not slide, ``tip_i`` is its end, ``joint_i`` its
+    Markers: ``leg_i`` turns with leg i and does not slide, ``tip_i`` is its end, ``joint_i`` its
     platform joint, ``platform``, ``wrist_4`` and ``wrist_5`` turn with the axes of the wrist about
     its centre, ``tcp``.
 
@@ -209,8 +209,8 @@ def solve_tool_pose(
 def survey_tool_poses(
     machine: MountedExechon, points: FloatArray, directions: FloatArray
 ) -> PoseSurvey:
-    """Coordinates at which the tool stands in many poses, with what is wrong with each told by
-    flags instead of errors.
+    """Coordinates of many tool poses. Poses that cannot be reached are flagged; no error is
+    raised.
 
     Args:
         machine: The mounted mechanism.

@@ -59,7 +59,7 @@ class BoundaryBasis:
 
     @property
     def control_points(self) -> tuple[ControlPoint, ...]:
-        """Stations of all rails in dof order."""
+        """Control points of all rails in dof order."""
         return tuple(ControlPoint(point, rail.axis) for rail in self.rails for point in rail.points)
 
 
@@ -110,7 +110,7 @@ def build_boundary_basis(
     shared = len(constraints) - sum("rotation about" in warning for warning in warnings)
     if shared > 0:
         warnings.append(
-            f"component {component.name}: interfaces share points with each other or with a support; {shared} of their dofs are tied"
+            f"component {component.name}: interfaces share points with each other or with a support; {shared} of their dofs are coupled"
         )
     rails = tuple(
         fit_rail(component.name, interface, measure_patch(mesh, name))

@@ -235,8 +235,8 @@ def _follow(
     targets: FloatArray,
     solver: ConstrainedSolver,
 ) -> bool:
-    """Whether rigid motions are told by their boundary dofs and have them; not so where a patch
-    leaves a rotation undetermined.
+    """Whether the boundary dofs determine the rigid motions; not so where a patch leaves a
+    rotation undetermined.
     """
     if not boundary.size or np.linalg.matrix_rank(boundary) < boundary.shape[1]:
         return False

@@ -108,7 +108,7 @@ class SegmentChain:
         count: Number of segments.
         places: ``(n, 3)`` node places in the component frame [m].
         nodes_along: In ascending order along the bar; springs run between neighbours.
-        tied: Segments whose centre lies in a rigid stretch that another node stands for:
+        coupled: Segments whose centre lies in a rigid stretch that another node represents:
             ``(segment, node)``.
     """
 
@@ -117,7 +117,7 @@ class SegmentChain:
     count: int
     places: FloatArray
     nodes_along: tuple[SegmentNode, ...]
-    tied: tuple[tuple[int, int], ...]
+    coupled: tuple[tuple[int, int], ...]
 
 
 def lay_out_chain(
@@ -136,7 +136,7 @@ def lay_out_chain(
     """
     length = bar.length / count
     places = [bar.low + (number + 0.5) * length for number in range(count)]
-    tied: list[tuple[int, int]] = []
+    coupled: list[tuple[int, int]] = []
     nodes_along: list[SegmentNode] = []
     inside: set[int] = set()
     for low, high in join_spans(rigid_spans, CLOSEST * length):
@@ -152,7 +152,7 @@ def lay_out_chain(
             places.append(0.5 * (low + high))
         node = within[0] if within else len(places) - 1
         nodes_along.append(SegmentNode(low, high, node))
-        tied += [(other, node) for other in within[1:]]
+        coupled += [(other, node) for other in within[1:]]
     nodes_along += [SegmentNode(places[i], places[i], i) for i in range(count) if i not in inside]
     on_axis = np.tile(bar.center, (len(places), 1))
     on_axis[:, bar.axis] = places
@@ -162,7 +162,7 @@ def lay_out_chain(
         count,
         on_axis,
         tuple(sorted(nodes_along, key=lambda segment_node: segment_node.low)),
-        tuple(tied),
+        tuple(coupled),
     )
 
 
@@ -227,14 +227,18 @@ def section_motion(chain: SegmentChain, place: float) -> FloatArray:
     start, stop = _axis_point(chain, before.high), _axis_point(chain, after.low)
     # the end force at `stop`, carried to here, bends what lies between `start` and here
     end_force = _spring_stiffness(chain.bar, chain.material, start, stop)[6:]
-    bent = (
+    deflection = (
         _end_flexibility(chain.bar, chain.material, place - before.high)
         @ rigid_transfer(here, stop).T
         @ end_force
     )
-    bent[:, :6] += rigid_transfer(start, here)
-    motion[:, _dofs(before.node)] += bent[:, :6] @ rigid_transfer(chain.places[before.node], start)
-    motion[:, _dofs(after.node)] += bent[:, 6:] @ rigid_transfer(chain.places[after.node], stop)
+    deflection[:, :6] += rigid_transfer(start, here)
+    motion[:, _dofs(before.node)] += deflection[:, :6] @ rigid_transfer(
+        chain.places[before.node], start
+    )
+    motion[:, _dofs(after.node)] += deflection[:, 6:] @ rigid_transfer(
+        chain.places[after.node], stop
+    )
     return motion
 
 

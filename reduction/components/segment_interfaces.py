@@ -1,5 +1,5 @@
-"""How the interfaces of a segmented bar are tied to its nodes, and how loads on its surface act on
-them.
+"""How the interfaces of a segmented bar are coupled to its nodes, and how loads on its surface act
+on them.
 """
 
 from collections.abc import Sequence
@@ -81,7 +81,7 @@ def attach_interfaces(
         len(frames) - chain.count
     )
     interface_maps: dict[str, InterfaceMap] = {}
-    ties = list(chain.tied)
+    ties = list(chain.coupled)
     means: list[Interface] = []
     for name, interface in fixed.items():
         frame = Frame(properties.patch_centroids[name])
@@ -98,7 +98,7 @@ def attach_interfaces(
             frames.append(frame)
             names.append(name)
         interface_maps[name] = InterfaceMap(node, frame)
-    rows = [_tie_rows(chain, tied=tied, node=node) for tied, node in ties] + [
+    rows = [_tie_rows(chain, segment=segment, node=node) for segment, node in ties] + [
         _mean_rows(chain, solid, item, interface_maps[item.name].frame) for item in means
     ]
     return SegmentedBar(
@@ -169,11 +169,11 @@ def _section_name(bar: PrismaticBar, spans: Sequence[Span]) -> str:
     return ends.get(spans[0], "")
 
 
-def _tie_rows(chain: SegmentChain, *, tied: int, node: int) -> FloatArray:
+def _tie_rows(chain: SegmentChain, *, segment: int, node: int) -> FloatArray:
     """Rows ``(6, 6 n)``: one node less another carried to it."""
     rows = np.zeros((6, 6 * len(chain.places)))
-    rows[:, 6 * node : 6 * node + 6] = -rigid_transfer(chain.places[node], chain.places[tied])
-    rows[:, 6 * tied : 6 * tied + 6] = np.eye(6)
+    rows[:, 6 * node : 6 * node + 6] = -rigid_transfer(chain.places[node], chain.places[segment])
+    rows[:, 6 * segment : 6 * segment + 6] = np.eye(6)
     return rows
 
 

@@ -24,14 +24,14 @@ GRAVITY = "gravity"
 AXES = "xyz"
 
 
-def machine_ports(
+def machine_channels(
     layout: DofLayout, machine: Machine, basis: FloatArray, wanted: Collection[str] | None = None
 ) -> dict[tuple[str, str], FloatArray]:
-    """Row ``(n,)`` of each port, all in machine axes: motion there, and by work also the load of a
-    unit force there.
+    """Row ``(n,)`` of each channel, all in machine axes: motion there, and by work also the load of
+    a unit force there.
 
-    Every interface is a port ``("component.interface", dof)``; every point is one as tool less
-    work, at the tool. Where names are wanted, only those.
+    Every interface dof is a channel ``("component.interface", dof)``; every point is one as tool
+    less work, at the tool. Where names are wanted, only those.
 
     Args:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.

@@ -7,7 +7,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Machine, Pose, place_components
-from headstock.reduction.coupling.channels import machine_loads, machine_ports
+from headstock.reduction.coupling.channels import machine_channels, machine_loads
 from headstock.reduction.coupling.dof_layout import (
     DofLayout,
     label_dofs,
@@ -37,7 +37,7 @@ from headstock.reduction.superelement import Superelement
 from headstock.solvers.second_order import SecondOrderSystem
 
 LOCAL_SHARE = 0.99
-LOOSE_TOLERANCE = 1e-12
+FREE_ROTATION_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ def couple(
     floating = floating_groups(
         machine, {name: part.supported for name, part in superelements.items()}
     )
-    channels = machine_ports(layout, machine, basis, memo.channels)
+    channels = machine_channels(layout, machine, basis, memo.channels)
     return CoupledMachine(
         system=SecondOrderSystem(
             mass=sum_mass(layout, matrices, basis, memo),
@@ -181,12 +181,14 @@ def _constraint_rows(
     ]
     joined = np.array(acting).reshape(len(acting), layout.size)
     for name, superelement in layout.superelements.items():
-        felt, loose = split_constraints(superelement)
+        effective, free_rotations = split_constraints(superelement)
         turn = turn_dofs(superelement, layout.placements[name])
         touched = np.any(
-            np.abs(joined[:, layout.offsets[name]] @ (loose @ turn).T) > LOOSE_TOLERANCE, axis=0
+            np.abs(joined[:, layout.offsets[name]] @ (free_rotations @ turn).T)
+            > FREE_ROTATION_TOLERANCE,
+            axis=0,
         )
-        own = np.vstack([felt, loose[~touched]]) @ turn
+        own = np.vstack([effective, free_rotations[~touched]]) @ turn
         block = np.zeros((len(own), layout.size))
         block[:, layout.offsets[name]] = own
         rows.append(block)

@@ -15,8 +15,8 @@ from headstock.reduction.superelement_checks import rigid_motions, rotation_dofs
 from headstock.solvers.errors import AccuracyError, ModelError
 
 RIGID_NOISE_LIMIT = 1e-8
-FELT_TOLERANCE = 1e-9
-LOOSE_LEVEL = 1e-14
+EFFECTIVE_TOLERANCE = 1e-9
+FREE_ROTATION_LEVEL = 1e-14
 DOFS_OF_A_BODY = 6
 
 
@@ -108,7 +108,7 @@ def clean_stiffness(superelement: Superelement) -> FloatArray:
     stiffness = 0.5 * (superelement.stiffness + superelement.stiffness.T)
     if superelement.supported or not stiffness.any() or not superelement.frames:
         return stiffness
-    if _has_loose_rotations(superelement, stiffness):
+    if _has_free_rotations(superelement, stiffness):
         return stiffness
     deformation = free_deformations(superelement)
     cleaned = deformation.T @ stiffness[DOFS_OF_A_BODY:, DOFS_OF_A_BODY:] @ deformation
@@ -130,35 +130,37 @@ def free_deformations(superelement: Superelement) -> FloatArray:
 
 
 def split_constraints(superelement: Superelement) -> tuple[FloatArray, FloatArray]:
-    """Constraint rows of a superelement, and apart from them those that hold a rotation of one node
-    that nothing feels.
+    """Constraint rows of a superelement, and separately those that fix a rotation of one node
+    without stiffness and mass.
 
     Such a rotation, that of a line-like interface about its own line, is no motion of the component
-    at all. A row that ties one node to another is never taken for one.
+    at all. A row that couples two nodes never counts as one.
     """
     rows = superelement.constraints
-    loose = _loose_rotations(superelement) if len(rows) else np.zeros((0, len(superelement.labels)))
-    if len(loose) == 0:
-        return rows, loose
-    rest = rows - (rows @ loose.T) @ loose
+    free_rotations = (
+        _free_rotations(superelement) if len(rows) else np.zeros((0, len(superelement.labels)))
+    )
+    if len(free_rotations) == 0:
+        return rows, free_rotations
+    rest = rows - (rows @ free_rotations.T) @ free_rotations
     sizes = np.linalg.norm(rest, axis=1) / np.maximum(
         np.linalg.norm(rows, axis=1), np.finfo(float).tiny
     )
-    return rest[sizes > FELT_TOLERANCE], loose
+    return rest[sizes > EFFECTIVE_TOLERANCE], free_rotations
 
 
-def _loose_rotations(superelement: Superelement) -> FloatArray:
-    """Orthonormal rotations ``(k, n)``, each of one node, that the constraint rows hold and neither
-    K nor M feels.
+def _free_rotations(superelement: Superelement) -> FloatArray:
+    """Orthonormal rotations ``(k, n)``, each of one node, that the constraint rows fix and that
+    have no stiffness and no mass.
     """
     rows = superelement.constraints
     span = np.linalg.svd(rows / np.linalg.norm(rows, axis=0).max(), full_matrices=False)
-    projection = span.Vh[FELT_TOLERANCE * span.S[0] < span.S]
+    projection = span.Vh[EFFECTIVE_TOLERANCE * span.S[0] < span.S]
     unseen = np.eye(3) - _rotation_products(superelement, projection)
     for matrix in (superelement.stiffness, superelement.mass):
         unseen = unseen + _rotation_products(superelement, matrix / (np.abs(matrix).max() or 1.0))
     levels, vectors = np.linalg.eigh(unseen)
-    nodes, modes = np.nonzero(levels < LOOSE_LEVEL)
+    nodes, modes = np.nonzero(levels < FREE_ROTATION_LEVEL)
     found = np.zeros((len(nodes), len(superelement.labels)))
     for row, (node, mode) in enumerate(zip(nodes, modes, strict=True)):
         found[row, 6 * node + 3 : 6 * node + 6] = vectors[node, :, mode]
@@ -171,9 +173,9 @@ def _rotation_products(superelement: Superelement, rows: FloatArray) -> FloatArr
     return np.asarray(turns @ turns.transpose(0, 2, 1))
 
 
-def _has_loose_rotations(superelement: Superelement, stiffness: FloatArray) -> bool:
-    """Whether a boundary dof of node 0 is felt by nothing, so that the node cannot stand for the
-    body's rigid motion.
+def _has_free_rotations(superelement: Superelement, stiffness: FloatArray) -> bool:
+    """Whether a boundary dof of node 0 has neither stiffness nor mass, so that the node cannot
+    stand for the body's rigid motion.
     """
     first = np.abs(stiffness[:6]).max(axis=1)
     return (

@@ -144,9 +144,9 @@ def _observer_rows(layout: DofLayout, machine: Machine, name: str) -> FloatArray
 
 def _component_constraints(layout: DofLayout, name: str) -> FloatArray:
     superelement = layout.superelements[name]
-    felt, _ = split_constraints(superelement)  # what nothing feels changes no frequency
-    rows = np.zeros((len(felt), layout.size))
-    rows[:, layout.offsets[name]] = felt @ turn_dofs(superelement, layout.placements[name])
+    effective, _ = split_constraints(superelement)  # the others change no frequency
+    rows = np.zeros((len(effective), layout.size))
+    rows[:, layout.offsets[name]] = effective @ turn_dofs(superelement, layout.placements[name])
     return rows
 
 
@@ -320,7 +320,7 @@ def slope_point_compliance(
     motion: ObservedDof,
     force: ObservedDof,
 ) -> float:
-    """Derivative of the motion at one port per unit force at another.
+    """Derivative of the motion at one channel per unit force at another.
 
     Args:
         machine: The machine at the parameter's value.

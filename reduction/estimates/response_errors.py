@@ -174,7 +174,7 @@ def project_response(
     channels: tuple[FloatArray, FloatArray],
     highest_hz: float,
 ) -> ResponseSpace:
-    """Bring a machine into the space of its modes, of static responses at its ports and of the
+    """Bring a machine into the space of its modes, of static responses at its channels and of the
     first corrections of its modes.
 
     Args:
@@ -281,8 +281,8 @@ def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> R
     Modes left out take ``lambda^2 R(lambda)`` from the dynamic stiffness (see
     ``bound_frequency_errors``); a loss factor eta of a component divides its ``omega_k^2`` by ``1 /
     (1 + i eta)``. Finer meshes take the energy that the present ones miss from the stiffness, times
-    ``1 + i eta``: to first order the response between two ports then changes by the energy product
-    of the errors of the responses to both.
+    ``1 + i eta``: to first order the response between two channels then changes by the energy
+    product of the errors of the responses to both.
 
     Args:
         space: The machine in its trial space.

@@ -71,7 +71,7 @@ def close_loops(
         up_to_hz: Keep machine modes up to here, the others statically; None keeps all.
 
     Raises:
-        ModelError: A port is unknown.
+        ModelError: A channel is unknown.
     """
     return close_plant(
         open_plant(system, trains, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz), trains

@@ -20,7 +20,7 @@ class DriveTrain:
     """A drive in a pose. Every turn is expressed along the axis: motor angle times lead / (2 pi).
 
     Attributes:
-        name: Name of the drive; its ports are ``(name, "force")``, ``(name, "motor")``, ``(name,
+        name: Name of the drive; its channels are ``(name, "force")``, ``(name, "motor")``, ``(name,
             "scale")``, ``(name, "slide")``.
         axis: Axis it moves.
         joint: Its ball screw.

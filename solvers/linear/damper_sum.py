@@ -81,10 +81,10 @@ class DamperSum:
         """
         omega = np.sqrt(self.squares)
         damping = _whole(self.viscous)
-        bent = np.flatnonzero(omega > 0.0)
-        damping[np.ix_(bent, bent)] += _whole(self.hysteretic)[np.ix_(bent, bent)] / np.sqrt(
-            np.outer(omega[bent], omega[bent])
-        )
+        flexible = np.flatnonzero(omega > 0.0)
+        damping[np.ix_(flexible, flexible)] += _whole(self.hysteretic)[
+            np.ix_(flexible, flexible)
+        ] / np.sqrt(np.outer(omega[flexible], omega[flexible]))
         wanted = len(omega) if below is None else int(np.count_nonzero(omega <= below))
         few = find_lowest_poles(self.squares, damping, wanted, tolerance=PEAK_TOLERANCE)
         poles, _ = state_eigenpairs(self.squares, damping) if few is None else few

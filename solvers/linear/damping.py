@@ -37,8 +37,8 @@ def add_modal_damping(
     modes = modes or solve_modal(system)
     count = modes.shapes.shape[1]
     every = np.zeros(count)
-    bent = np.arange(modes.rigid_count, count)
-    every[bent] = given[np.minimum(bent - modes.rigid_count, len(given) - 1)]
+    flexible = np.arange(modes.rigid_count, count)
+    every[flexible] = given[np.minimum(flexible - modes.rigid_count, len(given) - 1)]
     return _add_damping(system, modes, np.diag(4.0 * np.pi * every * modes.frequencies_hz))
 
 
@@ -62,11 +62,13 @@ def equivalent_viscous(
     if system.hysteretic is None:
         return system
     modes = modes or solve_modal(system)
-    bent = slice(modes.rigid_count, None)
-    omega = 2.0 * np.pi * modes.frequencies_hz[bent]
-    shapes = modes.shapes[:, bent]
+    flexible = slice(modes.rigid_count, None)
+    omega = 2.0 * np.pi * modes.frequencies_hz[flexible]
+    shapes = modes.shapes[:, flexible]
     loss = np.zeros((modes.shapes.shape[1],) * 2)
-    loss[bent, bent] = (shapes.T @ system.hysteretic @ shapes) / np.sqrt(np.outer(omega, omega))
+    loss[flexible, flexible] = (shapes.T @ system.hysteretic @ shapes) / np.sqrt(
+        np.outer(omega, omega)
+    )
     return _add_damping(dataclasses.replace(system, hysteretic=None), modes, loss)
 
 

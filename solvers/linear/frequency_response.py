@@ -1,5 +1,5 @@
-"""Frequency response of any second-order system between named ports, where to compute it, and its
-figures of stability.
+"""Frequency response of any second-order system between named channels, where to compute it, and
+its figures of stability.
 """
 
 import dataclasses
@@ -54,7 +54,7 @@ REFINEMENT = 1e-9  # of the frequency of a stability figure
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
-    """Receptance between ports: displacement per unit load.
+    """Receptance between channels: displacement per unit load.
 
     Attributes:
         frequencies_hz: ``(n_freq,)``.
@@ -113,11 +113,11 @@ def solve_frf(
     Args:
         system: Any linear system; unsymmetric terms are found and are solved directly.
         frequencies_hz: ``(n_freq,)`` finite [Hz].
-        inputs: Ports.
-        outputs: Ports.
+        inputs: Names of the input channels.
+        outputs: Names of the output channels.
 
     Raises:
-        ModelError: A port is unknown, a frequency is not finite, or a matrix has no physical
+        ModelError: A channel is unknown, a frequency is not finite, or a matrix has no physical
             meaning.
     """
     return evaluate_frf(prepare_frf(system, inputs=inputs, outputs=outputs), frequencies_hz)
@@ -140,12 +140,12 @@ def prepare_frf(
 
     Args:
         system: Any linear system.
-        inputs: Ports.
-        outputs: Ports.
+        inputs: Names of the input channels.
+        outputs: Names of the output channels.
         modes: All undamped modes, where they are already known.
 
     Raises:
-        ModelError: A port is unknown, or a matrix has no physical meaning.
+        ModelError: A channel is unknown, or a matrix has no physical meaning.
     """
     direct = DirectResponse(system, input_columns(system, inputs), output_rows(system, outputs))
     coordinates = to_modal_coordinates(system, inputs, outputs, modes)
@@ -308,7 +308,7 @@ def _offsets(width: float, step: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class StabilityFigures:
-    """Of the response at one port to a load at the same port.
+    """Of the response of a drive point: load and motion at the same channel.
 
     Attributes:
         channel: Where.
@@ -332,7 +332,8 @@ class StabilityFigures:
 def find_stability_figures(
     model: FrfModel, response: FrequencyResponse
 ) -> tuple[StabilityFigures, ...]:
-    """Figures of every port that is both input and output, refined between the points of the grid.
+    """Figures of every drive point (a channel that is both input and output), refined between the
+    points of the grid.
 
     Args:
         model: What the response was computed from.

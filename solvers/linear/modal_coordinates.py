@@ -19,7 +19,7 @@ DIAGONAL_LIMIT = (
 )
 ROUNDOFF = 1e-13  # and those below this share of the largest entry
 SEEN_LIMIT = (
-    1e-10  # a port moves in a rigid-body motion, or a damper with a dof, by more than this share
+    1e-10  # a channel moves in a rigid-body motion, or a damper with a dof, by more than this share
 )
 
 
@@ -73,12 +73,12 @@ def to_modal_coordinates(
 
     Args:
         system: Any.
-        inputs: Ports.
-        outputs: Ports.
+        inputs: Names of the input channels.
+        outputs: Names of the output channels.
         modes: All undamped modes, where they are already known.
 
     Raises:
-        ModelError: A port is unknown, or the system has no answer.
+        ModelError: A channel is unknown, or the system has no answer.
     """
     loads, rows = input_columns(system, inputs), output_rows(system, outputs)
     if not has_symmetric_terms(system):
@@ -91,8 +91,8 @@ def to_modal_coordinates(
     squares[: modes.rigid_count] = 0.0
     modal_loads, modal_rows = modes.shapes.T @ loads, rows @ modes.shapes
     elastic = rows @ elastic_displacements(system, modes, loads)
-    bent = slice(modes.rigid_count, None)
-    residual = elastic - (modal_rows[:, bent] / squares[bent]) @ modal_loads[bent]
+    flexible = slice(modes.rigid_count, None)
+    residual = elastic - (modal_rows[:, flexible] / squares[flexible]) @ modal_loads[flexible]
     return ModalCoordinates(
         squares=squares,
         rigid_count=modes.rigid_count,
@@ -120,9 +120,11 @@ def keep_modes(coordinates: ModalCoordinates, count: int) -> ModalCoordinates:
         acceleration).
     """
     kept = slice(0, coordinates.rigid_count + count)
-    bent = slice(coordinates.rigid_count, coordinates.rigid_count + count)
+    flexible = slice(coordinates.rigid_count, coordinates.rigid_count + count)
     rows, loads = coordinates.outputs[:, kept], coordinates.inputs[kept]
-    statics = (coordinates.outputs[:, bent] / coordinates.squares[bent]) @ coordinates.inputs[bent]
+    statics = (
+        coordinates.outputs[:, flexible] / coordinates.squares[flexible]
+    ) @ coordinates.inputs[flexible]
     return dataclasses.replace(
         coordinates,
         squares=coordinates.squares[kept],

@@ -228,7 +228,7 @@ def _join_labels(nodes: dict[int, _Node], edges: Edges) -> None:
     for number, node in nodes.items():
         for label in node.labels[node.labels >= 0]:
             places.setdefault(int(label), set()).add(number)
-    loose: list[tuple[float, int, int]] = []
+    candidates: list[tuple[float, int, int]] = []
     for first, second in edges:
         one, other = nodes[first], nodes[second]
         alone = np.flatnonzero((one.labels >= 0) & ~np.isin(one.labels, other.labels))
@@ -236,7 +236,7 @@ def _join_labels(nodes: dict[int, _Node], edges: Edges) -> None:
         if len(alone) and len(partners):
             squares = (one.field[:, alone].T @ other.field[:, partners]) ** 2
             for i, j in np.argwhere(squares >= SAME_MODE):
-                loose.append(
+                candidates.append(
                     (
                         -float(squares[i, j]),
                         int(one.labels[alone[i]]),
@@ -244,7 +244,7 @@ def _join_labels(nodes: dict[int, _Node], edges: Edges) -> None:
                     )
                 )
     now = {label: label for label in places}
-    for _, first, second in sorted(loose):
+    for _, first, second in sorted(candidates):
         kept, gone = now[first], now[second]
         if kept != gone and places[kept].isdisjoint(places[gone]):
             places[kept] |= places.pop(gone)

@@ -92,7 +92,7 @@ def find_poles_within(
     None is left out: the outer motions alone have no pole in the circle (``_Outer``), so the poles
     in it are those of the Schur complement on the space. The projection changes it by what the
     errors measure, and no pole near the circle crosses it by that: it is farther from it than its
-    error, or its side is told after it was refined. Real poles are counted by the inertia of
+    error, or it is refined first. Real poles are counted by the inertia of
     ``Q(-r)`` as well.
 
     Args:

@@ -20,7 +20,7 @@ from headstock.solvers.linear.symmetric_matrices import EPS
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
 SINGULAR = 1e-11  # closer to an undamped pole than this share of it, the response is roundoff
-UNSEEN = 1e-12  # a mode's share in a port below this share of the largest one is roundoff
+UNSEEN = 1e-12  # a mode's share in a channel below this share of the largest one is roundoff
 CONDITION_LIMIT = 1e6  # of the eigenvectors: critically damped modes have hardly two of them
 INFINITE = 16.0 * EPS
 SINGULAR_FACTOR = 16.0
@@ -89,13 +89,13 @@ class ModalSum:
 
 def sum_over_modes(coordinates: ModalCoordinates) -> ModalSum:
     """The sum over all modes; the damping of the coordinates must be diagonal."""
-    bent = slice(coordinates.rigid_count, None)
-    rows, loads = coordinates.outputs[:, bent], coordinates.inputs[bent]
+    flexible = slice(coordinates.rigid_count, None)
+    rows, loads = coordinates.outputs[:, flexible], coordinates.inputs[flexible]
     size = len(coordinates.squares)
     return ModalSum(
-        squares=coordinates.squares[bent],
-        viscous=_diagonal(coordinates.viscous, size)[bent],
-        hysteretic=_diagonal(coordinates.hysteretic, size)[bent],
+        squares=coordinates.squares[flexible],
+        viscous=_diagonal(coordinates.viscous, size)[flexible],
+        hysteretic=_diagonal(coordinates.hysteretic, size)[flexible],
         residues=np.einsum("ok,ki->koi", rows, loads),
         seen=see_modes(rows, loads),
         rest=rest_terms(coordinates),
@@ -144,8 +144,8 @@ class PoleSum:
     ``omega^2`` without viscous damping.
 
     Attributes:
-        flexibilities: ``(p,)`` mu, inverse poles: the slow ones, which matter, then come out to
-            machine precision.
+        flexibilities: ``(p,)`` mu, inverse poles: those of low frequency, which matter, then have
+            full machine precision.
         residues: ``(p, n_outputs, n_inputs)``.
         seen: The same shape: the pole takes part.
         rest: Rigid-body motion and residual flexibility.
@@ -196,17 +196,17 @@ def sum_over_poles(coordinates: ModalCoordinates) -> PoleSum:
     state matrix is used, which
         in modal coordinates needs no factorisation of the stiffness.
     """
-    bent = slice(coordinates.rigid_count, None)
-    omega = coordinates.omega[bent]
-    rows, loads = coordinates.outputs[:, bent] + 0j, coordinates.inputs[bent] + 0j
-    softness = _softness(coordinates.hysteretic, bent, omega)
+    flexible = slice(coordinates.rigid_count, None)
+    omega = coordinates.omega[flexible]
+    rows, loads = coordinates.outputs[:, flexible] + 0j, coordinates.inputs[flexible] + 0j
+    softness = _softness(coordinates.hysteretic, flexible, omega)
     if coordinates.viscous is None:
         values, vectors = _eigenpairs(softness / np.outer(omega, omega))
         left, right = rows @ vectors, _solve(vectors, loads)
         return PoleSum(
             values, _products(left, right), see_modes(left, right), rest_terms(coordinates), False
         )
-    loss = softness / omega @ (coordinates.viscous[bent, bent] / omega)
+    loss = softness / omega @ (coordinates.viscous[flexible, flexible] / omega)
     # state (W p, p') with W = diag(omega): A = [[0, W], [-W (softness)^-1, -C]]; its inverse needs
     # no factorisation
     inverse = np.block([[-loss, -softness / omega], [np.diag(1.0 / omega), np.zeros_like(loss)]])
@@ -219,13 +219,13 @@ def sum_over_poles(coordinates: ModalCoordinates) -> PoleSum:
     )
 
 
-def _softness(hysteretic: FloatArray | None, bent: slice, omega: FloatArray) -> ComplexArray:
+def _softness(hysteretic: FloatArray | None, flexible: slice, omega: FloatArray) -> ComplexArray:
     """Inverse of the complex stiffness ``W^-1 (W^2 + i H) W^-1``, W = diag(omega)."""
     unit = np.eye(len(omega)) + 0j
     return (
         unit
         if hysteretic is None
-        else _solve(unit + 1j * hysteretic[bent, bent] / np.outer(omega, omega), unit)
+        else _solve(unit + 1j * hysteretic[flexible, flexible] / np.outer(omega, omega), unit)
     )
 
 

@@ -97,13 +97,13 @@ def to_state_space(
 
     Args:
         system: Any; unsymmetric ones need mass on every dof.
-        inputs: Ports.
-        outputs: Ports.
+        inputs: Names of the input channels.
+        outputs: Names of the output channels.
         up_to_hz: Keep modes up to here only; the static compliance of the others goes to D. None
             keeps all.
 
     Raises:
-        ModelError: A port is unknown, or a dof without mass stands in the way.
+        ModelError: A channel is unknown, or a dof without mass stands in the way.
     """
     if not has_symmetric_terms(system):
         return _unsymmetric(system, tuple(inputs), tuple(outputs))

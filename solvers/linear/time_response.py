@@ -13,7 +13,7 @@ from headstock.solvers.linear.state_space import ModalPairs, StateSpace
 
 # below this angle per step the integrals of a mode would cancel, and come from the exponential of a
 # larger matrix
-SLOW = 0.5
+LOW_FREQUENCY = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,13 +166,13 @@ def _integrals(a: FloatArray, step: float) -> tuple[FloatArray, tuple[FloatArray
 
 
 def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The same for every mode ``(m, 2, 2)``: closed forms, but for slow modes, where these would
-    cancel.
+    """The same for every mode ``(m, 2, 2)``: closed forms, but for low-frequency modes, where these
+    would cancel.
     """
     a = np.zeros((len(pairs.squares), 2, 2))
     a[:, 0, 1], a[:, 1, 0], a[:, 1, 1] = pairs.scales, -pairs.squares / pairs.scales, -pairs.viscous
     transition, total, rising = np.empty_like(a), np.empty_like(a), np.empty_like(a)
-    low_frequency = np.maximum(np.sqrt(pairs.squares), pairs.viscous) * step < SLOW
+    low_frequency = np.maximum(np.sqrt(pairs.squares), pairs.viscous) * step < LOW_FREQUENCY
     for mode in np.flatnonzero(low_frequency):
         transition[mode], (total[mode], rising[mode]) = _integrals(a[mode], step)
     fast = np.flatnonzero(~low_frequency)

@@ -71,7 +71,7 @@ class LumpedSprings:
 
 @dataclass(frozen=True, eq=False)
 class CompliantMechanism:
-    """A mechanism that moves and gives.
+    """A mechanism with springs in its compliant coordinates.
 
     Attributes:
         mechanism: Chains and closures; its compliant coordinates carry the springs.
@@ -82,7 +82,7 @@ class CompliantMechanism:
         damping: ``(c, c)`` viscous damping of the compliant coordinates [N s/m].
         velocity_terms: Whether Coriolis and centrifugal forces are counted; without them bodies and
             closures answer to accelerations alone.
-        gravity_stiffening: Whether small motions feel how gravity's forces turn with them.
+        gravity_stiffening: Whether small motions include the geometric stiffness due to gravity.
     """
 
     mechanism: Mechanism

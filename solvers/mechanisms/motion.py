@@ -324,13 +324,13 @@ class StartReport:
     """How far a start was from the constraints, and what it was moved by.
 
     Attributes:
-        open_loops: Largest violation of a closure as given [m, rad].
+        constraint_violation: Largest violation of a closure as given [m, rad].
         open_rates: Largest rate of violation after the positions were corrected.
         moved: Largest change of a position.
         slowed: Largest change of a velocity.
     """
 
-    open_loops: float
+    constraint_violation: float
     open_rates: float
     moved: float
     slowed: float

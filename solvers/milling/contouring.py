@@ -243,13 +243,13 @@ def tool_gaps(
     gaps = []
     for part in chunk_slices(len(times)):
         driven, guess = drive.at(times[part]).position, drive.rigid_states(times[part])
-        bent, rigid = (
+        deflected, rigid = (
             compose_state(model.mechanism, driven, coordinates, guess)[1].placement.positions[
                 :, tool
             ]
             for coordinates in (compliant[part], np.zeros_like(compliant[part]))
         )
-        gaps.append(bent - rigid)
+        gaps.append(deflected - rigid)
     return np.concatenate(gaps)
 
 

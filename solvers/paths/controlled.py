@@ -59,7 +59,7 @@ class _Motion:
         speed: X_v: at constant speed.
         pull: X_a: at constant acceleration.
         inputs: ``(n, 3)`` columns of position, speed and acceleration along the path.
-        low_frequency: ``(n, n)`` projector on the slow poles.
+        low_frequency: ``(n, n)`` projector on the low-frequency poles.
     """
 
     place: FloatArray
@@ -75,9 +75,9 @@ def solve_controlled_path(
     """Deviation over a move by exact discretisation; the way and the speed are states, driven by
     the acceleration alone.
 
-    Quasi-static is what constant speed (lag) and constant acceleration hold, without the slow
-    poles; low_frequency is the part of the slow poles; dynamic is the residual vibration of the
-    others, and what loads do.
+    Quasi-static is what constant speed (lag) and constant acceleration hold, without the
+    low-frequency poles; low_frequency is the part of those poles; dynamic is the residual vibration
+    of the others, and what loads do.
 
     Args:
         path: The loop and its path.

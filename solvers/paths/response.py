@@ -123,7 +123,7 @@ def solve_path(
         samples: ``(n,)`` evenly spaced, from zero [s].
 
     Raises:
-        ModelError: A port is unknown, or a damper acts on a dof without mass.
+        ModelError: A channel is unknown, or a damper acts on a dof without mass.
     """
     coordinates = to_modal_coordinates(equivalent_viscous(system), [model.source], model.outputs)
     if coordinates is None:
@@ -155,7 +155,8 @@ def solve_path(
 
 
 def static_share(coordinates: ModalCoordinates, low_frequency_limit_hz: float) -> FloatArray:
-    """Deviation per unit acceleration ``(n_outputs,)`` if all but the slow modes follow at once
+    """Deviation per unit acceleration ``(n_outputs,)`` if all but the low-frequency modes respond
+    quasi-statically
     [m/(m/s^2)].
     """
     fast = coordinates.omega >= 2.0 * np.pi * low_frequency_limit_hz

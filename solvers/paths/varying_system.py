@@ -1,5 +1,5 @@
-"""A second-order system whose matrices change along a path: its modes, carried from pose to pose
-and interpolated between sampled poses.
+"""A second-order system whose matrices change along a path: its modes, parallel-transported from
+pose to pose and interpolated between sampled poses.
 
 In every pose the coordinates are the modes up to a frequency. Modes of neighbouring poses differ in
 sign, in order and, where two frequencies cross, altogether; turned to agree as well as they can
@@ -32,7 +32,7 @@ MOST_POSES = 257
 # of what is interpolated half-way between sampled poses, as a share of its size; 1/16 of it between
 # all
 TOLERANCE = 5e-5
-TURN_TOLERANCE = 1e-3  # of modes carried along the sampled poses before the last halving [rad]; 1/4 of it along all
+TURN_TOLERANCE = 1e-3  # of modes transported along the sampled poses before the last halving [rad]; 1/4 of it along all
 SEARCHED = (
     1.5  # the highest mode kept lies below the widest gap up to so many times the highest frequency
 )
@@ -58,17 +58,17 @@ class PosedModes:
 
 @dataclass(frozen=True, eq=False)
 class SampledPose:
-    """The system at a place of the path, in carried modes of unit mass.
+    """The system at a position of the path, in parallel-transported modes of unit mass.
 
     Attributes:
         stiffness: ``(m, m)``.
         damping: ``(m, m)`` viscous.
         load: ``(m,)`` per unit acceleration along the path.
         rows: ``(p, m)`` motion at the outputs.
-        low_frequency: ``(p, m)`` motion at the outputs of the slow modes alone.
+        low_frequency: ``(p, m)`` motion at the outputs of the low-frequency modes alone.
         quasi_static: ``(p,)`` quasi-static deviation per unit acceleration, of everything but the
-            slow modes.
-        rest: ``(p,)`` what the modes kept lack of it.
+            low-frequency modes.
+        rest: ``(p,)`` what the modes kept do not represent.
     """
 
     stiffness: FloatArray
@@ -90,8 +90,8 @@ class VaryingSystem:
         splines: Field of a sampled pose to its cubic spline along the path.
         error: Largest error of splines through the others at the sampled poses added last; of
             splines through all about 1/16 of it.
-        rotation_error: Largest difference of modes carried along all sampled poses from those
-            carried along all but the last ones [rad].
+        rotation_error: Largest difference of modes transported along all sampled poses from
+            those transported along all but the last ones [rad].
         next_hz: Lowest frequency, anywhere along the path, of a mode that is not kept [Hz]; inf
             where all are.
     """
@@ -122,7 +122,7 @@ class _Pose:
 def sample_system(
     place: Callable[[float], PosedModes], length: float, model: PathModel
 ) -> VaryingSystem:
-    """Stations along a path, closer where splines through the others do not meet them.
+    """Sampled poses along a path, closer where splines through the others miss them.
 
     Args:
         place: The system at a position of the path [m].
@@ -235,8 +235,8 @@ def _carry(poses: Mapping[float, _Pose], kept: int) -> dict[float, FloatArray]:
             # orthogonal Procrustes: of all turns of the new modes the one nearest to the old ones
             # in mass. Signs, order and mixtures of close modes are free in every pose; left as they
             # come, entries would jump and no spline could join them
-            carried = poses[before].momenta[:, :kept] @ turns[before]
-            overlap = carried.T @ poses[after].motions[:, :kept]
+            transported = poses[before].momenta[:, :kept] @ turns[before]
+            overlap = transported.T @ poses[after].motions[:, :kept]
             left, _, right = np.linalg.svd(overlap)
             turns[after] = np.asarray((left @ right).T)
     return turns
@@ -318,8 +318,8 @@ def _inverse_size(values: FloatArray) -> FloatArray:
 def _check_turns(
     poses: Mapping[float, _Pose], turns: Mapping[float, FloatArray], some: Sequence[float]
 ) -> float:
-    """Largest difference between modes carried along some of the poses and those carried along
-    all.
+    """Largest difference between modes transported along some of the poses and those transported
+    along all.
     """
     kept = len(next(iter(turns.values())))
     middle = list(poses)[len(poses) // 2]

@@ -37,7 +37,9 @@ def test_a_wrong_start_is_projected_and_the_correction_reported(
     wrong[:9] += 1e-3
     speed[:9] += 0.05
     start, report = project_start(problem, 0.0, wrong, speed)
-    assert 1e-4 < report.open_loops < 1e-2 and report.moved == pytest.approx(1e-3, rel=0.01)
+    assert 1e-4 < report.constraint_violation < 1e-2 and report.moved == pytest.approx(
+        1e-3, rel=0.01
+    )
     assert report.open_rates > 1e-3 and report.slowed > 1e-3
     assert np.allclose(start.position, exact, atol=1e-13)
     dynamics, _, _ = problem.evaluate(start)

@@ -137,9 +137,9 @@ def test_compliance_under_a_carriage_is_that_of_the_whole_mesh_at_any_place(
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
-def test_what_a_carriage_sees_is_smooth_across_the_stations() -> None:
-    """Third differences of every row are bounded by the third derivative between two stations: no
-    jump, no kink.
+def test_what_a_carriage_sees_is_smooth_across_the_control_points() -> None:
+    """Third differences of every row are bounded by the third derivative between two control
+    points: no jump, no kink.
     """
     rail = Rail(0, np.zeros(3), 0.0, 1.0, place_knots(0.0, 1.0, 8), np.eye(32))
     step = 1e-3

@@ -63,7 +63,7 @@ def test_a_symmetry_plane_leaves_its_three_motions_without_stiffness(
     for motion in ([0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0]):
         force = element.stiffness[:, :6] @ np.array(motion, dtype=float)
         assert np.abs(force).max() < 1e-15 * np.abs(element.stiffness[:6, :6]).max()
-        # a null space is told by the diagonal: there not even rounding may be left
+        # the diagonal shows a null space: there not even rounding may be left
         assert abs(force[:6] @ motion) < 1e-28 * np.abs(element.stiffness[:6, :6]).max()
     assert element.supported
 

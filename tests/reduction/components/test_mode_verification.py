@@ -52,7 +52,7 @@ def test_a_reduction_with_verify_counts_its_modes() -> None:
     assert element.modal_count >= 7
 
 
-def test_a_lost_twin_is_found_out_by_the_count() -> None:
+def test_a_lost_repeated_mode_is_found_by_the_count() -> None:
     component, mesh = _column()
     operators = assemble_elasticity(mesh, STEEL, comm=MPI.COMM_SELF, with_mass=True)
     fixed = build_boundary_basis(component, mesh, ()).fixed[

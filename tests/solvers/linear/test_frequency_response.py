@@ -1,5 +1,5 @@
-"""The frequency response is the same by every road: sums over modes or poles, direct solves, closed
-forms.
+"""The frequency response is the same by every method: sums over modes or poles, direct solves,
+closed forms.
 """
 
 import dataclasses

@@ -87,7 +87,7 @@ def test_repeated_frequencies_keep_their_multiplicity() -> None:
     modal = solve_modal(system_of(np.eye(12), 0.5 * (stiffness + stiffness.T)))
     np.testing.assert_allclose(modal.frequencies_hz, np.sqrt(squares) / (2.0 * np.pi), rtol=1e-12)
     np.testing.assert_allclose(modal.shapes.T @ modal.shapes, np.eye(12), atol=1e-10)
-    # the subspace of the five, not its vectors, is what two roads share
+    # the subspace of the five, not its vectors, is what two methods share
     angles = scipy.linalg.subspace_angles(modal.shapes[:, :5], basis[:, :5])
     assert angles.max() < 1e-6
 

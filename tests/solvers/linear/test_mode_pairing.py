@@ -35,7 +35,7 @@ def test_modes_that_change_order_sign_and_size_are_found_again(order: list[int],
 
 @settings(deadline=None, max_examples=30)
 @given(angle=st.floats(0.0, 3.2), spread=st.floats(0.0, 0.015))
-def test_twins_that_turn_into_each_other_stay_a_pair_in_the_order_of_their_frequencies(
+def test_repeated_modes_that_turn_into_each_other_stay_a_pair_in_the_order_of_their_frequencies(
     angle: float, spread: float
 ) -> None:
     shapes = orthonormal(4)

@@ -17,7 +17,7 @@ def _modal(strength: float, kind: str) -> tuple[FloatArray, FloatArray]:
     factor that differs from spring to spring; ``equals`` are two equal chains.
     """
     random = np.random.default_rng(3)
-    size = SIZE // 2 if kind == "twins" else SIZE
+    size = SIZE // 2 if kind == "repeated" else SIZE
     springs = 1e6 * random.uniform(0.5, 2.0, size + 1)
     stiffness = np.diag(springs[:-1] + springs[1:])
     stiffness -= np.diag(springs[1:-1], 1) + np.diag(springs[1:-1], -1)
@@ -30,7 +30,7 @@ def _modal(strength: float, kind: str) -> tuple[FloatArray, FloatArray]:
         places = random.choice(size, size // 20, replace=False)
         damping[places, places] = strength * random.uniform(0.2, 1.0, len(places))
     modal = shapes.T @ damping @ shapes
-    if kind == "twins":
+    if kind == "repeated":
         squares = np.repeat(squares, 2)
         modal = np.kron(modal, np.eye(2))
     return squares, 0.5 * (modal + modal.T)
@@ -42,7 +42,7 @@ def _all_within(squares: FloatArray, viscous: FloatArray, radius: float) -> Comp
     return np.asarray(poles[(real | (poles.imag > 0.0)) & (np.abs(poles) <= radius)])
 
 
-@pytest.mark.parametrize("kind", ["dashpots", "losses", "twins"])
+@pytest.mark.parametrize("kind", ["dashpots", "losses", "repeated"])
 @pytest.mark.parametrize("strength", [0.1, 30.0, 1e3, 3e4, 1e7])
 def test_no_pole_in_the_circle_is_missing_or_off(kind: str, strength: float) -> None:
     squares, viscous = _modal(strength, kind)
@@ -65,7 +65,7 @@ def test_no_pole_in_the_circle_is_missing_or_off(kind: str, strength: float) -> 
                 pole.real / abs(pole), rel=1e-8, abs=1e-11 + rounding / abs(pole)
             )
     matched = {int(np.argmin(np.abs(expected - pole))) for pole in found.poles}
-    if kind != "twins":
+    if kind != "repeated":
         assert len(matched) == len(expected)
     residuals = (found.poles**2 + squares[:, None]) * found.shapes
     residuals += found.poles * (viscous @ found.shapes)

@@ -104,7 +104,7 @@ def test_figures_of_a_zone_are_those_of_the_closed_form() -> None:
     assert first.quasi_static == pytest.approx(-static, rel=1e-12)
     assert (first.begin, first.ramp_end, first.end) == pytest.approx((0.0, 0.1, 0.4))
     assert second.quasi_static == pytest.approx(static, rel=1e-12)
-    # the ringing of both jumps together falls below 5 % of its largest value after ln(20) / (zeta
+    # the residual vibration of both jumps falls below 5 % of its largest value after ln(20) / (zeta
     # omega), within a swing or two
     assert first.settling == pytest.approx(np.log(20.0) / (ZETA * OMEGA), abs=2.0 / HZ)
 
