@@ -120,7 +120,7 @@ def chain_layout(mechanism: Mechanism) -> ChainLayout:
             tensors[:, row, level] = fixed @ motion
             source[row, level], amount[row, level] = mechanism.index(item.coordinate), item.amount
             turns[row, level], direction[row, level] = (
-                item.kind == "revolute",
+                item.kind == "rotation",
                 np.eye(3)[AXES.index(item.axis)],
             )
             fixed, level = np.eye(4), level + 1
@@ -250,7 +250,7 @@ def _motion_tensors(step: Step) -> FloatArray:
     """``(4, 4, 4)``: constant, cosine, sine and linear part of an elementary motion."""
     axis = np.eye(3)[AXES.index(step.axis)]
     parts = np.zeros((4, 4, 4))
-    if step.kind == "prismatic":
+    if step.kind == "translation":
         parts[0], parts[3, :3, 3] = np.eye(4), axis
         return parts
     along = np.diag([*axis, 1.0])

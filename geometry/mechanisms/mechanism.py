@@ -18,13 +18,13 @@ class Step:
     """An elementary motion about or along an axis of the frame it starts from.
 
     Attributes:
-        kind: ``revolute`` about the axis or ``prismatic`` along it.
+        kind: ``rotation`` about the axis or ``translation`` along it.
         axis: Axis of the frame that the steps before it lead to.
         coordinate: Name of the coordinate that drives it; None for a fixed step.
         amount: Fixed part [rad or m], added to the coordinate.
     """
 
-    kind: Literal["revolute", "prismatic"]
+    kind: Literal["rotation", "translation"]
     axis: AxisName
     coordinate: str | None = None
     amount: float = 0.0
@@ -42,12 +42,16 @@ ChainItem = Step | Marker
 
 def revolute(axis: AxisName, by: str | float) -> Step:
     """Rotation about an axis by a coordinate or a fixed angle [rad]."""
-    return Step("revolute", axis, by) if isinstance(by, str) else Step("revolute", axis, None, by)
+    return Step("rotation", axis, by) if isinstance(by, str) else Step("rotation", axis, None, by)
 
 
 def prismatic(axis: AxisName, by: str | float) -> Step:
     """Translation along an axis by a coordinate or a fixed length [m]."""
-    return Step("prismatic", axis, by) if isinstance(by, str) else Step("prismatic", axis, None, by)
+    return (
+        Step("translation", axis, by)
+        if isinstance(by, str)
+        else Step("translation", axis, None, by)
+    )
 
 
 @dataclass(frozen=True)

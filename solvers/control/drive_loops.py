@@ -24,7 +24,7 @@ from headstock.solvers.control.dead_time import (
     make_dead_time,
     stack_blocks,
 )
-from headstock.solvers.control.drive_trains import FORCE, MOTOR, SLIDE, DriveTrain, measured_port
+from headstock.solvers.control.drive_trains import FORCE, MOTOR, SLIDE, DriveTrain, measured_channel
 from headstock.solvers.linear.state_space import StateSpace, to_state_space
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
@@ -97,7 +97,7 @@ def open_plant(
         up_to_hz: Keep machine modes up to here, the others statically; None keeps all.
     """
     forces = [(train.name, FORCE) for train in trains]
-    seen = [measured_port(train) for train in trains]
+    seen = [measured_channel(train) for train in trains]
     own = [(train.name, what) for what in (MOTOR, SLIDE) for train in trains]
     return to_state_space(
         system, inputs=[*forces, *inputs], outputs=[*outputs, *seen, *own], up_to_hz=up_to_hz

@@ -111,7 +111,7 @@ def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> Seco
     return SecondOrderSystem(mass, damping, stiffness, inputs, outputs, tuple(labels), hysteretic)
 
 
-def measured_port(train: DriveTrain) -> Channel:
+def measured_channel(train: DriveTrain) -> Channel:
     """What the position controller of a drive sees."""
     return train.name, train.control.encoder
 

@@ -84,7 +84,7 @@ def solve_motion(
     error.
 
     Args:
-        loop: Closed with the given loads, then ``friction_ports`` of its drives, as inputs.
+        loop: Closed with the given loads, then ``friction_channels`` of its drives, as inputs.
         given: Set points, then loads, at an instant.
         times: ``(n,)`` instants wanted, rising; the first is the start.
         breaks: Instants at which what is given jumps or kinks: no step reaches over one.

@@ -146,7 +146,7 @@ def make_rubbing_loop(loop: ClosedLoop) -> RubbingLoop:
     """Take a closed loop apart.
 
     Args:
-        loop: Its last inputs are ``friction_ports`` of its drives.
+        loop: Its last inputs are ``friction_channels`` of its drives.
 
     Raises:
         ValueError: They are not.

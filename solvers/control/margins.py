@@ -11,7 +11,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl
-from headstock.solvers.control.drive_trains import FORCE, MOTOR, DriveTrain, measured_port
+from headstock.solvers.control.drive_trains import FORCE, MOTOR, DriveTrain, measured_channel
 from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
@@ -69,7 +69,7 @@ def find_margins(
     """
     frequencies = _grid(to_hz, around_hz)
     forces = [(train.name, FORCE) for train in trains]
-    seen = [measured_port(train) for train in trains] + [(train.name, MOTOR) for train in trains]
+    seen = [measured_channel(train) for train in trains] + [(train.name, MOTOR) for train in trains]
     found = evaluate_frf(prepare_frf(system, inputs=forces, outputs=seen), frequencies).receptance
     omega, count = 2.0 * np.pi * frequencies, len(trains)
     paths = [control_paths(train.control, omega) for train in trains]

@@ -142,7 +142,7 @@ def solve_rubbing_path(
     dynamic.
 
     Args:
-        path: Its loop is closed with its loads, then ``friction_ports``, as inputs.
+        path: Its loop is closed with its loads, then ``friction_channels``, as inputs.
         move: Along it.
         samples: ``(n,)`` from zero [s].
 
