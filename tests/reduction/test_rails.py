@@ -316,17 +316,17 @@ def test_a_carriage_that_leaves_its_rail_is_named_with_the_joint() -> None:
     parts = {"bar": reduce_bar("rigid"), "slide": slide_body(machine)}
     with pytest.raises(
         ModelError,
-        match=r"joint 'guide': rail bar.rail: a carriage of 150 mm at 235 mm hangs 10 mm over the end",
+        match=r"joint 'guide'.*bar\.rail.*150 mm.*235 mm.*10 mm",
     ):
         couple(parts, machine, Pose("far", {"X": 0.235}))
-    with pytest.raises(ModelError, match=r"a carriage of 700 mm does not fit on a rail of 600 mm"):
+    with pytest.raises(ModelError, match=r"700 mm.*600 mm"):
         couple(parts, sliding_machine("rigid", block=0.7), Pose("home"))
 
 
 def test_a_carriage_without_a_length_is_refused() -> None:
     machine = sliding_machine("rigid")
     joints = machine.joints | {"guide": dataclasses.replace(machine.joints["guide"], length=None)}
-    with pytest.raises(ModelError, match=r"joint 'guide': a carriage on a rail needs its length"):
+    with pytest.raises(ModelError, match=r"joint 'guide'.*length"):
         couple(
             {"bar": reduce_bar("rigid"), "slide": slide_body(machine)},
             dataclasses.replace(machine, joints=joints),
@@ -342,7 +342,7 @@ def test_a_rail_across_the_segments_is_refused() -> None:
     assert properties is not None
     with pytest.raises(
         ModelError,
-        match=r"rail bar.rail runs along y, across its segments; write segments = \{ along = \"y\" \}",
+        match=r"bar\.rail.*along = \"y\"",
     ):
         reduce_segmented(component, properties)
 
@@ -350,15 +350,13 @@ def test_a_rail_across_the_segments_is_refused() -> None:
 def test_stations_too_few_for_a_carriage_are_refused_with_a_remedy(elastic: Superelement) -> None:
     with pytest.raises(
         ModelError,
-        match=r"9 control points are too few for a carriage of 100 mm on a rail of 600 mm.*take at least 12",
+        match=r"\b9 control points.*100 mm.*600 mm.*at least 12",
     ):
         carriage_rows(elastic.rails["rail"], 0.3, 0.1)
 
 
 def test_more_stations_than_the_mesh_can_tell_apart_are_refused(mesh: ComponentMesh) -> None:
-    with pytest.raises(
-        ModelError, match=r"too few points along rail rail to tell its 40 control points"
-    ):
+    with pytest.raises(ModelError, match=r"too few points.*rail.*40 control points"):
         fit_rail("bar", rail_interface(40), measure_patch(mesh, "rail"))
 
 

@@ -224,9 +224,7 @@ def test_a_soft_shape_that_factors_miss_by_half_is_refused_though_its_forces_are
                 < solver.attainable_change * np.abs(right).max()
             )
         else:
-            with pytest.raises(
-                ConvergenceError, match=r"displacements are off by .* \(its conditioning allows"
-            ):
+            with pytest.raises(ConvergenceError, match=r"displacements.*conditioning"):
                 solver.solve(load)
 
 
