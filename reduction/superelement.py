@@ -9,6 +9,8 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.reduction.rails import CONTROL_POINT_DOFS, ControlPoint, Rail
 
+STORED_AS = "stored_as"  # metadata of a field: its name in files, where that is another one
+
 
 @dataclass(frozen=True, eq=False)
 class Truncation:
@@ -170,7 +172,7 @@ class Superelement:
     name: str
     labels: tuple[tuple[str, str], ...]
     frames: tuple[Frame, ...]
-    interface_maps: dict[str, InterfaceMap]
+    interface_maps: dict[str, InterfaceMap] = field(metadata={STORED_AS: "attachments"})
     stiffness: FloatArray
     mass: FloatArray
     constraints: FloatArray
@@ -187,7 +189,7 @@ class Superelement:
     free_dofs: tuple[str, ...] = ()
     supported: bool = False
     warnings: tuple[str, ...] = ()
-    control_points: tuple[ControlPoint, ...] = ()
+    control_points: tuple[ControlPoint, ...] = field(default=(), metadata={STORED_AS: "stations"})
     rails: dict[str, Rail] = field(default_factory=dict)
     errors: ErrorEstimates = field(default_factory=ErrorEstimates)
 

@@ -8,7 +8,6 @@ import contextlib
 import fcntl
 import json
 import os
-import pickle
 import platform
 import shutil
 import tempfile
@@ -286,7 +285,7 @@ class _Mail[T]:
 def _portable(error: Exception | None) -> Exception | None:
     """An error as it is, or what it says where it cannot be pickled."""
     try:
-        pickle.loads(pickle.dumps(error))
+        MPI.pickle.loads(MPI.pickle.dumps(error))
     except Exception:
         return HeadstockError(f"{type(error).__name__}: {error}")
     return error

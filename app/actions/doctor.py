@@ -146,6 +146,7 @@ LIBRARIES = (
 PYTHON_PACKAGES = (
     Package("numpy"),
     Package("scipy"),
+    Package("threadpoolctl"),
     Package("pydantic"),
     Package("pydantic_core"),
     Package("pint"),

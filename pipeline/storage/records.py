@@ -2,7 +2,7 @@
 pickle, no object arrays.
 
 A field becomes a data set (array, list of words), an attribute (number, word) or a group
-(dataclass, tuple, dict) of the same name; ``None`` is left out. A reader therefore needs nothing
+(dataclass, tuple, dict) of the same name, or of that in its metadata; ``None`` is left out. A reader therefore needs nothing
 but the dataclass to know the layout.
 """
 
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.errors import HeadstockError, printable
+from headstock.reduction.superelement import STORED_AS
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -116,7 +117,12 @@ def _require_plain_attributes(item: h5py.Group | h5py.Dataset, most_axes: int) -
 def write_record(group: h5py.Group, record: "DataclassInstance") -> None:
     """Write every field of a frozen dataclass into a group."""
     for field in dataclasses.fields(record):
-        _write_value(group, field.name, getattr(record, field.name))
+        _write_value(group, _stored_name(field), getattr(record, field.name))
+
+
+def _stored_name(field: "dataclasses.Field[Any]") -> str:
+    """What a field is called in files: files outlive names in the program."""
+    return str(field.metadata.get(STORED_AS, field.name))
 
 
 def write_words(group: h5py.Group, content: Mapping[str, object]) -> None:
@@ -144,12 +150,13 @@ def read_record[T](group: h5py.Group, kind: type[T]) -> T:
             field.default is not dataclasses.MISSING
             or field.default_factory is not dataclasses.MISSING
         )
-        if field.name in group or field.name in group.attrs:
-            values[field.name] = _read_value(group, field.name, hints[field.name])
+        name = _stored_name(field)
+        if name in group or name in group.attrs:
+            values[field.name] = _read_value(group, name, hints[field.name])
         elif _accepts_none(hints[field.name]):
             values[field.name] = None
         elif not has_default:
-            raise RecordError(f"{group.name} has no {field.name!r}, which a {kind.__name__} needs")
+            raise RecordError(f"{group.name} has no {name!r}, which a {kind.__name__} needs")
     try:
         return kind(**values)
     except ValueError as error:

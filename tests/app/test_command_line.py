@@ -196,7 +196,7 @@ def test_a_machine_that_no_force_leaves_in_place_ends_with_1_names_what_is_free_
     )
     assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures"]) == 1
     printed = " ".join(capsys.readouterr().out.split())
-    assert "failed: static analysis in pose reference: 3 rigid motion(s) are free" in printed
+    assert "pose reference: 3 rigid motion(s)" in printed
     assert "X translation of block" in printed
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["status"] == "failed"

@@ -716,10 +716,7 @@ def test_an_account_without_a_home_is_told_to_name_a_folder(host: Host) -> None:
         host.write(tool, "#!/bin/sh\nexit 2\n")
     done = run([ROOT / "headstock", "exec", "true"], environment)
     assert (done.returncode, done.stdout) == (1, "")
-    assert (
-        "HOME is not set and this account has no home folder: name a folder of your own with XDG_CACHE_HOME=/path"
-        in done.stderr
-    )
+    assert "XDG_CACHE_HOME=/path" in done.stderr
     assert (
         run(
             [ROOT / "headstock", "exec", "true"], environment | {"XDG_CACHE_HOME": str(host.cache)}

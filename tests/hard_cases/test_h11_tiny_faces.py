@@ -66,7 +66,7 @@ def test_a_step_of_1e_5_of_the_size_is_refused_by_the_face_it_leaves(write_step:
     start = time.perf_counter()
     with pytest.raises(
         MeshError,
-        match=r"too narrow for elements.*1 of 8 faces: face:\d \(0\.001 mm wide, 60 mm long\)",
+        match=r"1 of 8 faces: face:\d \(0\.001 mm wide, 60 mm long\)",
     ):
         mesh_component(part(path))
     assert time.perf_counter() - start < REFUSED_WITHIN

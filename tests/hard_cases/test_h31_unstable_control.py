@@ -38,7 +38,7 @@ def test_a_position_gain_that_is_too_high_is_named_with_the_largest_that_is_stab
     )
     with pytest.raises(
         UnstableControlError,
-        match=r"control of axis X is unstable: a motion at .* Hz grows .* largest stable kv",
+        match=r"axis X is unstable.* Hz.*largest stable kv",
     ) as caught:
         require_stable(system, [train])
     growing = find_loop_poles(close_loops(system, [train]))
@@ -66,7 +66,7 @@ def test_a_velocity_gain_that_no_kv_helps_is_named() -> None:
     system, train = make_drive(MASSES, soft_with(velocity_gain=2e6, dead_time=1e-3))
     with pytest.raises(
         UnstableControlError,
-        match="velocity loop is so by itself: the largest stable velocity_gain",
+        match=r"velocity loop.*largest stable velocity_gain",
     ):
         require_stable(system, [train])
     largest = present(find_largest_gain(system, [train], "X", scale_velocity_gain))

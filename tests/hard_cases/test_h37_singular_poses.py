@@ -274,9 +274,7 @@ def test_a_motion_that_branches_where_it_rests_ends_with_a_name_and_a_remedy(
     matrix = np.block([[problem.mass, slopes.T], [slopes, np.zeros((5, 5))]])
     found = np.linalg.lstsq(matrix, np.concatenate([problem.weight, np.zeros(5)]), rcond=1e-12)[0]
     start = MotionState(0.0, lying, np.zeros(6), found[:6], found[6:])
-    with pytest.raises(
-        ConvergenceError, match=r"singular pose.*more than one motion can go on.*more speed"
-    ):
+    with pytest.raises(ConvergenceError, match=r"singular pose.*more speed"):
         integrate_motion(problem, start, 0.01, 10, observe=lambda state: None, tolerance=1e-12)
 
 

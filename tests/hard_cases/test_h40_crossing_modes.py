@@ -154,8 +154,5 @@ def test_a_carriage_that_would_leave_its_rail_is_refused_before_anything_is_comp
     longer = 'sweeps.few.axes={ X = ["-400 mm", "420 mm", 5] }'
     assert main(["sweep", str(scene_file), "few", "-o", str(out), "--set", longer]) == 2
     said = capsys.readouterr().err
-    assert (
-        "in pose X 420 mm the carriage of joint carriage (80 mm long) hangs 10 mm over the end of rail bed.rail"
-        in said
-    )
+    assert "joint carriage (80 mm long) hangs 10 mm over the end of rail bed.rail" in said
     assert not out.exists()

@@ -115,8 +115,8 @@ def test_a_read_only_output_folder_is_refused_before_anything_is_computed(tmp_pa
     places = make_places(tmp_path)
     places.results.symlink_to("/sys/kernel")  # refuses new files to everybody
     code, said = finish_run(places, VARIANTS[0])
-    assert code == 1
-    assert "OutputError" in said and "cannot be written" in said and "-o DIR" in said
+    assert code == 2
+    assert "cannot be written" in said and "-o DIR" in said
     assert "Traceback" not in said
     assert list(places.store.rglob("*.h5")) == []
 

@@ -130,10 +130,7 @@ def test_a_bound_at_which_a_part_cannot_be_built_is_bad_input(
     assert main(["identify", scene, targets, "-o", str(output)]) == 2
     problem = capsys.readouterr().err
     assert "parameters.place.bounds[0]" in problem
-    assert (
-        "at its lower bound 25 mm the scene cannot be built: components.column: interfaces.foot"
-        in problem
-    )
+    assert "components.column: interfaces.foot" in problem
 
 
 def test_a_fit_that_cannot_start_is_a_named_failure(

@@ -85,9 +85,7 @@ def test_a_strip_that_would_fill_a_mesh_is_refused_with_its_name_and_the_width_t
     make_component: Make,
 ) -> None:
     strip = Patch("x+", "strip", (0.0, 0.0, 0.25), (0.00006,), "z")
-    with pytest.raises(
-        MeshError, match=r"line: the patch is 0.06 mm wide.*write one at least 0\.29 mm wide"
-    ):
+    with pytest.raises(MeshError, match=r"line: .*0.06 mm.*0\.29 mm wide"):
         mesh_component(
             make_component(Box((0.038, 0.1, 0.5)), {"foot": Patch("z-"), "line": strip}, size=0.025)
         )

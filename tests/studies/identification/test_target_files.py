@@ -159,5 +159,5 @@ def test_a_mechanism_is_fitted_in_variants_of_components_only(tmp_path: Path) ->
         .read_text()
         .replace('"elastic_legs+segmented"', '"lumped"', 1)
     )
-    with pytest.raises(SceneError, match="lumped mechanism, which has no joints to fit"):
+    with pytest.raises(SceneError, match="lumped mechanism"):
         load_targets(lumped, machines / "tripteor.toml")

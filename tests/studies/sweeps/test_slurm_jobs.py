@@ -180,9 +180,7 @@ def test_a_controller_that_restarts_is_waited_for_and_one_that_is_gone_is_named(
         wait(monkeypatch, {1: "RUNNING None"}, silence, {1: "COMPLETED None"})[0][1].state
         == "COMPLETED"
     )
-    with pytest.raises(
-        SlurmError, match="job 17 can no longer be watched: squeue ended with 1: Unable to contact"
-    ):
+    with pytest.raises(SlurmError, match=r"job 17 .*squeue ended with 1"):
         wait(monkeypatch, silence, silence, silence)
 
 
