@@ -33,8 +33,7 @@ from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import dof_scale
 
 FORMAT = "headstock superelement"
-# 1 had the recovery basis and the error estimates among the matrices, 2 attachments for interface_maps
-VERSION = 3
+VERSION = 2  # 1 had the recovery basis and the error estimates among the matrices
 # limits of the worker process that reads a file first: fixed, and growing with the file
 PROBE = "headstock.pipeline.storage.superelements"
 REFUSED = 3

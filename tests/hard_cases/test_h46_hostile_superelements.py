@@ -236,31 +236,28 @@ LYING: dict[str, tuple[Change, str]] = {
         entry("mass", (7, 7), -1.0),
         "the mass of its modal dofs is not positive",
     ),
-    "of another version": (attribute("version", 1), "its version is 1, 3 is read; export it again"),
+    "of another version": (attribute("version", 1), "its version is 1, 2 is read; export it again"),
     "moved interface": (
-        put("interface_maps/foot/frame/origin", np.array([0.0, 0, 5])),
+        put("attachments/foot/frame/origin", np.array([0.0, 0, 5])),
         "interface 'foot' lies outside the body",
     ),
     "moved node": (put("frames/0/origin", np.array([0.0, 9, 0])), "node 0 lies outside the body"),
-    "stretched frame": (put("interface_maps/foot/frame/rotation", 2.0 * np.eye(3)), "orthonormal"),
+    "stretched frame": (put("attachments/foot/frame/rotation", 2.0 * np.eye(3)), "orthonormal"),
     "mirrored frame": (
-        put("interface_maps/foot/frame/rotation", np.diag([1.0, 1, -1])),
+        put("attachments/foot/frame/rotation", np.diag([1.0, 1, -1])),
         "right-handed",
     ),
-    "frame without numbers": (
-        put("interface_maps/foot/frame/origin", np.full(3, np.nan)),
-        "finite",
-    ),
+    "frame without numbers": (put("attachments/foot/frame/origin", np.full(3, np.nan)), "finite"),
     "load of another part": (
         put("loads/push/particular", np.ones(12)),
         "loads/push/particular has shape",
     ),
     "points in a plane": (put("recovery/points", np.ones((3, 2))), "recovery/points has shape"),
-    "no such node": (attribute("node", 7, "interface_maps/foot"), "sits on node 7"),
+    "no such node": (attribute("node", 7, "attachments/foot"), "sits on node 7"),
 }
 NAMED: dict[str, tuple[Change, str]] = {
     "page in a name": (
-        rename("interface_maps/foot", "interface_maps/%3Cimg src=x onerror=alert(1)%3E"),
+        rename("attachments/foot", "attachments/%3Cimg src=x onerror=alert(1)%3E"),
         "is no name",
     ),
     "script in the part's name": (attribute("name", "<script>alert(1)</script>"), "is no name"),
