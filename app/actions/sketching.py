@@ -1,6 +1,7 @@
 """``headstock show SCENE``: a machine drawn before anything is computed."""
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -16,13 +17,13 @@ from headstock.geometry.machine.machine import Pose, position_units, show_positi
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.pipeline.results.views import JointView, MachineView, PoseView
-from headstock.pipeline.stages.rigid_view import view_rigid
+from headstock.pipeline.stages.rigid_view import SupportView, view_rigid
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_output
 from headstock.scene.scene import Scene
 
 RIGID, SPRING, FREE = (0.39, 0.45, 0.55), (0.85, 0.47, 0.02), (0.49, 0.23, 0.93)
-MOUNT, WORK = (0.10, 0.55, 0.27), (0.10, 0.35, 0.80)
+MOUNT, WORK, SUPPORT = (0.10, 0.55, 0.27), (0.10, 0.35, 0.80), (0.20, 0.20, 0.20)
 FREE_KINDS = ("revolute", "universal", "spherical", "prismatic")
 # kinds that move or hold along an axis: the columns of their frame that it is
 AXES = {
@@ -40,7 +41,7 @@ BALL_SHARE, ARROW_SHARE, CONE_SHARE = 0.007, 0.06, 0.03
 def show_machine(
     scene: Scene, *, pose: str | None, picture: Path | None, window: bool, json_file: Path | None
 ) -> int:
-    """List and draw components, joints and points of a scene in a pose.
+    """List and draw components, joints, supports and points of a scene in a pose.
 
     Args:
         scene: The scene.
@@ -62,14 +63,14 @@ def show_machine(
             "without --window a picture is written"
         )
     chosen = scene.poses[pose or next(iter(scene.poses))]
-    view = view_rigid(scene, chosen)
+    view, supports = view_rigid(scene, chosen)
     placed = view.poses[chosen.name]
-    _print_tables(scene, chosen, view)
+    _print_tables(scene, chosen, view, supports)
     if json_file is not None:
-        write_output(json_file, dump_summary(_list_machine(scene, placed)).encode())
+        write_output(json_file, dump_summary(_list_machine(scene, placed, supports)).encode())
     if not view.skins:
         return 0
-    surface = _label_machine(f"{scene.name}, pose {chosen.name}", view, placed)
+    surface = _label_machine(f"{scene.name}, pose {chosen.name}", view, placed, supports)
     if window:
         show_numbered(surface)
     else:
@@ -91,7 +92,9 @@ def write_picture(surface: LabelledSurface, path: Path) -> None:
     make_console().print(f"\npicture: {path}{remark}", markup=False)
 
 
-def _label_machine(title: str, view: MachineView, placed: PoseView) -> LabelledSurface:
+def _label_machine(
+    title: str, view: MachineView, placed: PoseView, supports: Mapping[str, SupportView]
+) -> LabelledSurface:
     joined = join_skins_in_pose(view, placed)
     groups: dict[str, list[tuple[str, JointView]]] = {}
     for name, joint in placed.joints.items():
@@ -110,6 +113,13 @@ def _label_machine(title: str, view: MachineView, placed: PoseView) -> LabelledS
             marks += _axis_arrows([joint for _, joint in members], color)
         notes += [Note(name, joint.frame.origin, color) for name, joint in members]
         legend.append((f"{group}: {len(members)}", color))
+    for name, support in supports.items():
+        places = np.repeat(support.places, len(support.directions), axis=0)
+        along = np.tile(support.directions, (len(support.places), 1))
+        marks.append(Marks(places, SUPPORT, CONE_SHARE, True, "cone", along))
+        notes += [Note(name, place, SUPPORT) for place in support.places]
+    if supports:
+        legend.append((f"support, a cone per fixed direction: {len(supports)}", SUPPORT))
     points = placed.points.items()
     tools = np.array([point.tool_place for _, point in points]).reshape(-1, 3)
     works = [point.work_place for _, point in points if point.work_place is not None]
@@ -163,7 +173,9 @@ def _axis_arrows(joints: list[JointView], color: Color) -> list[Marks]:
     return [Marks(tails, color, ARROW_SHARE, True, "arrow", along)]
 
 
-def _print_tables(scene: Scene, pose: Pose, view: MachineView) -> None:
+def _print_tables(
+    scene: Scene, pose: Pose, view: MachineView, supports: Mapping[str, SupportView]
+) -> None:
     console, machine, placed = make_console(), scene.machine, view.poses[pose.name]
     table = make_table("component", "fidelity", "solid", ">size mm", ">at mm", "interfaces")
     for name, part in machine.components.items():
@@ -183,6 +195,13 @@ def _print_tables(scene: Scene, pose: Pose, view: MachineView) -> None:
             for axis, position in pose.positions.items()
         ]
         print_table(console, f"Joints in pose {', '.join([pose.name, *positions])}", table)
+    if supports:
+        table = make_table("support", "component", "fixed", "at mm")
+        for name, support in supports.items():
+            fixed = " ".join(machine.supports[name].directions)
+            at = "; ".join(_in_mm(place) for place in support.places)
+            add_row(table, name, machine.supports[name].component, fixed, at)
+        print_table(console, "Supports", table)
     if placed.points:
         table = make_table("point", "tool", "work", ">tool at mm")
         for name, point in placed.points.items():
@@ -190,7 +209,9 @@ def _print_tables(scene: Scene, pose: Pose, view: MachineView) -> None:
         print_table(console, "Points", table)
 
 
-def _list_machine(scene: Scene, placed: PoseView) -> dict[str, object]:
+def _list_machine(
+    scene: Scene, placed: PoseView, supports: Mapping[str, SupportView]
+) -> dict[str, object]:
     """What is shown, in SI units."""
     return {
         "components": {
@@ -210,6 +231,14 @@ def _list_machine(scene: Scene, placed: PoseView) -> dict[str, object]:
                 "axes": [joint.frame.rotation[:, i].tolist() for i in AXES.get(joint.kind, ())],
             }
             for name, joint in placed.joints.items()
+        },
+        "supports": {
+            name: {
+                "component": scene.machine.supports[name].component,
+                "fixed": list(scene.machine.supports[name].directions),
+                "at_m": support.places.tolist(),
+            }
+            for name, support in supports.items()
         },
         "points": {
             name: {

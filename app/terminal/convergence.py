@@ -95,11 +95,20 @@ def sum_up(advice: MeshAdvice) -> str:
         "beyond": f"you need {mesh}, beyond the finest mesh,",
     }
     target = f"{100.0 * need.accuracy:g} %{every}"
-    answer = (
-        f"{target} takes far more than {show_count(found.costs.dofs[-1])} dofs"
-        if need.reach == "far"
-        else f"{ways[need.reach]} for {target}: {cost}"
-    )
+    unknown = [
+        watched.name
+        for watched, reached in zip(found.watched, found.limits, strict=True)
+        if reached.error is None
+    ]
+    if need.reach != "far":
+        answer = f"{ways[need.reach]} for {target}: {cost}"
+    elif unknown:
+        answer = (
+            f"the mesh for {target} is not known, since {unknown[0]} has no error estimate;"
+            " --most-dofs allows finer meshes"
+        )
+    else:
+        answer = f"{target} takes far more than {show_count(found.costs.dofs[-1])} dofs"
     return "; ".join(
         [f"{first.name} = {bounded} {first.unit}{seen}", answer, *_sum_features(advice)]
     )

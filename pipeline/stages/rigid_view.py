@@ -4,9 +4,13 @@ where a pose puts it.
 
 import dataclasses
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
+import numpy as np
+
+from headstock.geometry.frames import DIRECTIONS, FloatArray, Frame
 from headstock.geometry.machine.machine import Pose, place_components
-from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.components import Component, Interface, Support
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.meshing.components.meshing import describe_component
 from headstock.meshing.components.skins import unmeshed_skin
@@ -19,8 +23,21 @@ from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import Scene
 
 
-def view_rigid(scene: Scene, pose: Pose) -> MachineView:
-    """Solids, joints and points of a scene in a pose, without a mesh.
+@dataclass(frozen=True, eq=False)
+class SupportView:
+    """Where patches of a component are fixed, machine axes.
+
+    Attributes:
+        places: ``(n, 3)`` middle of each patch [m].
+        directions: ``(k, 3)`` fixed directions, unit vectors out of the component.
+    """
+
+    places: FloatArray
+    directions: FloatArray
+
+
+def view_rigid(scene: Scene, pose: Pose) -> tuple[MachineView, dict[str, SupportView]]:
+    """Solids, joints and points of a scene in a pose, and its supports by name, without a mesh.
 
     Raises:
         HeadstockError: A part cannot be read, a mechanism cannot take the pose, or a joint cannot
@@ -29,7 +46,7 @@ def view_rigid(scene: Scene, pose: Pose) -> MachineView:
     """
     machine = scene.machine
     placements = place_components(machine, pose)
-    parts = machine.components
+    parts = {name: _with_supports(part, scene) for name, part in machine.components.items()}
     solids = dict.fromkeys(part.solid for part in parts.values())
     # both wait for child processes where parts come from CAD
     with ThreadPoolExecutor(2) as pool:
@@ -43,10 +60,41 @@ def view_rigid(scene: Scene, pose: Pose) -> MachineView:
     frames = {
         name: place_joint(joint, machine, layout).frame for name, joint in machine.joints.items()
     }
-    return MachineView(
+    view = MachineView(
         skins,
         {name: axis.direction for name, axis in machine.axes.items()},
         {pose.name: place_view(machine, layout, frames)},
+    )
+    supports = {
+        name: _view_support(support, bodies[support.component], placements[support.component])
+        for name, support in machine.supports.items()
+        if not isinstance(parts[support.component].solid, SuperelementFile)
+    }
+    return view, supports
+
+
+def _with_supports(component: Component, scene: Scene) -> Component:
+    """The component with an interface at each supported patch, which has a middle then."""
+    extra = {
+        name: Interface(name, (patch,))
+        for support in scene.machine.supports.values()
+        if support.component == component.name
+        for name, patch in zip(_patch_names(support), support.patches, strict=True)
+    }
+    return dataclasses.replace(component, interfaces={**component.interfaces, **extra})
+
+
+def _patch_names(support: Support) -> list[str]:
+    return [f"support:{support.name}:{number}" for number in range(len(support.patches))]
+
+
+def _view_support(support: Support, body: Superelement, placement: Frame) -> SupportView:
+    middles = np.array([body.interface_maps[name].frame.origin for name in _patch_names(support)])
+    columns = [DIRECTIONS.index(direction) for direction in support.directions]
+    outward = np.where((middles.mean(axis=0) - body.center_of_mass)[columns] > 0.0, 1.0, -1.0)
+    return SupportView(
+        placement.origin + middles @ placement.rotation.T,
+        (placement.rotation[:, columns] * outward).T,
     )
 
 

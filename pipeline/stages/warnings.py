@@ -112,7 +112,7 @@ def _warn_of_locking(
     if share < LOCKED:
         return []
     size = quality.flat_size * (0.01 / share) ** (1.0 / 6.0)
-    amount = f"about {100.0 * share:.1g} %" if share < 0.5 else "many times"
+    amount = f"about {float(f'{100.0 * share:.1g}'):g} %" if share < 0.5 else "many times"
     cure = ', or cells = "hex"' if isinstance(component.solid, Box) else ""
     return [
         f"component {component.name!r}: single tetrahedra of {1e3 * quality.flat_size:.3g} mm across walls of"

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -102,10 +103,67 @@ def test_a_machine_is_drawn_before_anything_is_computed(
     assert set(first) == {*listed["joints"], *listed["points"]}
 
 
+SUPPORTED = """
+name = "supported"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.plate]
+material = "steel"
+solid = { box = ["400 mm", "200 mm", "20 mm"] }
+at = ["1 m", "0 mm", "0 mm"]
+rotate = { axis = "z", angle = "90 deg" }
+interfaces.tip = { face = "x+", coupling = "average" }
+[components.holder]
+material = "steel"
+solid = { step = "support.step" }
+interfaces.holes.patches = [{ face = "face:6" }, { face = "face:39" }]
+[supports.foot]
+face = "plate.x-"
+fix = ["x", "z"]
+[supports.holes]
+at = "holder.holes"
+fix = ["y"]
+[points]
+tcp = { tool = "plate.tip", work = "ground" }
+[analyses.static]
+at = "tcp"
+"""
+
+
+def test_supports_are_drawn_where_they_are_with_a_cone_per_fixed_direction(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[LabelledSurface] = []
+
+    def draw(surface: LabelledSurface) -> tuple[bytes, set[int]]:
+        drawn.append(surface)
+        return draw_numbered(surface)
+
+    monkeypatch.setattr(sketching, "draw_numbered", draw)
+    shutil.copy(SUPPORT, folder / "support.step")
+    (folder / "supported.toml").write_text(SUPPORTED)
+    assert main(["show", "supported.toml", "--json", "m.json"]) == 0
+    supports = json.loads((folder / "m.json").read_text())["supports"]
+    # the plate's x is the machine's y, its foot the lower end of that
+    assert supports["foot"] == {
+        "component": "plate",
+        "fixed": ["x", "z"],
+        "at_m": [pytest.approx([1.0, -0.2, 0.01])],
+    }
+    assert len(supports["holes"]["at_m"]) == 2
+    cones = [marks for marks in drawn[0].marks if marks.shape == "cone"]
+    assert [len(marks.places) for marks in cones] == [2, 2]
+    assert cones[0].directions is not None
+    np.testing.assert_allclose(cones[0].directions, [[0, -1, 0], [0, 0, -1]], atol=1e-12)
+    assert any("support" in text for text, _ in drawn[0].legend)
+
+
 def test_what_is_drawn_of_a_machine_is_what_its_results_show() -> None:
     scene = load_scene(MACHINES / "three_axis.toml", variant="R")
     pose = scene.poses["measured"]
-    view = view_rigid(scene, pose).poses["measured"]
+    view = view_rigid(scene, pose)[0].poses["measured"]
     coupled = couple(
         {
             name: reduce_rigid(part, describe_component(part))
