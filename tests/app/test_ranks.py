@@ -62,6 +62,7 @@ def run_on_ranks(ranks: int, folder: Path, *program: str) -> subprocess.Complete
         **os.environ,
         "HEADSTOCK_STORE": str(folder / f"store{ranks}"),
         "OMP_NUM_THREADS": "1",
+        "HEADSTOCK_THREADS": "1",  # the core of a sleeping rank would change the last digits
     }
     command = [
         mpirun,
