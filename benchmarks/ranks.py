@@ -1,12 +1,13 @@
 """What a second and a fourth rank bring: seconds of commands from an empty store on one rank and on
 several, medians of alternating runs.
 
-    ./headstock exec python3 benchmarks/ranks.py [REPEATS] [--ranks 2,4]
+    ./headstock exec python3 benchmarks/ranks.py [REPEATS] [--ranks 2,4] [--only WORDS]
 
-Default of REPEATS: 5. One rank has as many BLAS threads as there are cores; several ranks have the
+Default of REPEATS: 5; WORDS are in the names of the work to measure. One rank has as many BLAS threads as there are cores; several ranks have the
 threads that the program gives them. The start of the processes is counted.
 """
 
+import argparse
 import os
 import shutil
 import statistics
@@ -56,7 +57,7 @@ watch = ["modal.frequencies_hz[0]"]
 [studies.meshes.families.sizes]
 vary = {{ "components.a.mesh.size" = [{sizes}] }}
 """
-SIZES = ", ".join(f'"{size:.1f} mm"' for size in (60.0 * 0.95**number for number in range(16)))
+SIZES = ", ".join(f'"{size:.1f} mm"' for size in (75.0 * 0.95**number for number in range(16)))
 MPI_OPTIONS = ("--oversubscribe", "--bind-to", "none")
 
 
@@ -91,20 +92,19 @@ def list_work() -> list[Work]:
 
 def main() -> None:
     """Print a table of work and ranks."""
-    words = sys.argv[1:]
-    ranks = [2]
-    if "--ranks" in words:
-        place = words.index("--ranks")
-        ranks = [int(count) for count in words[place + 1].split(",")]
-        del words[place : place + 2]
-    repeats = int(words[0]) if words else 5
+    parser = argparse.ArgumentParser()
+    parser.add_argument("repeats", nargs="?", type=int, default=5)
+    parser.add_argument("--ranks", default="2")
+    parser.add_argument("--only", default="")
+    options = parser.parse_args()
+    repeats, ranks = options.repeats, [int(count) for count in options.ranks.split(",")]
     cores = len(os.sched_getaffinity(0))
     print(f"{cores} cores, load {os.getloadavg()[0]:.1f}, medians of {repeats} alternating runs")
     print(
         f"{'':30} {'1 rank':>8}"
         + "".join(f" {f'{count} ranks':>8} {'ratio':>6}" for count in ranks)
     )
-    for work in list_work():
+    for work in (work for work in list_work() if options.only in work.name):
         _measure(work, 1, cores)  # loads libraries and compiles kernels
         seconds: dict[int, list[float]] = {count: [] for count in (1, *ranks)}
         for _ in range(repeats):
