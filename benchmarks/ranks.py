@@ -1,13 +1,15 @@
 """What a second and a fourth rank bring: seconds of commands from an empty store on one rank and on
 several, medians of alternating runs.
 
-    ./headstock exec python3 benchmarks/ranks.py [REPEATS] [--ranks 2,4] [--only WORDS]
+    ./headstock exec python3 benchmarks/ranks.py [REPEATS] [--ranks 2,4] [--only WORDS] [--busy]
 
-Default of REPEATS: 5; WORDS are in the names of the work to measure. One rank has as many BLAS threads as there are cores; several ranks have the
+Default of REPEATS: 5; WORDS are in the names of the work to measure; with --busy another program
+keeps one core at work all the time. One rank has as many BLAS threads as there are cores; several ranks have the
 threads that the program gives them. The start of the processes is counted.
 """
 
 import argparse
+import contextlib
 import os
 import shutil
 import statistics
@@ -15,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,6 +61,9 @@ watch = ["modal.frequencies_hz[0]"]
 vary = {{ "components.a.mesh.size" = [{sizes}] }}
 """
 SIZES = ", ".join(f'"{size:.1f} mm"' for size in (75.0 * 0.95**number for number in range(16)))
+MACHINES = Path(__file__).resolve().parents[1] / "machines"
+# several ranks may take so many times as long as one, and so many seconds more
+MOST_TIMES, MOST_SECONDS = 1.1, 1.0
 MPI_OPTIONS = ("--oversubscribe", "--bind-to", "none")
 
 
@@ -67,17 +73,17 @@ class Work:
 
     Attributes:
         name: For the table.
-        scene: Text of the scene.
+        scene: Its text, or the file.
         words: Of the command line before and after the scene.
     """
 
     name: str
-    scene: str
+    scene: str | Path
     words: tuple[tuple[str, ...], tuple[str, ...]]
 
 
 def list_work() -> list[Work]:
-    """One part, two parts of about 100k dofs, and 16 meshes of a part."""
+    """One part, two parts of about 100k dofs, 16 meshes of a part, and the shipped scenes."""
     run: tuple[tuple[str, ...], tuple[str, ...]] = (("run",), ("--no-figures",))
     fine, coarse = (HEAD.format(tool="a.tip", size=size) for size in ("25 mm", "45 mm"))
     two = HEAD.format(tool="b.tip", size="25 mm") + SECOND.format(size="22 mm")
@@ -87,6 +93,11 @@ def list_work() -> list[Work]:
         Work("one part, about 100k dofs", fine, run),
         Work("two parts of about 100k dofs", two, run),
         Work("16 meshes of one part", study, (("study",), ("meshes",))),
+        *(
+            Work(f"machines/{path.name}", path, run)
+            for path in sorted(MACHINES.glob("*.toml"))
+            if not path.stem.endswith("_targets")
+        ),
     ]
 
 
@@ -96,33 +107,58 @@ def main() -> None:
     parser.add_argument("repeats", nargs="?", type=int, default=5)
     parser.add_argument("--ranks", default="2")
     parser.add_argument("--only", default="")
+    parser.add_argument("--busy", action="store_true")
     options = parser.parse_args()
     repeats, ranks = options.repeats, [int(count) for count in options.ranks.split(",")]
     cores = len(os.sched_getaffinity(0))
-    print(f"{cores} cores, load {os.getloadavg()[0]:.1f}, medians of {repeats} alternating runs")
+    print(
+        f"{cores} cores, {'one of them busy, ' if options.busy else ''}"
+        f"load {os.getloadavg()[0]:.1f}, medians of {repeats} alternating runs"
+    )
     print(
         f"{'':30} {'1 rank':>8}"
         + "".join(f" {f'{count} ranks':>8} {'ratio':>6}" for count in ranks)
     )
-    for work in (work for work in list_work() if options.only in work.name):
-        _measure(work, 1, cores)  # loads libraries and compiles kernels
-        seconds: dict[int, list[float]] = {count: [] for count in (1, *ranks)}
-        for _ in range(repeats):
-            for count, found in seconds.items():
-                found.append(_measure(work, count, cores))
-        middle = {count: statistics.median(found) for count, found in seconds.items()}
-        print(
-            f"{work.name:30} {middle[1]:8.1f}"
-            + "".join(f" {middle[count]:8.1f} {middle[1] / middle[count]:6.2f}" for count in ranks),
-            flush=True,
-        )
+    with _busy_core() if options.busy else contextlib.nullcontext():
+        for work in (work for work in list_work() if options.only in work.name):
+            _compare(work, ranks, repeats, cores)
+
+
+def _compare(work: Work, ranks: list[int], repeats: int, cores: int) -> None:
+    """Print the row of a kind of work."""
+    _measure(work, 1, cores)  # loads libraries and compiles kernels
+    seconds: dict[int, list[float]] = {count: [] for count in (1, *ranks)}
+    for _ in range(repeats):
+        for count, found in seconds.items():
+            found.append(_measure(work, count, cores))
+    middle = {count: statistics.median(found) for count, found in seconds.items()}
+    slow = max(middle.values()) > MOST_TIMES * middle[1] + MOST_SECONDS
+    print(
+        f"{work.name:30} {middle[1]:8.1f}"
+        + "".join(f" {middle[count]:8.1f} {middle[1] / middle[count]:6.2f}" for count in ranks)
+        + (f"  more than {MOST_TIMES} x one rank + {MOST_SECONDS:.0f} s" if slow else ""),
+        flush=True,
+    )
+
+
+@contextlib.contextmanager
+def _busy_core() -> Iterator[None]:
+    """Another program works all the time."""
+    process = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    try:
+        time.sleep(60.0)  # until the load of the last minute knows it
+        yield
+    finally:
+        process.kill()
+        process.wait()
 
 
 def _measure(work: Work, ranks: int, cores: int) -> float:
     """Wall-clock time [s] of a command from an empty store."""
     with tempfile.TemporaryDirectory(prefix="headstock-benchmark-") as place:
-        scene = Path(place) / "scene.toml"
-        scene.write_text(work.scene)
+        scene = work.scene if isinstance(work.scene, Path) else Path(place) / "scene.toml"
+        if isinstance(work.scene, str):
+            scene.write_text(work.scene)
         before, after = work.words
         words = [*before, str(scene), *after, "-o", str(Path(place) / "out")]
         program = [sys.executable, "-P", "-m", "mpi4py", "-m", "headstock.app.command_line", *words]
