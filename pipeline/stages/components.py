@@ -15,10 +15,11 @@ from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import MeshFile, StepFile, SuperelementFile
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.meshing.components.meshing import describe_component, mesh_component
+from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.skins import mesh_skin, unmeshed_skin
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.stages.part_files import describe_solid
 from headstock.pipeline.stages.run_state import (
     Outcome,
     ReducedComponent,
@@ -182,7 +183,9 @@ def _run_rigid_stage(state: RunState, stage: Stage) -> Outcome:
     if state.is_root:
         component = _component(state, stage)
         superelement = reduce_rigid(
-            component, describe_component(component), component_loads(state, component)
+            component,
+            describe_solid(component, state.store, state.warn),
+            component_loads(state, component),
         )
         state.reduced[component.name] = ReducedComponent(
             superelement, skin=_file_skin(state, component)
@@ -196,7 +199,9 @@ def _run_segment_stage(state: RunState, stage: Stage) -> Outcome:
     if state.is_root:
         component = _component(state, stage)
         superelement = reduce_segmented(
-            component, describe_component(component), component_loads(state, component)
+            component,
+            describe_solid(component, state.store, state.warn),
+            component_loads(state, component),
         )
         skin = segment_skin(component)
         nodes = np.arange(len(skin.points))[:, None]

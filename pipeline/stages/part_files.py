@@ -1,13 +1,43 @@
-"""Patches that the file of a part does not have: found before a run, and reported with their place in the
-scene.
+"""What is known of a part before it is meshed: mass properties, kept in the store where the CAD
+kernel or a mesh file has to be asked for them, and patches that its file does not have.
 """
 
+from collections.abc import Callable
+
 from headstock.geometry.parts.components import Component
-from headstock.meshing.components.meshing import find_file_patch_faults
+from headstock.geometry.parts.mass_properties import SolidProperties, closed_form_properties
+from headstock.meshing.components.meshing import describe_component, find_file_patch_faults
 from headstock.meshing.errors import MeshError, PartFileError, PatchError
+from headstock.pipeline.storage.content_keys import properties_key
+from headstock.pipeline.storage.store import Store, read_entry, write_entry
 from headstock.scene.reading.findings import Problem
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import Scene
+
+
+def describe_solid(
+    component: Component, store: Store, warn: Callable[[str | None], None] = lambda message: None
+) -> SolidProperties:
+    """Properties of a component's solid and interfaces for unit density.
+
+    Args:
+        component: Its material and placement play no part.
+        store: Where they are kept; those with a closed form are not.
+        warn: Called with warnings of a store that cannot be read or written.
+
+    Raises:
+        MeshError: The solid cannot be built or a patch does not exist.
+    """
+    if closed_form_properties(component) is not None:
+        return describe_component(component)
+    key = properties_key(component)
+    read = read_entry(store, key, SolidProperties)
+    warn(read.warning)
+    if read.value is not None:
+        return read.value
+    properties = describe_component(component)
+    warn(write_entry(store, key, properties))
+    return properties
 
 
 def find_missing_patches(scene: Scene) -> tuple[list[Problem], list[str]]:

@@ -7,8 +7,9 @@ import dataclasses
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.machine.joints import Joint
 from headstock.geometry.parts.solids import MeshFile, SuperelementFile
-from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.planning.planner import choose_poses
+from headstock.pipeline.stages.part_files import describe_solid
+from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.motions.body_motions import find_free_motions, warn_of_free_motions
@@ -58,8 +59,9 @@ def _couple_rigid(scene: Scene) -> CoupledMachine | None:
         isinstance(part.solid, MeshFile | SuperelementFile) for part in machine.components.values()
     ):
         return None
+    store = Store(default_store_root())
     bodies = {
-        name: reduce_rigid(part, describe_component(part))
+        name: reduce_rigid(part, describe_solid(part, store))
         for name, part in machine.components.items()
     }
     return couple(

@@ -12,9 +12,10 @@ from headstock.geometry.frames import DIRECTIONS, FloatArray, Frame
 from headstock.geometry.machine.machine import Pose, place_components
 from headstock.geometry.parts.components import Component, Interface, Support
 from headstock.geometry.parts.solids import SuperelementFile
-from headstock.meshing.components.meshing import describe_component
 from headstock.meshing.components.skins import unmeshed_skin
 from headstock.pipeline.results.views import MachineView, component_skin, place_view
+from headstock.pipeline.stages.part_files import describe_solid
+from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.pipeline.storage.superelements import read_superelement
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.dof_layout import lay_out_dofs
@@ -101,4 +102,4 @@ def _view_support(support: Support, body: Superelement, placement: Frame) -> Sup
 def _rigid_body(component: Component) -> Superelement:
     if isinstance(component.solid, SuperelementFile):
         return dataclasses.replace(read_superelement(component.solid.path), name=component.name)
-    return reduce_rigid(component, describe_component(component))
+    return reduce_rigid(component, describe_solid(component, Store(default_store_root())))

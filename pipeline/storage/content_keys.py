@@ -95,6 +95,20 @@ def skin_key(component: Component) -> str:
     )
 
 
+def properties_key(component: Component) -> str:
+    """Key of the mass properties of a solid and of its interfaces."""
+    return _digest(
+        {
+            "algorithm": [code_fingerprint(package) for package in MESH_CODE],
+            "libraries": library_versions(MESH_LIBRARIES),
+            "properties of": _solid_content(component),
+            # an imported mesh is judged and described with its settings
+            "settings": component.mesh,
+            "interfaces": {name: item.patches for name, item in component.interfaces.items()},
+        }
+    )
+
+
 def thinned_skin_key(skin: Skin, *, largest: int, pixel: float) -> str:
     """Key of a surface that was made coarser.
 

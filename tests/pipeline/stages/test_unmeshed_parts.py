@@ -16,6 +16,7 @@ from headstock.meshing.errors import MeshError
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages import components as component_stages
+from headstock.pipeline.stages import part_files
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 
@@ -72,7 +73,7 @@ def area(skin: Skin) -> float:
     return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
-def test_parts_from_files_are_drawn_with_their_own_surface_read_once(
+def test_parts_from_files_are_drawn_and_weighed_from_files_read_once(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     results = run(folder)
@@ -85,13 +86,24 @@ def test_parts_from_files_are_drawn_with_their_own_surface_read_once(
         2 * (SIZE[0] * SIZE[1] + SIZE[1] * SIZE[2] + SIZE[2] * SIZE[0]), rel=1e-9
     )
     np.testing.assert_allclose(np.ptp(bar.points, axis=0), SIZE, rtol=1e-9)
-    monkeypatch.setattr(component_stages, "unmeshed_skin", lambda solid: pytest.fail("read again"))
+    for module, name in ((component_stages, "unmeshed_skin"), (part_files, "describe_component")):
+        monkeypatch.setattr(module, name, lambda solid: pytest.fail("read again"))
     again = run(folder)
+    assert again.modal[0].frequencies_hz.tobytes() == results.modal[0].frequencies_hz.tobytes()
     np.testing.assert_array_equal(again.view.skins["support"].triangles, support.triangles)
     shifts = again.view.poses["reference"].shifts
     assert all(
         shifts[name].shape == (6, len(skin.points), 3) for name, skin in again.view.skins.items()
     )
+
+
+def test_another_part_has_other_properties_in_the_store(folder: Path) -> None:
+    masses = []
+    for unit in ("1 m", "1 m", "0.5 m"):
+        (folder / "scene.toml").write_text(SCENE.replace('unit = "1 m"', f'unit = "{unit}"'))
+        masses.append(run(folder).components["bar"].mass_kg)
+    assert masses[1] == masses[0]
+    assert masses[2] == pytest.approx(masses[0] / 8)
 
 
 def test_a_surface_that_cannot_be_drawn_costs_a_warning_and_no_result(
