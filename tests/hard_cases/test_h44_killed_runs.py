@@ -36,12 +36,12 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Places, dict[str
     return places, {"steel": read_numbers(places.results)}
 
 
-def test_ten_killed_runs_leave_no_torn_file_and_the_next_run_is_right(tmp_path: Path) -> None:
-    outcome = kill_runs(10, seed=44, root=tmp_path)
+def test_five_killed_runs_leave_no_torn_file_and_the_next_run_is_right(tmp_path: Path) -> None:
+    outcome = kill_runs(5, seed=44, root=tmp_path)
     assert outcome.faults == []
-    assert outcome.trials == 10
+    assert outcome.trials == 5
     assert (
-        sum(count for ending, count in outcome.happened.items() if ending.startswith("killed")) >= 8
+        sum(count for ending, count in outcome.happened.items() if ending.startswith("killed")) >= 4
     )
 
 

@@ -110,10 +110,10 @@ def test_a_hostile_scene_is_answered_within_a_second_and_256_mebibytes(
     assert megabytes < MB_ALLOWED
 
 
-def test_a_thousand_damaged_scenes_load_or_are_refused(tmp_path: Path) -> None:
-    outcome = run_scene_fuzz(1000, seed=48, root=tmp_path)
+def test_three_hundred_damaged_scenes_load_or_are_refused(tmp_path: Path) -> None:
+    outcome = run_scene_fuzz(300, seed=48, root=tmp_path)
     assert outcome.faults == []
-    assert outcome.trials == 1000
+    assert outcome.trials == 300
     assert outcome.slowest_seconds < SECONDS_ALLOWED
-    assert outcome.happened["refused"] > 500
-    assert outcome.happened["loaded and planned"] > 20
+    assert outcome.happened["refused"] > 150
+    assert outcome.happened["loaded and planned"] > 6

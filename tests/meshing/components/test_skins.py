@@ -186,8 +186,10 @@ def test_a_step_part_that_is_thinned_out_twice_looks_the_same_with_its_holes_and
         assert edge_length(thin) == pytest.approx(edge_length(whole), rel=0.05)
         pixel = passes * PIXEL * skin_size(whole)
         middles = thin.points[thin.triangles].mean(axis=1)
-        assert largest_distance(whole.points[::97], thin) <= pixel
-        assert largest_distance(middles[::97], whole) <= pixel
+        # some 200 points each
+        near, middle = (every[:: 1 + len(every) // 200] for every in (whole.points, middles))
+        assert largest_distance(near, thin) <= pixel
+        assert largest_distance(middle, whole) <= pixel
         # a field that is linear in space is known exactly on every facet of the original
         assert thin.weights is not None
         assert thin.weights.min() >= 0.0
