@@ -60,7 +60,7 @@ source_of() { if [ -L "$1" ]; then readlink -f -- "$1"; else printf '%s\n' "$1";
 # written anywhere lies on the host or is refused. Options come before COMMAND, the last ones first.
 enter_root() {
     foreign=$(foreign_places "$project" "$cache" "$PWD" "${HOME:-/}" "${TMPDIR:-/tmp}" "${HEADSTOCK_STORE:-}" "${XDG_RUNTIME_DIR:-}" \
-        "${MPLCONFIGDIR:-}" "$@")
+        "${MPLCONFIGDIR:-}" "${PMIX_SERVER_TMPDIR:-}" "$@")
     holders=
     set -f
     IFS=$newline

@@ -1,7 +1,7 @@
 # Sourced by ../headstock: ranks, threads, MPI and the paths Python looks in.
 
 # ranks_asked_for ARGS: the N of --ranks N; 1 when there is none, when it is no number (the program says what is wrong with it)
-# when the ranks are those of a job on a cluster (--on), or when an mpirun of the caller's already started us.
+# when the ranks are those of a job on a cluster (--on), or when this is a rank already.
 ranks_asked_for() {
     asked=1 previous= elsewhere=
     for word; do
@@ -12,8 +12,34 @@ ranks_asked_for() {
         previous=$word
     done
     case $asked in '' | *[!0-9]* | ?????*) asked=1 ;; esac
-    [ -z "${OMPI_COMM_WORLD_SIZE:-}$elsewhere" ] || asked=1
+    if [ -n "$elsewhere" ] || is_rank; then asked=1; fi
     echo "$asked"
+}
+
+# An mpirun of the caller's or a srun --mpi=pmix started this as one of several.
+is_rank() { [ -n "${OMPI_COMM_WORLD_SIZE:-}${PMIX_RANK:-}" ]; }
+
+# Whether the other ranks run on other nodes, too.
+spans_nodes() {
+    if [ -n "${OMPI_COMM_WORLD_SIZE:-}" ]; then
+        [ "${OMPI_COMM_WORLD_LOCAL_SIZE:-$OMPI_COMM_WORLD_SIZE}" != "$OMPI_COMM_WORLD_SIZE" ]
+    else
+        [ -n "${PMIX_RANK:-}" ] && [ "${SLURM_STEP_NUM_NODES:-1}" -gt 1 ]
+    fi
+}
+
+# start_over_nodes ARGS: ranks in an allocation of several nodes. Each is a launcher of its own, which enters the root on its node:
+# an mpirun inside the root reaches no other node. srun ends the others where one was killed.
+start_over_nodes() {
+    command -v srun >/dev/null || fail "this job has $SLURM_JOB_NUM_NODES nodes, and there is no srun on PATH to start ranks on them"
+    [ -n "$dry_run" ] || srun --mpi=list 2>&1 | grep -qw pmix || fail "this job has $SLURM_JOB_NUM_NODES nodes, and its Slurm cannot start \
+ranks on them (srun --mpi=list does not name pmix): ask for one node with --nodes=1"
+    nodes=$SLURM_JOB_NUM_NODES
+    [ "$nodes" -le "$ranks" ] || nodes=$ranks
+    set -- srun --mpi=pmix --nodes="$nodes" --ntasks="$ranks" --cpus-per-task="${SLURM_CPUS_PER_TASK:-1}" --cpu-bind=none --export=ALL \
+        --kill-on-bad-exit=1 "$project/headstock" "$@"
+    if [ -n "$dry_run" ]; then printf '%s\n' "$@"; exit 0; fi
+    exec "$@"
 }
 
 cores() {
@@ -79,7 +105,7 @@ export_settings() {
     OPENBLAS_CORETYPE=${OPENBLAS_CORETYPE:-}
     inner_path=$PATH
     threads=1
-    if [ "$mode" != test ] && [ "$ranks" = 1 ]; then threads=$(free_threads); fi
+    if [ "$mode" != test ] && [ "$ranks" = 1 ] && ! is_rank; then threads=$(free_threads); fi
     threads=${HEADSTOCK_THREADS:-${OMP_NUM_THREADS:-$threads}}
     export OMP_NUM_THREADS="$threads" OPENBLAS_NUM_THREADS="$threads"
     # CHOLMOD's threads that wait in a loop take the cores from those of OpenBLAS: 2.4 s for a factor that takes 1.7 without
@@ -97,8 +123,12 @@ export_settings() {
     # without a display VTK looks for one first, and says so
     if [ -z "${DISPLAY:-}" ]; then export VTK_DEFAULT_OPENGL_WINDOW="${VTK_DEFAULT_OPENGL_WINDOW:-vtkEGLRenderWindow}"; fi
     if read_only_checkout; then export PYTHONPYCACHEPREFIX="$cache/bytecode"; fi
-    # shared memory only; UCX would look for a network first and complain where it finds none
-    export OMPI_MCA_btl="${OMPI_MCA_btl:-self,sm}" OMPI_MCA_pml="${OMPI_MCA_pml:-ob1}" OMPI_MCA_osc="${OMPI_MCA_osc:-^ucx}"
+    # on one node shared memory only; UCX would look for a network first and complain where it finds none
+    transports=self,sm
+    if spans_nodes; then transports=self,sm,tcp; fi
+    # more ranks than cores: mpirun says so to them, srun does not
+    if is_rank; then export OMPI_MCA_mpi_yield_when_idle="${OMPI_MCA_mpi_yield_when_idle:-1}"; fi
+    export OMPI_MCA_btl="${OMPI_MCA_btl:-$transports}" OMPI_MCA_pml="${OMPI_MCA_pml:-ob1}" OMPI_MCA_osc="${OMPI_MCA_osc:-^ucx}"
     # PETSc would end the process at a closed pipe, with a page of advice
     export PETSC_OPTIONS="-no_signal_handler${PETSC_OPTIONS:+ $PETSC_OPTIONS}"
     export UCX_LOG_LEVEL="${UCX_LOG_LEVEL:-fatal}"

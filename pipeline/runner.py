@@ -213,7 +213,9 @@ def _run_rounds(scene: Scene, rounds: _StageRunner) -> RunState:
     that errors are estimated of.
     """
     if scene.accuracy is None:
-        return rounds.run(scene, make_on_root(rounds.comm, lambda: plan_scene(scene)))
+        return rounds.run(
+            scene, make_on_root(rounds.comm, lambda: plan_scene(scene, ranks=rounds.comm.size))
+        )
     search = search_settings(scene, rounds.run, rounds.note)
     state = search.state
     if search.scene.analyses != state.scene.analyses or scene.machine.probes:

@@ -4,6 +4,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
@@ -12,6 +13,29 @@ from headstock.geometry.frames import FloatArray
 
 SHARE_TAG = 4711
 POLL_SECONDS = 0.002
+
+
+@dataclass(frozen=True)
+class Node:
+    """Where this rank is.
+
+    Attributes:
+        number: Of its node: the lowest rank there.
+        ranks: How many ranks that node has.
+    """
+
+    number: int
+    ranks: int
+
+
+def find_node(comm: MPI.Comm) -> Node:
+    """The node of this rank; collective. Ranks that share memory are on one node: names tell no two
+    containers apart, nor two nodes of a trial.
+    """
+    together = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    node = Node(together.allreduce(comm.rank, op=MPI.MIN), together.size)
+    together.Free()
+    return node
 
 
 def sum_over_ranks(comm: MPI.Comm, values: FloatArray) -> FloatArray:

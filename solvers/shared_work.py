@@ -8,7 +8,6 @@ import contextlib
 import fcntl
 import json
 import os
-import platform
 import shutil
 import tempfile
 import time
@@ -20,7 +19,7 @@ import threadpoolctl
 from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
-from headstock.solvers.ranks import SharedFailure, share_from_root
+from headstock.solvers.ranks import Node, SharedFailure, find_node, share_from_root
 
 RESULT_TAG = 4712
 POLL_SECONDS = 0.005
@@ -48,6 +47,7 @@ def share_work[T](
     *,
     folder: Path,
     memory_mb: float,
+    idle_mb: float = 0.0,
     observer: Callable[[int, T], None] = lambda number, result: None,
 ) -> list[T]:
     """Do every job once, each on one rank, the longest first; collective.
@@ -59,7 +59,8 @@ def share_work[T](
             second argument between its steps, which gives BLAS the cores of ranks that have nothing
             left to do.
         folder: For a file that all ranks reach, where they are on several nodes.
-        memory_mb: Of a node: a job that does not fit beside those at work waits.
+        memory_mb: Of this rank's node: a job that does not fit beside those at work waits.
+        idle_mb: What a rank holds without a job; counted for all ranks of the node, and in each job.
         observer: Called on rank 0 with the number of each job that has ended and its result.
 
     Returns:
@@ -76,8 +77,10 @@ def share_work[T](
             observer(number, results[-1])
         return results
     order = sorted(range(len(jobs)), key=lambda number: -jobs[number].seconds)
-    with _shared_folder(comm, folder) as place:
-        counter = _Counter(place, [jobs[number] for number in order], memory_mb)
+    node = find_node(comm)
+    needs = [max(0.0, jobs[number].memory_mb - idle_mb) for number in order]
+    with _shared_folder(comm, node, folder) as place:
+        counter = _Counter(place, node, needs, memory_mb - idle_mb * node.ranks)
         mail = _Mail[T](comm, observer)
         _work_off(counter, order, work, mail)
         mail.close()
@@ -151,11 +154,9 @@ def free_cores() -> int:
 
 
 @contextlib.contextmanager
-def _shared_folder(comm: MPI.Comm, folder: Path) -> Iterator[Path]:
+def _shared_folder(comm: MPI.Comm, node: Node, folder: Path) -> Iterator[Path]:
     """A new folder that all ranks reach and that is gone afterwards."""
-    node = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    parent = None if node.size == comm.size else folder
-    node.Free()
+    parent = None if node.ranks == comm.size else folder
     if comm.rank == 0 and parent is not None:
         parent.mkdir(parents=True, exist_ok=True)
     made = tempfile.mkdtemp(prefix="headstock-jobs-", dir=parent) if comm.rank == 0 else None
@@ -179,9 +180,11 @@ class _Counts:
 class _Counter:
     """Hands out places in the order of the jobs; its counts are in a file."""
 
-    def __init__(self, folder: Path, jobs: Sequence[Job], memory_mb: float) -> None:
-        self._path, self._jobs, self._memory_mb = folder / "counts.json", jobs, memory_mb
-        self._node = platform.node()
+    def __init__(
+        self, folder: Path, node: Node, needs_mb: Sequence[float], memory_mb: float
+    ) -> None:
+        self._path, self._node = folder / "counts.json", str(node.number)
+        self._needs_mb, self._memory_mb = needs_mb, memory_mb
 
     def join(self) -> None:
         """Count this rank among those at work."""
@@ -193,12 +196,12 @@ class _Counter:
 
     def end(self, place: int) -> None:
         """A job has ended: its memory is free."""
-        self._add(memory_mb=-self._jobs[place].memory_mb)
+        self._add(memory_mb=-self._needs_mb[place])
 
     def stop(self) -> None:
         """No further job is begun."""
         with self._open() as counts:
-            counts.begun = len(self._jobs)
+            counts.begun = len(self._needs_mb)
 
     def working(self) -> int:
         """How many ranks work on this node."""
@@ -210,9 +213,9 @@ class _Counter:
         while True:
             with self._open() as counts:
                 place, used = counts.begun, counts.memory_mb.get(self._node, 0.0)
-                if place >= len(self._jobs):
+                if place >= len(self._needs_mb):
                     return None
-                need = self._jobs[place].memory_mb
+                need = self._needs_mb[place]
                 if used <= 0.0 or used + need <= self._memory_mb:
                     counts.begun += 1
                     counts.memory_mb[self._node] = used + need
@@ -227,7 +230,13 @@ class _Counter:
     @contextlib.contextmanager
     def _open(self) -> Iterator[_Counts]:
         with self._path.open("a+", encoding="ascii") as file:
-            fcntl.lockf(file, fcntl.LOCK_EX)
+            try:
+                fcntl.lockf(file, fcntl.LOCK_EX)
+            except OSError as error:
+                raise HeadstockError(
+                    f"{self._path.parent}: this file system locks no files ({error.strerror}), which ranks on several"
+                    " nodes need to share work; mount it with locks, or put the results (-o) and HEADSTOCK_STORE elsewhere"
+                ) from error
             file.seek(0)
             counts = _Counts(**json.loads(file.read() or "{}"))
             yield counts

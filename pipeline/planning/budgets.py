@@ -2,7 +2,6 @@
 scene and the machine.
 """
 
-import os
 from collections.abc import Sequence
 
 from headstock.geometry.errors import HeadstockError
@@ -179,27 +178,6 @@ def check_elapsed(seconds: float, limit_s: float | None, stage: Stage) -> None:
             + (f" of {due!r}" if due else "")
             + ": earlier results are unchanged; finished meshes and reductions are stored for the next run"
         )
-
-
-def check_memory(stages: Sequence[Stage], limit_bytes: float | None) -> None:
-    """Refuse stages that would need more memory than the scene allows, or than this machine has.
-
-    Raises:
-        BudgetError: Names the stage, its estimate and the limit.
-    """
-    limit_mb = (physical_memory_bytes() if limit_bytes is None else limit_bytes) / 1e6
-    for stage in stages:
-        if stage.estimated_memory_mb is not None and stage.estimated_memory_mb > limit_mb:
-            whose = "this machine has" if limit_bytes is None else "limits.memory allows"
-            raise BudgetError(
-                f"{stage.kind} of component {stage.component!r} with about {stage.estimated_dofs:.3g} dofs would need about"
-                f" {stage.estimated_memory_mb:.3g} MB, {whose} {limit_mb:.3g} MB; write a larger mesh size or keep fewer modes"
-            )
-
-
-def physical_memory_bytes() -> float:
-    """Memory of this machine [byte]."""
-    return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 
 
 def _vector_count(component: Component) -> int:

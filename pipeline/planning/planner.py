@@ -23,7 +23,6 @@ from headstock.pipeline.planning.budgets import (
     STAGE_SECONDS,
     STEPS_PER_SECOND,
     check_cells,
-    check_memory,
     check_time,
     displacement_dofs,
     mesh_memory_mb,
@@ -31,6 +30,7 @@ from headstock.pipeline.planning.budgets import (
     reduction_memory_mb,
     reduction_seconds,
 )
+from headstock.pipeline.planning.node_memory import check_memory
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.scene.requests import (
     Analyses,
@@ -82,7 +82,11 @@ def default_mode_count(wanted: int) -> int:
 
 
 def plan_scene(
-    scene: Scene, *, survey: bool = False, before_survey: Callable[[str], None] | None = None
+    scene: Scene,
+    *,
+    survey: bool = False,
+    before_survey: Callable[[str], None] | None = None,
+    ranks: int = 1,
 ) -> Plan:
     """The stages a scene calls for, in the order in which they run.
 
@@ -92,6 +96,8 @@ def plan_scene(
             second or a few each; otherwise they are counted by rules of thumb.
         before_survey: Called with the name of each component whose surface is meshed; equal
             components are surveyed once.
+        ranks: That share the components. Of several, what a node of theirs holds is checked when it
+            is known which components are not in the store.
 
     Raises:
         BudgetError: A mesh or a stage would be larger than allowed.
@@ -144,7 +150,8 @@ def plan_scene(
             "write", None, "results.h5 and summary.json", estimated_seconds=STAGE_SECONDS["write"]
         )
     )
-    check_memory(stages, scene.limits.memory_bytes)
+    if ranks == 1:
+        check_memory(stages, scene.limits.memory_bytes)
     check_time(stages, scene.limits.time_s)
     return Plan(
         stages=tuple(stages),

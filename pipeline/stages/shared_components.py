@@ -9,7 +9,12 @@ from dataclasses import dataclass
 
 from mpi4py import MPI
 
-from headstock.pipeline.planning.budgets import physical_memory_bytes
+from headstock.pipeline.planning.budgets import BASE_MB
+from headstock.pipeline.planning.node_memory import (
+    RanksOnNodes,
+    check_memory,
+    node_memory_bytes,
+)
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.stages.components import (
     COMPONENT_STAGES,
@@ -27,7 +32,7 @@ from headstock.pipeline.stages.run_state import (
     run_stage,
 )
 from headstock.reduction.superelement import Superelement
-from headstock.solvers.ranks import share_from_root
+from headstock.solvers.ranks import find_node, make_on_root
 from headstock.solvers.shared_work import Job, share_work
 
 # A component of more dofs is split over all ranks: the factors of compact parts come near the 2^31
@@ -99,7 +104,13 @@ def _share_components(
     state: RunState, stages: list[Stage], announce: Announcer
 ) -> dict[Stage, StageRecord]:
     """Reduce what is not in the store; records of the stages on rank 0."""
-    names = share_from_root(state.comm, _list_missing(state, stages) if state.is_root else None)
+    node, node_mb = find_node(state.comm), node_memory_bytes() / 1e6
+    held = RanksOnNodes(
+        state.comm.size,
+        state.comm.allreduce(node.ranks, op=MPI.MAX),
+        state.comm.allreduce(node_mb, op=MPI.MIN),
+    )
+    names = make_on_root(state.comm, lambda: _list_dealt(state, stages, held))
     if names:
         # PETSc starts on all ranks together
         importlib.import_module(ELASTIC_MODULE)
@@ -131,7 +142,8 @@ def _share_components(
         [_expect(by_name[name]) for name in names],
         reduce_one,
         folder=state.store.root,
-        memory_mb=physical_memory_bytes() / 1e6,
+        memory_mb=node_mb,
+        idle_mb=BASE_MB,
     )
     for name, made in zip(names, shared, strict=False):  # none on other ranks
         for message in made.warnings:
@@ -142,15 +154,27 @@ def _share_components(
     return {record.stage: record for made in shared for record in made.records}
 
 
-def _list_missing(state: RunState, stages: list[Stage]) -> list[str]:
-    """Elastic components to reduce, of equal ones the first; those to be split are left out."""
+def _list_dealt(state: RunState, stages: list[Stage], held: RanksOnNodes) -> list[str]:
+    """Elastic components to reduce on one rank, of equal ones the first; those to be split are left
+    out.
+
+    Raises:
+        BudgetError: A component that is not in the store does not fit on a node.
+    """
     missing: dict[StoredRequest, str] = {}
-    for stage in stages:
-        if stage.kind == "reduce" and (stage.estimated_dofs or 0) <= SPLIT_DOFS:
-            component = state.plan.components[str(stage.component)]
-            if not load_reduced(state, component):
-                missing.setdefault(stored_request(state, component), component.name)
-    return list(missing.values())
+    reduced = [stage for stage in stages if stage.kind == "reduce"]
+    for stage in reduced:
+        component = state.plan.components[str(stage.component)]
+        if not load_reduced(state, component):
+            missing.setdefault(stored_request(state, component), component.name)
+    check_memory(
+        [stage for stage in stages if stage.component in missing.values()],
+        state.scene.limits.memory_bytes,
+        held=held,
+        split_dofs=SPLIT_DOFS,
+    )
+    small = {stage.component for stage in reduced if (stage.estimated_dofs or 0) <= SPLIT_DOFS}
+    return [name for name in missing.values() if name in small]
 
 
 def _expect(stages: list[Stage]) -> Job:

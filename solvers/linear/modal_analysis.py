@@ -28,6 +28,8 @@ from headstock.solvers.linear.symmetric_modes import (
 from headstock.solvers.second_order import SecondOrderSystem
 
 RESIDUAL_LIMIT = 1e-7
+# entries of a shape that differ by less than this share of the largest are equal
+EQUAL_ENTRIES = 1e-6
 FEW = 0.5  # of all modes: from here on all of them cost no more
 WIDENING = 1.0 + 1e-12
 # eigenvalues closer than this share of themselves are one cluster: their shapes may turn into each
@@ -42,7 +44,7 @@ class ModalResult:
     Attributes:
         frequencies_hz: ``(m,)`` [Hz]; for rigid-body modes the roundoff that is left, far below the
             first elastic one.
-        shapes: ``(n, m)`` mass-normalised, largest entry positive.
+        shapes: ``(n, m)`` mass-normalised, largest entry positive (of equal ones the first).
         rigid_count: How many of all modes are rigid-body modes.
         infinite_count: Dofs without mass, condensed statically: their frequencies are infinite and
             not listed.
@@ -142,9 +144,13 @@ def keep_lowest(
 
 
 def _with_sign(shapes: FloatArray) -> FloatArray:
-    """Shapes whose largest entry is positive."""
-    columns = np.arange(shapes.shape[1])
-    largest = shapes[np.argmax(np.abs(shapes), axis=0), columns]
+    """Shapes whose largest entry is positive; of entries of equal size, which symmetric machines
+    have, the first.
+    """
+    sizes = np.abs(shapes)
+    # rounding does not choose between equal entries of different signs
+    first = np.argmax(sizes >= (1.0 - EQUAL_ENTRIES) * sizes.max(axis=0), axis=0)
+    largest = shapes[first, np.arange(shapes.shape[1])]
     return np.asarray(shapes * np.where(largest < 0.0, -1.0, 1.0))
 
 

@@ -15,7 +15,8 @@ from pathlib import Path
 from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
-from headstock.pipeline.planning.budgets import physical_memory_bytes
+from headstock.pipeline.planning.budgets import BASE_MB
+from headstock.pipeline.planning.node_memory import node_memory_bytes
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure, watch_memory
 from headstock.pipeline.results.results import Results
@@ -247,7 +248,8 @@ def _deal_points(
         [cost for cost, _ in expected],
         compute,
         folder=folder,
-        memory_mb=physical_memory_bytes() / 1e6,
+        memory_mb=node_memory_bytes() / 1e6,
+        idle_mb=BASE_MB,
         observer=lambda place, record: keep(numbers[place], record),
     )
 

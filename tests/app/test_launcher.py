@@ -284,10 +284,76 @@ def test_one_rank_or_nonsense_starts_no_mpirun(host: Host, ranks: list[str]) -> 
     assert "/usr/bin/mpirun" not in dry(host, "run", "x.toml", *ranks)
 
 
-def test_within_an_mpirun_of_the_callers_no_second_one_is_started(host: Host) -> None:
-    assert "/usr/bin/mpirun" not in dry(
-        host, "run", "x.toml", "--ranks", "2", OMPI_COMM_WORLD_SIZE="2"
-    )
+@pytest.mark.parametrize("variable", ["OMPI_COMM_WORLD_SIZE", "PMIX_RANK"])
+def test_a_rank_starts_no_further_ones_and_ends_the_others_where_it_fails(
+    host: Host, variable: str
+) -> None:
+    words = dry(host, "run", "x.toml", "--ranks", "2", cwd=ROOT, **{variable: "2"})
+    assert "/usr/bin/mpirun" not in words
+    start = words.index("/usr/bin/python3")
+    assert words[start + 1 : start + 6] == [
+        "-P",
+        "-m",
+        "mpi4py",
+        "-m",
+        "headstock.app.command_line",
+    ]
+
+
+@pytest.mark.parametrize(("ranks", "nodes"), [("8", "3"), ("2", "2")])
+def test_ranks_in_an_allocation_of_several_nodes_are_launchers_started_by_srun(
+    host: Host, ranks: str, nodes: str
+) -> None:
+    host.write("srun", "#!/bin/sh\n")
+    words = dry(host, "run", "x.toml", "--ranks", ranks, SLURM_JOB_NUM_NODES="3")
+    assert words[:4] == ["srun", "--mpi=pmix", f"--nodes={nodes}", f"--ntasks={ranks}"]
+    assert words[-5:] == [str(ROOT / "headstock"), "run", "x.toml", "--ranks", ranks]
+    assert "bwrap" not in words
+    script = dry(host, "python", "--ranks", ranks, "mine.py", SLURM_JOB_NUM_NODES="3")
+    assert script[-5:] == [str(ROOT / "headstock"), "python", "--ranks", ranks, "mine.py"]
+
+
+def test_one_node_and_one_rank_need_no_srun(host: Host) -> None:
+    assert "/usr/bin/mpirun" in dry(host, "run", "x.toml", "--ranks", "2", SLURM_JOB_NUM_NODES="1")
+    assert dry(host, "run", "x.toml", SLURM_JOB_NUM_NODES="2")[0] == "bwrap"
+
+
+def test_a_slurm_that_starts_no_mpi_over_nodes_is_named(host: Host) -> None:
+    def start() -> "subprocess.CompletedProcess[str]":
+        environment = host.environment(SLURM_JOB_NUM_NODES="2")
+        return run([ROOT / "headstock", "run", "x.toml", "--ranks", "2"], environment)
+
+    assert "no srun on PATH" in start().stderr
+    host.write("srun", "#!/bin/sh\necho none pmi2\n")
+    done = start()
+    assert done.returncode == 1
+    assert "does not name pmix" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("variables", "transports"),
+    [
+        ({}, "self,sm"),
+        ({"PMIX_RANK": "0", "SLURM_STEP_NUM_NODES": "1"}, "self,sm"),
+        ({"PMIX_RANK": "0", "SLURM_STEP_NUM_NODES": "2"}, "self,sm,tcp"),
+        ({"OMPI_COMM_WORLD_SIZE": "4", "OMPI_COMM_WORLD_LOCAL_SIZE": "4"}, "self,sm"),
+        ({"OMPI_COMM_WORLD_SIZE": "4", "OMPI_COMM_WORLD_LOCAL_SIZE": "2"}, "self,sm,tcp"),
+        ({"PMIX_RANK": "0", "SLURM_STEP_NUM_NODES": "2", "OMPI_MCA_btl": "self"}, "self"),
+    ],
+)
+def test_transports_go_by_the_nodes_of_the_ranks(
+    host: Host, variables: dict[str, str], transports: str
+) -> None:
+    own = {**host.environment(HEADSTOCK_PYTHON=str(host.bin / "python")), **variables}
+    own.pop("HEADSTOCK_PRIVATE_ROOT")
+    host.write("python", '#!/bin/sh\necho "$OMPI_MCA_btl"\n')
+    done = run([ROOT / "headstock", "exec", host.bin / "python"], own)
+    assert done.stdout.strip() == transports, done.stderr
+
+
+def test_a_rank_reaches_the_files_of_its_slurm_inside_the_root(host: Host) -> None:
+    words = dry(host, "run", "x.toml", PMIX_RANK="0", PMIX_SERVER_TMPDIR="/usr/local/src/pmix.1.0/")
+    assert ("/usr/local/src", "/usr/local/src") in binds(words)
 
 
 def test_tests_run_in_the_project_with_workers_and_the_callers_arguments_last(

@@ -29,7 +29,8 @@ ENDINGS = (
 )
 TIME_LIMIT, POLL_SECONDS, SETTLE_SECONDS = 1200.0, 0.02, 10.0
 # temporary files of the jobs, too, go where they end with the trials
-PASSED_ON = "--export=HOME,USER,LOGNAME,PATH,TMPDIR"
+# kernels of BLAS that the caller has chosen decide about last digits
+PASSED_ON = "--export=HOME,USER,LOGNAME,PATH,TMPDIR,OPENBLAS_CORETYPE"
 FILES = ("sweep.h5", "sweep.json")
 
 
@@ -99,8 +100,8 @@ def disturb_slurm(runs: int, *, seed: int, root: Path) -> Outcome:
     before = list_processes()
     root.chmod(0o755)
     (root / "slurm").mkdir()
-    with run_slurm(root / "slurm", cpus=TASKS * RANKS) as variables:
-        places = SlurmPlaces(root, variables)
+    with run_slurm(root / "slurm", cpus=TASKS * RANKS) as slurm:
+        places = SlurmPlaces(root, slurm.variables)
         for trial in range(runs):
             ending = ENDINGS[trial % len(ENDINGS)]
             try:

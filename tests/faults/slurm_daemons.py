@@ -1,19 +1,23 @@
-"""A real Slurm of one node, started in a folder of its own and stopped: munged, slurmctld and
-slurmd.
+"""A real Slurm of one or more nodes on this machine, started in a folder of its own and stopped:
+munged, slurmctld and a slurmd per node.
 """
 
 import contextlib
 import os
+import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from faults.runs import FaultError
 
 DAEMONS = ("munged", "slurmctld", "slurmd")
 START_SECONDS, STOP_SECONDS, POLL_SECONDS = 60.0, 15.0, 0.1
+# after which a node that does not answer counts as failed
+SILENT_SECONDS = 10
 KEY_BYTES = 128
 # munge and slurmd look at who else may write where they keep things
 OPEN_FOLDER = 0o755
@@ -22,11 +26,10 @@ SETTINGS = """\
 ClusterName=headstock
 SlurmctldHost={host}(127.0.0.1)
 SlurmctldPort={controller_port}
-SlurmdPort={node_port}
 SlurmUser=root
 SlurmdUser=root
 AuthType=auth/munge
-AuthInfo=socket={folder}/munge.socket,cred_expire=3
+AuthInfo=socket={folder}/munge.socket,cred_expire=5
 CredType=cred/munge
 MpiDefault=none
 ProctrackType=proctrack/linuxproc
@@ -40,67 +43,157 @@ SchedulerParameters=sched_interval=2,sched_min_interval=100000,bf_interval=2
 ReturnToService=2
 KillWait=3
 StateSaveLocation={folder}/state
-SlurmdSpoolDir={folder}/spool
+SlurmdSpoolDir={folder}/spool-%n
+TmpFS={folder}/tmp-%n
 SlurmctldPidFile={folder}/slurmctld.pid
-SlurmdPidFile={folder}/slurmd.pid
-NodeName={host} NodeAddr=127.0.0.1 CPUs={cpus} State=UNKNOWN
+SlurmdPidFile={folder}/slurmd-%n.pid
+SlurmdTimeout={silent_seconds}
+{nodes}
 PartitionName=all Nodes=ALL Default=YES MaxTime=INFINITE State=UP
 """
 CONTROL_GROUPS = "CgroupPlugin=disabled\n"
 
 
+@dataclass
+class Slurm:
+    """Daemons that run.
+
+    Attributes:
+        variables: With which programs find this Slurm.
+    """
+
+    folder: Path
+    variables: dict[str, str]
+    _daemons: dict[str, "subprocess.Popen[bytes]"] = field(default_factory=dict)
+
+    def start(self, name: str, *words: str) -> None:
+        """Start a daemon; what it says goes into a file of its name."""
+        with (self.folder / f"{name}.out").open("wb") as output:
+            self._daemons[name] = subprocess.Popen(
+                words,
+                env={**os.environ, **self.variables},
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+            )
+
+    def start_node(self, node: str) -> None:
+        """Start the daemon of a node."""
+        self.start(f"slurmd-{node}", "slurmd", "-D", "-N", node)
+
+    def kill_node(self, node: str) -> None:
+        """A node fails: its daemon and everything that daemon has started end by signal 9."""
+        daemon = self._daemons.pop(f"slurmd-{node}")
+        daemon.kill()
+        daemon.wait()
+        for process in _of_node(node):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)
+
+    def wait_until_idle(self) -> None:
+        """Wait until every node waits for jobs.
+
+        Raises:
+            FaultError: A daemon ended, or it takes too long.
+        """
+        self.wait_until(lambda: self.node_states() == {"idle"})
+
+    def node_states(self) -> set[str]:
+        """States of the nodes, as Slurm names them; empty while it does not answer."""
+        done = subprocess.run(
+            ["sinfo", "--noheader", "--Node", "--format=%T"],
+            env={**os.environ, **self.variables},
+            capture_output=True,
+            text=True,
+            timeout=START_SECONDS,
+        )
+        return set(done.stdout.split()) if done.returncode == 0 else set()
+
+    def wait_until(self, is_ready: Callable[[], bool]) -> None:
+        """Wait, as long as all daemons live.
+
+        Raises:
+            FaultError: A daemon ended, or it takes too long; says the last words of the daemon.
+        """
+        end = time.monotonic() + START_SECONDS
+        while not is_ready():
+            for name, process in self._daemons.items():
+                if process.poll() is not None or time.monotonic() > end:
+                    text = (self.folder / f"{name}.out").read_text(errors="replace").strip()
+                    raise FaultError(
+                        f"{name} does not start (exit code {process.poll()}): {text[-1500:]}"
+                    )
+            time.sleep(POLL_SECONDS)
+
+    def stop(self) -> None:
+        """End all daemons, the last to start first."""
+        for process in reversed(self._daemons.values()):
+            process.terminate()
+            try:
+                process.wait(STOP_SECONDS)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
 @contextlib.contextmanager
-def run_slurm(folder: Path, *, cpus: int) -> Iterator[dict[str, str]]:
+def run_slurm(folder: Path, *, cpus: int, nodes: Sequence[str] = ()) -> Iterator[Slurm]:
     """Start Slurm and stop it at the end, whatever happens.
 
     Args:
         folder: Empty, for settings, sockets and logs.
-        cpus: The node is said to have; more than there are lets tasks run side by side.
-
-    Yields:
-        Variables with which programs find this Slurm.
+        cpus: Each node is said to have; more than there are lets tasks run side by side.
+        nodes: Names of the nodes, all on this machine; none for one of the machine's own name.
 
     Raises:
         FaultError: A daemon does not start; its last words are told.
     """
-    _write_settings(folder, cpus)
-    variables = {"SLURM_CONF": str(folder / "slurm.conf")}
+    nodes = nodes or (_host(),)
+    _write_settings(folder, cpus, nodes)
+    slurm = Slurm(folder, {"SLURM_CONF": str(folder / "slurm.conf")})
     munge = [
         f"--{name}={folder}/munge.{name.removesuffix('-file')}"
         for name in ("key-file", "pid-file", "log-file", "seed-file")
     ]
-    commands = {
-        "munged": ["munged", "--foreground", f"--socket={folder}/munge.socket", *munge],
-        "slurmctld": ["slurmctld", "-D", "-i"],
-        "slurmd": ["slurmd", "-D"],
-    }
-    started: dict[str, subprocess.Popen[bytes]] = {}
     try:
-        for name, words in commands.items():
-            with (folder / f"{name}.out").open("wb") as output:
-                started[name] = subprocess.Popen(
-                    words,
-                    env={**os.environ, **variables},
-                    stdin=subprocess.DEVNULL,
-                    stdout=output,
-                    stderr=output,
-                )
-            if name == "munged":
-                _wait_until(folder, started, lambda: (folder / "munge.socket").exists())
-        _wait_until(folder, started, lambda: _node_is_idle(variables))
-        yield variables
+        slurm.start("munged", "munged", "--foreground", f"--socket={folder}/munge.socket", *munge)
+        slurm.wait_until((folder / "munge.socket").exists)
+        slurm.start("slurmctld", "slurmctld", "-D", "-i")
+        for node in nodes:
+            slurm.start_node(node)
+        slurm.wait_until_idle()
+        yield slurm
     finally:
-        _stop(started)
+        slurm.stop()
 
 
-def _write_settings(folder: Path, cpus: int) -> None:
-    for name in (".", "state", "spool"):
+def _host() -> str:
+    return socket.gethostname().partition(".")[0]
+
+
+def _of_node(node: str) -> Iterator[int]:
+    """Processes that the daemon of a node has started, and the daemons of its job steps."""
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        with contextlib.suppress(OSError):
+            if f"SLURMD_NODENAME={node}".encode() in path.read_bytes().split(b"\0"):
+                yield int(path.parent.name)
+
+
+def _write_settings(folder: Path, cpus: int, nodes: Sequence[str]) -> None:
+    # PMIx of a job step makes folders of its number in TmpFS
+    for name in (".", "state", *(f"{kind}-{node}" for kind in ("spool", "tmp") for node in nodes)):
         (folder / name).mkdir(exist_ok=True)
         (folder / name).chmod(OPEN_FOLDER)
-    host = socket.gethostname().partition(".")[0]
-    channels = _free_ports(2)
+    controller_port, *ports = _free_ports(1 + len(nodes))
     settings = SETTINGS.format(
-        host=host, folder=folder, cpus=cpus, controller_port=channels[0], node_port=channels[1]
+        host=_host(),
+        folder=folder,
+        controller_port=controller_port,
+        silent_seconds=SILENT_SECONDS,
+        nodes="\n".join(
+            f"NodeName={node} NodeHostname={_host()} NodeAddr=127.0.0.1 Port={port} CPUs={cpus} State=UNKNOWN"
+            for node, port in zip(nodes, ports, strict=True)
+        ),
     )
     (folder / "slurm.conf").write_text(settings)
     (folder / "cgroup.conf").write_text(CONTROL_GROUPS)
@@ -115,36 +208,3 @@ def _free_ports(count: int) -> list[int]:
         for found in sockets:
             found.bind(("127.0.0.1", 0))
         return [found.getsockname()[1] for found in sockets]
-
-
-def _node_is_idle(variables: dict[str, str]) -> bool:
-    done = subprocess.run(
-        ["sinfo", "--noheader", "--format=%T"],
-        env={**os.environ, **variables},
-        capture_output=True,
-        text=True,
-        timeout=START_SECONDS,
-    )
-    return done.returncode == 0 and done.stdout.strip() == "idle"
-
-
-def _wait_until(
-    folder: Path, started: dict[str, "subprocess.Popen[bytes]"], is_ready: Callable[[], bool]
-) -> None:
-    end = time.monotonic() + START_SECONDS
-    while not is_ready():
-        for name, process in started.items():
-            if process.poll() is not None or time.monotonic() > end:
-                said = (folder / f"{name}.out").read_text(errors="replace").strip()[-1500:]
-                raise FaultError(f"{name} does not start (exit code {process.poll()}): {said}")
-        time.sleep(POLL_SECONDS)
-
-
-def _stop(started: dict[str, "subprocess.Popen[bytes]"]) -> None:
-    for process in reversed(started.values()):
-        process.terminate()
-        try:
-            process.wait(STOP_SECONDS)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()

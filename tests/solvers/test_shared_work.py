@@ -2,6 +2,8 @@
 message where one fails.
 """
 
+import errno
+import fcntl
 import itertools
 import json
 import shutil
@@ -13,6 +15,9 @@ from typing import TypedDict
 import pytest
 from mpi4py import MPI
 
+from headstock.geometry.errors import HeadstockError
+from headstock.solvers import shared_work
+from headstock.solvers.ranks import Node
 from headstock.solvers.shared_work import Job, share_work
 
 pytestmark = pytest.mark.mpi
@@ -21,12 +26,16 @@ PROGRAM = """
 import json, sys, time
 from pathlib import Path
 from mpi4py import MPI
-from headstock.solvers.ranks import SharedFailure
+from headstock.solvers import shared_work
+from headstock.solvers.ranks import Node, SharedFailure
 from headstock.solvers.shared_work import Job, share_work
 
 comm, folder = MPI.COMM_WORLD, Path(sys.argv[1])
-seconds, memory_mb, failing = json.loads(sys.argv[2])
+seconds, memory_mb, failing, nodes = json.loads(sys.argv[2])
 said = []
+if nodes > 1:
+    ranks = comm.size // nodes
+    shared_work.find_node = lambda comm: Node(comm.rank // ranks * ranks, ranks)
 
 def work(number, settle):
     settle()
@@ -39,7 +48,7 @@ def work(number, settle):
 try:
     results = share_work(
         comm, [Job(length, 60.0) for length in seconds], work, folder=folder, memory_mb=memory_mb,
-        observer=lambda number, result: said.append(number),
+        idle_mb=20.0, observer=lambda number, result: said.append(number),
     )
     error = ""
 except SharedFailure as failure:
@@ -60,13 +69,19 @@ class Shared(TypedDict):
 
 
 def share_on_ranks(
-    ranks: int, seconds: list[float], memory_mb: float = 1e6, failing: tuple[int, ...] = ()
+    ranks: int,
+    seconds: list[float],
+    memory_mb: float = 1e6,
+    failing: tuple[int, ...] = (),
+    *,
+    nodes: int = 1,
+    folder: Path = Path(),
 ) -> Shared:
     mpirun = shutil.which("mpirun")
     assert mpirun is not None
     words = [mpirun, "--oversubscribe", "--bind-to", "none", "-n", str(ranks), sys.executable]
-    words += ["-P", "-m", "mpi4py", "-c", PROGRAM, "."]
-    request = json.dumps([seconds, memory_mb, failing])
+    words += ["-P", "-m", "mpi4py", "-c", PROGRAM, str(folder)]
+    request = json.dumps([seconds, memory_mb, failing, nodes])
     done = subprocess.run([*words, request], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     found: Shared = json.loads(done.stdout)
@@ -86,6 +101,33 @@ def test_every_job_is_done_once_and_the_longest_begins_first() -> None:
 def test_jobs_that_do_not_fit_into_the_memory_together_follow_each_other() -> None:
     rows = sorted(share_on_ranks(2, [0.1] * 4, memory_mb=100.0)["results"], key=lambda row: row[2])
     assert all(later[2] >= earlier[3] for earlier, later in itertools.pairwise(rows))
+
+
+def at_once(rows: list[tuple[int, int, float, float]]) -> int:
+    """The most jobs that were at work at a time."""
+    return max(sum(other[2] <= row[2] < other[3] for other in rows) for row in rows)
+
+
+@pytest.mark.parametrize(("memory_mb", "together"), [(90.0, 1), (130.0, 2)])
+def test_memory_counts_by_node_and_every_rank_of_it_holds_some(
+    memory_mb: float, together: int, tmp_path: Path
+) -> None:
+    # 60 MB per job, of which a rank without one holds 20: 80 MB with one job on two ranks, 120 with two
+    rows = share_on_ranks(4, [0.3] * 8, memory_mb, nodes=2, folder=tmp_path)["results"]
+    for ranks in ((0, 1), (2, 3)):
+        assert at_once([row for row in rows if row[1] in ranks]) == together
+    assert at_once(rows) == 2 * together
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_without_locks_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "lockf", refuse)
+    counter = shared_work._Counter(tmp_path, Node(0, 1), [1.0], 1.0)
+    with pytest.raises(HeadstockError, match=f"{tmp_path}.*No locks available"):
+        counter.join()
 
 
 def test_the_first_of_the_failures_is_told_and_no_further_job_begins() -> None:

@@ -155,6 +155,13 @@ def test_an_unsymmetric_matrix_is_refused_and_not_symmetrised(what: str) -> None
         solve_modal(system_of(**matrices))
 
 
+@pytest.mark.parametrize("rounding", [-1e-12, 1e-12])
+def test_rounding_does_not_choose_the_sign_of_a_shape_with_equal_entries(rounding: float) -> None:
+    stiffness = np.array([[2.0, -1.0], [-1.0, 2.0 + rounding]])
+    modes = solve_modal(system_of(np.eye(2), stiffness))
+    assert np.sqrt(2.0) * modes.shapes == pytest.approx(np.array([[1.0, 1.0], [1.0, -1.0]]))
+
+
 def test_answers_repeat_bitwise() -> None:
     system = random_system(30, seed=4)
     first, second = solve_modal(system), solve_modal(system)
