@@ -62,7 +62,7 @@ free_threads() {
 
 # asks_for_slurm ARGS: whether the tests of a real Slurm are named and the root for them is still to be entered.
 asks_for_slurm() {
-    case " $*" in *faults/test_slurm.py*) [ ! -e /etc/headstock-root ] || [ -n "${HEADSTOCK_PRIVATE_ROOT:-}" ] ;; *) false ;; esac
+    case " $*" in *faults/test_slurm.py* | *faults/test_nodes.py*) [ ! -e /etc/headstock-root ] || [ -n "${HEADSTOCK_PRIVATE_ROOT:-}" ] ;; *) false ;; esac
 }
 
 test_workers() {

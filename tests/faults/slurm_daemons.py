@@ -78,17 +78,23 @@ class Slurm:
             )
 
     def start_node(self, node: str) -> None:
-        """Start the daemon of a node."""
+        """Start the daemon of a node; what was left of a failed one is gone with it."""
+        self._signal_node(node, signal.SIGKILL)
         self.start(f"slurmd-{node}", "slurmd", "-D", "-N", node)
 
-    def kill_node(self, node: str) -> None:
-        """A node fails: its daemon and everything that daemon has started end by signal 9."""
+    def fail_node(self, node: str) -> None:
+        """A node fails as by a power cut: its daemon is killed, and nothing it has started says
+        another word.
+        """
         daemon = self._daemons.pop(f"slurmd-{node}")
         daemon.kill()
         daemon.wait()
-        for process in _of_node(node):
+        self._signal_node(node, signal.SIGSTOP)
+
+    def _signal_node(self, node: str, number: signal.Signals) -> None:
+        for process in _of_node(node, self.variables["SLURM_CONF"]):
             with contextlib.suppress(ProcessLookupError):
-                os.kill(process, signal.SIGKILL)
+                os.kill(process, number)
 
     def wait_until_idle(self) -> None:
         """Wait until every node waits for jobs.
@@ -171,12 +177,14 @@ def _host() -> str:
     return socket.gethostname().partition(".")[0]
 
 
-def _of_node(node: str) -> Iterator[int]:
-    """Processes that the daemon of a node has started, and the daemons of its job steps."""
-    for path in Path("/proc").glob("[0-9]*/environ"):
+def _of_node(node: str, settings: str) -> Iterator[int]:
+    """Daemons of the job steps on a node, and what they have started."""
+    own = f"SLURMD_NODENAME={node}".encode()
+    for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
-            if f"SLURMD_NODENAME={node}".encode() in path.read_bytes().split(b"\0"):
-                yield int(path.parent.name)
+            variables = (folder / "environ").read_bytes().split(b"\0")
+            if own in variables and f"SLURM_CONF={settings}".encode() in variables:
+                yield int(folder.name)
 
 
 def _write_settings(folder: Path, cpus: int, nodes: Sequence[str]) -> None:

@@ -1,10 +1,10 @@
-# Sourced by ../../headstock: the private root of `test tests/faults/test_slurm.py`, with a real Slurm in it, in namespaces that end with the command.
+# Sourced by ../../headstock: the private root of `test tests/faults/test_slurm.py` and `test_nodes.py`, with a real Slurm in it, in namespaces that end with the command.
 
 # Slurm's daemons start jobs as other users, which bwrap forbids; so a real chroot, with processes, mounts and a host name of
 # its own. /run is in memory, and everything the trial makes lies there.
 select_slurm_root() {
-    [ "$me" = 0 ] || fail "test_slurm.py starts the daemons of a real Slurm and needs root: write sudo before the command"
-    [ -n "$dry_run" ] || unshare --mount --pid --uts --fork true 2>/dev/null || fail "test_slurm.py needs mounts and processes of its own, \
+    [ "$me" = 0 ] || fail "this test starts the daemons of a real Slurm and needs root: write sudo before the command"
+    [ -n "$dry_run" ] || unshare --mount --pid --uts --fork true 2>/dev/null || fail "this test needs mounts and processes of its own, \
 which this machine does not allow; start the container with --privileged"
     package_lists="$package_lists
 $project/tests/faults/slurm_packages.txt"

@@ -1,0 +1,100 @@
+"""Ranks on two nodes of a real Slurm, as root: ``./headstock test -m faults
+tests/faults/test_nodes.py``; the launcher enters a root that has one.
+"""
+
+import os
+import shutil
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from faults.nodes import SIZES_MM, TwoNodes, fail_node_under_study, run_two_nodes
+from faults.runs import Numbers, read_numbers
+from faults.slurm_daemons import DAEMONS
+
+pytestmark = [
+    pytest.mark.faults,
+    pytest.mark.skipif(
+        os.geteuid() != 0 or None in map(shutil.which, DAEMONS),
+        reason="no Slurm here, or not root: name this file to the launcher",
+    ),
+]
+SPLIT_EQUAL = 1e-9  # a component that ranks share is factorised in another order
+
+
+@pytest.fixture(scope="module")
+def two() -> Iterator[TwoNodes]:
+    with run_two_nodes() as nodes:
+        yield nodes
+
+
+def run_machine(two: TwoNodes, output: str, *, nodes: int, ranks: int, split: bool) -> Numbers:
+    words = [*two.words("run", output), "--ranks", str(ranks)]
+    variables = {"HEADSTOCK_SPLIT_DOFS": "0"} if split else {}
+    done = two.run(words, nodes=nodes, store=f"store-{output}", **variables)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return read_numbers(two.root / output)
+
+
+def assert_equal(found: Numbers, expected: Numbers, share: float) -> None:
+    for one, other in (
+        (found.compliance, expected.compliance),
+        (found.frequencies_hz, expected.frequencies_hz),
+    ):
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=share * np.abs(other).max())
+
+
+def test_shared_memory_alone_does_not_reach_the_other_node_and_the_launcher_adds_tcp(
+    two: TwoNodes,
+) -> None:
+    words = [*two.words("run", "transports"), "--ranks", "2"]
+    alone = two.run(words, nodes=2, store="store-transports", OMPI_MCA_btl="self,sm")
+    assert alone.returncode != 0
+    assert "MPI_ERR_INTERN" in alone.stderr
+    before = two.launches()
+    both = two.run(words, nodes=2, store="store-transports")
+    assert both.returncode == 0, both.stdout + both.stderr
+    assert [now - old for now, old in zip(two.launches(), before, strict=True)] == [1, 1]
+
+
+def test_a_part_split_over_two_nodes_is_that_of_one_node_and_of_one_rank(two: TwoNodes) -> None:
+    over_nodes = run_machine(two, "split-2", nodes=2, ranks=3, split=True)
+    on_one = run_machine(two, "split-1", nodes=1, ranks=3, split=True)
+    assert_equal(over_nodes, on_one, SPLIT_EQUAL)
+    assert_equal(over_nodes, run_machine(two, "one", nodes=1, ranks=1, split=False), SPLIT_EQUAL)
+
+
+def test_a_study_dealt_to_two_nodes_is_that_of_one_node_byte_for_byte(two: TwoNodes) -> None:
+    before = two.launches()
+    words = [*two.words("study", "study-2"), "--ranks", "2"]
+    done = two.run(words, nodes=2, store="store-study-2")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert all(now > old for now, old in zip(two.launches(), before, strict=True))
+    done = two.run([*two.words("study", "study-1"), "--ranks", "2"], nodes=1, store="store-study-1")
+    assert done.returncode == 0, done.stdout + done.stderr
+    found, expected = ({point.key: point for point in two.points(f"study-{n}")} for n in (2, 1))
+    assert len(two.points("study-2")) == len(found) == len(SIZES_MM)
+    assert found == expected
+
+
+def test_a_study_whose_node_fails_goes_on_without_a_lost_or_doubled_point(two: TwoNodes) -> None:
+    finished = fail_node_under_study(two, "failed")
+    points = two.points("failed")
+    assert 0 < len(finished) < len(SIZES_MM)
+    assert points[: len(finished)] == finished
+    assert len({point.key for point in points}) == len(points) == len(SIZES_MM)
+    done = two.run(two.words("study", "alone"), nodes=1, store="store-alone")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert {point.key: point for point in points} == {
+        point.key: point for point in two.points("alone")
+    }
+
+
+def test_bad_input_on_two_nodes_ends_with_its_message_and_code(two: TwoNodes) -> None:
+    words = [*two.words("study", "bad"), "--ranks", "2"]
+    words[words.index("meshes")] = "nothing"
+    done = two.run(words, nodes=2, store="store-bad")
+    assert done.returncode == 2
+    assert "nothing" in done.stderr
+    assert "MPI_ABORT" not in done.stderr
