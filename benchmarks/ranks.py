@@ -61,6 +61,7 @@ watch = ["modal.frequencies_hz[0]"]
 vary = {{ "components.a.mesh.size" = [{sizes}] }}
 """
 SIZES = ", ".join(f'"{size:.1f} mm"' for size in (75.0 * 0.95**number for number in range(16)))
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")  # the second one counts where both are set
 MACHINES = Path(__file__).resolve().parents[1] / "machines"
 # several ranks may take so many times as long as one, and so many seconds more
 MOST_TIMES, MOST_SECONDS = 1.1, 1.0
@@ -165,7 +166,7 @@ def _measure(work: Work, ranks: int, cores: int) -> float:
         variables = {
             **os.environ,
             "HEADSTOCK_STORE": str(Path(place) / "store"),
-            "OMP_NUM_THREADS": str(cores if ranks == 1 else 1),
+            **dict.fromkeys(THREADS, str(cores if ranks == 1 else 1)),
         }
         variables.pop("HEADSTOCK_THREADS", None)
         launcher = [shutil.which("mpirun") or "mpirun", *MPI_OPTIONS, "-n", str(ranks)]

@@ -23,7 +23,7 @@ from headstock.solvers.ranks import Node, SharedFailure, find_node, share_from_r
 
 RESULT_TAG = 4712
 POLL_SECONDS = 0.005
-THREADS, NAMED_THREADS = "OMP_NUM_THREADS", "HEADSTOCK_THREADS"
+THREADS, NAMED_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "HEADSTOCK_THREADS"
 QUOTA_FILE = Path("/sys/fs/cgroup/cpu.max")
 
 
@@ -97,7 +97,7 @@ def _work_off[T](
     mail: "_Mail[T]",
 ) -> None:
     """Do jobs until none is left."""
-    cores, threads = free_cores(), int(os.environ.get(THREADS, "1"))
+    cores, threads = free_cores(), int(os.environ.get(THREADS[0], "1"))
 
     def settle() -> None:
         use_threads(max(1, cores // max(1, counter.working())))
@@ -126,7 +126,7 @@ def use_threads(count: int) -> None:
     """
     if NAMED_THREADS in os.environ:
         return
-    os.environ[THREADS] = str(count)
+    os.environ.update(dict.fromkeys(THREADS, str(count)))
     threadpoolctl.threadpool_limits(count)
 
 
@@ -136,7 +136,7 @@ def all_cores_on_root(comm: MPI.Comm) -> Iterator[None]:
     if comm.size == 1 or comm.rank > 0:
         yield
         return
-    threads = int(os.environ.get(THREADS, "1"))
+    threads = int(os.environ.get(THREADS[0], "1"))
     use_threads(free_cores())
     try:
         yield
