@@ -1,10 +1,12 @@
 """What a second and a fourth rank bring: seconds of commands from an empty store on one rank and on
 several, medians of alternating runs.
 
-    ./headstock exec python3 benchmarks/ranks.py [REPEATS] [--ranks 2,4] [--only WORDS] [--busy]
+    ./headstock exec python3 benchmarks/ranks.py [REPEATS] [--ranks 2,4] [--only WORDS] [--busy] [--threads]
 
 Default of REPEATS: 5; WORDS are in the names of the work to measure; with --busy another program
-keeps one core at work all the time. One rank has as many BLAS threads as there are cores; several ranks have the
+keeps one core at work all the time. With --threads one rank with one BLAS thread is compared with
+two, and the ratio of more is computed from the share of the time that the second one halves (Amdahl
+1967). One rank has as many BLAS threads as there are cores; several ranks have the
 threads that the program gives them. The start of the processes is counted.
 """
 
@@ -83,15 +85,18 @@ class Work:
     words: tuple[tuple[str, ...], tuple[str, ...]]
 
 
-def list_work() -> list[Work]:
-    """One part, two parts of about 100k dofs, 16 meshes of a part, and the shipped scenes."""
+def list_work(sizes: tuple[str, ...] = ("45 mm", "25 mm")) -> list[Work]:
+    """One part of several sizes, two parts of about 100k dofs, 16 meshes of a part, and the shipped
+    scenes.
+    """
     run: tuple[tuple[str, ...], tuple[str, ...]] = (("run",), ("--no-figures",))
-    fine, coarse = (HEAD.format(tool="a.tip", size=size) for size in ("25 mm", "45 mm"))
     two = HEAD.format(tool="b.tip", size="25 mm") + SECOND.format(size="22 mm")
     study = f"{HEAD.format(tool='a.tip', size='40 mm')}{STUDY.format(sizes=SIZES)}"
     return [
-        Work("one part, about 20k dofs", coarse, run),
-        Work("one part, about 100k dofs", fine, run),
+        *(
+            Work(f"one part, cells of {size}", HEAD.format(tool="a.tip", size=size), run)
+            for size in sizes
+        ),
         Work("two parts of about 100k dofs", two, run),
         Work("16 meshes of one part", study, (("study",), ("meshes",))),
         *(
@@ -109,6 +114,7 @@ def main() -> None:
     parser.add_argument("--ranks", default="2")
     parser.add_argument("--only", default="")
     parser.add_argument("--busy", action="store_true")
+    parser.add_argument("--threads", action="store_true")
     options = parser.parse_args()
     repeats, ranks = options.repeats, [int(count) for count in options.ranks.split(",")]
     cores = len(os.sched_getaffinity(0))
@@ -116,6 +122,13 @@ def main() -> None:
         f"{cores} cores, {'one of them busy, ' if options.busy else ''}"
         f"load {os.getloadavg()[0]:.1f}, medians of {repeats} alternating runs"
     )
+    if options.threads:
+        print(
+            f"{'':30} {'1 thread':>9} {'2 threads':>9} {'ratio':>6}  computed for 4, 8, 16 threads"
+        )
+        for work in list_work(("45 mm", "25 mm", "16.5 mm"))[:3]:
+            _compare_threads(work, repeats)
+        return
     print(
         f"{'':30} {'1 rank':>8}"
         + "".join(f" {f'{count} ranks':>8} {'ratio':>6}" for count in ranks)
@@ -154,7 +167,21 @@ def _busy_core() -> Iterator[None]:
         process.wait()
 
 
-def _measure(work: Work, ranks: int, cores: int) -> float:
+def _compare_threads(work: Work, repeats: int) -> None:
+    """Print what a second BLAS thread brings, and more would."""
+    _measure(work, 1, 1)
+    found = [[_measure(work, 1, threads) for threads in (1, 2)] for _ in range(repeats)]
+    one, two = (statistics.median(times) for times in zip(*found, strict=True))
+    share = 2.0 * (1.0 - two / one)
+    more = (1.0 / (1.0 - share + share / threads) for threads in (4, 8, 16))
+    print(
+        f"{work.name:30} {one:9.1f} {two:9.1f} {one / two:6.2f}  "
+        + ", ".join(f"{ratio:.2f}" for ratio in more),
+        flush=True,
+    )
+
+
+def _measure(work: Work, ranks: int, threads: int) -> float:
     """Wall-clock time [s] of a command from an empty store."""
     with tempfile.TemporaryDirectory(prefix="headstock-benchmark-") as place:
         scene = work.scene if isinstance(work.scene, Path) else Path(place) / "scene.toml"
@@ -166,7 +193,7 @@ def _measure(work: Work, ranks: int, cores: int) -> float:
         variables = {
             **os.environ,
             "HEADSTOCK_STORE": str(Path(place) / "store"),
-            **dict.fromkeys(THREADS, str(cores if ranks == 1 else 1)),
+            **dict.fromkeys(THREADS, str(threads if ranks == 1 else 1)),
         }
         variables.pop("HEADSTOCK_THREADS", None)
         launcher = [shutil.which("mpirun") or "mpirun", *MPI_OPTIONS, "-n", str(ranks)]

@@ -51,12 +51,13 @@ cores() {
     echo "$count"
 }
 
-# Cores nobody uses, at least 1, at most 2: a BLAS with more threads than free cores is several times slower than one thread.
+# Cores nobody uses, at least 1, at most 4 (as in solvers/shared_work.py): a BLAS with more threads than free cores is several
+# times slower than one thread; from 4 to 8 a run of 300k dofs would gain 8 % (benchmarks/ranks.py --threads).
 free_threads() {
     read -r load _ </proc/loadavg || load=0
     free=$(($(cores) - ${load%%.*}))
     [ "$free" -ge 1 ] || free=1
-    [ "$free" -le 2 ] || free=2
+    [ "$free" -le 4 ] || free=4
     echo "$free"
 }
 

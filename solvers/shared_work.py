@@ -24,6 +24,7 @@ from headstock.solvers.ranks import Node, SharedFailure, find_node, share_from_r
 RESULT_TAG = 4712
 POLL_SECONDS = 0.005
 THREADS, NAMED_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "HEADSTOCK_THREADS"
+MOST_THREADS = 4  # more bring next to nothing: benchmarks/ranks.py --threads
 QUOTA_FILE = Path("/sys/fs/cgroup/cpu.max")
 
 
@@ -121,13 +122,14 @@ def _work_off[T](
 
 
 def use_threads(count: int) -> None:
-    """Give BLAS and OpenMP so many threads, in libraries that are loaded and those that will be;
-    where the user has named a number that one stays.
+    """Give BLAS and OpenMP so many threads, at most ``MOST_THREADS``, in libraries that are loaded
+    and those that will be; where the user has named a number that one stays.
     """
     if NAMED_THREADS in os.environ:
         return
-    os.environ.update(dict.fromkeys(THREADS, str(count)))
-    threadpoolctl.threadpool_limits(count)
+    threads = min(count, MOST_THREADS)
+    os.environ.update(dict.fromkeys(THREADS, str(threads)))
+    threadpoolctl.threadpool_limits(threads)
 
 
 @contextlib.contextmanager

@@ -1037,9 +1037,9 @@ def test_with_ranks_each_gets_one_thread_and_a_failing_rank_ends_the_job(tmp_pat
 
 @pytest.mark.parametrize(
     ("given", "expected"),
-    [({}, {"1", "2"}), ({"HEADSTOCK_THREADS": "5"}, {"5"}), ({"OMP_NUM_THREADS": "3"}, {"3"})],
+    [({}, {"1", "2", "3", "4"}), ({"HEADSTOCK_THREADS": "5"}, {"5"}), ({"OMP_NUM_THREADS": "3"}, {"3"})],
 )
-def test_threads_are_free_cores_up_to_two_unless_the_caller_says(
+def test_threads_are_free_cores_up_to_four_unless_the_caller_says(
     tmp_path: Path, given: dict[str, str], expected: set[str]
 ) -> None:
     folder = clone(tmp_path / "clone")
