@@ -11,6 +11,7 @@ import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import DEFAULT_EIGENSOLVER, Eigensolver
+from headstock.meshing.component_mesh import IntArray
 from headstock.reduction.superelement import Truncation, lowest_participating
 from headstock.solvers.elastic.constrained_modes import lowest_modes
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
@@ -27,6 +28,8 @@ RAYLEIGH_TOLERANCE = 1e-7  # what the search itself leaves
 # quotient keeps 1e-3 of it
 ROUNDOFF_LIMIT = 0.3
 MANY_MODES = 40
+START_SEED, SIGN_SEED = 20101, 7
+SPLIT_MIX = np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB], dtype=np.uint64)
 COLUMNS = 48  # at a time: what products take beside the solution
 
 
@@ -128,9 +131,30 @@ def _block_width(target: ModeTarget) -> int:
 
 def _start_block(solver: ConstrainedSolver, width: int) -> FloatArray:
     """The same pseudo-random block for any number of ranks."""
-    nodes = solver.operators.nodes
-    table = np.random.default_rng(20101).standard_normal((solver.operators.total_nodes, 3 * width))
-    return np.where(solver.fixed[:, None], 0.0, table[nodes].reshape(-1, width))
+    table = draw_numbers(solver.operators.nodes, 3 * width, seed=START_SEED)
+    return np.where(solver.fixed[:, None], 0.0, table.reshape(-1, width))
+
+
+def draw_numbers(nodes: IntArray, count: int, *, seed: int) -> FloatArray:
+    """Pseudo-random numbers ``(n, count)`` between -1 and 1 that belong to the nodes: each rank
+    draws those of its own.
+
+    Args:
+        nodes: ``(n,)`` mesh points.
+        count: Numbers for each.
+        seed: Another one gives others.
+
+    Source: Steele, Lea and Flood (2014), Fast splittable pseudorandom number generators, fig. 15.
+    """
+    counters = nodes.astype(np.uint64)[:, None] * np.uint64(count) + np.arange(
+        1, count + 1, dtype=np.uint64
+    )
+    state = (counters + (np.uint64(seed) << np.uint64(40))) * SPLIT_MIX[0]
+    state = (state ^ (state >> np.uint64(30))) * SPLIT_MIX[1]
+    state = (state ^ (state >> np.uint64(27))) * SPLIT_MIX[2]
+    state ^= state >> np.uint64(31)
+    # the upper 53 bits are as many as a double holds
+    return np.asarray((state >> np.uint64(11)) * 2.0**-52 - 1.0)
 
 
 def _dense_modes(solver: ConstrainedSolver, target: ModeTarget) -> EigenPairs:
@@ -238,8 +262,7 @@ def require_resolved(values: FloatArray, improved: FloatArray, roundoff: FloatAr
 
 def _fix_signs(solver: ConstrainedSolver, shapes: FloatArray) -> FloatArray:
     """Signs that do not depend on the number of ranks."""
-    table = np.random.default_rng(7).standard_normal((solver.operators.total_nodes, 3))
-    weights = table[solver.operators.nodes].reshape(1, -1)
+    weights = draw_numbers(solver.operators.nodes, 3, seed=SIGN_SEED).reshape(1, -1)
     signs = np.sign(sum_over_ranks(solver.comm, weights @ shapes))
     return np.asarray(shapes * np.where(signs == 0.0, 1.0, signs))
 

@@ -2,6 +2,7 @@
 it is there: factor once, solve many.
 """
 
+import contextlib
 import ctypes
 import ctypes.util
 from collections.abc import Mapping
@@ -152,6 +153,9 @@ class Factorization:
             self._factors.destroy()
             self._matrix.destroy()
             self._factors = None
+            # the C library would keep what was freed, most of a part's memory, for itself
+            with contextlib.suppress(OSError, AttributeError):  # others have no such function
+                ctypes.CDLL(None).malloc_trim(0)
 
     def __enter__(self) -> "Factorization":
         return self

@@ -12,6 +12,7 @@ from headstock.geometry.parts.components import Eigensolver
 from headstock.reduction.components import fixed_interface_modes
 from headstock.reduction.components.fixed_interface_modes import (
     DENSE_LIMIT,
+    draw_numbers,
     find_fixed_interface_modes,
     require_resolved,
 )
@@ -191,3 +192,15 @@ def test_frequencies_of_a_thin_sheet_are_those_of_a_thicker_one_by_thickness() -
             )
     # Kirchhoff: proportional to the thickness but for a transverse shear of (thickness/width)^2
     np.testing.assert_allclose(found[1], found[0], rtol=2e-3)
+
+
+def test_numbers_drawn_for_nodes_do_not_depend_on_who_draws_them() -> None:
+    whole = draw_numbers(np.arange(50_000), 6, seed=3)
+    some = np.array([49_999, 7, 0, 31_415])
+    np.testing.assert_array_equal(draw_numbers(some, 6, seed=3), whole[some])
+    # evenly spread, and neither columns, nodes nor seeds resemble each other
+    assert np.abs(whole.mean(axis=0)).max() < 0.01
+    np.testing.assert_allclose(whole.var(axis=0), 1.0 / 3.0, rtol=0.02)
+    others = np.column_stack([whole[1:], whole[:-1], draw_numbers(np.arange(1, 50_000), 6, seed=4)])
+    correlation = np.corrcoef(others.T) - np.eye(18)
+    assert np.abs(correlation).max() < 0.02
