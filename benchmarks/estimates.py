@@ -33,7 +33,7 @@ MACHINES = Path(__file__).resolve().parents[1] / "machines"
 SCENES = ("cantilever", "fixed_beam", "guideway", "three_axis", "three_axis:frf", "step_column")
 WATCHED = (
     (elastic, "measure_truncation", "modes left out"),
-    (elastic, "estimate_mesh_errors", "mesh"),
+    (elastic, "estimate_split_errors", "mesh"),
     (machine, "estimate_mode_errors", "frequencies"),
     (machine, "estimate_compliance_errors", "compliances"),
     (frf_stages, "estimate_response_errors", "responses"),

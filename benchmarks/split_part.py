@@ -87,9 +87,8 @@ def reduce_on_ranks(folder: Path) -> None:
     begin = time.perf_counter()
     with watch.step("mesh"):
         mesh = read_mesh(folder) if comm.rank == 0 else None
-        mesh = comm.bcast(mesh)
     element = elastic.reduce_elastic(part, mesh, comm=comm)
-    if comm.rank == 0:
+    if mesh is not None:
         with watch.step("skin"):
             mesh_skin(mesh)
     total = time.perf_counter() - begin

@@ -5,13 +5,16 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 
-SHARE_TAG = 4711
+SHARE_TAG, ROWS_TAG = 4711, 4713
+COLUMNS = 48  # sent at a time: what sending takes beside the values
 POLL_SECONDS = 0.002
 
 
@@ -99,3 +102,102 @@ def share_from_root[T](comm: MPI.Comm, value: T | None) -> T:
         time.sleep(POLL_SECONDS)
     shared: T = comm.recv(source=0, tag=SHARE_TAG)
     return shared
+
+
+def rows_from_root(
+    comm: MPI.Comm, values: NDArray[Any] | None, wanted: NDArray[np.int64]
+) -> NDArray[Any]:
+    """Rows of an array that rank 0 alone holds; collective.
+
+    Args:
+        comm: Communicator.
+        values: ``(n, ...)`` on rank 0.
+        wanted: Which rows this rank is to have.
+    """
+    if comm.rank or values is None:
+        comm.send(wanted, dest=0, tag=ROWS_TAG)
+        return np.asarray(comm.recv(source=0, tag=ROWS_TAG))
+    for rank in range(1, comm.size):
+        comm.send(values[comm.recv(source=rank, tag=ROWS_TAG)], dest=rank, tag=ROWS_TAG)
+    return values[wanted]
+
+
+@dataclass(frozen=True, eq=False)
+class RowBlocks:
+    """Rows of an array by their numbers: each rank holds an equal share of consecutive ones.
+
+    Attributes:
+        comm: Ranks, in the order of the rows.
+        total: Number of rows.
+        rows: ``(n, ...)`` those of this rank.
+    """
+
+    comm: MPI.Comm
+    total: int
+    rows: FloatArray
+
+    def fetch(self, wanted: NDArray[np.int64]) -> FloatArray:
+        """Rows of any numbers ``(m, ...)``, rising; collective."""
+        if self.comm.size == 1:
+            return self.rows[wanted]
+        ends = _block_ends(self.comm, self.total)
+        asked = self.comm.alltoall(np.split(wanted, np.searchsorted(wanted, ends[1:-1])))
+        result = np.empty((len(wanted), *self.rows.shape[1:]))
+        for columns in _column_slices(self.rows):
+            sent = [self.rows[numbers - ends[self.comm.rank], ..., columns] for numbers in asked]
+            result[..., columns] = np.concatenate(self.comm.alltoall(sent))
+        return result
+
+    def gather(self) -> FloatArray | None:
+        """All rows ``(total, ...)`` on rank 0, which takes in one rank at a time; collective."""
+        if self.comm.rank:
+            for columns in _column_slices(self.rows):
+                self.comm.send(self.rows[..., columns], dest=0, tag=ROWS_TAG)
+            return None
+        if self.comm.size == 1:
+            return self.rows
+        ends = _block_ends(self.comm, self.total)
+        result = np.empty((self.total, *self.rows.shape[1:]))
+        result[: ends[1]] = self.rows
+        for rank in range(1, self.comm.size):
+            for columns in _column_slices(self.rows):
+                result[ends[rank] : ends[rank + 1], ..., columns] = self.comm.recv(
+                    source=rank, tag=ROWS_TAG
+                )
+        return result
+
+
+def order_rows(
+    comm: MPI.Comm, numbers: NDArray[np.int64], values: FloatArray, total: int
+) -> RowBlocks:
+    """Rows that lie scattered over the ranks, in the order of their numbers; collective.
+
+    Args:
+        comm: Communicator.
+        numbers: ``(n,)`` of the rows of this rank; each occurs on one rank only.
+        values: ``(n, ...)`` these rows.
+        total: Number of rows on all ranks.
+    """
+    ends = _block_ends(comm, total)
+    if comm.size == 1:
+        rows = np.empty(values.shape)
+        rows[numbers] = values
+        return RowBlocks(comm, total, rows)
+    order = np.argsort(numbers)
+    parts = np.split(order, np.searchsorted(numbers[order], ends[1:-1]))
+    places = np.concatenate(comm.alltoall([numbers[part] for part in parts])) - ends[comm.rank]
+    rows = np.empty((ends[comm.rank + 1] - ends[comm.rank], *values.shape[1:]))
+    for columns in _column_slices(values):
+        rows[places, ..., columns] = np.concatenate(
+            comm.alltoall([values[part, ..., columns] for part in parts])
+        )
+    return RowBlocks(comm, total, rows)
+
+
+def _block_ends(comm: MPI.Comm, total: int) -> NDArray[np.int64]:
+    return np.asarray(total * np.arange(comm.size + 1, dtype=np.int64) // comm.size)
+
+
+def _column_slices(values: FloatArray) -> list[slice]:
+    count = values.shape[-1]
+    return [slice(first, first + COLUMNS) for first in range(0, count, COLUMNS)]

@@ -41,7 +41,7 @@ from headstock.reduction.requests import (
 )
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import FILE_ROUNDING, check_superelement
-from headstock.solvers.ranks import share_from_root
+from headstock.solvers.ranks import make_on_root
 
 STATIC = "static"
 SEPARATOR = "_"  # a number may hold a minus
@@ -133,23 +133,21 @@ def _read_extent(key: str) -> ReductionExtent | None:
 
 
 def _run_mesh_stage(state: RunState, stage: Stage) -> Outcome:
-    """Fetch a component's superelement from the store, else its mesh, else mesh it; every rank gets
-    the mesh it will need.
-    """
+    """Fetch a component's superelement from the store, else its mesh, else mesh it, on rank 0."""
     component = _component(state, stage)
-    outcome = Outcome()
-    mesh: ComponentMesh | None = None
-    if state.is_root and load_reduced(state, component):
-        outcome = Outcome(cached=True, detail="not needed")
-    elif state.is_root:
-        mesh, outcome = load_or_make_mesh(state, component)
-    if state.is_root and any(
-        probe.component == component.name for probe in state.scene.machine.probes.values()
-    ):
-        state.probe_meshes[component.name] = mesh or load_or_make_mesh(state, component)[0]
-    mesh = share_from_root(state.comm, mesh)
-    if mesh is not None:
-        state.meshes[component.name] = mesh
+
+    def find_mesh() -> tuple[bool, Outcome]:
+        mesh, outcome = None, Outcome(cached=True, detail="not needed")
+        if not load_reduced(state, component):
+            mesh, outcome = load_or_make_mesh(state, component)
+            state.meshes[component.name] = mesh
+        if any(probe.component == component.name for probe in state.scene.machine.probes.values()):
+            state.probe_meshes[component.name] = mesh or load_or_make_mesh(state, component)[0]
+        return mesh is not None, outcome
+
+    meshed, outcome = make_on_root(state.comm, find_mesh)
+    if meshed:
+        state.meshes.setdefault(component.name, None)
     return outcome
 
 
@@ -169,13 +167,16 @@ def _run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
     superelement: Superelement = elastic.reduce_elastic(
         component, mesh, supports, loads, comm=state.comm, request=request
     )
-    if not state.is_root:
-        return Outcome()
-    check_superelement(superelement)
-    reduced = ReducedComponent(superelement, mesh.quality, mesh_skin(mesh))
-    state.reduced[component.name] = reduced
-    state.warn(_keep_superelement(state.store, stored_request(state, component), reduced))
-    return Outcome(detail=_describe(superelement))
+
+    def keep() -> Outcome:
+        check_superelement(superelement)
+        skin, quality = (None, None) if mesh is None else (mesh_skin(mesh), mesh.quality)
+        reduced = ReducedComponent(superelement, quality, skin)
+        state.reduced[component.name] = reduced
+        state.warn(_keep_superelement(state.store, stored_request(state, component), reduced))
+        return Outcome(detail=_describe(superelement))
+
+    return make_on_root(state.comm, keep)
 
 
 def _run_rigid_stage(state: RunState, stage: Stage) -> Outcome:

@@ -27,6 +27,7 @@ from headstock.reduction.motions.mode_naming import NamedModes
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import Scene
 from headstock.solvers.linear.modal_analysis import ModalResult
+from headstock.solvers.ranks import SharedFailure
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 
@@ -146,13 +147,16 @@ class PoseModel(Protocol):
 
 @dataclass(eq=False)
 class RunState:
-    """Everything stages read and add to; complete on rank 0, the others hold only meshes."""
+    """Everything stages read and add to; complete on rank 0.
+
+    On other ranks ``meshes`` tells which components are to be reduced, and holds None for each.
+    """
 
     scene: Scene
     plan: Plan
     comm: MPI.Comm
     store: Store
-    meshes: dict[str, ComponentMesh] = field(default_factory=dict)
+    meshes: dict[str, ComponentMesh | None] = field(default_factory=dict)
     reduced: dict[str, ReducedComponent] = field(default_factory=dict)
     read: dict[object, ReducedComponent] = field(default_factory=dict)
     model: PoseModel | None = None
@@ -246,14 +250,15 @@ def run_stage(
     with measure() as cost:
         try:
             outcome = work(state, stage)
-        except Exception as error:
-            if lacks_memory(error) and not isinstance(error, MeshError):
-                raise out_of_memory(
-                    " ".join(filter(None, ("stage", stage.kind, stage.component)))
-                ) from error
-            if isinstance(error, PatchError) and stage.component is not None:
-                raise locate_patch(state.scene, stage.component, error) from error
+        except SharedFailure as failure:
+            if isinstance(failure.__cause__, Exception):
+                raise SharedFailure from _locate_error(state, stage, failure.__cause__)
             raise
+        except Exception as error:
+            located = _locate_error(state, stage, error)
+            if located is error:
+                raise
+            raise located from error
     state.answers += outcome.answers
     for message in outcome.warnings:
         state.warn(message)
@@ -269,6 +274,15 @@ def run_stage(
                 cpu_seconds=cost.cpu_seconds,
             )
         )
+
+
+def _locate_error(state: RunState, stage: Stage, error: Exception) -> Exception:
+    """An error of a stage with its place in the scene; where memory lacked, which stage it was."""
+    if lacks_memory(error) and not isinstance(error, MeshError):
+        return out_of_memory(" ".join(filter(None, ("stage", stage.kind, stage.component))))
+    if isinstance(error, PatchError) and stage.component is not None:
+        return locate_patch(state.scene, stage.component, error)
+    return error
 
 
 def pose_name(stage: Stage) -> str:

@@ -41,8 +41,8 @@ class BoundaryBasis:
             order.
         shapes: ``(3 n_points, 6 n_nodes)`` sparse-in-spirit pairs ``(dofs, columns block)`` of
             rigid patches.
-        fixed: ``(3 n_points,)`` dofs in rigid patches or supports.
-        supported: ``(3 n_points,)`` dofs fixed by supports.
+        fixed: Mesh dofs in rigid patches or supports, rising.
+        supported: Mesh dofs fixed by supports, rising.
         constraints: ``(m, 6 n_nodes)`` orthonormal rows that must vanish: shared nodes and
             undetermined rotations.
         warnings: What was merged, dropped or disabled.
@@ -52,8 +52,8 @@ class BoundaryBasis:
     interface_maps: dict[str, InterfaceMap]
     rails: tuple[RailFit, ...]
     shapes: tuple[tuple[IntArray, FloatArray, int], ...]
-    fixed: BoolArray
-    supported: BoolArray
+    fixed: IntArray
+    supported: IntArray
     constraints: FloatArray
     warnings: tuple[str, ...]
 
@@ -122,8 +122,8 @@ def build_boundary_basis(
         interface_maps,
         rails,
         tuple(shapes),
-        fixed,
-        supported,
+        np.flatnonzero(fixed),
+        np.flatnonzero(supported),
         constraints,
         tuple(warnings),
     )

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from headstock.geometry.frames import BoolArray, FloatArray, Frame, rigid_map, rigid_transfer
 from headstock.meshing.component_mesh import IntArray
 from headstock.reduction.components.boundary_basis import BoundaryBasis
+from headstock.reduction.components.interface_patches import MeshPatch, scatter_rows
 from headstock.reduction.rails import CONTROL_POINT_DOFS, control_point_motion
 from headstock.solvers.elastic.constrained_solver import (
     ConstrainedSolver,
@@ -55,32 +56,22 @@ class MeanConstraints:
     """
 
     def __init__(self, basis: BoundaryBasis, operators: ElasticOperators) -> None:
-        local_of = {int(point): row for row, point in enumerate(operators.nodes)}
         count = 6 * len(basis.nodes) + CONTROL_POINT_DOFS * len(basis.control_points)
         columns, selectors = [], []
         for number, node in enumerate(basis.nodes):
             if node.coupling == "average":
-                columns.append(
-                    _scatter(
-                        node.patch.average_operator(),
-                        node.patch.nodes,
-                        local_of,
-                        operators.owned_dofs,
-                    )
-                )
+                columns.append(_scatter(node.patch.average_operator(), node.patch, operators))
                 selectors.append(np.eye(count)[:, 6 * number : 6 * number + 6])
         first = 6 * len(basis.nodes)
         for rail in basis.rails:
-            columns.append(
-                _scatter(rail.operator, rail.patch.nodes, local_of, operators.owned_dofs)
-            )
+            columns.append(_scatter(rail.operator, rail.patch, operators))
             selectors.append(np.eye(count)[:, first : first + rail.operator.shape[1]])
             first += rail.operator.shape[1]
         self.node_frames = tuple(Frame(node.patch.centroid) for node in basis.nodes)
         self.loose_frame: Frame | None = None
         self.body_motions: FloatArray | None = None
         self.fixed: FloatArray = np.zeros((0, 6))
-        supported = basis.supported[local_dofs(operators)]
+        supported = find_dofs(operators, basis.supported)
         middle, free = free_combinations(operators, supported)
         if not basis.nodes and not basis.rails and free.shape[1]:
             # a body that nothing holds in some motion: the mass-weighted mean of those motions is
@@ -95,7 +86,7 @@ class MeanConstraints:
             self.node_frames = (self.loose_frame,)
         full = np.hstack(columns) if columns else np.zeros((operators.owned_dofs, 0))
         self.boundary_size = count
-        fixed = basis.fixed[local_dofs(operators)]
+        fixed = find_dofs(operators, basis.fixed)
         self.full = full
         self.select = np.hstack(selectors).T if selectors else np.zeros((0, count))
         self.range, dependent = _split_range(np.where(fixed[:, None], 0.0, full), operators.comm)
@@ -148,15 +139,14 @@ def local_dofs(operators: ElasticOperators) -> IntArray:
     return np.asarray((3 * operators.nodes[:, None] + np.arange(3)).ravel())
 
 
-def _scatter(
-    operator: FloatArray, nodes: IntArray, local_of: dict[int, int], owned: int
-) -> FloatArray:
-    result = np.zeros((owned, operator.shape[1]))
-    for position, point in enumerate(nodes):
-        row = local_of.get(int(point))
-        if row is not None:
-            result[3 * row : 3 * row + 3] = operator[3 * position : 3 * position + 3]
-    return result
+def find_dofs(operators: ElasticOperators, dofs: IntArray) -> BoolArray:
+    """Which rows of this rank ``(3 n_owned,)`` are among some mesh dofs."""
+    return np.isin(local_dofs(operators), dofs)
+
+
+def _scatter(operator: FloatArray, patch: MeshPatch, operators: ElasticOperators) -> FloatArray:
+    by_node = operator.reshape(len(patch.nodes), 3, operator.shape[1])
+    return scatter_rows(by_node, patch.nodes, operators).reshape(-1, operator.shape[1])
 
 
 def find_constraint_modes(
@@ -206,7 +196,7 @@ def _rigid_part(
     and the unit of each dof ``(n_b,)``.
     """
     operators = solver.operators
-    supported = basis.supported[local_dofs(operators)]
+    supported = find_dofs(operators, basis.supported)
     center, free = free_combinations(operators, supported)
     rows = [rigid_transfer(center, frame.origin) for frame in means.node_frames]
     rows += [
@@ -283,9 +273,7 @@ def _prescribe_patches(
     """
     local = local_dofs(solver.operators)
     prescribed = np.zeros((len(local), means.boundary_size))
-    where = np.full(len(basis.fixed), -1, dtype=np.int64)
-    where[local] = np.arange(len(local))
     for dofs, values, number in basis.shapes:
-        mine = where[dofs] >= 0
-        prescribed[where[dofs[mine]], 6 * number : 6 * number + 6] = values[mine]
+        _, given, own = np.intersect1d(dofs, local, assume_unique=True, return_indices=True)
+        prescribed[own, 6 * number : 6 * number + 6] = values[given]
     return prescribed

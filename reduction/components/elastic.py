@@ -1,6 +1,7 @@
 """A meshed elastic component to a Craig-Bampton superelement with one factorisation."""
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -14,7 +15,7 @@ from headstock.reduction.components.boundary_basis import build_boundary_basis
 from headstock.reduction.components.constraint_modes import (
     MeanConstraints,
     find_constraint_modes,
-    local_dofs,
+    find_dofs,
 )
 from headstock.reduction.components.elastic_checks import (
     judge_element_order,
@@ -26,30 +27,29 @@ from headstock.reduction.components.fixed_interface_modes import (
     measure_truncation,
     verify_mode_count,
 )
-from headstock.reduction.components.interface_patches import assemble_loads
+from headstock.reduction.components.interface_patches import assemble_loads, make_of_mesh
 from headstock.reduction.components.subspace import ReductionSpace, project_component
 from headstock.reduction.requests import ReductionRequest, mode_target, needs_mass
 from headstock.reduction.superelement import ErrorEstimates, Recovery, StaticLoad, Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
-from headstock.solvers.elastic.discretisation_error import (
-    estimate_mesh_errors,
-    mesh_safety,
-    sees_errors,
-)
+from headstock.solvers.elastic.discretisation_error import mesh_safety, sees_errors
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
+from headstock.solvers.elastic.split_estimates import estimate_split_errors
 from headstock.solvers.errors import AccuracyError, ConvergenceError, ModelError
+from headstock.solvers.ranks import RowBlocks, SharedFailure, order_rows
 
 # Recovered stresses follow a singularity no better than those of the elements: over blocks, sheets,
 # plates and tubes cells at the rims of rigid faces showed 0.35 to 0.4 of the energy that they
 # missed. At the rims of averaging patches tractions end abruptly, which smoothed stresses hide:
 # cells there showed half as much as others do
 RIM_WEIGHT, AVERAGING_RIM_WEIGHT = 2.5, 2.0
+ELASTIC_ERRORS = (ModelError, ConvergenceError, AccuracyError)
 
 
 def reduce_elastic(
     component: Component,
-    mesh: ComponentMesh,
+    mesh: ComponentMesh | None,
     supports: Sequence[Support] = (),
     loads: Sequence[Load] = (),
     *,
@@ -60,7 +60,7 @@ def reduce_elastic(
 
     Args:
         component: Description; its material's density is scaled when the component states its mass.
-        mesh: Its mesh, the same on every rank.
+        mesh: Its mesh on rank 0; what other ranks hand in is not looked at.
         supports: Pointwise supports of this component.
         loads: Static loads on this component.
         comm: Communicator; collective.
@@ -74,26 +74,41 @@ def reduce_elastic(
             would lock grossly.
         ConvergenceError: A factorisation, solve or mode search failed.
         AccuracyError: The operators fail their checks.
+        SharedFailure: On several ranks, all of which know it; its cause is one of these.
 
     Source: Craig and Bampton (1968); mean interfaces by Lagrange multipliers as in Kaufmann et al.
     (2019).
     """
     request = request or ReductionRequest(modes=mode_target(component))
     with_mass = needs_mass(component, loads, request)
+    mesh = mesh if comm.rank == 0 else None
     try:
-        operators = assemble_elasticity(
-            mesh, scaled_material(component, mesh), comm=comm, with_mass=with_mass
-        )
+        material = make_of_mesh(comm, mesh, functools.partial(scaled_material, component))
+        operators = assemble_elasticity(mesh, material, comm=comm, with_mass=with_mass)
         return reduce_operators(component, mesh, operators, supports, loads, request=request)
-    except (ModelError, ConvergenceError, AccuracyError) as error:
-        if component.name in str(error):
-            raise
-        raise type(error)(f"component {component.name}: {error}") from error
+    except SharedFailure as failure:
+        if isinstance(failure.__cause__, ELASTIC_ERRORS):
+            raise SharedFailure from _name_component(component, failure.__cause__)
+        raise
+    except ELASTIC_ERRORS as error:
+        named = _name_component(component, error)
+        # what a model lacks shows in sums over all ranks, and all of them find it
+        if comm.size > 1 and isinstance(error, ModelError):
+            raise SharedFailure from named
+        raise named from error.__cause__
+
+
+def _name_component(component: Component, error: Exception) -> Exception:
+    if component.name in str(error):
+        return error
+    named = type(error)(f"component {component.name}: {error}")
+    named.__cause__ = error
+    return named
 
 
 def reduce_operators(
     component: Component,
-    mesh: ComponentMesh,
+    mesh: ComponentMesh | None,
     operators: ElasticOperators,
     supports: Sequence[Support],
     loads: Sequence[Load],
@@ -105,7 +120,7 @@ def reduce_operators(
 
     Args:
         component: Geometry, material, interfaces and reduction settings.
-        mesh: Its mesh.
+        mesh: Its mesh on rank 0.
         operators: Stiffness, and mass where the request needs it, of this mesh.
         supports: Supports of this component.
         loads: Static loads; those on other components are left out.
@@ -114,10 +129,11 @@ def reduce_operators(
     Raises:
         ModelError, ConvergenceError, AccuracyError: As ``reduce_elastic``.
     """
-    remarks = judge_element_order(component, mesh)
-    basis = build_boundary_basis(component, mesh, supports)
+    comm = operators.comm
+    remarks = make_of_mesh(comm, mesh, functools.partial(judge_element_order, component))
+    basis = make_of_mesh(comm, mesh, lambda whole: build_boundary_basis(component, whole, supports))
     means = MeanConstraints(basis, operators)
-    with ConstrainedSolver(operators, basis.fixed[local_dofs(operators)], means.columns) as solver:
+    with ConstrainedSolver(operators, find_dofs(operators, basis.fixed), means.columns) as solver:
         psi = find_constraint_modes(basis, means, solver)
         modes = find_fixed_interface_modes(
             solver, request.modes, eigensolver=component.reduction.eigensolver
@@ -129,30 +145,34 @@ def reduce_operators(
         reduced, particular = _reduce_loads(vectors, solver, psi, modes)
         truncation = measure_truncation(solver, psi, modes) if request.modes is not None else None
         residual = max(solver.largest_residual, modes.residual)
-    gathered = (
-        _gather_recovery(operators, mesh, np.hstack([psi, modes.shapes]))
-        if request.recovery
-        else None
-    )
     warnings, errors = remarks + result.warnings, ErrorEstimates()
-    if request.errors and gathered is not None:
-        errors = _estimate_errors(component, mesh, result, gathered)
-        if not sees_errors(mesh):
-            warnings += (
-                "its mesh is a row of single elements, whose errors cannot be estimated; write a smaller mesh size",
-            )
+    recovery = None
+    if request.recovery:
+        fields = _order_fields(operators, np.hstack([psi, modes.shapes]))
+        if request.errors:
+            seen = make_of_mesh(comm, mesh, sees_errors)
+            errors = _estimate_errors(component, mesh, operators, result, fields if seen else None)
+            if not seen:
+                warnings += (
+                    "its mesh is a row of single elements, whose errors cannot be estimated; write a smaller mesh size",
+                )
+        recovery = _gather_recovery(mesh, fields)
     return dataclasses.replace(
         result,
-        stiffness=without_rigid_stiffness(
-            result, mesh.points, basis.supported, scale=operators.stiffness_scale
+        stiffness=make_of_mesh(
+            comm,
+            mesh,
+            lambda whole: without_rigid_stiffness(
+                result, whole.points, basis.supported, scale=operators.stiffness_scale
+            ),
         ),
-        recovery=None if gathered is None else Recovery(basis=gathered, points=mesh.points),
+        recovery=recovery,
         residual=residual,
         errors=dataclasses.replace(errors, truncation=truncation),
         warnings=warnings,
         loads={
             name: StaticLoad(
-                reduced[:, column], _gather_recovery(operators, mesh, particular[:, [column]])
+                reduced[:, column], _gather_field(_order_fields(operators, particular[:, [column]]))
             )
             for column, name in enumerate(vectors)
         },
@@ -160,17 +180,24 @@ def reduce_operators(
 
 
 def _estimate_errors(
-    component: Component, mesh: ComponentMesh, element: Superelement, fields: FloatArray
+    component: Component,
+    mesh: ComponentMesh | None,
+    operators: ElasticOperators,
+    element: Superelement,
+    fields: RowBlocks | None,
 ) -> ErrorEstimates:
     """What its mesh makes of the displacement fields of a superelement's dofs; zeros stand for what
-    nobody knows.
+    nobody knows, where there are no fields.
     """
-    if not sees_errors(mesh):
+    if fields is None:
         return ErrorEstimates(missing_energy=np.zeros(element.stiffness.shape))
-    surface = extract_surface(mesh.cells, mesh.kind)
-    found = estimate_mesh_errors(
-        mesh, scaled_material(component, mesh), fields, _rim_weights(component, mesh, surface)
-    )
+
+    comm, weights, safety = operators.comm, None, 0.0
+    if mesh is not None:
+        surface = extract_surface(mesh.cells, mesh.kind)
+        weights, safety = _rim_weights(component, mesh, surface), mesh_safety(mesh, surface)
+    material = make_of_mesh(comm, mesh, functools.partial(scaled_material, component))
+    found = estimate_split_errors(mesh, material, operators, fields, weights)
     strained = np.eye(len(element.stiffness))
     if not element.supported:
         # rigid motions miss no energy: what rounding leaves of it would look large beside that of a
@@ -179,7 +206,7 @@ def _estimate_errors(
         strained -= rigid @ rigid.T
     return ErrorEstimates(
         missing_energy=strained @ found.missing_energy @ strained,
-        mesh_safety=mesh_safety(mesh, surface),
+        mesh_safety=comm.bcast(safety),
         shape_stiffness=None
         if found.shape is None
         else strained @ found.shape.stiffness @ strained,
@@ -245,14 +272,21 @@ def _reduce_loads(
     return np.vstack([solver.product(psi, forces), modal]), particular
 
 
-def _gather_recovery(
-    operators: ElasticOperators, mesh: ComponentMesh, vectors: FloatArray
-) -> FloatArray | None:
-    """Vectors of all ranks in mesh point order, on rank 0."""
-    parts = operators.comm.gather((operators.nodes, vectors), root=0)
-    if parts is None:
-        return None
-    result = np.zeros((len(mesh.points), 3, vectors.shape[1]))
-    for nodes, rows in parts:
-        result[nodes] = rows.reshape(len(nodes), 3, vectors.shape[1])
-    return result.reshape(3 * len(mesh.points), vectors.shape[1])
+def _order_fields(operators: ElasticOperators, vectors: FloatArray) -> RowBlocks:
+    """Vectors ``(3 n_owned, k)`` of all ranks as ``(n_points, 3, k)`` in the order of the mesh."""
+    by_node = vectors.reshape(len(operators.nodes), 3, vectors.shape[1])
+    return order_rows(operators.comm, operators.nodes, by_node, operators.total_nodes)
+
+
+def _gather_field(fields: RowBlocks) -> FloatArray | None:
+    """``(3 n_points, k)`` on rank 0."""
+    gathered = fields.gather()
+    return None if gathered is None else gathered.reshape(-1, gathered.shape[2])
+
+
+def _gather_recovery(mesh: ComponentMesh | None, fields: RowBlocks) -> Recovery | None:
+    """How mesh points move, on rank 0."""
+    gathered = _gather_field(fields)
+    return (
+        None if gathered is None or mesh is None else Recovery(basis=gathered, points=mesh.points)
+    )

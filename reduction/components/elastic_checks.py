@@ -4,9 +4,9 @@ first-order elements that lock are refused.
 
 import numpy as np
 
-from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
+from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.parts.components import Component
-from headstock.meshing.component_mesh import ComponentMesh
+from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.meshing.elements.topology import EDGES, cell_family
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions, rotation_dofs
@@ -20,7 +20,7 @@ LINEAR = ("tet4", "hex8")
 
 
 def without_rigid_stiffness(
-    element: Superelement, points: FloatArray, supported: BoolArray, *, scale: float
+    element: Superelement, points: FloatArray, supported: IntArray, *, scale: float
 ) -> FloatArray:
     """The stiffness ``(n, n)`` of a superelement with its free rigid motions exactly in its null
     space.
@@ -31,7 +31,7 @@ def without_rigid_stiffness(
     Args:
         element: Superelement as projected.
         points: ``(n_points, 3)`` mesh points [m].
-        supported: ``(3 n_points,)`` mesh dofs that supports fix.
+        supported: Mesh dofs that supports fix.
         scale: Largest entry of the stiffness it was reduced from [N/m].
 
     Raises:
@@ -70,7 +70,7 @@ def without_rigid_stiffness(
     return result
 
 
-def _free_combinations(points: FloatArray, supported: BoolArray, length: float) -> FloatArray:
+def _free_combinations(points: FloatArray, supported: IntArray, length: float) -> FloatArray:
     """Combinations ``(6, k)`` of the rigid motions about the mean point that move no supported
     dof.
     """

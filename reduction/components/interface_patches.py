@@ -2,17 +2,20 @@
 as nodal forces.
 """
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
+from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.parts.components import Component, Load
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.requests import GRAVITY
 from headstock.solvers.elastic.elasticity import ElasticOperators
+from headstock.solvers.ranks import make_on_root
 
 DEPENDENCE_TOLERANCE = 1e-10
 AXES = "xyz"
@@ -193,7 +196,7 @@ def _quad9(points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def assemble_loads(
     component: Component,
-    mesh: ComponentMesh,
+    mesh: ComponentMesh | None,
     operators: ElasticOperators,
     loads: Sequence[Load],
     *,
@@ -208,7 +211,7 @@ def assemble_loads(
 
     Args:
         component: Its name picks its loads.
-        mesh: Its mesh, with a patch ``load:NAME`` for each pressure and traction.
+        mesh: On rank 0 its mesh, with a patch ``load:NAME`` for each pressure and traction.
         operators: Nodes of this rank and, for body loads and gravity, the mass.
         loads: Static loads of the whole machine.
         gravity: Add a unit acceleration of gravity along each axis.
@@ -217,24 +220,25 @@ def assemble_loads(
         By name, ``(3 n_owned,)`` [N per unit of the load].
     """
     result: dict[str, FloatArray] = {}
-    local_of = {int(point): row for row, point in enumerate(operators.nodes)}
     for load in loads:
         if load.component != component.name or load.kind == "force":
             continue
         if load.kind == "body":
             result |= _unit_accelerations(load.name, operators)
             continue
-        patch = measure_patch(mesh, f"load:{load.name}")
+        patch = make_of_mesh(
+            operators.comm, mesh, functools.partial(measure_patch, name=f"load:{load.name}")
+        )
         if load.kind == "pressure":
-            result[load.name] = _scatter(
-                -load.magnitude * patch.normals, patch.nodes, local_of, operators
-            )
+            pressed = -load.magnitude * patch.normals
+            result[load.name] = scatter_rows(pressed, patch.nodes, operators).ravel()
         else:
             uniform = np.asarray(patch.weights.sum(axis=1)).ravel()
             for axis in range(3):
-                result[f"{load.name}:{AXES[axis]}"] = _scatter(
-                    uniform[:, None] * np.eye(3)[axis], patch.nodes, local_of, operators
-                )
+                pulled = uniform[:, None] * np.eye(3)[axis]
+                result[f"{load.name}:{AXES[axis]}"] = scatter_rows(
+                    pulled, patch.nodes, operators
+                ).ravel()
     if gravity:
         result |= _unit_accelerations(GRAVITY, operators)
     return result
@@ -246,12 +250,32 @@ def _unit_accelerations(name: str, operators: ElasticOperators) -> dict[str, Flo
     return {f"{name}:{AXES[axis]}": forces[:, axis] for axis in range(3)}
 
 
-def _scatter(
-    values: FloatArray, nodes: IntArray, local_of: dict[int, int], operators: ElasticOperators
-) -> FloatArray:
-    result = np.zeros((len(operators.nodes), 3))
-    for value, point in zip(values, nodes, strict=True):
-        row = local_of.get(int(point))
-        if row is not None:
-            result[row] = value
-    return result.ravel()
+def scatter_rows(values: FloatArray, nodes: IntArray, operators: ElasticOperators) -> FloatArray:
+    """Values ``(n_owned, ...)`` of this rank's nodes, zero where none are given.
+
+    Args:
+        values: ``(n, ...)`` by node.
+        nodes: ``(n,)`` mesh points, each once.
+        operators: Nodes of this rank.
+    """
+    result = np.zeros((len(operators.nodes), *values.shape[1:]))
+    _, given, own = np.intersect1d(nodes, operators.nodes, assume_unique=True, return_indices=True)
+    result[own] = values[given]
+    return result
+
+
+def make_of_mesh[T](
+    comm: MPI.Comm, mesh: ComponentMesh | None, make: Callable[[ComponentMesh], T]
+) -> T:
+    """What ``make`` makes of the mesh that rank 0 holds, on every rank; collective.
+
+    Raises:
+        SharedFailure: It failed, on every rank of several; a single rank gets the error itself.
+    """
+
+    def make_here() -> T:
+        if mesh is None:
+            raise ValueError("rank 0 has no mesh")
+        return make(mesh)
+
+    return make_on_root(comm, make_here)

@@ -85,7 +85,7 @@ def project_component(
         mass_kg=total,
         center_of_mass=center,
         inertia=inertia,
-        supported=bool(basis.supported.any()),
+        supported=len(basis.supported) > 0,
         warnings=basis.warnings,
         control_points=basis.control_points,
         rails=_free_rails(basis, size),

@@ -124,6 +124,8 @@ def estimate_mesh_errors(
     material: Material,
     displacement: FloatArray,
     weights: FloatArray | None = None,
+    *,
+    counted: int | None = None,
 ) -> MeshErrors:
     """Energy products of the discretisation errors of displacement fields, and what the part's true
     surface changes.
@@ -138,6 +140,8 @@ def estimate_mesh_errors(
         material: Its material.
         displacement: ``(3 n_points, k)`` of the mesh points [m].
         weights: ``(n_cells,)`` what the energies of cells are multiplied by; None for 1.
+        counted: Number of leading cells whose energies count; the others help to recover stresses.
+            None for all.
 
     Returns:
         Symmetric matrices; ``missing_energy`` is positive semidefinite.
@@ -154,26 +158,26 @@ def estimate_mesh_errors(
     key = cell_family(mesh.kind), cell_order(mesh.kind)
     samples, _ = gauss_places(mesh.kind, SAMPLE_DEGREES[key])
     taken = _sample_stresses(mesh, material, displacement, samples)
-    smooth = recover_stresses(mesh, samples, taken)
+    smooth = recover_stresses(mesh, samples, taken, wanted=counted)
     straight: NDArray[np.bool_] = np.full(len(mesh.cells), mesh.straight and key[0] == "tet")
     if key[0] == "tet" and not mesh.straight:
         straight = straight_cells(mesh.points, mesh.cells, mesh.kind)
     energy = np.zeros((count, count))
     places, rule = gauss_places(mesh.kind, ENERGY_DEGREES[key])
-    counted = np.ones(len(mesh.cells)) if weights is None else weights
+    factors = np.ones(len(mesh.cells)) if weights is None else weights
     change_rule = (
         _change_rule(mesh, samples, places, rule)
         if straight.any()
         else np.zeros((0, 0), dtype=np.float32)
     )
-    for cells in _blocks(np.flatnonzero(straight), mesh.cells.shape[1] * taken.shape[2]):
+    for cells in _blocks(np.flatnonzero(straight[:counted]), mesh.cells.shape[1] * taken.shape[2]):
         values = np.concatenate([smooth[mesh.cells[cells]], taken[cells]], axis=1)
-        sizes = np.sqrt(_straight_measures(mesh, cells) * counted[cells]).astype(np.float32)
+        sizes = np.sqrt(_straight_measures(mesh, cells) * factors[cells]).astype(np.float32)
         energy += _products(np.matmul(sizes[:, None, None] * change_rule, values), count)
     shapes = shape_functions(mesh.kind, places).astype(np.float32)
-    for cells in _blocks(np.flatnonzero(~straight), len(places) * taken.shape[2]):
+    for cells in _blocks(np.flatnonzero(~straight[:counted]), len(places) * taken.shape[2]):
         found = stress_operators(mesh, material, places, cells)
-        sizes = np.sqrt(found.measures * rule * counted[cells, None]).astype(np.float32)
+        sizes = np.sqrt(found.measures * rule * factors[cells, None]).astype(np.float32)
         change = np.matmul(
             np.repeat(sizes, COMPONENTS, axis=1)[:, :, None] * found.table,
             local_motions(mesh, displacement, cells),

@@ -12,13 +12,14 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.io import gmshio
 from mpi4py import MPI
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
-from headstock.meshing.component_mesh import ComponentMesh, IntArray
+from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
 from headstock.solvers.elastic.form_cache import compile_form
 from headstock.solvers.errors import AccuracyError
-from headstock.solvers.ranks import sum_over_ranks
+from headstock.solvers.ranks import rows_from_root, sum_over_ranks
 
 CELL_TYPES = {
     "tet4": ("tetrahedron", 1),
@@ -48,6 +49,7 @@ class ElasticOperators:
             asked for.
         column_map: Which node stands behind each column of the matrices, owned ones first (a
             dolfinx index map).
+        cells: Cells of the mesh that this rank owns.
         total_nodes: Number of mesh points over all ranks.
         stiffness_scale: Largest entry of the stiffness over all ranks [N/m].
         row_sizes: ``(3 n_owned,)`` sums of the absolute values in each row of the stiffness [N/m].
@@ -62,6 +64,7 @@ class ElasticOperators:
     stiffness: scipy.sparse.bsr_matrix
     scalar_mass: scipy.sparse.csr_matrix | None
     column_map: dolfinx.common.IndexMap
+    cells: IntArray
     total_nodes: int
     stiffness_scale: float
     row_sizes: FloatArray
@@ -146,13 +149,22 @@ class ElasticOperators:
         return np.array(buffer.array).reshape(-1, count)
 
 
+@dataclass(frozen=True)
+class _MeshFacts:
+    """What every rank knows of a mesh that rank 0 alone holds."""
+
+    kind: CellKind
+    straight: bool
+    volume: float
+
+
 def assemble_elasticity(
-    mesh: ComponentMesh, material: Material, *, comm: MPI.Comm, with_mass: bool
+    mesh: ComponentMesh | None, material: Material, *, comm: MPI.Comm, with_mass: bool
 ) -> ElasticOperators:
     """Stiffness and, when asked for, mass of a component.
 
     Args:
-        mesh: The same mesh on every rank.
+        mesh: On rank 0; what others hand in is not looked at.
         material: Isotropic material.
         comm: Communicator to distribute over; collective.
         with_mass: Assemble the mass too.
@@ -162,8 +174,13 @@ def assemble_elasticity(
 
     Source: Hughes, The Finite Element Method (1987), ch. 3; consistent mass.
     """
-    shape, order = CELL_TYPES[mesh.kind]
-    domain, cell_nodes = _distribute_mesh(mesh, comm)
+    mesh = mesh if comm.rank == 0 else None
+    facts: _MeshFacts = comm.bcast(
+        None if mesh is None else _MeshFacts(mesh.kind, mesh.straight, mesh.quality.volume)
+    )
+    shape, order = CELL_TYPES[facts.kind]
+    domain = _distribute_mesh(mesh, facts, comm)
+    cells = domain.topology.original_cell_index
     space = fem.functionspace(domain, basix.ufl.element("Lagrange", shape, order, shape=(3,)))
     scalar = fem.functionspace(domain, basix.ufl.element("Lagrange", shape, order))
     if not np.array_equal(space.dofmap.list, scalar.dofmap.list):
@@ -173,44 +190,51 @@ def assemble_elasticity(
     node_map = space.dofmap.index_map
     owned = node_map.size_local
     nodes = np.full(owned + node_map.num_ghosts, -1, dtype=np.int64)
-    nodes[space.dofmap.list] = cell_nodes[domain.topology.original_cell_index]
-    stiffness, column_map = _assemble_stiffness(space, material, _stiffness_degree(mesh, order))
-    mass = _assemble_mass(scalar, material, _mass_degree(mesh, order)) if with_mass else None
+    nodes[space.dofmap.list] = rows_from_root(
+        comm, None if mesh is None else mesh.cells[:, _cell_order(facts.kind)], cells
+    )
+    stiffness, column_map = _assemble_stiffness(space, material, _stiffness_degree(facts, order))
+    mass = _assemble_mass(scalar, material, _mass_degree(facts, order)) if with_mass else None
     sizes, noise = _measure_rows(stiffness)
     operators = ElasticOperators(
         comm=comm,
         nodes=nodes[:owned],
-        points=mesh.points[nodes[:owned]],
+        points=rows_from_root(comm, None if mesh is None else mesh.points, nodes[:owned]),
         stiffness=stiffness,
         scalar_mass=mass,
         column_map=column_map,
+        cells=cells[: domain.topology.index_map(3).size_local],
         total_nodes=node_map.size_global,
         stiffness_scale=comm.allreduce(float(np.abs(stiffness.data).max(initial=0.0)), op=MPI.MAX),
         row_sizes=sizes,
         translation_noise=noise,
     )
-    _check_operators(operators, mesh, material)
+    _check_operators(operators, facts.volume * material.density)
     return operators
 
 
-def _distribute_mesh(mesh: ComponentMesh, comm: MPI.Comm) -> tuple[dolfinx.mesh.Mesh, IntArray]:
-    shape, order = CELL_TYPES[mesh.kind]
-    permutation = gmshio.cell_perm_array(dolfinx.cpp.mesh.to_type(shape), mesh.cells.shape[1])
-    cells = np.ascontiguousarray(mesh.cells[:, permutation])
-    # every rank hands in its share of the cells and points; dolfinx repartitions them
-    first, last = (len(cells) * np.array([comm.rank, comm.rank + 1])) // comm.size
-    if mesh.straight or order == 1:
-        corners, geometry_cells = np.unique(cells[:, : CORNERS[shape]], return_inverse=True)
-        points, geometry_cells = mesh.points[corners], geometry_cells.reshape(len(cells), -1)
-        geometry_order = 1
-    else:
-        points, geometry_cells, geometry_order = mesh.points, cells, order
-    low, high = (len(points) * np.array([comm.rank, comm.rank + 1])) // comm.size
+def _distribute_mesh(
+    mesh: ComponentMesh | None, facts: _MeshFacts, comm: MPI.Comm
+) -> dolfinx.mesh.Mesh:
+    """Cells of the mesh on rank 0, partitioned over the ranks."""
+    shape, order = CELL_TYPES[facts.kind]
+    geometry_order = 1 if facts.straight else order
     element = basix.ufl.element("Lagrange", shape, geometry_order, shape=(3,))
-    domain = dolfinx.mesh.create_mesh(
-        comm, geometry_cells[first:last].astype(np.int64), points[low:high], element
-    )
-    return domain, cells
+    if mesh is None:
+        nothing = np.zeros((0, element.basix_element.dim), dtype=np.int64)
+        return dolfinx.mesh.create_mesh(comm, nothing, np.zeros((0, 3)), element)
+    points, cells = mesh.points, mesh.cells[:, _cell_order(facts.kind)]
+    if geometry_order == 1:
+        corners, numbers = np.unique(cells[:, : CORNERS[shape]], return_inverse=True)
+        points, cells = points[corners], numbers.reshape(len(cells), -1)
+    return dolfinx.mesh.create_mesh(comm, cells.astype(np.int64), points, element)
+
+
+def _cell_order(kind: CellKind) -> NDArray[np.int32]:
+    """Place in gmsh's order of each node of a cell in dolfinx's."""
+    shape, _ = CELL_TYPES[kind]
+    cell_type = dolfinx.cpp.mesh.to_type(shape)
+    return np.asarray(gmshio.cell_perm_array(cell_type, int(kind[3:])))
 
 
 def _assemble_stiffness(
@@ -291,20 +315,21 @@ def _measure_rows(stiffness: scipy.sparse.bsr_matrix) -> tuple[FloatArray, Float
     return sizes.ravel(), 0.5 * (sums + sums.transpose(0, 2, 1))
 
 
-def _stiffness_degree(mesh: ComponentMesh, order: int) -> int:
+def _stiffness_degree(mesh: _MeshFacts, order: int) -> int:
     # exact on affine tets; curved and hexahedral maps are rational and get the customary full rule
     if mesh.kind.startswith("tet"):
         return 2 * (order - 1) if mesh.straight or order == 1 else 4
     return 2 * order + 1 if order == 1 else 5
 
 
-def _mass_degree(mesh: ComponentMesh, order: int) -> int:
+def _mass_degree(mesh: _MeshFacts, order: int) -> int:
     if mesh.kind.startswith("tet"):
         return 2 * order if mesh.straight or order == 1 else 7
     return 2 * order + 1 if mesh.straight else 7
 
 
-def _check_operators(operators: ElasticOperators, mesh: ComponentMesh, material: Material) -> None:
+def _check_operators(operators: ElasticOperators, expected: float) -> None:
+    """Refuse operators that are off, the mass from that expected [kg]."""
     comm = operators.comm
     scale = operators.stiffness_scale
     image = comm.allreduce(float(np.abs(operators.translation_noise).max(initial=0.0)), op=MPI.MAX)
@@ -314,7 +339,6 @@ def _check_operators(operators: ElasticOperators, mesh: ComponentMesh, material:
         )
     if operators.scalar_mass is not None:
         mass = comm.allreduce(float(operators.scalar_mass.sum()), op=MPI.SUM)
-        expected = material.density * mesh.quality.volume
         if not abs(mass - expected) < 1e-8 * expected:
             raise AccuracyError(
                 f"the assembled mass is {mass:.12g} kg, density times mesh volume {expected:.12g} kg"

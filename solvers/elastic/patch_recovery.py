@@ -141,7 +141,46 @@ class _Lists:
         )
 
 
-def recover_stresses(mesh: ComponentMesh, places: FloatArray, taken: StressArray) -> StressArray:
+@dataclass(frozen=True, eq=False)
+class CornerPatches:
+    """Which cells the polynomial around each corner point is fitted to.
+
+    Attributes:
+        corners: ``(n_v,)`` mesh points that are corners of cells.
+        own: ``(n_cells, corners per cell)`` their numbers among these.
+        cells: By corner.
+    """
+
+    corners: IntArray
+    own: IntArray
+    cells: _Lists
+
+    def around(self, cells: IntArray) -> IntArray:
+        """All cells that stresses in some cells are recovered from, those among them."""
+        chosen = np.unique(self.own[cells])
+        starts, lengths = self.cells.starts[chosen], self.cells.lengths[chosen]
+        first = np.concatenate([[0], np.cumsum(lengths)[:-1]])
+        places = np.arange(lengths.sum()) + np.repeat(starts - first, lengths)
+        found: IntArray = np.unique(self.cells.entries[places])
+        return found
+
+
+def corner_patches(mesh: ComponentMesh, samples: int) -> CornerPatches:
+    """The patches of a mesh.
+
+    Args:
+        mesh: Any kind of cells.
+        samples: Number of places in each cell where stresses are sampled.
+    """
+    corners, own = np.unique(mesh.cells[:, : corner_count(mesh.kind)], return_inverse=True)
+    own = own.reshape(len(mesh.cells), -1)
+    enough = SAMPLES_PER_COEFFICIENT[cell_family(mesh.kind)] * len(_exponents(mesh.kind)) / samples
+    return CornerPatches(corners, own, _gather_patches(own, len(corners), enough=enough))
+
+
+def recover_stresses(
+    mesh: ComponentMesh, places: FloatArray, taken: StressArray, *, wanted: int | None = None
+) -> StressArray:
     """Nodal values ``(n_points, m)`` of stresses that are continuous and of the order of the
     displacement, from samples in every cell.
 
@@ -153,23 +192,21 @@ def recover_stresses(mesh: ComponentMesh, places: FloatArray, taken: StressArray
         mesh: Any kind of cells.
         places: ``(n_places, 3)`` reference places of the samples in each cell.
         taken: ``(n_cells, n_places, m)`` the samples.
+        wanted: Number of leading cells on which values are needed; None for all.
 
     Source: Zienkiewicz and Zhu (1992), Int. J. Numer. Meth. Engng. 33, 1331-1364, superconvergent
     patch recovery.
     """
     powers = _exponents(mesh.kind)
-    corners, own = np.unique(mesh.cells[:, : corner_count(mesh.kind)], return_inverse=True)
-    own = own.reshape(len(mesh.cells), -1)
-    enough = SAMPLES_PER_COEFFICIENT[cell_family(mesh.kind)] * len(powers) / len(places)
-    patches, near = (
-        _gather_patches(own, len(corners), enough=enough),
-        _gather_points(mesh, own, len(corners)),
-    )
+    found = corner_patches(mesh, len(places))
+    corners, patches = found.corners, found.cells
+    near = _gather_points(mesh, found.own, len(corners))
+    used = np.unique(found.own[:wanted])
     # linear shape functions weigh the corners between which a point lies alike
     shares = 1.0 / np.maximum(np.bincount(near.entries, minlength=len(mesh.points)), 1)
     where = np.matmul(shape_functions(mesh.kind, places), mesh.points[mesh.cells])
     smooth = np.zeros((len(mesh.points), taken.shape[2]), dtype=np.float32)
-    for rows in _alike(patches, near, taken.shape[1] * taken.shape[2]):
+    for rows in _alike(patches, near, used, taken.shape[1] * taken.shape[2]):
         (cells, real), (points, met) = patches.table(rows), near.table(rows)
         middle = mesh.points[corners[rows]][:, None]
         offsets = (where[cells] - middle[:, None]).reshape(len(rows), -1, 3)
@@ -296,9 +333,11 @@ def _gather_points(mesh: ComponentMesh, own: IntArray, count: int) -> _Lists:
     return _Lists(np.searchsorted(owners, np.arange(count + 1)), keys - owners * len(mesh.points))
 
 
-def _alike(patches: _Lists, near: _Lists, values_per_cell: int) -> Iterator[IntArray]:
-    """Corners with patches of much the same size, some at a time."""
-    order = np.lexsort((near.lengths, patches.lengths))
+def _alike(
+    patches: _Lists, near: _Lists, used: IntArray, values_per_cell: int
+) -> Iterator[IntArray]:
+    """Some of the corners with patches of much the same size at a time."""
+    order = used[np.lexsort((near.lengths[used], patches.lengths[used]))]
     while len(order):
         # the largest first: all others of a block are filled up to it
         most = max(1, BLOCK_VALUES // (values_per_cell * int(patches.lengths[order[-1]])))
