@@ -1037,7 +1037,11 @@ def test_with_ranks_each_gets_one_thread_and_a_failing_rank_ends_the_job(tmp_pat
 
 @pytest.mark.parametrize(
     ("given", "expected"),
-    [({}, {"1", "2", "3", "4"}), ({"HEADSTOCK_THREADS": "5"}, {"5"}), ({"OMP_NUM_THREADS": "3"}, {"3"})],
+    [
+        ({}, {"1", "2", "3", "4"}),
+        ({"HEADSTOCK_THREADS": "5"}, {"5"}),
+        ({"OMP_NUM_THREADS": "3"}, {"3"}),
+    ],
 )
 def test_threads_are_free_cores_up_to_four_unless_the_caller_says(
     tmp_path: Path, given: dict[str, str], expected: set[str]
