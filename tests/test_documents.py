@@ -24,6 +24,7 @@ DOCUMENTS = (
     "docs/comparing.md",
     "docs/show.md",
     "docs/mesh_files.md",
+    "docs/hpc.md",
 )
 BLOCK = re.compile(r"^```(\w+)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 # these would run the tests again, build an environment, or run for minutes; their own tests see to
@@ -100,6 +101,19 @@ def test_the_python_of_the_page_of_files_finds_the_arrays_of_its_table(checkout:
     table = re.findall(r"^\| (`[^|]*`) \| (?:points|cells|field)", (ROOT / page).read_text(), re.M)
     stated = {name for row in table for name in re.findall(r"`([^`]+)`", row)}
     assert stated - set(kept) == {"damping ratios [1]"} and set(kept) <= stated
+
+
+def test_the_cost_of_a_large_part_on_the_page_of_clusters_is_what_its_command_prints() -> None:
+    (shown,) = blocks("docs/hpc.md", "text")
+    done = subprocess.run(
+        [sys.executable, ROOT / "benchmarks" / "large_model.py"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=SECONDS,
+    )
+    assert shown == done.stdout
 
 
 def test_every_scene_of_the_readme_loads(tmp_path: Path) -> None:

@@ -22,7 +22,9 @@ LOG_PATTERN = "%A_%a.log"
 # what a job takes along of the environment it is submitted from; all else is written out in the
 # script
 PASSED_ON = ("HOME", "USER", "LOGNAME", "PATH")
-WRITTEN_OUT = ("HEADSTOCK_STORE", "HEADSTOCK_PYTHON", "HEADSTOCK_PRIVATE_ROOT", "XDG_CACHE_HOME")
+WRITTEN_OUT = (
+    "HEADSTOCK_STORE", "HEADSTOCK_PYTHON", "HEADSTOCK_PRIVATE_ROOT", "XDG_CACHE_HOME", "OMPI_MCA_btl_tcp_if_include",
+)  # fmt: skip
 COMPONENTS_TASK = 0
 QUOTES = set("\"'`")
 GOOD_END = "COMPLETED"

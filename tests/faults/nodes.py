@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from faults.resume import SCENE as SWEPT_SCENE
 from faults.runs import SCENE, FaultError
 from faults.slurm_daemons import Slurm, run_slurm
 from headstock.pipeline.storage.provenance import PROJECT
@@ -143,6 +144,7 @@ def run_two_nodes() -> Iterator[TwoNodes]:
         root.chmod(0o755)
         sizes = ", ".join(f'"{size} mm"' for size in SIZES_MM)
         (root / "scene.toml").write_text(SCENE + STUDY.format(sizes=sizes))
+        (root / "swept.toml").write_text(SWEPT_SCENE)
         with run_slurm(root / "slurm", cpus=4, nodes=NODES) as slurm:
             yield TwoNodes(root, slurm)
 

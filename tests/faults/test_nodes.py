@@ -91,6 +91,21 @@ def test_a_study_whose_node_fails_goes_on_without_a_lost_or_doubled_point(two: T
     }
 
 
+def test_a_sweep_in_an_array_job_of_two_nodes_leaves_the_file_of_a_local_one(two: TwoNodes) -> None:
+    words = [two.words("sweep", "")[0], "sweep", str(two.root / "swept.toml"), "line", "-o"]
+    # of the environment the job takes what its script names
+    passed = "--sbatch=--export=HOME,USER,LOGNAME,PATH,TMPDIR,OPENBLAS_CORETYPE"
+    options = ["--on", "slurm", "--tasks", "1", "--ranks", "2", "--sbatch=--nodes=2", passed]
+    before = two.launches()
+    done = two.run([*words, str(two.root / "swept-2"), *options], nodes=1, store="store-swept-2")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert all(now > old for now, old in zip(two.launches(), before, strict=True))
+    done = two.run([*words, str(two.root / "swept-1")], nodes=1, store="store-swept-1")
+    assert done.returncode == 0, done.stdout + done.stderr
+    two_nodes, one = (two.root / name / "sweep.h5" for name in ("swept-2", "swept-1"))
+    assert two_nodes.read_bytes() == one.read_bytes()
+
+
 def test_bad_input_on_two_nodes_ends_with_its_message_and_code(two: TwoNodes) -> None:
     words = [*two.words("study", "bad"), "--ranks", "2"]
     words[words.index("meshes")] = "nothing"
