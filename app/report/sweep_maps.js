@@ -90,8 +90,9 @@
     });
   }
   function cell(row, words, numeric, head) { const made = document.createElement(head ? "th" : "td"); made.textContent = words; if (numeric) made.className = "number"; row.append(made); }
-  function table(heading, rows, marked) {
+  function table(heading, rows, marked, head) {
     const title = document.createElement("h3"), made = document.createElement("table"); title.textContent = heading;
+    if (head) { const row = made.insertRow(); head.forEach((word, index) => cell(row, word, index > 0, true)); }
     rows.forEach((words, number) => { const row = made.insertRow(); if (number === marked) row.className = "shown"; words.forEach((word, index) => cell(row, word, index > 0 && /^[-–\d]/.test(word))); });
     panel.append(title, made);
   }
@@ -108,7 +109,7 @@
     for (const [name, point] of Object.entries(data.points)) {
       const matrix = point.matrix[chosen], links = point.weakest[chosen];
       if (matrix[0][0] === null) continue;
-      table(`Compliance at ${name} [µm/kN]`, [["force in", "moves x", "y", "z"], ...[0, 1, 2].map((column) => ["xyz"[column], ...[0, 1, 2].map((line) => digits(matrix[line][column]))])]);
+      table(`Compliance at ${name} [µm/kN]`, [0, 1, 2].map((column) => ["xyz"[column], ...[0, 1, 2].map((line) => digits(matrix[line][column]))]), undefined, ["force in", "moves x", "y", "z"]);
       table("Largest compliance", [[`${digits(point.largest[chosen])} µm/kN`, `along (${point.direction[chosen].map((v) => v.toFixed(2)).join(", ")})`]]);
       table("Gives most of it", [0, 1, 2].map((k) => ["xyz"[k], links[k], `${Math.round(100 * point.share[chosen][k])} %`]));
     }

@@ -137,6 +137,19 @@ def _columns(summary: SweepSummary) -> list[FloatArray]:
     return list(table.T) if table.ndim == 2 else []
 
 
+def _list_numbers(numbers: list[int]) -> str:
+    """Ascending numbers, three or more in a row as a range: ``1 to 6, 9``."""
+    rows: list[list[int]] = []
+    for number in numbers:
+        if rows and number == rows[-1][-1] + 1:
+            rows[-1].append(number)
+        else:
+            rows.append([number])
+    return ", ".join(
+        f"{row[0]} to {row[-1]}" if len(row) > 2 else ", ".join(map(str, row)) for row in rows
+    )
+
+
 def sampled_error_words(summary: SweepSummary) -> list[str]:
     """In which poses errors were estimated, and what is not in them; empty where there are none."""
     words = []
@@ -149,7 +162,7 @@ def sampled_error_words(summary: SweepSummary) -> list[str]:
         )
         modes = sample["error_hz"]
         plural = "s" if len(modes) > 1 else ""
-        what = [f"mode{plural} {', '.join(modes)}"] * any(
+        what = [f"mode{plural} {_list_numbers(list(map(int, modes)))}"] * any(
             size is not None for size in modes.values()
         )
         points = sample["error_um_per_kN"]
