@@ -470,6 +470,7 @@ def _show_cell(row: StudyRow, column: str, *, repeats: int) -> str:
 def _print_orders(console: Console, found: Sequence[SizeSeries]) -> None:
     short = shorten_columns([series.column for series in found])
     titled = any(series_title(series) for series in found)
+    remarks = list(dict.fromkeys(filter(None, (series.extrapolation.remark for series in found))))
     table = make_table(
         "value",
         *(["of"] if titled else []),
@@ -491,14 +492,15 @@ def _print_orders(console: Console, found: Sequence[SizeSeries]) -> None:
             )
         )
         title = [series_title(series)] if titled else []
-        add_row(
-            table, short[series.column], *title, f"{out.finest:.{DIGITS}g}", *numbers, out.remark
-        )
+        note = f"({remarks.index(out.remark) + 1})" if out.remark else ""
+        add_row(table, short[series.column], *title, f"{out.finest:.{DIGITS}g}", *numbers, note)
     print_table(
         console,
         "Order of convergence by the three finest meshes, and Richardson's extrapolation",
         table,
     )
+    for number, remark in enumerate(remarks, 1):
+        console.print(f"  ({number}) {remark}", markup=False)
 
 
 def _span(numbers: Iterable[int]) -> str:
