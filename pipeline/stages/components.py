@@ -174,7 +174,8 @@ def _run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
         reduced = ReducedComponent(superelement, quality, skin)
         state.reduced[component.name] = reduced
         state.warn(_keep_superelement(state.store, stored_request(state, component), reduced))
-        return Outcome(detail=_describe(superelement))
+        split = f", split over {state.comm.size} ranks (MUMPS, ordered by PORD on one)"
+        return Outcome(detail=_describe(superelement) + (split if state.comm.size > 1 else ""))
 
     return make_on_root(state.comm, keep)
 

@@ -146,6 +146,7 @@ def test_frequencies_and_compliance_are_the_same_on_1_2_and_4_ranks(
         result = run_on_ranks(ranks, tmp_path, *program)
         assert result.returncode == 0, result.stderr
         assert result.stdout.count("  modal ") == 1
+        assert ("PORD" in result.stdout) == (ranks > 1 and split_dofs == "0")
         summaries.append(json.loads((out / "summary.json").read_text()))
     for other in summaries[1:]:
         assert not any(stage["cached"] for stage in other["stages"])
