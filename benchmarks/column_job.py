@@ -24,7 +24,7 @@ from headstock.meshing.components.meshing import mesh_component
 from headstock.solvers.elastic.elasticity import assemble_elasticity
 
 # element sizes [m] that give about this many dofs
-SIZES = {"20k": 0.0145, "100k": 0.0075, "300k": 0.005, "1M": 0.0033}
+SIZES = {"20k": 0.0145, "100k": 0.0075, "300k": 0.005, "1M": 0.0033, "3M": 0.00226}
 EXTENT = (0.1, 0.038, 0.5)
 
 

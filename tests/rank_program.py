@@ -18,6 +18,7 @@ from headstock.geometry.parts.components import (
     Component,
     CouplingKind,
     Interface,
+    LinearSolver,
     Load,
     Material,
     Patch,
@@ -62,6 +63,7 @@ def reduced(
     supports: Sequence[Support] = (),
     loads: Sequence[Load] = (),
     gravity: bool = True,
+    solver: LinearSolver = "auto",
 ) -> Superelement:
     interfaces = {
         name: Interface(name, (Patch("z+"),), coupling) for name, coupling in couplings.items()
@@ -71,7 +73,7 @@ def reduced(
         Box((1.0, 1.0, 1.0)),
         STEEL,
         interfaces=interfaces,
-        reduction=ReductionSettings(modes=count),
+        reduction=ReductionSettings(modes=count, solver=solver),
     )
     request = ReductionRequest(ModeTarget(count=count), gravity=gravity)
     mine = mesh if COMM.rank == 0 else None
@@ -118,6 +120,8 @@ def main(path: Path) -> None:
     report(
         "average", reduced(column, {"foot": "average", "tip": "average"}, 10, loads=(OIL,)), found
     )
+    mixed: dict[str, CouplingKind] = {"foot": "rigid", "tip": "average"}
+    report("iterative", reduced(column, mixed, 10, loads=(OIL,), solver="iterative"), found)
     report(
         "one cell",
         reduced(

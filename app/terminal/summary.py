@@ -84,14 +84,22 @@ def print_stage(record: StageRecord) -> None:
 def print_plan(name: str, plan: Plan) -> None:
     """The stages of a plan with their reasons and estimates."""
     console = make_console()
-    table = make_table("stage", "component", "pose", ">dofs ≈", ">MB ≈", "reason")
+    table = make_table("stage", "component", "pose", ">dofs ≈", ">MB ≈", ">CPU s ≈", "reason")
     for stage in plan.stages:
         dofs = "" if stage.estimated_dofs is None else spaced(stage.estimated_dofs)
         memory = (
             "" if stage.estimated_memory_mb is None else spaced(round(stage.estimated_memory_mb))
         )
+        seconds = "" if stage.estimated_seconds is None else f"{stage.estimated_seconds:.2g}"
         add_row(
-            table, stage.kind, stage.component or "", stage.pose or "", dofs, memory, stage.reason
+            table,
+            stage.kind,
+            stage.component or "",
+            stage.pose or "",
+            dofs,
+            memory,
+            seconds,
+            stage.reason,
         )
     print_table(console, f"{name}: planned stages", table)
     print_remarks(plan.warnings)

@@ -132,6 +132,9 @@ class MeshSettings:
 
 Eigensolver = Literal["block_lanczos", "krylov_schur"]
 DEFAULT_EIGENSOLVER: Eigensolver = "block_lanczos"
+# by the factors of the stiffness, or by iterations on a multigrid
+Road = Literal["direct", "iterative"]
+LinearSolver = Literal["auto", "direct", "iterative"]
 
 
 @dataclass(frozen=True)
@@ -140,13 +143,15 @@ class ReductionSettings:
     are fewer.
 
     With neither the planner decides. With ``verify`` a second factorisation counts the modes
-    (Sturm), so that none can be missing. ``eigensolver`` is the method that finds them.
+    (Sturm), so that none can be missing. ``eigensolver`` is the method that finds them on the factors
+    of the stiffness; ``solver`` says whether there are factors, ``auto`` where they fit.
     """
 
     modes_to_hz: float | None = None
     modes: int | None = None
     verify: bool = False
     eigensolver: Eigensolver = DEFAULT_EIGENSOLVER
+    solver: LinearSolver = "auto"
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,11 @@ COPIES_OF_BASIS = 2
 REFERENCE_SECONDS = 4.2
 SECONDS_EXPONENT = 1.4
 SECONDS_PER_ENTRY = 6e-7
+# iterating takes no factors: operators twice and one cycle [kB per dof], and for each vector that is
+# iterated three times three others; seconds as above, of 100k and 300k dofs (benchmarks/large_parts.py)
+ITERATIVE_KB_PER_DOF = 2.4
+ITERATED_COPIES = 9
+ITERATIVE_SECONDS_PER_ENTRY = 5.8e-6
 MESHING_SECONDS_PER_DOF = {"tet": 2e-5, "hex": 1e-6}
 MESHING_START = {"tet": 0.3, "hex": 0.03}
 STAGE_SECONDS = {
@@ -47,6 +52,7 @@ STAGE_SECONDS = {
 STEPS_PER_SECOND = 3e4  # of a contour
 POSES_PER_SECOND = 7e3  # of a map
 MOST_GUESSED_MODES = 300
+LARGEST_BLOCK = 40  # of vectors that are iterated together
 CONTROL_POINT_DOFS = 4
 # estimates are refused only where they exceed the limit by more than their own error; the run
 # itself stops at the limit
@@ -95,6 +101,22 @@ def reduction_seconds(dofs: int, component: Component, volume: float | None = No
         REFERENCE_SECONDS * float((dofs / REFERENCE_DOFS) ** SECONDS_EXPONENT)
         + SECONDS_PER_ENTRY * dofs * reduced
     )
+
+
+def iterative_memory_mb(dofs: int, component: Component) -> float:
+    """Peak memory of assembly and reduction without a factorisation [MB]."""
+    kept = COPIES_OF_BASIS * 8e-6 * dofs * _vector_count(component)
+    block = min(1.15 * (component.reduction.modes or LARGEST_BLOCK) + 1.0, LARGEST_BLOCK)
+    iterated = ITERATED_COPIES * 8e-6 * dofs * block
+    return BASE_MB + 1e-3 * ITERATIVE_KB_PER_DOF * dofs + iterated + kept
+
+
+def iterative_seconds(dofs: int, component: Component, volume: float | None = None) -> float:
+    """Processor time of assembly and reduction without a factorisation [s]; see
+    ``reduction_seconds``.
+    """
+    reduced = _boundary_dofs(component) + _guess_modes(component, volume)
+    return REFERENCE_SECONDS * dofs / REFERENCE_DOFS + ITERATIVE_SECONDS_PER_ENTRY * dofs * reduced
 
 
 def _boundary_dofs(component: Component) -> int:

@@ -25,13 +25,21 @@ from headstock.pipeline.planning.budgets import (
     check_cells,
     check_time,
     displacement_dofs,
+    iterative_memory_mb,
+    iterative_seconds,
     mesh_memory_mb,
     mesh_seconds,
     reduction_memory_mb,
     reduction_seconds,
 )
-from headstock.pipeline.planning.node_memory import check_memory
+from headstock.pipeline.planning.node_memory import check_memory, node_memory_bytes
 from headstock.pipeline.planning.plan import Plan, Stage
+from headstock.reduction.components.solver_choice import (
+    RoadChoice,
+    choose_road,
+    predict_factor_entries,
+)
+from headstock.scene.building.components import bounding_box
 from headstock.scene.requests import (
     Analyses,
     ContouringRequest,
@@ -121,7 +129,11 @@ def plan_scene(
             estimate = estimate_mesh(
                 elastic, supports, loads, survey=survey, known=surveys, before_survey=before
             )
-        stages += _component_stages(elastic, reason, scene, estimate)
+        choice = None if estimate is None else _choose_road(elastic, scene, estimate)
+        if choice is not None and choice.road == "iterative":
+            settings = dataclasses.replace(elastic.reduction, solver="iterative")
+            elastic = components[name] = dataclasses.replace(elastic, reduction=settings)
+        stages += _component_stages(elastic, reason, scene, estimate, choice)
     poses = choose_poses(scene)
     for pose in poses.values():
         stages += [
@@ -192,7 +204,9 @@ def choose_reduction(component: Component, analyses: Analyses) -> tuple[Reductio
     """Which fixed-interface modes of a component are kept, and why."""
     written, modal = component.reduction, analyses.modal
     if not is_dynamic(analyses):
-        return ReductionSettings(modes=0), "static only: constraint modes, no eigenpairs"
+        return ReductionSettings(
+            modes=0, solver=written.solver
+        ), "static only: constraint modes, no eigenpairs"
     if written.modes is not None:
         return written, f"{written.modes} fixed-interface modes, as the scene says"
     if written.modes_to_hz is not None:
@@ -276,7 +290,11 @@ def _is_requested(pose: str, poses: tuple[str, ...]) -> bool:
 
 
 def _component_stages(
-    component: Component, reason: str, scene: Scene, estimate: MeshEstimate | None
+    component: Component,
+    reason: str,
+    scene: Scene,
+    estimate: MeshEstimate | None,
+    choice: RoadChoice | None,
 ) -> Sequence[Stage]:
     limits = scene.limits
     name, solid = component.name, component.solid
@@ -290,14 +308,10 @@ def _component_stages(
                 Stage("mesh", name, f"elastic: its mesh is read from {solid.path.name}"),
                 Stage("reduce", name, reason),
             )
-        if estimate is None:
+        if estimate is None or choice is None:
             raise ValueError(f"component {name!r} is meshed, but nobody estimated its mesh")
         check_cells(component, estimate.cells, limits.elements)
-        dofs = (
-            3 * estimate.nodes
-            if estimate.nodes
-            else displacement_dofs(estimate.cells, component.mesh)
-        )
+        dofs = _estimated_dofs(component, estimate)
         meshing = Stage(
             "mesh",
             name,
@@ -307,11 +321,13 @@ def _component_stages(
             mesh_memory_mb(dofs),
             mesh_seconds(dofs, component.mesh),
         )
-        memory, seconds = (
-            reduction_memory_mb(dofs, component),
-            reduction_seconds(dofs, component, estimate.volume),
+        iterates = choice.road == "iterative"
+        memory = (iterative_memory_mb if iterates else reduction_memory_mb)(dofs, component)
+        seconds = (iterative_seconds if iterates else reduction_seconds)(
+            dofs, component, estimate.volume
         )
-        return (meshing, Stage("reduce", name, reason, None, dofs, memory, seconds))
+        why = f"{reason}; {choice.reason}"
+        return (meshing, Stage("reduce", name, why, None, dofs, memory, seconds))
     if component.fidelity == "segmented":
         count = component.segments.count
         what = f"segmented: {count} rigid bodies on beam springs, no mesh"
@@ -325,6 +341,25 @@ def _component_stages(
             ),
         )
     assert_never(component.fidelity)
+
+
+def _estimated_dofs(component: Component, estimate: MeshEstimate) -> int:
+    if estimate.nodes:
+        return 3 * estimate.nodes
+    return displacement_dofs(estimate.cells, component.mesh)
+
+
+def _choose_road(component: Component, scene: Scene, estimate: MeshEstimate) -> RoadChoice:
+    """By factors where they fit this machine, or what the scene allows of it."""
+    dofs = _estimated_dofs(component, estimate)
+    box = bounding_box(component.solid)
+    limit = scene.limits.memory_bytes
+    return choose_road(
+        component.reduction,
+        predict_factor_entries(dofs, None if box is None else [high - low for low, high in box]),
+        direct_mb=reduction_memory_mb(dofs, component),
+        memory_mb=(node_memory_bytes() if limit is None else limit) / 1e6,
+    )
 
 
 def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:

@@ -162,6 +162,7 @@ def superelement_key(
                 if component.reduction.eigensolver == DEFAULT_EIGENSOLVER
                 else {"eigensolver": component.reduction.eigensolver}
             ),
+            **({"solver": "iterative"} if component.reduction.solver == "iterative" else {}),
             "couplings": {
                 name: (interface.coupling, interface.rail)
                 for name, interface in component.interfaces.items()

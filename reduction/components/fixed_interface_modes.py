@@ -16,6 +16,7 @@ from headstock.reduction.superelement import Truncation, lowest_participating
 from headstock.solvers.elastic.constrained_modes import lowest_modes
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
 from headstock.solvers.elastic.eigenpairs import EigenPairs, ModeTarget, cluster_end
+from headstock.solvers.elastic.lobpcg import block_width
 from headstock.solvers.elastic.sturm_count import count_frequencies_below
 from headstock.solvers.errors import AccuracyError, ConvergenceError
 from headstock.solvers.ranks import sum_over_ranks
@@ -86,7 +87,8 @@ def find_fixed_interface_modes(
     if (dimension <= DENSE_LIMIT and many) or dimension <= SMALL:
         pairs = _dense_modes(solver, target)
     else:
-        start = _start_block(solver, _block_width(target))
+        width = _block_width(target) if solver.multigrid is None else block_width(target)
+        start = _start_block(solver, width)
         pairs = lowest_modes(solver, start, target, eigensolver=eigensolver)
     cutoff = float(np.sqrt(pairs.next_value) / (2.0 * np.pi))
     if not pairs.complete:

@@ -247,6 +247,7 @@ def build_component(
             table.reduction.modes,
             table.reduction.verify,
             table.reduction.eigensolver,
+            table.reduction.solver,
         ),
         segments=SegmentSettings(table.segments.count, table.segments.along),
         mass=table.mass,

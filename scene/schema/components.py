@@ -321,9 +321,14 @@ class ReductionTable(StrictTable):
     modes: CountFromZero | None = None
     verify: Flag = False
     eigensolver: Literal["block_lanczos", "krylov_schur"] = "block_lanczos"
+    solver: Literal["auto", "direct", "iterative"] = "auto"
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if self.verify and self.solver == "iterative":
+            raise problem(
+                'verify counts modes by factors, which solver = "iterative" has not; keep one'
+            )
         if self.modes_to is not None and self.modes is not None:
             raise problem("gives both modes_to and modes; keep one")
         return self

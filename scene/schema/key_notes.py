@@ -119,6 +119,8 @@ NOTES = {
     "Reduction.modes_to": "keep fixed-interface modes up to this frequency",
     "Reduction.modes": "keep this number of fixed-interface modes",
     "Reduction.eigensolver": "solver for fixed-interface modes (both of SLEPc); block Lanczos is faster and misses no repeated mode",
+    "Reduction.solver": "`direct`: one factorisation; `iterative`: conjugate gradients and LOBPCG on a multigrid, slower in a fraction of "
+    "the memory; `auto`: direct as far as the factors fit, see `plan`",
     "Reduction.verify": "count the modes below the highest one by a Sturm sequence check: none is missing",
     "Joint.between": "its two ends",
     "Joint.kind": "see the table of kinds below; `from` brings its own",

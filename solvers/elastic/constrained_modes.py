@@ -19,6 +19,7 @@ from headstock.solvers.elastic.eigenpairs import EigenPairs, ModeTarget
 from headstock.solvers.elastic.eigenproblem import EigenProblem, shell_inverse
 from headstock.solvers.elastic.factorization import full_block
 from headstock.solvers.elastic.krylov_schur import krylov_schur_pairs
+from headstock.solvers.elastic.lobpcg import lobpcg_pairs
 from headstock.solvers.errors import AccuracyError
 
 
@@ -34,9 +35,9 @@ def lowest_modes(
 
     Args:
         solver: Factorised stiffness of the component.
-        start: ``(3 n_owned, b)`` start block; Krylov-Schur takes its first vector.
+        start: ``(3 n_owned, b)`` start block, of ``start_width`` vectors; Krylov-Schur takes its first.
         target: Which modes.
-        eigensolver: By which method.
+        eigensolver: By which method where there are factors; else LOBPCG.
 
     Returns:
         Pairs with shapes ``(3 n_owned, m)``.
@@ -45,6 +46,8 @@ def lowest_modes(
         ConvergenceError: The target was not reached.
         AccuracyError: The mass was not assembled.
     """
+    if solver.multigrid is not None:
+        return lobpcg_pairs(solver, solver.multigrid, start, target)
     search = {"block_lanczos": block_lanczos_pairs, "krylov_schur": krylov_schur_pairs}[eigensolver]
     with _constrained_problem(solver) as constrained:
         found = search(constrained.problem, start[constrained.rows], target)

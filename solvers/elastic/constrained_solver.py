@@ -1,7 +1,8 @@
 """Static solves of a component with fixed dofs, weighted-mean constraints and rigid motions, from
-one factorisation.
+one factorisation or by iteration.
 """
 
+from dataclasses import dataclass
 from types import TracebackType
 
 import numpy as np
@@ -11,8 +12,11 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
+from headstock.geometry.parts.components import Road
 from headstock.solvers.elastic.elasticity import ElasticOperators
 from headstock.solvers.elastic.factorization import Factorization
+from headstock.solvers.elastic.iterative_inverse import IterativeInverse
+from headstock.solvers.elastic.multigrid import Multigrid
 from headstock.solvers.errors import ConvergenceError, ModelError
 from headstock.solvers.ranks import max_over_ranks, sum_over_ranks
 
@@ -40,6 +44,7 @@ class ConstrainedSolver:
         fixed: ``(3 n_owned,)`` dofs that do not move.
         constraints: ``(3 n_owned, n_c)`` columns of C, of full column rank on the dofs that are not
             fixed.
+        road: Factors, or conjugate gradients on a multigrid, which need no pins.
 
     Raises:
         ModelError: The constraints leave a rigid motion free.
@@ -50,23 +55,26 @@ class ConstrainedSolver:
     """
 
     def __init__(
-        self, operators: ElasticOperators, fixed: BoolArray, constraints: FloatArray
+        self,
+        operators: ElasticOperators,
+        fixed: BoolArray,
+        constraints: FloatArray,
+        *,
+        road: Road = "direct",
     ) -> None:
         self.operators = operators
         self.comm = operators.comm
         self.fixed = fixed
         self.constraints = np.where(fixed[:, None], 0.0, constraints)
         self.motions = _free_motions(operators, fixed)
-        pinned = _choose_pins(self.motions, operators)
-        self._factorization = Factorization(operators, fixed | pinned)
+        self._inverse: Factorization | IterativeInverse = (
+            Factorization(operators, fixed | _choose_pins(self.motions, operators))
+            if road == "direct"
+            else IterativeInverse(operators, fixed, self.motions)
+        )
         self.free_total = int(self.comm.allreduce(int((~fixed).sum())))
-        self._lifted = self._factorization.solve(self.constraints)
-        count, rigid = self.constraints.shape[1], self.motions.shape[1]
-        self._saddle = np.zeros((count + rigid, count + rigid))
-        self._saddle[:count, :count] = self.product(self.constraints, self._lifted)
-        coupling = self.product(self.constraints, self.motions)
-        self._saddle[:count, count:], self._saddle[count:, :count] = coupling, coupling.T
-        self._scale, self._factors = _factor_saddle(self._saddle, count, rigid)
+        self._saddle = self._make_saddle(self._inverse.solve(self.constraints))
+        self._cycle_saddle: _Saddle | None = None
         self.largest_residual = 0.0
         self.roundoff = self._soft_roundoff()
 
@@ -150,6 +158,27 @@ class ConstrainedSolver:
         return self._factorization.factors
 
     @property
+    def _factorization(self) -> Factorization:
+        if isinstance(self._inverse, IterativeInverse):
+            raise ConvergenceError("an iterative solver has no factors")
+        return self._inverse
+
+    @property
+    def multigrid(self) -> Multigrid | None:
+        """What stands for factors where there are none; else None."""
+        return self._inverse.multigrid if isinstance(self._inverse, IterativeInverse) else None
+
+    def precondition(self, forces: FloatArray) -> FloatArray:
+        """What is near ``apply_inverse``, from one multigrid cycle in place of a solve."""
+        if self.multigrid is None:
+            return self.apply_inverse(forces)
+        if self._cycle_saddle is None:
+            # constraints carry part of the forces, and a cycle must leave nothing of that
+            self._cycle_saddle = self._make_saddle(self.multigrid.apply(self.constraints))
+        targets = np.zeros((self.constraints.shape[1], forces.shape[1]))
+        return self._constrain(self.multigrid.apply(forces), forces, targets, self._cycle_saddle)
+
+    @property
     def elimination_order(self) -> NDArray[np.int64]:
         """The owned dofs in the order of the rows of ``factors``."""
         return self._factorization.elimination_order
@@ -172,7 +201,7 @@ class ConstrainedSolver:
 
     def close(self) -> None:
         """Release the factorisation."""
-        self._factorization.close()
+        self._inverse.close()
 
     def __enter__(self) -> "ConstrainedSolver":
         return self
@@ -187,9 +216,15 @@ class ConstrainedSolver:
 
     def _solve(self, loads: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Displacements, and those without constraints and with the pins holding."""
-        plain = self._factorization.solve(loads)
-        if not self._saddle.size:
-            return plain, plain
+        plain = self._inverse.solve(loads)
+        return self._constrain(plain, loads, targets, self._saddle), plain
+
+    def _constrain(
+        self, plain: FloatArray, loads: FloatArray, targets: FloatArray, saddle: "_Saddle"
+    ) -> FloatArray:
+        """Displacements with ``C^T u = targets`` from those without constraints."""
+        if not len(saddle.scale):
+            return plain
         free_loads = np.where(self.fixed[:, None], 0.0, loads)
         right = np.vstack(
             [
@@ -197,13 +232,19 @@ class ConstrainedSolver:
                 -self.product(self.motions, free_loads),
             ]
         )
-        small = self._scale[:, None] * scipy.linalg.lu_solve(
-            self._factors, self._scale[:, None] * right
+        small = saddle.scale[:, None] * scipy.linalg.lu_solve(
+            saddle.factors, saddle.scale[:, None] * right
         )
         count = self.constraints.shape[1]
-        return np.asarray(
-            plain + self._lifted @ small[:count] + self.motions @ small[count:]
-        ), plain
+        return np.asarray(plain + saddle.lifted @ small[:count] + self.motions @ small[count:])
+
+    def _make_saddle(self, lifted: FloatArray) -> "_Saddle":
+        count, rigid = self.constraints.shape[1], self.motions.shape[1]
+        matrix = np.zeros((count + rigid, count + rigid))
+        matrix[:count, :count] = self.product(self.constraints, lifted)
+        coupling = self.product(self.constraints, self.motions)
+        matrix[:count, count:], matrix[count:, :count] = coupling, coupling.T
+        return _Saddle(lifted, *_factor_saddle(matrix, count, rigid))
 
     def _soft_roundoff(self) -> float:
         """Rounding of K as a share of the strain energy of a shape in which what is factorised
@@ -213,7 +254,7 @@ class ConstrainedSolver:
         motions = rigid_motions(self.operators)
         arms = (motions[:, 3:].reshape(-1, 3, 3) ** 2).sum(axis=(1, 2))
         load = np.where(self.fixed, 0.0, np.repeat(1.0 + arms, 3))[:, None]
-        shape = self._factorization.solve(load)
+        shape = self._inverse.solve(load)
         energy = float(self.product(shape, load)[0, 0])
         if not max_over_ranks(self.comm, np.abs(shape).max(axis=0, initial=0.0))[0] > 0.0:
             return 0.0
@@ -234,6 +275,21 @@ class ConstrainedSolver:
         return residual, float(
             np.max(size / np.maximum(largest * reach + given, np.finfo(float).tiny), initial=0.0)
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _Saddle:
+    """What constraints and rigid motions make of a solve without them.
+
+    Attributes:
+        lifted: ``(3 n_owned, n_c)`` displacements under unit forces along the constraints.
+        scale: ``(n_c + r,)`` that makes unit diagonal entries.
+        factors: LU of the scaled dense saddle-point matrix.
+    """
+
+    lifted: FloatArray
+    scale: FloatArray
+    factors: tuple[FloatArray, FloatArray]
 
 
 def rigid_motions(operators: ElasticOperators) -> FloatArray:

@@ -80,7 +80,12 @@ def cluster_end(frequencies: FloatArray, count: int) -> int:
 
 
 def select_pairs(
-    values: FloatArray, bounds: FloatArray, target: ModeTarget, complete: bool
+    values: FloatArray,
+    bounds: FloatArray,
+    target: ModeTarget,
+    complete: bool,
+    *,
+    tolerance: float = RITZ_TOLERANCE,
 ) -> int | None:
     """Number of converged leading pairs that fulfil the target, or None if not there yet.
 
@@ -89,6 +94,7 @@ def select_pairs(
         bounds: ``(m,)`` relative residual bounds.
         target: Which modes.
         complete: The values are all there are.
+        tolerance: Of the bounds of wanted pairs.
     """
     frequencies = np.asarray(1.0 / (2.0 * np.pi * np.sqrt(values)))
     wanted = target.count_wanted(frequencies)
@@ -99,11 +105,7 @@ def select_pairs(
     end = cluster_end(frequencies, wanted)
     if complete:
         return end
-    if (
-        end >= len(values)
-        or np.any(bounds[:end] > RITZ_TOLERANCE)
-        or bounds[end] > NEIGHBOUR_TOLERANCE
-    ):
+    if end >= len(values) or np.any(bounds[:end] > tolerance) or bounds[end] > NEIGHBOUR_TOLERANCE:
         return None
     return end
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
+from headstock.solvers.elastic.corner_level import CornerLevel, interpolate_corners
 from headstock.solvers.elastic.form_cache import compile_form
 from headstock.solvers.errors import AccuracyError
 from headstock.solvers.ranks import rows_from_root, sum_over_ranks
@@ -69,6 +70,7 @@ class ElasticOperators:
     stiffness_scale: float
     row_sizes: FloatArray
     translation_noise: FloatArray
+    corners: CornerLevel | None = None
 
     @property
     def owned_dofs(self) -> int:
@@ -82,7 +84,7 @@ class ElasticOperators:
         count = vectors.shape[1]
         if count == 0:
             return np.zeros(vectors.shape)
-        forces = np.asarray(self.stiffness @ self._with_ghosts(vectors))
+        forces = np.asarray(self.stiffness @ self.with_ghosts(vectors))
         forces -= (self.translation_noise @ vectors.reshape(-1, 3, count)).reshape(-1, count)
         return forces
 
@@ -96,7 +98,7 @@ class ElasticOperators:
         count = vectors.shape[1]
         if count == 0:
             return np.zeros(vectors.shape)
-        whole = self._with_ghosts(vectors).astype(np.longdouble)
+        whole = self.with_ghosts(vectors).astype(np.longdouble)
         own = vectors.reshape(-1, 3, count).astype(np.longdouble)
         forces = np.zeros(own.shape)
         matrix = self.stiffness
@@ -136,10 +138,11 @@ class ElasticOperators:
         count = vectors.shape[1]
         if count == 0:
             return np.zeros(vectors.shape)
-        local = self._with_ghosts(vectors).reshape(-1, 3 * count)
+        local = self.with_ghosts(vectors).reshape(-1, 3 * count)
         return np.asarray(self.scalar_mass @ local).reshape(-1, count)
 
-    def _with_ghosts(self, vectors: FloatArray) -> FloatArray:
+    def with_ghosts(self, vectors: FloatArray) -> FloatArray:
+        """Rows ``(3 n_local, k)`` of all nodes that the columns of the matrices stand for."""
         if self.comm.size == 1:
             return np.ascontiguousarray(vectors)
         count = vectors.shape[1]
@@ -159,7 +162,12 @@ class _MeshFacts:
 
 
 def assemble_elasticity(
-    mesh: ComponentMesh | None, material: Material, *, comm: MPI.Comm, with_mass: bool
+    mesh: ComponentMesh | None,
+    material: Material,
+    *,
+    comm: MPI.Comm,
+    with_mass: bool,
+    with_corners: bool = False,
 ) -> ElasticOperators:
     """Stiffness and, when asked for, mass of a component.
 
@@ -168,6 +176,7 @@ def assemble_elasticity(
         material: Isotropic material.
         comm: Communicator to distribute over; collective.
         with_mass: Assemble the mass too.
+        with_corners: Assemble the corner level, too.
 
     Raises:
         AccuracyError: The assembled operators fail their symmetry or mass check.
@@ -208,6 +217,9 @@ def assemble_elasticity(
         stiffness_scale=comm.allreduce(float(np.abs(stiffness.data).max(initial=0.0)), op=MPI.MAX),
         row_sizes=sizes,
         translation_noise=noise,
+        corners=_assemble_corners(scalar, material, _stiffness_degree(facts, order))
+        if with_corners
+        else None,
     )
     _check_operators(operators, facts.volume * material.density)
     return operators
@@ -256,6 +268,18 @@ def _assemble_stiffness(
     # the sparsity pattern may hold more ghosts than the space, so the columns have a map of their
     # own
     return _owned_rows(matrix, 3), matrix.index_map(1)
+
+
+def _assemble_corners(scalar: fem.FunctionSpace, material: Material, degree: int) -> CornerLevel:
+    # by the same quadrature, so that it is the fine stiffness on interpolated displacements
+    domain = scalar.mesh
+    shape = domain.topology.cell_name()
+    space = fem.functionspace(domain, basix.ufl.element("Lagrange", shape, 1, shape=(3,)))
+    stiffness, columns = _assemble_stiffness(space, material, degree)
+    corners = fem.functionspace(domain, basix.ufl.element("Lagrange", shape, 1))
+    transfer, reached = interpolate_corners(corners, scalar)
+    points = corners.tabulate_dof_coordinates()[: corners.dofmap.index_map.size_local]
+    return CornerLevel(domain.comm, points, stiffness, columns, transfer, reached)
 
 
 def _assemble_mass(

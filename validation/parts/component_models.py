@@ -18,6 +18,7 @@ from headstock.geometry.parts.components import (
     Eigensolver,
     Load,
     Material,
+    Road,
     Support,
 )
 from headstock.meshing.component_mesh import ComponentMesh
@@ -90,6 +91,7 @@ def full_model(
     comm: MPI.Comm,
     fixed: BoolArray | None = None,
     means: FloatArray | None = None,
+    with_corners: bool = False,
 ) -> FullModel:
     """Assemble stiffness and mass of a component; without supports by default.
 
@@ -99,9 +101,12 @@ def full_model(
         comm: Communicator; collective.
         fixed: ``(n_points, 3)`` dofs that do not move.
         means: ``(n_points, 3, n_c)`` means that vanish.
+        with_corners: Assemble what iteration needs, too.
     """
     shape = (len(mesh.points), 3)
-    operators = assemble_elasticity(mesh, material, comm=comm, with_mass=True)
+    operators = assemble_elasticity(
+        mesh, material, comm=comm, with_mass=True, with_corners=with_corners
+    )
     no_dofs, no_means = np.zeros(shape, dtype=bool), np.zeros((*shape, 0))
     return FullModel(
         mesh, operators, no_dofs if fixed is None else fixed, no_means if means is None else means
@@ -120,7 +125,11 @@ def fixed_by(mesh: ComponentMesh, supports: Sequence[Support]) -> BoolArray:
 
 
 def full_modes(
-    model: FullModel, count: int, *, eigensolver: Eigensolver = DEFAULT_EIGENSOLVER
+    model: FullModel,
+    count: int,
+    *,
+    eigensolver: Eigensolver = DEFAULT_EIGENSOLVER,
+    road: Road = "direct",
 ) -> FullModes:
     """The lowest elastic modes of a component: those that are mass-orthogonal to the rigid motions
     that nothing holds.
@@ -128,7 +137,8 @@ def full_modes(
     Args:
         model: Operators and what holds it.
         count: How many at least; a cluster at the end is completed.
-        eigensolver: By which method.
+        eigensolver: By which method, on factors.
+        road: By factors, or by LOBPCG on a multigrid.
 
     Raises:
         ConvergenceError: The eigensolver did not finish.
@@ -142,7 +152,7 @@ def full_modes(
     )
     # the same start on any number of ranks
     start = model.owned(np.random.default_rng(0).standard_normal((*model.fixed.shape, _BLOCK)))
-    with ConstrainedSolver(operators, model.owned_fixed, constraints) as solver:
+    with ConstrainedSolver(operators, model.owned_fixed, constraints, road=road) as solver:
         dimension = solver.free_total - constraints.shape[1]
         target = ModeTarget(count=min(count, dimension))
         pairs = lowest_modes(solver, start, target, eigensolver=eigensolver)

@@ -1,0 +1,215 @@
+"""Reduction of large parts by factors and by iteration: seconds, memory, and how both grow.
+
+    ./headstock exec python3 benchmarks/large_parts.py [--sizes 100k,300k,1M,3M]
+    [--roads direct,iterative] [--entries] [--json FILE]
+
+The steel column of `benchmarks/reduction.py`, 12 constraint modes and 20 fixed-interface modes,
+second-order tetrahedra, error estimates left out. Each run has a process of its own, whose peak
+memory is its own; meshing is not counted. `--entries` instead factorises bars, blocks and plates and
+prints predicted and counted entries of the factors.
+"""
+
+import argparse
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from column_job import EXTENT, SIZES, column, read_mesh, write_mesh
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Road
+from headstock.geometry.parts.solids import Box
+from headstock.meshing.components.meshing import mesh_component
+from headstock.pipeline.planning.resources import measure
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.components.solver_choice import predict_factor_entries
+from headstock.reduction.requests import ReductionRequest
+from headstock.solvers.elastic.eigenpairs import ModeTarget
+from headstock.solvers.elastic.elasticity import assemble_elasticity
+from headstock.solvers.elastic.factorization import Factorization
+
+MODES = 20
+ROADS: tuple[Road, ...] = ("direct", "iterative")
+SHAPES = {
+    "column": (EXTENT, (0.0145, 0.0075, 0.0055)),
+    "block": ((0.2, 0.2, 0.2), (0.0235, 0.0128, 0.0105)),
+    "plate": ((0.6, 0.6, 0.02), (0.015, 0.009)),
+    "rod": ((0.05, 0.05, 1.0), (0.012, 0.007)),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """What one run gave.
+
+    Attributes:
+        size: Name of the mesh.
+        road: How it was solved.
+        dofs: Displacement dofs.
+        seconds: By the clock [s].
+        cpu_seconds: Of all threads [s].
+        gigabytes: Peak memory [GB].
+        stiffness: ``(n, n)`` reduced stiffness; its first 12 rows are the boundary's.
+    """
+
+    size: str
+    road: Road
+    dofs: int
+    seconds: float
+    cpu_seconds: float
+    gigabytes: float
+    stiffness: FloatArray
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the sizes and print their table."""
+    options = _parse(arguments)
+    if options.child:
+        _reduce(Path(options.child), options.roads[0])
+        return 0
+    threads = os.environ.get("OMP_NUM_THREADS", "?")
+    print(f"{os.cpu_count()} cores, {threads} threads, load {os.getloadavg()[0]:.1f} before\n")
+    if options.entries:
+        _print_entries()
+        return 0
+    print("| dofs | road | s | CPU s | GB | frequencies | K_bb |")
+    print("| --- | --- | --- | --- | --- | --- | --- |", flush=True)
+    runs: list[Reduced] = []
+    for size in options.sizes:
+        with tempfile.TemporaryDirectory(prefix="headstock-large-") as folder:
+            write_mesh(size, Path(folder))
+            for road in options.roads:
+                run = _run(size, road, Path(folder))
+                if run is not None:
+                    print(_row(run, runs), flush=True)
+                    runs.append(run)
+    print()
+    for road in options.roads:
+        for before, after in pairwise([run for run in runs if run.road == road]):
+            print(_growth(road, before, after))
+    if options.json is not None:
+        options.json.write_text(json.dumps([_numbers(run) for run in runs], indent=1) + "\n")
+    return 0
+
+
+def _parse(arguments: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--sizes", default="100k,300k", help=f"of {', '.join(SIZES)} [100k,300k]")
+    parser.add_argument("--roads", default=",".join(ROADS), help="direct, iterative or both [both]")
+    parser.add_argument("--entries", action="store_true", help="entries of factors instead")
+    parser.add_argument("--json", type=Path, help="write every number")
+    parser.add_argument("--child", help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    options.sizes, options.roads = options.sizes.split(","), options.roads.split(",")
+    unknown = sorted(set(options.sizes) - set(SIZES)) + sorted(set(options.roads) - set(ROADS))
+    if unknown:
+        parser.error(f"unknown: {', '.join(unknown)}")
+    return options
+
+
+def _reduce(folder: Path, road: Road) -> None:
+    """Reduce the column that is in a folder, in this process."""
+    part = column("20k", MODES)
+    part = dataclasses.replace(part, reduction=dataclasses.replace(part.reduction, solver=road))
+    mesh = read_mesh(folder)
+    request = ReductionRequest(modes=ModeTarget(count=MODES), errors=False)
+    with measure() as cost:
+        found = reduce_elastic(part, mesh, comm=MPI.COMM_SELF, request=request)
+    np.savez(
+        folder / f"{road}.npz",
+        stiffness=found.stiffness,
+        cost=np.array(
+            [3 * len(mesh.points), cost.seconds, cost.cpu_seconds, cost.peak_rss_mb / 1e3]
+        ),
+    )
+
+
+def _run(size: str, road: Road, folder: Path) -> Reduced | None:
+    """A run in a process of its own; None where it failed, which is said."""
+    command = [sys.executable, str(Path(__file__)), "--child", str(folder), "--roads", road]
+    done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False)
+    if done.returncode:
+        tail = (done.stderr.strip().splitlines() or [f"ended by signal {-done.returncode}"])[-1]
+        print(f"| {size} | {road} | failed: {tail} |", flush=True)
+        return None
+    with np.load(folder / f"{road}.npz") as file:
+        dofs, seconds, cpu_seconds, gigabytes = (float(value) for value in file["cost"])
+        return Reduced(
+            size=size,
+            road=road,
+            dofs=int(dofs),
+            seconds=seconds,
+            cpu_seconds=cpu_seconds,
+            gigabytes=gigabytes,
+            stiffness=file["stiffness"],
+        )
+
+
+def _row(run: Reduced, runs: list[Reduced]) -> str:
+    """A line of the table; what iterates is compared with the factors of its size, where they are."""
+    direct = next((one for one in runs if one.size == run.size and one.road == "direct"), None)
+    errors = "| |"
+    if direct is not None and run.road != "direct":
+        boundary = len(run.stiffness) - MODES
+        values, exact = (np.diag(one.stiffness)[boundary:] for one in (run, direct))
+        difference = np.abs(run.stiffness - direct.stiffness)[:boundary, :boundary]
+        size = np.sqrt(np.diag(direct.stiffness)[:boundary])
+        frequencies = np.abs(np.sqrt(values / exact) - 1.0).max()
+        errors = f"| {frequencies:.1g} | {(difference / np.outer(size, size)).max():.1g} |"
+    return (
+        f"| {run.dofs} | {run.road} | {run.seconds:.1f} | {run.cpu_seconds:.1f} | "
+        f"{run.gigabytes:.2f} {errors}"
+    )
+
+
+def _growth(road: Road, before: Reduced, after: Reduced) -> str:
+    larger = np.log(after.dofs / before.dofs)
+    time = np.log(after.cpu_seconds / before.cpu_seconds) / larger
+    memory = np.log(after.gigabytes / before.gigabytes) / larger
+    return (
+        f"{road}, {before.size} to {after.size}: CPU seconds grow like dofs^{time:.2f}, memory like "
+        f"dofs^{memory:.2f}"
+    )
+
+
+def _numbers(run: Reduced) -> dict[str, object]:
+    return {name: value for name, value in vars(run).items() if name != "stiffness"}
+
+
+def _print_entries() -> None:
+    """Entries of factors, predicted and counted."""
+    print("| part | dofs | predicted | counted | ratio |\n| --- | --- | --- | --- | --- |")
+    for name, (extent, sizes) in SHAPES.items():
+        for size in sizes:
+            part = column("20k", 0)
+            part = dataclasses.replace(
+                part, solid=Box(extent), mesh=dataclasses.replace(part.mesh, size=size)
+            )
+            mesh = mesh_component(part)
+            operators = assemble_elasticity(
+                mesh, part.material, comm=MPI.COMM_SELF, with_mass=False
+            )
+            heights = operators.points[:, 2]
+            ends = (heights < heights.min() + 1e-9) | (heights > heights.max() - 1e-9)
+            dofs = int((~np.repeat(ends, 3)).sum())
+            predicted = predict_factor_entries(dofs, extent)
+            with Factorization(operators, np.repeat(ends, 3)) as factors:
+                counted = factors.factors.getPC().getFactorMatrix().getInfo()["nz_used"]
+            print(
+                f"| {name} | {dofs} | {predicted:.3g} | {counted:.3g} | {predicted / counted:.2f} |",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

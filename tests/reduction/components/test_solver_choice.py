@@ -1,0 +1,54 @@
+"""Predicted factors against those that were measured, and the choice they lead to."""
+
+import pytest
+
+from headstock.geometry.parts.components import LinearSolver, ReductionSettings
+from headstock.reduction.components.solver_choice import choose_road, predict_factor_entries
+
+COLUMN, BLOCK, ROD = (0.1, 0.038, 0.5), (0.2, 0.2, 0.2), (0.05, 0.05, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("extents", "dofs", "measured"),
+    [
+        (COLUMN, 17_340, 3.887e6),
+        (COLUMN, 228_243, 1.638e8),
+        (COLUMN, 968_000, 1.27e9),
+        (BLOCK, 14_928, 5.033e6),
+        (BLOCK, 136_674, 1.313e8),
+        (ROD, 164_892, 7.863e7),
+    ],
+)
+def test_predicted_entries_are_near_those_of_metis(
+    extents: tuple[float, ...], dofs: int, measured: float
+) -> None:
+    assert predict_factor_entries(dofs, extents) == pytest.approx(measured, rel=0.12)
+
+
+def test_an_unknown_shape_counts_as_a_cube() -> None:
+    cube = predict_factor_entries(10**6, BLOCK)
+    assert predict_factor_entries(10**6, None) == pytest.approx(cube, rel=1e-9)
+    assert predict_factor_entries(10**6, ROD) < 0.6 * predict_factor_entries(10**6, None)
+
+
+@pytest.mark.parametrize(
+    ("solver", "entries", "memory_mb", "road"),
+    [
+        ("auto", 1.3e9, 24e3, "direct"),
+        ("auto", 1.3e9, 12e3, "iterative"),
+        ("auto", 2.2e9, 1e6, "iterative"),
+        ("direct", 2.2e9, 12e3, "direct"),
+        ("iterative", 1e6, 24e3, "iterative"),
+    ],
+)
+def test_factors_are_left_where_they_cannot_be_numbered_or_do_not_fit(
+    solver: LinearSolver, entries: float, memory_mb: float, road: str
+) -> None:
+    settings = ReductionSettings(modes=20, solver=solver)
+    choice = choose_road(settings, entries, direct_mb=17e3, memory_mb=memory_mb)
+    assert choice.road == road
+    assert choice.reason.startswith(road)
+
+
+def test_modes_that_are_to_be_counted_take_factors() -> None:
+    assert choose_road(ReductionSettings(modes=20, verify=True), 1e10).road == "direct"
