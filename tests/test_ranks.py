@@ -74,6 +74,9 @@ def test_every_answer_is_that_of_one_rank(
     for name, exact in alone.items():
         kind = name.rsplit(".", 1)[1]
         tolerance = TOLERANCES.get(kind, 1e-8)
+        if name.startswith("iterative."):
+            # ends where a bound is fulfilled, which rounding decides
+            tolerance = max(tolerance, 1e-6)
         if kind in ("frequencies", "count"):
             np.testing.assert_allclose(found[name], exact, rtol=tolerance, err_msg=name)
             continue
