@@ -62,11 +62,11 @@ def memory_on_node(stage: Stage, held: RanksOnNodes, *, split: bool) -> float:
     Args:
         stage: With its estimate for one rank.
         held: Where the ranks are.
-        split: Whether the component is split over all ranks, or one rank has it and the others wait.
+        split: Whether all ranks share the stage, or one does it and the others wait.
     """
     waiting = BASE_MB * (held.together - 1)
     alone = stage.estimated_memory_mb or 0.0
-    if not split or stage.kind != "reduce":
+    if not split:
         return alone + waiting
     return BASE_MB + waiting + max(0.0, alone - BASE_MB) * held.together / held.ranks
 
@@ -92,7 +92,8 @@ def check_memory(
     held = held or RanksOnNodes(1, 1, node_memory_bytes() / 1e6)
     limit_mb = held.memory_mb if limit_bytes is None else limit_bytes / 1e6
     for stage in stages:
-        split = (stage.estimated_dofs or 0) > split_dofs
+        # meshing is rank 0's
+        split = stage.kind == "reduce" and (stage.estimated_dofs or 0) > split_dofs
         need_mb = memory_on_node(stage, held, split=split)
         if stage.estimated_memory_mb is not None and need_mb > limit_mb:
             whose = "this machine has" if limit_bytes is None else "limits.memory allows"

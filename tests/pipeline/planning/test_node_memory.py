@@ -1,5 +1,6 @@
 """What ranks on a node hold together, against what the machine, a control group or Slurm gives."""
 
+import dataclasses
 import os
 from pathlib import Path
 
@@ -59,6 +60,9 @@ def test_a_component_too_large_for_a_node_is_refused_unless_it_is_split_over_sev
         check_memory([REDUCE], None, held=two_nodes)
     with pytest.raises(BudgetError, match=r"'bed'.*limits\.memory allows 1e\+04 MB"):
         check_memory([REDUCE], 1e10, held=two_nodes, split_dofs=1e6)
+    mesh = dataclasses.replace(REDUCE, kind="mesh")
+    with pytest.raises(BudgetError, match=r"mesh of component 'bed'.*of which one has"):
+        check_memory([mesh], None, held=two_nodes, split_dofs=1e6)
     one_node = RanksOnNodes(ranks=4, together=4, memory_mb=24_000.0)
     with pytest.raises(BudgetError, match="share the component"):
         check_memory([REDUCE], None, held=one_node, split_dofs=1e6)
