@@ -4,16 +4,14 @@ it, compared by kind.
 
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, NotRequired, TypedDict
 
-import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.provenance import ProvenanceSummary, SceneChoice
@@ -22,27 +20,11 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.scene.schema.effects import EFFECT_NAMES
+from headstock.solvers.ranks import make_on_root
+from headstock.solvers.shared_work import use_threads
+from headstock.studies.answers import Change, ChangeSummary, compare_answers
+from headstock.studies.shared_runs import PlannedRun, plan_run, share_runs
 
-RIGID_HZ = 1e-2  # below it a frequency is a rigid-body mode's
-# answer: unit of its numbers
-UNITS = {
-    "frequencies": "Hz",
-    "static compliance": "µm/kN",
-    "displacement under loads": "µm",
-    "dynamic stiffness": "N/µm",
-    "path deviation": "µm",
-    "control poles": "Hz",
-    "velocity lag": "µm",
-    "deflection under gravity on the contour": "µm",
-    "contour gap": "µm",
-    "contour ripple": "µm",
-    "leg forces": "N",
-    "variation of leg forces": "N",
-    "map of frequencies": "Hz",
-}
-# numbers that are each compared with themselves; of the others, components of a vector say, the
-# largest of the group counts
-EACH_ITS_OWN = {"frequencies", "dynamic stiffness", "control poles", "map of frequencies"}
 # changes of an answer below which an effect may be left out, and from which it is to be named
 LITTLE, MUCH = (
     1e-3,
@@ -57,161 +39,6 @@ NEEDS = {
     "friction": "drive_control",
     "screw_inertia": "drive_control",
 }
-
-
-class ChangeSummary(TypedDict):
-    """How far an answer moves, and where most: its number without the effect and with it."""
-
-    answer: str
-    share: float
-    entry: str
-    without: float | None
-    present: float | None
-
-
-@dataclass(frozen=True)
-class Change:
-    """How far an answer of two runs is apart.
-
-    Attributes:
-        answer: Which, of :data:`UNITS`.
-        share: Largest difference of one number in either run, over that number, or over the largest
-            of its group.
-        entry: Where it is largest.
-        without: Its number without the effect; None where that run has no such answer.
-        present: Its number with it.
-    """
-
-    answer: str
-    share: float
-    entry: str
-    without: float | None
-    present: float | None
-
-    def summarise(self) -> ChangeSummary:
-        """As it stands in JSON."""
-        return {
-            "answer": self.answer,
-            "share": self.share,
-            "entry": self.entry,
-            "without": self.without,
-            "present": self.present,
-        }
-
-
-def list_answers(summary: RunSummary) -> dict[str, dict[str, FloatArray]]:
-    """Answer to entry to its numbers, of what a summary holds."""
-    found: dict[str, dict[str, FloatArray]] = {}
-    for entry in _entries(summary):
-        values = np.ravel(np.array(entry.numbers, dtype=np.float64))  # None becomes NaN
-        if values.size:
-            found.setdefault(entry.answer, {})[entry.where] = values
-    return found
-
-
-def compare_answers(without: RunSummary, present: RunSummary) -> list[Change]:
-    """Every answer of two summaries, the largest difference of each."""
-    before, after = list_answers(without), list_answers(present)
-    changes = []
-    for answer in UNITS:
-        first, second = before.get(answer, {}), after.get(answer, {})
-        found = [
-            _compare(answer, entry, first.get(entry), second.get(entry))
-            for entry in dict.fromkeys((*first, *second))
-        ]
-        if found:
-            changes.append(max(found, key=lambda change: change.share))
-    return changes
-
-
-def _compare(
-    answer: str, entry: str, first: FloatArray | None, second: FloatArray | None
-) -> Change:
-    if first is None or second is None or first.shape != second.shape:
-        return Change(answer, 1.0, entry, _largest(first), _largest(second))
-    sizes = np.maximum(np.abs(np.nan_to_num(first)), np.abs(np.nan_to_num(second)))
-    scale = sizes if answer in EACH_ITS_OWN else np.full_like(sizes, sizes.max())
-    off = np.abs(np.nan_to_num(second) - np.nan_to_num(first)) / np.where(scale > 0.0, scale, 1.0)
-    place = int(np.argmax(off))
-    return Change(answer, float(off[place]), entry, _number(first[place]), _number(second[place]))
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _largest(values: FloatArray | None) -> float | None:
-    return (
-        None
-        if values is None or not np.isfinite(values).any()
-        else float(values[np.nanargmax(np.abs(values))])
-    )
-
-
-class _Entry(NamedTuple):
-    """Numbers of an answer, where they stand, None where there is none."""
-
-    answer: str
-    where: str
-    numbers: Sequence[object] | FloatArray
-
-
-def _entries(summary: RunSummary) -> Iterator[_Entry]:
-    yield from _machine_entries(summary)
-    for run in summary["path"]["feeds"] if "path" in summary else ():
-        for output in run["outputs"]:
-            for zone, figures in (
-                ("accelerating", output["accelerating"]),
-                ("decelerating", output["decelerating"]),
-            ):
-                if "peak_um" in figures:
-                    where = f"{' '.join(output['dof'])}, {zone}, {run['name']}"
-                    yield _Entry("path deviation", where, [figures["peak_um"], figures["span_um"]])
-    for pose, found in summary.get("control", {}).items():
-        yield _Entry(
-            "control poles", f"pose {pose}", [pole["frequency_hz"] for pole in found["poles"]]
-        )
-        for name, drive in found["drives"].items():
-            yield _Entry("velocity lag", f"drive {name} in pose {pose}", [drive["velocity_lag_um"]])
-    contour = summary.get("contouring")
-    if contour:
-        yield _Entry(
-            "deflection under gravity on the contour",
-            "all faces",
-            contour["gravity_deflection_um"]["maximum"],
-        )
-        for face in contour["faces"]:
-            where = f"face {face['face']}"
-            yield _Entry("contour gap", where, face["mean_um"])
-            yield _Entry("contour ripple", where, face["peak_to_peak_um"])
-            yield _Entry("leg forces", where, face["leg_force_mean_n"])
-            yield _Entry("variation of leg forces", where, face["leg_force_peak_to_peak_n"])
-    for name, values in summary["map"]["quantities"].items() if "map" in summary else ():
-        if name.endswith("_hz"):
-            yield _Entry("map of frequencies", name, values)
-
-
-def _machine_entries(summary: RunSummary) -> Iterator[_Entry]:
-    for modes in summary["modal"]:
-        elastic = [hz for hz in modes["frequencies_hz"] if hz > RIGID_HZ]
-        yield _Entry("frequencies", f"pose {modes['pose_name']}", elastic)
-    points = summary.get("static_poses") or {"": summary["static"]}
-    for pose, found in points.items():
-        for name, point in found.items():
-            where = f"{name} in pose {pose}" if pose else name
-            yield _Entry("static compliance", where, point["compliance_um_per_kN"])
-            # zeros without a load or gravity: a displacement that comes with an effect is a change
-            # of all of it
-            moved = np.array(point.get("displacement", [0.0] * 6)[:3], dtype=np.float64)
-            yield _Entry("displacement under loads", where, 1e6 * moved)
-    for pose, response in summary.get("frf", {}).items():
-        for channel in response["drive_points"]:
-            if channel.get("minimum_dynamic_stiffness_N_per_um") is not None:
-                yield _Entry(
-                    "dynamic stiffness",
-                    f"{' '.join(channel['dof'])} in pose {pose}",
-                    [channel["minimum_dynamic_stiffness_N_per_um"]],
-                )
 
 
 @dataclass(frozen=True)
@@ -267,48 +94,89 @@ class EffectTrial:
 
 
 def try_effects(
-    choice: SceneChoice, store: Store, *, announce: Callable[[str], None] = lambda text: None
-) -> Iterator[EffectTrial]:
-    """Run a scene as written, then once per effect with that effect switched the other way.
+    choice: SceneChoice,
+    store: Store,
+    *,
+    comm: MPI.Comm = MPI.COMM_SELF,
+    announce: Callable[[str], None] = lambda text: None,
+) -> list[EffectTrial]:
+    """Run a scene as written, and once per effect with that effect switched the other way, each
+    choice of effects on one rank; collective.
 
     Args:
         choice: The scene.
-        store: Where meshes and superelements are kept: no effect changes them, and no time of
-            theirs is counted.
-        announce: Called with what is run.
+        store: Where meshes and superelements are kept: no time of theirs is counted.
+        comm: Ranks that share the runs.
+        announce: Called with what this rank runs.
+
+    Returns:
+        A trial per effect; empty on other ranks.
 
     Raises:
         SceneError: The scene as written has problems.
-        HeadstockError: It cannot be run as written.
+        HeadstockError: It cannot be run as written; on several ranks the cause of a
+            ``SharedFailure``, as the other one.
     """
-    bench = _Bench(choice, store, announce)
-    scene, written = bench.scene, bench.run((), least=2)
-    for effect in EFFECT_NAMES:
-        named, beside = effect in scene.effects, _missing_need(effect, scene)
-        try:
-            with_need = bench.run((f"effects.{beside}=true",)) if beside else written
-            other = bench.run(
-                (*((f"effects.{beside}=true",) if beside else ()), *_switch(effect, scene))
-            )
-        except SceneError as error:
-            yield EffectTrial(effect, named, obstacle=error.problems[0].message)
-        except HeadstockError as error:
-            yield EffectTrial(effect, named, obstacle=str(error))
-        else:
-            without, present = (other, with_need) if named else (with_need, other)
-            changes = sorted(
-                compare_answers(without.summary, present.summary), key=lambda change: -change.share
-            )
-            noise = max(written.noise, with_need.noise, other.noise)
-            yield EffectTrial(
-                effect,
-                named,
-                tuple(changes),
-                min(present.seconds),
-                min(without.seconds),
-                noise,
-                together_with=beside,
-            )
+    scene = make_on_root(comm, lambda: _load(choice, ()))
+    pairs = {effect: _switched_runs(effect, scene) for effect in EFFECT_NAMES}
+    switches = list(dict.fromkeys([(), *(each for pair in pairs.values() for each in pair)]))
+    planned = make_on_root(comm, lambda: {each: _plan(choice, each) for each in switches})
+    runs = {each: run for each, run in planned.items() if isinstance(run, PlannedRun)}
+    if comm.size > 1 and scene.accuracy is not None:
+        _run(scene, store, comm)  # keeps what the settings it finds take
+    bench = _Bench(runs, store, announce, threads=1 if comm.size > 1 else None)
+    done = share_runs(list(runs.values()), bench.run, comm=comm, store=store)
+    # on other ranks there are none
+    found = planned | dict(zip(runs, done, strict=False))
+    return [_judge_effect(effect, scene, pairs[effect], found) for effect in pairs if done]
+
+
+def _plan(choice: SceneChoice, switches: tuple[str, ...]) -> PlannedRun | str:
+    """A run with overrides, or why there is none; one without them must be had."""
+    try:
+        return plan_run(_load(choice, switches))
+    except (SceneError, HeadstockError) as error:
+        if not switches:
+            raise
+        return error.problems[0].message if isinstance(error, SceneError) else str(error)
+
+
+class _Pair(NamedTuple):
+    """What is set for the two runs that are compared."""
+
+    as_named: tuple[str, ...]
+    other: tuple[str, ...]
+
+
+def _switched_runs(effect: str, scene: Scene) -> _Pair:
+    beside = _missing_need(effect, scene)
+    need = (f"effects.{beside}=true",) if beside else ()
+    return _Pair(need, (*need, *_switch(effect, scene)))
+
+
+def _judge_effect(
+    effect: str,
+    scene: Scene,
+    pair: _Pair,
+    found: Mapping[tuple[str, ...], "_Run | PlannedRun | str"],
+) -> EffectTrial:
+    """An effect by its two runs, or by why one of them was not to be had."""
+    named, written = effect in scene.effects, found[()]
+    as_named, other = found[pair.as_named], found[pair.other]
+    if not (isinstance(written, _Run) and isinstance(as_named, _Run) and isinstance(other, _Run)):
+        obstacle = next(run for run in (as_named, other) if isinstance(run, str))
+        return EffectTrial(effect, named, obstacle=obstacle)
+    without, present = (other, as_named) if named else (as_named, other)
+    changes = compare_answers(without.summary, present.summary)
+    return EffectTrial(
+        effect,
+        named,
+        tuple(sorted(changes, key=lambda change: -change.share)),
+        min(present.seconds),
+        min(without.seconds),
+        max(written.noise, as_named.noise, other.noise),
+        together_with=_missing_need(effect, scene),
+    )
 
 
 def rank_trials(trials: Sequence[EffectTrial]) -> list[EffectTrial]:
@@ -397,22 +265,47 @@ class _Run:
 
 
 class _Bench:
-    """Runs a scene with effects switched, each choice of them once."""
+    """Runs a scene with effects switched, on this rank alone.
 
-    def __init__(self, choice: SceneChoice, store: Store, announce: Callable[[str], None]) -> None:
-        self._choice, self._store, self._announce = choice, store, announce
-        self._known: dict[tuple[str, ...], _Run] = {}
-        self.scene = _load(choice, ())
-        announce("as written")
-        _run(self.scene, store)
+    Args:
+        runs: By what is switched, the scene as written first.
+        store: Where superelements are kept.
+        announce: Called with what is run.
+        threads: Of BLAS in every run, so that the processor seconds of ranks that have one thread
+            or two compare; None for those there are.
+    """
 
-    def run(self, switches: tuple[str, ...], *, least: int = 1) -> _Run:
-        """A run with overrides; raises what loading and running raise."""
-        if switches not in self._known:
-            scene = _load(self._choice, switches)
-            self._announce(" ".join(switches) or "as written")
-            self._known[switches] = _run_timed(scene, self._store, least=least)
-        return self._known[switches]
+    def __init__(
+        self,
+        runs: Mapping[tuple[str, ...], PlannedRun],
+        store: Store,
+        announce: Callable[[str], None],
+        *,
+        threads: int | None,
+    ) -> None:
+        self._runs, self._store, self._announce = list(runs.items()), store, announce
+        self._threads, self._warm = threads, False
+
+    def run(self, number: int) -> _Run | str:
+        """The run of a number, or why it failed.
+
+        Raises:
+            HeadstockError: The scene as written cannot be run.
+        """
+        if self._threads is not None:
+            use_threads(self._threads)
+        if not self._warm:
+            self._announce("as written")
+            _run(self._runs[0][1].scene, self._store)  # loads libraries
+            self._warm = True
+        switches, planned = self._runs[number]
+        self._announce(" ".join(switches) or "as written")
+        try:
+            return _run_timed(planned.scene, self._store, least=1 if switches else 2)
+        except HeadstockError as error:
+            if not switches:
+                raise
+            return str(error)
 
 
 def _load(choice: SceneChoice, switches: tuple[str, ...]) -> Scene:
@@ -422,7 +315,7 @@ def _load(choice: SceneChoice, switches: tuple[str, ...]) -> Scene:
     return keep_analyses(scene, choice.analyses) if choice.analyses else scene
 
 
-def _run_timed(scene: Scene, store: Store, *, least: int = 1) -> _Run:
+def _run_timed(scene: Scene, store: Store, *, least: int) -> _Run:
     """A run, repeated where it is short."""
     summary, first = _run(scene, store)
     times = [first]
@@ -431,8 +324,8 @@ def _run_timed(scene: Scene, store: Store, *, least: int = 1) -> _Run:
     return _Run(summary, times)
 
 
-def _run(scene: Scene, store: Store) -> tuple[RunSummary, float]:
+def _run(scene: Scene, store: Store, comm: MPI.Comm = MPI.COMM_SELF) -> tuple[RunSummary, float]:
     with tempfile.TemporaryDirectory(prefix="headstock-effects-") as folder:
         begun = time.process_time()
-        results = run_scene(scene, Path(folder), comm=MPI.COMM_SELF, store=store)
+        results = run_scene(scene, Path(folder), comm=comm, store=store)
         return summarise(results), time.process_time() - begun

@@ -44,7 +44,7 @@ from headstock.scene.schema.overrides import AS_WRITTEN
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.frequency_response import FrfModel
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
-from headstock.solvers.ranks import share_from_root
+from headstock.solvers.ranks import make_on_root
 
 # modes are looked for further up than the scene asks, since a partner may lie beyond its limit
 REACH = 1.5
@@ -172,11 +172,8 @@ def solve_variant(
         HeadstockError: A computation failed.
     """
     with measure() as loading:
-        scene = share_from_root(
-            comm,
-            load_scene(path, variant=choice.variant, overrides=choice.overrides)
-            if comm.rank == 0
-            else None,
+        scene = make_on_root(
+            comm, lambda: load_scene(path, variant=choice.variant, overrides=choice.overrides)
         )
         state = RunState(scene, plan_scene(scene), comm, store)
     effort, superelements = _make_components(state)

@@ -3,7 +3,12 @@ matrices.
 """
 
 import dataclasses
+import os
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import cast
 
 import numpy as np
@@ -30,6 +35,33 @@ from headstock.validation.parts.structured_meshes import (
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 # a side such as ``z+``, or from facet centres ``(n, 3)`` those wanted
 Choice = str | Callable[[FloatArray], BoolArray]
+
+
+def run_on_ranks(ranks: int, folder: Path, *program: str) -> subprocess.CompletedProcess[str]:
+    """A Python program on so many ranks, with a store of their own, started as the launcher does."""
+    mpirun = shutil.which("mpirun")
+    assert mpirun is not None
+    start = Path(__file__).parents[1] / "environment" / "start_ranks.sh"
+    variables = {
+        **os.environ,
+        "HEADSTOCK_STORE": str(folder / f"store{ranks}"),
+        "OMP_NUM_THREADS": "1",
+        "HEADSTOCK_THREADS": "1",  # the core of a sleeping rank would change the last digits
+    }
+    command = [
+        "/bin/sh",
+        str(start),
+        mpirun,
+        "--oversubscribe",
+        "--bind-to",
+        "none",
+        "-n",
+        str(ranks),
+        sys.executable,
+        "-P",
+        *program,
+    ]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, env=variables)
 
 
 def present[T](value: T | None) -> T:

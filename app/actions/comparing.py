@@ -6,8 +6,8 @@ import contextlib
 import dataclasses
 import tempfile
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import get_args
@@ -15,7 +15,7 @@ from typing import get_args
 import click
 from mpi4py import MPI
 
-from headstock.app.actions.running import require_ranks
+from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.charts.comparison import draw_comparison
 from headstock.app.report.pages import render_comparison
 from headstock.app.terminal.comparison import print_comparison, print_effort, print_variant
@@ -26,14 +26,14 @@ from headstock.app.texts.tables import encode_csv
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.storage.json_texts import dump_summary
-from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
+from headstock.pipeline.storage.outputs import write_beside, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError, suggest_names
 from headstock.scene.scene import deforming_parts
 from headstock.solvers.errors import ModelError
-from headstock.solvers.ranks import make_on_root, share_from_root
+from headstock.solvers.ranks import make_on_root
 from headstock.studies.comparison import Comparison, compare_variants
 from headstock.studies.comparison_summary import (
     ComparisonSummary,
@@ -41,6 +41,7 @@ from headstock.studies.comparison_summary import (
     summarise_comparison,
     summarise_effort,
 )
+from headstock.studies.shared_runs import plan_run, share_runs
 from headstock.studies.variants import (
     FIDELITIES,
     FidelityError,
@@ -94,13 +95,14 @@ def compare_request(
     request = make_on_root(comm, partial(_with_settings, request))
     choices = make_on_root(comm, partial(_choose, request))
     folder = request.output or Path("results") / f"{request.scene.path.stem}-compare"
-    with (
-        claim_output(folder, (JSON_FILE, PAGE_FILE)) if comm.rank == 0 else contextlib.nullcontext()
-    ):
-        comparison, efforts = _solve_all(request, choices, comm)
-        if comparison is not None:
+    with claim_on_root(comm, folder, (JSON_FILE, PAGE_FILE)):
+        solved = _solve_all(request, choices, comm)
+
+        def publish() -> int:
+            comparison = _compare(request, choices, solved)
             summary = summarise_comparison(comparison)
             if request.effort:
+                efforts = {name: _weigh(found.runs) for name, found in solved.items() if found.runs}
                 summary["effort"] = {"change": list(request.change), "variants": efforts}
             if origin is not None:
                 summary["provenance"] = origin.summarise()
@@ -111,10 +113,10 @@ def compare_request(
             print(
                 f"done in {time.perf_counter() - start:.2f} s, results in {folder} ({PAGE_FILE}, {JSON_FILE})"
             )
-    failed = comparison is not None and any(
-        solution.failures for solution in comparison.solutions.values()
-    )
-    return int(share_from_root(comm, FAILED if failed else DONE))
+            failed = any(solution.failures for solution in comparison.solutions.values())
+            return FAILED if failed else DONE
+
+        return make_on_root(comm, publish)
 
 
 def _with_settings(request: CompareRequest) -> CompareRequest:
@@ -203,34 +205,70 @@ def _is_lumped(path: Path, variant: str, overrides: tuple[str, ...]) -> bool:
         return True
 
 
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """What became of a variant.
+
+    Attributes:
+        runs: The ``first`` model of it and the ``changed`` one after it; empty but on the rank that
+            couples.
+        cannot: Why the machine has no answer at the fidelity of the variant.
+    """
+
+    runs: dict[str, VariantSolution] = field(default_factory=dict)
+    cannot: str = ""
+
+
 def _solve_all(
     request: CompareRequest, choices: tuple[VariantChoice, ...], comm: MPI.Comm
-) -> tuple[Comparison | None, dict[str, dict[str, EffortSummary]]]:
-    """Every variant side by side, and what each cost; both are on rank 0 only.
+) -> dict[str, _Solved]:
+    """Every variant by name; complete on rank 0.
+
+    Several ranks solve a variant each, once they have shared the components of all of them; where
+    times are asked for they solve one variant after the other together.
+    """
+    asked = [choice for choice in choices if not choice.cannot]
+
+    def show(number: int, solved: _Solved) -> None:
+        if solved.runs:
+            print_variant(asked[number].name, _weigh(solved.runs))
+
+    if comm.size == 1 or request.effort:
+        found = []
+        for number, choice in enumerate(asked):
+            found.append(_solve_runs(request, choice, comm))
+            show(number, found[-1])
+    else:
+        path = request.scene.path
+        planned = make_on_root(
+            comm,
+            lambda: [
+                plan_run(load_scene(path, variant=choice.variant, overrides=choice.overrides))
+                for choice in asked
+            ],
+        )
+        found = share_runs(
+            planned,
+            lambda number: _solve_runs(request, asked[number], MPI.COMM_SELF),
+            comm=comm,
+            store=Store(default_store_root()),
+            observer=show,
+        )
+    return {choice.name: solved for choice, solved in zip(asked, found, strict=False)}
+
+
+def _compare(
+    request: CompareRequest, choices: tuple[VariantChoice, ...], solved: Mapping[str, _Solved]
+) -> Comparison:
+    """Every variant side by side.
 
     Raises:
         ModelError: No two models of those asked for have an answer.
     """
     path = request.scene.path
-    solutions: list[VariantSolution] = []
-    efforts: dict[str, dict[str, EffortSummary]] = {}
+    solutions = [found.runs["first"] for found in solved.values() if found.runs]
     cannot = {choice.name: choice.cannot for choice in choices if choice.cannot}
-    for choice in choices:
-        if choice.cannot:
-            continue
-        try:
-            runs = _solve_runs(request, choice, comm)
-        except FidelityError as error:
-            cannot[choice.name] = str(error)
-            continue
-        if "first" in runs:
-            solutions.append(runs["first"])
-            efforts[choice.name] = {
-                name: summarise_effort(run.effort) for name, run in runs.items()
-            }
-            print_variant(choice.name, efforts[choice.name])
-    if comm.rank != 0:
-        return None, {}
+    cannot |= {name: found.cannot for name, found in solved.items() if found.cannot}
     asked = sum(not choice.unasked for choice in choices)
     if len(solutions) < min(2, asked):
         reasons = "; ".join(f"{name} cannot: {why}" for name, why in cannot.items())
@@ -245,22 +283,27 @@ def _solve_all(
     )
     own = load_scene(path, variant=solutions[0].choice.variant, overrides=request.scene.overrides)
     missing = name_uncompared(own) if request.fidelities else ()
-    return dataclasses.replace(comparison, not_compared=missing), efforts
+    return dataclasses.replace(comparison, not_compared=missing)
 
 
-def _solve_runs(
-    request: CompareRequest, choice: VariantChoice, comm: MPI.Comm
-) -> dict[str, VariantSolution]:
-    """The first model of a variant and the changed one after it; empty but on rank 0."""
+def _weigh(runs: Mapping[str, VariantSolution]) -> dict[str, EffortSummary]:
+    return {name: summarise_effort(run.effort) for name, run in runs.items()}
+
+
+def _solve_runs(request: CompareRequest, choice: VariantChoice, comm: MPI.Comm) -> _Solved:
+    """The models of a variant, or why there is none."""
     path = request.scene.path
-    with _store(cold=request.effort) as store:
-        runs = {"first": solve_variant(path, choice, pose=request.pose, comm=comm, store=store)}
-        if request.change:
-            changed = _change(choice, request.change, tuple(load_scene(path).variants))
-            runs["changed"] = solve_variant(
-                path, changed, pose=request.pose, comm=comm, store=store
-            )
-    return {name: run for name, run in runs.items() if run is not None}
+    try:
+        with _store(cold=request.effort) as store:
+            runs = {"first": solve_variant(path, choice, pose=request.pose, comm=comm, store=store)}
+            if request.change:
+                changed = _change(choice, request.change, tuple(load_scene(path).variants))
+                runs["changed"] = solve_variant(
+                    path, changed, pose=request.pose, comm=comm, store=store
+                )
+    except FidelityError as error:
+        return _Solved(cannot=str(error))
+    return _Solved({name: run for name, run in runs.items() if run is not None})
 
 
 @contextlib.contextmanager

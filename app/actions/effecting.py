@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
+from mpi4py import MPI
 
-from headstock.app.actions.running import select_analyses
+from headstock.app.actions.running import require_ranks, select_analyses
 from headstock.app.terminal.guard import DONE
 from headstock.app.terminal.progress import show_progress
 from headstock.pipeline.results.estimates import show_share
@@ -17,9 +18,10 @@ from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import Scene
+from headstock.solvers.ranks import make_on_root
+from headstock.studies.answers import UNITS, Change
 from headstock.studies.effects import (
-    UNITS,
-    Change,
     EffectTrial,
     rank_trials,
     summarise_trials,
@@ -80,36 +82,47 @@ class EffectsRequest:
     """What the command line asked for."""
 
     scene: SceneChoice
+    ranks: int | None = None
     json_file: Path | None = None
     origin: Provenance | None = None
 
 
-def effects_request(request: EffectsRequest) -> int:
-    """Try every effect of a scene and print them, those that matter most first.
+def effects_request(request: EffectsRequest, comm: MPI.Comm) -> int:
+    """Try every effect of a scene on all ranks and print them, those that matter most first.
 
     Raises:
         SceneError: The scene has problems.
         click.UsageError: An option does not fit.
         HeadstockError: The scene cannot be run as written.
     """
-    chosen = request.scene
-    if request.json_file is not None and not request.json_file.absolute().parent.is_dir():
-        raise click.UsageError(f"there is no folder {request.json_file.parent} for --json")
-    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
-    select_analyses(scene, chosen.analyses)
+    chosen, store = request.scene, Store(default_store_root())
+    require_ranks(request.ranks, comm)
+    scene = make_on_root(comm, lambda: _load(request))
+    if comm.rank > 0:
+        try_effects(chosen, store, comm=comm)
+        return make_on_root(comm, lambda: DONE)
     print(
         f"{scene.name}: each effect switched on or off, one at a time; processor seconds without meshing and reduction"
     )
     with show_progress() as progress:
-        trials = list(
-            try_effects(
-                chosen, Store(default_store_root()), announce=lambda text: progress.begin(text, 0.0)
-            )
+        trials = try_effects(
+            chosen, store, comm=comm, announce=lambda text: progress.begin(text, 0.0)
         )
-    ranked = rank_trials(trials)
+    return make_on_root(comm, lambda: _publish(request, scene.name, rank_trials(trials)))
+
+
+def _load(request: EffectsRequest) -> Scene:
+    if request.json_file is not None and not request.json_file.absolute().parent.is_dir():
+        raise click.UsageError(f"there is no folder {request.json_file.parent} for --json")
+    chosen = request.scene
+    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
+    return select_analyses(scene, chosen.analyses)
+
+
+def _publish(request: EffectsRequest, name: str, ranked: Sequence[EffectTrial]) -> int:
     print_trials(ranked)
     if request.json_file is not None:
-        summary = summarise_trials(scene.name, ranked)
+        summary = summarise_trials(name, ranked)
         if request.origin is not None:
             summary["provenance"] = request.origin.summarise()
         write_output(request.json_file, dump_summary(summary).encode())

@@ -10,19 +10,22 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.pipeline.results.static import UM_PER_KN
 from headstock.pipeline.storage.json_texts import dump_summary
-from headstock.pipeline.storage.outputs import claim_output, write_output
+from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.keys import write_number
-from headstock.studies.identification.descent import StartRecord
+from headstock.solvers.ranks import make_on_root
+from headstock.studies.identification.descent import StartRecord, fit
 from headstock.studies.identification.files import (
     OVERRIDES_FILE,
     RECORD_FILE,
+    IdentificationSummary,
     render_overrides,
     summarise_identification,
 )
@@ -30,7 +33,7 @@ from headstock.studies.identification.identification import (
     FittedParameter,
     Identification,
     TargetOutcome,
-    identify,
+    assess_starts,
     prepare_problem,
 )
 from headstock.studies.identification.problem import FitProblem
@@ -175,43 +178,80 @@ class IdentifyRequest:
     targets: Path
     output: Path | None = None
     starts: int | None = None
+    ranks: int | None = None
     json_file: Path | None = None
 
 
-def identify_scene(request: IdentifyRequest, origin: Provenance | None = None) -> int:
-    """Fit a scene to a target file, print what came out and write it; the scene is never touched.
+def identify_request(
+    request: IdentifyRequest, comm: MPI.Comm, origin: Provenance | None = None
+) -> int:
+    """Fit a scene to a target file on all ranks, print what came out and write it; the scene is
+    never touched.
+
+    Args:
+        request: Of the command line.
+        comm: Of all ranks.
+        origin: Where the results come from.
 
     Raises:
         SceneError: The scene or the target file has problems.
+        click.UsageError: ``--ranks`` does not fit.
         HeadstockError: A computation failed.
     """
     begin = time.perf_counter()
+    require_ranks(request.ranks, comm)
     chosen = request.scene
-    loaded = load_targets(
-        request.targets, chosen.path, overrides=chosen.overrides, starts=request.starts
+    loaded = make_on_root(
+        comm,
+        lambda: load_targets(
+            request.targets, chosen.path, overrides=chosen.overrides, starts=request.starts
+        ),
     )
     output = request.output or Path("results") / f"{request.scene.path.stem}-{request.targets.stem}"
-    with claim_output(output, (OVERRIDES_FILE, RECORD_FILE)):
-        print_task(loaded.task)
-        problem = prepare_problem(loaded, Store(default_store_root()), MPI.COMM_SELF)
-        print_cost(problem)
-        found = identify(problem, loaded.task.name, print_start)
-        summary = summarise_identification(found)
-        summary["seconds"] = time.perf_counter() - begin
-        if origin is not None:
-            summary["provenance"] = origin.summarise()
-        command = _command(
-            request,
-            loaded.task.settings.starts,
-            with_folders=origin is None or origin.command is not None,
-        )
-        written = load_scene(request.scene.path, overrides=request.scene.overrides)
-        write_output(output / OVERRIDES_FILE, render_overrides(found, written, command).encode())
-        write_output(output / RECORD_FILE, dump_summary(summary).encode())
-        if request.json_file is not None:
-            write_output(request.json_file, dump_summary(summary).encode())
-        print_identification(found, output)
-    return DONE if found.converged else FAILED
+    with claim_on_root(comm, output, (OVERRIDES_FILE, RECORD_FILE)):
+        if comm.rank == 0:
+            print_task(loaded.task)
+        problem = prepare_problem(loaded, Store(default_store_root()), comm)
+        if comm.rank == 0:
+            print_cost(problem)
+        starts = fit(problem, print_start, comm=comm)
+
+        def publish() -> int:
+            found = assess_starts(problem, loaded.task.name, starts)
+            summary = summarise_identification(found)
+            summary["seconds"] = time.perf_counter() - begin
+            _publish(request, found, summary, output, origin)
+            print_identification(found, output)
+            return DONE if found.converged else FAILED
+
+        return make_on_root(comm, publish)
+
+
+def _publish(
+    request: IdentifyRequest,
+    found: Identification,
+    summary: IdentificationSummary,
+    output: Path,
+    origin: Provenance | None,
+) -> None:
+    """Write every file of a fit.
+
+    Args:
+        request: Of the command line.
+        found: By the fit.
+        summary: Of it.
+        output: Folder for the files.
+        origin: Where the results come from.
+    """
+    if origin is not None:
+        summary["provenance"] = origin.summarise()
+    with_folders = origin is None or origin.command is not None
+    command = _command(request, found.problem.settings.starts, with_folders=with_folders)
+    written = load_scene(request.scene.path, overrides=request.scene.overrides)
+    write_output(output / OVERRIDES_FILE, render_overrides(found, written, command).encode())
+    write_output(output / RECORD_FILE, dump_summary(summary).encode())
+    if request.json_file is not None:
+        write_output(request.json_file, dump_summary(summary).encode())
 
 
 def _command(request: IdentifyRequest, starts: int, *, with_folders: bool) -> str:

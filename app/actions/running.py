@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import time
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,12 +11,13 @@ import click
 from mpi4py import MPI
 
 from headstock.app.actions.publishing import PARTS, publish_run
-from headstock.app.terminal.console import print_remarks
+from headstock.app.terminal.console import counted, print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.progress import show_progress
 from headstock.app.terminal.summary import print_header, print_stage, print_summary
 from headstock.geometry.parts.components import Fidelity
 from headstock.geometry.parts.solids import MeshFile, StepFile
+from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.results.answers import find_answers
 from headstock.pipeline.results.files import REPORT_FILE, RESULTS_FILE, SUMMARY_FILE
@@ -32,7 +34,8 @@ from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene, deforming_parts, keep_analyses, list_analyses
-from headstock.solvers.ranks import make_on_root, share_from_root
+from headstock.solvers.ranks import find_node, make_on_root, share_from_root
+from headstock.solvers.shared_work import free_cores
 
 DRAWING_SECONDS = 4.0
 
@@ -71,15 +74,8 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
     scene = make_on_root(comm, lambda: _load(request))
     parts = filter(None, [scene.path.stem, request.scene.variant, request.fidelity])
     output = request.output or Path("results") / "-".join(parts)
-    with contextlib.ExitStack() as claims:
-        make_on_root(
-            comm,
-            lambda: claims.enter_context(
-                claim_output(
-                    output, (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE), (*PARTS, VOLUME_FOLDER)
-                )
-            ),
-        )
+    files = (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE)
+    with claim_on_root(comm, output, files, (*PARTS, VOLUME_FOLDER)):
         said = free_motion_warnings(scene) if comm.rank == 0 else ()
         if comm.rank == 0:
             print_header(scene, ranks=comm.size)
@@ -153,8 +149,29 @@ def _set_fidelity(chosen: SceneChoice, names: list[str], fidelity: Fidelity) -> 
     return dataclasses.replace(chosen, overrides=(*chosen.overrides, *settings))
 
 
+@contextlib.contextmanager
+def claim_on_root(
+    comm: MPI.Comm, folder: Path, names: Iterable[str] = (), parts: Iterable[str] = ()
+) -> Iterator[None]:
+    """Keep other runs out of an output folder while the body runs; collective.
+
+    Args:
+        comm: Of all ranks.
+        folder: To write into.
+        names: Of files that will be written there whatever is computed.
+        parts: Names of the folders in it that may be written into.
+
+    Raises:
+        OutputError: It is not to be had, as ``claim_output`` says; on several ranks the cause of a
+            ``SharedFailure``.
+    """
+    with contextlib.ExitStack() as claims:
+        make_on_root(comm, lambda: claims.enter_context(claim_output(folder, names, parts)))
+        yield
+
+
 def require_ranks(ranks: int | None, comm: MPI.Comm) -> None:
-    """Refuse a number of ranks that nobody started.
+    """Refuse a number of ranks that nobody started; say what more ranks than free cores cost.
 
     Raises:
         click.UsageError: The job has another number of ranks.
@@ -163,6 +180,19 @@ def require_ranks(ranks: int | None, comm: MPI.Comm) -> None:
         raise click.UsageError(
             f"--ranks {ranks} was asked for and {comm.size} run; start through ./headstock, which starts the ranks"
         )
+    if comm.size == 1:
+        return
+    here, cores = find_node(comm).ranks, free_cores()
+    if comm.rank == 0 and here > cores:
+        print_remarks([describe_crowd(here, cores)])
+
+
+def describe_crowd(ranks: int, cores: int) -> str:
+    """What it costs that there are more ranks on a node than it has free cores."""
+    return (
+        f"{ranks} ranks on {counted(cores, 'free core')} take turns: what is dealt out takes as long as on "
+        f"{counted(cores, 'rank')}, a part that is split several times as long, and each rank holds {BASE_MB:.0f} MB and more"
+    )
 
 
 def select_analyses(scene: Scene, names: tuple[str, ...]) -> Scene:

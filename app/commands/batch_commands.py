@@ -340,6 +340,7 @@ def identify(
         ),
     ] = None,
     set_: Overrides = None,
+    ranks: Ranks = None,
     no_host: NoHost = False,
     json: JsonFile = None,
     debug: Debug = False,
@@ -348,14 +349,19 @@ def identify(
     not changed.
     """
 
-    def action() -> int:
-        from headstock.app.actions.identifying import IdentifyRequest, identify_scene
+    def action(comm: "MPI.Comm") -> int:
+        from headstock.app.actions.identifying import IdentifyRequest, identify_request
 
         chosen = choose_scene(scene, None, set_)
-        origin = trace_command(chosen, with_host=not no_host)
+        origin = trace_command(chosen, ranks=comm.size, with_host=not no_host)
         request = IdentifyRequest(
-            scene=chosen, targets=targets, output=output, starts=starts, json_file=json
+            scene=chosen,
+            targets=targets,
+            output=output,
+            starts=starts,
+            ranks=ranks,
+            json_file=json,
         )
-        return identify_scene(request, origin)
+        return identify_request(request, comm, origin)
 
     return run_guarded(action, debug=debug)

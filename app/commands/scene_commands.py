@@ -157,18 +157,20 @@ def effects(
     variant: Variant = None,
     analysis: Names = None,
     set_: Overrides = None,
+    ranks: Ranks = None,
     no_host: NoHost = False,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
     """Switch each effect of a scene on or off: the change of every result, and the time."""
 
-    def action() -> int:
+    def action(comm: "MPI.Comm") -> int:
         from headstock.app.actions.effecting import EffectsRequest, effects_request
 
         chosen = choose_scene(scene, variant, set_, analysis)
-        origin = trace_command(chosen, with_host=not no_host)
-        return effects_request(EffectsRequest(scene=chosen, json_file=json, origin=origin))
+        origin = trace_command(chosen, ranks=comm.size, with_host=not no_host)
+        request = EffectsRequest(scene=chosen, ranks=ranks, json_file=json, origin=origin)
+        return effects_request(request, comm)
 
     return run_guarded(action, debug=debug)
 

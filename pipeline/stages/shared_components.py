@@ -1,10 +1,10 @@
-"""Superelements of all components: those that are not in the store are dealt out to the ranks, each
-is meshed and reduced on one.
+"""Superelements of all components, of one run or of many: those that are not in the store are dealt
+out to the ranks, each is meshed and reduced on one.
 """
 
 import importlib
 import os
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 from mpi4py import MPI
@@ -83,7 +83,7 @@ def make_superelements(
         for stage in state.plan.stages
         if stage.component is not None and (only is None or stage.component in only)
     ]
-    done = _share_components(state, stages, announce) if state.comm.size > 1 else {}
+    done = _share_components([state], [stages], announce) if state.comm.size > 1 else {}
     for stage in stages:
         run_stage(
             state,
@@ -100,23 +100,68 @@ def make_superelements(
     }
 
 
-def _share_components(
-    state: RunState, stages: list[Stage], announce: Announcer
-) -> dict[Stage, StageRecord]:
-    """Reduce what is not in the store; records of the stages on rank 0."""
-    node, node_mb = find_node(state.comm), node_memory_bytes() / 1e6
-    held = RanksOnNodes(
-        state.comm.size,
-        state.comm.allreduce(node.ranks, op=MPI.MAX),
-        state.comm.allreduce(node_mb, op=MPI.MIN),
+def prepare_components(states: Sequence[RunState]) -> None:
+    """Put the superelements of many runs into the store, equal ones once; collective.
+
+    Args:
+        states: The same runs on every rank, at least one.
+
+    Raises:
+        HeadstockError: A component cannot be meshed or reduced; on several ranks the cause of a
+            ``SharedFailure``.
+    """
+    stages = [
+        [stage for stage in state.plan.stages if stage.component is not None] for state in states
+    ]
+    _share_components(states, stages, lambda stage: None)
+    for state in states:
+        large = {str(stage.component) for stage in state.plan.stages if _is_split(stage)}
+        if large:
+            make_superelements(state, only=large)
+
+
+def expect_job(stages: Sequence[Stage]) -> Job:
+    """What stages that one rank runs will cost."""
+    return Job(
+        sum(stage.estimated_seconds or 0.0 for stage in stages),
+        max((stage.estimated_memory_mb or 0.0 for stage in stages), default=0.0),
     )
-    names = make_on_root(state.comm, lambda: _list_dealt(state, stages, held))
-    if names:
+
+
+@dataclass(frozen=True)
+class _Dealt:
+    """A component that one rank reduces: the number of its run, and its name there."""
+
+    run: int
+    name: str
+
+
+def _share_components(
+    states: Sequence[RunState], stages: Sequence[list[Stage]], announce: Announcer
+) -> dict[Stage, StageRecord]:
+    """Reduce what is not in the store; records of the stages on rank 0.
+
+    Args:
+        states: Of each run; what the store did not keep is added to them.
+        stages: Of the components of each run.
+        announce: Called with each stage before it begins.
+    """
+    first = states[0]
+    node, node_mb = find_node(first.comm), node_memory_bytes() / 1e6
+    held = RanksOnNodes(
+        first.comm.size,
+        first.comm.allreduce(node.ranks, op=MPI.MAX),
+        first.comm.allreduce(node_mb, op=MPI.MIN),
+    )
+    dealt = make_on_root(first.comm, lambda: _list_dealt(states, stages, held))
+    if dealt:
         # PETSc starts on all ranks together
         importlib.import_module(ELASTIC_MODULE)
-    by_name = {name: [stage for stage in stages if stage.component == name] for name in names}
+    by_job = [[stage for stage in stages[one.run] if stage.component == one.name] for one in dealt]
 
     def reduce_one(number: int, settle: Callable[[], None]) -> SharedComponent:
+        one = dealt[number]
+        state = states[one.run]
         alone = RunState(state.scene, state.plan, MPI.COMM_SELF, state.store)
         records: list[StageRecord] = []
 
@@ -124,7 +169,7 @@ def _share_components(
             settle()
             announce(stage)
 
-        for stage in by_name[names[number]]:
+        for stage in by_job[number]:
             run_stage(
                 alone,
                 stage,
@@ -132,53 +177,58 @@ def _share_components(
                 announce=begin,
                 observer=records.append,
             )
-        reduced = alone.reduced[names[number]]
-        request = stored_request(alone, state.plan.components[names[number]])
+        reduced = alone.reduced[one.name]
+        request = stored_request(alone, state.plan.components[one.name])
         stored = not state.is_root and serving_keys(state.store, request)
         return SharedComponent(tuple(records), tuple(alone.warnings), None if stored else reduced)
 
     shared = share_work(
-        state.comm,
-        [_expect(by_name[name]) for name in names],
+        first.comm,
+        [expect_job(each) for each in by_job],
         reduce_one,
-        folder=state.store.root,
+        folder=first.store.root,
         memory_mb=node_mb,
         idle_mb=BASE_MB,
     )
-    for name, made in zip(names, shared, strict=False):  # none on other ranks
+    for one, made in zip(dealt, shared, strict=False):  # none on other ranks
+        state = states[one.run]
         for message in made.warnings:
             state.warn(message)
         if made.reduced is not None:
-            component = state.plan.components[name]
+            component = state.plan.components[one.name]
             state.read[stored_request(state, component)] = made.reduced
     return {record.stage: record for made in shared for record in made.records}
 
 
-def _list_dealt(state: RunState, stages: list[Stage], held: RanksOnNodes) -> list[str]:
+def _list_dealt(
+    states: Sequence[RunState], stages: Sequence[list[Stage]], held: RanksOnNodes
+) -> list[_Dealt]:
     """Elastic components to reduce on one rank, of equal ones the first; those to be split are left
     out.
 
     Raises:
         BudgetError: A component that is not in the store does not fit on a node.
     """
-    missing: dict[StoredRequest, str] = {}
-    reduced = [stage for stage in stages if stage.kind == "reduce"]
-    for stage in reduced:
-        component = state.plan.components[str(stage.component)]
-        if not load_reduced(state, component):
-            missing.setdefault(stored_request(state, component), component.name)
-    check_memory(
-        [stage for stage in stages if stage.component in missing.values()],
-        state.scene.limits.memory_bytes,
-        held=held,
-        split_dofs=SPLIT_DOFS,
-    )
-    small = {stage.component for stage in reduced if (stage.estimated_dofs or 0) <= SPLIT_DOFS}
-    return [name for name in missing.values() if name in small]
+    missing: dict[StoredRequest, _Dealt] = {}
+    small: set[_Dealt] = set()
+    for run, (state, of_run) in enumerate(zip(states, stages, strict=True)):
+        for stage in of_run:
+            if stage.kind != "reduce":
+                continue
+            component = state.plan.components[str(stage.component)]
+            if not load_reduced(state, component):
+                missing.setdefault(stored_request(state, component), _Dealt(run, component.name))
+            if not _is_split(stage):
+                small.add(_Dealt(run, component.name))
+        check_memory(
+            [stage for stage in of_run if _Dealt(run, str(stage.component)) in missing.values()],
+            state.scene.limits.memory_bytes,
+            held=held,
+            split_dofs=SPLIT_DOFS,
+        )
+    return [one for one in missing.values() if one in small]
 
 
-def _expect(stages: list[Stage]) -> Job:
-    return Job(
-        sum(stage.estimated_seconds or 0.0 for stage in stages),
-        max(stage.estimated_memory_mb or 0.0 for stage in stages),
-    )
+def _is_split(stage: Stage) -> bool:
+    """Whether a component is reduced on all ranks together."""
+    return stage.kind == "reduce" and (stage.estimated_dofs or 0) > SPLIT_DOFS

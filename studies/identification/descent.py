@@ -8,18 +8,24 @@ there is tried on the machine itself.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from mpi4py import MPI
 from scipy.optimize import least_squares
 from scipy.stats import norm, qmc
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.planning.node_memory import node_memory_bytes
+from headstock.pipeline.storage.store import default_store_root
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.linear.mode_pairing import match_frequencies
+from headstock.solvers.ranks import make_on_root
+from headstock.solvers.shared_work import Job, share_work
 from headstock.studies.identification.problem import (
+    FitPlace,
     FitPoint,
     FitProblem,
     Pairing,
@@ -168,7 +174,7 @@ class StartRecord:
 
     Attributes:
         start: Coordinates it began at ``(p,)``.
-        end: Where it ended; None where the start could not be computed.
+        end: Where it ended, when it has ended without the states there; None where the start could not be computed.
         evaluations: Of the model.
         refused: Evaluations at values with which the machine could not be computed.
         exchanges: How often another pairing of targets and modes led to a better end.
@@ -177,7 +183,7 @@ class StartRecord:
     """
 
     start: FloatArray
-    end: FitPoint | None
+    end: FitPlace | None
     evaluations: int
     refused: int
     exchanges: int
@@ -197,6 +203,7 @@ class _Descent:
     Attributes:
         problem: To be solved.
         follow: Follow modes from step to step, else pair them anew at each.
+        settle: Called before each evaluation.
         anchor: Point from which modes are followed.
         latest: Point computed last.
         count: Evaluations.
@@ -205,6 +212,7 @@ class _Descent:
 
     problem: FitProblem
     follow: bool
+    settle: Callable[[], None]
     anchor: FitPoint | None = None
     latest: FitPoint | None = None
     count: int = 0
@@ -212,6 +220,7 @@ class _Descent:
 
     def residuals(self, coordinates: FloatArray) -> FloatArray:
         self.count += 1
+        self.settle()
         known = self.latest
         try:
             self.latest = evaluate(self.problem, coordinates, self.anchor)
@@ -241,26 +250,43 @@ class _Descent:
 
 
 def fit(
-    problem: FitProblem, observer: Callable[[StartRecord], None] = lambda record: None
+    problem: FitProblem,
+    observer: Callable[[StartRecord], None] = lambda record: None,
+    *,
+    comm: MPI.Comm = MPI.COMM_SELF,
 ) -> tuple[StartRecord, ...]:
-    """Run every start.
+    """Run every start, each on one rank; collective.
 
     Args:
-        problem: To be solved.
-        observer: Called with each start as it ends.
+        problem: To be solved; the same on every rank.
+        observer: Called on rank 0 with each start as it ends.
+        comm: Ranks that share the starts.
+
+    Returns:
+        One record per start, in order; empty on other ranks.
 
     Raises:
-        ConvergenceError: No start could be computed.
+        ConvergenceError: No start could be computed; on several ranks the cause of a
+            ``SharedFailure``.
     """
-    records: list[StartRecord] = []
-    for start in spread_starts(problem):
-        records.append(_run_start(problem, start))
-        observer(records[-1])
+    starts = spread_starts(problem)
+    records = share_work(
+        comm,
+        [Job()] * len(starts),
+        lambda number, settle: _run_start(problem, starts[number], settle),
+        folder=default_store_root(),
+        memory_mb=node_memory_bytes() / 1e6,
+        observer=lambda number, record: observer(record),
+    )
+    make_on_root(comm, lambda: _require_end(records))
+    return tuple(records)
+
+
+def _require_end(records: list[StartRecord]) -> None:
     if all(record.end is None for record in records):
         raise ConvergenceError(
             f"none of {len(records)} start(s) could be computed: {records[0].reason}"
         )
-    return tuple(records)
 
 
 def spread_starts(problem: FitProblem) -> list[FloatArray]:
@@ -291,20 +317,20 @@ def spread_starts(problem: FitProblem) -> list[FloatArray]:
     return starts
 
 
-def _run_start(problem: FitProblem, start: FloatArray) -> StartRecord:
+def _run_start(problem: FitProblem, start: FloatArray, settle: Callable[[], None]) -> StartRecord:
     """One start: down to the nearest minimum, then on wherever another pairing of modes leads to a
     lower one.
     """
     try:
-        record = _descend(problem, start, None)
+        record = _descend(problem, start, None, settle)
     except HeadstockError as error:
         return StartRecord(start, None, 1, 0, 0, converged=False, reason=str(error))
     for _ in range(ROUNDS if problem.settings.pairing == "best" else 0):
-        trial = _try_exchanges(problem, record)
+        trial = _try_exchanges(problem, record, settle)
         record = _count(record, trial)
         if trial.better is None:
             break
-    return record
+    return replace(record, end=record.end.place) if isinstance(record.end, FitPoint) else record
 
 
 class _Trial(NamedTuple):
@@ -317,10 +343,10 @@ class _Trial(NamedTuple):
     refused: int
 
 
-def _try_exchanges(problem: FitProblem, record: StartRecord) -> _Trial:
+def _try_exchanges(problem: FitProblem, record: StartRecord, settle: Callable[[], None]) -> _Trial:
     tried = refused = 0
     point = record.end
-    if point is None:
+    if not isinstance(point, FitPoint):
         return _Trial(None, 0, 0)
     for pairings in propose_exchanges(problem, point):
         try:
@@ -328,6 +354,7 @@ def _try_exchanges(problem: FitProblem, record: StartRecord) -> _Trial:
                 problem,
                 point.coordinates,
                 exchange_modes(problem, point, pairings),
+                settle,
                 at_most=TRIAL_STEPS,
             )
         except HeadstockError:
@@ -335,7 +362,7 @@ def _try_exchanges(problem: FitProblem, record: StartRecord) -> _Trial:
             continue
         tried, refused = tried + followed.evaluations, refused + followed.refused
         if followed.end is not None and followed.cost < WORTHWHILE * record.cost:
-            found = _descend(problem, followed.end.coordinates, None)
+            found = _descend(problem, followed.end.coordinates, None, settle)
             return _Trial(found, tried + found.evaluations, refused + found.refused)
     return _Trial(None, tried, refused)
 
@@ -355,11 +382,19 @@ def _count(before: StartRecord, trial: _Trial) -> StartRecord:
 
 
 def _descend(
-    problem: FitProblem, start: FloatArray, anchor: FitPoint | None, *, at_most: int | None = None
+    problem: FitProblem,
+    start: FloatArray,
+    anchor: FitPoint | None,
+    settle: Callable[[], None],
+    *,
+    at_most: int | None = None,
 ) -> StartRecord:
     """Least squares from one place; from an anchor on its modes are followed."""
     descent = _Descent(
-        problem, follow=anchor is not None or problem.settings.pairing == "track", anchor=anchor
+        problem,
+        follow=anchor is not None or problem.settings.pairing == "track",
+        settle=settle,
+        anchor=anchor,
     )
     found = least_squares(
         descent.residuals,

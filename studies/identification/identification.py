@@ -4,6 +4,7 @@ intervals.
 
 import dataclasses
 import functools
+import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -13,14 +14,16 @@ from mpi4py import MPI
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.run_state import RunState
-from headstock.pipeline.stages.shared_components import make_superelements
+from headstock.pipeline.stages.shared_components import make_superelements, prepare_components
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.superelement import Superelement
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.keys import write_number
 from headstock.scene.requests import ModalRequest
 from headstock.scene.scene import Scene
+from headstock.solvers.ranks import make_on_root
 from headstock.studies.identification.cases import make_case
 from headstock.studies.identification.descent import StartRecord, fit
 from headstock.studies.identification.key_laws import ParameterValueError
@@ -31,6 +34,8 @@ from headstock.studies.identification.problem import (
     compare_shape,
     compliance_gap,
     data_jacobian,
+    evaluate,
+    exchange_modes,
 )
 from headstock.studies.identification.statistics import FitStatistics, assess
 from headstock.studies.identification.target_files import LoadedTask
@@ -176,17 +181,34 @@ class Identification:
 
 
 def prepare_problem(loaded: LoadedTask, store: Store, comm: MPI.Comm) -> FitProblem:
-    """Reduce every component once and tie the scenes to the parameters.
+    """Reduce every component once and tie the scenes to the parameters; collective.
 
     Args:
-        loaded: A checked target file with its scenes.
+        loaded: A checked target file with its scenes; the same on every rank.
         store: Of superelements.
-        comm: Of one process.
+        comm: Ranks that share the components.
 
     Raises:
         SceneError: The scene cannot be built with the starts or at a bound.
-        HeadstockError: A component cannot be reduced.
+        HeadstockError: A component cannot be reduced; on several ranks the cause of a
+            ``SharedFailure``, as the other one.
     """
+    if comm.size > 1:
+        scenes = [_with_modes(scene, loaded.task.cases) for scene in loaded.scenes.values()]
+        plans = make_on_root(comm, lambda: [plan_scene(scene) for scene in scenes])
+        if any(stage.kind == "reduce" for plan in plans for stage in plan.stages):
+            # PETSc starts on all ranks together; a fit may mesh components anew on any of them
+            importlib.import_module(ELASTIC_MODULE)
+        states = [
+            RunState(scene, plan, comm, store) for scene, plan in zip(scenes, plans, strict=True)
+        ]
+        prepare_components(states)
+    return make_on_root(comm, lambda: _tie_scenes(loaded, store))
+
+
+def _tie_scenes(loaded: LoadedTask, store: Store) -> FitProblem:
+    """Tie the scenes to the parameters, in one process."""
+    comm = MPI.COMM_SELF
     scenes: dict[str | None, ParametricScene] = {}
     cases = []
     for case in loaded.task.cases:
@@ -221,11 +243,24 @@ def identify(
     Raises:
         ConvergenceError: No start could be computed.
     """
-    starts = fit(problem, observer)
+    return assess_starts(problem, name, fit(problem, observer))
+
+
+def assess_starts(
+    problem: FitProblem, name: str, starts: tuple[StartRecord, ...]
+) -> Identification:
+    """What is known of the parameters at the best end of all starts.
+
+    Args:
+        problem: Prepared cases and parameters.
+        name: For reports.
+        starts: How each start ended, at least one with an end.
+    """
     best = int(np.argmin([record.cost for record in starts]))
-    point = starts[best].end
-    if point is None:
+    end = starts[best].end
+    if end is None:
         raise AssertionError("a fit ended without a point and without saying why")
+    point = exchange_modes(problem, evaluate(problem, end.coordinates), end.pairings)
     _, prior_sigmas = problem.priors
     statistics = assess(
         [parameter.name for parameter in problem.parameters],

@@ -288,22 +288,36 @@ class FitProblem:
 
 
 @dataclass(frozen=True, eq=False)
-class FitPoint:
-    """A fit at one place of its coordinates.
+class FitPlace:
+    """Where a fit stands.
 
     Attributes:
         coordinates: Where ``(p,)``.
-        states: Of each case.
         pairings: Of each case.
-        residuals: Of the data ``(r,)``.
         cost: Half the sum of squares of data and priors.
     """
 
     coordinates: FloatArray
-    states: tuple[CaseState, ...]
     pairings: tuple[Pairing, ...]
-    residuals: FloatArray
     cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class FitPoint(FitPlace):
+    """A fit at one place of its coordinates.
+
+    Attributes:
+        states: Of each case.
+        residuals: Of the data ``(r,)``.
+    """
+
+    states: tuple[CaseState, ...]
+    residuals: FloatArray
+
+    @property
+    def place(self) -> FitPlace:
+        """The point without what is computed there: some numbers instead of many megabytes."""
+        return FitPlace(self.coordinates, self.pairings, self.cost)
 
 
 def evaluate(
@@ -374,11 +388,11 @@ def _make_point(
     )
     priors = prior_residuals(problem, coordinates)
     return FitPoint(
-        coordinates,
-        states,
-        pairings,
-        residuals,
-        0.5 * float(residuals @ residuals + priors @ priors),
+        coordinates=coordinates,
+        pairings=pairings,
+        cost=0.5 * float(residuals @ residuals + priors @ priors),
+        states=states,
+        residuals=residuals,
     )
 
 

@@ -24,6 +24,7 @@ from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.run_state import Announcer
+from headstock.pipeline.stages.shared_components import expect_job
 from headstock.pipeline.storage.content_keys import (
     PACKAGES,
     REDUCTION_LIBRARIES,
@@ -260,13 +261,7 @@ def _expect_point(job: StudyJob, point: StudyPoint) -> tuple[Job, bool]:
         stages = plan_scene(_load_point(job, point)).stages
     except (HeadstockError, SceneError):
         return Job(), False  # the point says so itself
-    return (
-        Job(
-            sum(stage.estimated_seconds or 0.0 for stage in stages),
-            max((stage.estimated_memory_mb or 0.0 for stage in stages), default=0.0),
-        ),
-        any(stage.kind == "reduce" for stage in stages),
-    )
+    return expect_job(stages), any(stage.kind == "reduce" for stage in stages)
 
 
 def point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:

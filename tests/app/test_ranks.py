@@ -1,7 +1,6 @@
 """Several ranks give what one gives, and one failing rank ends them all."""
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -11,6 +10,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+
+from common import run_on_ranks
 
 SCENE = """
 name = "A column on springs"
@@ -53,29 +54,6 @@ def fail_on_one_rank(*arguments, **options):
 elastic.assemble_elasticity = fail_on_one_rank
 sys.exit(main(sys.argv[1:]))
 """
-
-
-def run_on_ranks(ranks: int, folder: Path, *program: str) -> subprocess.CompletedProcess[str]:
-    mpirun = shutil.which("mpirun")
-    assert mpirun is not None
-    variables = {
-        **os.environ,
-        "HEADSTOCK_STORE": str(folder / f"store{ranks}"),
-        "OMP_NUM_THREADS": "1",
-        "HEADSTOCK_THREADS": "1",  # the core of a sleeping rank would change the last digits
-    }
-    command = [
-        mpirun,
-        "--oversubscribe",
-        "--bind-to",
-        "none",
-        "-n",
-        str(ranks),
-        sys.executable,
-        "-P",
-        *program,
-    ]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, env=variables)
 
 
 @pytest.fixture

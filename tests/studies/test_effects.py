@@ -12,14 +12,8 @@ from headstock.pipeline.results.estimates import show_share
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
-from headstock.studies.effects import (
-    Change,
-    EffectTrial,
-    compare_answers,
-    list_answers,
-    rank_trials,
-    try_effects,
-)
+from headstock.studies.answers import Change, compare_answers, list_answers
+from headstock.studies.effects import EffectTrial, rank_trials, try_effects
 
 SCENE = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"
 EMPTY = sketch(RunSummary, {"modal": [], "static": {}})
