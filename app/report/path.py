@@ -113,7 +113,12 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
         spans.append((max(0.0, begin - BEFORE * ramp), min(last, end + AFTER * ramp)))
     room = WIDTH - LEFT - RIGHT - 2 * LEFT
     left, parts = float(LEFT), []
-    for number, (span, share) in enumerate(zip(spans, SHARES, strict=True)):
+    words = (
+        ("deviation", TOTAL),
+        ("quasi-static, with low-frequency response", QUASI_STATIC),
+        ("residual vibration", RESIDUAL),
+    )
+    for number, (span, share, (word, color)) in enumerate(zip(spans, SHARES, words, strict=True)):
         panel = _Panel(
             left,
             top + TITLE,
@@ -129,6 +134,9 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
                 (f"{run.name} [{UNITS[unit]}]", "accelerating", "decelerating")[number],
             )
         )
+        # a line of the legend beside each heading
+        beside = panel.x + (95 if number else 150)
+        parts.append(svg.text(beside, panel.y - 10, word, size=10.5, color=color))
         parts += [
             _shade(panel, begin, end)
             for begin, end in run.zones
@@ -142,13 +150,6 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
             _curve(panel, found.times, total, TOTAL, 1.3),
         ]
         left += panel.width + LEFT
-    words = (
-        ("deviation", TOTAL),
-        ("quasi-static, with low-frequency response", QUASI_STATIC),
-        ("residual vibration", RESIDUAL),
-    )
-    for place, (word, color) in zip((0, 70, 310), words, strict=True):
-        parts.append(svg.text(LEFT + 150 + place, top + TITLE - 10, word, size=10.5, color=color))
     return Markup("").join(parts)
 
 
