@@ -174,8 +174,12 @@ def _run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
         reduced = ReducedComponent(superelement, quality, skin)
         state.reduced[component.name] = reduced
         state.warn(_keep_superelement(state.store, stored_request(state, component), reduced))
-        split = f", split over {state.comm.size} ranks (MUMPS, ordered by PORD on one)"
-        return Outcome(detail=_describe(superelement) + (split if state.comm.size > 1 else ""))
+        split = ""
+        if state.comm.size > 1:
+            iterates = component.reduction.solver == "iterative"
+            way = "without factors" if iterates else "MUMPS, ordered by PORD on one"
+            split = f", split over {state.comm.size} ranks ({way})"
+        return Outcome(detail=_describe(superelement) + split)
 
     return make_on_root(state.comm, keep)
 
