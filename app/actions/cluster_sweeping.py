@@ -79,7 +79,7 @@ def sweep_on_slurm(
             checkout.
         SlurmError: Slurm refuses the job, or tasks ended without their poses.
     """
-    _require_cluster(comm)
+    require_cluster(comm.size)
     key = sweep_key(job.scene)
     with claim_output(job.folder, (SCRIPT_FILE,), (FOLDER,)):
         done = {
@@ -93,7 +93,7 @@ def sweep_on_slurm(
         )
         missing = list_missing(job.sweep, done, tasks)
         if missing:
-            submission = _find_waiting(job.folder, key) or _submit(
+            submission = find_waiting(job.folder, key) or _submit(
                 job, request, key, tuple(missing), fresh=not done
             )
             if not request.wait:
@@ -105,8 +105,13 @@ def sweep_on_slurm(
     return collect()
 
 
-def _require_cluster(comm: MPI.Comm) -> None:
-    if comm.size > 1:
+def require_cluster(ranks: int) -> None:
+    """Refuse to submit where that is not possible.
+
+    Raises:
+        click.UsageError: This is one of several ranks, or there is no launcher or no Slurm.
+    """
+    if ranks > 1:
         raise click.UsageError(
             "--on slurm submits from one process; start it through ./headstock, which leaves --ranks to the job"
         )
@@ -120,7 +125,12 @@ def _require_cluster(comm: MPI.Comm) -> None:
         raise click.UsageError(str(error)) from error
 
 
-def _find_waiting(folder: Path, key: str) -> Submission | None:
+def passed_environment() -> dict[str, str]:
+    """What a job script sets of the environment it is submitted from."""
+    return {name: os.environ[name] for name in WRITTEN_OUT if os.environ.get(name)}
+
+
+def find_waiting(folder: Path, key: str) -> Submission | None:
     """The array job submitted before, when it is still in the queue or runs."""
     submission = read_submission(folder, key)
     if submission is None or not is_waiting(read_states(submission.job)):
@@ -143,7 +153,7 @@ def _submit(
         request.options,
         request.arguments,
         Path.cwd(),
-        {name: os.environ[name] for name in WRITTEN_OUT if os.environ.get(name)},
+        passed_environment(),
     )
     try:
         text = render_script(array)

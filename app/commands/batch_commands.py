@@ -12,11 +12,18 @@ from headstock.app.commands.options import (
     Debug,
     JsonFile,
     NoHost,
+    NoWait,
+    On,
     Overrides,
+    Partition,
     Ranks,
+    Sbatch,
     SceneFile,
+    TimeLimit,
     Variant,
+    check_cluster,
     choose_scene,
+    on_cluster,
     read_percent,
     read_solid,
     split_list,
@@ -33,6 +40,7 @@ StudyFolder = Annotated[
 ]
 
 
+@on_cluster
 def study(
     scene: SceneFile,
     name: Annotated[str, typer.Argument(metavar="NAME", help="One of the scene's [studies.NAME].")],
@@ -84,6 +92,7 @@ def study(
     return run_guarded(action, debug=debug)
 
 
+@on_cluster
 def converge(
     scene: Annotated[
         Path, typer.Argument(metavar="FILE", help="Scene (.toml) or STEP part (.step, .stp).")
@@ -161,35 +170,15 @@ def sweep(
     set_: Overrides = None,
     ranks: Ranks = None,
     retry: Annotated[bool, typer.Option("--retry", help="Compute failed poses again.")] = False,
-    on: Annotated[
-        str | None,
-        typer.Option("--on", metavar="slurm", help="Compute in an array job of this cluster."),
-    ] = None,
+    on: On = None,
     tasks: Annotated[
         int | None,
         typer.Option("--tasks", metavar="N", min=1, max=1000, help="With --on: array tasks [4]."),
     ] = None,
-    partition: Annotated[
-        str | None, typer.Option("--partition", metavar="NAME", help="With --on: partition.")
-    ] = None,
-    time_limit: Annotated[
-        str | None,
-        typer.Option(
-            "--time", metavar="LIMIT", help="With --on: time limit per task, as in 0:30:00."
-        ),
-    ] = None,
-    sbatch: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--sbatch",
-            metavar="OPTION",
-            help="With --on: option of sbatch, as in --sbatch=--account=ours; repeatable.",
-        ),
-    ] = None,
-    no_wait: Annotated[
-        bool,
-        typer.Option("--no-wait", help="With --on: submit only; the same command again collects."),
-    ] = False,
+    partition: Partition = None,
+    time_limit: TimeLimit = None,
+    sbatch: Sbatch = None,
+    no_wait: NoWait = False,
     part: Annotated[
         str | None, typer.Option("--part", hidden=True, help="K/N: only this share of the poses.")
     ] = None,
@@ -201,12 +190,7 @@ def sweep(
     debug: Debug = False,
 ) -> int:
     """Repeat a scene's analyses in every pose of a sweep; a stopped sweep continues."""
-    if on not in (None, "slurm"):
-        raise click.UsageError(f"--on {on} is not known; write --on slurm")
-    if on is None and (tasks or partition or time_limit or sbatch or no_wait):
-        raise click.UsageError(
-            "--tasks, --partition, --time, --sbatch and --no-wait go with --on slurm"
-        )
+    check_cluster(on, tasks, partition, time_limit, sbatch, no_wait)
 
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.actions.sweeping import SweepRequest, parse_part, sweep_request
@@ -232,6 +216,7 @@ def sweep(
     return run_guarded(action, debug=debug)
 
 
+@on_cluster
 def compare(
     scene: SceneFile,
     variants: Annotated[
@@ -319,6 +304,7 @@ def compare(
     return run_guarded(action, debug=debug)
 
 
+@on_cluster
 def identify(
     scene: SceneFile,
     targets: Annotated[

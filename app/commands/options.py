@@ -1,13 +1,19 @@
 """Arguments and options that commands share, and how their texts are read."""
 
-from collections.abc import Mapping, Sequence
+import functools
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import click
 import typer
 
+from headstock.app.terminal.guard import run_guarded
+
 if TYPE_CHECKING:
+    from mpi4py import MPI
+
     from headstock.pipeline.storage.provenance import Provenance, SceneChoice
     from headstock.scene.scene import Scene
 
@@ -54,6 +60,93 @@ Names = Annotated[
     list[str] | None,
     typer.Option("--analysis", metavar="NAME", help="Run this analysis only; repeatable."),
 ]
+
+
+On = Annotated[
+    str | None,
+    typer.Option("--on", metavar="slurm", help="Compute in a job of this cluster."),
+]
+Partition = Annotated[
+    str | None, typer.Option("--partition", metavar="NAME", help="With --on: partition.")
+]
+TimeLimit = Annotated[
+    str | None,
+    typer.Option("--time", metavar="LIMIT", help="With --on: time limit per task, as in 0:30:00."),
+]
+Sbatch = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--sbatch",
+        metavar="OPTION",
+        help="With --on: option of sbatch, as in --sbatch=--account=ours; repeatable.",
+    ),
+]
+NoWait = Annotated[
+    bool,
+    typer.Option("--no-wait", help="With --on: submit only; the same command again collects."),
+]
+CLUSTER_OPTIONS = {
+    "on": (On, None),
+    "partition": (Partition, None),
+    "time_limit": (TimeLimit, None),
+    "sbatch": (Sbatch, None),
+    "no_wait": (NoWait, False),
+}
+
+
+def check_cluster(on: str | None, *others: object) -> None:
+    """Refuse an unknown cluster, and options of a cluster without one.
+
+    Raises:
+        click.UsageError: They do not fit.
+    """
+    if on not in (None, "slurm"):
+        raise click.UsageError(f"--on {on} is not known; write --on slurm")
+    if on is None and any(others):
+        raise click.UsageError(
+            "--tasks, --partition, --time, --sbatch and --no-wait go with --on slurm"
+        )
+
+
+def on_cluster(command: Callable[..., int]) -> Callable[..., int]:
+    """A command that may also be computed as one job of a cluster, with the options for it."""
+
+    @functools.wraps(command)
+    def with_cluster(
+        *,
+        on: str | None = None,
+        partition: str | None = None,
+        time_limit: str | None = None,
+        sbatch: list[str] | None = None,
+        no_wait: bool = False,
+        **arguments: object,
+    ) -> int:
+        check_cluster(on, partition, time_limit, sbatch, no_wait)
+        if on is None:
+            return command(**arguments)
+        ranks = arguments.get("ranks")
+        words = click.get_current_context().find_root().obj
+
+        def action(comm: "MPI.Comm") -> int:
+            from headstock.app.actions.cluster_commands import command_on_slurm
+            from headstock.studies.sweeps.slurm_jobs import SlurmOptions
+
+            count = ranks if isinstance(ranks, int) else 1
+            options = SlurmOptions(1, count, partition, time_limit, tuple(sbatch or ()))
+            return command_on_slurm(words, options, comm.size, wait=not no_wait)
+
+        return run_guarded(action, debug=bool(arguments.get("debug")))
+
+    signature = inspect.signature(command)
+    added = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+        for name, (kind, default) in CLUSTER_OPTIONS.items()
+    ]
+    # typer reads the options of a command from its signature
+    with_cluster.__signature__ = signature.replace(  # type: ignore[attr-defined]
+        parameters=[*signature.parameters.values(), *added]
+    )
+    return with_cluster
 
 
 def load_checked(scene: Path, variant: str | None, overrides: list[str] | None) -> "Scene":

@@ -19,6 +19,7 @@ from headstock.app.commands.options import (
     Variant,
     choose_scene,
     load_checked,
+    on_cluster,
     trace_command,
     write_json_file,
 )
@@ -80,6 +81,7 @@ def plan(
     return run_guarded(action, debug=debug)
 
 
+@on_cluster
 def run(
     scene: SceneFile,
     output: Annotated[
@@ -152,6 +154,7 @@ def run(
     return run_guarded(action, debug=debug)
 
 
+@on_cluster
 def effects(
     scene: SceneFile,
     variant: Variant = None,

@@ -1,12 +1,12 @@
-"""A sweep as an array job of Slurm: its script, what is on record of it, waiting for it, and which
-task lacks which poses.
+"""Commands as jobs of Slurm, a sweep as an array job: the script, what is on record of it, waiting
+for it, and which task lacks which poses.
 """
 
 import json
 import shlex
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -17,7 +17,9 @@ from headstock.studies.sweeps.slurm_tools import SlurmError, TaskState, read_sta
 
 SCRIPT_FILE = "sweep.sbatch"
 FOLDER = "slurm"
+COMMAND_FILE = "job.sbatch"
 SUBMISSION_FILE = "submission.json"
+CODE_FILE = "exit_code"
 LOG_PATTERN = "%A_%a.log"
 # what a job takes along of the environment it is submitted from; all else is written out in the
 # script
@@ -105,6 +107,27 @@ class Submission:
     submitted: tuple[int, ...]
 
 
+@dataclass(frozen=True, kw_only=True)
+class CommandJob:
+    """A command of which the whole is one task.
+
+    Attributes:
+        launcher: ``headstock`` of the checkout that submits.
+        words: Of the command line, without those for the cluster and the ranks.
+        folder: For script and log, absolute.
+        options: Of the cluster.
+        start_folder: Where the job starts.
+        environment: Variables that are set in the script.
+    """
+
+    launcher: Path
+    words: tuple[str, ...]
+    folder: Path
+    options: SlurmOptions
+    start_folder: Path
+    environment: Mapping[str, str]
+
+
 class ScriptValueError(ValueError):
     """A value has no place in a job script."""
 
@@ -117,23 +140,14 @@ def render_script(job: ArrayJob) -> str:
         ScriptValueError: A value holds a line end or another control character, or a path or a
             setting holds a quote: sbatch would take what follows for lines or options of its own.
     """
-    _check_values(job)
     options = job.options
-    log = f"{job.folder / FOLDER}".replace("\\", "\\\\").replace("%", "%%") + f"/{LOG_PATTERN}"
-    settings = [
-        f"--job-name=headstock-{job.sweep}",
-        f"--array=1-{options.tasks}",
-        "--nodes=1",
-        f"--ntasks={options.ranks}",
-        "--cpus-per-task=1",
-        f'--chdir="{job.start_folder}"',
-        f'--output="{log}"',
-        "--open-mode=append",
-        "--requeue",
-        f"--export={','.join(PASSED_ON)}",
-    ]
-    settings += [f"--partition={options.partition}"] if options.partition else []
-    settings += [f"--time={options.time_limit}"] if options.time_limit else []
+    _check_values(
+        {"the sweep's name": job.sweep, **_name_places(job.folder, job.start_folder)},
+        {"the scene": job.scene, "the launcher": job.launcher, "the sweep's key": job.key},
+        options,
+        job.arguments,
+        job.environment,
+    )
     words = [
         str(job.launcher),
         "sweep",
@@ -150,33 +164,112 @@ def render_script(job: ArrayJob) -> str:
             "#!/bin/sh",
             f"# Sweep {job.sweep} in {options.tasks} array tasks, each with a journal of its own in poses/. Task {COMPONENTS_TASK} only",
             "# reduces the components; it comes first. Written by `headstock sweep --on slurm`, which submits and collects.",
-            *(f"#SBATCH {setting}" for setting in (*settings, *options.extra)),
-            *(f"export {name}={shlex.quote(value)}" for name, value in sorted(exports.items())),
+            *_list_settings(
+                f"headstock-{job.sweep}",
+                f"1-{options.tasks}",
+                job.folder,
+                job.start_folder,
+                options,
+            ),
+            *_list_exports(exports),
             f'exec {shlex.join(words)} --part "$SLURM_ARRAY_TASK_ID/{options.tasks}"',
             "",
         ]
     )
 
 
-def _check_values(job: ArrayJob) -> None:
-    options = job.options
+def render_command(job: CommandJob) -> str:
+    """The job script of a command, which leaves the exit code beside it.
+
+    Raises:
+        ScriptValueError: As for an array job.
+    """
+    _check_values(
+        _name_places(job.folder, job.start_folder),
+        {"the launcher": job.launcher},
+        job.options,
+        job.words,
+        job.environment,
+    )
+    words = [str(job.launcher), *job.words, "--ranks", str(job.options.ranks)]
+    name = f"headstock-{job.words[0]}"
+    return "\n".join(
+        [
+            "#!/bin/sh",
+            f"# Written by `headstock {job.words[0]} --on slurm`, which submits, waits and shows the log.",
+            *_list_settings(name, "1", job.folder, job.start_folder, job.options),
+            *_list_exports(job.environment),
+            f"code=0; {shlex.join(words)} || code=$?",
+            f"echo $code >{shlex.quote(str(job.folder / FOLDER / CODE_FILE))}",
+            "exit $code",
+            "",
+        ]
+    )
+
+
+def _list_settings(
+    name: str, array: str, folder: Path, start_folder: Path, options: SlurmOptions
+) -> list[str]:
+    """Lines for sbatch.
+
+    Args:
+        name: Of the job.
+        array: Numbers of its tasks.
+        folder: Of the results, with one for the logs.
+        start_folder: Where the job starts.
+        options: Of the user.
+    """
+    log = f"{folder / FOLDER}".replace("\\", "\\\\").replace("%", "%%") + f"/{LOG_PATTERN}"
+    settings = [
+        f"--job-name={name}",
+        f"--array={array}",
+        "--nodes=1",
+        f"--ntasks={options.ranks}",
+        "--cpus-per-task=1",
+        f'--chdir="{start_folder}"',
+        f'--output="{log}"',
+        "--open-mode=append",
+        "--requeue",
+        f"--export={','.join(PASSED_ON)}",
+    ]
+    settings += [f"--partition={options.partition}"] if options.partition else []
+    settings += [f"--time={options.time_limit}"] if options.time_limit else []
+    return [f"#SBATCH {setting}" for setting in (*settings, *options.extra)]
+
+
+def _list_exports(variables: Mapping[str, str]) -> list[str]:
+    return [f"export {name}={shlex.quote(value)}" for name, value in sorted(variables.items())]
+
+
+def _name_places(folder: Path, start_folder: Path) -> dict[str, object]:
+    return {"the folder of results": folder, "the current folder": start_folder}
+
+
+def _check_values(
+    settings: Mapping[str, object],
+    words: Mapping[str, object],
+    options: SlurmOptions,
+    arguments: Sequence[str],
+    environment: Mapping[str, str],
+) -> None:
+    """Refuse what would add lines or options to a script.
+
+    Args:
+        settings: What stands in lines for sbatch, by what it is.
+        words: What is quoted for the shell, by what it is.
+        options: Of the user.
+        arguments: Further words of the command line, quoted for the shell.
+        environment: Variables that are set.
+    """
     settings = {
-        "the folder of results": job.folder,
-        "the current folder": job.start_folder,
-        "the sweep's name": job.sweep,
-    }
-    settings |= {"--partition": options.partition or "", "--time": options.time_limit or ""}
-    words = {
-        "the scene": job.scene,
-        "the launcher": job.launcher,
-        "the sweep's key": job.key,
-        **job.environment,
+        **settings,
+        "--partition": options.partition or "",
+        "--time": options.time_limit or "",
     }
     # quotes in these are the user's own, or are quoted for the shell
+    words = {**words, **environment}
     words |= {f"--sbatch {number}": option for number, option in enumerate(options.extra, 1)}
-    words |= {
-        f"argument {number} of the tasks": word for number, word in enumerate(job.arguments, 1)
-    }
+    words |= {f"argument {number} of the tasks": word for number, word in enumerate(arguments, 1)}
     for what, value in {**settings, **words}.items():
         text = str(value)
         if printable(text) != text:

@@ -1,4 +1,4 @@
-"""``sweep --on slurm`` with stand-ins for Slurm's programs: the file of a local sweep comes out,
+"""``--on slurm`` with stand-ins for Slurm's programs: the file of a local sweep comes out,
 faults are named.
 """
 
@@ -264,3 +264,32 @@ def test_a_launcher_killed_outside_leaves_neither_process_nor_folder(tmp_path: P
     while answers.exists():
         assert time.monotonic() < end
         time.sleep(0.01)
+
+
+def test_another_command_is_one_job_whose_output_and_exit_code_come_back(
+    slurm: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["run", str(SCENE), "--analysis", "static", "--no-figures", "-o", "far"]
+    assert main([*words, "--on", "slurm", "--ranks=2", "--no-wait"]) == 0
+    assert "scancel" in capfd.readouterr().out
+    calls = (slurm / "calls").read_text()
+    assert main([*words, "--on=slurm", "--ranks", "2"]) == 0
+    assert (slurm / "calls").read_text() == calls
+    said = capfd.readouterr().out
+    assert "2 ranks" in said and "results in far" in said
+    assert (tmp_path / "far" / "summary.json").is_file()
+    (script,) = (tmp_path / "results" / "slurm").glob("run-*/*.sbatch")
+    assert "#SBATCH --ntasks=2\n" in script.read_text()
+    # what fails says so here, too, and a job that was shown is forgotten
+    bad = ["run", str(SCENE), "--set", "materials.x.nu=2", "--on", "slurm"]
+    assert main(bad) == 2
+    assert "materials.x" in capfd.readouterr().out
+    (slurm / "bad").write_text("1")
+    assert main(bad) == 1
+    assert "ended without an exit code (1 cancelled)" in capfd.readouterr().err
+
+
+def test_options_of_a_cluster_without_one_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["compare", str(SCENE), "--partition", "long"]) == 2
+    assert "go with --on slurm" in capsys.readouterr().err
