@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 from mpi4py import MPI
 
-from headstock.app.actions.cluster_sweeping import ClusterRequest, sweep_on_slurm
+from headstock.app.actions.cluster_jobs import ClusterRequest, sweep_on_slurm
 from headstock.app.actions.running import require_ranks
 from headstock.app.charts.sweep import draw_sweep
 from headstock.app.report.pages import render_sweep

@@ -128,7 +128,7 @@ def on_cluster(command: Callable[..., int]) -> Callable[..., int]:
         words = click.get_current_context().find_root().obj
 
         def action(comm: "MPI.Comm") -> int:
-            from headstock.app.actions.cluster_commands import command_on_slurm
+            from headstock.app.actions.cluster_jobs import command_on_slurm
             from headstock.studies.sweeps.slurm_jobs import SlurmOptions
 
             count = ranks if isinstance(ranks, int) else 1

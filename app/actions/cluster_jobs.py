@@ -1,11 +1,13 @@
-"""``headstock sweep --on slurm``: submits a sweep as an array job, waits for it and collects what
-its tasks computed.
+"""``--on slurm``: submits a sweep as an array job, waits for it and collects what its tasks computed;
+submits another command as one job, waits and shows what it printed.
 """
 
 import dataclasses
+import hashlib
 import os
 import shlex
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
@@ -14,23 +16,31 @@ from mpi4py import MPI
 from headstock.app.terminal.console import counted, make_console
 from headstock.app.terminal.guard import DONE
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.storage.content_keys import canonical_json
 from headstock.pipeline.storage.outputs import claim_output, make_part, write_output
 from headstock.pipeline.storage.provenance import PROJECT
 from headstock.studies.sweeps.journals import read_journals
 from headstock.studies.sweeps.runs import SweepJob, sweep_key
 from headstock.studies.sweeps.slurm_jobs import (
+    CODE_FILE,
+    COMMAND_FILE,
     COMPONENTS_TASK,
     FOLDER,
     SCRIPT_FILE,
+    SUBMISSION_FILE,
     WRITTEN_OUT,
     ArrayJob,
+    CommandJob,
     ScriptValueError,
     SlurmOptions,
     Submission,
     describe_missing,
+    describe_states,
     is_waiting,
     list_missing,
+    log_file,
     read_submission,
+    render_command,
     render_script,
     wait_for_array,
     write_submission,
@@ -44,6 +54,8 @@ from headstock.studies.sweeps.slurm_tools import (
 )
 
 LAUNCHER = PROJECT / "headstock"
+TASK = 1
+FLAGS, VALUED = ("--no-wait",), ("--on", "--ranks", "--partition", "--time", "--sbatch")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -79,7 +91,7 @@ def sweep_on_slurm(
             checkout.
         SlurmError: Slurm refuses the job, or tasks ended without their poses.
     """
-    require_cluster(comm.size)
+    _require_cluster(comm.size)
     key = sweep_key(job.scene)
     with claim_output(job.folder, (SCRIPT_FILE,), (FOLDER,)):
         done = {
@@ -93,7 +105,7 @@ def sweep_on_slurm(
         )
         missing = list_missing(job.sweep, done, tasks)
         if missing:
-            submission = find_waiting(job.folder, key) or _submit(
+            submission = _find_waiting(job.folder, key) or _submit(
                 job, request, key, tuple(missing), fresh=not done
             )
             if not request.wait:
@@ -105,7 +117,7 @@ def sweep_on_slurm(
     return collect()
 
 
-def require_cluster(ranks: int) -> None:
+def _require_cluster(ranks: int) -> None:
     """Refuse to submit where that is not possible.
 
     Raises:
@@ -125,12 +137,12 @@ def require_cluster(ranks: int) -> None:
         raise click.UsageError(str(error)) from error
 
 
-def passed_environment() -> dict[str, str]:
+def _passed_environment() -> dict[str, str]:
     """What a job script sets of the environment it is submitted from."""
     return {name: os.environ[name] for name in WRITTEN_OUT if os.environ.get(name)}
 
 
-def find_waiting(folder: Path, key: str) -> Submission | None:
+def _find_waiting(folder: Path, key: str) -> Submission | None:
     """The array job submitted before, when it is still in the queue or runs."""
     submission = read_submission(folder, key)
     if submission is None or not is_waiting(read_states(submission.job)):
@@ -153,7 +165,7 @@ def _submit(
         request.options,
         request.arguments,
         Path.cwd(),
-        passed_environment(),
+        _passed_environment(),
     )
     try:
         text = render_script(array)
@@ -190,6 +202,102 @@ def _wait(job: SweepJob, submission: Submission, key: str) -> None:
         raise
     if missing := list_missing(job.sweep, read_journals(job.folder, key), submission.tasks):
         raise SlurmError(describe_missing(job.folder, job.sweep, submission, missing, states))
+
+
+def leave_out_cluster(words: Sequence[str]) -> tuple[str, ...]:
+    """The words of a command line without the options of the cluster and the number of ranks."""
+    kept: list[str] = []
+    rest = iter(words)
+    for word in rest:
+        if word in VALUED:
+            next(rest, None)
+        elif word not in FLAGS and word.partition("=")[0] not in VALUED:
+            kept.append(word)
+    return tuple(kept)
+
+
+def command_on_slurm(words: Sequence[str], options: SlurmOptions, ranks: int, *, wait: bool) -> int:
+    """Submit a command, or find the job that is still at it; wait for it and show what it printed.
+
+    Args:
+        words: Of the command line.
+        options: Of the cluster.
+        ranks: Of this process: one alone submits.
+        wait: Whether to wait for the job.
+
+    Returns:
+        The exit code of the command.
+
+    Raises:
+        click.UsageError: There is no Slurm here, or a word has no place in a script.
+        SlurmError: Slurm refuses the job, or it ended without an exit code.
+    """
+    _require_cluster(ranks)
+    kept = leave_out_cluster(words)
+    key = hashlib.sha256(canonical_json([*kept, str(Path.cwd())]).encode()).hexdigest()
+    folder = (Path("results") / "slurm" / f"{kept[0]}-{key[:8]}").absolute()
+    with claim_output(folder, (COMMAND_FILE,), (FOLDER,)):
+        code_file = folder / FOLDER / CODE_FILE
+        submission = read_submission(folder, key) if code_file.exists() else None
+        submission = (
+            submission or _find_waiting(folder, key) or _submit_command(kept, options, folder, key)
+        )
+        if not wait:
+            _say(
+                f"to wait for it and see what it prints: the same command without --no-wait; to stop it: scancel {submission.job}"
+            )
+            return DONE
+        return _await_command(submission, folder)
+
+
+def _submit_command(
+    words: tuple[str, ...], options: SlurmOptions, folder: Path, key: str
+) -> Submission:
+    job = CommandJob(
+        launcher=LAUNCHER,
+        words=words,
+        folder=folder,
+        options=options,
+        start_folder=Path.cwd(),
+        environment=_passed_environment(),
+    )
+    try:
+        text = render_command(job)
+    except ScriptValueError as error:
+        raise click.UsageError(
+            f"--on slurm: {error}; rename it, or start from elsewhere"
+        ) from error
+    make_part(folder / FOLDER)
+    write_output(folder / COMMAND_FILE, text.encode())
+    number = submit(folder / COMMAND_FILE, [TASK])
+    submission = Submission(key, number, "", TASK, (TASK,))
+    write_submission(folder, submission)
+    _say(f"submitted {shlex.quote(str(folder / COMMAND_FILE))} as job {number}")
+    return submission
+
+
+def _await_command(submission: Submission, folder: Path) -> int:
+    code_file, log = folder / FOLDER / CODE_FILE, log_file(folder, submission.job, TASK)
+    try:
+        states = wait_for_array(submission, lambda text: _say(f"job {submission.job}: {text}"))
+    except KeyboardInterrupt:
+        _say(
+            f"job {submission.job} goes on; the same command again waits for it; to stop it: scancel {submission.job}"
+        )
+        raise
+    if log.exists():
+        sys.stdout.write(log.read_text(errors="replace"))
+    try:
+        code = int(code_file.read_text())
+    except (OSError, ValueError) as error:
+        raise SlurmError(
+            f"job {submission.job} ended without an exit code ({describe_states(states) or 'forgotten by Slurm'}); "
+            f"its log: {log}; the same command again submits it once more"
+        ) from error
+    # the same command again is a new job
+    code_file.unlink()
+    (folder / FOLDER / SUBMISSION_FILE).unlink()
+    return code
 
 
 def _say(text: str) -> None:
