@@ -232,6 +232,24 @@ def test_a_mesh_beyond_the_scenes_limits_is_refused_with_numbers() -> None:
         plan_scene(dataclasses.replace(scene, limits=Limits(memory_bytes=1e6)))
 
 
+def test_a_part_whose_factors_do_not_fit_is_iterated_and_the_plan_says_so() -> None:
+    part = make_component(
+        "column", mesh=MeshSettings(size=0.008), reduction=ReductionSettings(modes=10)
+    )
+    scene = make_scene(part, modal=SIX)
+    plan = plan_scene(scene)
+    (reduce,) = (stage for stage in plan.stages if stage.kind == "reduce")
+    assert "direct: " in reduce.reason and "factor entries" in reduce.reason
+    assert plan.components["column"].reduction.solver == "auto"
+    assert reduce.estimated_memory_mb is not None
+    limit = 0.9 * reduce.estimated_memory_mb
+    less = plan_scene(dataclasses.replace(scene, limits=Limits(memory_bytes=1e6 * limit)))
+    (iterated,) = (stage for stage in less.stages if stage.kind == "reduce")
+    assert less.components["column"].reduction.solver == "iterative"
+    assert f"{limit:.3g} MB there are" in iterated.reason
+    assert iterated.estimated_memory_mb is not None and iterated.estimated_memory_mb < limit
+
+
 def test_a_mesh_beyond_this_machine_is_refused_before_anything_is_computed() -> None:
     big = make_component(
         "column", mesh=MeshSettings(size=0.0023), reduction=ReductionSettings(modes=5000)
