@@ -65,6 +65,8 @@ vary = {{ "components.a.mesh.size" = [{sizes}] }}
 SIZES = ", ".join(f'"{size:.1f} mm"' for size in (75.0 * 0.95**number for number in range(16)))
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")  # the second one counts where both are set
 MACHINES = Path(__file__).resolve().parents[1] / "machines"
+SHORT_CONTOUR = ("--analysis", "contouring", "--set", 'analyses.contouring.side="80 mm"')
+MODELS = "rigid,segmented,elastic"
 # several ranks may take so many times as long as one, and so many seconds more
 MOST_TIMES, MOST_SECONDS = 1.1, 1.0
 MPI_OPTIONS = ("--oversubscribe", "--bind-to", "none")
@@ -86,12 +88,13 @@ class Work:
 
 
 def list_work(sizes: tuple[str, ...] = ("45 mm", "25 mm")) -> list[Work]:
-    """One part of several sizes, two parts of about 100k dofs, 16 meshes of a part, and the shipped
-    scenes.
+    """One part of several sizes, two parts of about 100k dofs, 16 meshes of a part, starts of a fit,
+    trials of effects, variants of a comparison, and the shipped scenes.
     """
     run: tuple[tuple[str, ...], tuple[str, ...]] = (("run",), ("--no-figures",))
     two = HEAD.format(tool="b.tip", size="25 mm") + SECOND.format(size="22 mm")
     study = f"{HEAD.format(tool='a.tip', size='40 mm')}{STUDY.format(sizes=SIZES)}"
+    axes, targets = MACHINES / "three_axis.toml", str(MACHINES / "three_axis_targets.toml")
     return [
         *(
             Work(f"one part, cells of {size}", HEAD.format(tool="a.tip", size=size), run)
@@ -99,6 +102,11 @@ def list_work(sizes: tuple[str, ...] = ("45 mm", "25 mm")) -> list[Work]:
         ),
         Work("two parts of about 100k dofs", two, run),
         Work("16 meshes of one part", study, (("study",), ("meshes",))),
+        Work("identify: 16 starts", axes, (("identify",), (targets, "--starts", "16"))),
+        Work("effects of a contour", MACHINES / "tripteor.toml", (("effects",), SHORT_CONTOUR)),
+        Work(
+            "compare: 3 models", axes, (("compare",), ("--variants", "YCE", "--fidelity", MODELS))
+        ),
         *(
             Work(f"machines/{path.name}", path, run)
             for path in sorted(MACHINES.glob("*.toml"))
@@ -188,7 +196,8 @@ def _measure(work: Work, ranks: int, threads: int) -> float:
         if isinstance(work.scene, str):
             scene.write_text(work.scene)
         before, after = work.words
-        words = [*before, str(scene), *after, "-o", str(Path(place) / "out")]
+        folder = () if before == ("effects",) else ("-o", str(Path(place) / "out"))
+        words = [*before, str(scene), *after, *folder]
         program = [sys.executable, "-P", "-m", "mpi4py", "-m", "headstock.app.command_line", *words]
         variables = {
             **os.environ,
