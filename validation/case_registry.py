@@ -59,7 +59,7 @@ from headstock.validation.mechanisms.tripteor_cases import (
     check_leg_roads,
     check_lumped_modes,
     check_modal_cost,
-    check_paper_claims,
+    check_paper_statements,
 )
 from headstock.validation.parts.beam_cases import (
     check_cantilever_modes,
@@ -398,7 +398,7 @@ CASES: tuple[Case, ...] = (
         "tripteor-claims",
         "tripteor",
         "what the paper says of its model, confirmed or not",
-        check_paper_claims,
+        check_paper_statements,
     ),
     Case(
         "tripteor-elastic-legs",

@@ -16,7 +16,7 @@ from headstock.app.charts.refinement import draw_refinement
 from headstock.app.charts.study import draw_costs, draw_study
 from headstock.app.terminal.console import print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
-from headstock.app.terminal.refinement import list_claims, print_refinement, refinement_tables
+from headstock.app.terminal.refinement import list_statements, print_refinement, refinement_tables
 from headstock.app.terminal.study import (
     StudyListing,
     cost_table,
@@ -164,13 +164,13 @@ def _add_refinement(
 ) -> None:
     """Figures, tables and statements of a refinement study."""
     points = [*collect_points(beam, records), *paper_points(beam)]
-    claims, own = judge_statements(beam, points), judge_own(beam, points)
+    statements, own = judge_statements(beam, points), judge_own(beam, points)
     extra.update(
         {
             f"{table.name}.csv": encode_csv(table)
-            for table in refinement_tables(beam, points, [*claims, *own])
+            for table in refinement_tables(beam, points, [*statements, *own])
         }
     )
     extra.update({f"{name}.png": image for name, image in draw_refinement(beam, points).items()})
-    print_refinement(beam, points, claims, own)
-    listing["claims"], listing["own_claims"] = list_claims(claims), list_claims(own)
+    print_refinement(beam, points, statements, own)
+    listing["claims"], listing["own_claims"] = list_statements(statements), list_statements(own)

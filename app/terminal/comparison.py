@@ -160,9 +160,11 @@ def _print_notes(console: Console, summary: ComparisonSummary) -> None:
         f" Loading the finite element library ({imports:.2f} s) is not counted." if imports else ""
     )
     text = (
-        f"Modes are paired by shape: MAC at places that stand for the mass of each body, {summary['mac_threshold']:g} and more is the same "
-        f"mode, {MISSING} means that the variant has none; deviations are from the first variant of a row. Seconds leave out error "
-        f"estimates; memory is that of the whole process.{apart}"
+        "Modes are paired by shape (MAC at sample points of each body); a MAC of "
+        f"{summary['mac_threshold']:g} or more is the same mode. {MISSING} means that the variant "
+        "has none, a question mark after ± that the error is not estimated. Deviations are "
+        "relative to the first variant of a row. Seconds leave out error estimates; memory is "
+        f"that of the whole process.{apart}"
     )
     console.print(text, markup=False)
     for words in (*variant_error_words(summary), *summary["not_compared"]):

@@ -15,7 +15,7 @@ from headstock.app.texts.tables import PlainTable
 from headstock.validation.references.rows import verdict
 from headstock.validation.refinement.points import KINDS, RefinementPoint, ndof_within, pick_series
 from headstock.validation.refinement.references import Group, ReferenceBeam
-from headstock.validation.refinement.statements import Claim
+from headstock.validation.refinement.statements import JudgedStatement
 
 LIMITS = (0.10, 0.05, 0.01, 0.003)
 UNITS: dict[Group, str] = {"static": "um", "modal": "Hz"}
@@ -24,15 +24,15 @@ UNITS: dict[Group, str] = {"static": "um", "modal": "Hz"}
 def print_refinement(
     beam: ReferenceBeam,
     points: Sequence[RefinementPoint],
-    claims: Sequence[Claim],
-    own: Sequence[Claim],
+    statements: Sequence[JudgedStatement],
+    own: Sequence[JudgedStatement],
 ) -> None:
     """References, effort and statements of a refinement study.
 
     Args:
         beam: Whose references they are.
         points: Every model that was run.
-        claims: Of the paper.
+        statements: Of the paper.
         own: That Headstock's own models show.
     """
     console = make_console()
@@ -43,19 +43,19 @@ def print_refinement(
         "nDOF (CPU seconds) from which every quantity is so near to converged 3D elasticity",
         _effort_table(beam, points),
     )
-    _print_claims(console, "What the paper says", claims)
-    _print_claims(console, "What Headstock's own models show", own)
+    _print_statements(console, "What the paper says", statements)
+    _print_statements(console, "What Headstock's own models show", own)
 
 
 def refinement_tables(
-    beam: ReferenceBeam, points: Sequence[RefinementPoint], claims: Sequence[Claim]
+    beam: ReferenceBeam, points: Sequence[RefinementPoint], statements: Sequence[JudgedStatement]
 ) -> list[PlainTable]:
     """Every value of a refinement study beside its three references, and the statements.
 
     Args:
         beam: Whose references they are.
         points: Every model that was run.
-        claims: Of the paper and of Headstock's own.
+        statements: Of the paper and of Headstock's own.
     """
     headings = (
         "model", "nDOF", "quantity", "unit", "value", "analytic", "deviation", "beam with shear", "deviation from it",
@@ -80,7 +80,7 @@ def refinement_tables(
     table = PlainTable("refinement", headings, tuple(rows))
     verdicts = tuple(
         (c.figure, c.models, c.text, verdict(c.confirmed), c.decides, c.value, c.note)
-        for c in claims
+        for c in statements
     )
     return [
         table,
@@ -92,8 +92,8 @@ def refinement_tables(
     ]
 
 
-class ClaimListing(TypedDict):
-    """A claim as ``study.json`` has it."""
+class StatementListing(TypedDict):
+    """A statement as ``study.json`` has it."""
 
     figure: int
     models: str
@@ -104,19 +104,19 @@ class ClaimListing(TypedDict):
     note: str
 
 
-def list_claims(claims: Sequence[Claim]) -> list[ClaimListing]:
+def list_statements(statements: Sequence[JudgedStatement]) -> list[StatementListing]:
     """Claims for ``--json``."""
     return [
         {
-            "figure": claim.figure,
-            "models": claim.models,
-            "text": claim.text,
-            "confirmed": claim.confirmed,
-            "decides": claim.decides,
-            "value": claim.value,
-            "note": claim.note,
+            "figure": statement.figure,
+            "models": statement.models,
+            "text": statement.text,
+            "confirmed": statement.confirmed,
+            "decides": statement.decides,
+            "value": statement.value,
+            "note": statement.note,
         }
-        for claim in claims
+        for statement in statements
     ]
 
 
@@ -172,15 +172,19 @@ def _effort_table(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> Tab
     return table
 
 
-def _print_claims(console: Console, title: str, claims: Sequence[Claim]) -> None:
-    confirmed = sum(claim.confirmed for claim in claims)
-    console.print(f"{title}: {confirmed} of {len(claims)} confirmed", style="bold", markup=False)
+def _print_statements(console: Console, title: str, statements: Sequence[JudgedStatement]) -> None:
+    confirmed = sum(statement.confirmed for statement in statements)
+    console.print(
+        f"{title}: {confirmed} of {len(statements)} confirmed", style="bold", markup=False
+    )
     lines = Table.grid(padding=(0, 2))
-    for claim in claims:
-        cell = Text(claim.text)
-        cell.append(f"\n{claim.decides}", style="bold")
-        cell.append(f"\n{claim.note}" if claim.note else "", style="dim")
-        outcome = Text(verdict(claim.confirmed), style="green" if claim.confirmed else "yellow")
-        lines.add_row(Text(f"fig. {claim.figure}"), Text(claim.models), outcome, cell)
+    for statement in statements:
+        cell = Text(statement.text)
+        cell.append(f"\n{statement.decides}", style="bold")
+        cell.append(f"\n{statement.note}" if statement.note else "", style="dim")
+        outcome = Text(
+            verdict(statement.confirmed), style="green" if statement.confirmed else "yellow"
+        )
+        lines.add_row(Text(f"fig. {statement.figure}"), Text(statement.models), outcome, cell)
     console.print(lines)
     console.print()

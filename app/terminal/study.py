@@ -17,7 +17,7 @@ from headstock.app.terminal.console import (
     print_table,
     spaced,
 )
-from headstock.app.terminal.refinement import ClaimListing
+from headstock.app.terminal.refinement import StatementListing
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.app.texts.tables import Cell, PlainTable, encode_csv
 from headstock.pipeline.storage.provenance import ProvenanceSummary
@@ -348,8 +348,8 @@ class SeriesListing(TypedDict):
 
 
 class StudyListing(TypedDict):
-    """The content of ``study.json``: claims where there is a published reference, costs where there
-    is a reference run.
+    """The content of ``study.json``: ``claims`` judge the statements of a published reference, costs
+    compare with a reference run.
     """
 
     scene: str
@@ -360,8 +360,8 @@ class StudyListing(TypedDict):
     timing: str
     rows: list[RowListing]
     orders: list[SeriesListing]
-    claims: NotRequired[list[ClaimListing]]
-    own_claims: NotRequired[list[ClaimListing]]
+    claims: NotRequired[list[StatementListing]]
+    own_claims: NotRequired[list[StatementListing]]
     costs: NotRequired[list[dict[str, Cell]]]
     digits: NotRequired[list[str]]
     provenance: NotRequired[ProvenanceSummary]

@@ -46,13 +46,13 @@ class Kinematics:
         placement: Where everything is.
         of_position: ``(..., P, 3, n)`` derivative of the markers' positions.
         of_rotation: ``(..., P, 3, n)`` of their orientations.
-        closures: ``(..., m, n)`` ``phi_q``.
+        closure_jacobian: ``(..., m, n)`` ``phi_q``.
     """
 
     placement: Placement
     of_position: FloatArray
     of_rotation: FloatArray
-    closures: FloatArray
+    closure_jacobian: FloatArray
 
 
 def evaluate_kinematics(mechanism: Mechanism, state: FloatArray) -> Kinematics:
@@ -218,7 +218,9 @@ def close_kinematics(
         kinematics = evaluate_kinematics(mechanism, state)
         residual = closure_residual(mechanism, state, kinematics.placement)
         try:
-            step = np.linalg.solve(kinematics.closures[..., columns], residual[..., None])[..., 0]
+            step = np.linalg.solve(kinematics.closure_jacobian[..., columns], residual[..., None])[
+                ..., 0
+            ]
         except np.linalg.LinAlgError as error:
             raise ClosureError(
                 f"{mechanism.name}: the closures do not determine the coordinates in this pose: it is singular"
@@ -263,7 +265,7 @@ class Mobility:
 
 def find_mobility(mechanism: Mechanism, state: FloatArray) -> Mobility:
     """Rank of the closures and what they leave free, at one closed state ``(n,)``."""
-    jacobian = evaluate_kinematics(mechanism, state).closures
+    jacobian = evaluate_kinematics(mechanism, state).closure_jacobian
     rigid = jacobian[:, : mechanism.compliant_slice.start]
     sizes = np.linalg.svd(rigid, compute_uv=False)
     rank = int((sizes > RANK_TOLERANCE * sizes.max(initial=1.0)).sum())

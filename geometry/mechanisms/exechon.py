@@ -297,7 +297,7 @@ def condition_numbers(mechanism: Mechanism, states: FloatArray) -> FloatArray:
     finite = np.asarray(np.isfinite(states).all(axis=-1))
     known = np.where(finite[..., None], states, 1.0)
     kinematics = evaluate_kinematics(mechanism, known)
-    closures = kinematics.closures
+    closures = kinematics.closure_jacobian
     sizes = np.linalg.svd(closures[..., mechanism.passive_slice], compute_uv=False)
     regular = finite & (sizes[..., -1] > SINGULAR * sizes[..., 0])
     passive = np.where(

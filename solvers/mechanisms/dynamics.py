@@ -113,7 +113,7 @@ class MechanismDynamics:
         placement: Where it is.
         mass: ``(..., n, n)`` in all coordinates.
         load: ``(..., n)`` gravity less inertial forces at zero joint accelerations.
-        closures: ``(..., m, n)`` closure Jacobian.
+        closure_jacobian: ``(..., m, n)`` of the loop closures.
         closure_bias: ``(..., m)``.
         tool: ``(..., 3, n)`` Jacobian of the tool point.
         tool_bias: ``(..., 3)`` its bias acceleration [m/s^2].
@@ -122,7 +122,7 @@ class MechanismDynamics:
     placement: Placement
     mass: FloatArray
     load: FloatArray
-    closures: FloatArray
+    closure_jacobian: FloatArray
     closure_bias: FloatArray
     tool: FloatArray
     tool_bias: FloatArray
@@ -150,7 +150,7 @@ def evaluate_dynamics(
         kinematics: At its state.
         rates: ``(..., n)`` [1/s]; None for a mechanism at rest.
     """
-    placement, closures = kinematics.placement, kinematics.closures
+    placement, closures = kinematics.placement, kinematics.closure_jacobian
     bodies = body_arrays(model)
     moving, turning = _body_jacobians(bodies, kinematics)
     heavy = bodies.mass[:, None, None] * moving

@@ -63,7 +63,7 @@ def linearise_poses(model: CompliantMechanism, states: FloatArray) -> SmallMotio
     """Small motions about closed states ``(..., n)`` with compliant coordinates at zero."""
     mechanism = model.mechanism
     kinematics = evaluate_kinematics(mechanism, states)
-    from_compliant = velocity_maps(mechanism, kinematics.closures)[1]
+    from_compliant = velocity_maps(mechanism, kinematics.closure_jacobian)[1]
     dynamics = evaluate_dynamics(model, kinematics)
     left = np.swapaxes(from_compliant, -1, -2)
     stiffness = model.springs.stiffness(states[..., mechanism.driven_slice])
@@ -95,7 +95,7 @@ def gravity_stiffness(model: CompliantMechanism, states: FloatArray) -> FloatArr
         closed = close_loops(mechanism, moved)
         kinematics = evaluate_kinematics(mechanism, closed)
         force = evaluate_dynamics(model, kinematics).load
-        maps = velocity_maps(mechanism, kinematics.closures)[1]
+        maps = velocity_maps(mechanism, kinematics.closure_jacobian)[1]
         columns.append((np.swapaxes(maps, -1, -2) @ force[..., None])[..., 0].imag / TINY)
     return np.asarray(-np.stack(columns, axis=-1))
 

@@ -243,7 +243,10 @@ class ConstrainedMotion:
             _damping(self.model, compliant),
         )
         return Linearisation(
-            dynamics.mass[self.free, self.free], damping, stiffness, dynamics.closures[:, self.free]
+            dynamics.mass[self.free, self.free],
+            damping,
+            stiffness,
+            dynamics.closure_jacobian[:, self.free],
         )
 
     def start(self, time: float, position: FloatArray, velocity: FloatArray) -> MotionState:
@@ -261,7 +264,7 @@ class ConstrainedMotion:
         """
         zero = MotionState(time, position, velocity, np.zeros_like(position), np.zeros(0))
         dynamics, coordinates, accelerations = self.evaluate(zero)
-        inner = dynamics.closures[:, self.free]
+        inner = dynamics.closure_jacobian[:, self.free]
         count, size = inner.shape
         matrix = np.zeros((size + count, size + count))
         matrix[:size, :size], matrix[:size, size:], matrix[size:, :size] = (
@@ -272,7 +275,7 @@ class ConstrainedMotion:
         bare = MotionState(time, position, velocity, zero.acceleration, np.zeros(count))
         force = self._balance(bare, dynamics, coordinates, accelerations)[self.free]
         outer = (
-            dynamics.closures[:, self.model.mechanism.driven_slice]
+            dynamics.closure_jacobian[:, self.model.mechanism.driven_slice]
             @ accelerations[self.model.mechanism.driven_slice]
         )
         if np.linalg.matrix_rank(inner) < count:
@@ -309,7 +312,7 @@ class ConstrainedMotion:
             dynamics.mass @ accelerations - dynamics.load - dynamics.tool.T @ self.force(state.time)
         )
         if len(state.multipliers):
-            balance += dynamics.closures.T @ state.multipliers
+            balance += dynamics.closure_jacobian.T @ state.multipliers
         springs = self.model.springs.stiffness(coordinates[self.model.mechanism.driven_slice])
         count = len(self.model.mechanism.compliant)
         balance[compliant] += (
@@ -358,8 +361,8 @@ def project_start(
     given = np.concatenate([drive.position, position])
     closed = close_loops(mechanism, given)
     kinematics = evaluate_kinematics(mechanism, closed)
-    inner = kinematics.closures[:, problem.free]
-    rates = inner @ velocity + kinematics.closures[:, mechanism.driven_slice] @ drive.speed
+    inner = kinematics.closure_jacobian[:, problem.free]
+    rates = inner @ velocity + kinematics.closure_jacobian[:, mechanism.driven_slice] @ drive.speed
     mass = evaluate_dynamics(problem.model, kinematics).mass[problem.free, problem.free]
     count, size = inner.shape
     matrix = np.block([[mass, inner.T], [inner, np.zeros((count, count))]])

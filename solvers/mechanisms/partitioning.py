@@ -137,12 +137,12 @@ def partition_dynamics(
         force: ``(..., 3)`` force on the tool in the ground frame of the chains [N].
     """
     mechanism = model.mechanism
-    from_driven, from_compliant = velocity_maps(mechanism, kinematics.closures)
+    from_driven, from_compliant = velocity_maps(mechanism, kinematics.closure_jacobian)
     speeds = (from_driven @ drive.speed[..., None] + from_compliant @ rates[..., None])[..., 0]
     dynamics = evaluate_dynamics(model, kinematics, speeds if model.velocity_terms else None)
     offset = (from_driven @ drive.acceleration[..., None])[..., 0]
     if model.velocity_terms:
-        passive = dynamics.closures[..., mechanism.passive_slice]
+        passive = dynamics.closure_jacobian[..., mechanism.passive_slice]
         offset[..., mechanism.passive_slice] -= np.linalg.solve(
             passive, dynamics.closure_bias[..., None]
         )[..., 0]

@@ -83,14 +83,14 @@ def follow_path(
     # the tool turns about its own axis only
     across = np.swapaxes(kinematics.placement.rotations[:, tool, :, :2], -1, -2)
     rows = [
-        kinematics.closures,
+        kinematics.closure_jacobian,
         kinematics.of_position[:, tool],
         across @ kinematics.of_rotation[:, tool],
     ]
     matrix = np.concatenate(rows, axis=-2)[..., rigid]
     rates = np.zeros_like(survey.states)
     nothing = np.zeros((len(times), 2))
-    closed = np.zeros((len(times), kinematics.closures.shape[-2]))
+    closed = np.zeros((len(times), kinematics.closure_jacobian.shape[-2]))
     rates[:, rigid] = _solve(matrix, (closed, path.velocity @ turn, nothing))
     bias = marker_bias(kinematics.placement, rates)
     pull = path.acceleration @ turn - bias.acceleration[:, tool]

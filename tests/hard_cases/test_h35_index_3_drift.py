@@ -42,7 +42,7 @@ def test_positions_velocities_and_energy_stay_with_drives_at_rest() -> None:
         position = max(position, float(np.abs(full.residual(state)[1]).max()))
         dynamics, _, _ = full.evaluate(state)
         velocity = max(
-            velocity, float(np.abs(dynamics.closures[:, full.free] @ state.velocity).max())
+            velocity, float(np.abs(dynamics.closure_jacobian[:, full.free] @ state.velocity).max())
         )
         if round(state.time / 4e-5) % 20 == 0:
             energy.append(reduced.energy(state.time, state.position[-6:], state.velocity[-6:]))

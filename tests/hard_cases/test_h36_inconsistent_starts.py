@@ -43,7 +43,7 @@ def test_a_wrong_start_is_projected_and_the_correction_reported(
     assert report.open_rates > 1e-3 and report.slowed > 1e-3
     assert np.allclose(start.position, exact, atol=1e-13)
     dynamics, _, _ = problem.evaluate(start)
-    assert np.abs(dynamics.closures[:, problem.free] @ start.velocity).max() < 1e-14
+    assert np.abs(dynamics.closure_jacobian[:, problem.free] @ start.velocity).max() < 1e-14
 
 
 def test_a_projected_start_leaves_no_spike_in_the_accelerations(

@@ -208,5 +208,9 @@ def test_cranks_that_stretch_share_the_load_in_one_way_only() -> None:
     problem = ConstrainedMotion(model, no_drive, lambda time: np.zeros(3))
     start = problem.start(0.0, state[problem.free], np.zeros(len(state) - 1))
     dynamics, _, _ = problem.evaluate(start)
-    assert np.linalg.matrix_rank(dynamics.closures[:, problem.free]) == len(start.multipliers) == 6
+    assert (
+        np.linalg.matrix_rank(dynamics.closure_jacobian[:, problem.free])
+        == len(start.multipliers)
+        == 6
+    )
     assert np.isfinite(start.multipliers).all() and np.abs(start.multipliers).max() > 1.0

@@ -59,7 +59,7 @@ def check_axis_kit(comm: MPI.Comm) -> list[ValidationRow]:
     rows += judge_fidelities(models)
     rows += show_shapes(models["YCE", "segmented"])
     rows += judge_compliances(models)
-    return rows + show_claims(models)
+    return rows + show_statements(models)
 
 
 def match_table_3(variant: str, model: KitModel) -> tuple[int, ...]:
@@ -227,7 +227,7 @@ def judge_compliances(models: KitModels) -> list[ValidationRow]:
     return rows
 
 
-def show_claims(models: KitModels) -> list[ValidationRow]:
+def show_statements(models: KitModels) -> list[ValidationRow]:
     """What the paper says of figures 17 and 18: confirmed or not."""
     deviations = {
         (fidelity, axis): np.array([abs(UM_PER_KN * models[v, fidelity].compliance["xyz".index(axis)]) for v in VARIANTS])
@@ -239,20 +239,20 @@ def show_claims(models: KitModels) -> list[ValidationRow]:
         for axis in "xy":
             worst = float(np.abs(deviations[fidelity, axis]).max())
             rows.append(
-                _claim(
+                _statement_row(
                     f"{WORDS[fidelity]}: dz/F{axis} deviates by more than 50 %", worst, worst > 0.5
                 )
             )
         spread = {axis: float(np.ptp(deviations[fidelity, axis])) for axis in "xyz"}
         rows.append(
-            _claim(
+            _statement_row(
                 f"{WORDS[fidelity]}: variants differ by more than 100 % in dz/Fx",
                 spread["x"],
                 spread["x"] > 1.0,
             )
         )
         rows += [
-            _claim(
+            _statement_row(
                 f"{WORDS[fidelity]}: variants differ by less than 50 % in dz/F{axis}",
                 spread[axis],
                 spread[axis] < 0.5,
@@ -264,18 +264,20 @@ def show_claims(models: KitModels) -> list[ValidationRow]:
     }
     elastic = float(gap["x"][[VARIANTS.index("YE"), VARIANTS.index("YCE")]].min())
     rows.append(
-        _claim(
+        _statement_row(
             "FE and segments differ by about 45 % in dz/Fx of YE and YCE",
             elastic,
             0.35 <= elastic <= 0.55,
         )
     )
     others = max(float(gap["x"][:3].max()), float(gap["y"].max()), float(gap["z"].max()))
-    rows.append(_claim("FE and segments differ by less than 15 % elsewhere", others, others < 0.15))
-    return [*rows, claim_similar_modes(models)]
+    rows.append(
+        _statement_row("FE and segments differ by less than 15 % elsewhere", others, others < 0.15)
+    )
+    return [*rows, judge_similar_modes(models)]
 
 
-def claim_similar_modes(models: KitModels) -> ValidationRow:
+def judge_similar_modes(models: KitModels) -> ValidationRow:
     """What section 4.2 says of the four variants besides YCE: frequencies and shapes by both
     fidelities are similar.
 
@@ -298,12 +300,14 @@ def claim_similar_modes(models: KitModels) -> ValidationRow:
             )
             least = min(least, pair.correlation)
     confirmed = not alone and worst < FIDELITY_TOLERANCE and least >= SIMILAR_MAC
-    row = _claim("modes of R, BE, CE and YE are similar with FE and segments", worst, confirmed)
+    row = _statement_row(
+        "modes of R, BE, CE and YE are similar with FE and segments", worst, confirmed
+    )
     note = f"{row.note}: least MAC {least:.2f}" + (
         f", without a partner {', '.join(alone)}" if alone else ""
     )
     return dataclasses.replace(row, note=note)
 
 
-def _claim(text: str, value: float, confirmed: bool) -> ValidationRow:
+def _statement_row(text: str, value: float, confirmed: bool) -> ValidationRow:
     return show(CASE, f"claim: {text}", 100.0 * value, "%", verdict(confirmed))

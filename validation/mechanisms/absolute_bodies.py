@@ -26,7 +26,7 @@ def fixed_local(vector: Sequence[float]) -> Local:
 
 
 @dataclass(frozen=True, eq=False)
-class Arrow:
+class Vector:
     """A direction in a body, or in space where the body is None."""
 
     body: int | None
@@ -34,21 +34,21 @@ class Arrow:
 
 
 @dataclass(frozen=True, eq=False)
-class Reach:
+class PointToPoint:
     """From a point of one body to a point of another; points are given from the centres of mass."""
 
-    start: Arrow
-    end: Arrow
+    start: Vector
+    end: Vector
 
 
 @dataclass(frozen=True, eq=False)
-class Product:
+class DotProduct:
     """``x . y = c(t)`` as a constraint; as a spring, its length; ``value`` gives c with its two
     derivatives.
     """
 
-    first: Arrow | Reach
-    second: Arrow
+    first: Vector | PointToPoint
+    second: Vector
     value: Callable[[float], tuple[float, float, float]] = lambda time: (0.0, 0.0, 0.0)
 
 
@@ -58,7 +58,7 @@ class Spring:
     damper [N s/m].
     """
 
-    product: Product
+    product: DotProduct
     stiffness: Callable[[float], float]
     damping: float = 0.0
 
@@ -78,10 +78,10 @@ class AbsoluteSystem:
 
     mass: FloatArray
     inertia: FloatArray
-    constraints: tuple[Product, ...]
+    constraints: tuple[DotProduct, ...]
     springs: tuple[Spring, ...]
     gravity: FloatArray
-    load: Arrow
+    load: Vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,14 +146,14 @@ class _Vectors:
     state: AbsoluteState
     known: dict[int, Motion] = field(default_factory=dict)
 
-    def of(self, item: Arrow | Reach) -> Motion:
+    def of(self, item: Vector | PointToPoint) -> Motion:
         if id(item) not in self.known:
             self.known[id(item)] = (
-                self._reach(item) if isinstance(item, Reach) else self._arrow(item)
+                self._point_to_point(item) if isinstance(item, PointToPoint) else self._vector(item)
             )
         return self.known[id(item)]
 
-    def _arrow(self, item: Arrow) -> Motion:
+    def _vector(self, item: Vector) -> Motion:
         value, rate, change = item.local(self.time)
         size = 6 * len(self.state.place)
         if item.body is None:
@@ -166,8 +166,8 @@ class _Vectors:
         bias = _cross(spin, turning) + 2.0 * _cross(spin, drift) + rotation @ change
         return Motion(out, turning + drift, bias, jacobian)
 
-    def point(self, item: Arrow) -> Motion:
-        arm = self._arrow(item)
+    def point(self, item: Vector) -> Motion:
+        arm = self._vector(item)
         if item.body is None:
             return arm
         jacobian = arm.jacobian.copy()
@@ -175,7 +175,7 @@ class _Vectors:
         place, velocity = self.state.place[item.body], self.state.velocity[item.body]
         return Motion(place + arm.value, velocity + arm.rate, arm.bias, jacobian)
 
-    def _reach(self, item: Reach) -> Motion:
+    def _point_to_point(self, item: PointToPoint) -> Motion:
         end, start = self.point(item.end), self.point(item.start)
         return Motion(
             end.value - start.value,
@@ -184,7 +184,7 @@ class _Vectors:
             end.jacobian - start.jacobian,
         )
 
-    def product(self, item: Product) -> ScalarMotion:
+    def product(self, item: DotProduct) -> ScalarMotion:
         """Motion of a scalar product."""
         x, y = self.of(item.first), self.of(item.second)
         value, rate = float(x.value @ y.value), float(x.rate @ y.value + x.value @ y.rate)

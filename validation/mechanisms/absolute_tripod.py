@@ -13,11 +13,11 @@ from headstock.solvers.mechanisms.dynamics import MechanismBody
 from headstock.solvers.mechanisms.motion import DriveLaw
 from headstock.validation.mechanisms.absolute_bodies import (
     AbsoluteSystem,
-    Arrow,
+    DotProduct,
     Local,
-    Product,
-    Reach,
+    PointToPoint,
     Spring,
+    Vector,
     fixed_local,
 )
 
@@ -95,55 +95,56 @@ class _Builder:
     centers: list[FloatArray]
     drive: DriveLaw
 
-    def point(self, body: int, place: tuple[float, float, float]) -> Arrow:
+    def point(self, body: int, place: tuple[float, float, float]) -> Vector:
         """A point of a body, given in its own frame."""
-        return Arrow(body, fixed_local(tuple(np.array(place) - self.centers[body])))
+        return Vector(body, fixed_local(tuple(np.array(place) - self.centers[body])))
 
-    def leg_joints(self) -> list[Product]:
+    def leg_joints(self) -> list[DotProduct]:
         """Base joints, telescopes and platform joints; the redundant two of leg 2 are left out."""
-        found: list[Product] = []
+        found: list[DotProduct] = []
         for leg in range(3):
             sleeve, beam = leg, 3 + leg
             center = self.point(sleeve, (0.0, 0.0, -self._offset(leg)))
-            base = Arrow(None, fixed_local(self._base(leg)))
+            base = Vector(None, fixed_local(self._base(leg)))
             found += [
-                Product(Reach(base, center), Arrow(None, fixed_local(axis))) for axis in (X, Y, Z)
+                DotProduct(PointToPoint(base, center), Vector(None, fixed_local(axis)))
+                for axis in (X, Y, Z)
             ]
             if leg < 2:
                 # universal joint: the second axis stays square to the common one; the offset turns
                 # with the first axis only
-                found.append(Product(arrow(sleeve, X), arrow(None, Y)))
+                found.append(DotProduct(vector(sleeve, X), vector(None, Y)))
             found += self._telescope(sleeve, beam, leg)
         found += self._platform_joint(0, X, ("position", "y", "z"))
         found += self._platform_joint(1, X, ("z",))
         found += self._platform_joint(2, Y, ("position", "x", "z"))
         return found
 
-    def leg_springs(self, leg: int) -> tuple[Product, Product]:
+    def leg_springs(self, leg: int) -> tuple[DotProduct, DotProduct]:
         """Across the leg in its plane of motion, and along it."""
-        reach = Reach(self.point(3 + leg, (0.0, 0.0, 0.0)), self._platform_point(leg))
-        return Product(reach, arrow(3 + leg, Y if leg < 2 else X)), Product(
-            reach, arrow(3 + leg, Z)
+        reach = PointToPoint(self.point(3 + leg, (0.0, 0.0, 0.0)), self._platform_point(leg))
+        return DotProduct(reach, vector(3 + leg, Y if leg < 2 else X)), DotProduct(
+            reach, vector(3 + leg, Z)
         )
 
-    def wrist_joints(self) -> list[Product]:
+    def wrist_joints(self) -> list[DotProduct]:
         """Wrist on the platform, spindle on the wrist, at prescribed angles."""
         x, z = self.dimensions.wrist
         center = self.point(PLATFORM, (x, 0.0, z))
         found = self._weld(center, self.point(WRIST, (0.0, 0.0, 0.0)))
         found += [
-            Product(arrow(WRIST, Z), arrow(PLATFORM, X)),
-            Product(arrow(WRIST, Z), arrow(PLATFORM, Y)),
-            Product(arrow(WRIST, X), Arrow(PLATFORM, self._turning(3, (0, 1)))),
+            DotProduct(vector(WRIST, Z), vector(PLATFORM, X)),
+            DotProduct(vector(WRIST, Z), vector(PLATFORM, Y)),
+            DotProduct(vector(WRIST, X), Vector(PLATFORM, self._turning(3, (0, 1)))),
         ]
         found += self._weld(
             self.point(WRIST, (0.0, 0.0, 0.0)), self.point(SPINDLE, (0.0, 0.0, 0.0))
         )
         return [
             *found,
-            Product(arrow(SPINDLE, Y), arrow(WRIST, X)),
-            Product(arrow(SPINDLE, Y), arrow(WRIST, Z)),
-            Product(arrow(SPINDLE, Z), Arrow(WRIST, self._turning(4, (2, 0)))),
+            DotProduct(vector(SPINDLE, Y), vector(WRIST, X)),
+            DotProduct(vector(SPINDLE, Y), vector(WRIST, Z)),
+            DotProduct(vector(SPINDLE, Z), Vector(WRIST, self._turning(4, (2, 0)))),
         ]
 
     def _offset(self, leg: int) -> float:
@@ -155,13 +156,13 @@ class _Builder:
         place = self.dimensions.base[leg]
         return (0.0, place, 0.0) if leg < 2 else (place, 0.0, 0.0)
 
-    def _platform_point(self, leg: int) -> Arrow:
+    def _platform_point(self, leg: int) -> Vector:
         place = self.dimensions.platform[leg]
         height = self.dimensions.platform_heights[leg] if leg < 2 else 0.0
         return self.point(PLATFORM, (0.0, place, height) if leg < 2 else (place, 0.0, 0.0))
 
-    def _telescope(self, sleeve: int, beam: int, leg: int) -> list[Product]:
-        reach = Reach(self.point(sleeve, (0.0, 0.0, 0.0)), self.point(beam, (0.0, 0.0, 0.0)))
+    def _telescope(self, sleeve: int, beam: int, leg: int) -> list[DotProduct]:
+        reach = PointToPoint(self.point(sleeve, (0.0, 0.0, 0.0)), self.point(beam, (0.0, 0.0, 0.0)))
 
         def length(time: float) -> tuple[float, float, float]:
             drive = self.drive(time)
@@ -172,29 +173,32 @@ class _Builder:
             )
 
         return [
-            Product(arrow(beam, X), arrow(sleeve, Y)),
-            Product(arrow(beam, X), arrow(sleeve, Z)),
-            Product(arrow(beam, Y), arrow(sleeve, Z)),
-            Product(reach, arrow(sleeve, X)),
-            Product(reach, arrow(sleeve, Y)),
+            DotProduct(vector(beam, X), vector(sleeve, Y)),
+            DotProduct(vector(beam, X), vector(sleeve, Z)),
+            DotProduct(vector(beam, Y), vector(sleeve, Z)),
+            DotProduct(reach, vector(sleeve, X)),
+            DotProduct(reach, vector(sleeve, Y)),
             # last, so that its multiplier is easily found
-            Product(reach, arrow(sleeve, Z), length),
+            DotProduct(reach, vector(sleeve, Z), length),
         ]
 
     def _platform_joint(
         self, leg: int, axis: tuple[float, float, float], fixed: tuple[str, ...]
-    ) -> list[Product]:
-        reach = Reach(self.point(3 + leg, (0.0, 0.0, 0.0)), self._platform_point(leg))
+    ) -> list[DotProduct]:
+        reach = PointToPoint(self.point(3 + leg, (0.0, 0.0, 0.0)), self._platform_point(leg))
         directions = {"x": X, "y": Y, "z": Z}
         return [
-            Product(reach, arrow(3 + leg, axis))
+            DotProduct(reach, vector(3 + leg, axis))
             if name == "position"
-            else Product(arrow(PLATFORM, axis), arrow(3 + leg, directions[name]))
+            else DotProduct(vector(PLATFORM, axis), vector(3 + leg, directions[name]))
             for name in fixed
         ]
 
-    def _weld(self, first: Arrow, second: Arrow) -> list[Product]:
-        return [Product(Reach(first, second), Arrow(None, fixed_local(axis))) for axis in (X, Y, Z)]
+    def _weld(self, first: Vector, second: Vector) -> list[DotProduct]:
+        return [
+            DotProduct(PointToPoint(first, second), Vector(None, fixed_local(axis)))
+            for axis in (X, Y, Z)
+        ]
 
     def _turning(self, index: int, plane: tuple[int, int]) -> Local:
         """Square to where the turned axis points: the second axis of a plane, turned by a driven
@@ -216,6 +220,6 @@ class _Builder:
         return local
 
 
-def arrow(body: int | None, local: tuple[float, float, float]) -> Arrow:
+def vector(body: int | None, local: tuple[float, float, float]) -> Vector:
     """A direction fixed in a body or in space."""
-    return Arrow(body, fixed_local(local))
+    return Vector(body, fixed_local(local))

@@ -47,9 +47,9 @@ from headstock.validation.mechanisms.absolute_tripod import (
 from headstock.validation.mechanisms.tripteor_machine import (
     Tripteor,
     load_tripteor,
+    oscillating_drive,
     plane_states,
     steady_force,
-    swaying_drive,
 )
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound
 from headstock.validation.references.values import reference_case
@@ -75,7 +75,7 @@ def check_mechanism_derivatives(comm: MPI.Comm) -> list[ValidationRow]:
     inertial = -evaluate_dynamics(weightless, found, rates).load
     closures = _complex_step(lambda q: closure_residual(mechanism, q), state)
     markers = _complex_step(lambda q: place_markers(mechanism, q).positions, state)
-    second = _complex_step(lambda q: evaluate_kinematics(mechanism, q).closures, state)
+    second = _complex_step(lambda q: evaluate_kinematics(mechanism, q).closure_jacobian, state)
     slope = _complex_step(
         lambda q: evaluate_dynamics(weightless, evaluate_kinematics(mechanism, q)).mass, state
     )
@@ -84,7 +84,7 @@ def check_mechanism_derivatives(comm: MPI.Comm) -> list[ValidationRow]:
         "jki,j,k->i", slope, rates, rates
     )
     compared = (
-        ("closure Jacobian", found.closures, closures),
+        ("closure Jacobian", found.closure_jacobian, closures),
         ("Jacobian of bodies and tool", found.of_position, markers),
         ("closure bias", bias, np.einsum("ijk,j,k->i", second, rates, rates)),
         ("inertial forces", inertial, lagrange),
@@ -203,7 +203,7 @@ def _compare_instant(
     case: str, tripteor: Tripteor, name: str, start: FloatArray
 ) -> list[ValidationRow]:
     model = tripteor.model
-    drive, rng = swaying_drive(start[model.mechanism.driven_slice]), np.random.default_rng(3)
+    drive, rng = oscillating_drive(start[model.mechanism.driven_slice]), np.random.default_rng(3)
     compliant, rates = 1e-4 * rng.normal(size=6), 1e-2 * rng.normal(size=6)
     reduced = PartitionedMotion(model, drive, steady_force, start)
     for time in np.linspace(0.0, INSTANT, 6):

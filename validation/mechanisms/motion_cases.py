@@ -35,8 +35,8 @@ from headstock.validation.mechanisms.absolute_bodies import (
 from headstock.validation.mechanisms.mechanism_cases import absolute_state, absolute_tripteor
 from headstock.validation.mechanisms.tripteor_machine import (
     load_tripteor,
+    oscillating_drive,
     steady_force,
-    swaying_drive,
 )
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
 
@@ -180,7 +180,7 @@ def check_common_path(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def _moving(*, damped: bool = False) -> tuple[PartitionedMotion, tuple[FloatArray, FloatArray]]:
-    """The machine on swaying drives under a turning force, and a start off equilibrium."""
+    """The machine on oscillating drives under a turning force, and a start off equilibrium."""
     tripteor = load_tripteor()
     coordinates = tripteor.poses[POSE]
     model = (
@@ -188,7 +188,7 @@ def _moving(*, damped: bool = False) -> tuple[PartitionedMotion, tuple[FloatArra
         if damped
         else tripteor.model
     )
-    drive = swaying_drive(coordinates[model.mechanism.driven_slice])
+    drive = oscillating_drive(coordinates[model.mechanism.driven_slice])
     motion = PartitionedMotion(model, drive, steady_force, coordinates)
     compliant: FloatArray = np.zeros(6)
     for _ in range(10):
@@ -269,7 +269,7 @@ def _violations(full: ConstrainedMotion, state: MotionState) -> tuple[float, flo
     dynamics, _, _ = full.evaluate(state)
     rates = np.concatenate([full.drive(state.time).speed, state.velocity])
     return float(np.abs(full.residual(state)[1]).max()), float(
-        np.abs(dynamics.closures @ rates).max()
+        np.abs(dynamics.closure_jacobian @ rates).max()
     )
 
 

@@ -46,7 +46,7 @@ class ElasticLeg:
         base: ``(3,)`` base joint in the machine frame [m].
         tip: ``(3,)`` platform joint.
         carriage: Length of the sleeve's hold on the leg [m].
-        free_turn: Axis of the tube's frame the platform joint turns freely about, 0 or 1.
+        free_rotation: Axis of the tube's frame the platform joint turns freely about, 0 or 1.
         second_axis: ``(3,)`` axis of the base joint on the frame, machine frame; None for a ball.
         springs: Across the leg and along it, at the platform joint [N/m].
     """
@@ -57,7 +57,7 @@ class ElasticLeg:
     base: FloatArray
     tip: FloatArray
     carriage: float
-    free_turn: int
+    free_rotation: int
     second_axis: FloatArray | None
     springs: tuple[float, float]
 
@@ -264,5 +264,5 @@ def _tip_rows(
     rows = np.zeros((6, size))
     rows[:, PLATFORM] = turn @ rigid_transfer(origin, leg.tip)
     rows[:, nodes.stop - 6 : nodes.stop] = -turn @ rigid_transfer(end, leg.tip)
-    across = 1 - leg.free_turn
-    return rows[[leg.free_turn, 3 + across, 5]], rows[[across, 2]]
+    across = 1 - leg.free_rotation
+    return rows[[leg.free_rotation, 3 + across, 5]], rows[[across, 2]]

@@ -134,7 +134,7 @@ def _leg(
         base=ends[0],
         tip=ends[1],
         carriage=slide.length,
-        free_turn=free,
+        free_rotation=free,
         second_axis=base.second_axis,
         springs=(float(tip.stiffness[1 - free, 1 - free]), along),
     )

@@ -71,7 +71,7 @@ def plane_states(tripteor: Tripteor, count: int) -> FloatArray:
     return survey_tool_poses(tripteor.scene.mounted, grid, tripteor.scene.tool).states
 
 
-def swaying_drive(start: FloatArray) -> DriveLaw:
+def oscillating_drive(start: FloatArray) -> DriveLaw:
     """Every driven coordinate on a sine of its own, tens of millimetres and several hertz: nothing
     in the equations stays small.
     """

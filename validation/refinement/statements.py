@@ -45,7 +45,7 @@ PLAIN = (
 
 
 @dataclass(frozen=True)
-class Claim:
+class JudgedStatement:
     """A statement about a series of models and what became of it.
 
     Attributes:
@@ -81,7 +81,7 @@ class Statement:
     text: str
     quantities: Sequence[str]
 
-    def below(self, limit: float, *, above: float = 0.0, note: str = "") -> Claim | None:
+    def below(self, limit: float, *, above: float = 0.0, note: str = "") -> JudgedStatement | None:
         """Every deviation from the analytic value is smaller than a limit from some nDOF on; a
         missing mode counts against it.
 
@@ -105,7 +105,9 @@ class Statement:
             "" if confirmed else self._blame_reference(worst.quantity, limit) or note,
         )
 
-    def exceeds(self, limit: float, *, above: float, below: float, note: str = "") -> Claim | None:
+    def exceeds(
+        self, limit: float, *, above: float, below: float, note: str = ""
+    ) -> JudgedStatement | None:
         """In every model between two nDOF some deviation is larger than a limit; ``note`` is for
         where it is not.
 
@@ -136,7 +138,7 @@ class Statement:
             remark = f"{self._name_solid(least.quantity, digits=1)}: {self.series.beam.references[least.quantity].note}"
         return self._decide(not small, decides, (small or [least])[0].value, remark)
 
-    def coarsest_exceeds(self, limit: float) -> Claim | None:
+    def coarsest_exceeds(self, limit: float) -> JudgedStatement | None:
         """In the smallest model some deviation is larger than a limit [-]; the note says from which
         nDOF on none is.
         """
@@ -151,7 +153,7 @@ class Statement:
         )
         return self._decide(abs(worst[0].value) > limit, str(worst[0]), worst[0].value, note)
 
-    def between(self, low: float, high: float) -> Claim | None:
+    def between(self, low: float, high: float) -> JudgedStatement | None:
         """The largest deviation of every model lies between two limits [-]."""
         worst = list(worst_by_ndof(self.series, self.quantities).values())
         if not worst:
@@ -165,7 +167,7 @@ class Statement:
             self._name_solid(shown.quantity, digits=2) if outside else "",
         )
 
-    def shrinks(self) -> Claim | None:
+    def shrinks(self) -> JudgedStatement | None:
         """No deviation grows from one model to the next; where nothing is left to shrink that is
         said.
         """
@@ -185,7 +187,7 @@ class Statement:
             growth < ROUNDOFF, f"largest growth {100 * growth:+.2g} points: {where}", growth
         )
 
-    def constant(self, limit: float, *, above: float) -> Claim | None:
+    def constant(self, limit: float, *, above: float) -> JudgedStatement | None:
         """From some nDOF on no deviation varies by more than a limit [-]; decided by the quantity
         that varies most.
         """
@@ -205,7 +207,9 @@ class Statement:
         said = dataclasses.replace(self, text=f"{self.text} (within {100 * limit:g} point)")
         return said._decide(span <= limit, f"{100 * span:.2g} points: {least} to {most}", span)
 
-    def smaller_than(self, worse: RefinementSeries, *, above: float, below: float) -> Claim | None:
+    def smaller_than(
+        self, worse: RefinementSeries, *, above: float, below: float
+    ) -> JudgedStatement | None:
         """In a range of nDOF these models deviate less than others of about equal nDOF, in every
         quantity; a missing mode loses.
 
@@ -233,7 +237,7 @@ class Statement:
             gap < 0.0 and not lacking, decides, gap, models=f"{self.series.models}, {worse.models}"
         )
 
-    def coarsest_lacks(self) -> Claim | None:
+    def coarsest_lacks(self) -> JudgedStatement | None:
         """The smallest model has not a certain mode."""
         if not self.series.points:
             return None
@@ -249,7 +253,7 @@ class Statement:
         )
         return self._decide(False, f"{found}, MAC {smallest.macs[name]:.2f}", found.value)
 
-    def softer_than(self, stiffer: RefinementSeries) -> Claim | None:
+    def softer_than(self, stiffer: RefinementSeries) -> JudgedStatement | None:
         """The smallest of these models gives larger displacements than the smallest of others."""
         if not (self.series.points and stiffer.points):
             return None
@@ -264,7 +268,9 @@ class Statement:
             models=f"{self.series.models}, {stiffer.models}",
         )
 
-    def like(self, others: RefinementSeries, limit: float, *, above: float) -> Claim | None:
+    def like(
+        self, others: RefinementSeries, limit: float, *, above: float
+    ) -> JudgedStatement | None:
         """Deviations of two kinds of models of about equal nDOF differ by less than a limit.
 
         Args:
@@ -290,7 +296,9 @@ class Statement:
             abs(gap) < limit, decides, gap, models=f"{others.models}, {self.series.models}"
         )
 
-    def costlier_than(self, few: RefinementSeries, limit: float, *, least: float) -> Claim | None:
+    def costlier_than(
+        self, few: RefinementSeries, limit: float, *, least: float
+    ) -> JudgedStatement | None:
         """These models need at least so many times the dofs of others to stay within a limit of the
         analytic values.
 
@@ -322,7 +330,7 @@ class Statement:
             models=models,
         )
 
-    def reaches(self, limit: float, *, against: Against) -> Claim | None:
+    def reaches(self, limit: float, *, against: Against) -> JudgedStatement | None:
         """The largest model lies within a limit [-] of a reference, in every quantity."""
         if not self.series.points:
             return None
@@ -339,8 +347,8 @@ class Statement:
         note: str = "",
         *,
         models: str = "",
-    ) -> Claim:
-        return Claim(
+    ) -> JudgedStatement:
+        return JudgedStatement(
             self.series.figure,
             models or self.series.models,
             self.text,
@@ -384,7 +392,9 @@ def _name_missing(point: RefinementPoint) -> str:
     return f"a mode is missing at nDOF {point.ndof} ({point.kind})"
 
 
-def judge_statements(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> list[Claim]:
+def judge_statements(
+    beam: ReferenceBeam, points: Sequence[RefinementPoint]
+) -> list[JudgedStatement]:
     """Every statement about a beam that its series has models to decide by, in the order of the
     paper's figures.
     """
@@ -392,11 +402,11 @@ def judge_statements(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> 
     return _decided(judge(beam, points))
 
 
-def judge_own(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> list[Claim]:
+def judge_own(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> list[JudgedStatement]:
     """What the paper does not say: second-order elements reach converged 3D elasticity, segments
     reach beam theory with shear.
     """
-    found: list[Claim | None] = []
+    found: list[JudgedStatement | None] = []
     groups: tuple[Group, ...] = ("static", "modal")
     for group in groups:
         names = [name for name, reference in beam.references.items() if reference.group == group]
@@ -424,11 +434,13 @@ def judge_own(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> list[Cl
     return _decided(found)
 
 
-def _decided(claims: Sequence[Claim | None]) -> list[Claim]:
+def _decided(claims: Sequence[JudgedStatement | None]) -> list[JudgedStatement]:
     return sorted((claim for claim in claims if claim is not None), key=lambda claim: claim.figure)
 
 
-def _judge_cantilever(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> list[Claim | None]:
+def _judge_cantilever(
+    beam: ReferenceBeam, points: Sequence[RefinementPoint]
+) -> list[JudgedStatement | None]:
     modes = [name for name, reference in beam.references.items() if reference.group == "modal"]
     loads = [*FORCES, *TORSION]
     segments = pick_series(beam, points, "static", "segmented")
@@ -483,7 +495,9 @@ def _judge_cantilever(beam: ReferenceBeam, points: Sequence[RefinementPoint]) ->
     return found
 
 
-def _judge_fixed_beam(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> list[Claim | None]:
+def _judge_fixed_beam(
+    beam: ReferenceBeam, points: Sequence[RefinementPoint]
+) -> list[JudgedStatement | None]:
     shifts, bending = [AT_CENTRE, ABOVE], ["X1", "X2"]
     segments = pick_series(beam, points, "static", "segmented")
     found = [

@@ -69,7 +69,7 @@ def test_jacobians_are_those_of_the_complex_step(mechanism: Mechanism, seed: int
     state, _ = random_motion(mechanism, seed)
     found = evaluate_kinematics(mechanism, state)
     for jacobian, function in (
-        (found.closures, lambda q: closure_residual(mechanism, q)),
+        (found.closure_jacobian, lambda q: closure_residual(mechanism, q)),
         (found.of_position, lambda q: place_markers(mechanism, q).positions),
     ):
         assert np.abs(jacobian - complex_step(function, state)).max() < 1e-12 * max(
@@ -82,7 +82,7 @@ def test_bias_is_the_second_derivative_along_constant_rates(mechanism: Mechanism
     state, rates = random_motion(mechanism, 7)
     placement = place_markers(mechanism, state)
     bias = marker_bias(placement, rates)
-    closures = complex_step(lambda q: evaluate_kinematics(mechanism, q).closures, state)
+    closures = complex_step(lambda q: evaluate_kinematics(mechanism, q).closure_jacobian, state)
     places = complex_step(lambda q: evaluate_kinematics(mechanism, q).of_position, state)
     turns = complex_step(lambda q: evaluate_kinematics(mechanism, q).of_rotation, state)
     gamma = np.einsum("ijk,j,k->i", closures, rates, rates)
@@ -104,7 +104,7 @@ def test_a_batch_gives_what_its_states_give_one_by_one() -> None:
     for i in range(2):
         for j in range(3):
             alone = evaluate_kinematics(EXECHON, states[i, j])
-            assert np.allclose(together.closures[i, j], alone.closures, atol=1e-14)
+            assert np.allclose(together.closure_jacobian[i, j], alone.closure_jacobian, atol=1e-14)
             own = marker_bias(alone.placement, rates[i, j])
             assert np.allclose(gamma[i, j], closure_bias(EXECHON, alone.placement, own), atol=1e-12)
 

@@ -93,7 +93,7 @@ def test_the_plane_above_the_table_is_free_of_singular_poses() -> None:
     survey = survey_tool_poses(MACHINE, np.stack([x, y, np.full_like(x, 0.2)], -1), DOWN)
     assert survey.reached.all()
     assert survey.condition.max() < 8.0
-    passive = evaluate_kinematics(MACHINE.mechanism, survey.states).closures[
+    passive = evaluate_kinematics(MACHINE.mechanism, survey.states).closure_jacobian[
         ..., MACHINE.mechanism.passive_slice
     ]
     assert np.linalg.cond(passive).max() < 11.0

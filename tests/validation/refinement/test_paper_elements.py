@@ -7,16 +7,16 @@ import pytest
 from common import present
 from headstock.validation.refinement.paper_elements import paper_points
 from headstock.validation.refinement.references import reference_beam
-from headstock.validation.refinement.statements import Claim, judge_statements
+from headstock.validation.refinement.statements import JudgedStatement, judge_statements
 
 
 @pytest.fixture(scope="module")
-def claims() -> dict[tuple[int, str], Claim]:
+def statements() -> dict[tuple[int, str], JudgedStatement]:
     beams = [reference_beam(name) for name in ("kono-cantilever", "kono-fixed-beam")]
     return {
-        (claim.figure, claim.text): claim
+        (judged.figure, judged.text): judged
         for beam in beams
-        for claim in judge_statements(beam, paper_points(beam))
+        for judged in judge_statements(beam, paper_points(beam))
     }
 
 
@@ -34,24 +34,24 @@ def claims() -> dict[tuple[int, str], Claim]:
     ],
 )
 def test_the_paper_s_statements_on_linear_elements_hold_for_elements_with_bending_shapes(
-    claims: dict[tuple[int, str], Claim], statement: tuple[int, str]
+    statements: dict[tuple[int, str], JudgedStatement], statement: tuple[int, str]
 ) -> None:
-    assert claims[statement].confirmed, claims[statement].decides
+    assert statements[statement].confirmed, statements[statement].decides
 
 
 def test_two_per_cent_in_shear_is_missed_by_what_the_analytic_value_leaves_out(
-    claims: dict[tuple[int, str], Claim],
+    statements: dict[tuple[int, str], JudgedStatement],
 ) -> None:
-    claim = claims[7, "< 2 % from nDOF 200, dx(Mc) apart"]
-    assert not claim.confirmed
-    assert abs(present(claim.value)) < 0.0225
-    assert "converged 3D elasticity itself lies at +2.29 %" in claim.note
+    judged = statements[7, "< 2 % from nDOF 200, dx(Mc) apart"]
+    assert not judged.confirmed
+    assert abs(present(judged.value)) < 0.0225
+    assert "converged 3D elasticity itself lies at +2.29 %" in judged.note
 
 
 def test_the_fixed_beam_s_torsion_is_off_by_the_reference_and_says_so(
-    claims: dict[tuple[int, str], Claim],
+    statements: dict[tuple[int, str], JudgedStatement],
 ) -> None:
     assert (
         "converged 3D elasticity itself lies at +21.5 %"
-        in claims[14, "T1 still > 20 % above nDOF 1000"].note
+        in statements[14, "T1 still > 20 % above nDOF 1000"].note
     )

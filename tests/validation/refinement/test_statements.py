@@ -52,10 +52,10 @@ def test_a_limit_holds_from_the_ndof_it_is_claimed_from() -> None:
 
 def test_a_limit_that_a_right_model_cannot_meet_names_the_reference() -> None:
     off = BEAM.references["Y2"].solid / BEAM.references["Y2"].analytic - 1.0
-    claim = present(Statement(series("hex27", "Y2", {300: off}, "modal"), "", ["Y2"]).below(0.15))
-    assert not claim.confirmed
-    assert "converged 3D elasticity itself lies at -16.04 %" in claim.note
-    assert "shear" in claim.note
+    judged = present(Statement(series("hex27", "Y2", {300: off}, "modal"), "", ["Y2"]).below(0.15))
+    assert not judged.confirmed
+    assert "converged 3D elasticity itself lies at -16.04 %" in judged.note
+    assert "shear" in judged.note
 
 
 def test_a_missing_mode_counts_against_a_limit() -> None:
@@ -83,13 +83,13 @@ def test_what_stays_above_a_limit_stays_there_in_every_model_of_the_range() -> N
 
 
 def test_what_only_the_coarsest_model_shows_says_where_it_ends() -> None:
-    claim = present(
+    judged = present(
         Statement(
             series("hex8", TWIST, {100: -0.9, 1000: -0.75, 9000: -0.6}), "", [TWIST]
         ).coarsest_exceeds(0.7)
     )
-    assert claim.confirmed
-    assert claim.note == "no longer from nDOF 9000 on"
+    assert judged.confirmed
+    assert judged.note == "no longer from nDOF 9000 on"
     assert not present(
         Statement(series("hex8", TWIST, {100: -0.6}), "", [TWIST]).coarsest_exceeds(0.7)
     ).confirmed
@@ -175,9 +175,9 @@ def test_how_many_times_the_dofs_one_kind_needs() -> None:
         series("hex8", TWIST, {90: 0.3, 900: 0.09, 1800: -0.02}),
     )
     assert ndof_within(many, [TWIST], 0.1) == 900
-    claim = present(Statement(many, "", [TWIST]).costlier_than(few, 0.1, least=30.0))
-    assert claim.confirmed
-    assert claim.value == pytest.approx(30.0)
+    judged = present(Statement(many, "", [TWIST]).costlier_than(few, 0.1, least=30.0))
+    assert judged.confirmed
+    assert judged.value == pytest.approx(30.0)
     never = present(Statement(many, "", [TWIST]).costlier_than(few, 0.1, least=31.0))
     assert not never.confirmed
     out_of_reach = present(
