@@ -207,10 +207,10 @@ def _result(
     """What is compared: fixed-interface frequencies, and the elastic frequencies of the free
     reduced model.
     """
-    squares = scipy.linalg.eigh(
+    eigenvalues = scipy.linalg.eigh(
         0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T), eigvals_only=True
     )
-    free_hz = np.sqrt(np.abs(squares[6:])) / (2.0 * np.pi)
+    free_hz = np.sqrt(np.abs(eigenvalues[6:])) / (2.0 * np.pi)
     return {
         "stages": clock.stages,
         "total": total,

@@ -241,7 +241,7 @@ def _check_place(rail: Rail, place: float, length: float) -> float:
         least = count_control_points(rail.high - rail.low, length, LEAST_INTERVALS)
         raise ModelError(
             f"{len(rail.control) // CONTROL_POINT_DOFS} control points are too few for a carriage of {show_position(length)} on a rail of "
-            f"{show_position(rail.high - rail.low)}: it would feel them pass; take at least {least}"
+            f"{show_position(rail.high - rail.low)}: the compliance would ripple from one to the next; take at least {least}"
         )
     over = max(rail.low - (place - 0.5 * length), place + 0.5 * length - rail.high)
     if over > slack:

@@ -206,9 +206,9 @@ def _add_to_truncation(element: Superelement, kept: int, cutoff_hz: float) -> Tr
     if before is None:
         return None
     participation: FloatArray = element.mass[: element.boundary_size, kept:]
-    squares = element.stiffness.diagonal()[kept:]
-    first = before.first + participation / squares @ participation.T
-    second = before.second + participation / squares**2 @ participation.T
+    eigenvalues = element.stiffness.diagonal()[kept:]
+    first = before.first + participation / eigenvalues @ participation.T
+    second = before.second + participation / eigenvalues**2 @ participation.T
     limit = (
         (2.0 * np.pi * cutoff_hz) ** 2 if cutoff_hz > 0.0 else lowest_participating(first, second)
     )

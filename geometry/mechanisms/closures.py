@@ -223,7 +223,7 @@ def close_kinematics(
             ]
         except np.linalg.LinAlgError as error:
             raise ClosureError(
-                f"{mechanism.name}: the closures do not determine the coordinates in this pose: it is singular"
+                f"{mechanism.name}: the loop closures do not determine the coordinates in this pose: it is singular"
             ) from error
         size = np.abs(step).max(initial=0.0)
         if not np.isfinite(size):

@@ -139,7 +139,7 @@ class Mechanism:
             )
             if wrong:
                 raise ValueError(
-                    f"{self.name}: a closure names {', '.join(wrong)}, which is nowhere in the chains"
+                    f"{self.name}: a loop closure names {', '.join(wrong)}, which the chains do not have"
                 )
 
     @cached_property

@@ -53,15 +53,15 @@ def estimate_mode_errors(
         ``m`` estimates [Hz], half widths.
     """
     count = len(modes.frequencies_hz)
-    squares = np.where(
+    eigenvalues = np.where(
         np.arange(count) < modes.rigid_count, np.inf, (2.0 * np.pi * modes.frequencies_hz) ** 2
     )
     areas, materials = _coupled_areas(parts)
     doubts = doubted_energies(
-        coupled, modes.shapes, np.where(np.isinf(squares), 0.0, squares), areas, materials
+        coupled, modes.shapes, np.where(np.isinf(eigenvalues), 0.0, eigenvalues), areas, materials
     )
     effects = {
-        name: 0.5 * modes.frequencies_hz * energy / squares for name, energy in doubts.items()
+        name: 0.5 * modes.frequencies_hz * energy / eigenvalues for name, energy in doubts.items()
     }
     kinds = Estimate({}, _name_kinds(parts, effects, modes.frequencies_hz, unit="Hz", factor=1.0))
     unknown = [combine_estimates([name_what_is_left_out(parts, coupled), kinds])] * count

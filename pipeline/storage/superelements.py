@@ -223,12 +223,12 @@ def _check_frequencies(path: str, superelement: Superelement) -> None:
     if not stated.size:
         return
     try:
-        squares = scipy.linalg.eigh(
+        eigenvalues = scipy.linalg.eigh(
             superelement.stiffness[modal, modal], superelement.mass[modal, modal], eigvals_only=True
         )
     except (ValueError, np.linalg.LinAlgError) as error:
         raise RecordError(f"{path}: the mass of its modal dofs is not positive: {error}") from error
-    found = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+    found = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2.0 * np.pi)
     worst = int(np.argmax(np.abs(found - stated) / np.maximum(stated, np.finfo(float).tiny)))
     if not abs(found[worst] - stated[worst]) <= CONSISTENCY * stated[worst]:
         raise RecordError(

@@ -293,7 +293,7 @@ def _order_fields(operators: ElasticOperators, vectors: FloatArray) -> RowBlocks
 def _gather_field(fields: RowBlocks) -> FloatArray | None:
     """``(3 n_points, k)`` on rank 0."""
     gathered = fields.gather()
-    return None if gathered is None else gathered.reshape(-1, gathered.shape[2])
+    return None if gathered is None else gathered.reshape(3 * len(gathered), gathered.shape[2])
 
 
 def _gather_recovery(mesh: ComponentMesh | None, fields: RowBlocks) -> Recovery | None:

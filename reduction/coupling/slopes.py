@@ -278,27 +278,27 @@ class ModeSlopes:
 
 
 def slope_modes(
-    machine: CoupledSlopes, slope: StackedPieces, squares: FloatArray, shapes: FloatArray
+    machine: CoupledSlopes, slope: StackedPieces, eigenvalues: FloatArray, shapes: FloatArray
 ) -> ModeSlopes:
     """Change of the pencil on given modes.
 
     Args:
         machine: The machine at the parameter's value.
         slope: Derivatives of the parts that the parameter moves.
-        squares: ``(m,)`` omega^2 [rad^2/s^2].
+        eigenvalues: ``(m,)`` omega^2 [rad^2/s^2].
         shapes: ``(n, m)`` mass-normalised, in free coordinates.
     """
     basis = machine.coupled.basis
     motions = basis @ shapes
     stiff, heavy = machine.changed_forces(slope, motions)
-    stacked = stiff - heavy * squares
+    stacked = stiff - heavy * eigenvalues
     mass_terms = np.einsum("ij,ij->j", motions, heavy)
     carried = machine.carried_motions(slope, motions)
     if carried is None:
         return ModeSlopes(basis.T @ stacked, mass_terms, np.zeros_like(motions))
     inertia = machine.mass_times(motions)
-    reactions = machine.stiffness_times(motions) - inertia * squares
-    stacked += machine.stiffness_times(carried) - machine.mass_times(carried) * squares
+    reactions = machine.stiffness_times(motions) - inertia * eigenvalues
+    stacked += machine.stiffness_times(carried) - machine.mass_times(carried) * eigenvalues
     mass_terms += 2.0 * np.einsum("ij,ij->j", carried, inertia)
     return ModeSlopes(
         basis.T @ stacked + machine.carried_forces(slope, reactions), mass_terms, carried

@@ -81,7 +81,7 @@ def bound_frequency_errors(
         into components; Elssel and Voss (2006) for a bound, from the cut-off alone: ``lambda /
         (omega_c^2 - lambda)``.
     """
-    squares = np.where(
+    eigenvalues = np.where(
         np.arange(len(modes.frequencies_hz)) < modes.rigid_count,
         0.0,
         (2.0 * np.pi * modes.frequencies_hz) ** 2,
@@ -92,9 +92,9 @@ def bound_frequency_errors(
         name: TruncatedPart(part.truncation, part.rows @ space) for name, part in parts.items()
     }
     seen = {name: part.rows @ modes.shapes for name, part in parts.items()}
-    bounds, beyond = np.zeros(len(squares)), []
-    by_component: dict[str, FloatArray] = {name: np.zeros(len(squares)) for name in parts}
-    for mode, square in enumerate(squares):
+    bounds, beyond = np.zeros(len(eigenvalues)), []
+    by_component: dict[str, FloatArray] = {name: np.zeros(len(eigenvalues)) for name in parts}
+    for mode, square in enumerate(eigenvalues):
         beyond.append(
             tuple(name for name, part in parts.items() if not square < part.truncation.limit)
         )

@@ -103,44 +103,44 @@ def lowest_symmetric_pairs(
             f"SLEPc found {found} of {wanted} eigenpairs of a model with {stiffness.shape[0]} dofs"
         )
     vector = pair[0].createVecRight()
-    squares: FloatArray = np.zeros(found)
+    eigenvalues: FloatArray = np.zeros(found)
     shapes: FloatArray = np.zeros((stiffness.shape[0], found))
     for index in range(found):
-        squares[index] = solver.getEigenpair(index, vector).real
+        eigenvalues[index] = solver.getEigenpair(index, vector).real
         shapes[:, index] = vector.array
-    order = np.argsort(squares)
-    squares, shapes = squares[order], shapes[:, order]
+    order = np.argsort(eigenvalues)
+    eigenvalues, shapes = eigenvalues[order], shapes[:, order]
     shapes /= np.sqrt(np.einsum("ij,ij->j", shapes, mass @ shapes))
     for thing in (vector, solver, *pair):
         thing.destroy()
-    residuals = stiffness @ shapes - (mass @ shapes) * squares
-    weights = _row_weights(stiffness)[:, None] + _row_weights(mass)[:, None] * np.abs(squares)
+    residuals = stiffness @ shapes - (mass @ shapes) * eigenvalues
+    weights = _row_weights(stiffness)[:, None] + _row_weights(mass)[:, None] * np.abs(eigenvalues)
     sizes = np.einsum("ij,ij,ij->j", shapes, shapes, weights)
     _require_small(
         np.sqrt((residuals**2 / weights).max(axis=0) / sizes), f"a mode of {len(shapes)} dofs"
     )
-    _require_count(stiffness, mass, squares, count, constraints)
-    return squares[:count], shapes[:, :count]
+    _require_count(stiffness, mass, eigenvalues, count, constraints)
+    return eigenvalues[:count], shapes[:, :count]
 
 
 def _require_count(
     stiffness: scipy.sparse.spmatrix,
     mass: scipy.sparse.spmatrix,
-    squares: FloatArray,
+    eigenvalues: FloatArray,
     count: int,
     constraints: int,
 ) -> None:
     """As many pivots below zero as eigenvalues were found below the widest gap above those
     wanted.
     """
-    gaps = squares[count:] - squares[count - 1 : -1]
-    gaps = gaps / np.maximum(np.abs(squares[count:]), np.finfo(float).tiny)
+    gaps = eigenvalues[count:] - eigenvalues[count - 1 : -1]
+    gaps = gaps / np.maximum(np.abs(eigenvalues[count:]), np.finfo(float).tiny)
     kept = count + int(np.argmax(gaps))
     if not gaps.max() > GAP:
         raise AccuracyError(
-            f"the eigenvalues {count} to {len(squares)} of a model are one cluster; ask for more"
+            f"the eigenvalues {count} to {len(eigenvalues)} of a model are one cluster; ask for more"
         )
-    between = 0.5 * (squares[kept - 1] + squares[kept])
+    between = 0.5 * (eigenvalues[kept - 1] + eigenvalues[kept])
     shifted = _to_petsc(stiffness - between * mass)
     pc = _factorise(shifted)
     negative = pc.getFactorMatrix().getInertia()[0] - constraints

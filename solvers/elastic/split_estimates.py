@@ -59,13 +59,15 @@ def estimate_split_errors(
     """
     comm, count = operators.comm, fields.rows.shape[2]
     if comm.size == 1 and mesh is not None:
-        return estimate_mesh_errors(mesh, material, fields.rows.reshape(-1, count), weights)
+        return estimate_mesh_errors(
+            mesh, material, fields.rows.reshape(3 * fields.total, count), weights
+        )
     if mesh is None or weights is None:
         comm.send(operators.cells, dest=0, tag=CELLS_TAG)
         piece: _Piece = comm.recv(source=0, tag=CELLS_TAG)
     else:
         piece = _deal_pieces(mesh, operators, weights)
-    own = fields.fetch(piece.nodes).reshape(-1, count)
+    own = fields.fetch(piece.nodes).reshape(3 * len(piece.nodes), count)
     zero = np.zeros((count, count))
     found = MeshErrors(zero, None if piece.mesh.gaps is None else ShapeChange(zero, zero))
     if piece.counted:

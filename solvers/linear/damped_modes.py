@@ -79,8 +79,8 @@ def solve_damped(
     modes = undamped or solve_modal(system)
     _require_complete(system, modes)
     count = modes.shapes.shape[1]
-    squares = (2.0 * np.pi * modes.frequencies_hz) ** 2
-    squares[: modes.rigid_count] = 0.0
+    eigenvalues = (2.0 * np.pi * modes.frequencies_hz) ** 2
+    eigenvalues[: modes.rigid_count] = 0.0
     damping = (
         np.zeros((count, count))
         if system.damping is None
@@ -91,7 +91,7 @@ def solve_damped(
     # grow
     rest = modes.rigid_count if _is_undamped(damping, modes.rigid_count) else 0
     poles, shapes = _elastic_poles(
-        squares[rest:], damping[rest:, rest:], None if lowest is None else max(1, lowest - rest)
+        eigenvalues[rest:], damping[rest:, rest:], None if lowest is None else max(1, lowest - rest)
     )
     resting = np.repeat(np.eye(count, rest), 2, axis=1)
     poles, shapes = (
@@ -116,12 +116,12 @@ def _is_undamped(damping: FloatArray, rigid_count: int) -> bool:
 
 
 def _elastic_poles(
-    squares: FloatArray, damping: FloatArray, lowest: int | None
+    eigenvalues: FloatArray, damping: FloatArray, lowest: int | None
 ) -> tuple[ComplexArray, ComplexArray]:
     few = None
     if lowest is not None and is_symmetric(damping):
-        few = find_lowest_poles(squares, damping, lowest, tolerance=LOWEST_TOLERANCE)
-    return state_eigenpairs(squares, damping) if few is None else few
+        few = find_lowest_poles(eigenvalues, damping, lowest, tolerance=LOWEST_TOLERANCE)
+    return state_eigenpairs(eigenvalues, damping) if few is None else few
 
 
 def _require_complete(system: SecondOrderSystem, modes: ModalResult) -> None:

@@ -45,7 +45,7 @@ class DamperSum:
     of few dampers.
 
     Attributes:
-        squares: ``(m,)`` omega^2 [rad^2/s^2] of the modes that take part: all elastic ones, and
+        eigenvalues: ``(m,)`` omega^2 [rad^2/s^2] of the modes that take part: all elastic ones, and
             rigid-body modes that are damped.
         loads: ``(m, n_inputs)``.
         rows: ``(n_outputs, m)``.
@@ -54,7 +54,7 @@ class DamperSum:
         rest: Rigid-body motion and residual flexibility.
     """
 
-    squares: FloatArray
+    eigenvalues: FloatArray
     loads: FloatArray
     rows: FloatArray
     viscous: CoupledDampers
@@ -65,7 +65,7 @@ class DamperSum:
         """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN on an
         undamped pole that is seen.
         """
-        lines = max(1, BLOCK // max(1, len(self.squares)))
+        lines = max(1, BLOCK // max(1, len(self.eigenvalues)))
         parts = [
             self._evaluate_block(omega[start : start + lines])
             for start in range(0, len(omega), lines)
@@ -79,26 +79,26 @@ class DamperSum:
         Args:
             below: Only those of modes up to this angular frequency [rad/s]; None for all.
         """
-        omega = np.sqrt(self.squares)
+        omega = np.sqrt(self.eigenvalues)
         damping = _whole(self.viscous)
         flexible = np.flatnonzero(omega > 0.0)
         damping[np.ix_(flexible, flexible)] += _whole(self.hysteretic)[
             np.ix_(flexible, flexible)
         ] / np.sqrt(np.outer(omega[flexible], omega[flexible]))
         wanted = len(omega) if below is None else int(np.count_nonzero(omega <= below))
-        few = find_lowest_poles(self.squares, damping, wanted, tolerance=PEAK_TOLERANCE)
-        poles, _ = state_eigenpairs(self.squares, damping) if few is None else few
+        few = find_lowest_poles(self.eigenvalues, damping, wanted, tolerance=PEAK_TOLERANCE)
+        poles, _ = state_eigenpairs(self.eigenvalues, damping) if few is None else few
         return np.asarray(poles[poles.imag >= 0.0])
 
     def _evaluate_block(self, omega: FloatArray) -> ComplexArray:
         """The modes far from each frequency are eliminated, those near it are solved for."""
         square = omega[:, None] ** 2
         dynamic = (
-            self.squares
+            self.eigenvalues
             - square
             + 1j * (omega[:, None] * self.viscous.diagonal + self.hysteretic.diagonal)
         )
-        near = (np.abs(self.squares - square) < NEAR * square) | (self.squares == 0.0)
+        near = (np.abs(self.eigenvalues - square) < NEAR * square) | (self.eigenvalues == 0.0)
         factors = np.hstack([self.viscous.factors, self.hysteretic.factors])
         still = np.ones((len(omega), 1)) * self.hysteretic.strengths
         weights = 1j * np.hstack([omega[:, None] * self.viscous.strengths, still])
@@ -180,7 +180,7 @@ def sum_over_dampers(coordinates: ModalCoordinates) -> DamperSum | None:
         return None
     rest = rest_terms(coordinates)
     return DamperSum(
-        squares=coordinates.squares[taken],
+        eigenvalues=coordinates.eigenvalues[taken],
         loads=coordinates.inputs[taken],
         rows=coordinates.outputs[:, taken],
         viscous=viscous,

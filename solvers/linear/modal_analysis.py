@@ -101,14 +101,14 @@ def _finish_modes(
     Raises:
         AccuracyError: An eigenpair misses the residual limit.
     """
-    frequencies = np.sqrt(np.abs(pairs.squares)) / (2.0 * np.pi)
+    frequencies = np.sqrt(np.abs(pairs.eigenvalues)) / (2.0 * np.pi)
     kept = len(frequencies)
     if up_to_hz is not None:
         kept = min(
             kept, max(pairs.rigid_count, int(np.searchsorted(frequencies, up_to_hz, side="right")))
         )
     shapes = _with_sign(pairs.shapes[:, :kept])
-    residuals = _residuals(system, pairs.squares[:kept], shapes)
+    residuals = _residuals(system, pairs.eigenvalues[:kept], shapes)
     _require_small(residuals, frequencies)
     return ModalResult(
         frequencies[:kept], shapes, pairs.rigid_count, pairs.infinite_count, residuals
@@ -154,13 +154,15 @@ def _with_sign(shapes: FloatArray) -> FloatArray:
     return np.asarray(shapes * np.where(largest < 0.0, -1.0, 1.0))
 
 
-def _residuals(system: SecondOrderSystem, squares: FloatArray, shapes: FloatArray) -> FloatArray:
+def _residuals(
+    system: SecondOrderSystem, eigenvalues: FloatArray, shapes: FloatArray
+) -> FloatArray:
     """Residual of each pair, every dof weighed by its own ``k_ii + omega^2 m_ii``: independent of
     units and of grading.
     """
-    residual = system.stiffness @ shapes - (system.mass @ shapes) * squares
+    residual = system.stiffness @ shapes - (system.mass @ shapes) * eigenvalues
     weights = system.stiffness.diagonal()[:, None] + system.mass.diagonal()[:, None] * np.abs(
-        squares
+        eigenvalues
     )
     weights = np.maximum(weights, np.finfo(float).tiny)
     sizes = np.einsum("ij,ij,ij->j", shapes, shapes, weights)
@@ -247,8 +249,8 @@ def _largest_flexibilities(
     )
     if loses_digits(stiffness, shapes[:, 0]):
         return None
-    squares = 1.0 / flexibilities[: -kept - 1 : -1]
-    return ModalPairs(squares, shapes * np.sqrt(squares))
+    eigenvalues = 1.0 / flexibilities[: -kept - 1 : -1]
+    return ModalPairs(eigenvalues, shapes * np.sqrt(eigenvalues))
 
 
 def slope_squares(shapes: FloatArray, forces: FloatArray) -> FloatArray:
@@ -264,7 +266,7 @@ def slope_squares(shapes: FloatArray, forces: FloatArray) -> FloatArray:
 def slope_shape(
     stiffness: FloatArray,
     mass: FloatArray,
-    squares: FloatArray,
+    eigenvalues: FloatArray,
     shapes: FloatArray,
     index: int,
     *,
@@ -279,14 +281,14 @@ def slope_shape(
     Args:
         stiffness: ``(n, n)``.
         mass: ``(n, n)``.
-        squares: ``(m,)`` omega^2 [rad^2/s^2].
+        eigenvalues: ``(m,)`` omega^2 [rad^2/s^2].
         shapes: ``(n, m)`` mass-normalised.
         index: Which mode.
         forces: ``(dK - omega^2 dM) phi`` of that mode for each parameter ``(n, p)``.
         mass_terms: ``phi^T dM phi`` of it ``(p,)``.
     """
-    square = float(squares[index])
-    cluster = np.flatnonzero(np.abs(squares - square) <= CLUSTER_GAP * abs(square))
+    square = float(eigenvalues[index])
+    cluster = np.flatnonzero(np.abs(eigenvalues - square) <= CLUSTER_GAP * abs(square))
     fixed = mass @ shapes[:, cluster]
     count, size = len(cluster), len(mass)
     system = np.zeros((size + count, size + count))

@@ -29,7 +29,7 @@ class ModalCoordinates:
     first.
 
     Attributes:
-        squares: ``(m,)`` omega^2 [rad^2/s^2], exactly zero for rigid-body modes.
+        eigenvalues: ``(m,)`` omega^2 [rad^2/s^2], exactly zero for rigid-body modes.
         rigid_count: How many modes are rigid-body modes.
         inputs: ``(m, n_inputs)`` modal loads.
         outputs: ``(n_outputs, m)`` motions per unit modal coordinate.
@@ -43,7 +43,7 @@ class ModalCoordinates:
         shapes: ``(n, m)`` mass-normalised.
     """
 
-    squares: FloatArray
+    eigenvalues: FloatArray
     rigid_count: int
     inputs: FloatArray
     outputs: FloatArray
@@ -57,7 +57,7 @@ class ModalCoordinates:
     @property
     def omega(self) -> FloatArray:
         """Undamped angular frequencies ``(m,)`` [rad/s]."""
-        return np.sqrt(self.squares)
+        return np.sqrt(self.eigenvalues)
 
 
 def to_modal_coordinates(
@@ -87,14 +87,14 @@ def to_modal_coordinates(
     damped = system.damping is not None or system.hysteretic is not None
     if modes.infinite_count and damped and not _dampers_have_mass(system, modes):
         return None
-    squares = (2.0 * np.pi * modes.frequencies_hz) ** 2
-    squares[: modes.rigid_count] = 0.0
+    eigenvalues = (2.0 * np.pi * modes.frequencies_hz) ** 2
+    eigenvalues[: modes.rigid_count] = 0.0
     modal_loads, modal_rows = modes.shapes.T @ loads, rows @ modes.shapes
     elastic = rows @ elastic_displacements(system, modes, loads)
     flexible = slice(modes.rigid_count, None)
-    residual = elastic - (modal_rows[:, flexible] / squares[flexible]) @ modal_loads[flexible]
+    residual = elastic - (modal_rows[:, flexible] / eigenvalues[flexible]) @ modal_loads[flexible]
     return ModalCoordinates(
-        squares=squares,
+        eigenvalues=eigenvalues,
         rigid_count=modes.rigid_count,
         inputs=modal_loads,
         outputs=modal_rows,
@@ -123,18 +123,18 @@ def keep_modes(coordinates: ModalCoordinates, count: int) -> ModalCoordinates:
     flexible = slice(coordinates.rigid_count, coordinates.rigid_count + count)
     rows, loads = coordinates.outputs[:, kept], coordinates.inputs[kept]
     statics = (
-        coordinates.outputs[:, flexible] / coordinates.squares[flexible]
+        coordinates.outputs[:, flexible] / coordinates.eigenvalues[flexible]
     ) @ coordinates.inputs[flexible]
     return dataclasses.replace(
         coordinates,
-        squares=coordinates.squares[kept],
+        eigenvalues=coordinates.eigenvalues[kept],
         inputs=loads,
         outputs=rows,
         viscous=None if coordinates.viscous is None else coordinates.viscous[kept, kept],
         hysteretic=None if coordinates.hysteretic is None else coordinates.hysteretic[kept, kept],
         residual=coordinates.elastic - statics,
         complete=coordinates.complete
-        and len(coordinates.squares) <= coordinates.rigid_count + count,
+        and len(coordinates.eigenvalues) <= coordinates.rigid_count + count,
         shapes=coordinates.shapes[:, kept],
     )
 
@@ -143,7 +143,7 @@ def count_modes(coordinates: ModalCoordinates, limit_hz: float) -> int:
     """Elastic modes up to a frequency."""
     return int(
         np.count_nonzero(
-            (coordinates.squares > 0.0) & (coordinates.omega <= 2.0 * np.pi * limit_hz)
+            (coordinates.eigenvalues > 0.0) & (coordinates.omega <= 2.0 * np.pi * limit_hz)
         )
     )
 

@@ -125,12 +125,12 @@ def _mac(modes: SweptModes, edges: Edges) -> FloatArray:
     """
     first, second = np.array(edges).T
     products = np.swapaxes(modes.fields[first], 1, 2) @ modes.fields[second]
-    squares = products * products
-    columns = np.arange(squares.shape[1])
+    eigenvalues = products * products
+    columns = np.arange(eigenvalues.shape[1])
     worst = np.ones(len(edges))
     for side, axis in ((first, 2), (second, 1)):
         asked = (columns >= modes.rigid[side, None]) & (columns < modes.wanted[side, None])
-        worst = np.minimum(worst, np.where(asked, squares.max(axis=axis), 1.0).min(axis=1))
+        worst = np.minimum(worst, np.where(asked, eigenvalues.max(axis=axis), 1.0).min(axis=1))
     return worst
 
 
@@ -234,11 +234,11 @@ def _join_labels(nodes: dict[int, _Node], edges: Edges) -> None:
         alone = np.flatnonzero((one.labels >= 0) & ~np.isin(one.labels, other.labels))
         partners = np.flatnonzero((other.labels >= 0) & ~np.isin(other.labels, one.labels))
         if len(alone) and len(partners):
-            squares = (one.field[:, alone].T @ other.field[:, partners]) ** 2
-            for i, j in np.argwhere(squares >= SAME_MODE):
+            eigenvalues = (one.field[:, alone].T @ other.field[:, partners]) ** 2
+            for i, j in np.argwhere(eigenvalues >= SAME_MODE):
                 candidates.append(
                     (
-                        -float(squares[i, j]),
+                        -float(eigenvalues[i, j]),
                         int(one.labels[alone[i]]),
                         int(other.labels[partners[j]]),
                     )
@@ -298,5 +298,5 @@ def _breaks(one: _Node, other: _Node) -> bool:
     common = np.intersect1d(one.labels[one.labels >= 0], other.labels)
     first = [int(np.flatnonzero(one.labels == label)[0]) for label in common]
     second = [int(np.flatnonzero(other.labels == label)[0]) for label in common]
-    squares = np.einsum("ij,ij->j", one.field[:, first], other.field[:, second]) ** 2
-    return bool((squares < SAME_MODE).any())
+    eigenvalues = np.einsum("ij,ij->j", one.field[:, first], other.field[:, second]) ** 2
+    return bool((eigenvalues < SAME_MODE).any())

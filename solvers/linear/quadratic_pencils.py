@@ -22,13 +22,13 @@ class Pencil:
     """``Q(s) = s^2 + s C + Omega^2`` and the circle in which its poles are wanted.
 
     Attributes:
-        squares: ``(m,)`` of Omega [rad^2/s^2].
+        eigenvalues: ``(m,)`` of Omega [rad^2/s^2].
         viscous: ``(m, m)`` C [1/s].
         radius: [rad/s].
         tolerance: Error of a pole over its size that is good enough.
     """
 
-    squares: FloatArray
+    eigenvalues: FloatArray
     viscous: FloatArray
     radius: float
     tolerance: float
@@ -36,7 +36,7 @@ class Pencil:
     def apply(self, poles: ComplexArray, shapes: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """``Q(s) x`` and ``Q'(s) x`` of poles ``(p,)`` and shapes ``(m, p)``."""
         damped = real_product(self.viscous, shapes)
-        inner = (poles**2 + self.squares[:, None]) * shapes + poles * damped
+        inner = (poles**2 + self.eigenvalues[:, None]) * shapes + poles * damped
         return inner, 2.0 * poles * shapes + damped
 
     def allowed(self, poles: ComplexArray) -> FloatArray:
@@ -91,12 +91,14 @@ class ProjectedPencil:
         return np.asarray(distances.min(axis=1, initial=np.inf))
 
 
-def state_eigenpairs(squares: FloatArray, viscous: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+def state_eigenpairs(
+    eigenvalues: FloatArray, viscous: FloatArray
+) -> tuple[ComplexArray, ComplexArray]:
     """All poles and shapes of ``p'' + C p' + K p = 0`` for a diagonal K ``(m,)`` or a symmetric one
     ``(m, m)``.
     """
     count = len(viscous)
-    stiffness = np.diag(squares) if squares.ndim == 1 else squares
+    stiffness = np.diag(eigenvalues) if eigenvalues.ndim == 1 else eigenvalues
     state = np.block([[np.zeros((count, count)), np.eye(count)], [-stiffness, -viscous]])
     # balance displacement against velocity: both then have the size of the highest frequency
     scale = max(
@@ -119,10 +121,10 @@ def takes_energy(viscous: FloatArray) -> bool:
 
 def project_pencil(pencil: Pencil, columns: FloatArray) -> ProjectedPencil:
     """The pencil on the lower modes and on columns ``(k, w)`` of the outer ones."""
-    lower = len(pencil.squares) - len(columns)
-    viscous, squares = pencil.viscous, pencil.squares
+    lower = len(pencil.eigenvalues) - len(columns)
+    viscous, eigenvalues = pencil.viscous, pencil.eigenvalues
     stiffness = scipy.linalg.block_diag(
-        np.diag(squares[:lower]), columns.T @ (squares[lower:, None] * columns)
+        np.diag(eigenvalues[:lower]), columns.T @ (eigenvalues[lower:, None] * columns)
     )
     beside = viscous[:lower, lower:] @ columns
     damping = np.block(

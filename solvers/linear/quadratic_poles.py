@@ -79,7 +79,7 @@ class _Outer:
 
 
 def find_poles_within(
-    squares: FloatArray, viscous: FloatArray, radius: float, *, tolerance: float
+    eigenvalues: FloatArray, viscous: FloatArray, radius: float, *, tolerance: float
 ) -> CirclePoles | None:
     """Every pole of at most a size, none left out.
 
@@ -96,7 +96,7 @@ def find_poles_within(
     ``Q(-r)`` as well.
 
     Args:
-        squares: ``(m,)`` omega^2 of all undamped modes [rad^2/s^2], rising.
+        eigenvalues: ``(m,)`` omega^2 of all undamped modes [rad^2/s^2], rising.
         viscous: ``(m, m)`` symmetric damping in their coordinates [1/s].
         radius: Largest size of a pole [rad/s].
         tolerance: Error of a pole over its size that is good enough.
@@ -108,11 +108,11 @@ def find_poles_within(
     Source: Sleijpen and van der Vorst (1996), SIAM J. Matrix Anal. Appl. 17, 401-425 (corrections);
     Neumaier (1985), SIAM J. Numer. Anal. 22, 914-923 (residual inverse iteration).
     """
-    size, inside = len(squares), int(np.count_nonzero(squares <= radius**2))
+    size, inside = len(eigenvalues), int(np.count_nonzero(eigenvalues <= radius**2))
     lower = max(int(START_FACTOR * inside) + START_EXTRA, 0)
     if size <= SMALL or lower > LARGEST_SHARE * size or not takes_energy(viscous):
         return None
-    pencil = Pencil(squares, viscous, radius, tolerance)
+    pencil = Pencil(eigenvalues, viscous, radius, tolerance)
     outer = _find_outer(pencil, lower)
     if outer is None or lower + outer.heavy.shape[1] > LARGEST_SHARE * size:
         return None
@@ -154,13 +154,13 @@ def find_poles_within(
 
 
 def find_lowest_poles(
-    squares: FloatArray, viscous: FloatArray, wanted: int, *, tolerance: float
+    eigenvalues: FloatArray, viscous: FloatArray, wanted: int, *, tolerance: float
 ) -> tuple[ComplexArray, ComplexArray] | None:
     """Every pole in the circle of the lowest undamped modes, and those beyond it that are for the
     most part one of them, as the fast pole of an overdamped mode is.
 
     Args:
-        squares: ``(m,)`` omega^2 of all undamped modes [rad^2/s^2], rising.
+        eigenvalues: ``(m,)`` omega^2 of all undamped modes [rad^2/s^2], rising.
         viscous: ``(m, m)`` symmetric damping in their coordinates [1/s].
         wanted: Number of the lowest undamped modes.
         tolerance: Error of a pole over its size that is good enough.
@@ -169,14 +169,14 @@ def find_lowest_poles(
         Poles ``(p,)`` on and above the real axis [rad/s] and shapes ``(m, p)``; None where all
         poles must be computed at once.
     """
-    radius = BEYOND * float(np.sqrt(squares[min(wanted, len(squares)) - 1]))
+    radius = BEYOND * float(np.sqrt(eigenvalues[min(wanted, len(eigenvalues)) - 1]))
     if not radius > 0.0:
         return None
-    circle = find_poles_within(squares, viscous, radius, tolerance=tolerance)
+    circle = find_poles_within(eigenvalues, viscous, radius, tolerance=tolerance)
     if circle is None:
         return None
     led = (np.abs(circle.beyond_shapes[:wanted]) ** 2).sum(axis=0) > 0.5
-    polished = polish_poles(squares, viscous, circle.beyond[led], circle.beyond_shapes[:, led])
+    polished = polish_poles(eigenvalues, viscous, circle.beyond[led], circle.beyond_shapes[:, led])
     if polished is None:
         return None
     return (
@@ -186,12 +186,12 @@ def find_lowest_poles(
 
 
 def polish_poles(
-    squares: FloatArray, viscous: FloatArray, poles: ComplexArray, shapes: ComplexArray
+    eigenvalues: FloatArray, viscous: FloatArray, poles: ComplexArray, shapes: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray] | None:
     """Poles from where they are nearly right, each on its own; None where one does not converge.
 
     Args:
-        squares: ``(m,)`` undamped eigenvalues [rad^2/s^2].
+        eigenvalues: ``(m,)`` undamped eigenvalues [rad^2/s^2].
         viscous: ``(m, m)`` modal damping [1/s].
         poles: ``(k,)`` [1/s].
         shapes: ``(m, k)``.
@@ -208,11 +208,11 @@ def polish_poles(
             pole = poles[index] if poles[index].imag else poles[index].real
             shape = shapes[:, index] if poles[index].imag else shapes[:, index].real
             matrix = pole * viscous
-            matrix[np.diag_indices(len(matrix))] += pole**2 + squares
+            matrix[np.diag_indices(len(matrix))] += pole**2 + eigenvalues
             shape = np.linalg.solve(matrix, 2.0 * pole * shape + viscous @ shape)
             shape /= np.linalg.norm(shape)
             pushed = viscous @ shape
-            step = (shape @ ((pole**2 + squares) * shape + pole * pushed)) / (
+            step = (shape @ ((pole**2 + eigenvalues) * shape + pole * pushed)) / (
                 shape @ (2.0 * pole * shape + pushed)
             )
             poles[index], shapes[:, index] = pole - step, shape
@@ -225,7 +225,7 @@ def polish_poles(
 
 def _find_outer(pencil: Pencil, lower: int) -> _Outer | None:
     """Modes from a number on; None where LAPACK does not converge."""
-    scale = 1.0 / np.sqrt(pencil.squares[lower:] + pencil.radius**2)
+    scale = 1.0 / np.sqrt(pencil.eigenvalues[lower:] + pencil.radius**2)
     damping = pencil.radius * (scale[:, None] * pencil.viscous[lower:, lower:] * scale)
     heavy = np.zeros((len(scale), 0))
     _, info = dpotrf(HEAVY * np.eye(len(scale)) - damping, lower=1)
@@ -285,7 +285,7 @@ def _refine(
         None where one does not converge or leaves its neighbourhood: the space is then too small
         for them all.
     """
-    first, lower = small.poles[picked], len(pencil.squares) - len(outer.scale)
+    first, lower = small.poles[picked], len(pencil.eigenvalues) - len(outer.scale)
     poles, shapes, left = first.copy(), shapes.copy(), np.arange(len(picked))
     for _ in range(REFINE_ROUNDS):
         if not len(left):
@@ -321,7 +321,7 @@ def _agree(pencil: Pencil, small: ProjectedPencil) -> bool:
     inertia of its factors.
     """
     radius = pencil.radius
-    whole = np.diag(pencil.squares + radius**2) - radius * pencil.viscous
+    whole = np.diag(pencil.eigenvalues + radius**2) - radius * pencil.viscous
     factors, pivots, info = dsytrf(whole, lower=1)
     # pivots of two rows, marked by negative indices, have one eigenvalue of either sign
     single = pivots > 0

@@ -53,7 +53,7 @@ class ModalSum:
     """``sum_k r_k / (omega_k^2 - omega^2 + i (omega c_k + h_k))`` and what modes lack.
 
     Attributes:
-        squares: ``(m,)`` of the elastic modes [rad^2/s^2].
+        eigenvalues: ``(m,)`` of the elastic modes [rad^2/s^2].
         viscous: ``(m,)`` ``2 zeta omega_k``.
         hysteretic: ``(m,)`` ``eta omega_k^2``.
         residues: ``(m, n_outputs, n_inputs)``.
@@ -61,7 +61,7 @@ class ModalSum:
         rest: Rigid-body motion and residual flexibility.
     """
 
-    squares: FloatArray
+    eigenvalues: FloatArray
     viscous: FloatArray
     hysteretic: FloatArray
     residues: FloatArray
@@ -73,8 +73,8 @@ class ModalSum:
         undamped pole that is seen.
         """
         square = omega[:, None] ** 2
-        real, imaginary = self.squares - square, omega[:, None] * self.viscous + self.hysteretic
-        singular = np.hypot(real, imaginary) <= SINGULAR * (self.squares + square)
+        real, imaginary = self.eigenvalues - square, omega[:, None] * self.viscous + self.hysteretic
+        singular = np.hypot(real, imaginary) <= SINGULAR * (self.eigenvalues + square)
         weights = np.where(singular, 0.0, 1.0 / np.where(singular, 1.0, real + 1j * imaginary))
         found: ComplexArray = np.tensordot(
             weights, self.residues + 0j, axes=1
@@ -83,7 +83,7 @@ class ModalSum:
 
     def poles(self) -> ComplexArray:
         """Pole of each mode at positive frequencies [rad/s]; of an overdamped one the slower."""
-        root = np.sqrt(0.25 * self.viscous**2 - self.squares - 1j * self.hysteretic)
+        root = np.sqrt(0.25 * self.viscous**2 - self.eigenvalues - 1j * self.hysteretic)
         return np.asarray(-0.5 * self.viscous + np.where(root.imag < 0.0, -root, root))
 
 
@@ -91,9 +91,9 @@ def sum_over_modes(coordinates: ModalCoordinates) -> ModalSum:
     """The sum over all modes; the damping of the coordinates must be diagonal."""
     flexible = slice(coordinates.rigid_count, None)
     rows, loads = coordinates.outputs[:, flexible], coordinates.inputs[flexible]
-    size = len(coordinates.squares)
+    size = len(coordinates.eigenvalues)
     return ModalSum(
-        squares=coordinates.squares[flexible],
+        eigenvalues=coordinates.eigenvalues[flexible],
         viscous=_diagonal(coordinates.viscous, size)[flexible],
         hysteretic=_diagonal(coordinates.hysteretic, size)[flexible],
         residues=np.einsum("ok,ki->koi", rows, loads),
@@ -105,7 +105,7 @@ def sum_over_modes(coordinates: ModalCoordinates) -> ModalSum:
 def rest_terms(coordinates: ModalCoordinates) -> RestTerms:
     """What the elastic modes of a system lack."""
     rigid, moves = rigid_response(coordinates)
-    lowest = float(coordinates.squares[coordinates.rigid_count :].min(initial=np.inf))
+    lowest = float(coordinates.eigenvalues[coordinates.rigid_count :].min(initial=np.inf))
     return RestTerms(
         np.where(moves, rigid, 0.0),
         coordinates.residual,

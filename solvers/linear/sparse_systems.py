@@ -120,22 +120,22 @@ def lowest_sparse_modes(
     start = np.random.default_rng(0).normal(size=size)
     count = wanted + SPARE
     try:
-        squares, shapes = eigsh(
+        eigenvalues, shapes = eigsh(
             sparse, count, heavy, sigma=0.0, OPinv=inverse, v0=start, ncv=3 * count, tol=0.0
         )
     except ArpackError as error:
         raise ConvergenceError(
             f"Lanczos' method for the lowest {count} modes of {size} dofs stopped: {error}"
         ) from error
-    order = np.argsort(squares)
-    squares, shapes = squares[order], shapes[:, order]
-    gaps = squares[wanted:] / squares[wanted - 1 : -1] - 1.0
+    order = np.argsort(eigenvalues)
+    eigenvalues, shapes = eigenvalues[order], shapes[:, order]
+    gaps = eigenvalues[wanted:] / eigenvalues[wanted - 1 : -1] - 1.0
     kept = wanted + int(np.argmax(gaps))
     if not gaps.max() > GAP:
         return None
     shifted = factorise_sparse(
-        sp.csc_matrix(sparse - np.sqrt(squares[kept - 1] * squares[kept]) * heavy)
+        sp.csc_matrix(sparse - np.sqrt(eigenvalues[kept - 1] * eigenvalues[kept]) * heavy)
     )
     if shifted is None or shifted.negative != kept:
         return None
-    return squares[:wanted], shapes[:, :wanted]
+    return eigenvalues[:wanted], shapes[:, :wanted]

@@ -38,12 +38,12 @@ class ModalPairs:
 
     Attributes:
         scales: ``(m,)`` s [rad/s].
-        squares: ``(m,)`` omega^2 [rad^2/s^2].
+        eigenvalues: ``(m,)`` omega^2 [rad^2/s^2].
         viscous: ``(m,)`` ``2 zeta omega`` [rad/s].
     """
 
     scales: FloatArray
-    squares: FloatArray
+    eigenvalues: FloatArray
     viscous: FloatArray
 
 
@@ -133,14 +133,16 @@ def modal_state_space(
         ``A (2 m, 2 m)``, ``B``, ``C``, ``D``; for a rigid-body mode ``omega`` is that of the lowest
         elastic one, as a mere scale.
     """
-    squares, count = coordinates.squares, len(coordinates.squares)
-    lowest = float(np.sqrt(squares[squares > 0.0].min(initial=np.inf)))
-    scales = np.where(squares > 0.0, np.sqrt(squares), lowest if np.isfinite(lowest) else 1.0)
+    eigenvalues, count = coordinates.eigenvalues, len(coordinates.eigenvalues)
+    lowest = float(np.sqrt(eigenvalues[eigenvalues > 0.0].min(initial=np.inf)))
+    scales = np.where(
+        eigenvalues > 0.0, np.sqrt(eigenvalues), lowest if np.isfinite(lowest) else 1.0
+    )
     damping = np.zeros((count, count)) if coordinates.viscous is None else coordinates.viscous
     first, second = np.arange(0, 2 * count, 2), np.arange(1, 2 * count, 2)
     a = np.zeros((2 * count, 2 * count))
     a[first, second] = scales
-    a[second, first] = -squares / scales
+    a[second, first] = -eigenvalues / scales
     a[np.ix_(second, second)] = -damping
     b, c = np.zeros((2 * count, len(inputs))), np.zeros((len(outputs), 2 * count))
     b[second], c[:, first] = coordinates.inputs, coordinates.outputs / scales
@@ -149,7 +151,7 @@ def modal_state_space(
         f"mode {mode + 1} {part}" for mode in range(count) for part in ("displacement", "velocity")
     )
     pairs = (
-        ModalPairs(scales, squares, np.array(damping.diagonal()))
+        ModalPairs(scales, eigenvalues, np.array(damping.diagonal()))
         if is_diagonal(coordinates.viscous)
         else None
     )

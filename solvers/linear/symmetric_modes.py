@@ -33,13 +33,13 @@ class ModalPairs:
     """Eigenpairs, rising.
 
     Attributes:
-        squares: ``(m,)`` omega^2 [rad^2/s^2]; of rigid modes the roundoff that is left.
+        eigenvalues: ``(m,)`` omega^2 [rad^2/s^2]; of rigid modes the roundoff that is left.
         shapes: ``(n, m)`` mass-normalised.
         rigid_count: How many of the first are rigid-body modes (no strain energy).
         infinite_count: Dofs without mass that were condensed statically: infinite frequencies.
     """
 
-    squares: FloatArray
+    eigenvalues: FloatArray
     shapes: FloatArray
     rigid_count: int = 0
     infinite_count: int = 0
@@ -76,16 +76,18 @@ def solve_symmetric_modes(
     count = len(mass) if wanted is None else min(wanted, len(mass))
     sparse = lowest_sparse_modes(stiffness, mass, count)
     if sparse is not None:
-        squares, shapes = sparse
+        eigenvalues, shapes = sparse
         if not (
-            loses_digits(stiffness, shapes[:, 0] / np.sqrt(squares[0]))
+            loses_digits(stiffness, shapes[:, 0] / np.sqrt(eigenvalues[0]))
             and find_null_space(stiffness).dimension
         ):
-            return ModalPairs(squares, shapes)
+            return ModalPairs(eigenvalues, shapes)
     pairs = _flexibility_modes(stiffness, mass, count, up_to)
     if pairs is None:
         careful = _careful_modes(stiffness, mass, count)
-        return replace(careful, squares=careful.squares[:count], shapes=careful.shapes[:, :count])
+        return replace(
+            careful, eigenvalues=careful.eigenvalues[:count], shapes=careful.shapes[:, :count]
+        )
     return pairs
 
 
@@ -106,8 +108,8 @@ def _flexibility_modes(
         stiffness, shapes[:, -1]
     ):
         return None
-    squares = 1.0 / flexibilities[: -count - 1 : -1]
-    return ModalPairs(squares, shapes[:, : -count - 1 : -1] * np.sqrt(squares))
+    eigenvalues = 1.0 / flexibilities[: -count - 1 : -1]
+    return ModalPairs(eigenvalues, shapes[:, : -count - 1 : -1] * np.sqrt(eigenvalues))
 
 
 def _few_lose_digits(stiffness: FloatArray, mass: FloatArray, count: int) -> bool:
@@ -117,8 +119,8 @@ def _few_lose_digits(stiffness: FloatArray, mass: FloatArray, count: int) -> boo
     few = _few_modes(stiffness, mass, count)
     if few is None:
         return True
-    squares, shapes = few
-    return loses_digits(stiffness, shapes[:, 0] / np.sqrt(squares[0]))
+    eigenvalues, shapes = few
+    return loses_digits(stiffness, shapes[:, 0] / np.sqrt(eigenvalues[0]))
 
 
 def spreads_too_far(smallest: float, largest: float) -> bool:
@@ -148,15 +150,15 @@ def _careful_modes(stiffness: FloatArray, mass: FloatArray, wanted: int) -> Moda
     # ones is definite and its pencil regular; P is applied to the shapes below
     elastic_stiffness = condensed_stiffness[np.ix_(free, free)]
     elastic_mass = condensed_mass[np.ix_(free, free)] - coupling[free] @ coupling[free].T
-    squares, reduced = _few_modes(elastic_stiffness, elastic_mass, wanted) or _two_sided_modes(
+    eigenvalues, reduced = _few_modes(elastic_stiffness, elastic_mass, wanted) or _two_sided_modes(
         elastic_stiffness, elastic_mass
     )
-    shapes = np.zeros((len(condensed_mass), len(squares)))
+    shapes = np.zeros((len(condensed_mass), len(eigenvalues)))
     shapes[free] = reduced
     shapes -= rigid @ (coupling.T @ shapes)
     rigid_squares = np.einsum("ij,ij->j", rigid, condensed_stiffness @ rigid)
     return ModalPairs(
-        np.concatenate([rigid_squares, squares]),
+        np.concatenate([rigid_squares, eigenvalues]),
         back @ np.hstack([rigid, shapes]),
         null.dimension,
         len(mass) - len(condensed_mass),
@@ -243,26 +245,28 @@ def _two_sided_modes(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArra
     flexibilities, flexible, info = dsygvd(mass.T, stiffness.T)
     _require_converged(info, "stiffness", len(mass))
     if flexibilities[0] > SPREAD_LIMIT * flexibilities[-1]:
-        squares = 1.0 / flexibilities[::-1]
-        return squares, flexible[:, ::-1] * np.sqrt(squares)
-    squares, shapes, info = dsygvd(stiffness.T, mass.T)
+        eigenvalues = 1.0 / flexibilities[::-1]
+        return eigenvalues, flexible[:, ::-1] * np.sqrt(eigenvalues)
+    eigenvalues, shapes, info = dsygvd(stiffness.T, mass.T)
     _require_converged(info, "mass", len(mass))
-    split = _widest_gap(squares, float(np.sqrt(squares[-1] / flexibilities[-1])))
+    split = _widest_gap(eigenvalues, float(np.sqrt(eigenvalues[-1] / flexibilities[-1])))
     if split:
-        squares[:split] = 1.0 / flexibilities[: -split - 1 : -1]
-        shapes[:, :split] = flexible[:, : -split - 1 : -1] * np.sqrt(squares[:split])
-    return squares, shapes
+        eigenvalues[:split] = 1.0 / flexibilities[: -split - 1 : -1]
+        shapes[:, :split] = flexible[:, : -split - 1 : -1] * np.sqrt(eigenvalues[:split])
+    return eigenvalues, shapes
 
 
-def _widest_gap(squares: FloatArray, middle: float) -> int:
+def _widest_gap(eigenvalues: FloatArray, middle: float) -> int:
     """Number of modes below the widest gap near the middle, so that no cluster is cut."""
-    inside = np.flatnonzero((squares > middle / SPLIT_WINDOW) & (squares < middle * SPLIT_WINDOW))
-    start = int(np.searchsorted(squares, middle))
+    inside = np.flatnonzero(
+        (eigenvalues > middle / SPLIT_WINDOW) & (eigenvalues < middle * SPLIT_WINDOW)
+    )
+    start = int(np.searchsorted(eigenvalues, middle))
     candidates = [start, *(int(i) for i in inside if i > 0)]
     gaps = [
         np.inf
-        if i in (0, len(squares))
-        else squares[i] / max(squares[i - 1], middle / SPLIT_WINDOW**2)
+        if i in (0, len(eigenvalues))
+        else eigenvalues[i] / max(eigenvalues[i - 1], middle / SPLIT_WINDOW**2)
         for i in candidates
     ]
     return candidates[int(np.argmax(gaps))]

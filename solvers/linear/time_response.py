@@ -169,16 +169,20 @@ def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatAr
     """The same for every mode ``(m, 2, 2)``: closed forms, but for low-frequency modes, where these
     would cancel.
     """
-    a = np.zeros((len(pairs.squares), 2, 2))
-    a[:, 0, 1], a[:, 1, 0], a[:, 1, 1] = pairs.scales, -pairs.squares / pairs.scales, -pairs.viscous
+    a = np.zeros((len(pairs.eigenvalues), 2, 2))
+    a[:, 0, 1], a[:, 1, 0], a[:, 1, 1] = (
+        pairs.scales,
+        -pairs.eigenvalues / pairs.scales,
+        -pairs.viscous,
+    )
     transition, total, rising = np.empty_like(a), np.empty_like(a), np.empty_like(a)
-    low_frequency = np.maximum(np.sqrt(pairs.squares), pairs.viscous) * step < LOW_FREQUENCY
+    low_frequency = np.maximum(np.sqrt(pairs.eigenvalues), pairs.viscous) * step < LOW_FREQUENCY
     for mode in np.flatnonzero(low_frequency):
         transition[mode], (total[mode], rising[mode]) = _integrals(a[mode], step)
     fast = np.flatnonzero(~low_frequency)
     if len(fast):
         transition[fast] = _pair_exponentials(
-            a[fast], pairs.squares[fast], pairs.viscous[fast], step
+            a[fast], pairs.eigenvalues[fast], pairs.viscous[fast], step
         )
         inverse = np.linalg.inv(a[fast])
         total[fast] = inverse @ (transition[fast] - np.eye(2))
@@ -187,12 +191,12 @@ def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatAr
 
 
 def _pair_exponentials(
-    a: FloatArray, squares: FloatArray, viscous: FloatArray, step: float
+    a: FloatArray, eigenvalues: FloatArray, viscous: FloatArray, step: float
 ) -> FloatArray:
     """``exp(A h)`` of single modes: ``e^{-c h / 2} (cos(w h) + sin(w h) / w (A + c / 2))``, and its
     overdamped form.
     """
-    mean, rest = -0.5 * viscous, 0.25 * viscous**2 - squares
+    mean, rest = -0.5 * viscous, 0.25 * viscous**2 - eigenvalues
     rate = np.sqrt(np.abs(rest))
     swings = rest < 0.0
     # exp((mean + rate) h) and exp((mean - rate) h) never overflow, cosh and sinh would

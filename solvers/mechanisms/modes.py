@@ -135,22 +135,22 @@ def solve_pose_modes(motions: SmallMotions) -> LumpedModes:
     if motions.geometric is not None:
         return _solve_stiffened_modes(motions)
     root = np.sqrt(motions.stiffness)
-    squares, vectors = np.linalg.eigh(motions.mass / root[..., :, None] / root[..., None, :])
-    squares, vectors = squares[..., ::-1], vectors[..., ::-1]
-    shapes = vectors / root[..., :, None] / np.sqrt(squares)[..., None, :]
-    return LumpedModes(1.0 / (2.0 * np.pi * np.sqrt(squares)), shapes, vectors**2)
+    eigenvalues, vectors = np.linalg.eigh(motions.mass / root[..., :, None] / root[..., None, :])
+    eigenvalues, vectors = eigenvalues[..., ::-1], vectors[..., ::-1]
+    shapes = vectors / root[..., :, None] / np.sqrt(eigenvalues)[..., None, :]
+    return LumpedModes(1.0 / (2.0 * np.pi * np.sqrt(eigenvalues)), shapes, vectors**2)
 
 
 def _solve_stiffened_modes(motions: SmallMotions) -> LumpedModes:
     """By the Cholesky factor of the mass; shares of energy are those of the springs."""
     inverse = np.linalg.inv(np.linalg.cholesky(motions.mass))
-    squares, vectors = np.linalg.eigh(
+    eigenvalues, vectors = np.linalg.eigh(
         inverse @ motions.total_stiffness @ np.swapaxes(inverse, -1, -2)
     )
     shapes = np.swapaxes(inverse, -1, -2) @ vectors
     energy = motions.stiffness[..., None] * shapes**2
     return LumpedModes(
-        np.sqrt(squares) / (2.0 * np.pi), shapes, energy / energy.sum(axis=-2, keepdims=True)
+        np.sqrt(eigenvalues) / (2.0 * np.pi), shapes, energy / energy.sum(axis=-2, keepdims=True)
     )
 
 

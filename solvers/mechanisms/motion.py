@@ -280,7 +280,7 @@ class ConstrainedMotion:
         )
         if np.linalg.matrix_rank(inner) < count:
             raise SingularPoseError(
-                f"at t = {time:.6g} s the closures are redundant: joint forces are not unique"
+                f"at t = {time:.6g} s the loop closures are redundant: joint forces are not unique"
             )
         found = np.linalg.solve(matrix, np.concatenate([-force, -dynamics.closure_bias - outer]))
         return MotionState(time, position, velocity, found[:size], found[size:])

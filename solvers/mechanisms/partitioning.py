@@ -82,7 +82,7 @@ def velocity_maps(mechanism: Mechanism, closures: FloatArray) -> tuple[FloatArra
     sizes = np.linalg.svd(passive, compute_uv=False)
     if passive.shape[-1] and not (sizes[..., -1] > SINGULAR * sizes[..., 0]).all():
         raise SingularPoseError(
-            f"{mechanism.name}: the closures do not determine the passive coordinates in this pose (condition number "
+            f"{mechanism.name}: the loop closures do not determine the passive coordinates in this pose (condition number "
             f"{float((sizes[..., 0] / np.maximum(sizes[..., -1], np.finfo(float).tiny)).max()):.2g}): it is singular; move the pose a little"
         )
     follow = -np.linalg.solve(passive, outer)

@@ -160,7 +160,9 @@ def static_share(coordinates: ModalCoordinates, low_frequency_limit_hz: float) -
     [m/(m/s^2)].
     """
     fast = coordinates.omega >= 2.0 * np.pi * low_frequency_limit_hz
-    share = (coordinates.outputs[:, fast] / coordinates.squares[fast]) @ coordinates.inputs[fast, 0]
+    share = (coordinates.outputs[:, fast] / coordinates.eigenvalues[fast]) @ coordinates.inputs[
+        fast, 0
+    ]
     return np.asarray(share if coordinates.complete else share + coordinates.residual[:, 0])
 
 

@@ -245,7 +245,11 @@ def _carry(poses: Mapping[float, _Pose], kept: int) -> dict[float, FloatArray]:
 def _turn_pose(pose: _Pose, turn: FloatArray, model: PathModel) -> SampledPose:
     kept = len(turn)
     found = pose.coordinates
-    squares, rows, load = found.squares[:kept], found.outputs[:, :kept], found.inputs[:kept, 0]
+    eigenvalues, rows, load = (
+        found.eigenvalues[:kept],
+        found.outputs[:, :kept],
+        found.inputs[:kept, 0],
+    )
     damping = np.zeros((kept, kept)) if found.viscous is None else found.viscous[:kept, :kept]
     # matrices in the turned modes q = T q': T^T Omega^2 T is full where close modes mix, and smooth
     # along the path. What the other modes add to the quasi-static deviation (rest) is all of it
@@ -253,13 +257,13 @@ def _turn_pose(pose: _Pose, turn: FloatArray, model: PathModel) -> SampledPose:
     below = found.omega[:kept] < 2.0 * np.pi * model.low_frequency_limit_hz
     quasi_static = static_share(found, model.low_frequency_limit_hz)
     return SampledPose(
-        stiffness=turn.T @ (squares[:, None] * turn),
+        stiffness=turn.T @ (eigenvalues[:, None] * turn),
         damping=turn.T @ damping @ turn,
         load=turn.T @ load,
         rows=rows @ turn,
         low_frequency=np.where(below, rows, 0.0) @ turn,
         quasi_static=quasi_static,
-        rest=quasi_static - (rows[:, ~below] / squares[~below]) @ load[~below],
+        rest=quasi_static - (rows[:, ~below] / eigenvalues[~below]) @ load[~below],
     )
 
 

@@ -64,13 +64,13 @@ class CaseSlope:
     """Derivatives of a case by one parameter value.
 
     Attributes:
-        squares: ``(m,)`` of omega^2.
+        eigenvalues: ``(m,)`` of omega^2.
         compliances: ``(c,)``.
         modes: What the parameter does to the modes.
         pieces: Derivatives of the parts.
     """
 
-    squares: FloatArray
+    eigenvalues: FloatArray
     compliances: FloatArray
     modes: ModeSlopes
     pieces: StackedPieces
@@ -84,7 +84,7 @@ class CaseState:
         model: The case.
         values: Parameter values, SI.
         coupled: The machine.
-        squares: ``(m,)`` omega^2 of the modes above the floor.
+        eigenvalues: ``(m,)`` omega^2 of the modes above the floor.
         shapes: ``(n, m)`` mass-normalised.
         displacements: ``(n, 2 c)`` static motion under a unit force at the motion port and at the
             force port of each compliance.
@@ -93,14 +93,14 @@ class CaseState:
     model: CaseModel
     values: Mapping[str, float]
     coupled: CoupledMachine
-    squares: FloatArray
+    eigenvalues: FloatArray
     shapes: FloatArray
     displacements: FloatArray
 
     @cached_property
     def frequencies_hz(self) -> FloatArray:
         """Natural frequencies above the floor ``(m,)``."""
-        return np.asarray(np.sqrt(self.squares) / (2.0 * np.pi))
+        return np.asarray(np.sqrt(self.eigenvalues) / (2.0 * np.pi))
 
     @cached_property
     def motions(self) -> FloatArray:
@@ -173,8 +173,10 @@ def solve_case(model: CaseModel, values: Mapping[str, float]) -> CaseState:
     """
     built = model.parametric.build(values)
     coupled = couple(built.superelements, built.machine, model.pose)
-    squares, shapes = _solve_modes(model, coupled)
-    return CaseState(model, dict(values), coupled, squares, shapes, _solve_static(model, coupled))
+    eigenvalues, shapes = _solve_modes(model, coupled)
+    return CaseState(
+        model, dict(values), coupled, eigenvalues, shapes, _solve_static(model, coupled)
+    )
 
 
 def _slope_case(state: CaseState, parameter: Parameter) -> CaseSlope | None:
@@ -184,7 +186,7 @@ def _slope_case(state: CaseState, parameter: Parameter) -> CaseSlope | None:
     pieces = _slope_pieces(state, parameter)
     if pieces is None:
         return None
-    modes = slope_modes(state.slopes, pieces, state.squares, state.shapes)
+    modes = slope_modes(state.slopes, pieces, state.eigenvalues, state.shapes)
     compliances = [
         slope_point_compliance(
             state.slopes,
@@ -215,7 +217,7 @@ def slope_motions(state: CaseState, index: int, slopes: list[CaseSlope]) -> Floa
     turned = slope_shape(
         system.stiffness,
         system.mass,
-        state.squares,
+        state.eigenvalues,
         state.shapes,
         index,
         forces=forces,
@@ -235,7 +237,7 @@ def _solve_modes(model: CaseModel, coupled: CoupledMachine) -> tuple[FloatArray,
     floor = (2.0 * np.pi * case.floor_hz) ** 2
     while True:
         pairs = solve_symmetric_modes(coupled.system.stiffness, coupled.system.mass, wanted=wanted)
-        above = np.flatnonzero(pairs.squares > floor)
+        above = np.flatnonzero(pairs.eigenvalues > floor)
         if len(above) >= len(case.modes) + SPARE_MODES or wanted >= len(coupled.system.mass):
             break
         wanted *= 2
@@ -243,7 +245,7 @@ def _solve_modes(model: CaseModel, coupled: CoupledMachine) -> tuple[FloatArray,
         raise ModelError(
             f"case {case.name}: {len(case.modes)} frequencies are to be met and the model has {len(above)} above {case.floor_hz:g} Hz"
         )
-    return pairs.squares[above], pairs.shapes[:, above]
+    return pairs.eigenvalues[above], pairs.shapes[:, above]
 
 
 def _solve_static(model: CaseModel, coupled: CoupledMachine) -> FloatArray:

@@ -108,9 +108,9 @@ def _linearise(problem: FitProblem, point: FitPoint) -> list[_LinearCase]:
     scale, start, cases = problem.value_slopes(point.coordinates), 0, []
     for state in point.states:
         targets = state.model.case.modes
-        slopes = np.zeros((len(state.squares), len(scale)))
+        slopes = np.zeros((len(state.eigenvalues), len(scale)))
         for index, slope in state.by_parameter.items():
-            slopes[:, index] = slope.squares / (2.0 * state.squares) * scale[index]
+            slopes[:, index] = slope.eigenvalues / (2.0 * state.eigenvalues) * scale[index]
         rows, size = mode_rows(state)
         cases.append(
             _LinearCase(

@@ -134,7 +134,7 @@ def case_jacobian(state: CaseState, pairing: Pairing) -> FloatArray:
             continue
         row = np.zeros((1, count))
         for index, slope in slopes.items():
-            row[0, index] = slope.squares[mode] / (2.0 * state.squares[mode] * target.sigma)
+            row[0, index] = slope.eigenvalues[mode] / (2.0 * state.eigenvalues[mode] * target.sigma)
         rows.append(row)
         if target.shape is not None:
             rows.append(_shape_gap_slopes(state, target.shape, mode, slopes, count))
@@ -219,8 +219,8 @@ def _limit_slopes(state: CaseState, slopes: dict[int, CaseSlope], count: int) ->
     limit = state.model.case.limit
     if limit is not None and _limit_gap(state) > 0.0:
         for index, slope in slopes.items():
-            row[0, index] = -slope.squares[limit.modes] / (
-                2.0 * state.squares[limit.modes] * limit.sigma
+            row[0, index] = -slope.eigenvalues[limit.modes] / (
+                2.0 * state.eigenvalues[limit.modes] * limit.sigma
             )
     return row
 

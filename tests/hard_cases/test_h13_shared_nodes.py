@@ -79,8 +79,8 @@ def frequencies(element: Superelement) -> FloatArray:
         else np.eye(size)
     )
     factor = np.linalg.inv(np.linalg.cholesky(basis.T @ element.mass @ basis))
-    squares = np.linalg.eigvalsh(factor @ basis.T @ element.stiffness @ basis @ factor.T)
-    return np.asarray(np.sqrt(np.abs(squares)) / (2.0 * np.pi))
+    eigenvalues = np.linalg.eigvalsh(factor @ basis.T @ element.stiffness @ basis @ factor.T)
+    return np.asarray(np.sqrt(np.abs(eigenvalues)) / (2.0 * np.pi))
 
 
 def assert_same(found: FloatArray, exact: FloatArray, tolerance: float = 1e-10) -> None:

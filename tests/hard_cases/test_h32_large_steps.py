@@ -46,7 +46,7 @@ def test_resolved_modes_are_right_at_steps_ten_times_the_shortest_period_and_lon
 def test_energy_neither_grows_nor_falls_over_a_million_steps(angle: float) -> None:
     space = space_of(chain(1e8))
     mode = 1
-    propagator = make_propagator(space, angle / np.sqrt(present(space.pairs).squares[mode]))
+    propagator = make_propagator(space, angle / np.sqrt(present(space.pairs).eigenvalues[mode]))
     (a, b), (c, d) = propagator.transition[mode].tolist()
     # the states of a mode are (omega p, p'), so that their squares add up to twice the energy
     x, y = 0.6, 0.8

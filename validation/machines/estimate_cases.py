@@ -107,13 +107,13 @@ def keep_fewer(element: Superelement, count: int) -> Superelement:
     boundary, size = element.boundary_size, element.boundary_size + count
     if element.errors.truncation is None or count >= element.modal_count:
         return element
-    left, squares = (
+    left, eigenvalues = (
         element.mass[:boundary, size:],
         (2.0 * np.pi * element.modal_frequencies_hz[count:]) ** 2,
     )
-    first = element.errors.truncation.first + (left / squares) @ left.T
-    second = element.errors.truncation.second + (left / squares**2) @ left.T
-    limit = float(squares[0]) if count else lowest_participating(first, second)
+    first = element.errors.truncation.first + (left / eigenvalues) @ left.T
+    second = element.errors.truncation.second + (left / eigenvalues**2) @ left.T
+    limit = float(eigenvalues[0]) if count else lowest_participating(first, second)
     return dataclasses.replace(
         element,
         labels=element.labels[:size],

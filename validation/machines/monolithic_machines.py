@@ -142,10 +142,10 @@ def monolithic_frequencies(model: MonolithicMachine, count: int, *, shift_hz: fl
     border = model.constraints.shape[0]
     mass = scipy.sparse.block_diag([model.mass, csr_matrix((border, border))], format="csr")
     shift = -((2.0 * np.pi * shift_hz) ** 2)
-    squares, _ = lowest_symmetric_pairs(
+    eigenvalues, _ = lowest_symmetric_pairs(
         _bordered(model), mass, count, shift=shift, constraints=border
     )
-    return np.asarray(np.sqrt(np.abs(squares)) / (2.0 * np.pi))
+    return np.asarray(np.sqrt(np.abs(eigenvalues)) / (2.0 * np.pi))
 
 
 def _bordered(model: MonolithicMachine) -> csr_matrix:

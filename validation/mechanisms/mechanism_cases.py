@@ -341,8 +341,8 @@ def _swing_frequencies(model: CompliantMechanism, state: FloatArray) -> FloatArr
             motion = _at_rest(model, state, compliant, np.zeros(3))
             ends.append(np.linalg.solve(motion.mass, motion.load - motion.stiffness * compliant))
         columns.append((ends[1] - ends[0]) / (2.0 * AMPLITUDE))
-    squares = np.linalg.eigvals(np.stack(columns, axis=1)).real
-    return np.asarray(np.sqrt(np.sort(squares)) / (2.0 * np.pi))
+    eigenvalues = np.linalg.eigvals(np.stack(columns, axis=1)).real
+    return np.asarray(np.sqrt(np.sort(eigenvalues)) / (2.0 * np.pi))
 
 
 def _complex_step(function: Callable[[FloatArray], FloatArray], state: FloatArray) -> FloatArray:

@@ -104,13 +104,13 @@ def solve_tripod(
         stiffness += sprung.T @ (np.array(leg.springs)[:, None] * sprung)
         start = nodes.stop
     free = scipy.linalg.null_space(np.vstack(rows))
-    squares = scipy.linalg.eigh(
+    eigenvalues = scipy.linalg.eigh(
         free.T @ stiffness @ free,
         free.T @ mass @ free,
         eigvals_only=True,
         subset_by_index=(0, count - 1),
     )
-    return np.asarray(np.sqrt(squares) / (2.0 * np.pi))
+    return np.asarray(np.sqrt(eigenvalues) / (2.0 * np.pi))
 
 
 def _rigid_mass(part: RigidPart, origin: FloatArray) -> FloatArray:

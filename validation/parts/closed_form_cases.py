@@ -82,10 +82,10 @@ def block_frequencies(block: SprungBlock) -> FloatArray:
     a, b, h = (0.5 * edge for edge in block.size)
     kx, ky, kz = (4.0 * stiffness for stiffness in block.spring)
     ix, iy, iz = (block.mass * (p**2 + q**2) / 3.0 for p, q in ((b, h), (a, h), (a, b)))
-    squares = [kz / block.mass, (kx * b**2 + ky * a**2) / iz]
-    squares += _sway_rock_pair(kx, block.mass, kz * a**2, iy, h)
-    squares += _sway_rock_pair(ky, block.mass, kz * b**2, ix, h)
-    return np.asarray(np.sqrt(np.sort(squares)) / (2.0 * math.pi))
+    eigenvalues = [kz / block.mass, (kx * b**2 + ky * a**2) / iz]
+    eigenvalues += _sway_rock_pair(kx, block.mass, kz * a**2, iy, h)
+    eigenvalues += _sway_rock_pair(ky, block.mass, kz * b**2, ix, h)
+    return np.asarray(np.sqrt(np.sort(eigenvalues)) / (2.0 * math.pi))
 
 
 def _sway_rock_pair(

@@ -313,8 +313,8 @@ def lowest_frequencies(matrices: ConstrainedMatrices, count: int) -> FloatArray:
     """The lowest natural frequencies [Hz] ``(count,)``, rigid ones among them, by shift and
     invert.
     """
-    squares, _ = lowest_symmetric_pairs(matrices.stiffness, matrices.mass, count, shift=_SHIFT)
-    return np.asarray(np.sqrt(np.abs(squares)) / (2.0 * np.pi))
+    eigenvalues, _ = lowest_symmetric_pairs(matrices.stiffness, matrices.mass, count, shift=_SHIFT)
+    return np.asarray(np.sqrt(np.abs(eigenvalues)) / (2.0 * np.pi))
 
 
 def guyan_matrices(matrices: ConstrainedMatrices) -> tuple[FloatArray, FloatArray]:

@@ -241,8 +241,8 @@ def test_the_rigid_column_of_a_shipped_machine_is_the_lumped_model_assembled_by_
     assert summary["reference"] == "segmented"
     rigid = summary["variants"]["rigid"]
     mass, stiffness, rows = hand_assembled(path)
-    squares = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)
-    frequencies = np.sqrt(squares) / (2.0 * np.pi)
+    eigenvalues = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)
+    frequencies = np.sqrt(eigenvalues) / (2.0 * np.pi)
     count = len(rigid["frequencies_hz"])
     assert count > 6
     assert rigid["frequencies_hz"] == pytest.approx(frequencies[:count], rel=1e-8)

@@ -65,27 +65,27 @@ def test_moments_are_the_sums_over_the_modes_left_out(
     reduce: Reduce, couplings: tuple[str, str], count: int
 ) -> None:
     element = reduce(couplings, count)
-    left, squares = participations(reduce(couplings, EVERY), element.modal_count)
+    left, eigenvalues = participations(reduce(couplings, EVERY), element.modal_count)
     for found, power in (
         (present(element.errors.truncation).first, 1),
         (present(element.errors.truncation).second, 2),
     ):
-        exact = (left / squares**power) @ left.T
+        exact = (left / eigenvalues**power) @ left.T
         size = np.sqrt(exact.diagonal())
         np.testing.assert_allclose(
             found / np.outer(size, size), exact / np.outer(size, size), atol=1e-6
         )
     assert present(element.errors.truncation).limit == pytest.approx(
-        squares[0], rel=1e-9 if count else 0.05
+        eigenvalues[0], rel=1e-9 if count else 0.05
     )
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
 def test_the_modes_left_out_lie_between_the_two_sums(reduce: Reduce, share: float) -> None:
     element = reduce(("rigid", "average"), 4)
-    left, squares = participations(reduce(("rigid", "average"), EVERY), element.modal_count)
-    truncation, square = present(element.errors.truncation), share * squares[0]
-    exact = (left / (squares - square)) @ left.T
+    left, eigenvalues = participations(reduce(("rigid", "average"), EVERY), element.modal_count)
+    truncation, square = present(element.errors.truncation), share * eigenvalues[0]
+    exact = (left / (eigenvalues - square)) @ left.T
     scale = 1.0 / np.sqrt(exact.diagonal())
     for gap in (
         exact

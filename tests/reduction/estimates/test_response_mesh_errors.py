@@ -234,11 +234,12 @@ def test_a_line_is_off_by_the_largest_change_anywhere_on_the_way_to_finer_meshes
         max(lines),
     )
     found = bound_response_errors(space, lines)
-    squares, loads = (2.0 * np.pi * lines) ** 2, space.loads.astype(complex)
-    plain = space.rows @ np.linalg.solve(space.dynamic_stiffness(squares), loads)
+    eigenvalues, loads = (2.0 * np.pi * lines) ** 2, space.loads.astype(complex)
+    plain = space.rows @ np.linalg.solve(space.dynamic_stiffness(eigenvalues), loads)
     shares = np.linspace(0.0, 1.0, 41)
     way = [
-        space.rows @ np.linalg.solve(space.dynamic_stiffness(squares, space.finer, share), loads)
+        space.rows
+        @ np.linalg.solve(space.dynamic_stiffness(eigenvalues, space.finer, share), loads)
         - plain
         for share in shares
     ]

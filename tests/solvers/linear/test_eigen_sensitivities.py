@@ -23,15 +23,15 @@ def chain(size: int, seed: int) -> tuple[FloatArray, FloatArray, FloatArray, Flo
 
 
 def modes(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray, FloatArray]:
-    squares, shapes = scipy.linalg.eigh(stiffness, mass)
-    return squares, shapes
+    eigenvalues, shapes = scipy.linalg.eigh(stiffness, mass)
+    return eigenvalues, shapes
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_eigenvalue_slopes_are_those_of_a_complex_step(seed: int) -> None:
     stiffness, mass, stiffness_slope, mass_slope = chain(12, seed)
-    squares, shapes = modes(stiffness, mass)
-    slopes = slope_squares(shapes, stiffness_slope @ shapes - mass_slope @ shapes * squares)
+    eigenvalues, shapes = modes(stiffness, mass)
+    slopes = slope_squares(shapes, stiffness_slope @ shapes - mass_slope @ shapes * eigenvalues)
     # a step along the imaginary axis cancels no digits
     moved = np.linalg.eigvals(
         np.linalg.solve(mass + 1e-8j * mass_slope, stiffness + 1e-8j * stiffness_slope)
@@ -43,14 +43,14 @@ def test_eigenvalue_slopes_are_those_of_a_complex_step(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_shape_slopes_are_those_of_fourth_order_differences(seed: int) -> None:
     stiffness, mass, stiffness_slope, mass_slope = chain(9, seed)
-    squares, shapes = modes(stiffness, mass)
+    eigenvalues, shapes = modes(stiffness, mass)
     for index in (0, 4, 8):
         shape = shapes[:, index]
-        force = (stiffness_slope - squares[index] * mass_slope) @ shape
+        force = (stiffness_slope - eigenvalues[index] * mass_slope) @ shape
         slope = slope_shape(
             stiffness,
             mass,
-            squares,
+            eigenvalues,
             shapes,
             index,
             forces=force[:, None],
@@ -71,13 +71,13 @@ def test_shapes_of_a_repeated_eigenvalue_change_as_a_plane() -> None:
     """
     stiffness, mass = np.diag([1.0, 1.0, 4.0]), np.eye(3)
     change = np.array([[0.0, 0.0, 0.3], [0.0, 0.0, -0.2], [0.3, -0.2, 0.0]])
-    squares, shapes = modes(stiffness, mass)
+    eigenvalues, shapes = modes(stiffness, mass)
     slopes = np.column_stack(
         [
             slope_shape(
                 stiffness,
                 mass,
-                squares,
+                eigenvalues,
                 shapes,
                 index,
                 forces=(change @ shapes[:, index])[:, None],

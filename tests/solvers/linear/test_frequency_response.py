@@ -400,9 +400,9 @@ def test_peaks_of_few_dampers_are_the_poles_of_the_whole_state_matrix_from_small
     solved: list[int] = []
     whole = state_eigenpairs
 
-    def counted(squares: FloatArray, viscous: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def counted(eigenvalues: FloatArray, viscous: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         solved.append(len(viscous))
-        return whole(squares, viscous)
+        return whole(eigenvalues, viscous)
 
     expected, _ = whole(stiffness, damping)
     monkeypatch.setattr(quadratic_pencils, "state_eigenpairs", counted)

@@ -65,15 +65,15 @@ def test_shapes_are_mass_normalised_and_diagonalise_both_matrices(
     system: SecondOrderSystem,
 ) -> None:
     modal = solve_modal(system)
-    squares = (2.0 * np.pi * modal.frequencies_hz) ** 2
+    eigenvalues = (2.0 * np.pi * modal.frequencies_hz) ** 2
     np.testing.assert_allclose(
-        modal.shapes.T @ system.mass @ modal.shapes, np.eye(len(squares)), atol=1e-9
+        modal.shapes.T @ system.mass @ modal.shapes, np.eye(len(eigenvalues)), atol=1e-9
     )
     scaled = (
         modal.shapes.T
         @ system.stiffness
         @ modal.shapes
-        / np.sqrt(np.outer(squares, squares) + squares[-1] * 1e-6)
+        / np.sqrt(np.outer(eigenvalues, eigenvalues) + eigenvalues[-1] * 1e-6)
     )
     assert np.abs(scaled - np.diag(scaled.diagonal())).max() < 1e-8
     assert modal.residuals.max() < 1e-10
@@ -82,10 +82,12 @@ def test_shapes_are_mass_normalised_and_diagonalise_both_matrices(
 def test_repeated_frequencies_keep_their_multiplicity() -> None:
     generator = np.random.default_rng(3)
     basis = np.linalg.qr(generator.normal(size=(12, 12)))[0]
-    squares = np.array([1.0] * 5 + [4.0] * 3 + [9.0, 9.0, 16.0, 25.0]) * 1e6
-    stiffness = basis * squares @ basis.T
+    eigenvalues = np.array([1.0] * 5 + [4.0] * 3 + [9.0, 9.0, 16.0, 25.0]) * 1e6
+    stiffness = basis * eigenvalues @ basis.T
     modal = solve_modal(system_of(np.eye(12), 0.5 * (stiffness + stiffness.T)))
-    np.testing.assert_allclose(modal.frequencies_hz, np.sqrt(squares) / (2.0 * np.pi), rtol=1e-12)
+    np.testing.assert_allclose(
+        modal.frequencies_hz, np.sqrt(eigenvalues) / (2.0 * np.pi), rtol=1e-12
+    )
     np.testing.assert_allclose(modal.shapes.T @ modal.shapes, np.eye(12), atol=1e-10)
     # the subspace of the five, not its vectors, is what two methods share
     angles = scipy.linalg.subspace_angles(modal.shapes[:, :5], basis[:, :5])
@@ -107,9 +109,9 @@ def test_count_and_upper_frequency_cut_the_list_and_change_no_value() -> None:
 
 
 def test_low_frequencies_are_exact_beside_high_ones_fourteen_decades_up_and_so_are_those() -> None:
-    squares = np.logspace(0, 14, 15)
+    eigenvalues = np.logspace(0, 14, 15)
     coupling = np.eye(15) + 0.05 * (np.eye(15, k=1) + np.eye(15, k=-1))
-    scales = np.sqrt(squares)
+    scales = np.sqrt(eigenvalues)
     system = system_of(np.eye(15), coupling * scales * scales[:, None])
     exact = np.sqrt(np.array([float(value) for value in _exact_eigenvalues(system.stiffness)])) / (
         2.0 * np.pi

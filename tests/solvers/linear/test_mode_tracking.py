@@ -24,12 +24,12 @@ def sweep_modes(stiffnesses: list[FloatArray]) -> SweptModes:
     """
     frequencies, fields = [], []
     for stiffness in stiffnesses:
-        squares, shapes = eigh(stiffness, MASS)
-        for one in np.flatnonzero(np.diff(squares) < 1e-9 * squares[1:]):
+        eigenvalues, shapes = eigh(stiffness, MASS)
+        for one in np.flatnonzero(np.diff(eigenvalues) < 1e-9 * eigenvalues[1:]):
             angle = 0.7
             turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
             shapes[:, one : one + 2] = shapes[:, one : one + 2] @ turn
-        frequencies.append(np.sqrt(squares) / (2.0 * np.pi))
+        frequencies.append(np.sqrt(eigenvalues) / (2.0 * np.pi))
         fields.append(ROOT @ shapes)
     count = len(MASS)
     whole, none = np.full(len(stiffnesses), count), np.zeros(len(stiffnesses), dtype=np.int64)

@@ -45,10 +45,12 @@ def test_lowest_modes_are_those_of_the_full_solve_repeated_ones_included(count: 
     stiffness, mass = chains(count)
     found = lowest_sparse_modes(stiffness, mass, 6)
     assert found is not None
-    squares, shapes = found
-    np.testing.assert_allclose(squares, eigh(stiffness, mass, eigvals_only=True)[:6], rtol=1e-11)
+    eigenvalues, shapes = found
+    np.testing.assert_allclose(
+        eigenvalues, eigh(stiffness, mass, eigvals_only=True)[:6], rtol=1e-11
+    )
     np.testing.assert_allclose(shapes.T @ mass @ shapes, np.eye(6), atol=1e-10)
-    assert np.abs(stiffness @ shapes - mass @ shapes * squares).max() < 1e-12
+    assert np.abs(stiffness @ shapes - mass @ shapes * eigenvalues).max() < 1e-12
 
 
 def test_a_count_that_misses_a_mode_is_seen_and_nothing_is_given(
@@ -59,14 +61,14 @@ def test_a_count_that_misses_a_mode_is_seen_and_nothing_is_given(
     def forgetful(
         matrix: object, count: int, *args: object, **options: object
     ) -> tuple[FloatArray, FloatArray]:
-        squares, shapes = eigsh(matrix, count + 1, *args, **options)
-        order = np.argsort(squares)
-        return np.delete(squares[order], 2), np.delete(shapes[:, order], 2, axis=1)
+        eigenvalues, shapes = eigsh(matrix, count + 1, *args, **options)
+        order = np.argsort(eigenvalues)
+        return np.delete(eigenvalues[order], 2), np.delete(shapes[:, order], 2, axis=1)
 
     monkeypatch.setattr(sparse_systems, "eigsh", forgetful)
     assert lowest_sparse_modes(stiffness, mass, 6) is None
     np.testing.assert_allclose(
-        solve_symmetric_modes(stiffness, mass, wanted=6).squares[:6],
+        solve_symmetric_modes(stiffness, mass, wanted=6).eigenvalues[:6],
         eigh(stiffness, mass, eigvals_only=True)[:6],
         rtol=1e-9,
     )
@@ -74,9 +76,13 @@ def test_a_count_that_misses_a_mode_is_seen_and_nothing_is_given(
 
 def test_pivots_count_eigenvalues_below_a_shift() -> None:
     stiffness, mass = chains()
-    squares = eigh(stiffness, mass, eigvals_only=True)
+    eigenvalues = eigh(stiffness, mass, eigvals_only=True)
     for number in (0, 1, 7, 30):
-        shift = squares[0] / 2.0 if number == 0 else 0.5 * (squares[number - 1] + squares[number])
+        shift = (
+            eigenvalues[0] / 2.0
+            if number == 0
+            else 0.5 * (eigenvalues[number - 1] + eigenvalues[number])
+        )
         factor = factorise_sparse(find_sparse(stiffness - shift * mass))
         assert factor is not None and factor.negative == number
 

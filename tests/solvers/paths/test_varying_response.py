@@ -160,9 +160,9 @@ def test_parts_add_up_and_the_quasi_static_one_is_that_of_the_pose() -> None:
 def test_stations_meet_the_system_between_them() -> None:
     system = follow()
     for position in np.linspace(0.0, LENGTH, 41):
-        squares = np.linalg.eigvalsh(system.at(float(position)).stiffness)
+        eigenvalues = np.linalg.eigvalsh(system.at(float(position)).stiffness)
         np.testing.assert_allclose(
-            np.sqrt(squares) / (2.0 * np.pi),
+            np.sqrt(eigenvalues) / (2.0 * np.pi),
             place_chain(float(position)).modes.frequencies_hz,
             rtol=1e-6,
         )
