@@ -1,7 +1,7 @@
 """Reduction of large parts by factors and by iteration: seconds, memory, and how both grow.
 
     ./headstock exec python3 benchmarks/large_parts.py [--sizes 100k,300k,1M,3M]
-    [--roads direct,iterative] [--entries] [--json FILE]
+    [--methods direct,iterative] [--entries] [--json FILE]
 
 The steel column of `benchmarks/reduction.py`, 12 constraint modes and 20 fixed-interface modes,
 second-order tetrahedra, error estimates left out. Each run has a process of its own, whose peak
@@ -25,7 +25,7 @@ from column_job import EXTENT, SIZES, column, read_mesh, write_mesh
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Road
+from headstock.geometry.parts.components import SolverMethod
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.components.meshing import mesh_component
 from headstock.pipeline.planning.resources import measure
@@ -37,7 +37,7 @@ from headstock.solvers.elastic.elasticity import assemble_elasticity
 from headstock.solvers.elastic.factorization import Factorization
 
 MODES = 20
-ROADS: tuple[Road, ...] = ("direct", "iterative")
+METHODS: tuple[SolverMethod, ...] = ("direct", "iterative")
 SHAPES = {
     "column": (EXTENT, (0.0145, 0.0075, 0.0055)),
     "block": ((0.2, 0.2, 0.2), (0.0235, 0.0128, 0.0105)),
@@ -52,7 +52,7 @@ class Reduced:
 
     Attributes:
         size: Name of the mesh.
-        road: How it was solved.
+        method: How it was solved.
         dofs: Displacement dofs.
         seconds: By the clock [s].
         cpu_seconds: Of all threads [s].
@@ -61,7 +61,7 @@ class Reduced:
     """
 
     size: str
-    road: Road
+    method: SolverMethod
     dofs: int
     seconds: float
     cpu_seconds: float
@@ -73,28 +73,28 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the sizes and print their table."""
     options = _parse(arguments)
     if options.child:
-        _reduce(Path(options.child), options.roads[0])
+        _reduce(Path(options.child), options.methods[0])
         return 0
     threads = os.environ.get("OMP_NUM_THREADS", "?")
     print(f"{os.cpu_count()} cores, {threads} threads, load {os.getloadavg()[0]:.1f} before\n")
     if options.entries:
         _print_entries()
         return 0
-    print("| dofs | road | s | CPU s | GB | frequencies | K_bb |")
+    print("| dofs | method | s | CPU s | GB | frequencies | K_bb |")
     print("| --- | --- | --- | --- | --- | --- | --- |", flush=True)
     runs: list[Reduced] = []
     for size in options.sizes:
         with tempfile.TemporaryDirectory(prefix="headstock-large-") as folder:
             write_mesh(size, Path(folder))
-            for road in options.roads:
-                run = _run(size, road, Path(folder))
+            for method in options.methods:
+                run = _run(size, method, Path(folder))
                 if run is not None:
                     print(_row(run, runs), flush=True)
                     runs.append(run)
     print()
-    for road in options.roads:
-        for before, after in pairwise([run for run in runs if run.road == road]):
-            print(_growth(road, before, after))
+    for method in options.methods:
+        for before, after in pairwise([run for run in runs if run.method == method]):
+            print(_growth(method, before, after))
     if options.json is not None:
         options.json.write_text(json.dumps([_numbers(run) for run in runs], indent=1) + "\n")
     return 0
@@ -105,28 +105,30 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--sizes", default="100k,300k", help=f"of {', '.join(SIZES)} [100k,300k]")
-    parser.add_argument("--roads", default=",".join(ROADS), help="direct, iterative or both [both]")
+    parser.add_argument(
+        "--methods", default=",".join(METHODS), help="direct, iterative or both [both]"
+    )
     parser.add_argument("--entries", action="store_true", help="entries of factors instead")
     parser.add_argument("--json", type=Path, help="write every number")
     parser.add_argument("--child", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
-    options.sizes, options.roads = options.sizes.split(","), options.roads.split(",")
-    unknown = sorted(set(options.sizes) - set(SIZES)) + sorted(set(options.roads) - set(ROADS))
+    options.sizes, options.methods = options.sizes.split(","), options.methods.split(",")
+    unknown = sorted(set(options.sizes) - set(SIZES)) + sorted(set(options.methods) - set(METHODS))
     if unknown:
         parser.error(f"unknown: {', '.join(unknown)}")
     return options
 
 
-def _reduce(folder: Path, road: Road) -> None:
+def _reduce(folder: Path, method: SolverMethod) -> None:
     """Reduce the column that is in a folder, in this process."""
     part = column("20k", MODES)
-    part = dataclasses.replace(part, reduction=dataclasses.replace(part.reduction, solver=road))
+    part = dataclasses.replace(part, reduction=dataclasses.replace(part.reduction, solver=method))
     mesh = read_mesh(folder)
     request = ReductionRequest(modes=ModeTarget(count=MODES), errors=False)
     with measure() as cost:
         found = reduce_elastic(part, mesh, comm=MPI.COMM_SELF, request=request)
     np.savez(
-        folder / f"{road}.npz",
+        folder / f"{method}.npz",
         stiffness=found.stiffness,
         cost=np.array(
             [3 * len(mesh.points), cost.seconds, cost.cpu_seconds, cost.peak_rss_mb / 1e3]
@@ -134,19 +136,19 @@ def _reduce(folder: Path, road: Road) -> None:
     )
 
 
-def _run(size: str, road: Road, folder: Path) -> Reduced | None:
+def _run(size: str, method: SolverMethod, folder: Path) -> Reduced | None:
     """A run in a process of its own; None where it failed, which is said."""
-    command = [sys.executable, str(Path(__file__)), "--child", str(folder), "--roads", road]
+    command = [sys.executable, str(Path(__file__)), "--child", str(folder), "--methods", method]
     done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False)
     if done.returncode:
         tail = (done.stderr.strip().splitlines() or [f"ended by signal {-done.returncode}"])[-1]
-        print(f"| {size} | {road} | failed: {tail} |", flush=True)
+        print(f"| {size} | {method} | failed: {tail} |", flush=True)
         return None
-    with np.load(folder / f"{road}.npz") as file:
+    with np.load(folder / f"{method}.npz") as file:
         dofs, seconds, cpu_seconds, gigabytes = (float(value) for value in file["cost"])
         return Reduced(
             size=size,
-            road=road,
+            method=method,
             dofs=int(dofs),
             seconds=seconds,
             cpu_seconds=cpu_seconds,
@@ -157,9 +159,9 @@ def _run(size: str, road: Road, folder: Path) -> Reduced | None:
 
 def _row(run: Reduced, runs: list[Reduced]) -> str:
     """A line of the table; what iterates is compared with the factors of its size, where they are."""
-    direct = next((one for one in runs if one.size == run.size and one.road == "direct"), None)
+    direct = next((one for one in runs if one.size == run.size and one.method == "direct"), None)
     errors = "| |"
-    if direct is not None and run.road != "direct":
+    if direct is not None and run.method != "direct":
         boundary = len(run.stiffness) - MODES
         values, exact = (np.diag(one.stiffness)[boundary:] for one in (run, direct))
         difference = np.abs(run.stiffness - direct.stiffness)[:boundary, :boundary]
@@ -167,17 +169,17 @@ def _row(run: Reduced, runs: list[Reduced]) -> str:
         frequencies = np.abs(np.sqrt(values / exact) - 1.0).max()
         errors = f"| {frequencies:.1g} | {(difference / np.outer(size, size)).max():.1g} |"
     return (
-        f"| {run.dofs} | {run.road} | {run.seconds:.1f} | {run.cpu_seconds:.1f} | "
+        f"| {run.dofs} | {run.method} | {run.seconds:.1f} | {run.cpu_seconds:.1f} | "
         f"{run.gigabytes:.2f} {errors}"
     )
 
 
-def _growth(road: Road, before: Reduced, after: Reduced) -> str:
+def _growth(method: SolverMethod, before: Reduced, after: Reduced) -> str:
     larger = np.log(after.dofs / before.dofs)
     time = np.log(after.cpu_seconds / before.cpu_seconds) / larger
     memory = np.log(after.gigabytes / before.gigabytes) / larger
     return (
-        f"{road}, {before.size} to {after.size}: CPU seconds grow like dofs^{time:.2f}, memory like "
+        f"{method}, {before.size} to {after.size}: CPU seconds grow like dofs^{time:.2f}, memory like "
         f"dofs^{memory:.2f}"
     )
 

@@ -147,12 +147,12 @@ def make_component(
 
 
 class Dense:
-    """Roads that share no solver with the code under test: dense matrices in the order of the mesh
+    """Methods that share no solver with the code under test: dense matrices in the order of the mesh
     points.
     """
 
     def pencil(self, mesh: ComponentMesh, material: Material) -> tuple[FloatArray, FloatArray]:
-        """Stiffness and mass ``(3 n, 3 n)`` in the order of the mesh points, for roads that share
+        """Stiffness and mass ``(3 n, 3 n)`` in the order of the mesh points, for methods that share
         no solver with the code under test.
         """
         # here, so that tests without finite elements start without dolfinx

@@ -48,6 +48,7 @@ from headstock.studies.sweeps.slurm_jobs import (
 from headstock.studies.sweeps.slurm_tools import (
     SlurmError,
     SlurmMissingError,
+    TaskState,
     read_states,
     require_slurm,
     submit,
@@ -167,14 +168,7 @@ def _submit(
         Path.cwd(),
         _passed_environment(),
     )
-    try:
-        text = render_script(array)
-    except ScriptValueError as error:
-        raise click.UsageError(
-            f"--on slurm: {error}; rename it, or start from elsewhere"
-        ) from error
-    make_part(folder / FOLDER)
-    write_output(script, text.encode())
+    _write_script(script, lambda: render_script(array))
     elastic = any(stage.kind == "reduce" for stage in plan_scene(job.scene).stages)
     first = submit(script, [COMPONENTS_TASK]) if elastic and fresh else ""
     number = submit(script, tasks, after=first)
@@ -192,14 +186,35 @@ def _submit(
     return submission
 
 
-def _wait(job: SweepJob, submission: Submission, key: str) -> None:
+def _write_script(script: Path, render: Callable[[], str]) -> None:
+    """Write a job script beside the folder of its logs.
+
+    Raises:
+        click.UsageError: A name or word has no place in a script.
+    """
     try:
-        states = wait_for_array(submission, lambda text: _say(f"job {submission.job}: {text}"))
+        text = render()
+    except ScriptValueError as error:
+        raise click.UsageError(
+            f"--on slurm: {error}; rename it, or start from elsewhere"
+        ) from error
+    make_part(script.parent / FOLDER)
+    write_output(script, text.encode())
+
+
+def _watch(submission: Submission) -> dict[int, TaskState]:
+    """Wait until a job has ended; the states of its tasks."""
+    try:
+        return wait_for_array(submission, lambda text: _say(f"job {submission.job}: {text}"))
     except KeyboardInterrupt:
         _say(
             f"job {submission.job} goes on; the same command again waits for it; to stop it: scancel {submission.job}"
         )
         raise
+
+
+def _wait(job: SweepJob, submission: Submission, key: str) -> None:
+    states = _watch(submission)
     if missing := list_missing(job.sweep, read_journals(job.folder, key), submission.tasks):
         raise SlurmError(describe_missing(job.folder, job.sweep, submission, missing, states))
 
@@ -261,14 +276,7 @@ def _submit_command(
         start_folder=Path.cwd(),
         environment=_passed_environment(),
     )
-    try:
-        text = render_command(job)
-    except ScriptValueError as error:
-        raise click.UsageError(
-            f"--on slurm: {error}; rename it, or start from elsewhere"
-        ) from error
-    make_part(folder / FOLDER)
-    write_output(folder / COMMAND_FILE, text.encode())
+    _write_script(folder / COMMAND_FILE, lambda: render_command(job))
     number = submit(folder / COMMAND_FILE, [TASK])
     submission = Submission(key, number, "", TASK, (TASK,))
     write_submission(folder, submission)
@@ -278,13 +286,7 @@ def _submit_command(
 
 def _await_command(submission: Submission, folder: Path) -> int:
     code_file, log = folder / FOLDER / CODE_FILE, log_file(folder, submission.job, TASK)
-    try:
-        states = wait_for_array(submission, lambda text: _say(f"job {submission.job}: {text}"))
-    except KeyboardInterrupt:
-        _say(
-            f"job {submission.job} goes on; the same command again waits for it; to stop it: scancel {submission.job}"
-        )
-        raise
+    states = _watch(submission)
     if log.exists():
         sys.stdout.write(log.read_text(errors="replace"))
     try:

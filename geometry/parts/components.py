@@ -133,7 +133,7 @@ class MeshSettings:
 Eigensolver = Literal["block_lanczos", "krylov_schur"]
 DEFAULT_EIGENSOLVER: Eigensolver = "block_lanczos"
 # by the factors of the stiffness, or by iterations on a multigrid
-Road = Literal["direct", "iterative"]
+SolverMethod = Literal["direct", "iterative"]
 LinearSolver = Literal["auto", "direct", "iterative"]
 
 

@@ -35,8 +35,8 @@ from headstock.pipeline.planning.budgets import (
 from headstock.pipeline.planning.node_memory import check_memory, node_memory_bytes
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.reduction.components.solver_choice import (
-    RoadChoice,
-    choose_road,
+    SolverChoice,
+    choose_method,
     predict_factor_entries,
 )
 from headstock.scene.building.components import bounding_box
@@ -130,7 +130,7 @@ def plan_scene(
                 elastic, supports, loads, survey=survey, known=surveys, before_survey=before
             )
         choice = None if estimate is None else _choose_road(elastic, scene, estimate)
-        if choice is not None and choice.road == "iterative":
+        if choice is not None and choice.method == "iterative":
             settings = dataclasses.replace(elastic.reduction, solver="iterative")
             elastic = components[name] = dataclasses.replace(elastic, reduction=settings)
         stages += _component_stages(elastic, reason, scene, estimate, choice)
@@ -294,7 +294,7 @@ def _component_stages(
     reason: str,
     scene: Scene,
     estimate: MeshEstimate | None,
-    choice: RoadChoice | None,
+    choice: SolverChoice | None,
 ) -> Sequence[Stage]:
     limits = scene.limits
     name, solid = component.name, component.solid
@@ -321,7 +321,7 @@ def _component_stages(
             mesh_memory_mb(dofs),
             mesh_seconds(dofs, component.mesh),
         )
-        iterates = choice.road == "iterative"
+        iterates = choice.method == "iterative"
         memory = (iterative_memory_mb if iterates else reduction_memory_mb)(dofs, component)
         seconds = (iterative_seconds if iterates else reduction_seconds)(
             dofs, component, estimate.volume
@@ -349,12 +349,12 @@ def _estimated_dofs(component: Component, estimate: MeshEstimate) -> int:
     return displacement_dofs(estimate.cells, component.mesh)
 
 
-def _choose_road(component: Component, scene: Scene, estimate: MeshEstimate) -> RoadChoice:
+def _choose_road(component: Component, scene: Scene, estimate: MeshEstimate) -> SolverChoice:
     """By factors where they fit this machine, or what the scene allows of it."""
     dofs = _estimated_dofs(component, estimate)
     box = bounding_box(component.solid)
     limit = scene.limits.memory_bytes
-    return choose_road(
+    return choose_method(
         component.reduction,
         predict_factor_entries(dofs, None if box is None else [high - low for low, high in box]),
         direct_mb=reduction_memory_mb(dofs, component),

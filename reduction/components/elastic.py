@@ -8,7 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Component, Load, Material, Road, Support
+from headstock.geometry.parts.components import Component, Load, Material, SolverMethod, Support
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.meshing.elements.surface import MeshSurface, extract_surface, match_facets
 from headstock.reduction.components.boundary_basis import build_boundary_basis
@@ -28,7 +28,7 @@ from headstock.reduction.components.fixed_interface_modes import (
     verify_mode_count,
 )
 from headstock.reduction.components.interface_patches import assemble_loads, make_of_mesh
-from headstock.reduction.components.solver_choice import choose_road, predict_factor_entries
+from headstock.reduction.components.solver_choice import choose_method, predict_factor_entries
 from headstock.reduction.components.subspace import ReductionSpace, project_component
 from headstock.reduction.requests import ReductionRequest, mode_target, needs_mass
 from headstock.reduction.superelement import ErrorEstimates, Recovery, StaticLoad, Superelement
@@ -85,9 +85,9 @@ def reduce_elastic(
     mesh = mesh if comm.rank == 0 else None
     try:
         material = make_of_mesh(comm, mesh, functools.partial(scaled_material, component))
-        road = make_of_mesh(comm, mesh, functools.partial(_road, component))
+        method = make_of_mesh(comm, mesh, functools.partial(_method, component))
         operators = assemble_elasticity(
-            mesh, material, comm=comm, with_mass=with_mass, with_corners=road == "iterative"
+            mesh, material, comm=comm, with_mass=with_mass, with_corners=method == "iterative"
         )
         return reduce_operators(component, mesh, operators, supports, loads, request=request)
     except SharedFailure as failure:
@@ -110,10 +110,10 @@ def _name_component(component: Component, error: Exception) -> Exception:
     return named
 
 
-def _road(component: Component, mesh: ComponentMesh) -> Road:
+def _method(component: Component, mesh: ComponentMesh) -> SolverMethod:
     """As planned; what nobody planned goes by the factors that its mesh would have."""
     entries = predict_factor_entries(3 * len(mesh.points), np.ptp(mesh.points, axis=0).tolist())
-    return choose_road(component.reduction, entries).road
+    return choose_method(component.reduction, entries).method
 
 
 def reduce_operators(
@@ -143,9 +143,9 @@ def reduce_operators(
     remarks = make_of_mesh(comm, mesh, functools.partial(judge_element_order, component))
     basis = make_of_mesh(comm, mesh, lambda whole: build_boundary_basis(component, whole, supports))
     means = MeanConstraints(basis, operators)
-    road: Road = "direct" if operators.corners is None else "iterative"
+    method: SolverMethod = "direct" if operators.corners is None else "iterative"
     fixed = find_dofs(operators, basis.fixed)
-    with ConstrainedSolver(operators, fixed, means.columns, road=road) as solver:
+    with ConstrainedSolver(operators, fixed, means.columns, method=method) as solver:
         psi = find_constraint_modes(basis, means, solver)
         modes = find_fixed_interface_modes(
             solver, request.modes, eigensolver=component.reduction.eigensolver

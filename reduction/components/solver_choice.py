@@ -5,7 +5,7 @@ iterated.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from headstock.geometry.parts.components import ReductionSettings, Road
+from headstock.geometry.parts.components import ReductionSettings, SolverMethod
 
 # CHOLMOD numbers entries by 32-bit integers
 MOST_FACTOR_ENTRIES = 2**31
@@ -17,16 +17,16 @@ SHARE_AT_MILLION, SHARE_EXPONENT = 0.81, 0.09
 
 
 @dataclass(frozen=True)
-class RoadChoice:
+class SolverChoice:
     """Which way a component's stiffness is solved with.
 
     Attributes:
-        road: Factors or iteration.
+        method: Factors or iteration.
         reason: Why, in plain words.
         factor_entries: Of the factors, as predicted.
     """
 
-    road: Road
+    method: SolverMethod
     reason: str
     factor_entries: float
 
@@ -68,13 +68,13 @@ def _cuts_around(counts: Sequence[float], faces: Sequence[float]) -> float:
     return sum(3.0 * faces[axis] * volume / counts[axis] for axis in range(3))
 
 
-def choose_road(
+def choose_method(
     settings: ReductionSettings,
     factor_entries: float,
     *,
     direct_mb: float = 0.0,
     memory_mb: float = float("inf"),
-) -> RoadChoice:
+) -> SolverChoice:
     """How a component is to be solved with: as its settings say, else by factors as long as they can
     be numbered and fit.
 
@@ -86,13 +86,15 @@ def choose_road(
     """
     count = f"{factor_entries:.2g} factor entries"
     if settings.solver != "auto":
-        return RoadChoice(settings.solver, f"{settings.solver}, as the scene says", factor_entries)
+        return SolverChoice(
+            settings.solver, f"{settings.solver}, as the scene says", factor_entries
+        )
     if settings.verify:
-        return RoadChoice("direct", f"direct, as verify needs factors: {count}", factor_entries)
+        return SolverChoice("direct", f"direct, as verify needs factors: {count}", factor_entries)
     if SAFETY * factor_entries >= MOST_FACTOR_ENTRIES:
         why = f"iterative: {count}, more than CHOLMOD is sure to number ({MOST_FACTOR_ENTRIES:.2g})"
-        return RoadChoice("iterative", why, factor_entries)
+        return SolverChoice("iterative", why, factor_entries)
     if direct_mb > memory_mb:
         why = f"iterative: {count} would take about {direct_mb:.3g} MB of the {memory_mb:.3g} MB there are"
-        return RoadChoice("iterative", why, factor_entries)
-    return RoadChoice("direct", f"direct: {count}", factor_entries)
+        return SolverChoice("iterative", why, factor_entries)
+    return SolverChoice("direct", f"direct: {count}", factor_entries)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
-from headstock.geometry.parts.components import Road
+from headstock.geometry.parts.components import SolverMethod
 from headstock.solvers.elastic.elasticity import ElasticOperators
 from headstock.solvers.elastic.factorization import Factorization
 from headstock.solvers.elastic.iterative_inverse import IterativeInverse
@@ -44,7 +44,7 @@ class ConstrainedSolver:
         fixed: ``(3 n_owned,)`` dofs that do not move.
         constraints: ``(3 n_owned, n_c)`` columns of C, of full column rank on the dofs that are not
             fixed.
-        road: Factors, or conjugate gradients on a multigrid, which need no pins.
+        method: Factors, or conjugate gradients on a multigrid, which need no pins.
 
     Raises:
         ModelError: The constraints leave a rigid motion free.
@@ -60,7 +60,7 @@ class ConstrainedSolver:
         fixed: BoolArray,
         constraints: FloatArray,
         *,
-        road: Road = "direct",
+        method: SolverMethod = "direct",
     ) -> None:
         self.operators = operators
         self.comm = operators.comm
@@ -69,7 +69,7 @@ class ConstrainedSolver:
         self.motions = _free_motions(operators, fixed)
         self._inverse: Factorization | IterativeInverse = (
             Factorization(operators, fixed | _choose_pins(self.motions, operators))
-            if road == "direct"
+            if method == "direct"
             else IterativeInverse(operators, fixed, self.motions)
         )
         self.free_total = int(self.comm.allreduce(int((~fixed).sum())))

@@ -22,7 +22,7 @@ from headstock.validation.parts.component_models import (
 
 COMM = MPI.COMM_SELF
 SIZE = (0.038, 0.1, 0.5)
-# of the first elastic eigenvalue; below them the shifted matrix of the other road is singular to
+# of the first elastic eigenvalue; below them the shifted matrix of the other method is singular to
 # working accuracy
 SHIFTS = (1e-6, 1e-4, 1e-1, 1e2, 1e4)
 

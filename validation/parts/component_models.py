@@ -18,7 +18,7 @@ from headstock.geometry.parts.components import (
     Eigensolver,
     Load,
     Material,
-    Road,
+    SolverMethod,
     Support,
 )
 from headstock.meshing.component_mesh import ComponentMesh
@@ -129,7 +129,7 @@ def full_modes(
     count: int,
     *,
     eigensolver: Eigensolver = DEFAULT_EIGENSOLVER,
-    road: Road = "direct",
+    method: SolverMethod = "direct",
 ) -> FullModes:
     """The lowest elastic modes of a component: those that are mass-orthogonal to the rigid motions
     that nothing holds.
@@ -138,7 +138,7 @@ def full_modes(
         model: Operators and what holds it.
         count: How many at least; a cluster at the end is completed.
         eigensolver: By which method, on factors.
-        road: By factors, or by LOBPCG on a multigrid.
+        method: By factors, or by LOBPCG on a multigrid.
 
     Raises:
         ConvergenceError: The eigensolver did not finish.
@@ -152,7 +152,7 @@ def full_modes(
     )
     # the same start on any number of ranks
     start = model.owned(np.random.default_rng(0).standard_normal((*model.fixed.shape, _BLOCK)))
-    with ConstrainedSolver(operators, model.owned_fixed, constraints, road=road) as solver:
+    with ConstrainedSolver(operators, model.owned_fixed, constraints, method=method) as solver:
         dimension = solver.free_total - constraints.shape[1]
         target = ModeTarget(count=min(count, dimension))
         pairs = lowest_modes(solver, start, target, eigensolver=eigensolver)

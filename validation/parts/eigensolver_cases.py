@@ -78,7 +78,7 @@ def check_eigensolvers(comm: MPI.Comm) -> list[ValidationRow]:
             for eigensolver in get_args(Eigensolver)
         }
         if min(part.extent) > THINNEST * max(part.extent):
-            found["multigrid and LOBPCG"] = full_modes(model, COUNT, road="iterative")
+            found["multigrid and LOBPCG"] = full_modes(model, COUNT, method="iterative")
         for method, modes in found.items():
             worst = float(np.abs(modes.frequencies_hz[:COUNT] / exact[:COUNT] - 1.0).max())
             quantity = f"{part.name}, {method}: largest error of {COUNT} frequencies"

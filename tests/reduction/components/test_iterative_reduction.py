@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from common import make_box, make_component
-from headstock.geometry.parts.components import Component, Road
+from headstock.geometry.parts.components import Component, SolverMethod
 from headstock.meshing.component_mesh import CellKind, ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
@@ -17,12 +17,12 @@ from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.errors import ConvergenceError
 
 COLUMN, BLOCK = ((3, 4, 14), (0.1, 0.13, 0.5)), ((7, 7, 7), (0.2, 0.19, 0.21))
-ROADS: tuple[Road, ...] = ("direct", "iterative")
+METHODS: tuple[SolverMethod, ...] = ("direct", "iterative")
 FACES = {"foot": "z-", "tip": "z+"}
 
 
 def reduce_by(
-    solver: Road, component: Component, mesh: ComponentMesh, target: ModeTarget
+    solver: SolverMethod, component: Component, mesh: ComponentMesh, target: ModeTarget
 ) -> Superelement:
     settings = dataclasses.replace(component.reduction, solver=solver)
     return reduce_elastic(
@@ -51,7 +51,7 @@ def test_superelements_are_those_of_factors(
     mesh = make_box(*shape, {name: FACES[name] for name in interfaces}, kind=kind)
     component = make_component(interfaces)
     direct, iterative = (
-        reduce_by(solver, component, mesh, ModeTarget(count=12)) for solver in ROADS
+        reduce_by(solver, component, mesh, ModeTarget(count=12)) for solver in METHODS
     )
     size = direct.boundary_size
     difference = np.abs(iterative.stiffness - direct.stiffness)[:size, :size].max()
@@ -74,7 +74,7 @@ def test_all_modes_up_to_a_frequency_come_in_more_than_one_block(
     mesh = make_box(*COLUMN, FACES, kind="tet10")
     component = make_component({"foot": "rigid", "tip": "rigid"})
     for target in (ModeTarget(count=26), ModeTarget(up_to_hz=26e3)):
-        direct, iterative = (reduce_by(solver, component, mesh, target) for solver in ROADS)
+        direct, iterative = (reduce_by(solver, component, mesh, target) for solver in METHODS)
         assert len(direct.stiffness) > 12 + 20
         values, exact = (np.diag(found.stiffness)[12:] for found in (iterative, direct))
         np.testing.assert_allclose(np.sqrt(values), np.sqrt(exact), rtol=1e-8)

@@ -3,7 +3,7 @@
 import pytest
 
 from headstock.geometry.parts.components import LinearSolver, ReductionSettings
-from headstock.reduction.components.solver_choice import choose_road, predict_factor_entries
+from headstock.reduction.components.solver_choice import choose_method, predict_factor_entries
 
 COLUMN, BLOCK, ROD = (0.1, 0.038, 0.5), (0.2, 0.2, 0.2), (0.05, 0.05, 1.0)
 
@@ -32,7 +32,7 @@ def test_an_unknown_shape_counts_as_a_cube() -> None:
 
 
 @pytest.mark.parametrize(
-    ("solver", "entries", "memory_mb", "road"),
+    ("solver", "entries", "memory_mb", "method"),
     [
         ("auto", 1.3e9, 24e3, "direct"),
         ("auto", 1.3e9, 12e3, "iterative"),
@@ -42,13 +42,13 @@ def test_an_unknown_shape_counts_as_a_cube() -> None:
     ],
 )
 def test_factors_are_left_where_they_cannot_be_numbered_or_do_not_fit(
-    solver: LinearSolver, entries: float, memory_mb: float, road: str
+    solver: LinearSolver, entries: float, memory_mb: float, method: str
 ) -> None:
     settings = ReductionSettings(modes=20, solver=solver)
-    choice = choose_road(settings, entries, direct_mb=17e3, memory_mb=memory_mb)
-    assert choice.road == road
-    assert choice.reason.startswith(road)
+    choice = choose_method(settings, entries, direct_mb=17e3, memory_mb=memory_mb)
+    assert choice.method == method
+    assert choice.reason.startswith(method)
 
 
 def test_modes_that_are_to_be_counted_take_factors() -> None:
-    assert choose_road(ReductionSettings(modes=20, verify=True), 1e10).road == "direct"
+    assert choose_method(ReductionSettings(modes=20, verify=True), 1e10).method == "direct"

@@ -1,4 +1,4 @@
-"""The second road to a path deviation agrees with the first."""
+"""The second method for a path deviation agrees with the first."""
 
 import numpy as np
 

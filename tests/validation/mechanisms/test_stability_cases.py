@@ -1,4 +1,4 @@
-"""Regenerative stability by second roads; ``headstock validate milling-stability`` takes finer
+"""Regenerative stability by second methods; ``headstock validate milling-stability`` takes finer
 steps.
 """
 

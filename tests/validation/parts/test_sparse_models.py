@@ -1,4 +1,4 @@
-"""Claims about the second road for the reduction."""
+"""The second method for the reduction."""
 
 import dataclasses
 
