@@ -6,8 +6,8 @@ several, medians of alternating runs.
 Default of REPEATS: 5; WORDS are in the names of the work to measure; with --busy another program
 keeps one core at work all the time. With --threads one rank with one BLAS thread is compared with
 two, and the ratio of more is computed from the share of the time that the second one halves (Amdahl
-1967). One rank has as many BLAS threads as there are cores; several ranks have the
-threads that the program gives them. The start of the processes is counted.
+1967). One rank has as many BLAS threads as there are free cores; several ranks have the threads
+that the program gives them. The start of the processes is counted.
 """
 
 import argparse
@@ -143,7 +143,7 @@ def main() -> None:
     )
     with _busy_core() if options.busy else contextlib.nullcontext():
         for work in (work for work in list_work() if options.only in work.name):
-            _compare(work, ranks, repeats, cores)
+            _compare(work, ranks, repeats, max(1, cores - options.busy))
 
 
 def _compare(work: Work, ranks: list[int], repeats: int, cores: int) -> None:
