@@ -10,21 +10,25 @@ prints predicted and counted entries of the factors.
 """
 
 import argparse
+import contextlib
 import dataclasses
 import json
 import os
 import subprocess
 import sys
 import tempfile
+import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 from column_job import EXTENT, SIZES, column, read_mesh, write_mesh
 from mpi4py import MPI
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.geometry.parts.components import SolverMethod
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.components.meshing import mesh_component
@@ -33,7 +37,7 @@ from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.components.solver_choice import predict_factor_entries
 from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.elastic.eigenpairs import ModeTarget
-from headstock.solvers.elastic.elasticity import assemble_elasticity
+from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.elastic.factorization import Factorization
 
 MODES = 20
@@ -57,6 +61,7 @@ class Reduced:
         seconds: By the clock [s].
         cpu_seconds: Of all threads [s].
         gigabytes: Peak memory [GB].
+        factor_seconds: Of ordering and factorisation by the clock [s]; 0 where nothing is factorised.
         stiffness: ``(n, n)`` reduced stiffness; its first 12 rows are the boundary's.
     """
 
@@ -66,6 +71,7 @@ class Reduced:
     seconds: float
     cpu_seconds: float
     gigabytes: float
+    factor_seconds: float
     stiffness: FloatArray
 
 
@@ -80,8 +86,8 @@ def main(arguments: list[str] | None = None) -> int:
     if options.entries:
         _print_entries()
         return 0
-    print("| dofs | method | s | CPU s | GB | frequencies | K_bb |")
-    print("| --- | --- | --- | --- | --- | --- | --- |", flush=True)
+    print("| dofs | method | s | over its factorisation | CPU s | GB | frequencies | K_bb |")
+    print(f"|{' --- |' * 8}", flush=True)
     runs: list[Reduced] = []
     for size in options.sizes:
         with tempfile.TemporaryDirectory(prefix="headstock-large-") as folder:
@@ -125,15 +131,29 @@ def _reduce(folder: Path, method: SolverMethod) -> None:
     part = dataclasses.replace(part, reduction=dataclasses.replace(part.reduction, solver=method))
     mesh = read_mesh(folder)
     request = ReductionRequest(modes=ModeTarget(count=MODES), errors=False)
-    with measure() as cost:
+    with _clock_factors() as factor_seconds, measure() as cost:
         found = reduce_elastic(part, mesh, comm=MPI.COMM_SELF, request=request)
+    numbers = (cost.seconds, cost.cpu_seconds, cost.peak_rss_mb / 1e3, sum(factor_seconds))
     np.savez(
         folder / f"{method}.npz",
         stiffness=found.stiffness,
-        cost=np.array(
-            [3 * len(mesh.points), cost.seconds, cost.cpu_seconds, cost.peak_rss_mb / 1e3]
-        ),
+        cost=np.array([3 * len(mesh.points), *numbers]),
     )
+
+
+@contextlib.contextmanager
+def _clock_factors() -> Iterator[list[float]]:
+    """Clocks every factorisation of a component [s], in the run that is measured."""
+    seconds: list[float] = []
+    factorise = Factorization.__init__
+
+    def clocked(self: Factorization, operators: ElasticOperators, fixed: BoolArray) -> None:
+        start = time.perf_counter()
+        factorise(self, operators, fixed)
+        seconds.append(time.perf_counter() - start)
+
+    with mock.patch.object(Factorization, "__init__", clocked):
+        yield seconds
 
 
 def _run(size: str, method: SolverMethod, folder: Path) -> Reduced | None:
@@ -145,7 +165,7 @@ def _run(size: str, method: SolverMethod, folder: Path) -> Reduced | None:
         print(f"| {size} | {method} | failed: {tail} |", flush=True)
         return None
     with np.load(folder / f"{method}.npz") as file:
-        dofs, seconds, cpu_seconds, gigabytes = (float(value) for value in file["cost"])
+        dofs, seconds, cpu_seconds, gigabytes, factor_seconds = map(float, file["cost"])
         return Reduced(
             size=size,
             method=method,
@@ -153,6 +173,7 @@ def _run(size: str, method: SolverMethod, folder: Path) -> Reduced | None:
             seconds=seconds,
             cpu_seconds=cpu_seconds,
             gigabytes=gigabytes,
+            factor_seconds=factor_seconds,
             stiffness=file["stiffness"],
         )
 
@@ -168,8 +189,9 @@ def _row(run: Reduced, runs: list[Reduced]) -> str:
         size = np.sqrt(np.diag(direct.stiffness)[:boundary])
         frequencies = np.abs(np.sqrt(values / exact) - 1.0).max()
         errors = f"| {frequencies:.1g} | {(difference / np.outer(size, size)).max():.1g} |"
+    over = f"{run.seconds / run.factor_seconds:.2f}" if run.factor_seconds else ""
     return (
-        f"| {run.dofs} | {run.method} | {run.seconds:.1f} | {run.cpu_seconds:.1f} | "
+        f"| {run.dofs} | {run.method} | {run.seconds:.1f} | {over} | {run.cpu_seconds:.1f} | "
         f"{run.gigabytes:.2f} {errors}"
     )
 
