@@ -1,7 +1,7 @@
 """What a second and a fourth rank bring: seconds of commands from an empty store on one rank and on
 several, medians of alternating runs.
 
-    ./headstock exec python3 benchmarks/ranks.py [REPEATS] [--ranks 2,4] [--only WORDS] [--busy] [--threads]
+    ./headstock exec python3 benchmarks/ranks.py [REPEATS] [--ranks 2,4] [--only WORD] [--busy] [--threads]
 
 Default of REPEATS: 5; WORDS are in the names of the work to measure; with --busy another program
 keeps one core at work all the time. With --threads one rank with one BLAS thread is compared with
