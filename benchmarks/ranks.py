@@ -1,13 +1,13 @@
 """What a second and a fourth rank bring: seconds of commands from an empty store on one rank and on
 several, medians of alternating runs.
 
-    ./headstock exec python3 benchmarks/ranks.py [REPEATS] [--ranks 2,4] [--only WORD] [--busy] [--threads]
+    ./headstock exec python3 benchmarks/ranks.py [REPEATS] [--ranks 2,4] [--only WORD] [--busy] [--one-thread] [--threads]
 
-Default of REPEATS: 5; WORDS are in the names of the work to measure; with --busy another program
+Default of REPEATS: 5; WORD is in the names of the work to measure; with --busy another program
 keeps one core at work all the time. With --threads one rank with one BLAS thread is compared with
 two, and the ratio of more is computed from the share of the time that the second one halves (Amdahl
 1967). One rank has as many BLAS threads as there are free cores; several ranks have the threads
-that the program gives them. The start of the processes is counted.
+that the program gives them; with --one-thread one rank has one. The start of the processes is counted.
 """
 
 import argparse
@@ -122,6 +122,7 @@ def main() -> None:
     parser.add_argument("--ranks", default="2")
     parser.add_argument("--only", default="")
     parser.add_argument("--busy", action="store_true")
+    parser.add_argument("--one-thread", action="store_true")
     parser.add_argument("--threads", action="store_true")
     options = parser.parse_args()
     repeats, ranks = options.repeats, [int(count) for count in options.ranks.split(",")]
@@ -141,9 +142,10 @@ def main() -> None:
         f"{'':30} {'1 rank':>8}"
         + "".join(f" {f'{count} ranks':>8} {'ratio':>6}" for count in ranks)
     )
+    threads = 1 if options.one_thread else max(1, cores - options.busy)
     with _busy_core() if options.busy else contextlib.nullcontext():
         for work in (work for work in list_work() if options.only in work.name):
-            _compare(work, ranks, repeats, max(1, cores - options.busy))
+            _compare(work, ranks, repeats, threads)
 
 
 def _compare(work: Work, ranks: list[int], repeats: int, cores: int) -> None:
