@@ -10,6 +10,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from headstock.geometry.parts.solids import SuperelementFile
+from headstock.pipeline.accuracy.model_errors import run_models_stage
 from headstock.pipeline.accuracy.search import search_settings
 from headstock.pipeline.planning.budgets import check_elapsed
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
@@ -59,6 +60,7 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "recover": run_recover_stage,
     "modal": run_modal_stage,
     "spread": run_spread_stage,
+    "models": run_models_stage,
     "place": run_place_stage,
     "map": run_map_stage,
     "contour": run_contour_stage,
@@ -66,7 +68,7 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "path": run_path_stage,
     "control": run_control_stage,
 }
-SHARED_STAGES = ("map", "spread")  # all ranks work on them
+SHARED_STAGES = ("map", "spread", "models")  # all ranks work on them
 
 
 def run_scene(
@@ -218,7 +220,8 @@ def _run_rounds(scene: Scene, rounds: _StageRunner) -> RunState:
         )
     search = search_settings(scene, rounds.run, rounds.note)
     state = search.state
-    if search.scene.analyses != state.scene.analyses or scene.machine.probes:
+    rest = search.scene.analyses != state.scene.analyses or scene.model_errors
+    if rest or scene.machine.probes:
         # probes need the mesh, which comes from the store
         state = rounds.run(
             search.scene, plan_scene(search.scene), None if scene.machine.probes else state.reduced

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from headstock.app.texts.bounded_values import accuracy_words
+from headstock.app.texts.bounded_values import accuracy_words, model_words
 from headstock.pipeline.results.summary import RunSummary
 
 
@@ -20,6 +20,9 @@ def judge_numbers(summary: RunSummary) -> list[Note]:
     notes = []
     if "accuracy" in summary:
         notes.append(Note("Accuracy", ". ".join(accuracy_words(summary["accuracy"])) + "."))
+    if "model_errors" in summary:
+        words = f"Rigid and segmented bodies compared with finite elements: {model_words(summary['model_errors'])}."
+        notes.append(Note("Models of bodies", words))
     if summary["static"]:
         notes.append(_judge_compliance(summary))
     if summary["modal"]:

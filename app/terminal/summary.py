@@ -21,6 +21,7 @@ from headstock.app.texts.bounded_values import (
     accuracy_words,
     error_words,
     largest_shares,
+    model_words,
     response_error_words,
     show_bound,
     show_bounded,
@@ -34,6 +35,7 @@ from headstock.app.texts.tables import (
     COMPONENT_COLUMNS,
     DRIVE_COLUMNS,
     DRIVE_POINT_COLUMNS,
+    MODEL_COLUMNS,
     POLE_COLUMNS,
     PROBE_COLUMNS,
     ZONE_COLUMNS,
@@ -158,6 +160,14 @@ def print_summary(
             f"Drives in pose {pose}, lag at {speed:g} mm/min",
             tell_rows(DRIVE_COLUMNS, control["drives"].items()),
         )
+    if "model_errors" in summary:
+        print_table(
+            console,
+            "Rigid and segmented bodies compared with finite elements",
+            tell_rows(MODEL_COLUMNS, summary["model_errors"]["bodies"].items()),
+        )
+        console.print(f"  {model_words(summary['model_errors'])}", markup=False)
+        console.print()
     for words in accuracy_words(summary["accuracy"]) if "accuracy" in summary else ():
         console.print(words, markup=False)
     print_assumptions(summary.get("assumptions", ()))

@@ -12,8 +12,15 @@ from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
 
 from headstock.pipeline.results.accuracy import AccuracySummary
-from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION, FrequencyErrors
+from headstock.pipeline.results.estimates import (
+    DISCRETISATION,
+    MODEL,
+    REDUCTION,
+    FrequencyErrors,
+    show_share,
+)
 from headstock.pipeline.results.frf import ResponseSummary
+from headstock.pipeline.results.model_errors import ModelErrorsSummary
 
 MOST_DIGITS = 5  # significant ones of a value, however small its error is
 LARGE_FIRST_DIGIT = 3  # an error that begins with it or more keeps one digit
@@ -222,6 +229,10 @@ def error_words(modes: FrequencyErrors) -> list[str]:
         words.append(
             f"{NO_BOUND} : modes of imported parts take part whose mesh error their files do not state"
         )
+    if any(share.get(MODEL, 0.0) is None for share in shares):
+        words.append(
+            f"{NO_BOUND} : with finite elements in place of rigid and segmented bodies no mode has this shape"
+        )
     return words
 
 
@@ -249,6 +260,21 @@ def response_error_words(response: ResponseSummary) -> list[str]:
     if left_out:
         words.append(f"not in ±: {'; '.join(left_out)}")
     return words
+
+
+def model_words(models: ModelErrorsSummary) -> str:
+    """What all rigid and segmented bodies together leave out."""
+    changes = {
+        name: abs(number["change"])
+        for name, number in models["numbers"].items()
+        if number["change"] is not None
+    }
+    most = max(changes, key=lambda name: changes[name], default="")
+    lost = sum(number["change"] is None for number in models["numbers"].values())
+    words = f"together up to {show_share(changes.get(most, 0.0))}" + (f" of {most}" if most else "")
+    if lost:
+        words += f"; {lost} of {len(models['numbers'])} numbers have no mode of their shape then"
+    return f"{words}; part of every ± as `{MODEL}`"
 
 
 def accuracy_words(accuracy: AccuracySummary) -> list[str]:

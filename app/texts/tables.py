@@ -19,6 +19,7 @@ from headstock.pipeline.results.frf import DrivePointSummary, ResponseCurves, Re
 from headstock.pipeline.results.map import Grid, MapSummary
 from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.mode_files import file_stem
+from headstock.pipeline.results.model_errors import BodyModelSummary
 from headstock.pipeline.results.path import (
     FeedSummary,
     PathCurves,
@@ -121,6 +122,21 @@ COMPONENT_COLUMNS: tuple[Column[tuple[str, ComponentSummary]], ...] = (
         lambda row: row[1]["mesh_quality"]["repaired"] if "mesh_quality" in row[1] else None,
         report="Repaired elements",
     ),
+)
+
+
+MODEL_COLUMNS: tuple[Column[tuple[str, BodyModelSummary]], ...] = (
+    Column(lambda row: row[0], "component", "body", "Body"),
+    Column(lambda row: row[1]["fidelity"], "model", "model", "Model"),
+    Column(lambda row: row[1]["compared_with"], "compared with", "compared with", "Compared with"),
+    Column(
+        lambda row: row[1]["largest"],
+        "largest change",
+        ">changes",
+        "Largest change",
+        show=show_percent,
+    ),
+    Column(lambda row: row[1]["number"], "of", "<of", "of"),
 )
 
 
@@ -409,6 +425,9 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
     tables += [_tabulate_modes(modes) for modes in summary["modal"]]
     for pose, probes in summary.get("probes", {}).items():
         tables.append(tabulate(f"probes_{file_stem(pose)}", PROBE_COLUMNS, probes.items()))
+    if "model_errors" in summary:
+        bodies = summary["model_errors"]["bodies"]
+        tables.append(tabulate("model_errors", MODEL_COLUMNS, bodies.items()))
     if "contouring" in summary:
         tables.append(_contour_table(summary["contouring"]["series"]))
     for pose, control in summary.get("control", {}).items():

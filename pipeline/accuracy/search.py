@@ -74,7 +74,9 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
         else part
         for name, part in scene.machine.components.items()
     }
-    return replace_components(dataclasses.replace(scene, analyses=analyses), components)
+    return replace_components(
+        dataclasses.replace(scene, analyses=analyses, model_errors=False), components
+    )
 
 
 def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySearch:
@@ -122,7 +124,10 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
     if failure:
         failure = f"the accuracy of {100.0 * goal.to:g} % is not reached; best: {last.quantity} within {show_share(last.error)}: {failure}"
     return AccuracySearch(
-        dataclasses.replace(current, analyses=scene.analyses), state, answer, failure
+        dataclasses.replace(current, analyses=scene.analyses, model_errors=scene.model_errors),
+        state,
+        answer,
+        failure,
     )
 
 

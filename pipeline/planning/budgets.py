@@ -45,6 +45,7 @@ STAGE_SECONDS = {
     "recover": 0.5,
     "modal": 0.05,
     "spread": 0.2,
+    "models": 0.3,
     "frf": 0.08,
     "control": 0.06,
     "write": 0.05,

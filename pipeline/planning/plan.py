@@ -19,6 +19,7 @@ StageKind = Literal[
     "recover",
     "modal",
     "spread",
+    "models",
     "frf",
     "path",
     "control",
@@ -39,7 +40,8 @@ class Stage:
             bodies, ``load`` an imported superelement, ``couple`` the machine in a pose, ``place`` a
             lumped mechanism in one, ``map`` it over many, ``contour`` a block with it, ``static``
             analysis, ``recover`` the response at probes, ``modal`` analysis, ``spread`` of its
-            frequencies with the kind of interfaces, ``frf`` frequency response, ``path`` deviation
+            frequencies with the kind of interfaces, ``models``: what rigid and segmented bodies
+            leave out, ``frf`` frequency response, ``path`` deviation
             from a line, ``control`` closed loops of drives, ``write`` the results.
         component: The component it works on; None for the machine.
         reason: Why the scene calls for it, in plain words.

@@ -141,6 +141,7 @@ def plan_scene(
             for stage in _pose_stages(pose, scene)
         ]
     stages += _spread_stages(components, scene.analyses.modal)
+    stages += _model_stages(components, scene)
     if scene.analyses.map is not None:
         count = math.prod(len(values) for _, values in scene.analyses.map.axes)
         stages.append(
@@ -171,7 +172,11 @@ def plan_scene(
         poses=poses,
         with_modes=is_dynamic(scene.analyses),
         gravity=gravity,
-        warnings=(*_plan_warnings(components), *_spread_warnings(components, scene.analyses.modal)),
+        warnings=(
+            *_plan_warnings(components),
+            *_spread_warnings(components, scene.analyses.modal),
+            *_model_warnings(components, scene),
+        ),
     )
 
 
@@ -186,6 +191,36 @@ def _spread_stages(components: Mapping[str, Component], modal: ModalRequest | No
             f"frequencies with rigid and with averaging interfaces on {', '.join(chosen)}",
         )
     ]
+
+
+def is_simple(component: Component) -> bool:
+    """Whether a body is rigid or segmented, so that finite elements would show more of it."""
+    return component.fidelity != "elastic" and not isinstance(component.solid, SuperelementFile)
+
+
+def _model_stages(components: Mapping[str, Component], scene: Scene) -> list[Stage]:
+    simple = [name for name, component in components.items() if is_simple(component)]
+    if not scene.model_errors or scene.is_lumped or not simple:
+        return []
+    return [
+        Stage(
+            "models",
+            None,
+            f"what rigid and segmented bodies leave out: coarse finite elements for {', '.join(simple)}",
+            estimated_seconds=STAGE_SECONDS["models"],
+        )
+    ]
+
+
+def _model_warnings(components: Mapping[str, Component], scene: Scene) -> list[str]:
+    if not scene.model_errors or _model_stages(components, scene):
+        return []
+    why = (
+        "the springs of a lumped mechanism are not compared with finite elements"
+        if scene.is_lumped
+        else "no component is rigid or segmented"
+    )
+    return [f"model_errors has nothing to compare: {why}"]
 
 
 def _spread_warnings(components: Mapping[str, Component], modal: ModalRequest | None) -> list[str]:

@@ -8,6 +8,7 @@ from typing import NotRequired, TypedDict
 REDUCTION = "reduction"
 DISCRETISATION = "discretisation"
 CURVED_FACES = "curved faces"
+MODEL = "model"  # of bodies that are no finite elements
 
 
 @dataclass(frozen=True)

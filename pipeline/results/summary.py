@@ -12,6 +12,7 @@ from headstock.pipeline.results.frf import PoseResponse, ResponseSummary
 from headstock.pipeline.results.map import MapSummary, WorkspaceMap
 from headstock.pipeline.results.mechanism import MechanismPose, MechanismSummary
 from headstock.pipeline.results.modal import ModesSummary, PoseModes
+from headstock.pipeline.results.model_errors import ModelErrorsAnswer, ModelErrorsSummary
 from headstock.pipeline.results.path import PathResult, PathSummary
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.static import PointSummary, ProbeAnswer, ProbeSummary, StaticAnswer
@@ -91,6 +92,7 @@ class RunSummary(TypedDict):
     map: NotRequired[MapSummary]
     contouring: NotRequired[ContourSummary]
     accuracy: NotRequired[AccuracySummary]
+    model_errors: NotRequired[ModelErrorsSummary]
 
 
 def summarise(results: Results) -> RunSummary:
@@ -138,6 +140,8 @@ def summarise(results: Results) -> RunSummary:
         summary["contouring"] = contour.summarise()
     for accuracy in find_answers(answers, AccuracyAnswer):
         summary["accuracy"] = accuracy.summarise()
+    for models in find_answers(answers, ModelErrorsAnswer):
+        summary["model_errors"] = models.summarise()
     return summary
 
 

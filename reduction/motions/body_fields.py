@@ -94,7 +94,10 @@ def carried_motion(superelement: Superelement, points: FloatArray) -> FloatArray
 
 
 def machine_field(
-    coupled: CoupledMachine, places: Mapping[str, BodyPlaces], shapes: FloatArray
+    coupled: CoupledMachine,
+    places: Mapping[str, BodyPlaces],
+    shapes: FloatArray,
+    motions: Mapping[str, FloatArray] | None = None,
 ) -> FloatArray:
     """Motions of all places in machine axes, each times the root of its mass.
 
@@ -105,6 +108,7 @@ def machine_field(
         coupled: The machine with ``n`` free coordinates.
         places: By component, points in its frame [m] and the mass that each stands for [kg].
         shapes: ``(n, m)`` in free coordinates.
+        motions: By component, ``place_motion`` of its places where that is known already.
 
     Returns:
         ``(3 k, m)`` for ``k`` points in all, component by component.
@@ -114,7 +118,9 @@ def machine_field(
     for name, chosen in places.items():
         superelement, placement = coupled.layout.superelements[name], coupled.placements[name]
         own = turn_dofs(superelement, placement) @ stacked[coupled.offsets[name]]
-        moved = (place_motion(superelement, chosen.points) @ own).reshape(-1, 3, shapes.shape[1])
+        known = None if motions is None else motions.get(name)
+        motion = place_motion(superelement, chosen.points) if known is None else known
+        moved = (motion @ own).reshape(-1, 3, shapes.shape[1])
         turned = np.einsum("ij,kjm->kim", placement.rotation, moved)
         parts.append((np.sqrt(chosen.masses)[:, None, None] * turned).reshape(-1, shapes.shape[1]))
     return np.vstack([np.zeros((0, shapes.shape[1])), *parts])

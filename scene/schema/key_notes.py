@@ -263,6 +263,8 @@ NOTES = {
     "Scene.orientation": "position and orientation of the whole machine",
     "Scene.limits": "limits of size, memory and time of a run",
     "Scene.accuracy": "allowed error of every requested number: meshes and modes are chosen accordingly, see [accuracy](accuracy.md)",
+    "Scene.model_errors": "compare rigid and segmented bodies with coarse finite elements: what they leave out becomes a part of every ±, "
+    "see [errors](errors.md#models-of-bodies)",
     "Accuracy.to": "largest relative error of any requested number",
     "Accuracy.fidelity": "allow rigid and segmented bodies to become elastic",
     "Analyses.static": "compliance at points, and static response to loads",

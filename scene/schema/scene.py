@@ -299,6 +299,7 @@ class SceneTable(StrictTable):
     orientation: OrientationTable = OrientationTable()
     limits: LimitsTable = LimitsTable()
     accuracy: AccuracyEntry | None = None
+    model_errors: Flag = False
     free: Flag = False
 
     @property

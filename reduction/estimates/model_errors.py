@@ -1,0 +1,110 @@
+"""What a better model of some bodies changes of a machine's natural frequencies: two coupled
+machines, both small, whose modes are paired by shape.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.motions.body_fields import BodyPlaces, machine_field
+from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
+from headstock.solvers.linear.mode_pairing import ModeSet, pair_modes
+
+# more modes than are judged: partners lie further up, or come from there
+BEYOND, FURTHER = 2, 6
+
+
+@dataclass(frozen=True, eq=False)
+class WatchedModes:
+    """Modes of a machine, and their motions at places that all models of its bodies share."""
+
+    modes: ModalResult
+    shapes: ModeSet
+
+
+@dataclass(frozen=True, eq=False)
+class ModeChanges:
+    """The modes of a machine beside those of the same machine with better bodies.
+
+    Attributes:
+        changes_hz: ``(m,)`` frequency with better bodies less that without [Hz]; NaN for a mode that
+            has no partner of its shape, 0 for rigid-body modes.
+        partners: ``(m,)`` index of each partner among the better modes, -1 without one.
+        missing: Indices of better modes below the highest of the ``m`` that are partners of none of
+            them.
+    """
+
+    changes_hz: FloatArray
+    partners: tuple[int, ...]
+    missing: tuple[int, ...]
+
+
+def watch_modes(
+    coupled: CoupledMachine,
+    places: Mapping[str, BodyPlaces],
+    motions: Mapping[str, FloatArray],
+    *,
+    count: int,
+) -> WatchedModes:
+    """Enough modes of a machine for the first of another model of it to find theirs.
+
+    Args:
+        coupled: The machine.
+        places: By component, points that stand for its mass.
+        motions: By component, motion ``(3 k, n)`` of those points per unit dof of this model of it.
+        count: Modes of the other model that look for theirs.
+    """
+    modes = solve_modal(coupled.system, count=BEYOND * count + FURTHER)
+    field = machine_field(coupled, places, modes.shapes, motions)
+    return WatchedModes(
+        modes, ModeSet(modes.frequencies_hz, field, min(modes.rigid_count, field.shape[1]))
+    )
+
+
+def compare_modes(plain: WatchedModes, better: WatchedModes, *, count: int) -> ModeChanges:
+    """What better bodies change of the first modes of a machine.
+
+    Modes are one where their motions at places that stand for the mass of every body are, whatever
+    their order; close ones are compared by the space they span (see ``pair_modes``). First-order
+    changes from strain energies fail beyond a tenth of a number, where modes trade places or come
+    from far above. Both machines are small, so both are solved.
+
+    Args:
+        plain: Of the machine.
+        better: Of the same with better models of some bodies.
+        count: How many modes of the machine are judged, rigid-body modes included.
+
+    Source: Allemang and Brown (1982) for MAC; Bjoerck and Golub (1973) for angles between spaces.
+    """
+    own_hz, better_hz = plain.shapes.frequencies_hz, better.shapes.frequencies_hz
+    rigid = plain.shapes.rigid_count
+    changes = np.where(np.arange(count) < rigid, 0.0, np.nan)
+    partners = [-1] * count
+    for pair in pair_modes(plain.shapes, better.shapes):
+        if pair.first < count:
+            partners[pair.first] = pair.second
+            if pair.first >= rigid:
+                changes[pair.first] = better_hz[pair.second] - own_hz[pair.first]
+    highest = float(own_hz[:count].max(initial=0.0))
+    missing = tuple(
+        index
+        for index in range(better.shapes.rigid_count, len(better_hz))
+        if better_hz[index] < highest and index not in partners
+    )
+    return ModeChanges(changes, tuple(partners), missing)
+
+
+def split_change(size: float, singles: Mapping[str, float]) -> dict[str, float]:
+    """Parts of the size of a change that several bodies make together: as their single changes are
+    to one another, and together that size.
+
+    Args:
+        size: Of the change by all bodies.
+        singles: Body to the change that it alone makes; NaN where nobody knows.
+    """
+    sizes = {name: abs(single) for name, single in singles.items() if np.isfinite(single)}
+    total = sum(sizes.values())
+    return {name: size * own / total for name, own in sizes.items()} if total > 0.0 else {}

@@ -1,0 +1,155 @@
+"""What rigid and segmented bodies leave out, compared with the machine of fine finite elements."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.results.answers import find_answers
+from headstock.pipeline.results.estimates import MODEL
+from headstock.pipeline.results.frf import PoseResponse
+from headstock.pipeline.results.model_errors import ModelErrorsAnswer
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+
+pytestmark = [pytest.mark.fem, pytest.mark.process]
+
+# a column on a heavy block on springs, a head on bolts at its top
+SCENE = """
+name = "column"
+model_errors = true
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.block]
+solid = { box = ["400 mm", "300 mm", "100 mm"] }
+material = "steel"
+fidelity = "rigid"
+interfaces = { bottom = { face = "z-" }, top = { face = "z+", rect = { size = ["80 mm", "60 mm"] } } }
+[components.column]
+solid = { box = ["80 mm", "60 mm", "400 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "250 mm"]
+fidelity = "FIDELITY"
+segments = { count = 4 }
+interfaces = { foot = { face = "z-" }, head = { face = "z+" } }
+[components.head]
+solid = { box = ["200 mm", "120 mm", "80 mm"] }
+material = "steel"
+at = ["60 mm", "0 mm", "490 mm"]
+fidelity = "rigid"
+interfaces = { below = { face = "z-", rect = { center = ["-60 mm", "0 mm"], size = ["80 mm", "60 mm"] } }, nose = { face = "x+" } }
+[joints]
+foot = { between = ["block.top", "column.foot"], kind = "rigid" }
+neck = { between = ["column.head", "head.below"], kind = "rigid" }
+[joints.feet]
+between = ["block.bottom", "ground"]
+kind = "spring"
+stiffness.x = "200 N/um"
+stiffness.y = "200 N/um"
+stiffness.z = "300 N/um"
+stiffness.rx = "9 N m/urad"
+stiffness.ry = "9 N m/urad"
+stiffness.rz = "9 N m/urad"
+[points]
+nose = { tool = "head.nose", work = "ground" }
+[effects]
+damping = { modal = "3 %" }
+[analyses.static]
+[analyses.modal]
+count = 5
+[analyses.frf]
+inputs = ["nose"]
+to = "400 Hz"
+"""
+FINE = ("40 mm", "20 mm", "20 mm")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("models")
+
+
+def run(folder: Path, fidelity: str, *overrides: str) -> Results:
+    path = folder / f"{fidelity}.toml"
+    path.write_text(SCENE.replace("FIDELITY", fidelity))
+    scene = load_scene(path, overrides=overrides)
+    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+
+@pytest.fixture(scope="module")
+def fine(folder: Path) -> Results:
+    bodies = zip(("block", "column", "head"), FINE, strict=True)
+    return run(
+        folder,
+        "elastic",
+        "model_errors=false",
+        *(
+            value
+            for name, size in bodies
+            for value in (
+                f"components.{name}.fidelity=elastic",
+                f'components.{name}.mesh={{ size = "{size}", cells = "hex" }}',
+            )
+        ),
+    )
+
+
+@pytest.mark.parametrize("fidelity", ["segmented", "elastic"])
+def test_the_estimate_covers_the_machine_of_fine_finite_elements(
+    folder: Path, fine: Results, fidelity: str
+) -> None:
+    found, truth = run(folder, fidelity), fine.modal[0].frequencies_hz
+    (modes,) = found.modal
+    off = np.abs(modes.frequencies_hz - truth)
+    errors = np.array([error.total or np.nan for error in modes.errors])
+    assert (off <= errors).all() and (off[:2] > 0.02 * truth[:2]).all()
+    assert (errors < 3.0 * off)[off > 0.01 * truth].all()
+    point, exact = found.static["reference"]["nose"], fine.static["reference"]["nose"]
+    for axis, direction in enumerate("xyz"):
+        gap = abs(point.compliance[axis, axis] - exact.compliance[axis, axis])
+        total = point.errors[direction].total
+        assert total is not None and gap <= total <= 3.0 * gap
+    assert not any("rigid model" in words for error in modes.errors for words in error.left_out)
+
+
+def test_parts_of_bodies_add_up_and_are_told_by_name(folder: Path) -> None:
+    results = run(folder, "segmented")
+    (models,) = find_answers(results.answers, ModelErrorsAnswer)
+    assert models.bodies.keys() == {"block", "column", "head"}
+    for error in results.modal[0].errors:
+        assert sum(error.parts[MODEL].values()) == pytest.approx(error.shares[MODEL])
+    summary = summarise(results)
+    assert summary["model_errors"]["bodies"]["head"]["fidelity"] == "rigid"
+    # a rigid body alone becomes more compliant; segments may be too compliant already
+    alone = models.numbers["frequency 1"].bodies
+    assert max(alone["block"] or 0.0, alone["head"] or 0.0) < 0.0
+    (response,) = find_answers(results.answers, PoseResponse)
+    assert response.curves.error is not None and MODEL in response.curves.error_share
+
+
+def test_a_rigid_column_names_the_bending_modes_that_are_missing(folder: Path) -> None:
+    stiff = {"x": "20 kN/um", "y": "20 kN/um", "z": "30 kN/um"}
+    stiff |= dict.fromkeys(("rx", "ry", "rz"), "900 N m/urad")
+    values = [f"joints.feet.stiffness.{axis}={value}" for axis, value in stiff.items()]
+    results = run(folder, "rigid", *values)
+    (models,) = find_answers(results.answers, ModelErrorsAnswer)
+    (words,) = models.missing
+    assert "bend" in words and any(words in warning for warning in results.warnings)
+    lost = [error for error in results.modal[0].errors if error.shares.get(MODEL, 0.0) is None]
+    assert lost and all(error.total is None for error in lost)
+
+
+def test_it_is_planned_only_where_it_is_named(folder: Path) -> None:
+    path = folder / "segmented.toml"
+    path.write_text(SCENE.replace("FIDELITY", "segmented"))
+    kinds = [stage.kind for stage in plan_scene(load_scene(path)).stages]
+    assert kinds.count("models") == 1
+    plain = load_scene(path, overrides=["model_errors=false"])
+    assert "models" not in [stage.kind for stage in plan_scene(plain).stages]
