@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
 
-from headstock.pipeline.results.accuracy import AccuracySummary
+from headstock.pipeline.results.accuracy import AccuracySummary, ModelErrorsSummary
 from headstock.pipeline.results.estimates import (
     DISCRETISATION,
     MODEL,
@@ -20,7 +20,6 @@ from headstock.pipeline.results.estimates import (
     show_share,
 )
 from headstock.pipeline.results.frf import ResponseSummary
-from headstock.pipeline.results.model_errors import ModelErrorsSummary
 
 MOST_DIGITS = 5  # significant ones of a value, however small its error is
 LARGE_FIRST_DIGIT = 3  # an error that begins with it or more keeps one digit

@@ -13,13 +13,13 @@ import numpy as np
 from headstock.app.texts.bounded_values import bound_size, show_damping, show_digits
 from headstock.app.texts.curves import RATES, name_entry
 from headstock.geometry.frames import DIRECTIONS
+from headstock.pipeline.results.accuracy import BodyModelSummary
 from headstock.pipeline.results.contouring import SeriesSummary
 from headstock.pipeline.results.control import DriveSummary, PoleSummary
 from headstock.pipeline.results.frf import DrivePointSummary, ResponseCurves, ResponseSummary
 from headstock.pipeline.results.map import Grid, MapSummary
 from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.mode_files import file_stem
-from headstock.pipeline.results.model_errors import BodyModelSummary
 from headstock.pipeline.results.path import (
     FeedSummary,
     PathCurves,

@@ -1,7 +1,9 @@
-"""How settings were chosen for a stated accuracy, as a result."""
+"""How settings were chosen for a stated accuracy, and what rigid and segmented bodies leave out, as
+results.
+"""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NotRequired, TypedDict
 
 from headstock.pipeline.results.answers import Answer
@@ -98,4 +100,100 @@ class AccuracyAnswer(Answer):
             "reason": self.reason,
             "rounds": [one.summarise() for one in self.rounds],
             "settings": self.settings,
+        }
+
+
+class BodyModelSummary(TypedDict):
+    """The entry of a body; without a number that changes ``largest`` is 0 and ``number`` empty."""
+
+    fidelity: str
+    compared_with: str
+    largest: float
+    number: str
+
+
+class NumberChangeSummary(TypedDict):
+    """The entry of a number: its relative change, None where it has no partner of its shape, and
+    what each body alone changes of it.
+    """
+
+    change: float | None
+    bodies: dict[str, float | None]
+
+
+class ModelErrorsSummary(TypedDict):
+    """The entry ``model_errors``."""
+
+    bodies: dict[str, BodyModelSummary]
+    numbers: dict[str, NumberChangeSummary]
+    missing: list[str]
+    left_out: dict[str, str]
+
+
+@dataclass(frozen=True)
+class NumberChange:
+    """What better bodies change of a number, over the number.
+
+    Attributes:
+        together: All of them; None where the number has no partner.
+        bodies: Body to what it alone changes; None where the number has no partner then.
+    """
+
+    together: float | None
+    bodies: Mapping[str, float | None] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class BodyModel:
+    """A body that is no finite element model, and the one that it was compared with."""
+
+    fidelity: str
+    compared_with: str
+
+
+@dataclass(frozen=True)
+class ModelErrorsAnswer(Answer):
+    """What rigid and segmented bodies leave out.
+
+    Attributes:
+        bodies: By name.
+        numbers: By what they are, such as ``frequency 3``.
+        missing: Modes that the machine of simple bodies lacks, in plain words.
+        left_out: Bodies of which nothing is known, with the reason.
+    """
+
+    bodies: dict[str, BodyModel]
+    numbers: dict[str, NumberChange]
+    missing: tuple[str, ...] = ()
+    left_out: dict[str, str] = field(default_factory=dict)
+
+    def largest(self, body: str) -> tuple[str, float]:
+        """The number that a body alone changes most, and by how much of it."""
+        found = {
+            number: abs(share)
+            for number, change in self.numbers.items()
+            if (share := change.bodies.get(body)) is not None
+        }
+        number = max(found, key=lambda name: found[name], default="")
+        return number, found.get(number, 0.0)
+
+    def summarise(self) -> ModelErrorsSummary:
+        """As it stands in ``summary.json``."""
+        bodies: dict[str, BodyModelSummary] = {}
+        for name, body in self.bodies.items():
+            number, largest = self.largest(name)
+            bodies[name] = {
+                "fidelity": body.fidelity,
+                "compared_with": body.compared_with,
+                "largest": largest,
+                "number": number,
+            }
+        return {
+            "bodies": bodies,
+            "numbers": {
+                name: {"change": change.together, "bodies": dict(change.bodies)}
+                for name, change in self.numbers.items()
+            },
+            "missing": list(self.missing),
+            "left_out": self.left_out,
         }

@@ -4,7 +4,12 @@ import math
 from typing import Literal, NotRequired, TypedDict
 
 from headstock.pipeline.planning.plan import StageKind, StageRecord
-from headstock.pipeline.results.accuracy import AccuracyAnswer, AccuracySummary
+from headstock.pipeline.results.accuracy import (
+    AccuracyAnswer,
+    AccuracySummary,
+    ModelErrorsAnswer,
+    ModelErrorsSummary,
+)
 from headstock.pipeline.results.answers import find_answers
 from headstock.pipeline.results.contouring import ContourAnswer, ContourSummary
 from headstock.pipeline.results.control import ControlAnswer, ControlSummary
@@ -12,7 +17,6 @@ from headstock.pipeline.results.frf import PoseResponse, ResponseSummary
 from headstock.pipeline.results.map import MapSummary, WorkspaceMap
 from headstock.pipeline.results.mechanism import MechanismPose, MechanismSummary
 from headstock.pipeline.results.modal import ModesSummary, PoseModes
-from headstock.pipeline.results.model_errors import ModelErrorsAnswer, ModelErrorsSummary
 from headstock.pipeline.results.path import PathResult, PathSummary
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.static import PointSummary, ProbeAnswer, ProbeSummary, StaticAnswer
