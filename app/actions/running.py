@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import os
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -35,7 +36,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene, deforming_parts, keep_analyses, list_analyses
 from headstock.solvers.ranks import find_node, make_on_root, share_from_root
-from headstock.solvers.shared_work import free_cores
+from headstock.solvers.shared_work import NAMED_THREADS, free_cores
 
 DRAWING_SECONDS = 4.0
 
@@ -183,12 +184,18 @@ def require_ranks(ranks: int | None, comm: MPI.Comm) -> None:
     if comm.size == 1:
         return
     here, cores = find_node(comm).ranks, free_cores()
-    if comm.rank == 0 and here > cores:
-        print_remarks([describe_crowd(here, cores)])
+    threads = int(os.environ.get(NAMED_THREADS, "1"))
+    if comm.rank == 0 and here * threads > cores:
+        print_remarks([describe_crowd(here, threads, cores)])
 
 
-def describe_crowd(ranks: int, cores: int) -> str:
-    """What it costs that there are more ranks on a node than it has free cores."""
+def describe_crowd(ranks: int, threads: int, cores: int) -> str:
+    """What it costs that there are more ranks on a node, or threads of them all, than free cores."""
+    if ranks <= cores:
+        return (
+            f"{ranks} ranks with {threads} threads each (HEADSTOCK_THREADS) on {counted(cores, 'free core')}: poses and other "
+            f"small pieces of work take several times as long as with HEADSTOCK_THREADS={max(1, cores // ranks)}"
+        )
     return (
         f"{ranks} ranks on {counted(cores, 'free core')} take turns: what is dealt out takes as long as on "
         f"{counted(cores, 'rank')}, a part that is split several times as long, and each rank holds {BASE_MB:.0f} MB and more"
