@@ -1,0 +1,310 @@
+"""What the next digit of accuracy costs: the cost studies of four machines and two STEP parts, and
+the page of the documentation that shows them.
+
+    ./headstock exec python3 benchmarks/next_digit.py [--only WORD] [--repeats N] [--folder DIR] [--page]
+
+Default of REPEATS: 3, of DIR: `results/next_digit`. Finished points and runs are kept there, so that a
+stopped call goes on where it was; the page, `docs/next_digit.md`, is written with --page from what is
+finished, and drawings beside it.
+"""
+
+import argparse
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+PROJECT = Path(__file__).resolve().parents[1]
+PAGE, PICTURES = PROJECT / "docs" / "next_digit.md", PROJECT / "docs" / "images"
+REFERENCE_RUN = "reference_run"
+BOUNDS = (0.1, 0.03, 0.01, 0.003, 0.001)
+GOAL = 2.0  # times the cheapest that is good enough
+DYNAMICS = (
+    'studies.cost.watch=["frf.reference.drive_points[2].chatter_limit_N_per_um", '
+    '"frf.reference.drive_points[2].minimum_dynamic_stiffness_N_per_um", '
+    '"path.feeds[1].outputs[0].accelerating.peak_um"]',
+    'studies.cost.set={"analyses.frf" = { inputs = ["tcp"], to = "300 Hz", poses = ["reference"] }, '
+    '"analyses.modal" = false, "analyses.static" = false, "analyses.path.on_request" = false}',
+)
+HEAD = """# What the next digit costs
+
+    ./headstock exec python3 benchmarks/next_digit.py --page
+
+wrote this page. Each study ([how](studies.md#what-accuracy-costs)) computes a scene with many settings, from an empty store each time, and
+compares every watched number with one far finer run, its last; the largest relative difference is the error. Seconds are processor
+time of the whole run from scene to files. A star in the drawings is an [automatic choice](accuracy.md), the grey band the best of the
+points tried, a dotted line another model: its distance is a spread of the model, which no mesh takes away.
+"""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A cost study.
+
+    Attributes:
+        name: Of its folder and its drawing.
+        title: On the page.
+        scene: File, from the root of the project.
+        settings: ``key=value`` of the scene that are other than in the file.
+    """
+
+    name: str
+    title: str
+    scene: str
+    settings: tuple[str, ...] = ()
+
+
+CASES = (
+    Case("cantilever", "Cantilever: six frequencies", "machines/cantilever.toml"),
+    Case(
+        "fixed_beam",
+        "Fixed beam: six frequencies and the deflection under a small patch",
+        "machines/fixed_beam.toml",
+    ),
+    Case(
+        "three_axis",
+        "Three-axis machine: five frequencies and three compliances",
+        "machines/three_axis.toml",
+    ),
+    Case(
+        "three_axis_dynamics",
+        "Three-axis machine: limit depth of cut, dynamic stiffness and deviation from a path",
+        "machines/three_axis.toml",
+        DYNAMICS,
+    ),
+    Case("tripteor", "Legs of the Tripteor: six frequencies", "machines/tripteor.toml"),
+    Case(
+        "step_column",
+        "Column from STEP: six frequencies and three compliances",
+        "machines/step_column.toml",
+    ),
+    Case(
+        "step_bracket",
+        "Bracket from STEP: four frequencies and three compliances",
+        "tests/data/support.toml",
+    ),
+)
+# threads and ranks of one run of the automatic choice for 1 %
+TEAMS = ((1, 1), (1, 2), (2, 1))
+
+
+def main() -> int:
+    """Compute what is not finished, and write the page."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", default="", help="in the name of a study")
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--folder", type=Path, default=PROJECT / "results" / "next_digit")
+    parser.add_argument("--page", action="store_true", help="write it, and its drawings")
+    options = parser.parse_args()
+    for case in CASES:
+        if options.only in case.name:
+            _study(case, options.folder, options.repeats)
+            _time_teams(case, options.folder)
+    if options.page:
+        _write_page(options.folder)
+    return 0
+
+
+def _study(case: Case, folder: Path, repeats: int) -> None:
+    """Compute the points of a study that are not finished."""
+    given = [f"--set={setting}" for setting in case.settings]
+    words = [case.scene, "cost", "--repeats", str(repeats), "-o", str(folder / case.name)]
+    variables = {**os.environ, "HEADSTOCK_THREADS": "1"}
+    _note_machine(folder)
+    subprocess.run(
+        [str(PROJECT / "headstock"), "study", *words, *given],
+        cwd=PROJECT,
+        env=variables,
+        check=False,  # points that failed are on the page
+    )
+
+
+def _time_teams(case: Case, folder: Path) -> None:
+    """Seconds by the clock of the automatic choice for 1 % by ranks and threads."""
+    file = folder / case.name / "teams.json"
+    found: dict[str, float] = json.loads(file.read_text()) if file.exists() else {}
+    for ranks, threads in TEAMS:
+        name = f"{ranks} x {threads}"
+        if name in found or case.settings:
+            continue
+        with tempfile.TemporaryDirectory(prefix="headstock-digit-") as place:
+            variables = {
+                **os.environ,
+                "HEADSTOCK_STORE": f"{place}/store",
+                "HEADSTOCK_THREADS": str(threads),
+            }
+            words = [case.scene, "--accuracy", "1%", "--no-figures", "-o", f"{place}/out"]
+            begin = time.perf_counter()
+            done = subprocess.run(
+                [str(PROJECT / "headstock"), "run", *words, "--ranks", str(ranks)],
+                cwd=PROJECT,
+                env=variables,
+                capture_output=True,
+                check=False,
+            )
+            if done.returncode == 0:
+                found[name] = round(time.perf_counter() - begin, 2)
+        file.write_text(json.dumps(found) + "\n")
+
+
+def _note_machine(folder: Path) -> None:
+    """What the seconds were measured on, with every study that was begun."""
+    folder.mkdir(parents=True, exist_ok=True)
+    models = [
+        line.split(":")[1].strip()
+        for line in Path("/proc/cpuinfo").read_text().splitlines()
+        if line.startswith("model name")
+    ]
+    machine = (
+        f"{len(os.sched_getaffinity(0))} cores of {models[0] if models else platform.machine()}"
+    )
+    with (folder / "machines.jsonl").open("a", encoding="utf-8") as file:
+        file.write(json.dumps({"machine": machine, "load": os.getloadavg()[0]}) + "\n")
+
+
+def _describe_machines(folder: Path) -> str:
+    """Machines of all calls, and how busy they were before."""
+    lines = (folder / "machines.jsonl").read_text().splitlines()
+    loads: dict[str, list[float]] = {}
+    for entry in map(json.loads, lines):
+        loads.setdefault(entry["machine"], []).append(entry["load"])
+    return "; ".join(
+        f"{machine}, load {min(found):.1f} to {max(found):.1f} before each study"
+        for machine, found in loads.items()
+    )
+
+
+def _write_page(folder: Path) -> None:
+    """The page and its drawings, of all studies that are finished."""
+    studies = {
+        case: json.loads(file.read_text())
+        for case in CASES
+        if (file := folder / case.name / "study.json").exists()
+    }
+    repeats = min(study["repeats"] for study in studies.values())
+    text = [HEAD, f"Machine: {_describe_machines(folder)}; one BLAS thread, one rank;"]
+    text += ["one run each." if repeats == 1 else f"medians of {repeats} runs.", ""]
+    text += [*_automatic(studies), ""]
+    text += [*_teams(folder), ""]
+    for case, study in studies.items():
+        text += [f"## {case.title}", "", *_picture(case, folder), *_cheapest(study), ""]
+        text += [f"- {line}" for line in _other_models(study)] + [""]
+    PAGE.write_text("\n".join(text).replace("\n\n\n", "\n\n").rstrip() + "\n")
+
+
+def _picture(case: Case, folder: Path) -> list[str]:
+    drawn = folder / case.name / "cost.png"
+    if not drawn.exists():
+        return []
+    shutil.copy(drawn, PICTURES / f"cost_{case.name}.png")
+    alt = f"{case.title}: error over processor time, memory and degrees of freedom"
+    return [f"![{alt}](images/cost_{case.name}.png)", ""]
+
+
+def _points(study: dict[str, Any], *, automatic: bool) -> list[dict[str, Any]]:
+    """Points of a study that have an error, with the accuracy that was asked for."""
+    rows = [
+        row for row in study["rows"] if row["status"] == "done" and row["family"] != REFERENCE_RUN
+    ]
+    points = [
+        {**cost, "asked": row["varied"].get("accuracy"), "cost": cost["cpu seconds"]}
+        for row, cost in zip(rows, study.get("costs", []), strict=True)
+    ]
+    return [
+        point
+        for point in points
+        if point["automatic"] == automatic
+        and not point["other model"]
+        and point["error"] is not None
+    ]
+
+
+def _find_cheapest(study: dict[str, Any], bound: float) -> dict[str, Any] | None:
+    good = [point for point in _points(study, automatic=False) if point["error"] <= bound]
+    return min(good, key=lambda point: point["cost"], default=None)
+
+
+def _cheapest(study: dict[str, Any]) -> list[str]:
+    """The cheapest point for each of some accuracies."""
+    lines = [
+        "| largest error | cheapest of what the study tries | processor time | memory | times the line above |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    before: dict[str, Any] | None = None
+    for bound in BOUNDS:
+        found = _find_cheapest(study, bound)
+        if found is None:
+            lines.append(f"| {100 * bound:g} % | none of these | | | |")
+        elif before is not None and found["settings"] == before["settings"]:
+            lines.append(f"| {100 * bound:g} % | the same | | | |")
+        else:
+            more = f"{found['cost'] / before['cost']:.2g}" if before else ""
+            named = f"{found['settings']} ({100 * found['error']:.2g} %)"
+            lines.append(
+                f"| {100 * bound:g} % | {named} | {found['cost']:.3g} s | {found['MB']:.0f} MB | {more} |"
+            )
+        before = found
+    return lines
+
+
+def _automatic(studies: dict[Case, dict[str, Any]]) -> list[str]:
+    """Automatic choices beside the cheapest that is good enough, and whether the goals are met."""
+    lines = [
+        "Automatic choices, beside the cheapest point of the same study whose error is within what was asked. "
+        f"Goal: an error within it, and at most {GOAL:g} times the cheapest.",
+        "",
+        "| | asked | true error | processor time, all rounds | cheapest | ratio | |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for case, study in studies.items():
+        for point in _points(study, automatic=True):
+            asked = float(str(point["asked"]).rstrip(" %")) / 100.0
+            cheapest = _find_cheapest(study, asked)
+            ratio = point["cost"] / cheapest["cost"] if cheapest else None
+            met = point["error"] <= asked and (ratio is None or ratio <= GOAL)
+            lines.append(
+                f"| {case.title.partition(':')[0]} ({case.name}) | {point['asked']} | {100 * point['error']:.2g} % | {point['cost']:.3g} s | "
+                + (f"{cheapest['cost']:.3g} s | {ratio:.2g} | " if cheapest else "none | | ")
+                + ("met |" if met else "missed |")
+            )
+    return lines
+
+
+def _teams(folder: Path) -> list[str]:
+    """Seconds by the clock by ranks and threads."""
+    lines = [
+        "`run --accuracy 1%` by ranks and BLAS threads, seconds by the clock with the start of the processes, one run each:",
+        "",
+        "| | "
+        + " | ".join(
+            f"{ranks} rank{'s' * (ranks > 1)}, {threads} thread{'s' * (threads > 1)}"
+            for ranks, threads in TEAMS
+        )
+        + " |",
+        "| --- |" + " --- |" * len(TEAMS),
+    ]
+    for case in CASES:
+        file = folder / case.name / "teams.json"
+        found = json.loads(file.read_text()) if file.exists() else {}
+        if found:
+            cells = [str(found.get(f"{ranks} x {threads}", "failed")) for ranks, threads in TEAMS]
+            lines.append(f"| {case.name} | {' | '.join(cells)} |")
+    return lines if len(lines) > 4 else []
+
+
+def _other_models(study: dict[str, Any]) -> list[str]:
+    """What the study says of other models."""
+    return [line for line in study.get("digits", []) if "another model" in line]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
