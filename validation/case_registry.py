@@ -26,6 +26,10 @@ from headstock.validation.machines.estimate_cases import (
 )
 from headstock.validation.machines.identification_cases import check_identification
 from headstock.validation.machines.machine_cases import check_guideway, check_three_axis_machine
+from headstock.validation.machines.model_estimate_cases import (
+    check_model_estimates,
+    check_model_estimates_smoke,
+)
 from headstock.validation.machines.path_cases import check_path_roads, check_path_test
 from headstock.validation.machines.response_estimate_cases import (
     check_mesh_response_estimates,
@@ -278,6 +282,19 @@ CASES: tuple[Case, ...] = (
         on_request=True,
     ),
     Case("coverage-smoke", "estimates", "the same on two parts", on_root(check_coverage_smoke)),
+    Case(
+        "model-estimates",
+        "estimates",
+        "what rigid and segmented bodies leave out, over 32 machines",
+        on_root(check_model_estimates),
+        on_request=True,
+    ),
+    Case(
+        "model-estimates-smoke",
+        "estimates",
+        "the same on one machine",
+        on_root(check_model_estimates_smoke),
+    ),
     Case(
         "reduction-estimates",
         "estimates",
