@@ -10,11 +10,12 @@ from pathlib import Path
 from mpi4py import MPI
 
 from headstock.geometry.parts.solids import SuperelementFile
-from headstock.pipeline.accuracy.model_errors import run_models_stage
+from headstock.pipeline.accuracy.model_errors import judge_models, run_models_stage
 from headstock.pipeline.accuracy.search import search_settings
 from headstock.pipeline.planning.budgets import check_elapsed
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.planning.resources import Cost
 from headstock.pipeline.results.files import (
     RESULTS_FILE,
     SUMMARY_FILE,
@@ -201,9 +202,17 @@ class _StageRunner:
         if self.comm.rank == 0:
             self.announce(stage)
 
-    def note(self, stage: Stage, change: str) -> None:
-        """Record a decision, which costs nothing."""
-        self._record(StageRecord(stage, 0.0, cached=False, peak_rss_mb=0.0, detail=change))
+    def note(self, stage: Stage, change: str, cost: Cost) -> None:
+        """Record a decision, and what it cost to come to it."""
+        record = StageRecord(
+            stage,
+            cost.seconds,
+            cached=False,
+            peak_rss_mb=cost.peak_rss_mb,
+            detail=change,
+            cpu_seconds=cost.cpu_seconds,
+        )
+        self._record(record)
 
     def _record(self, record: StageRecord) -> None:
         self.records.append(record)
@@ -225,6 +234,13 @@ def _run_rounds(scene: Scene, rounds: _StageRunner) -> RunState:
         # probes need the mesh, which comes from the store
         state = rounds.run(
             search.scene, plan_scene(search.scene), None if scene.machine.probes else state.reduced
+        )
+    if search.better is not None and not scene.model_errors:
+        parts = dataclasses.replace(search.better.parts, scene=state.scene)
+        better = dataclasses.replace(search.better, parts=parts)
+        why = "what the models chosen leave out of finite elements"
+        rounds.run_stage(
+            state, Stage("models", None, why), lambda state, stage: judge_models(state, better)
         )
     state.answers.append(search.answer)
     if search.failure:

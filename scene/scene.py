@@ -36,10 +36,13 @@ class AccuracyGoal:
         to: Relative error.
         fidelity: Elastic components whose share of the strain energy is small enough may become
             rigid.
+        models: Bodies are rigid, segmented or elastic as the accuracy allows, whatever the scene
+            says.
     """
 
     to: float
     fidelity: bool = False
+    models: bool = False
 
 
 @dataclass(frozen=True)

@@ -281,7 +281,7 @@ def accuracy_words(accuracy: AccuracySummary) -> list[str]:
     settings.
     """
     rounds, reached = accuracy["rounds"], accuracy["estimated"]
-    if "owner" not in rounds[-1]:
+    if not any("owner" in each for each in rounds):
         return [
             f"accuracy {100.0 * accuracy['requested']:g} %: nothing to choose, since no number has an error of a mesh or of modes left out"
         ]
@@ -294,4 +294,9 @@ def accuracy_words(accuracy: AccuracySummary) -> list[str]:
         f"accuracy {100.0 * accuracy['requested']:g} % {state} in {count}: {last} within {known}, the others closer"
         " (± of meshes counted up to 1.8 times)"
     )
-    return [words, *([settings] if settings else [])]
+    lines = [
+        f"  {name}: {body['model']}; {body['why']}"
+        + (f". Next: {body['next']}" if body["next"] else "")
+        for name, body in accuracy.get("models", {}).items()
+    ]
+    return [words, *lines] if lines else [words, *([settings] if settings else [])]

@@ -78,8 +78,13 @@ def run_models_stage(state: RunState, stage: Stage) -> Outcome:
     """
     names = [name for name, part in state.plan.components.items() if is_simple(part)]
     better = make_better_bodies(state, names)
-    if not state.is_root:
-        return Outcome()
+    return judge_models(state, better) if state.is_root else Outcome()
+
+
+def judge_models(state: RunState, better: BetterBodies) -> Outcome:
+    """Put the changes that better bodies make into the ± of every number that a run found; on rank
+    0.
+    """
     machines = _Machines(state.parts, better)
     changes: dict[str, NumberChange] = {}
     missing: list[str] = []

@@ -255,6 +255,8 @@ def describe_settings(component: Component) -> str:
     """Mesh and modes of a component in the words of a scene."""
     if component.fidelity == "rigid":
         return "rigid"
+    if component.fidelity == "segmented":
+        return f"{component.segments.count} segments"
     mesh, settings = component.mesh, component.reduction
     if isinstance(component.solid, MeshFile):
         size = "mesh of the file"

@@ -9,6 +9,9 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from headstock.pipeline.accuracy.model_errors import BetterBodies
+from headstock.pipeline.accuracy.models import choose_models
+from headstock.pipeline.accuracy.quantities import count_safely, list_quantities
 from headstock.pipeline.accuracy.rounds import (
     History,
     describe_settings,
@@ -24,7 +27,8 @@ from headstock.pipeline.accuracy.settings import (
 )
 from headstock.pipeline.planning.budgets import BudgetError
 from headstock.pipeline.planning.plan import Plan, Stage
-from headstock.pipeline.planning.planner import FRF_MARGIN, plan_scene
+from headstock.pipeline.planning.planner import FRF_MARGIN, is_simple, plan_scene
+from headstock.pipeline.planning.resources import Cost, measure
 from headstock.pipeline.results.accuracy import AccuracyAnswer, AccuracyRound
 from headstock.pipeline.results.estimates import show_share
 from headstock.pipeline.stages.run_state import RunState
@@ -34,7 +38,7 @@ from headstock.solvers.ranks import share_from_root
 
 MOST_ROUNDS = 9
 RunRound = Callable[[Scene, Plan], RunState]
-Note = Callable[[Stage, str], None]
+Note = Callable[[Stage, str, Cost], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +50,14 @@ class AccuracySearch:
         state: Of the last round, complete on rank 0.
         answer: Rounds, settings and errors.
         failure: Why the accuracy was not reached, in plain words; empty when it was.
+        better: Finite elements of the bodies that became rigid or segmented; None where none did.
     """
 
     scene: Scene
     state: RunState
     answer: AccuracyAnswer
     failure: str = ""
+    better: BetterBodies | None = None
 
 
 def start_scene(scene: Scene) -> Scene:
@@ -66,13 +72,20 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
     several most need it coarse.
     """
     analyses, modes_to = _round_analyses(scene.analyses), _modes_to(scene.analyses, _goal(scene).to)
-    chosen = [part for part in scene.machine.components.values() if is_chosen(part)]
+    parts = scene.machine.components
+    if _goal(scene).models:
+        # finite elements of all bodies say what cheaper models would leave out
+        parts = {
+            name: dataclasses.replace(part, fidelity="elastic") if is_simple(part) else part
+            for name, part in parts.items()
+        }
+    chosen = [part for part in parts.values() if is_chosen(part)]
     one = all(are_equal(chosen[0], part) for part in chosen)
     components = {
         name: start_component(part, accuracy if one else max(accuracy, COARSE_ACCURACY), modes_to)
         if is_chosen(part)
         else part
-        for name, part in scene.machine.components.items()
+        for name, part in parts.items()
     }
     return replace_components(
         dataclasses.replace(scene, analyses=analyses, model_errors=False), components
@@ -113,14 +126,56 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
             break
         if state.is_root:
             for name, change in (verdict.round.changes or {}).items():
-                note(Stage("refine", name, verdict.round.reason), change)
+                note(Stage("refine", name, verdict.round.reason), change, Cost())
         current, state = verdict.scene, run_round(verdict.scene, plan)
+    choice, better = None, None
+    if goal.models and not failure and not state.failures:
+        found = None
+        if state.is_root:
+            counted = count_safely(list_quantities(state, history.rigid), history.factors)
+            with measure() as cost:
+                found = choose_models(state, counted, goal.to)
+            note(
+                Stage("models", None, "the cheapest models within the accuracy"),
+                f"{found.worst} within {show_share(found.error)}",
+                cost,
+            )
+        choice = share_from_root(state.comm, found)
+    if choice is not None:
+        before = {
+            name: describe_settings(current.machine.components[name]) for name in choice.bodies
+        }
+        changed = {
+            name: f"{before[name]} → {body.model}: {body.why}"
+            for name, body in choice.bodies.items()
+            if body.model != before[name]
+        }
+        why = f"{choice.worst} may be off by {show_share(choice.error)} with the models chosen"
+        if changed:
+            rounds.append(AccuracyRound(choice.worst, choice.error, why, changes=changed))
+        if state.is_root and changed:
+            for name, change in changed.items():
+                note(Stage("models", name, why), change, Cost())
+            better = BetterBodies(
+                state.parts,
+                {
+                    name: state.plan.components[name]
+                    for name, part in choice.components.items()
+                    if part.fidelity != state.plan.components[name].fidelity
+                },
+                {},
+            )
+        if changed:
+            current = replace_components(current, choice.components)
+            state = run_round(current, plan_scene(current))
     settings = {
         name: describe_settings(part)
         for name, part in current.machine.components.items()
-        if is_chosen(part) or name in history.rigid
+        if is_chosen(part) or name in history.rigid or (choice and name in choice.bodies)
     }
-    answer, last = AccuracyAnswer(goal.to, tuple(rounds), settings, failure), rounds[-1]
+    bodies = choice.bodies if choice else {}
+    answer = AccuracyAnswer(goal.to, tuple(rounds), settings, failure, bodies)
+    last = rounds[-1]
     if failure:
         failure = f"the accuracy of {100.0 * goal.to:g} % is not reached; best: {last.quantity} within {show_share(last.error)}: {failure}"
     return AccuracySearch(
@@ -128,6 +183,7 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
         state,
         answer,
         failure,
+        better,
     )
 
 

@@ -22,8 +22,16 @@ class RoundSummary(TypedDict):
     changes: NotRequired[dict[str, str]]
 
 
+class BodyChoiceSummary(TypedDict):
+    """The entry of a body; ``next`` is empty for finite elements."""
+
+    model: str
+    why: str
+    next: str
+
+
 class AccuracySummary(TypedDict):
-    """The entry ``accuracy``."""
+    """The entry ``accuracy``; ``models`` where bodies were chosen among models."""
 
     requested: float
     estimated: float | None
@@ -31,6 +39,16 @@ class AccuracySummary(TypedDict):
     reason: str
     rounds: list[RoundSummary]
     settings: dict[str, str]
+    models: NotRequired[dict[str, BodyChoiceSummary]]
+
+
+@dataclass(frozen=True)
+class BodyChoice:
+    """Which model of a body was chosen, why, and what the next better one would cost and bring."""
+
+    model: str
+    why: str
+    following: str
 
 
 @dataclass(frozen=True)
@@ -74,12 +92,14 @@ class AccuracyAnswer(Answer):
         rounds: One and more.
         settings: Component to its mesh and modes in the end, in the words of a scene.
         reason: Why the accuracy was not reached; empty when it was.
+        models: Body to what was chosen among its models; empty where none was cheaper.
     """
 
     requested: float
     rounds: tuple[AccuracyRound, ...]
     settings: dict[str, str]
     reason: str = ""
+    models: Mapping[str, BodyChoice] = field(default_factory=dict)
 
     @property
     def met(self) -> bool:
@@ -93,7 +113,7 @@ class AccuracyAnswer(Answer):
 
     def summarise(self) -> AccuracySummary:
         """As it stands in ``summary.json``."""
-        return {
+        summary: AccuracySummary = {
             "requested": self.requested,
             "estimated": self.estimated,
             "met": self.met,
@@ -101,6 +121,12 @@ class AccuracyAnswer(Answer):
             "rounds": [one.summarise() for one in self.rounds],
             "settings": self.settings,
         }
+        if self.models:
+            summary["models"] = {
+                name: {"model": body.model, "why": body.why, "next": body.following}
+                for name, body in self.models.items()
+            }
+        return summary
 
 
 class BodyModelSummary(TypedDict):

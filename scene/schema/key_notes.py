@@ -266,7 +266,8 @@ NOTES = {
     "Scene.model_errors": "compare rigid and segmented bodies with coarse finite elements: what they leave out becomes a part of every ±, "
     "see [errors](errors.md#models-of-bodies)",
     "Accuracy.to": "largest relative error of any requested number",
-    "Accuracy.fidelity": "allow rigid and segmented bodies to become elastic",
+    "Accuracy.fidelity": "allow elastic bodies that hardly deform to become rigid",
+    "Accuracy.models": "make every body rigid, segmented or elastic as the accuracy allows, whatever its `fidelity` says",
     "Analyses.static": "compliance at points, and static response to loads",
     "Analyses.modal": "natural frequencies and modes",
     "Analyses.frf": "frequency responses, see [frequency response](frequency_response.md)",

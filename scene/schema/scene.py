@@ -99,6 +99,7 @@ class AccuracyTable(StrictTable):
 
     to: Accuracy
     fidelity: Flag = False
+    models: Flag = False
 
 
 def _wrap_accuracy(value: object) -> object:

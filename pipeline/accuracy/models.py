@@ -1,0 +1,296 @@
+"""The choice among rigid, segmented and elastic bodies: the cheapest that keep every number within
+what is asked, held beside the machine of finite elements whose own error is known.
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.prismatic_bars import prismatic_bar
+from headstock.pipeline.accuracy.quantities import Quantity
+from headstock.pipeline.accuracy.rounds import describe_settings
+from headstock.pipeline.accuracy.settings import are_equal, is_chosen
+from headstock.pipeline.planning.budgets import STAGE_SECONDS
+from headstock.pipeline.results.accuracy import BodyChoice
+from headstock.pipeline.results.estimates import show_share
+from headstock.pipeline.stages.machine import CoupledPose, couple_pose
+from headstock.pipeline.stages.part_files import describe_solid
+from headstock.pipeline.stages.run_state import (
+    MachineParts,
+    ReducedComponent,
+    RunState,
+    component_loads,
+)
+from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.components.segmented import reduce_segmented
+from headstock.reduction.estimates.model_errors import WatchedModes, compare_modes, watch_modes
+from headstock.reduction.motions.body_fields import choose_places, place_motion
+from headstock.reduction.motions.compliance_budget import point_budget
+from headstock.solvers.errors import ModelError
+
+SEGMENT_COUNTS = (4, 8, 16)
+RIGID_SECONDS = 1e-3
+WORTHWHILE = 0.9  # of what a coarser cut leaves out
+Choice = Mapping[str, int]  # body to the place of its model among the candidates
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A model of a body: its component, its superelement, and the processor time that a run pays for
+    it from an empty store [s].
+    """
+
+    component: Component
+    reduced: ReducedComponent
+    seconds: float
+
+    @property
+    def words(self) -> str:
+        """What it is, in the words of a scene."""
+        return describe_settings(self.component)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelChoice:
+    """The bodies of a machine after the choice.
+
+    Attributes:
+        components: With the fidelities chosen.
+        bodies: What is said of each body.
+        worst: The number that is furthest off.
+        error: By how much of it.
+    """
+
+    components: dict[str, Component]
+    bodies: dict[str, BodyChoice]
+    worst: str
+    error: float
+
+
+def choose_models(state: RunState, quantities: Sequence[Quantity], accuracy: float) -> ModelChoice:
+    """The cheapest models of bodies with which every number stays within an accuracy. On rank 0.
+
+    It starts with the cheapest model of every body and takes the next better one of the body that
+    alone changes most of the number furthest off; the machine that seems good enough is coupled and
+    compared as a whole, and the search goes on from there where it is not.
+
+    Args:
+        state: Of a round whose numbers are within the accuracy, with finite elements for every body
+            that is ours to choose.
+        quantities: Its numbers with the errors that count.
+        accuracy: Relative error allowed.
+    """
+    # equal bodies change together, so that one superelement serves them
+    groups = {group[0]: group for group in _group_equals(state)}
+    bodies = {
+        other: candidates
+        for name, group in groups.items()
+        for candidates in [_list_candidates(state, name)]
+        for other in group
+    }
+    finest = {name: len(bodies[name]) - 1 for name in groups}
+    trials = _Trials(state, bodies)
+    errors = {quantity.key: quantity.error for quantity in quantities}
+    alone: dict[tuple[str, int], Mapping[str, float]] = {}
+    choice = dict.fromkeys(groups, 0)
+    while True:
+        simple = [name for name, place in choice.items() if place < finest[name]]
+        for name in simple:
+            if (name, choice[name]) not in alone:
+                alone[name, choice[name]] = trials.changes(
+                    dict.fromkeys(groups[name], choice[name])
+                )
+        sums = {
+            key: error + sum(alone[name, choice[name]][key] for name in simple)
+            for key, error in errors.items()
+        }
+        whole = {other: choice[name] for name, group in groups.items() for other in group}
+        if simple and max(sums.values()) <= accuracy:
+            together = trials.changes(whole)
+            sums = {key: error + together[key] for key, error in errors.items()}
+        worst = max(sums, key=lambda key: sums[key])
+        if sums[worst] <= accuracy or not simple:
+            break
+        name = max(simple, key=lambda body: alone[body, choice[body]][worst])
+        before = alone.get((name, choice[name] - 1), {}).get(worst, np.inf)
+        idle = choice[name] > 1 and alone[name, choice[name]][worst] > WORTHWHILE * before
+        # where a finer cut into segments brought nothing, the next will not either
+        choice[name] = finest[name] if idle else choice[name] + 1
+    names = {quantity.key: quantity.name for quantity in quantities}
+    told = {
+        other: _tell(bodies[name], choice[name], name, alone, names)
+        for name, group in groups.items()
+        for other in group
+    }
+    components = dict(state.scene.machine.components)
+    for name, place in whole.items():
+        model = bodies[name][place].component
+        components[name] = dataclasses.replace(
+            components[name], fidelity=model.fidelity, segments=model.segments
+        )
+    return ModelChoice(components, told, names[worst], sums[worst])
+
+
+def _group_equals(state: RunState) -> list[list[str]]:
+    """Bodies that are ours to choose, equal ones together where no load tells them apart."""
+    groups: list[list[str]] = []
+    for name, part in state.scene.machine.components.items():
+        if not is_chosen(part):
+            continue
+        same = [
+            group
+            for group in groups
+            if are_equal(state.scene.machine.components[group[0]], part)
+            and not component_loads(state, part)
+            and not component_loads(state, state.scene.machine.components[group[0]])
+        ]
+        if same:
+            same[0].append(name)
+        else:
+            groups.append([name])
+    return groups
+
+
+def _list_candidates(state: RunState, name: str) -> list[Candidate]:
+    """Models of a body from the cheapest on; the last is the finite elements of the round."""
+    part = state.scene.machine.components[name]
+    properties, loads = describe_solid(part, state.store, state.warn), component_loads(state, part)
+    found = []
+    for simple, seconds in _simpler(part):
+        reduce = reduce_rigid if simple.fidelity == "rigid" else reduce_segmented
+        try:
+            found.append(
+                Candidate(simple, ReducedComponent(reduce(simple, properties, loads)), seconds)
+            )
+        except ModelError:
+            # a load or an interface that this model cannot have
+            continue
+    price = sum(
+        stage.estimated_seconds or 0.0 for stage in state.plan.stages if stage.component == name
+    )
+    return [*found, Candidate(part, state.reduced[name], price)]
+
+
+def _simpler(part: Component) -> Iterator[tuple[Component, float]]:
+    yield dataclasses.replace(part, fidelity="rigid"), RIGID_SECONDS
+    try:
+        prismatic_bar(part.solid, part.segments.along)
+    except ValueError:
+        return
+    for count in SEGMENT_COUNTS:
+        segments = dataclasses.replace(part.segments, count=count)
+        cut = dataclasses.replace(part, fidelity="segmented", segments=segments)
+        yield cut, STAGE_SECONDS["segment"]
+
+
+def _tell(
+    candidates: Sequence[Candidate],
+    place: int,
+    name: str,
+    alone: Mapping[tuple[str, int], Mapping[str, float]],
+    names: Mapping[str, str],
+) -> BodyChoice:
+    """What is chosen, why, and what the next better model would cost and bring."""
+    own = candidates[place]
+
+    def most(at: int) -> tuple[str, float]:
+        changes = alone[name, at]
+        key = max(changes, key=lambda each: changes[each])
+        return names[key], changes[key]
+
+    last = candidates[-1]
+    if place == len(candidates) - 1:
+        tried = max(at for at in range(place) if (name, at) in alone)
+        number, size = most(tried)
+        why = f"{candidates[tried].words} would change {number} by {_show(size)}"
+        return BodyChoice(own.words, why, "")
+    number, size = most(place)
+    # finite elements are what all models are compared with
+    return BodyChoice(
+        own.words,
+        f"leaves out {_show(size)} of {number} at most",
+        f"{last.words}: nothing left out, {last.seconds:.2g} CPU s in place of {own.seconds:.2g}",
+    )
+
+
+def _show(share: float) -> str:
+    return "the shape of a mode" if math.isinf(share) else show_share(share)
+
+
+class _Trials:
+    """The machine of finite elements in every pose, and what other models of bodies change of its
+    numbers.
+    """
+
+    def __init__(self, state: RunState, bodies: Mapping[str, Sequence[Candidate]]) -> None:
+        self._state, self._bodies = state, bodies
+        self._places = {
+            name: choose_places(part) for name, part in state.parts.superelements.items()
+        }
+        self._motions: dict[tuple[str, int], FloatArray] = {}
+        self._last = {name: len(candidates) - 1 for name, candidates in bodies.items()}
+        self._poses = [modes.pose for modes in state.modal]
+        models = {pose.name: self._couple({}, pose.name) for pose in self._poses}
+        self._modes = {
+            modes.pose.name: self._watch(models[modes.pose.name], {}, len(modes.frequencies_hz))
+            for modes in state.modal
+        }
+
+    def changes(self, choice: Choice) -> dict[str, float]:
+        """What some bodies change, over each number; inf for a mode that no longer has its shape."""
+        models: dict[str, CoupledPose] = {}
+        found: dict[str, float] = {}
+        for modes in self._state.modal:
+            pose, count = modes.pose.name, len(modes.frequencies_hz)
+            models[pose] = self._couple(choice, pose)
+            place = f" in pose {pose}" if len(self._state.modal) > 1 else ""
+            compared = compare_modes(
+                self._modes[pose], self._watch(models[pose], choice, count), count=count
+            )
+            for mode in range(modes.rigid_count, count):
+                share = abs(compared.changes_hz[mode]) / modes.frequencies_hz[mode]
+                # a mode among them that finite elements do not have is as wrong as one that lacks
+                lost = bool(compared.missing) or not np.isfinite(share)
+                found[f"frequency {mode + 1}{place}"] = np.inf if lost else float(share)
+        for answer in self._state.static:
+            model = models.get(answer.pose) or self._couple(choice, answer.pose)
+            place = f" in pose {answer.pose}" if len(self._state.static) > 1 else ""
+            for name, point in answer.points.items():
+                compliance = point_budget(model.coupled, name).compliance
+                for axis, direction in enumerate(DIRECTIONS):
+                    before, after = point.compliance[axis, axis], compliance[axis, axis]
+                    if before > 0.0:
+                        share = float(abs(after / before - 1.0))
+                        found[f"{direction} compliance at {name}{place}"] = share
+        return found
+
+    def _couple(self, choice: Choice, pose: str) -> CoupledPose:
+        state = self._state
+        picked = {name: self._bodies[name][place] for name, place in choice.items()}
+        components = {
+            name: dataclasses.replace(picked[name].component, name=name, placement=part.placement)
+            if name in picked
+            else part
+            for name, part in state.plan.components.items()
+        }
+        reduced = dict(state.reduced)
+        for name, each in picked.items():
+            element = dataclasses.replace(each.reduced.superelement, name=name)
+            reduced[name] = ReducedComponent(element)
+        plan = dataclasses.replace(state.plan, components=components)
+        return couple_pose(MachineParts(state.scene, plan, reduced), state.plan.poses[pose])
+
+    def _watch(self, model: CoupledPose, choice: Choice, count: int) -> WatchedModes:
+        elements = model.coupled.layout.superelements
+        motions = {}
+        for name, chosen in self._places.items():
+            key = name, choice.get(name, self._last.get(name, 0))
+            if key not in self._motions:
+                self._motions[key] = place_motion(elements[name], chosen.points)
+            motions[name] = self._motions[key]
+        return watch_modes(model.coupled, self._places, motions, count=count)

@@ -1,0 +1,139 @@
+"""Bodies become rigid or segmented where the accuracy asked for allows it, whatever the scene says."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.pipeline.results.accuracy import AccuracyAnswer
+from headstock.pipeline.results.answers import find_answers
+from headstock.pipeline.results.estimates import MODEL
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+
+pytestmark = [pytest.mark.fem, pytest.mark.process]
+
+# a slender mast on a heavy block on soft springs; written as a rigid one on an elastic block
+SCENE = """
+name = "mast"
+accuracy = { to = "ASKED", models = true }
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.block]
+solid = { box = ["300 mm", "300 mm", "200 mm"] }
+material = "steel"
+interfaces = { bottom = { face = "z-" }, top = { face = "z+", coupling = "average" } }
+[components.mast]
+solid = { box = ["60 mm", "40 mm", "800 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "500 mm"]
+fidelity = "rigid"
+interfaces = { foot = { face = "z-", coupling = "average" }, tip = { face = "z+", coupling = "average" } }
+[joints.bolts]
+between = ["block.top", "mast.foot"]
+kind = "rigid"
+[joints.feet]
+between = ["block.bottom", "ground"]
+kind = "spring"
+stiffness.x = "20 N/um"
+stiffness.y = "20 N/um"
+stiffness.z = "50 N/um"
+stiffness.rx = "1 N m/urad"
+stiffness.ry = "1 N m/urad"
+stiffness.rz = "1 N m/urad"
+[points]
+tip = { tool = "mast.tip", work = "ground" }
+[analyses.static]
+[analyses.modal]
+count = 5
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("models")
+
+
+def run(folder: Path, asked: str, *overrides: str) -> Results:
+    path = folder / "mast.toml"
+    path.write_text(SCENE.replace("ASKED", asked))
+    scene = load_scene(path, overrides=overrides)
+    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+
+@pytest.fixture(scope="module")
+def truth(folder: Path) -> Results:
+    path = folder / "mast.toml"
+    path.write_text(SCENE.replace("ASKED", "5 %"))
+    scene = load_scene(path, overrides=["components.mast.fidelity=elastic"])
+    parts = {
+        name: dataclasses.replace(part, mesh=dataclasses.replace(part.mesh, size=size, cells="hex"))
+        for (name, part), size in zip(scene.machine.components.items(), (0.05, 0.02), strict=True)
+    }
+    machine = dataclasses.replace(scene.machine, components=parts)
+    fine = dataclasses.replace(scene, machine=machine, accuracy=None)
+    return run_scene(fine, folder / "fine", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+
+def answer(results: Results) -> AccuracyAnswer:
+    (found,) = find_answers(results.answers, AccuracyAnswer)
+    return found
+
+
+def test_a_rough_accuracy_takes_lumped_bodies_and_is_true(folder: Path) -> None:
+    results = run(folder, "5 %")
+    models = answer(results).models
+    assert answer(results).met
+    assert models["block"].model == "rigid" and models["mast"].model.endswith("segments")
+    assert "finite" not in models["block"].following and "CPU s" in models["block"].following
+    assert {name: facts.fidelity for name, facts in results.components.items()} == {
+        "block": "rigid",
+        "mast": "segmented",
+    }
+    assert all(MODEL in error.shares for error in results.modal[0].errors)
+    entry = summarise(results)["accuracy"]["models"]["mast"]
+    assert entry["model"] == models["mast"].model and entry["why"]
+
+
+def test_a_short_column_stays_finite_elements(folder: Path) -> None:
+    stubby = (
+        'components.mast.solid.box=["200 mm", "160 mm", "300 mm"]',
+        'components.mast.at=["0 mm", "0 mm", "250 mm"]',
+    )
+    stiff = {"x": "20 kN/um", "y": "20 kN/um", "z": "30 kN/um"}
+    stiff |= dict.fromkeys(("rx", "ry", "rz"), "900 N m/urad")
+    feet = [f"joints.feet.stiffness.{axis}={value}" for axis, value in stiff.items()]
+    results = run(folder, "1 %", *stubby, *feet, "components.mast.interfaces.foot.coupling=rigid")
+    models = answer(results).models
+    assert answer(results).met
+    assert results.components["mast"].fidelity == "elastic"
+    assert "segments would change" in models["mast"].why
+
+
+@pytest.mark.parametrize("asked", ["5 %", "0.1 %"])
+def test_the_true_error_is_within_what_was_asked(folder: Path, truth: Results, asked: str) -> None:
+    results = run(folder, asked)
+    share = float(asked.split()[0]) / 100.0
+    found, exact = results.modal[0].frequencies_hz, truth.modal[0].frequencies_hz
+    assert np.abs(found / exact - 1.0).max() <= share
+    ours, right = (each.static["reference"]["tip"].compliance for each in (results, truth))
+    assert np.abs(np.diag(ours)[:3] / np.diag(right)[:3] - 1.0).max() <= share
+
+
+def test_without_models_bodies_stay_as_they_are_written(folder: Path) -> None:
+    results = run(folder, "5 %", "accuracy.models=false")
+    assert results.components["mast"].fidelity == "rigid"
+    assert not answer(results).models
+
+
+def test_a_wrong_value_is_refused(folder: Path) -> None:
+    with pytest.raises(SceneError, match="models"):
+        run(folder, "5 %", 'accuracy.models="all"')
