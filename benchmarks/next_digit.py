@@ -230,7 +230,7 @@ def _points(study: dict[str, Any], *, automatic: bool) -> list[dict[str, Any]]:
 
 def _find_cheapest(study: dict[str, Any], bound: float) -> dict[str, Any] | None:
     good = [point for point in _points(study, automatic=False) if point["error"] <= bound]
-    return min(good, key=lambda point: point["cost"], default=None)
+    return min(good, key=lambda point: float(point["cost"])) if good else None
 
 
 def _cheapest(study: dict[str, Any]) -> list[str]:

@@ -1,6 +1,5 @@
 """Running exactly the stages of a plan, on one or many ranks."""
 
-import contextlib
 import dataclasses
 import functools
 import time
@@ -49,7 +48,7 @@ from headstock.pipeline.storage.outputs import PendingOutputs, prepare_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.scene import Scene
-from headstock.solvers.ranks import make_on_root, share_from_root
+from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import all_cores_on_root
 
 LIBRARIES = ("fenics-dolfinx", "petsc4py", "slepc4py", "gmsh", "numpy", "scipy", "h5py", "mpi4py")
@@ -85,8 +84,9 @@ def run_scene(
 ) -> Results:
     """Run the stages a scene calls for and write ``results.h5`` and ``summary.json``.
 
-    Rank 0 meshes, couples, reads and writes; all ranks assemble and reduce. An error on one rank
-    leaves the others waiting: the caller ends the job (``comm.Abort``).
+    Rank 0 meshes, couples, reads and writes; all ranks assemble and reduce. What fails on rank 0
+    alone is known to all; an error on another rank leaves the others waiting: the caller ends the
+    job (``comm.Abort``).
 
     Args:
         scene: The same on every rank.
@@ -103,9 +103,9 @@ def run_scene(
 
     Raises:
         HeadstockError: A computation or a file failed; earlier files are untouched.
+        SharedFailure: It failed on rank 0 of several; on every rank.
     """
-    if comm.rank == 0:
-        prepare_output(output, (RESULTS_FILE, SUMMARY_FILE))
+    make_on_root(comm, lambda: prepare_output(output, (RESULTS_FILE, SUMMARY_FILE)))
     rounds = _StageRunner(
         scene.limits.time_s,
         comm,
@@ -114,29 +114,49 @@ def run_scene(
         announce=announce,
     )
     state = _run_rounds(scene, rounds)
+    remarks = make_on_root(
+        comm, lambda: _write(state, rounds, output, volume=volume, provenance=provenance)
+    )
+    results = gather_results(
+        state, tuple(rounds.records), provenance=provenance, files=remarks.files
+    )
+    return dataclasses.replace(results, warnings=(*results.warnings, *remarks.warnings))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Written:
+    """What was written: SHA-256 of files by name, and what to warn of."""
+
+    files: dict[str, str]
+    warnings: tuple[str, ...]
+
+
+def _write(
+    state: RunState,
+    rounds: "_StageRunner",
+    output: Path,
+    *,
+    volume: bool,
+    provenance: Provenance | None,
+) -> _Written:
+    """The last stage, on rank 0: results and summary, then volume meshes."""
     # results.h5 and the summary appear together at the end: a disk that is too full for one keeps
     # both old ones
     with PendingOutputs() as pending:
         files: dict[str, str] = {}
 
         def write(state: RunState, stage: Stage) -> Outcome:
-            if state.is_root:
-                for message in find_warnings(state):
-                    state.warn(message)
-                found = gather_results(state, tuple(rounds.records), provenance=provenance)
-                files[RESULTS_FILE] = add_results(pending, output, found)
-            # the others wait here, so that all ranks end together
-            return Outcome(detail=share_from_root(state.comm, str(output)))
+            for message in find_warnings(state):
+                state.warn(message)
+            found = gather_results(state, tuple(rounds.records), provenance=provenance)
+            files[RESULTS_FILE] = add_results(pending, output, found)
+            return Outcome(detail=str(output))
 
         rounds.run_stage(state, state.plan.stages[-1], write)
         results = gather_results(state, tuple(rounds.records), provenance=provenance, files=files)
-        if state.is_root:
-            publish_summary(pending, output, results)
-    if state.is_root:
-        # the results are safe by now
-        remarks = write_volumes(state, output, wanted=volume)
-        results = dataclasses.replace(results, warnings=(*results.warnings, *remarks))
-    return results
+        publish_summary(pending, output, results)
+    # the results are safe by now
+    return _Written(files, tuple(write_volumes(state, output, wanted=volume)))
 
 
 class _StageRunner:
@@ -179,9 +199,12 @@ class _StageRunner:
             make_superelements(state, announce=self._begin, observer=self._record)
         for stage in plan.stages[:-1]:
             if stage.component is None:
-                alone = stage.kind not in SHARED_STAGES
-                with all_cores_on_root(self.comm) if alone else contextlib.nullcontext():
-                    self.run_stage(state, stage, HANDLERS[stage.kind])
+                work = functools.partial(self.run_stage, state, stage, HANDLERS[stage.kind])
+                if stage.kind in SHARED_STAGES:
+                    work()
+                else:
+                    with all_cores_on_root(self.comm):
+                        make_on_root(self.comm, work)
         return state
 
     def run_stage(

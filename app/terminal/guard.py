@@ -17,9 +17,9 @@ from headstock.geometry.errors import printable
 VERDICT = "HEADSTOCK_VERDICT"
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 LOST_OUTPUT = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EFBIG)
-# a failure that all ranks share is reported by rank 0; the others wait so long before they report
-# theirs
+# a rank that fails waits so long for the others to end as well, before it ends them
 HOLD_BACK_SECONDS = 0.5
+POLL_SECONDS = 0.002
 # characters of tables and messages, for terminals whose encoding has not got them
 SPELLED = {
     "→": "->", "←": "<-", "±": "+-", "µ": "u", "μ": "u", "·": "*", "×": "x", "°": " deg", "²": "^2", "³": "^3", "⁴": "^4", "–": "-", "−": "-",
@@ -36,51 +36,63 @@ def run_guarded(action: Callable[..., int], *, debug: bool) -> int:
     """
     from headstock.geometry.errors import require_least_memory
 
-    comm: Any = None
-    shared = False
+    ending: Any = None
+    code, message = DONE, ""
     try:
         require_least_memory()
         if inspect.signature(action).parameters:
             from mpi4py import MPI
 
             comm = MPI.COMM_WORLD
+            # messages of what failed half way are not taken for those about the end
+            ending = comm.Dup() if comm.size > 1 else None
             code = action(comm)
         else:
             code = action()
     except BaseException as error:
-        shared = comm is not None and _is_shared(error)
-        if shared and comm.rank > 0:
-            return _share_code(comm, None)  # rank 0 says why
-        code, message = _judge(error.__cause__ if shared and error.__cause__ is not None else error)
-        if comm is not None and comm.rank > 0:
-            time.sleep(HOLD_BACK_SECONDS)
-            message = f"rank {comm.rank}: {message}"
-        if debug:
+        code, message = _judge_shared(error)
+        if debug and message:
             traceback.print_exc()
-        # names from files of strangers are no commands to the terminal
-        print(
-            "\n".join(printable(line) for line in message.split("\n")), file=sys.stderr, flush=True
-        )
-        if shared:
-            return _share_code(comm, code)
-        if comm is not None and comm.size > 1:
-            comm.Abort(code)
+    if ending is None:
+        _print_message(message)
+        return code
+    ends = _end_together(ending, code, message)
+    if ends is None:
+        _print_message(f"rank {ending.rank}: {message}" if ending.rank else message)
+        ending.Abort(code)
+        return code
+    code, rank, message = next((end for end in ends if end[0]), ends[0])
+    if ending.rank == 0:
+        _print_message(f"rank {rank}: {message}" if rank else message)
     return code
 
 
-def _share_code(comm: Any, code: int | None) -> int:
-    """The exit code of rank 0 on every rank: an MPI runtime hands on that of the rank that ends
-    first.
+def _print_message(message: str) -> None:
+    """Say why a command ends; names from files of strangers are no commands to the terminal."""
+    if message:
+        text = "\n".join(printable(line) for line in message.split("\n"))
+        print(text, file=sys.stderr, flush=True)
+
+
+def _end_together(ending: Any, code: int, message: str) -> list[tuple[int, int, str]] | None:
+    """Code, rank and message of every rank once all have ended; None where others go on although
+    this rank has failed.
     """
-    from headstock.solvers.ranks import share_from_root
+    waiting = ending.Ibarrier()
+    deadline = time.monotonic() + HOLD_BACK_SECONDS
+    while not waiting.Test():
+        if message and time.monotonic() > deadline:
+            return None
+        time.sleep(POLL_SECONDS)
+    return list(ending.allgather((code, ending.rank, message)))
 
-    return share_from_root(comm, code)
 
-
-def _is_shared(error: BaseException) -> bool:
-    from headstock.solvers.ranks import SharedFailure  # takes mpi4py with it, which is there by now
-
-    return isinstance(error, SharedFailure)
+def _judge_shared(error: BaseException) -> tuple[int, str]:
+    """Exit code and message; both empty on ranks that know of a failure on rank 0 only."""
+    ranks = sys.modules.get("headstock.solvers.ranks")
+    if ranks is None or not isinstance(error, ranks.SharedFailure):
+        return _judge(error)
+    return (DONE, "") if error.__cause__ is None else _judge(error.__cause__)
 
 
 def hand_over(code: int) -> int:

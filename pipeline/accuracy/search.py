@@ -6,6 +6,7 @@ is known.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -34,7 +35,7 @@ from headstock.pipeline.results.estimates import show_share
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.requests import Analyses, ModalRequest
 from headstock.scene.scene import AccuracyGoal, Scene
-from headstock.solvers.ranks import share_from_root
+from headstock.solvers.ranks import make_on_root
 
 MOST_ROUNDS = 9
 RunRound = Callable[[Scene, Plan], RunState]
@@ -110,8 +111,8 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
     state = run_round(current, plan)
     failure = ""
     for number in range(MOST_ROUNDS):
-        judged = judge_round(current, state, goal, history) if state.is_root else None
-        verdict, history = share_from_root(state.comm, judged)
+        judge = functools.partial(judge_round, current, state, goal, history)
+        verdict, history = make_on_root(state.comm, judge)
         rounds.append(verdict.round)
         failure = verdict.failure
         if verdict.ends:

@@ -3,6 +3,7 @@ go, and the numbers that are watched, modes paired by shape.
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -33,7 +34,7 @@ from headstock.scene.reading.files import TomlValue
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Study, StudyFamily
 from headstock.solvers.linear.mode_pairing import ModeSet, pair_modes
-from headstock.solvers.ranks import share_from_root
+from headstock.solvers.ranks import make_on_root
 from headstock.studies.parameters.limits import (
     TIME_SLOPE,
     Limit,
@@ -222,12 +223,12 @@ def run_convergence(
                 observer(dataclasses.replace(progress, total=progress.number + 1))
 
         records = run_study(step, folder, comm=comm, observer=tell, warm_up=count == 1)
-        found = _judge(series, records, goal) if comm.rank == 0 else None
-        if share_from_root(comm, None if found is None else bool(found.end)):
+        found = make_on_root(comm, functools.partial(_judge, series, records, goal))
+        if found.end:
             break
     if found is not None and not found.records:
         raise ConvergenceError(f"no mesh could be computed: {found.failures[-1]}")
-    return found
+    return found if comm.rank == 0 else None
 
 
 def _extend(study: Study, series: MeshSeries, count: int) -> Study:

@@ -44,7 +44,7 @@ from headstock.scene.schema.includes import scene_content
 from headstock.scene.schema.overrides import VARIANT_JOINER, split_variant
 from headstock.scene.studies import REFERENCE_RUN, Study, StudyPoint, expand_study, make_point
 from headstock.solvers.errors import CompileError
-from headstock.solvers.ranks import SharedFailure, make_on_root, share_from_root
+from headstock.solvers.ranks import SharedFailure, make_on_root
 from headstock.solvers.shared_work import Job, share_work
 from headstock.studies.parameters.records import (
     Measured,
@@ -182,11 +182,14 @@ def run_study(
     points = expand_study(job.study)
     root = comm.rank == 0
     keys = [point_key(job, point, ranks=comm.size) for point in points] if root else []
-    known = _finished_points(folder, retry=job.retry) if root else {}
+    known: dict[str, StudyRecord] = {}
+
+    def find_waiting() -> list[int]:
+        known.update(_finished_points(folder, retry=job.retry))
+        return [keys.index(key) for key in dict.fromkeys(keys) if key not in known]
+
+    waiting = make_on_root(comm, find_waiting)
     finished = {key for key in keys if key in known}
-    waiting = share_from_root(
-        comm, [keys.index(key) for key in dict.fromkeys(keys) if key not in known] if root else None
-    )
     with open_records(folder) if root and waiting else contextlib.nullcontext() as journal:
 
         def report(number: int) -> None:

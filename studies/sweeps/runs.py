@@ -143,8 +143,8 @@ def run_sweep(
         OutputError: A journal cannot be written.
         HeadstockError: A component cannot be reduced.
     """
-    key = share_from_root(comm, sweep_key(job.scene) if comm.rank == 0 else None)
-    waiting = share_from_root(comm, _find_waiting(job, key) if comm.rank == 0 else None)
+    key = make_on_root(comm, lambda: sweep_key(job.scene))
+    waiting = make_on_root(comm, lambda: _find_waiting(job, key))
     parts, superelements = _make_components(job, comm, observer)
     mine = waiting[comm.rank :: comm.size]
     if mine:

@@ -54,6 +54,23 @@ def fail_on_one_rank(*arguments, **options):
 elastic.assemble_elasticity = fail_on_one_rank
 sys.exit(main(sys.argv[1:]))
 """
+# the analysis on rank 0, or the assembly on all ranks, does not converge
+FAILING_STAGE = """
+import sys
+from headstock.app.command_line import main
+from headstock.pipeline import runner
+from headstock.reduction.components import elastic
+from headstock.solvers.errors import ConvergenceError
+
+def fail(*arguments, **options):
+    raise ConvergenceError("nothing converged")
+
+if sys.argv.pop(1) == "modal":
+    runner.HANDLERS["modal"] = fail
+else:
+    elastic.assemble_elasticity = fail
+sys.exit(main(sys.argv[1:]))
+"""
 
 
 @pytest.fixture
@@ -137,6 +154,23 @@ def test_frequencies_and_compliance_are_the_same_on_1_2_and_4_ranks(
             strict=True,
         ):
             assert row == pytest.approx(reference, rel=1e-8, abs=1e-8 * max(map(abs, reference)))
+
+
+@pytest.mark.parametrize("failing", ["modal", "assembly"])
+def test_what_fails_on_rank_0_or_on_all_ranks_is_said_once_without_a_report_of_a_crash(
+    scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: str
+) -> None:
+    monkeypatch.setenv("HEADSTOCK_SPLIT_DOFS", "0")
+    said = []
+    for ranks in (1, 2):
+        words = ("run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures")
+        done = run_on_ranks(ranks, tmp_path, "-c", FAILING_STAGE, failing, *words)
+        said.append(done.stderr)
+        assert done.returncode == 1
+        assert "MPI_ABORT" not in done.stderr
+        assert done.stderr.count("nothing converged") == 1
+    assert said[0].strip() in said[1]
+    assert not (tmp_path / "out" / "results.h5").exists()
 
 
 def test_one_failing_rank_ends_the_job_with_an_error_and_no_file(
