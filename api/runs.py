@@ -42,7 +42,7 @@ from headstock.scene.scene import Scene, keep_analyses, list_analyses, require_n
 from headstock.scene.schema.includes import scene_content
 from headstock.scene.studies import Study, StudyFamily
 from headstock.solvers.errors import ModelError
-from headstock.solvers.ranks import share_from_root
+from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.comparison import Comparison, compare_variants
 from headstock.studies.identification.descent import StartRecord
 from headstock.studies.identification.identification import Identification, prepare_problem
@@ -61,8 +61,10 @@ from headstock.studies.sweeps.results import SweepResults, collect_results, name
 from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
 from headstock.studies.variants import (
     FidelityError,
+    VariantChoice,
     VariantSolution,
     choose_variants,
+    share_variants,
     solve_variant,
 )
 
@@ -272,6 +274,7 @@ def compare(
     baseline: bool = True,
     pose: str | None = None,
     reference: str | None = None,
+    comm: MPI.Comm | None = None,
     progress: Callable[[str], None] = lambda variant: None,
 ) -> Comparison:
     """Variants of a machine side by side, modes paired by their shapes.
@@ -283,14 +286,17 @@ def compare(
         baseline: Show the machine as written beside its variants; without ``fidelities`` only.
         pose: Name; None for the first.
         reference: Variant the others are compared with; None for the richest.
-        progress: Called with the name of each variant that is solved.
+        comm: Ranks that share the variants; all that were started where None.
+        progress: Called on rank 0 with the name of each variant that is solved.
+
+    Returns:
+        The same on every rank.
 
     Raises:
         SceneError: A variant has problems.
         HeadstockError: A computation failed.
     """
-    store, cannot = Store(default_store_root()), dict[str, str]()
-    solutions: list[VariantSolution] = []
+    comm, store = comm or MPI.COMM_WORLD, Store(default_store_root())
     with _machine(machine).on_disk() as file:
         choices = choose_variants(
             file.path,
@@ -299,30 +305,42 @@ def compare(
             overrides=file.overrides,
             baseline=baseline,
         )
-        for choice in choices:
+
+        asked = [choice for choice in choices if not choice.cannot]
+
+        def solve(choice: VariantChoice) -> VariantSolution | str:
+            """The model of a variant, or why there is none."""
+            alone = MPI.COMM_SELF
             try:
-                found = None
-                if not choice.cannot:
-                    found = solve_variant(
-                        file.path, choice, pose=pose, comm=MPI.COMM_SELF, store=store
-                    )
+                return solve_variant(file.path, choice, pose=pose, comm=alone, store=store) or ""
             except FidelityError as error:
-                cannot[choice.name] = str(error)
-                continue
-            if found is None:
-                cannot[choice.name] = choice.cannot
-                continue
-            solutions.append(found)
-            progress(choice.name)
-        if not solutions:
-            raise ModelError(f"there is no model to compare: {'; '.join(cannot.values())}")
-        return compare_variants(
-            solutions,
-            scene=load_scene(file.path, overrides=file.overrides).name,
-            reference=reference,
-            cannot=cannot,
-            columns=[choice.name for choice in choices],
-        )
+                return str(error)
+
+        def tell(number: int, found: VariantSolution | str) -> None:
+            if not isinstance(found, str):
+                progress(asked[number].name)
+
+        found = share_variants(file.path, asked, solve, comm=comm, store=store, observer=tell)
+
+        def join() -> Comparison:
+            solutions = [one for one in found if not isinstance(one, str)]
+            cannot = {choice.name: choice.cannot for choice in choices if choice.cannot}
+            cannot |= {
+                choice.name: why
+                for choice, why in zip(asked, found, strict=True)
+                if isinstance(why, str)
+            }
+            if not solutions:
+                raise ModelError(f"there is no model to compare: {'; '.join(cannot.values())}")
+            return compare_variants(
+                solutions,
+                scene=load_scene(file.path, overrides=file.overrides).name,
+                reference=reference,
+                cannot=cannot,
+                columns=[choice.name for choice in choices],
+            )
+
+        return make_on_root(comm, join)
 
 
 def identify(
@@ -330,6 +348,7 @@ def identify(
     targets: str | Path,
     *,
     starts: int | None = None,
+    comm: MPI.Comm | None = None,
     progress: Callable[[StartRecord], None] = lambda record: None,
 ) -> Identification:
     """Fit numbers of a machine to measurements.
@@ -338,16 +357,21 @@ def identify(
         machine: Machine or path of a scene file, without a variant: the target file names those.
         targets: Target file (``.toml``).
         starts: How many starting points the fit has; None for what the target file says.
-        progress: Called with each start that has ended.
+        comm: Ranks that share the starts; all that were started where None.
+        progress: Called on rank 0 with each start that has ended.
+
+    Returns:
+        The same on every rank.
 
     Raises:
         SceneError: The machine or the target file has problems.
         HeadstockError: A computation failed.
     """
+    comm = comm or MPI.COMM_WORLD
     with _machine(machine).on_disk() as file:
         loaded = load_targets(Path(targets), file.path, overrides=file.overrides, starts=starts)
-        problem = prepare_problem(loaded, Store(default_store_root()), MPI.COMM_SELF)
-        return fit_parameters(problem, loaded.task.name, progress)
+        problem = prepare_problem(loaded, Store(default_store_root()), comm)
+        return fit_parameters(problem, loaded.task.name, progress, comm=comm)
 
 
 def open(folder: str | Path) -> Results:

@@ -25,6 +25,8 @@ RESULT_TAG = 4712
 POLL_SECONDS = 0.005
 THREADS, NAMED_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "HEADSTOCK_THREADS"
 MOST_THREADS = 4  # more bring next to nothing: benchmarks/ranks.py --threads
+FOLDER_PREFIX, ALIVE_FILE = "headstock-jobs-", "alive"
+OLD_SECONDS = 60.0  # a younger folder may not be locked yet
 QUOTA_FILE = Path("/sys/fs/cgroup/cpu.max")
 
 
@@ -157,17 +159,37 @@ def free_cores() -> int:
 
 @contextlib.contextmanager
 def _shared_folder(comm: MPI.Comm, node: Node, folder: Path) -> Iterator[Path]:
-    """A new folder that all ranks reach and that is gone afterwards."""
+    """A new folder that all ranks reach and that is gone afterwards, with those of jobs that were
+    killed.
+    """
     parent = None if node.ranks == comm.size else folder
-    if comm.rank == 0 and parent is not None:
+    if comm.rank:
+        yield Path(share_from_root(comm, None))
+        return
+    if parent is not None:
         parent.mkdir(parents=True, exist_ok=True)
-    made = tempfile.mkdtemp(prefix="headstock-jobs-", dir=parent) if comm.rank == 0 else None
-    place = Path(share_from_root(comm, made))
+        _clear_dead(parent)
+    place = Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX, dir=parent))
     try:
-        yield place
+        with (place / ALIVE_FILE).open("w", encoding="ascii") as alive:
+            with contextlib.suppress(OSError):  # the counter says so, where there are no locks
+                fcntl.lockf(alive, fcntl.LOCK_EX)
+            share_from_root(comm, place)
+            yield place
     finally:
-        if comm.rank == 0:
-            shutil.rmtree(place, ignore_errors=True)
+        shutil.rmtree(place, ignore_errors=True)
+
+
+def _clear_dead(parent: Path) -> None:
+    """Remove folders whose job lives no more: nobody holds their lock."""
+    for place in parent.glob(f"{FOLDER_PREFIX}*"):
+        with (
+            contextlib.suppress(OSError),
+            (place / ALIVE_FILE).open("r+", encoding="ascii") as file,
+        ):
+            if time.time() - place.stat().st_mtime > OLD_SECONDS:
+                fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(place)
 
 
 @dataclass

@@ -4,7 +4,7 @@ compliances, with the time of each step.
 
 import dataclasses
 import importlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -45,6 +45,7 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.frequency_response import FrfModel
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.ranks import make_on_root
+from headstock.studies.shared_runs import plan_run, share_runs
 
 # modes are looked for further up than the scene asks, since a partner may lie beyond its limit
 REACH = 1.5
@@ -186,6 +187,51 @@ def solve_variant(
         if choice.fidelity is None and not choice.unasked:
             raise
         raise FidelityError(str(error)) from error
+
+
+def share_variants[T](
+    path: Path,
+    choices: Sequence[VariantChoice],
+    work: Callable[[VariantChoice], T],
+    *,
+    comm: MPI.Comm,
+    store: Store,
+    observer: Callable[[int, T], None] = lambda number, result: None,
+) -> list[T]:
+    """Work on each variant of a scene on one rank, once the ranks have shared the components of
+    all; collective.
+
+    Args:
+        path: Scene file.
+        choices: Variants.
+        work: On one of them, by itself.
+        comm: Ranks; a single one works on them in order.
+        store: Where superelements are kept.
+        observer: Called on rank 0 with the number of each that is done and what was made of it.
+
+    Returns:
+        What ``work`` made of each; empty on other ranks.
+    """
+    if comm.size == 1:
+        found = []
+        for number, choice in enumerate(choices):
+            found.append(work(choice))
+            observer(number, found[-1])
+        return found
+    planned = make_on_root(
+        comm,
+        lambda: [
+            plan_run(load_scene(path, variant=choice.variant, overrides=choice.overrides))
+            for choice in choices
+        ],
+    )
+    return share_runs(
+        planned,
+        lambda number: work(choices[number]),
+        comm=comm,
+        store=store,
+        observer=observer,
+    )
 
 
 def _answer(

@@ -41,7 +41,6 @@ from headstock.studies.comparison_summary import (
     summarise_comparison,
     summarise_effort,
 )
-from headstock.studies.shared_runs import plan_run, share_runs
 from headstock.studies.variants import (
     FIDELITIES,
     FidelityError,
@@ -49,6 +48,7 @@ from headstock.studies.variants import (
     VariantSolution,
     choose_variants,
     name_uncompared,
+    share_variants,
     solve_variant,
 )
 
@@ -233,27 +233,16 @@ def _solve_all(
         if solved.runs:
             print_variant(asked[number].name, _weigh(solved.runs))
 
-    if comm.size == 1 or request.effort:
-        found = []
-        for number, choice in enumerate(asked):
-            found.append(_solve_runs(request, choice, comm))
-            show(number, found[-1])
-    else:
-        path = request.scene.path
-        planned = make_on_root(
-            comm,
-            lambda: [
-                plan_run(load_scene(path, variant=choice.variant, overrides=choice.overrides))
-                for choice in asked
-            ],
-        )
-        found = share_runs(
-            planned,
-            lambda number: _solve_runs(request, asked[number], MPI.COMM_SELF),
-            comm=comm,
-            store=Store(default_store_root()),
-            observer=show,
-        )
+    together = comm if request.effort else MPI.COMM_SELF
+    found = share_variants(
+        request.scene.path,
+        asked,
+        lambda choice: _solve_runs(request, choice, together),
+        # where times are asked for, all ranks work on one variant after the other
+        comm=MPI.COMM_SELF if request.effort else comm,
+        store=Store(default_store_root()),
+        observer=show,
+    )
     return {choice.name: solved for choice, solved in zip(asked, found, strict=False)}
 
 

@@ -23,7 +23,7 @@ from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.keys import write_number
 from headstock.scene.requests import ModalRequest
 from headstock.scene.scene import Scene
-from headstock.solvers.ranks import make_on_root
+from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.identification.cases import make_case
 from headstock.studies.identification.descent import StartRecord, fit
 from headstock.studies.identification.key_laws import ParameterValueError
@@ -231,19 +231,29 @@ def _tie_scenes(loaded: LoadedTask, store: Store) -> FitProblem:
 
 
 def identify(
-    problem: FitProblem, name: str, observer: Callable[[StartRecord], None] = lambda record: None
+    problem: FitProblem,
+    name: str,
+    observer: Callable[[StartRecord], None] = lambda record: None,
+    *,
+    comm: MPI.Comm = MPI.COMM_SELF,
 ) -> Identification:
-    """Fit the parameters and say what is known of them.
+    """Fit the parameters and say what is known of them; collective.
 
     Args:
-        problem: Prepared cases and parameters.
+        problem: Prepared cases and parameters; the same on every rank.
         name: For reports.
-        observer: Called with each start as it ends.
+        observer: Called on rank 0 with each start as it ends.
+        comm: Ranks that share the starts.
+
+    Returns:
+        The same on every rank.
 
     Raises:
-        ConvergenceError: No start could be computed.
+        ConvergenceError: No start could be computed; on several ranks the cause of a
+            ``SharedFailure``.
     """
-    return assess_starts(problem, name, fit(problem, observer))
+    starts = fit(problem, observer, comm=comm)
+    return assess_starts(problem, name, share_from_root(comm, starts))
 
 
 def assess_starts(

@@ -6,6 +6,7 @@ import errno
 import fcntl
 import itertools
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -118,6 +119,32 @@ def test_memory_counts_by_node_and_every_rank_of_it_holds_some(
         assert at_once([row for row in rows if row[1] in ranks]) == together
     assert at_once(rows) == 2 * together
     assert list(tmp_path.iterdir()) == []
+
+
+HOLDER = """
+import fcntl, sys
+with open(sys.argv[1], "r+") as file:
+    fcntl.lockf(file, fcntl.LOCK_EX)
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_folders_of_killed_jobs_are_removed_and_those_of_living_ones_kept(tmp_path: Path) -> None:
+    for name in ("dead", "living", "young"):
+        place = tmp_path / f"{shared_work.FOLDER_PREFIX}{name}"
+        place.mkdir()
+        (place / shared_work.ALIVE_FILE).touch()
+        if name != "young":
+            os.utime(place, (0.0, 0.0))
+    alive = tmp_path / f"{shared_work.FOLDER_PREFIX}living" / shared_work.ALIVE_FILE
+    words = [sys.executable, "-c", HOLDER, str(alive)]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
+        assert holder.stdout is not None and holder.stdout.readline() == b"held\n"
+        shared_work._clear_dead(tmp_path)
+        holder.communicate()
+    left = {place.name.removeprefix(shared_work.FOLDER_PREFIX) for place in tmp_path.iterdir()}
+    assert left == {"living", "young"}
 
 
 def test_a_folder_without_locks_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
