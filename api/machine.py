@@ -140,6 +140,7 @@ class Sections(TypedDict, total=False):
     orientation: Table
     limits: Table
     accuracy: Table | str | float
+    model_errors: bool
     free: bool
 
 

@@ -129,7 +129,7 @@ def plan_scene(
             estimate = estimate_mesh(
                 elastic, supports, loads, survey=survey, known=surveys, before_survey=before
             )
-        choice = None if estimate is None else _choose_road(elastic, scene, estimate)
+        choice = None if estimate is None else _choose_solver(elastic, scene, estimate)
         if choice is not None and choice.method == "iterative":
             settings = dataclasses.replace(elastic.reduction, solver="iterative")
             elastic = components[name] = dataclasses.replace(elastic, reduction=settings)
@@ -384,7 +384,7 @@ def _estimated_dofs(component: Component, estimate: MeshEstimate) -> int:
     return displacement_dofs(estimate.cells, component.mesh)
 
 
-def _choose_road(component: Component, scene: Scene, estimate: MeshEstimate) -> SolverChoice:
+def _choose_solver(component: Component, scene: Scene, estimate: MeshEstimate) -> SolverChoice:
     """By factors where they fit this machine, or what the scene allows of it."""
     dofs = _estimated_dofs(component, estimate)
     box = bounding_box(component.solid)

@@ -250,6 +250,21 @@ def test_a_part_whose_factors_do_not_fit_is_iterated_and_the_plan_says_so() -> N
     assert iterated.estimated_memory_mb is not None and iterated.estimated_memory_mb < limit
 
 
+def test_factors_beyond_32_bit_integers_are_planned_for_iteration_however_much_memory_there_is() -> (
+    None
+):
+    limits = Limits(elements=10**8, memory_bytes=1e12)
+    reasons = []
+    for size in (0.007, 0.003):
+        cube = make_component("cube", solid=Box((0.2, 0.2, 0.2)), mesh=MeshSettings(size=size))
+        plan = plan_scene(dataclasses.replace(make_scene(cube, modal=SIX), limits=limits))
+        (reduce,) = (stage for stage in plan.stages if stage.kind == "reduce")
+        reasons.append((plan.components["cube"].reduction.solver, reduce.reason))
+    (small, _), (large, why) = reasons
+    assert small == "auto" and large == "iterative"
+    assert "more than CHOLMOD is sure to number (2.1e+09)" in why
+
+
 def test_a_mesh_beyond_this_machine_is_refused_before_anything_is_computed() -> None:
     big = make_component(
         "column", mesh=MeshSettings(size=0.0023), reduction=ReductionSettings(modes=5000)

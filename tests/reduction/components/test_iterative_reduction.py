@@ -12,7 +12,7 @@ from headstock.meshing.component_mesh import CellKind, ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
-from headstock.solvers.elastic import lobpcg
+from headstock.solvers.elastic import iterative_inverse, lobpcg
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.errors import ConvergenceError
 
@@ -85,4 +85,14 @@ def test_modes_that_stall_name_component_and_remedy(monkeypatch: pytest.MonkeyPa
     mesh = make_box(*COLUMN, FACES, kind="tet10")
     component = make_component({"foot": "rigid", "tip": "rigid"}, name="bed")
     with pytest.raises(ConvergenceError, match=r'component bed: LOBPCG found .* solver = "direct"'):
+        reduce_by("iterative", component, mesh, ModeTarget(count=12))
+
+
+def test_loads_that_stall_name_component_and_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(iterative_inverse, "MOST_STEPS", 2)
+    mesh = make_box(*COLUMN, FACES, kind="tet10")
+    component = make_component({"foot": "rigid", "tip": "average"}, name="bed")
+    with pytest.raises(
+        ConvergenceError, match=r'component bed: conjugate gradients left .* solver = "direct"'
+    ):
         reduce_by("iterative", component, mesh, ModeTarget(count=12))
