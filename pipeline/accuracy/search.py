@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from headstock.pipeline.accuracy.model_errors import BetterBodies
-from headstock.pipeline.accuracy.models import choose_models
+from headstock.pipeline.accuracy.models import ModelChoice, choose_models
 from headstock.pipeline.accuracy.quantities import count_safely, list_quantities
 from headstock.pipeline.accuracy.rounds import (
     History,
@@ -131,17 +131,9 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
         current, state = verdict.scene, run_round(verdict.scene, plan)
     choice, better = None, None
     if goal.models and not failure and not state.failures:
-        found = None
-        if state.is_root:
-            counted = count_safely(list_quantities(state, history.rigid), history.factors)
-            with measure() as cost:
-                found = choose_models(state, counted, goal.to)
-            note(
-                Stage("models", None, "the cheapest models within the accuracy"),
-                f"{found.worst} within {show_share(found.error)}",
-                cost,
-            )
-        choice = share_from_root(state.comm, found)
+        choice = make_on_root(
+            state.comm, functools.partial(_choose_models, state, history, goal.to, note)
+        )
     if choice is not None:
         before = {
             name: describe_settings(current.machine.components[name]) for name in choice.bodies
@@ -186,6 +178,19 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
         failure,
         better,
     )
+
+
+def _choose_models(state: RunState, history: History, accuracy: float, note: Note) -> ModelChoice:
+    """The cheapest models within an accuracy, on rank 0."""
+    counted = count_safely(list_quantities(state, history.rigid), history.factors)
+    with measure() as cost:
+        found = choose_models(state, counted, accuracy)
+    note(
+        Stage("models", None, "the cheapest models within the accuracy"),
+        f"{found.worst} within {show_share(found.error)}",
+        cost,
+    )
+    return found
 
 
 def plan_start(scene: Scene) -> tuple[Scene, Plan]:
