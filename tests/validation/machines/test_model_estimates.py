@@ -39,7 +39,8 @@ def judged(machines: list[MachineNumbers]) -> dict[str, ValidationRow]:
 
 def test_machines_have_three_to_eight_bodies_and_both_halves_share_none(tmp_path: Path) -> None:
     assert not set(CALIBRATION) & set(HOLD_OUT) and len(HOLD_OUT) >= 20
-    path, models = tmp_path / "machine.toml", set()
+    path = tmp_path / "machine.toml"
+    models: set[str] = set()
     for seed in (*CALIBRATION, *HOLD_OUT):
         assert draw_machine(seed) == draw_machine(seed)
         path.write_text(draw_machine(seed))
