@@ -89,7 +89,7 @@ class Interface(Noun, schema=components.InterfaceTable):
         patches: Sequence[_Table] | None = ...,
         places: Sequence[_Numbers] | Mapping[str, _Numbers] | None = ...,
         each: Mapping[str, Mapping[str, object]] | None = ...,
-        coupling: Literal['rigid', 'average'] | None = ...,
+        coupling: Literal['rigid', 'average'] | _Table | None = ...,
         allow_singular: bool | None = ...,
         rail: _Table | None = ...,
     ) -> None: ...

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame
+from headstock.reduction.patch_shapes import PatchShapes
 from headstock.reduction.rails import CONTROL_POINT_DOFS, ControlPoint, Rail
 
 STORED_AS = "stored_as"  # metadata of a field: its name in files, where that is another one
@@ -70,10 +71,12 @@ class InterfaceMap:
     Attributes:
         node: Index of the 6-dof boundary node that carries the interface rigidly.
         frame: Frame of the interface in the component frame.
+        shapes: Deformation shapes that it has besides; interfaces of the same points share them.
     """
 
     node: int
     frame: Frame
+    shapes: PatchShapes | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +136,7 @@ class Superelement:
     """A component reduced to boundary and modal dofs, in its own frame, SI.
 
     Dofs are ordered [6 per boundary node in the order x y z rx ry rz | 4 per control point of its
-    rails | modal dofs].
+    rails | deformation shapes of its flexible interfaces | modal dofs].
 
     Attributes:
         name: Component name.
@@ -200,8 +203,14 @@ class Superelement:
 
     @property
     def boundary_size(self) -> int:
-        """Number of boundary dofs: of boundary nodes and control points."""
-        return self.node_size + CONTROL_POINT_DOFS * len(self.control_points)
+        """Number of boundary dofs: of boundary nodes, control points and deformation shapes."""
+        return self.node_size + CONTROL_POINT_DOFS * len(self.control_points) + self.shape_size
+
+    @property
+    def shape_size(self) -> int:
+        """Number of dofs of deformation shapes of flexible interfaces."""
+        shapes = [entry.shapes for entry in self.interface_maps.values() if entry.shapes]
+        return sum({one.first: one.count for one in shapes}.values())
 
     @property
     def modal_count(self) -> int:

@@ -96,6 +96,8 @@ class Interface:
         name: Name within the component.
         patches: One or several patches that together make up the area.
         coupling: ``rigid`` (RBE2) or ``average`` (RBE3); a rail always averages.
+        flexible: Most deformation shapes that it keeps besides its rigid motions: with the coupling
+            ``rigid`` it moves in them alone, with ``average`` they are its moments.
         allow_singular: Accept a point- or line-like patch although its compliance depends on the mesh.
         rail: Carriages slide along it; None for a fixed interface.
     """
@@ -105,6 +107,7 @@ class Interface:
     coupling: CouplingKind = "rigid"
     allow_singular: bool = False
     rail: RailSettings | None = None
+    flexible: int = 0
 
 
 @dataclass(frozen=True)

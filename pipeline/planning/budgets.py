@@ -124,8 +124,11 @@ def _boundary_dofs(component: Component) -> int:
     rails = [
         interface.rail for interface in component.interfaces.values() if interface.rail is not None
     ]
-    return 6 * (len(component.interfaces) - len(rails)) + CONTROL_POINT_DOFS * sum(
-        rail.control_points for rail in rails
+    shapes = sum(interface.flexible for interface in component.interfaces.values())
+    return (
+        6 * (len(component.interfaces) - len(rails))
+        + CONTROL_POINT_DOFS * sum(rail.control_points for rail in rails)
+        + shapes
     )
 
 

@@ -164,7 +164,7 @@ def superelement_key(
             ),
             **({"solver": "iterative"} if component.reduction.solver == "iterative" else {}),
             "couplings": {
-                name: (interface.coupling, interface.rail)
+                name: (interface.coupling, interface.rail, *filter(None, [interface.flexible]))
                 for name, interface in component.interfaces.items()
             },
             "supports": {support.name: sorted(support.directions) for support in supports},

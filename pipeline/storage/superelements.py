@@ -28,6 +28,7 @@ from headstock.pipeline.storage.records import (
     write_record,
     write_words,
 )
+from headstock.reduction.patch_shapes import count_shapes, list_degrees
 from headstock.reduction.rails import CONTROL_POINT_DOFS
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import dof_scale
@@ -347,6 +348,21 @@ def _check_shapes(path: str, superelement: Superelement) -> None:
         if not 0 <= interface_map.node < len(superelement.frames):
             raise RecordError(
                 f"{path}: interface {name!r} sits on node {interface_map.node}; there are {len(superelement.frames)}"
+            )
+        shapes = interface_map.shapes
+        if shapes is not None and not (
+            shapes.center.shape == (3,)
+            and shapes.half_lengths.shape == (2,)
+            and np.isfinite(shapes.center).all()
+            and (shapes.half_lengths > 0.0).all()
+            and np.isfinite(shapes.half_lengths).all()
+            and shapes.normal in (0, 1, 2)
+            and 0 <= shapes.count == count_shapes(list_degrees(shapes.half_lengths, shapes.count))
+            and superelement.boundary_size - superelement.shape_size <= shapes.first
+            and shapes.first + shapes.count <= superelement.boundary_size
+        ):
+            raise RecordError(
+                f"{path}: the deformation shapes of interface {name!r} do not fit its {size} labels"
             )
 
 

@@ -2,32 +2,78 @@
 dofs interfaces share.
 """
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy.linalg
 
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, BoolArray, FloatArray, Frame
 from headstock.geometry.parts.components import Component, Interface, Support
+from headstock.geometry.parts.patches import in_plane_axes
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.components.interface_patches import MeshPatch, measure_patch
 from headstock.reduction.components.rail_fits import RailFit, fit_rail
-from headstock.reduction.rails import ControlPoint
+from headstock.reduction.patch_shapes import (
+    PatchShapes,
+    count_shapes,
+    list_degrees,
+    shape_fields,
+)
+from headstock.reduction.rails import CONTROL_POINT_DOFS, ControlPoint
 from headstock.reduction.superelement import InterfaceMap
 from headstock.solvers.errors import ModelError
 
 MINIMUM_FACETS = 4
 DEPENDENCE_TOLERANCE = 1e-10
+FLATNESS = 1e-6  # of a flexible patch, over its size
+CONDITION_LIMIT = 1e6  # of its shapes on the mesh, scaled alike
 
 
 @dataclass(frozen=True, eq=False)
 class BoundaryNode:
-    """One 6-dof boundary node: the patch that carries it and how it is coupled."""
+    """One 6-dof boundary node: the patch that carries it, how it is coupled, and the deformation
+    shapes it has besides.
+    """
 
     name: str
     patch: MeshPatch
     coupling: str
+    flexible: int = 0
+    shapes: PatchShapes | None = None
+
+    def columns(self, number: int) -> IntArray:
+        """Boundary dofs of the node with this number, rigid ones first."""
+        rigid = 6 * number + np.arange(6)
+        if self.shapes is None:
+            return rigid
+        return np.concatenate([rigid, self.shapes.first + np.arange(self.shapes.count)])
+
+    def fields(self) -> FloatArray:
+        """``(3 n, 6 + count)`` displacement of its points per unit of its dofs."""
+        rigid = self.patch.rigid_displacements()
+        if self.shapes is None:
+            return rigid
+        return np.hstack([rigid, shape_fields(self.shapes, self.patch.points)])
+
+    def mean_operator(self) -> FloatArray:
+        """``(3 n, 6 + count)`` matrix C whose ``C^T u`` are the dofs of the field that fits the
+        patch best.
+        """
+        if self.shapes is None:
+            return self.patch.average_operator()
+        fields, weighted = self.fields(), self.weighted_fields()
+        return np.asarray(scipy.linalg.solve(fields.T @ weighted, weighted.T, assume_a="pos").T)
+
+    def weighted_fields(self) -> FloatArray:
+        """The fields integrated against the shape functions of the patch."""
+        fields = self.fields()
+        weighted = np.zeros_like(fields)
+        for axis in range(3):
+            weighted[axis::3] = self.patch.weights @ fields[axis::3]
+        return weighted
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +85,12 @@ class BoundaryBasis:
         interface_maps: Every fixed interface by name.
         rails: Interfaces that carriages slide along; their control points follow the nodes in dof
             order.
-        shapes: ``(3 n_points, 6 n_nodes)`` sparse-in-spirit pairs ``(dofs, columns block)`` of
+        size: Number of boundary dofs.
+        shapes: ``(3 n_points, size)`` sparse-in-spirit: mesh dofs, values, and boundary dofs of
             rigid patches.
         fixed: Mesh dofs in rigid patches or supports, rising.
         supported: Mesh dofs fixed by supports, rising.
-        constraints: ``(m, 6 n_nodes)`` orthonormal rows that must vanish: shared nodes and
+        constraints: ``(m, size)`` orthonormal rows that must vanish: shared nodes and
             undetermined rotations.
         warnings: What was merged, dropped or disabled.
     """
@@ -51,7 +98,8 @@ class BoundaryBasis:
     nodes: tuple[BoundaryNode, ...]
     interface_maps: dict[str, InterfaceMap]
     rails: tuple[RailFit, ...]
-    shapes: tuple[tuple[IntArray, FloatArray, int], ...]
+    size: int
+    shapes: tuple[tuple[IntArray, FloatArray, IntArray], ...]
     fixed: IntArray
     supported: IntArray
     constraints: FloatArray
@@ -78,6 +126,8 @@ def build_boundary_basis(
     """
     warnings: list[str] = []
     nodes, interface_maps = _merge_interfaces(component, mesh, warnings)
+    size = 6 * len(nodes) + _rail_dofs(component)
+    size += sum(one.count for one in {node.shapes for node in nodes} if one is not None)
     supported = np.zeros(3 * len(mesh.points), dtype=bool)
     for support in supports:
         points = np.unique(mesh.patches[f"support:{support.name}"])
@@ -86,27 +136,23 @@ def build_boundary_basis(
     fixed, rows, shapes = supported.copy(), [], []
     first_owner: dict[int, _PointOwner] = {}
     for number, node in enumerate(nodes):
-        rows += _undetermined_rows(component.name, node, number, len(nodes), warnings)
+        rows += _undetermined_rows(component.name, node, number, size, warnings)
         if node.coupling != "rigid":
             continue
-        rigid = node.patch.rigid_displacements()
+        fields, columns = node.fields(), node.columns(number)
         own = np.ones(len(node.patch.nodes), dtype=bool)
         for local, point in enumerate(node.patch.nodes):
-            block = rigid[3 * local : 3 * local + 3]
+            here = _PointOwner(columns, fields[3 * local : 3 * local + 3])
             rows += _shared_rows(
-                first_owner.get(int(point)),
-                block,
-                supported[3 * point : 3 * point + 3],
-                number,
-                len(nodes),
+                first_owner.get(int(point)), here, supported[3 * point : 3 * point + 3], size
             )
             own[local] = int(point) not in first_owner
-            first_owner.setdefault(int(point), _PointOwner(number, block))
+            first_owner.setdefault(int(point), here)
         dofs = (3 * node.patch.nodes[:, None] + np.arange(3)).ravel()
         free = np.repeat(own, 3) & ~supported[dofs]
-        shapes.append((dofs[free], rigid[free], number))
+        shapes.append((dofs[free], fields[free], columns))
         fixed[dofs] = True
-    constraints = _independent_rows(np.array(rows).reshape(len(rows), 6 * len(nodes)))
+    constraints = _independent_rows(np.array(rows).reshape(len(rows), size))
     shared = len(constraints) - sum("rotation about" in warning for warning in warnings)
     if shared > 0:
         warnings.append(
@@ -121,6 +167,7 @@ def build_boundary_basis(
         tuple(nodes),
         interface_maps,
         rails,
+        size,
         tuple(shapes),
         np.flatnonzero(fixed),
         np.flatnonzero(supported),
@@ -137,29 +184,98 @@ def _merge_interfaces(
     # rigid patches first: a mean over points that a rigid patch already carries is that patch's own
     # motion
     fixed = [interface for interface in component.interfaces.values() if interface.rail is None]
-    ordered = sorted(fixed, key=lambda interface: interface.coupling != "rigid")
+    ordered = sorted(
+        fixed, key=lambda interface: (interface.coupling != "rigid", interface.flexible > 0)
+    )
+    hosts: dict[str, int] = {}
     for interface in ordered:
         patch = measure_patch(mesh, interface.name)
         _refuse_point_like(component.name, interface, patch, warnings)
         host = next((i for i, node in enumerate(nodes) if _carries(node, interface, patch)), None)
         if host is None:
             host = len(nodes)
-            nodes.append(BoundaryNode(interface.name, patch, interface.coupling))
+            nodes.append(
+                BoundaryNode(interface.name, patch, interface.coupling, interface.flexible)
+            )
         else:
             warnings.append(
                 f"component {component.name}: interface {interface.name} covers the same points as {nodes[host].name}; merged"
             )
         interface_maps[interface.name] = InterfaceMap(host, Frame(patch.centroid))
-    return nodes, interface_maps
+        hosts[interface.name] = host
+    first = 6 * len(nodes) + _rail_dofs(component)
+    for number, node in enumerate(nodes):
+        if node.flexible:
+            shapes = lay_out_shapes(component, node, first)
+            first += shapes.count
+            nodes[number] = dataclasses.replace(node, shapes=shapes)
+            _check_told_apart(component.name, nodes[number])
+    return nodes, {
+        name: dataclasses.replace(entry, shapes=nodes[hosts[name]].shapes)
+        for name, entry in interface_maps.items()
+    }
+
+
+def _rail_dofs(component: Component) -> int:
+    rails = [entry.rail for entry in component.interfaces.values() if entry.rail is not None]
+    return CONTROL_POINT_DOFS * sum(rail.control_points for rail in rails)
+
+
+def lay_out_shapes(component: Component, node: BoundaryNode, first: int) -> PatchShapes:
+    """Deformation shapes of a flexible interface over the rectangle of its patch: as written, or as
+    the mesh has it.
+
+    Args:
+        component: With the interface.
+        node: Its boundary node.
+        first: Where the dofs of its shapes begin.
+
+    Raises:
+        ModelError: Its patch is not flat and across an axis of the component.
+    """
+    points, (patch, *others) = node.patch.points, component.interfaces[node.name].patches
+    low, high = points.min(axis=0), points.max(axis=0)
+    extents = high - low
+    flat = np.flatnonzero(extents <= FLATNESS * extents.max())
+    if len(flat) != 1 or others:
+        raise ModelError(
+            f"interface {node.name} of component {component.name} is flexible but not one flat patch "
+            'across x, y or z; write coupling = "rigid" or "average", or a flat patch'
+        )
+    normal = int(flat[0])
+    center, half = 0.5 * (low + high), 0.5 * extents
+    if patch.shape in ("disk", "rect"):
+        for side, axis in enumerate(in_plane_axes(normal)):
+            center[axis] = patch.center[axis]
+            half[axis] = 0.5 * (patch.size[0] if patch.shape == "disk" else patch.size[side])
+    half = half[list(in_plane_axes(normal))]
+    count = count_shapes(list_degrees(half, node.flexible))
+    return PatchShapes(center, normal, half, count, first, node.coupling == "rigid")
+
+
+def _check_told_apart(component: str, node: BoundaryNode) -> None:
+    fields = node.fields()
+    gram = fields.T @ node.weighted_fields()
+    scale = 1.0 / np.sqrt(np.maximum(gram.diagonal(), np.finfo(float).tiny))
+    values = np.linalg.eigvalsh(scale[:, None] * gram * scale)
+    if not values[0] * CONDITION_LIMIT > values[-1]:
+        raise ModelError(
+            f"component {component}: the mesh has too few points on interface {node.name} to tell its "
+            f"{fields.shape[1] - 6} deformation shapes apart, or its patch is a thin frame; take smaller "
+            "elements, or a smaller number for flexible"
+        )
 
 
 def _carries(node: BoundaryNode, interface: Interface, patch: MeshPatch) -> bool:
-    if node.coupling == "rigid":
+    if node.flexible and (node.flexible, node.coupling) != (interface.flexible, interface.coupling):
+        return False
+    if node.coupling == "rigid" and not node.flexible:
         return (
             bool(np.isin(patch.nodes, node.patch.nodes).all())
             and len(node.patch.undetermined_rotations()) == 0
         )
-    return interface.coupling == "average" and np.array_equal(node.patch.nodes, patch.nodes)
+    alike = (node.flexible, node.coupling) == (interface.flexible, interface.coupling)
+    return alike and np.array_equal(node.patch.nodes, patch.nodes)
 
 
 def _refuse_point_like(
@@ -184,11 +300,11 @@ def _refuse_point_like(
 
 
 def _undetermined_rows(
-    component: str, node: BoundaryNode, number: int, count: int, warnings: list[str]
+    component: str, node: BoundaryNode, number: int, size: int, warnings: list[str]
 ) -> list[FloatArray]:
     rows: list[FloatArray] = []
     for axis in node.patch.undetermined_rotations():
-        row = np.zeros(6 * count)
+        row = np.zeros(size)
         row[6 * number + 3 : 6 * number + 6] = axis
         rows.append(row)
         direction = ", ".join(f"{value:+.3f}" for value in axis)
@@ -199,25 +315,25 @@ def _undetermined_rows(
 
 
 class _PointOwner(NamedTuple):
-    """The first rigid node that carries a mesh point: its number, and ``(3, 6)`` motion of the
-    point per unit motion of it.
+    """A rigid node that carries a mesh point: its boundary dofs ``(k,)``, and ``(3, k)`` motion of
+    the point per unit of them.
     """
 
-    number: int
+    columns: IntArray
     block: FloatArray
 
 
 def _shared_rows(
-    owner: _PointOwner | None, block: FloatArray, supported: BoolArray, number: int, count: int
+    owner: _PointOwner | None, here: _PointOwner, supported: BoolArray, size: int
 ) -> list[FloatArray]:
     rows: list[FloatArray] = []
     for direction in range(3):
-        row = np.zeros(6 * count)
-        row[6 * number : 6 * number + 6] = block[direction]
+        row = np.zeros(size)
+        row[here.columns] = here.block[direction]
         if supported[direction]:
             rows.append(row)
-        elif owner is not None and owner.number != number:
-            row[6 * owner.number : 6 * owner.number + 6] -= owner.block[direction]
+        elif owner is not None:
+            row[owner.columns] -= owner.block[direction]
             rows.append(row)
     return rows
 
@@ -240,8 +356,14 @@ def boundary_labels(basis: BoundaryBasis) -> list[tuple[str, str]]:
     control_points = [
         (f"{rail.name}[{i}]", i, rail) for rail in basis.rails for i in range(len(rail.points))
     ]
-    return nodes + [
+    labels = nodes + [
         (name, dof)
         for name, _, rail in control_points
         for dof in (*DIRECTIONS, DOF_NAMES[3 + rail.axis])
+    ]
+    return labels + [
+        (node.name, f"shape {number + 1}")
+        for node in basis.nodes
+        if node.shapes is not None
+        for number in range(node.shapes.count)
     ]

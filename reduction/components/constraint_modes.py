@@ -12,7 +12,7 @@ from headstock.geometry.frames import BoolArray, FloatArray, Frame, rigid_map, r
 from headstock.meshing.component_mesh import IntArray
 from headstock.reduction.components.boundary_basis import BoundaryBasis
 from headstock.reduction.components.interface_patches import MeshPatch, scatter_rows
-from headstock.reduction.rails import CONTROL_POINT_DOFS, control_point_motion
+from headstock.reduction.rails import control_point_motion
 from headstock.solvers.elastic.constrained_solver import (
     ConstrainedSolver,
     free_combinations,
@@ -56,12 +56,12 @@ class MeanConstraints:
     """
 
     def __init__(self, basis: BoundaryBasis, operators: ElasticOperators) -> None:
-        count = 6 * len(basis.nodes) + CONTROL_POINT_DOFS * len(basis.control_points)
+        count = basis.size
         columns, selectors = [], []
         for number, node in enumerate(basis.nodes):
             if node.coupling == "average":
-                columns.append(_scatter(node.patch.average_operator(), node.patch, operators))
-                selectors.append(np.eye(count)[:, 6 * number : 6 * number + 6])
+                columns.append(_scatter(node.mean_operator(), node.patch, operators))
+                selectors.append(np.eye(count)[:, node.columns(number)])
         first = 6 * len(basis.nodes)
         for rail in basis.rails:
             columns.append(_scatter(rail.operator, rail.patch, operators))
@@ -203,13 +203,15 @@ def _rigid_part(
         control_point_motion(control_point.point, control_point.axis, center)
         for control_point in basis.control_points
     ]
-    boundary = np.vstack([np.zeros((0, 6)), *rows]) @ free
+    # deformation shapes rest in a rigid motion
+    more = means.boundary_size - sum(map(len, rows))
+    boundary = np.vstack([np.zeros((0, 6)), *rows, np.zeros((more, 6))]) @ free
     arms = max_over_ranks(
         operators.comm, np.abs(operators.points - center).max(axis=0, initial=0.0)
     )
     turn = 1.0 / (float(np.linalg.norm(arms)) or 1.0)
     units = np.concatenate(
-        [np.repeat([1.0, turn], [3, len(row) - 3]) for row in rows] or [np.zeros(0)]
+        [*(np.repeat([1.0, turn], [3, len(row) - 3]) for row in rows), np.ones(more)]
     )
     return (
         np.where(supported[:, None], 0.0, rigid_map(operators.points, center) @ free),
@@ -273,7 +275,7 @@ def _prescribe_patches(
     """
     local = local_dofs(solver.operators)
     prescribed = np.zeros((len(local), means.boundary_size))
-    for dofs, values, number in basis.shapes:
+    for dofs, values, columns in basis.shapes:
         _, given, own = np.intersect1d(dofs, local, assume_unique=True, return_indices=True)
-        prescribed[own, 6 * number : 6 * number + 6] = values[given]
+        prescribed[np.ix_(own, columns)] = values[given]
     return prescribed

@@ -8,6 +8,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Machine, Pose, place_components
 from headstock.reduction.coupling.channels import machine_channels, machine_loads
+from headstock.reduction.coupling.coupled_shapes import ShapeRows, couple_shapes
 from headstock.reduction.coupling.dof_layout import (
     DofLayout,
     label_dofs,
@@ -112,7 +113,8 @@ def couple(
     layout = lay_out_dofs(superelements, {name: placements[name] for name in superelements})
     matrices = component_matrices(layout, memo)
     springs = place_joints(machine, layout)
-    constraints, sources = _constraint_rows(layout, springs)
+    shapes = couple_shapes(machine, layout)
+    constraints, sources = _constraint_rows(layout, springs, shapes)
     grading = grade_springs(springs, layout, matrices.stiffnesses)
     elimination = eliminate_constraints(
         constraints, grading.group_rows(springs), scale_dofs(layout)
@@ -152,6 +154,7 @@ def couple(
         floating=floating,
         redundant_constraints=len(elimination.redundant),
         warnings=grading.warnings
+        + shapes.warnings
         + _redundancy_warnings(elimination, sources)
         + _floating_warnings(floating, machine),
     )
@@ -164,7 +167,7 @@ def _loss_factors(machine: Machine, superelements: Mapping[str, Superelement]) -
 
 
 def _constraint_rows(
-    layout: DofLayout, springs: tuple[PlacedJoint, ...]
+    layout: DofLayout, springs: tuple[PlacedJoint, ...], shapes: ShapeRows
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """Rows ``(m, n_all)`` that must vanish, and where each comes from. Shared interfaces first:
     joints count as redundant.
@@ -196,7 +199,8 @@ def _constraint_rows(
     for spring in springs:
         rows.append(spring.rows[list(spring.fixed)])
         sources += [f"joint {spring.name}"] * len(spring.fixed)
-    return np.vstack(rows), tuple(sources)
+    sources += [f"joint {name}" for name in shapes.joints]
+    return np.vstack([*rows, shapes.rows]), tuple(sources)
 
 
 def _label_coordinates(layout: DofLayout, basis: FloatArray) -> tuple[str, ...]:

@@ -11,13 +11,18 @@ from headstock.geometry.frames import FloatArray, Frame, rigid_transfer, rotate_
 from headstock.geometry.machine.joints import JointEnd
 from headstock.reduction.rails import carriage_rows
 from headstock.reduction.superelement import Superelement
-from headstock.reduction.superelement_checks import rigid_motions, rotation_dofs
+from headstock.reduction.superelement_checks import (
+    characteristic_length,
+    rigid_motions,
+    rotation_dofs,
+)
 from headstock.solvers.errors import AccuracyError, ModelError
 
 RIGID_NOISE_LIMIT = 1e-8
 EFFECTIVE_TOLERANCE = 1e-9
 FREE_ROTATION_LEVEL = 1e-14
 DOFS_OF_A_BODY = 6
+ROUNDING = 1e-9  # of places, over the size of a part
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +66,11 @@ def lay_out_dofs(
     spread = np.array(positions) - np.mean(positions, axis=0) if positions else np.zeros((1, 3))
     # the largest distance from the middle does not change when the machine is turned or shifted
     length = float(np.linalg.norm(spread, axis=1).max())
-    return DofLayout(superelements, placements, offsets, size, length if length > 0.0 else 1.0)
+    # parts that all meet in one place spread by rounding alone
+    least = max((characteristic_length(part) for part in superelements.values()), default=1.0)
+    return DofLayout(
+        superelements, placements, offsets, size, length if length > ROUNDING * least else least
+    )
 
 
 def scale_dofs(layout: DofLayout) -> FloatArray:

@@ -198,7 +198,7 @@ def build_interface(
     """
     patches = tuple(build_patch(patch, solid) for patch in table.patch_tables())
     if table.rail is None:
-        return Interface(name, patches, table.coupling, table.allow_singular)
+        return Interface(name, patches, table.kind, table.allow_singular, flexible=table.flexible)
     return Interface(
         name,
         patches,
@@ -441,6 +441,12 @@ def _check_solid(key: KeyPath, table: ComponentTable, solid: Solid, findings: Fi
             findings.add((*key, "mass"), "a superelement file brings its own mass; remove mass")
         return
     for interface, entry in table.interfaces.items():
+        if entry.flexible and (len(entry.patch_tables()) > 1 or entry.face in ("outer", "inner")):
+            findings.add(
+                (*key, "interfaces", interface, "coupling"),
+                "deforms in shapes over one flat patch; write one interface for each patch, or "
+                'coupling = "rigid" or "average"',
+            )
         for index, patch in enumerate(entry.patch_tables()):
             patch_key = ("patches", index) if entry.patches is not None else ()
             if fault := find_patch_fault(patch, solid) or find_dense_patch(
@@ -519,7 +525,7 @@ def _find_rimless(table: ComponentTable) -> Iterator[tuple[KeyPath, str]]:
     mesh, interfaces = table.mesh, table.interfaces.values()
     if mesh.growth is None:
         return
-    rigid = any(entry.coupling == "rigid" and entry.rail is None for entry in interfaces)
+    rigid = any(entry.kind == "rigid" and entry.rail is None for entry in interfaces)
     imprinted = any(
         patch.disk or patch.rect or patch.strip
         for entry in interfaces

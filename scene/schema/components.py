@@ -237,6 +237,13 @@ class RailTable(StrictTable):
     control_points: Annotated[Count, Field(ge=4, le=1000)] | None = None
 
 
+class FlexibleTable(StrictTable):
+    """An interface that keeps deformation shapes besides its rigid motions."""
+
+    flexible: Annotated[Count, Field(ge=3, le=300)]
+    form: Literal["strong", "weak"] = "strong"
+
+
 class InterfaceTable(StrictTable):
     """An area that joints hold on to: one patch written directly, or several in `patches`."""
 
@@ -249,13 +256,17 @@ class InterfaceTable(StrictTable):
     patches: Annotated[list[PatchTable], Field(min_length=1, max_length=1000)] | None = None
     places: Places | None = None
     each: Exceptions = {}
-    coupling: Literal["rigid", "average"] = "rigid"
+    coupling: Literal["rigid", "average"] | FlexibleTable = "rigid"
     allow_singular: Flag = False
     rail: RailTable | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         _refuse_two_shapes(self.disk, self.rect, self.strip)
+        if self.rail is not None and self.flexible:
+            raise problem(
+                "is a rail, which has a longer basis of its own; remove coupling, or write control_points"
+            )
         if (
             self.rail is not None
             and self.coupling == "rigid"
@@ -269,6 +280,18 @@ class InterfaceTable(StrictTable):
         if self.patches is not None and (self.face or self.disk or self.rect or self.strip):
             raise problem("gives both a face and patches; move the face into the list of patches")
         return self
+
+    @property
+    def kind(self) -> Literal["rigid", "average"]:
+        """Of two flexible forms the strong one fixes points as `rigid` does, the weak one means."""
+        if isinstance(self.coupling, FlexibleTable):
+            return "rigid" if self.coupling.form == "strong" else "average"
+        return self.coupling
+
+    @property
+    def flexible(self) -> int:
+        """Most deformation shapes besides the rigid motions."""
+        return self.coupling.flexible if isinstance(self.coupling, FlexibleTable) else 0
 
     def patch_tables(self) -> tuple[PatchTable, ...]:
         """The patches, also when a single one was written directly."""

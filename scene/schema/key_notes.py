@@ -99,7 +99,11 @@ NOTES = {
     "Solid.superelement": "reduced matrices in Headstock's own HDF5 layout",
     "Interface.face": "`x- x+ y- y+ z- z+` (plane faces at that end), `face:N` (as `headstock show` numbers them), `outer`, `inner` (tubes), "
     "`set:NAME` (of a mesh file)",
-    "Interface.coupling": "`rigid`: the area moves as a rigid body (RBE2); `average`: the frame follows the area's mean motion (RBE3)",
+    "Interface.coupling": "`rigid`: the area moves as a rigid body (RBE2); `average`: the frame follows the area's mean motion (RBE3); "
+    "`{ flexible = 24 }`: it also deforms, for large areas",
+    "Flexible.flexible": "most deformation shapes besides the six rigid motions; whole levels of Legendre products over the patch, as many as fit; "
+    "a rigid joint makes those of both sides one",
+    "Flexible.form": "`strong`: the area moves in its shapes alone, frequencies come from above; `weak`: only its moments do, they come from below",
     "Interface.allow_singular": "accept a point- or line-like area although its compliance depends on the mesh",
     "Interface.patches": "several areas as one interface: `[{ face = \"face:10\" }, { face = \"face:11\" }]`",
     "Interface.rail": "carriages act at any position along it, see [guideways](guideways.md)",

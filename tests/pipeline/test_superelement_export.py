@@ -47,10 +47,11 @@ reduction = { modes = 10 }
 interfaces = { foot = { face = "z-" }, tip = { face = "z+", coupling = "average" } }"""
 
 
-def test_an_exported_superelement_gives_the_same_machine(tmp_path: Path) -> None:
+@pytest.mark.parametrize("coupling", ['"average"', '{ flexible = 9, form = "weak" }'])
+def test_an_exported_superelement_gives_the_same_machine(tmp_path: Path, coupling: str) -> None:
     store = Store(tmp_path / "store")
     elastic, imported = tmp_path / "elastic.toml", tmp_path / "imported.toml"
-    elastic.write_text(SCENE.replace("SOLID", ELASTIC))
+    elastic.write_text(SCENE.replace("SOLID", ELASTIC.replace('"average"', coupling)))
     scene = load_scene(elastic)
     export_superelement(scene, "column", tmp_path / "column.h5", comm=MPI.COMM_SELF, store=store)
     imported.write_text(SCENE.replace("SOLID", 'solid = { superelement = "column.h5" }'))
@@ -103,3 +104,23 @@ def test_a_rail_and_its_control_points_go_through_a_file(tmp_path: Path) -> None
     write_superelement(tmp_path / "short.h5", dataclasses.replace(element, rails={"rail": short}))
     with pytest.raises(RecordError, match=r"rails/rail/control.*\(20, 30\).*\(24, 30\)"):
         read_superelement(tmp_path / "short.h5")
+
+
+def test_deformation_shapes_that_do_not_fit_their_labels_are_refused(tmp_path: Path) -> None:
+    component = make_component({"top": "rigid"})
+    flexible = dataclasses.replace(component.interfaces["top"], flexible=9)
+    component = dataclasses.replace(component, interfaces={"top": flexible})
+    mesh = make_box((3, 3, 2), (0.3, 0.2, 0.1), {"top": "z+"})
+    element = reduce_elastic(component, mesh, (), (), comm=MPI.COMM_SELF)
+    entry = element.interface_maps["top"]
+    shapes = present(entry.shapes)
+    write_superelement(tmp_path / "good.h5", element)
+    found = present(read_superelement(tmp_path / "good.h5").interface_maps["top"].shapes)
+    assert (found.first, found.count, found.strong) == (6, 9, True)
+    np.testing.assert_array_equal(found.half_lengths, shapes.half_lengths)
+    for number, change in enumerate(({"first": 7}, {"normal": 3}, {"half_lengths": np.zeros(2)})):
+        wrong = dataclasses.replace(entry, shapes=dataclasses.replace(shapes, **change))
+        path = tmp_path / f"{number}.h5"
+        write_superelement(path, dataclasses.replace(element, interface_maps={"top": wrong}))
+        with pytest.raises(RecordError, match="deformation shapes of interface 'top'"):
+            read_superelement(path)

@@ -1,0 +1,138 @@
+"""Joints between flexible interfaces: the deformation shapes of both sides are one field."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.joints import Joint, JointEnd
+from headstock.geometry.machine.machine import Machine
+from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.patches import in_plane_axes
+from headstock.reduction.coupling.dof_layout import DOFS_OF_A_BODY, DofLayout
+from headstock.reduction.patch_shapes import PatchShapes, gauss_rule, shape_fields
+from headstock.solvers.errors import ModelError
+
+MATCH = 1e-6  # by how much of its size a rectangle may miss the other one
+ROUNDOFF = 1e-12
+CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeRows:
+    """Rows ``(m, n_all)`` of deformation shapes that must vanish, and the joint of each."""
+
+    rows: FloatArray
+    joints: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def couple_shapes(machine: Machine, layout: DofLayout) -> ShapeRows:
+    """Rows that make the fields of both sides of every rigid joint equal.
+
+    Between two flexible interfaces the moments of the relative displacement with the shapes of the
+    side that has fewer vanish; where both have as many, that is every shape. Against ground and
+    against what is rigid shapes are zero. At any other joint, and at an averaging interface, they
+    are free.
+
+    Args:
+        machine: Its joints.
+        layout: Places of the components' dofs among the ``n_all`` stacked ones.
+
+    Raises:
+        ModelError: Two flexible interfaces do not have the same rectangle.
+
+    Source: Bernardi, Maday and Patera (1994) on moments in place of equal fields (mortar method).
+    """
+    blocks, joints, warnings = [np.zeros((0, layout.size))], [], []
+    for joint in machine.joints.values():
+        sides = [(end, _find_shapes(layout, end)) for end in joint.ends]
+        flexible = [(end, shapes) for end, shapes in sides if shapes is not None and shapes.count]
+        if not flexible or len(joint.fixed) < DOFS_OF_A_BODY:
+            continue
+        if len(flexible) == len(sides):
+            (one, fewer), (other, more) = sorted(flexible, key=lambda side: side[1].count)
+            block = _select(layout, one, fewer)
+            block -= _moments(joint, layout, one, other) @ _select(layout, other, more)
+            if more.count > fewer.count:
+                warnings.append(
+                    f"joint {joint.name}: {other} has {more.count} shapes, {one} has {fewer.count}: "
+                    f"the {more.count - fewer.count} further shapes of {other} are free"
+                )
+        else:
+            ((end, shapes),) = flexible
+            opposite = next(each for each in joint.ends if each is not end)
+            if not _is_rigid(machine.components, opposite):
+                warnings.append(
+                    f"joint {joint.name}: {opposite} has no deformation shapes; those of {end} are free there"
+                )
+                continue
+            block = _select(layout, end, shapes)
+        blocks.append(block)
+        joints += [joint.name] * len(block)
+    return ShapeRows(np.vstack(blocks), tuple(joints), tuple(warnings))
+
+
+def _find_shapes(layout: DofLayout, end: JointEnd) -> PatchShapes | None:
+    part = layout.superelements.get(end.component or "")
+    entry = None if part is None else part.interface_maps.get(end.interface or "")
+    return None if entry is None else entry.shapes
+
+
+def _is_rigid(components: Mapping[str, Component], end: JointEnd) -> bool:
+    """Whether what is behind an end without shapes cannot deform."""
+    if end.component is None:
+        return True
+    component = components[end.component]
+    interface = component.interfaces.get(end.interface or "")
+    return component.fidelity == "rigid" or (
+        interface is not None and interface.rail is None and interface.coupling == "rigid"
+    )
+
+
+def _select(layout: DofLayout, end: JointEnd, shapes: PatchShapes) -> FloatArray:
+    """Rows ``(count, n_all)`` that pick the dofs of the shapes."""
+    first = layout.offsets[end.component or ""].start + shapes.first
+    return np.eye(shapes.count, layout.size, first)
+
+
+def _moments(joint: Joint, layout: DofLayout, one: JointEnd, other: JointEnd) -> FloatArray:
+    """Moments ``(m_1, m_2)`` of the shapes of another interface with those of one, over their
+    common rectangle.
+    """
+    own, far = _find_shapes(layout, one), _find_shapes(layout, other)
+    if own is None or far is None:
+        raise ValueError(f"joint {joint.name!r} has an end without shapes")
+    here, there = layout.placements[one.component or ""], layout.placements[other.component or ""]
+    turn = there.rotation.T @ here.rotation
+
+    def carry(points: FloatArray) -> FloatArray:
+        placed = here.origin + points @ here.rotation.T
+        return np.asarray((placed - there.origin) @ there.rotation)
+
+    corners = np.array([own.center] * 4)
+    corners[:, list(in_plane_axes(own.normal))] += own.half_lengths * CORNERS
+    axes = list(in_plane_axes(far.normal))
+    places = (carry(corners) - far.center)[:, axes] / far.half_lengths
+    parallel = abs(turn[far.normal, own.normal]) > 1.0 - MATCH
+    if not parallel or np.abs(np.abs(places) - 1.0).max() > MATCH:
+        raise ModelError(
+            f"joint {joint.name!r}: {one} and {other} are flexible but not the same rectangle: "
+            f"{_describe(own)} and {_describe(far)}; give both the same patch, or write coupling = "
+            '"rigid" or "average" for one of them'
+        )
+    points, weights = gauss_rule(own if own.count >= far.count else far)
+    if own.count < far.count:
+        points = (there.origin + points @ there.rotation.T - here.origin) @ here.rotation
+    fields = shape_fields(far, carry(points)).reshape(len(points), 3, -1)
+    seen = np.einsum("ji,kjm->kim", turn, fields)
+    tested = shape_fields(own, points).reshape(len(points), 3, -1)
+    result = np.einsum("k,kim,kin->mn", weights, tested, seen)
+    return np.asarray(np.where(np.abs(result) > ROUNDOFF, result, 0.0))
+
+
+def _describe(shapes: PatchShapes) -> str:
+    first, second = 2e3 * shapes.half_lengths
+    where = ", ".join(f"{1e3 * value:.6g}" for value in shapes.center)
+    return f"{first:.6g} x {second:.6g} mm about ({where}) mm of its component"
