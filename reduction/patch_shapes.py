@@ -83,8 +83,9 @@ def shape_fields(shapes: PatchShapes, points: FloatArray) -> FloatArray:
     degrees = list_degrees(shapes.half_lengths, shapes.count)
     values = _legendre(degrees, (points - shapes.center)[:, [first, second]] / [a, b])
     fields = np.zeros((len(points), 3, 3 * len(degrees)))
-    for number, value in enumerate(values.T):
-        fields[:, :, 3 * number : 3 * number + 3] = value[:, None, None] * np.eye(3)
+    for number in range(len(degrees)):
+        columns = slice(3 * number, 3 * number + 3)
+        fields[:, :, columns] = values[:, number, None, None] * np.eye(3)
     if not degrees:
         return fields.reshape(3 * len(points), 0)
     # of the linear fields three are rotations: (1, 0) and (0, 1) along the normal, and one
@@ -102,7 +103,7 @@ def _legendre(degrees: list[tuple[int, int]], places: FloatArray) -> FloatArray:
     along, across = (
         np.polynomial.legendre.legvander(places[:, side], highest) * norms for side in (0, 1)
     )
-    rows, columns = np.array(degrees, dtype=np.int64).reshape(-1, 2).T
+    rows, columns = [pair[0] for pair in degrees], [pair[1] for pair in degrees]
     return np.asarray(along[:, rows] * across[:, columns])
 
 
@@ -116,4 +117,4 @@ def gauss_rule(shapes: PatchShapes) -> tuple[FloatArray, FloatArray]:
     points = np.tile(shapes.center, (len(line) ** 2, 1))
     points[:, first] += shapes.half_lengths[0] * np.repeat(line, len(line))
     points[:, second] += shapes.half_lengths[1] * np.tile(line, len(line))
-    return points, np.outer(weights, weights).ravel() / 4.0
+    return points, np.asarray(np.outer(weights, weights).ravel() / 4.0, dtype=float)

@@ -45,7 +45,9 @@ def couple_shapes(machine: Machine, layout: DofLayout) -> ShapeRows:
 
     Source: Bernardi, Maday and Patera (1994) on moments in place of equal fields (mortar method).
     """
-    blocks, joints, warnings = [np.zeros((0, layout.size))], [], []
+    blocks: list[FloatArray] = [np.zeros((0, layout.size))]
+    joints: list[str] = []
+    warnings: list[str] = []
     for joint in machine.joints.values():
         sides = [(end, _find_shapes(layout, end)) for end in joint.ends]
         flexible = [(end, shapes) for end, shapes in sides if shapes is not None and shapes.count]

@@ -118,8 +118,13 @@ def test_deformation_shapes_that_do_not_fit_their_labels_are_refused(tmp_path: P
     found = present(read_superelement(tmp_path / "good.h5").interface_maps["top"].shapes)
     assert (found.first, found.count, found.strong) == (6, 9, True)
     np.testing.assert_array_equal(found.half_lengths, shapes.half_lengths)
-    for number, change in enumerate(({"first": 7}, {"normal": 3}, {"half_lengths": np.zeros(2)})):
-        wrong = dataclasses.replace(entry, shapes=dataclasses.replace(shapes, **change))
+    changed = (
+        dataclasses.replace(shapes, first=7),
+        dataclasses.replace(shapes, normal=3),
+        dataclasses.replace(shapes, half_lengths=np.zeros(2)),
+    )
+    for number, one in enumerate(changed):
+        wrong = dataclasses.replace(entry, shapes=one)
         path = tmp_path / f"{number}.h5"
         write_superelement(path, dataclasses.replace(element, interface_maps={"top": wrong}))
         with pytest.raises(RecordError, match="deformation shapes of interface 'top'"):
