@@ -21,6 +21,7 @@ from headstock.meshing.cad.sizes import (
     add_grading_fields,
     add_growth_fields,
     add_size_fields,
+    add_sizes_view,
     count_curved_cells,
     count_graded_cells,
     describe_short_edges,
@@ -35,6 +36,7 @@ from headstock.meshing.elements.quality import scaled_jacobians
 from headstock.meshing.elements.surface import PLACES, facet_places
 from headstock.meshing.errors import MeshError
 from headstock.meshing.process.job import MeshData, MeshJob
+from headstock.meshing.size_field import SizeField
 from headstock.meshing.sizing import (
     CELL_BUDGET,
     DEFAULT_FILE_CELLS,
@@ -114,7 +116,7 @@ def mesh_shape(job: MeshJob) -> MeshData:
             else {}
         )
         _check_budget(count, job, size, numbers)
-        fields = _set_sizes(growth, size, plan, rims)
+        fields = _set_sizes(job.sizes, growth, size, plan, rims)
         remarks = removed + _mesh_faces(
             job, volume, size, fields, numbers, graded=growth is not None
         )
@@ -299,7 +301,11 @@ def _name_dense_patch(job: MeshJob, count: int) -> str:
 
 
 def _set_sizes(
-    growth: float | None, size: float, plan: SizePlan | None, rims: dict[int, float]
+    sizes: SizeField | None,
+    growth: float | None,
+    size: float,
+    plan: SizePlan | None,
+    rims: dict[int, float],
 ) -> list[int]:
     """Tell gmsh the element sizes; return the tags of the fields that hold them."""
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
@@ -307,6 +313,9 @@ def _set_sizes(
     if growth is not None:
         fields += add_grading_fields(rims, growth=growth, size=size)
         # sizes on faces follow their distance from the rims, not those of the nearest edges
+        gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", NEVER_EXTEND)
+    if sizes is not None:
+        fields.append(add_sizes_view(sizes))
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", NEVER_EXTEND)
     _use_fields(fields)
     return fields

@@ -13,6 +13,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.meshing.cad.known_faces import face_radius, radius_of
 from headstock.meshing.cad.slivers import NAMED_FACES, list_faces
 from headstock.meshing.component_mesh import IntArray
+from headstock.meshing.size_field import SizeField
 from headstock.meshing.sizing import count_rim_cells
 
 LARGEST_TURN = np.pi / 2
@@ -170,6 +171,19 @@ def add_size_fields(plan: SizePlan) -> list[int]:
     curves = _size_classes(rims, plan.rims, plan.elsewhere)
     fields = [_add_field("SurfacesList", size, tags) for size, tags in faces]
     return fields + [_add_field("CurvesList", size, tags) for size, tags in curves]
+
+
+def add_sizes_view(sizes: SizeField) -> int:
+    """Tell gmsh element sizes from place to place, and return the tag of the field; beyond the
+    tetrahedra those of the closest corner hold.
+    """
+    corners = sizes.points[sizes.tets].transpose(0, 2, 1).reshape(-1, 12)
+    view = int(gmsh.view.add("sizes"))
+    rows = np.hstack([corners, sizes.sizes[sizes.tets]])
+    gmsh.view.addListData(view, "SS", len(rows), rows.ravel())
+    field = int(gmsh.model.mesh.field.add("PostView"))
+    gmsh.model.mesh.field.setNumber(field, "ViewTag", view)
+    return field
 
 
 def _size_classes(tags: IntArray, sizes: FloatArray, size: float) -> list[tuple[float, list[int]]]:

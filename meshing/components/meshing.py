@@ -30,6 +30,7 @@ from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError, MeshQualityError, PatchError
 from headstock.meshing.process.job import MeshData, MeshJob, format_job, scale_properties
 from headstock.meshing.process.running import run_job
+from headstock.meshing.size_field import SizeField
 from headstock.meshing.sizing import (
     CELL_BUDGET,
     UNCOUNTED,
@@ -63,6 +64,7 @@ def mesh_component(
     supports: Sequence[Support] = (),
     loads: Sequence[Load] = (),
     *,
+    sizes: SizeField | None = None,
     time_limit: float = 300.0,
 ) -> ComponentMesh:
     """Mesh a component and tag its patches.
@@ -71,6 +73,8 @@ def mesh_component(
         component: What to mesh; its placement plays no part.
         supports: Supports of this component (others are ignored).
         loads: Loads on patches of this component (others are ignored).
+        sizes: Element sizes from place to place [m], of tetrahedra only; the largest replaces the
+            component's own size. None for the component's settings alone.
         time_limit: Processor time that meshing may take [s].
 
     Returns:
@@ -80,6 +84,15 @@ def mesh_component(
         MeshError: The solid or a patch cannot be meshed as described, or the mesh fails a check.
     """
     groups = patch_groups(component, supports, loads)
+    if sizes is not None:
+        if component.mesh.cells == "hex" or isinstance(component.solid, MeshFile):
+            raise MeshError(
+                f"component {component.name!r}: only tetrahedra made here take sizes from place to place"
+            )
+        largest = float(sizes.sizes.max())
+        component = dataclasses.replace(
+            component, mesh=dataclasses.replace(component.mesh, size=largest)
+        )
     _check_request(component, groups)
     solid = component.solid
     what = f"component {component.name!r}"
@@ -97,7 +110,9 @@ def mesh_component(
     for refinement in REFINEMENTS[:-1]:
         try:
             return finish_mesh(
-                run_shape_job(component, groups, time_limit=time_limit, refinement=refinement),
+                run_shape_job(
+                    component, groups, sizes=sizes, time_limit=time_limit, refinement=refinement
+                ),
                 component,
                 groups,
             )
@@ -105,7 +120,9 @@ def mesh_component(
             if not may_refine:
                 raise
     return finish_mesh(
-        run_shape_job(component, groups, time_limit=time_limit, refinement=REFINEMENTS[-1]),
+        run_shape_job(
+            component, groups, sizes=sizes, time_limit=time_limit, refinement=REFINEMENTS[-1]
+        ),
         component,
         groups,
     )
@@ -341,6 +358,7 @@ def run_shape_job(
     groups: Groups,
     *,
     task: Literal["mesh", "describe", "estimate"] = "mesh",
+    sizes: SizeField | None = None,
     time_limit: float,
     refinement: float = 1.0,
 ) -> MeshData:
@@ -350,10 +368,13 @@ def run_shape_job(
         component: With a CAD or parametric solid.
         groups: Patches by group name.
         task: Mesh it, list its faces, or count what a mesh would have.
+        sizes: Element sizes from place to place [m]; None for the component's settings alone.
         time_limit: Processor time of the worker process [s].
         refinement: How many times finer the curved faces are to be meshed.
     """
     job = _shape_job(component, groups, task=task, refinement=refinement)
+    if sizes is not None:
+        job = dataclasses.replace(job, sizes=sizes.scaled(job.unit))
     data, scale = (
         run_job(job, what=f"component {component.name!r}", time_limit=time_limit),
         job.unit,

@@ -16,6 +16,7 @@ from headstock.geometry.parts.components import Patch
 from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.solids import Box, HollowColumn, MeshFile, Plate, StepFile, Tube
 from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray
+from headstock.meshing.size_field import SizeField
 
 JobSolid = Box | Tube | Plate | HollowColumn | StepFile | MeshFile
 SOLIDS: dict[str, type[JobSolid]] = {
@@ -52,6 +53,7 @@ class MeshJob:
         refinement: How many times finer than usual imprints and curved faces are meshed.
         order: 1 or 2.
         straight: Leave second-order edges straight: the parent elevates the mesh.
+        sizes: Element sizes from place to place, which take the place of grading; None for none.
     """
 
     task: Literal["mesh", "describe", "estimate", "faces", "file"]
@@ -68,6 +70,7 @@ class MeshJob:
     leave_out: float | None = None
     order: int = 2
     straight: bool = False
+    sizes: SizeField | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +112,11 @@ class MeshData:
 def format_job(job: MeshJob) -> str:
     """A job as JSON."""
     solid = {"kind": type(job.solid).__name__, **dataclasses.asdict(job.solid)}
-    return json.dumps(dataclasses.asdict(job) | {"solid": solid}, default=os.fspath)
+    sizes = None
+    if job.sizes is not None:
+        sizes = {name: array.tolist() for name, array in vars(job.sizes).items()}
+    fields = dataclasses.asdict(dataclasses.replace(job, sizes=None))
+    return json.dumps(fields | {"solid": solid, "sizes": sizes}, default=os.fspath)
 
 
 def parse_job(text: str) -> MeshJob:
@@ -123,7 +130,10 @@ def parse_job(text: str) -> MeshJob:
     groups = {
         name: [Patch(**patch) for patch in patches] for name, patches in job.pop("groups").items()
     }
-    return MeshJob(solid=SOLIDS[fields.pop("kind")](**fields), groups=groups, **job)
+    sizes = job.pop("sizes")
+    if sizes is not None:
+        sizes = SizeField(**{name: np.array(values) for name, values in sizes.items()})
+    return MeshJob(solid=SOLIDS[fields.pop("kind")](**fields), groups=groups, sizes=sizes, **job)
 
 
 def write_data(file: BinaryIO, data: MeshData) -> None:

@@ -155,14 +155,71 @@ def estimate_mesh_errors(
     if count == 0:
         nothing = np.zeros((0, 0))
         return MeshErrors(nothing, ShapeChange(nothing, nothing))
+    taken, smooth = _recover(mesh, material, displacement, counted)
+    energy = np.zeros((count, count))
+    for _, rows in _stress_changes(
+        mesh, material, displacement, taken, smooth, weights=weights, counted=counted
+    ):
+        energy += _products(rows, count)
+    return MeshErrors(
+        0.5 * (energy + energy.T), _shape_change(mesh, material, displacement, smooth)
+    )
+
+
+def estimate_cell_errors(
+    mesh: ComponentMesh,
+    material: Material,
+    displacement: FloatArray,
+    weights: FloatArray | None = None,
+) -> FloatArray:
+    """Squared energy norms ``(n_cells, k)`` of the discretisation errors of displacement fields in
+    each cell, see ``estimate_mesh_errors``: their sums are the diagonal of its ``missing_energy``.
+
+    Args:
+        mesh: The component's mesh.
+        material: Its material.
+        displacement: ``(3 n_points, k)`` of the mesh points [m].
+        weights: ``(n_cells,)`` what the energies of cells are multiplied by; None for 1.
+    """
+    taken, smooth = _recover(mesh, material, displacement, None)
+    found = np.zeros((len(mesh.cells), displacement.shape[1]))
+    for cells, rows in _stress_changes(
+        mesh, material, displacement, taken, smooth, weights=weights, counted=None
+    ):
+        squares = np.square(rows, dtype=float).reshape(len(cells), -1, displacement.shape[1])
+        found[cells] = squares.sum(axis=1)
+    return found
+
+
+def _recover(
+    mesh: ComponentMesh, material: Material, displacement: FloatArray, counted: int | None
+) -> tuple[StressArray, StressArray]:
+    """Stresses sampled in cells, and those recovered at the nodes of the counted ones."""
+    samples, _ = gauss_places(
+        mesh.kind, SAMPLE_DEGREES[cell_family(mesh.kind), cell_order(mesh.kind)]
+    )
+    taken = _sample_stresses(mesh, material, displacement, samples)
+    return taken, recover_stresses(mesh, samples, taken, wanted=counted)
+
+
+def _stress_changes(
+    mesh: ComponentMesh,
+    material: Material,
+    displacement: FloatArray,
+    taken: StressArray,
+    smooth: StressArray,
+    *,
+    weights: FloatArray | None,
+    counted: int | None,
+) -> Iterator[tuple[IntArray, StressArray]]:
+    """Blocks of cells, and what recovery changes in them: rows whose squares add up to energies, one
+    column per field.
+    """
     key = cell_family(mesh.kind), cell_order(mesh.kind)
     samples, _ = gauss_places(mesh.kind, SAMPLE_DEGREES[key])
-    taken = _sample_stresses(mesh, material, displacement, samples)
-    smooth = recover_stresses(mesh, samples, taken, wanted=counted)
     straight: NDArray[np.bool_] = np.full(len(mesh.cells), mesh.straight and key[0] == "tet")
     if key[0] == "tet" and not mesh.straight:
         straight = straight_cells(mesh.points, mesh.cells, mesh.kind)
-    energy = np.zeros((count, count))
     places, rule = gauss_places(mesh.kind, ENERGY_DEGREES[key])
     factors = np.ones(len(mesh.cells)) if weights is None else weights
     change_rule = (
@@ -173,7 +230,7 @@ def estimate_mesh_errors(
     for cells in _blocks(np.flatnonzero(straight[:counted]), mesh.cells.shape[1] * taken.shape[2]):
         values = np.concatenate([smooth[mesh.cells[cells]], taken[cells]], axis=1)
         sizes = np.sqrt(_straight_measures(mesh, cells) * factors[cells]).astype(np.float32)
-        energy += _products(np.matmul(sizes[:, None, None] * change_rule, values), count)
+        yield cells, np.matmul(sizes[:, None, None] * change_rule, values)
     shapes = shape_functions(mesh.kind, places).astype(np.float32)
     for cells in _blocks(np.flatnonzero(~straight[:counted]), len(places) * taken.shape[2]):
         found = stress_operators(mesh, material, places, cells)
@@ -184,10 +241,7 @@ def estimate_mesh_errors(
         )
         change = change.reshape(len(cells), len(places), -1)
         change -= np.matmul(sizes[:, :, None] * shapes, smooth[mesh.cells[cells]])
-        energy += _products(change, count)
-    return MeshErrors(
-        0.5 * (energy + energy.T), _shape_change(mesh, material, displacement, smooth)
-    )
+        yield cells, change
 
 
 def _shape_change(

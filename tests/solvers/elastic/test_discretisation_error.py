@@ -8,7 +8,10 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import CellKind, ComponentMesh
 from headstock.meshing.elements.topology import shape_functions, shape_gradients
-from headstock.solvers.elastic.discretisation_error import estimate_mesh_errors
+from headstock.solvers.elastic.discretisation_error import (
+    estimate_cell_errors,
+    estimate_mesh_errors,
+)
 from headstock.solvers.elastic.patch_recovery import gauss_places
 
 SIZE = (0.2, 0.3, 0.5)
@@ -113,3 +116,15 @@ def test_curved_cells_are_measured_where_they_are() -> None:
         ]
     )
     assert 0.4 < found / true_missing_energy(mesh, material, wave) < 2.5
+
+
+@pytest.mark.parametrize("kind", ORDERS)
+def test_errors_of_cells_add_up_to_those_of_the_mesh(kind: CellKind) -> None:
+    mesh, material = make_box((2, 2, 3), SIZE, kind=kind), make_component().material
+    value = wave(mesh.points)[0].reshape(-1, 1)
+    fields = np.hstack([value, value**2])
+    weights = np.asarray(np.linspace(1.0, 2.0, len(mesh.cells)), dtype=np.float64)
+    whole = estimate_mesh_errors(mesh, material, fields, weights).missing_energy
+    cells = estimate_cell_errors(mesh, material, fields, weights)
+    assert cells.shape == (len(mesh.cells), 2)
+    assert cells.sum(axis=0) == pytest.approx(np.diag(whole), rel=1e-5)

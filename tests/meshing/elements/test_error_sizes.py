@@ -1,0 +1,112 @@
+"""Meshes whose sizes follow where the error of a coarser mesh lies."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from common import make_box
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import (
+    Component,
+    Interface,
+    Material,
+    MeshSettings,
+    Patch,
+    ReductionSettings,
+)
+from headstock.geometry.parts.solids import Box
+from headstock.meshing.component_mesh import ComponentMesh
+from headstock.meshing.components.meshing import mesh_component
+from headstock.meshing.elements.error_sizes import spread_error
+from headstock.meshing.errors import MeshError
+from headstock.meshing.process.job import MeshJob, format_job, parse_job
+from headstock.meshing.size_field import SizeField
+from headstock.reduction.components.elastic import find_cell_errors, reduce_elastic
+
+BEAM = Component(
+    "beam",
+    Box((0.4, 0.1, 0.1)),
+    Material("steel", 210e9, 0.3, 7850.0),
+    interfaces={
+        "root": Interface("root", (Patch("x-"),)),
+        "tip": Interface("tip", (Patch("x+"),), "average"),
+    },
+    mesh=MeshSettings(size=0.05),
+    reduction=ReductionSettings(modes=2),
+)
+
+
+def missed_at_tip(part: Component, mesh: ComponentMesh) -> tuple[FloatArray, float]:
+    """What each cell and the whole mesh miss of the energy of a load across the tip, root fixed."""
+    element = reduce_elastic(part, mesh, comm=MPI.COMM_WORLD)
+    root, tip = (6 * element.interface_maps[name].node for name in ("root", "tip"))
+    free = np.delete(np.arange(len(element.stiffness)), np.arange(root, root + 6))
+    motion = np.zeros((len(element.stiffness), 1))
+    load = (free == tip + 2).astype(float)
+    motion[free, 0] = np.linalg.solve(element.stiffness[np.ix_(free, free)], load)
+    compliance = motion[tip + 2, 0]
+    cells = find_cell_errors(part, mesh, element, motion)[:, 0] / compliance
+    assert element.errors.missing_energy is not None
+    whole = element.errors.mesh_safety * motion[:, 0] @ element.errors.missing_energy @ motion[:, 0]
+    return cells, float(whole / compliance)
+
+
+def test_a_mesh_by_its_error_misses_less_with_fewer_points_than_an_even_one() -> None:
+    coarse = mesh_component(BEAM)
+    cells, whole = missed_at_tip(BEAM, coarse)
+    assert cells.sum() == pytest.approx(whole, rel=1e-4)
+    adapted = mesh_component(BEAM, sizes=spread_error(coarse, cells, whole / 10.0))
+    even = mesh_component(dataclasses.replace(BEAM, mesh=MeshSettings(size=0.025)))
+    assert len(adapted.points) < 0.65 * len(even.points)
+    assert missed_at_tip(BEAM, adapted)[1] < missed_at_tip(BEAM, even)[1]
+
+
+def test_sizes_shrink_evenly_where_every_cell_misses_the_same_per_volume() -> None:
+    mesh = make_box((3, 3, 3), (1.0, 1.0, 1.0), kind="tet10")
+    corners = mesh.points[mesh.cells[:, :4]]
+    volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
+    old = np.cbrt(6.0 * np.sqrt(2.0) * volumes)
+    # as of one smooth stress: h^4 per volume
+    energies = volumes * old**4
+    field = spread_error(mesh, energies, float(energies.sum()) / 16.0)
+    whole = np.sum(volumes * old**4)
+    expected = (whole / 16.0 / volumes.sum()) ** 0.25
+    assert field.sizes == pytest.approx(expected, rel=1e-3)
+
+
+def test_what_needs_no_change_becomes_coarser_no_further_than_the_estimate_reaches() -> None:
+    mesh = make_box((3, 3, 3), (1.0, 1.0, 1.0), kind="tet10")
+    energies = np.ones(len(mesh.cells))
+    field = spread_error(mesh, energies, 1e9)
+    finest = spread_error(mesh, energies, 1e-9)
+    assert field.sizes / finest.sizes == pytest.approx(3.0 / 0.2)
+
+
+def test_cells_follow_the_sizes_of_a_field() -> None:
+    coarse = mesh_component(BEAM)
+    corners, cells = np.unique(coarse.cells[:, :4], return_inverse=True)
+    where = coarse.points[corners]
+    along = (where[:, 0] - where[:, 0].min()) / np.ptp(where[:, 0])
+    field = SizeField(where, cells.reshape(-1, 4), 0.008 + 0.03 * along)
+    mesh = mesh_component(BEAM, sizes=field)
+    places = mesh.points[mesh.cells[:, :4]].mean(axis=1)[:, 0]
+    share = (places - mesh.points[:, 0].min()) / np.ptp(mesh.points[:, 0])
+    assert (share < 0.25).sum() > 8 * (share > 0.75).sum()
+
+
+def test_a_job_carries_its_sizes() -> None:
+    field = SizeField(np.eye(4, 3), np.array([[0, 1, 2, 3]]), np.array([0.1, 0.2, 0.3, 0.4]))
+    found = parse_job(format_job(MeshJob("mesh", Box((1.0, 1.0, 1.0)), sizes=field))).sizes
+    assert found is not None
+    for name, array in vars(field).items():
+        assert np.array_equal(getattr(found, name), array)
+    assert parse_job(format_job(MeshJob("mesh", Box((1.0, 1.0, 1.0))))).sizes is None
+
+
+def test_a_grid_of_hexahedra_takes_no_sizes() -> None:
+    field = SizeField(np.eye(4, 3), np.array([[0, 1, 2, 3]]), np.full(4, 0.05))
+    part = dataclasses.replace(BEAM, mesh=MeshSettings(size=0.05, cells="hex"))
+    with pytest.raises(MeshError, match="tetrahedra"):
+        mesh_component(part, sizes=field)
