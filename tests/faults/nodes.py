@@ -62,7 +62,13 @@ class TwoNodes:
         return [*program, "-o", str(self.root / output)]
 
     def run(
-        self, words: list[str], *, nodes: int, store: str, **variables: str
+        self,
+        words: list[str],
+        *,
+        nodes: int,
+        store: str,
+        folder: str | Path = ".",
+        **variables: str,
     ) -> "subprocess.CompletedProcess[str]":
         """Run a command to its end, in an allocation where there are several nodes.
 
@@ -70,11 +76,13 @@ class TwoNodes:
             words: The command line.
             nodes: How many nodes; of one the command starts its ranks itself.
             store: Folder of the store: a new one, where the work is to be done.
+            folder: To start in.
             variables: Of the environment, besides.
         """
         allocation = ["salloc", f"--nodes={nodes}", "--ntasks=4", "--quiet"] if nodes > 1 else []
         return subprocess.run(
             [*allocation, *words],
+            cwd=folder,
             env=self.environment(store) | variables,
             capture_output=True,
             text=True,

@@ -2,6 +2,7 @@
 tests/faults/test_nodes.py``; the launcher enters a root that has one.
 """
 
+import json
 import os
 import shutil
 from collections.abc import Iterator
@@ -10,8 +11,9 @@ import numpy as np
 import pytest
 
 from faults.nodes import SIZES_MM, TwoNodes, fail_node_under_study, run_two_nodes
-from faults.runs import Numbers, read_numbers
+from faults.runs import SCENE, Numbers, read_numbers
 from faults.slurm_daemons import DAEMONS
+from headstock.pipeline.storage.provenance import PROJECT
 
 pytestmark = [
     pytest.mark.faults,
@@ -21,6 +23,33 @@ pytestmark = [
     ),
 ]
 SPLIT_EQUAL = 1e-9  # a component that ranks share is factorised in another order
+DEALT_EQUAL = 1e-8
+# numbers that say what a run took, not what it found
+COSTS = (
+    "second",
+    "_mb",
+    "_s",
+    "cpu",
+    "time",
+    "speed",
+    "provenance",
+    "stages",
+    "totals",
+    "versions",
+    "files",
+)
+SPRUNG = SCENE.replace(
+    'kind = "rigid"',
+    """kind = "spring"
+stiffness = { x = "10 N/um", y = "12 N/um", z = "40 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }""",
+)
+TARGETS = """
+[cases.measured]
+frequencies = ["200 Hz", "240 Hz"]
+[parameters.clamp]
+keys = ["joints.clamp.stiffness.x"]
+bounds = ["2 N/um", "50 N/um"]
+"""
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +64,22 @@ def run_machine(two: TwoNodes, output: str, *, nodes: int, ranks: int, split: bo
     done = two.run(words, nodes=nodes, store=f"store-{output}", **variables)
     assert done.returncode == 0, done.stdout + done.stderr
     return read_numbers(two.root / output)
+
+
+def read_found(value: object, place: str = "") -> dict[str, float]:
+    """Numbers of a JSON file by their place in it, without what they took."""
+    if isinstance(value, dict):
+        items = [(str(key), item) for key, item in value.items()]
+    elif isinstance(value, list):
+        items = [(str(number), item) for number, item in enumerate(value)]
+    else:
+        return {place: float(value)} if isinstance(value, int | float) else {}
+    return {
+        inner: number
+        for key, item in items
+        if not any(cost in key for cost in COSTS)
+        for inner, number in read_found(item, f"{place}/{key}").items()
+    }
 
 
 def assert_equal(found: Numbers, expected: Numbers, share: float) -> None:
@@ -104,6 +149,40 @@ def test_a_sweep_in_an_array_job_of_two_nodes_leaves_the_file_of_a_local_one(two
     assert done.returncode == 0, done.stdout + done.stderr
     two_nodes, one = (two.root / name / "sweep.h5" for name in ("swept-2", "swept-1"))
     assert two_nodes.read_bytes() == one.read_bytes()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "run scene.toml --no-figures -o {output}",
+        "study scene.toml meshes -o {output}",
+        "converge scene.toml --most-dofs 20000 -o {output}",
+        "compare scene.toml --variants iron -o {output}",
+        "effects scene.toml",
+        "identify sprung.toml targets.toml -o {output}",
+    ],
+    ids=lambda words: words.split()[0],
+)
+def test_a_command_submitted_to_two_nodes_finds_what_one_process_finds(
+    two: TwoNodes, words: str
+) -> None:
+    command = words.split()[0]
+    (two.root / "sprung.toml").write_text(SPRUNG)
+    (two.root / "targets.toml").write_text(TARGETS)
+    options = ["--on", "slurm", "--ranks", "2", "--sbatch=--nodes=2"]
+    before, found = two.launches(), []
+    for name, more in (("job", options), ("here", [])):
+        line = words.format(output=f"{command}-{name}").split()
+        asked = [str(PROJECT / "headstock"), *line, "--json", f"{command}-{name}.json"]
+        done = two.run([*asked, *more], nodes=1, store=f"store-{command}-{name}", folder=two.root)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert ("submitted" in done.stdout) == bool(more)
+        found.append(read_found(json.loads((two.root / f"{command}-{name}.json").read_text())))
+        if more:
+            assert [now - old for now, old in zip(two.launches(), before, strict=True)] == [1, 1]
+    job, here = found
+    assert len(here) > 3
+    assert job == pytest.approx(here, rel=DEALT_EQUAL, abs=1e-15)
 
 
 def test_bad_input_on_two_nodes_ends_with_its_message_and_code(two: TwoNodes) -> None:
