@@ -385,13 +385,26 @@ def _estimated_dofs(component: Component, estimate: MeshEstimate) -> int:
 
 
 def _choose_solver(component: Component, scene: Scene, estimate: MeshEstimate) -> SolverChoice:
-    """By factors where they fit this machine, or what the scene allows of it."""
-    dofs = _estimated_dofs(component, estimate)
     box = bounding_box(component.solid)
+    extents = None if box is None else [high - low for low, high in box]
+    return choose_solver(component, scene, _estimated_dofs(component, estimate), extents)
+
+
+def choose_solver(
+    component: Component, scene: Scene, dofs: int, extents: Sequence[float] | None
+) -> SolverChoice:
+    """By factors where they fit this machine, or what the scene allows of it.
+
+    Args:
+        component: Elastic.
+        scene: It stands in, with its limits.
+        dofs: Displacement dofs.
+        extents: Sides of the box around it [m]; None where unknown.
+    """
     limit = scene.limits.memory_bytes
     return choose_method(
         component.reduction,
-        predict_factor_entries(dofs, None if box is None else [high - low for low, high in box]),
+        predict_factor_entries(dofs, extents),
         direct_mb=reduction_memory_mb(dofs, component),
         memory_mb=(node_memory_bytes() if limit is None else limit) / 1e6,
     )

@@ -19,6 +19,7 @@ from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.skins import mesh_skin, unmeshed_skin
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.planning.planner import choose_solver
 from headstock.pipeline.stages.part_files import describe_solid
 from headstock.pipeline.stages.run_state import (
     Outcome,
@@ -41,6 +42,7 @@ from headstock.reduction.requests import (
 )
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import FILE_ROUNDING, check_superelement
+from headstock.scene.scene import Scene
 from headstock.solvers.ranks import make_on_root
 
 STATIC = "static"
@@ -161,11 +163,13 @@ def _run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
             detail=_describe(state.reduced[component.name].superelement) if state.is_root else "",
         )
     mesh = state.meshes.pop(component.name)
+    # the store knows it by what the scene says
+    solved, why = make_on_root(state.comm, lambda: _choose_by_mesh(component, state.scene, mesh))
     supports, loads = component_supports(state, component), component_loads(state, component)
     elastic = importlib.import_module(ELASTIC_MODULE)
     request = _reduction_request(state, component)
     superelement: Superelement = elastic.reduce_elastic(
-        component, mesh, supports, loads, comm=state.comm, request=request
+        solved, mesh, supports, loads, comm=state.comm, request=request
     )
 
     def keep() -> Outcome:
@@ -176,12 +180,27 @@ def _run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
         state.warn(_keep_superelement(state.store, stored_request(state, component), reduced))
         split = ""
         if state.comm.size > 1:
-            iterates = component.reduction.solver == "iterative"
+            iterates = solved.reduction.solver == "iterative"
             way = "without factors" if iterates else "MUMPS, ordered by PORD on one"
             split = f", split over {state.comm.size} ranks ({way})"
-        return Outcome(detail=_describe(superelement) + split)
+        return Outcome(detail=_describe(superelement) + split + why)
 
     return make_on_root(state.comm, keep)
+
+
+def _choose_by_mesh(
+    component: Component, scene: Scene, mesh: ComponentMesh | None
+) -> tuple[Component, str]:
+    """Factors or iteration for a mesh from a file, whose size nobody knew when the run was planned;
+    on rank 0.
+    """
+    if mesh is None or not isinstance(component.solid, MeshFile):
+        return component, ""
+    extents = np.ptp(mesh.points, axis=0).tolist()
+    choice = choose_solver(component, scene, 3 * len(mesh.points), extents)
+    settings = dataclasses.replace(component.reduction, solver=choice.method)
+    why = f", {choice.reason}" if choice.method == "iterative" else ""
+    return dataclasses.replace(component, reduction=settings), why
 
 
 def _run_rigid_stage(state: RunState, stage: Stage) -> Outcome:

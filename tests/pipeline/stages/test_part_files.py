@@ -4,6 +4,7 @@ and what there is, and an exit code of 2.
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 
@@ -11,6 +12,7 @@ import headstock as hs
 from common import make_box
 from headstock.app.actions.checking import check_scene
 from headstock.app.terminal.guard import BAD_INPUT, run_guarded
+from headstock.meshing.component_mesh import CellKind
 from headstock.meshing.errors import PatchError
 from headstock.meshing.files.writing import encode_mesh
 from headstock.pipeline.runner import run_scene
@@ -48,9 +50,17 @@ at = "tcp"
 """
 
 
-def write_scene(tmp_path: Path, name: str, *, foot: str = "set:foot", tip: str = "set:tip") -> Path:
+def write_scene(
+    tmp_path: Path,
+    name: str,
+    *,
+    foot: str = "set:foot",
+    tip: str = "set:tip",
+    kind: CellKind = "hex8",
+    cells: tuple[int, int, int] = (1, 1, 1),
+) -> Path:
     """A scene of a box from a mesh file with the sets foot and tip."""
-    mesh = make_box((1, 1, 1), (0.1, 0.1, 0.2), {"foot": "z-", "tip": "z+"}, kind="hex8")
+    mesh = make_box(cells, (0.1, 0.1, 0.2), {"foot": "z-", "tip": "z+"}, kind=kind)
     for file, content in encode_mesh(mesh, tmp_path / name).items():
         (tmp_path / file).write_bytes(content)
     return fill(tmp_path, f'mesh = "{name}"', foot=foot, tip=tip)
@@ -104,6 +114,24 @@ def test_sets_that_are_there_are_no_problem(tmp_path: Path) -> None:
     scene = load_scene(write_scene(tmp_path, "box.msh"))
     assert find_missing_patches(scene) == ([], [])
     run(scene, tmp_path)
+
+
+def test_a_mesh_from_a_file_whose_factors_do_not_fit_is_iterated_and_the_run_says_so(
+    tmp_path: Path,
+) -> None:
+    path = write_scene(tmp_path, "box.msh", kind="tet10", cells=(3, 3, 5))
+    text = path.read_text().replace('fidelity = "rigid"', "reduction = { modes = 4 }")
+    path.write_text(text.replace('    { face = "z-" },\n', ""))
+    details, compliances = [], []
+    for name, settings in (("direct", []), ("iterative", ['limits.memory="130 MB"'])):
+        scene = load_scene(path, overrides=settings)
+        store = Store(tmp_path / name)
+        results = run_scene(scene, tmp_path / "out", comm=MPI.COMM_SELF, store=store)
+        details += [record.detail for record in results.stages if record.stage.kind == "reduce"]
+        compliances.append(results.compliance["tcp"])
+    assert "iterative" not in details[0]
+    assert "iterative: " in details[1] and "of the 130 MB there are" in details[1]
+    np.testing.assert_allclose(compliances[1], compliances[0], rtol=1e-8, atol=1e-18)
 
 
 def test_supports_and_loads_are_looked_up_too(tmp_path: Path) -> None:
