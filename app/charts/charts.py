@@ -4,6 +4,7 @@ figures, axes, legends, PNG files.
 
 import io
 import itertools
+import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator
+from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
 from headstock.app.texts.curves import (
     MOST_FIELDS,
@@ -37,7 +38,7 @@ from headstock.pipeline.results.views import COLORS, component_colors
 from headstock.solvers.second_order import Channel, ComplexArray
 
 DPI = 130
-BARS_SHOWN = 8
+BARS_SHOWN, MOST_TICKS = 8, 7
 OVERLAYS_ACROSS = 3
 JOINT_COLOR = "#94a3b8"
 INK, FAINT = "#1f2937", "#cbd5e1"
@@ -155,6 +156,36 @@ def calm_axes(axes: Axes, *, grid: Literal["x", "y", "both"] = "x") -> None:
     axes.tick_params(labelsize=8, colors=INK, length=0)
     axes.grid(axis=grid, color=FAINT, linewidth=0.5)
     axes.set_axisbelow(True)
+
+
+def choose_ticks(low: float, high: float) -> list[float]:
+    """Round numbers from low to high for a logarithmic axis: every decade where those are many."""
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    for steps in ((1.0, 1.5, 2.0, 3.0, 5.0, 7.0), (1.0, 2.0, 5.0), (1.0,)):
+        every = [step * 10.0**power for power in decades for step in steps]
+        ticks = [tick for tick in every if low <= tick <= high]
+        if len(ticks) <= MOST_TICKS:
+            break
+    return ticks
+
+
+def label_decades(axes: Axes) -> None:
+    """Round numbers at a logarithmic x axis, some between the decades where these are few."""
+    low, high = axes.get_xlim()
+    ticks = choose_ticks(low, high)
+    axes.set_xticks(ticks, [f"{tick:,.10g}".replace(",", " ") for tick in ticks])
+    axes.set_xlim(low, high)
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.tick_params(which="minor", length=0)
+
+
+def label_shares(axes: Axes) -> None:
+    """Round per cents at a logarithmic y axis of shares."""
+    low, high = axes.get_ylim()
+    axes.set_yticks(choose_ticks(low, high))
+    axes.set_ylim(low, high)
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100.0 * value:g} %"))
 
 
 def encode_figure(figure: Figure) -> bytes:

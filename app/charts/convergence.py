@@ -2,13 +2,11 @@
 over seconds.
 """
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from headstock.app.charts.charts import (
     FAINT,
@@ -16,6 +14,8 @@ from headstock.app.charts.charts import (
     add_legend,
     calm_axes,
     encode_figure,
+    label_decades,
+    label_shares,
     line_style,
     new_figure,
 )
@@ -52,10 +52,7 @@ def draw_convergence(found: Convergence, need: MeshNeed) -> bytes | None:
     panels[0].set_xlabel("degrees of freedom", fontsize=9, color=INK)
     panels[1].set_xlabel("wall-clock time from scene to results [s]", fontsize=9, color=INK)
     panels[0].set_ylabel("distance from the limit", fontsize=9, color=INK)
-    low, high = panels[0].get_ylim()
-    panels[0].set_yticks(_choose_ticks(1.3 * low, high / 1.3))
-    panels[0].yaxis.set_minor_formatter(NullFormatter())
-    panels[0].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100.0 * value:g} %"))
+    label_shares(panels[0])
     handles = [Line2D([], [], **LINE, **line_style(number, COLORS)) for number in range(len(lines))]
     labels = [name for name, _ in lines]
     star = f"needed for {100.0 * need.accuracy:g} %"
@@ -85,18 +82,4 @@ def _draw_panel(
     axes.plot([needed], [need.accuracy], zorder=5.0, **STAR)
     low, high = min(*costs, needed), max(*costs, needed)
     axes.set_xlim(low / 1.3, high * 1.3)
-    ticks = _choose_ticks(low, high)
-    axes.set_xticks(ticks, [f"{tick:,.10g}".replace(",", " ") for tick in ticks])
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.tick_params(which="minor", length=0)
-
-
-def _choose_ticks(low: float, high: float) -> list[float]:
-    """Round numbers between two: 1, 2 and 5 of each decade, or every decade where those are many."""
-    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    for steps in ((1.0, 2.0, 5.0), (1.0,)):
-        ticks = [step * 10.0**power for power in decades for step in steps]
-        shown = [tick for tick in ticks if low / 1.3 <= tick <= 1.3 * high]
-        if 1 < len(shown) <= 7:
-            return shown
-    return shown
+    label_decades(axes)

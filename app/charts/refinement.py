@@ -9,9 +9,15 @@ from typing import Literal
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
-from headstock.app.charts.charts import INK, calm_axes, encode_figure, new_figure
+from headstock.app.charts.charts import (
+    INK,
+    calm_axes,
+    encode_figure,
+    label_decades,
+    new_figure,
+)
 from headstock.pipeline.results.views import COLORS
 from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
 from headstock.validation.machines.axis_kit_models import MEASURED_COMPLIANCE, VARIANTS
@@ -48,7 +54,6 @@ X_LABELS: dict[Over, str] = {
 }
 LINEAR_RANGE = 10.0  # percent; logarithmic beyond, where a figure reaches far
 FAR = 40.0
-FEW_DECADES = 60.0
 TICKS = (-100, -50, -20, -10, -5, 0, 5, 10, 20, 50, 100, 200, 500)
 LEAST_SHOWN = 1e-3  # percent, in the overview
 
@@ -160,27 +165,14 @@ def _draw_panel(axes: Axes, series: RefinementSeries, names: Sequence[str], over
 
 
 def _shape_axes(axes: Axes, largest: float) -> None:
-    _label_decades(axes)
+    axes.set_xscale("log")
+    calm_axes(axes, grid="both")
+    label_decades(axes)
     if largest > FAR:
         axes.set_yscale("symlog", linthresh=LINEAR_RANGE, linscale=1.0)
         axes.yaxis.set_major_locator(FixedLocator([tick for tick in TICKS if tick <= largest]))
         axes.yaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:+g}" if value else "0"))
-
-
-def _label_decades(axes: Axes) -> None:
-    """A logarithmic x axis with plain numbers, some between the decades where there are few of
-    those.
-    """
-    axes.set_xscale("log")
-    calm_axes(axes, grid="both")
-    axes.tick_params(which="minor", length=0)
-    low, high = axes.get_xlim()
-    axes.xaxis.set_major_locator(
-        LogLocator(subs=(1.0, 2.0, 5.0) if high < FEW_DECADES * low else (1.0,))
-    )
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
 def _handles(names: Sequence[str], *, segmented: bool) -> list[Line2D]:
@@ -241,7 +233,9 @@ def _draw_overview(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> by
             loc="left",
         )
         axes.set_yscale("log")
-        _label_decades(axes)
+        axes.set_xscale("log")
+        calm_axes(axes, grid="both")
+        label_decades(axes)
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.set_xlabel("processor time, empty store [s]", fontsize=9, color=INK)
         axes.set_ylabel("largest deviation from converged 3D [%]", fontsize=9, color=INK)

@@ -11,7 +11,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import NullFormatter, NullLocator
 
 from headstock.app.charts.charts import (
     FAINT,
@@ -19,6 +19,8 @@ from headstock.app.charts.charts import (
     add_legend,
     calm_axes,
     encode_figure,
+    label_decades,
+    label_shares,
     line_style,
     new_figure,
 )
@@ -274,7 +276,7 @@ def draw_costs(points: Sequence[CostPoint], labels: dict[str, str]) -> bytes | N
         _draw_cost_panel(axes, shown, cost, labels)
         axes.set_xlabel(title, fontsize=9, color=INK)
     panels[0].set_ylabel("largest relative error", fontsize=9, color=INK)
-    panels[0].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100.0 * value:g} %"))
+    label_shares(panels[0])
     handles, names = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     return encode_figure(figure)
@@ -322,16 +324,7 @@ def _draw_cost_panel(
             **style,
         )
     _mark_automatic(axes, [point for point in points if point.automatic], cost)
-    low, high = axes.get_xlim()
-    if high < 30.0 * low:
-        _label_between(axes)
-
-
-def _label_between(axes: Axes) -> None:
-    """Ticks between decades, where there would be one or two at most."""
-    axes.xaxis.set_minor_locator(LogLocator(subs=(2.0, 3.0, 5.0)))
-    axes.xaxis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.tick_params(axis="x", which="minor", labelsize=8, colors=INK, length=0)
+    label_decades(axes)
 
 
 def _mark_automatic(axes: Axes, points: Sequence[CostPoint], cost: str) -> None:
