@@ -174,9 +174,11 @@ def full_dofs(solution: VariantSolution) -> int:
 
 
 def _richness(solution: VariantSolution) -> tuple[int, int]:
-    """Number of elastic and of segmented components."""
+    """Number of components with deformations of their own, and of segmented ones."""
     kinds = [facts.fidelity for facts in solution.components.values()]
-    return kinds.count("elastic") + kinds.count("superelement"), kinds.count("segmented")
+    return sum(map(kinds.count, ("elastic", "superelement", "polynomial"))), kinds.count(
+        "segmented"
+    )
 
 
 def _mode_set(solution: VariantSolution, places: Mapping[str, BodyPlaces]) -> ModeSet:

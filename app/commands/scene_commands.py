@@ -112,11 +112,11 @@ def run(
         ),
     ] = None,
     fidelity: Annotated[
-        Literal["rigid", "segmented", "elastic"] | None,
+        Literal["rigid", "segmented", "polynomial", "elastic"] | None,
         typer.Option(
             "--fidelity",
-            click_type=click.Choice(["rigid", "segmented", "elastic"]),
-            help="Fidelity of all parts that are elastic or segmented in the scene.",
+            click_type=click.Choice(["rigid", "segmented", "polynomial", "elastic"]),
+            help="Fidelity of all parts that are not rigid in the scene.",
         ),
     ] = None,
     no_host: NoHost = False,

@@ -275,6 +275,6 @@ def _describe_fidelity(variant: VariantSummary) -> str:
     kinds = list(variant["fidelity"].values())
     return "\n".join(
         f"{kinds.count(kind)} {kind}"
-        for kind in ("elastic", "superelement", "segmented", "rigid")
+        for kind in ("elastic", "superelement", "polynomial", "segmented", "rigid")
         if kind in kinds
     )

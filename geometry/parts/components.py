@@ -9,7 +9,7 @@ from typing import Literal
 from headstock.geometry.frames import Frame
 from headstock.geometry.parts.solids import Solid
 
-Fidelity = Literal["rigid", "segmented", "elastic"]
+Fidelity = Literal["rigid", "segmented", "polynomial", "elastic"]
 CouplingKind = Literal["rigid", "average"]
 CellShape = Literal["tet", "hex"]
 
@@ -219,7 +219,7 @@ class Component:
         material: Its material.
         placement: Its own frame in the machine frame at zero axis positions.
         interfaces: By name.
-        fidelity: ``rigid``, ``segmented`` or ``elastic``.
+        fidelity: ``rigid``, ``segmented``, ``polynomial`` or ``elastic``.
         mesh: Mesh settings.
         reduction: Which fixed-interface modes to keep.
         segments: How a segmented component is cut.

@@ -25,6 +25,9 @@ from headstock.geometry.parts.solids import Tube
 ALONG_POINTS, ACROSS_POINTS, RING_POINTS = 4, 2, 8
 
 
+Order = tuple[int, int]  # Gauss points along the bar and across it
+
+
 @dataclass(frozen=True, eq=False)
 class PatchSamples:
     """Points ``(n, 3)`` on patches [m] and the area ``(n,)`` each stands for [m^2]."""
@@ -34,7 +37,12 @@ class PatchSamples:
 
 
 def sample_patches(
-    solid: PlanarSolid | Tube, patches: Sequence[Patch], axis: int, breaks: Sequence[float]
+    solid: PlanarSolid | Tube,
+    patches: Sequence[Patch],
+    axis: int,
+    breaks: Sequence[float],
+    *,
+    order: Order | None = None,
 ) -> PatchSamples:
     """Points on patches of a solid that is a bar along an axis.
 
@@ -43,6 +51,8 @@ def sample_patches(
         patches: On named faces; rectangles that overlap count once.
         axis: Direction of the bar, 0..2.
         breaks: Ascending places along the axis [m] where its motion is not smooth.
+        order: Gauss points along the bar from break to break, and across it; None takes as many as
+            the motion of a bar of plane sections needs.
 
     Raises:
         ValueError: A face has no name by which its place is known.
@@ -51,9 +61,9 @@ def sample_patches(
     for face in dict.fromkeys(patch.face for patch in patches):
         mine = [patch for patch in patches if patch.face == face]
         parts += (
-            _round_samples(solid, face, breaks)
+            _round_samples(solid, face, breaks, order)
             if isinstance(solid, Tube)
-            else _planar_samples(solid, face, mine, axis, breaks)
+            else _planar_samples(solid, face, mine, axis, breaks, order)
         )
     return PatchSamples(
         np.vstack([part.points for part in parts]), np.concatenate([part.areas for part in parts])
@@ -61,18 +71,24 @@ def sample_patches(
 
 
 def _planar_samples(
-    solid: PlanarSolid, name: str, patches: Sequence[Patch], axis: int, breaks: Sequence[float]
+    solid: PlanarSolid,
+    name: str,
+    patches: Sequence[Patch],
+    axis: int,
+    breaks: Sequence[float],
+    order: Order | None,
 ) -> list[PatchSamples]:
     face = named_planar_face(solid, name)
     if face is None:
         raise ValueError(f"the place of face {name!r} is not known")
     first, second = in_plane_axes(face.axis)
     splits = [list(breaks) if direction == axis else [] for direction in (first, second)]
+    counts = [order and order[direction != axis] for direction in (first, second)]
     flat: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     rects = [rect for patch in patches for rect in patch_rects(face, patch) or []]
     for a_low, a_high, b_low, b_high in rect_union(rects) if rects else []:
-        a, a_weights = _gauss_points(a_low, a_high, splits[0])
-        b, b_weights = _gauss_points(b_low, b_high, splits[1])
+        a, a_weights = _gauss_points(a_low, a_high, splits[0], counts[0])
+        b, b_weights = _gauss_points(b_low, b_high, splits[1], counts[1])
         flat.append(
             (
                 np.repeat(a, len(b)),
@@ -81,7 +97,7 @@ def _planar_samples(
             )
         )
     flat += [
-        _disk_points(patch, first, second, axis, breaks)
+        _disk_points(patch, first, second, axis, breaks, order)
         for patch in patches
         if patch.shape == "disk"
     ]
@@ -94,7 +110,12 @@ def _planar_samples(
 
 
 def _disk_points(
-    patch: Patch, first: int, second: int, axis: int, breaks: Sequence[float]
+    patch: Patch,
+    first: int,
+    second: int,
+    axis: int,
+    breaks: Sequence[float],
+    order: Order | None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """In-plane places and areas of a disk, in slices across the bar's axis (or across the first
     direction on its end faces).
@@ -107,38 +128,49 @@ def _disk_points(
     )
     radius = 0.5 * patch.size[0]
     places, weights = _gauss_points(
-        along - radius, along + radius, breaks if axis in (first, second) else [], 2 * ALONG_POINTS
+        along - radius,
+        along + radius,
+        breaks if axis in (first, second) else [],
+        2 * (max(order) if order else ALONG_POINTS),
     )
     chords = np.sqrt(np.maximum(0.0, radius**2 - (places - along) ** 2))
-    nodes, node_weights = np.polynomial.legendre.leggauss(ACROSS_POINTS)
+    nodes, node_weights = np.polynomial.legendre.leggauss(max(order) if order else ACROSS_POINTS)
     a, b = np.repeat(places, len(nodes)), (across + chords[:, None] * nodes).ravel()
     areas = (weights * chords)[:, None] * node_weights
     return (b, a, areas.ravel()) if swap else (a, b, areas.ravel())
 
 
-def _round_samples(tube: Tube, face: str, breaks: Sequence[float]) -> list[PatchSamples]:
+def _round_samples(
+    tube: Tube, face: str, breaks: Sequence[float], order: Order | None
+) -> list[PatchSamples]:
     """Rings of points on a tube; on its end faces one ring with the second moments of the whole
-    face.
+    face where no order is asked for.
     """
     outer, inner = 0.5 * tube.outer_diameter, 0.5 * tube.inner_diameter
-    angles = 2.0 * math.pi * np.arange(RING_POINTS) / RING_POINTS
+    count = RING_POINTS if order is None else 2 * order[1] + 1
+    angles = 2.0 * math.pi * np.arange(count) / count
+    circle = np.column_stack([np.cos(angles), np.sin(angles)])
+    heights: FloatArray
+    radii: FloatArray
+    areas: FloatArray
     ends = {"z-": 0.0, "z+": tube.length}
     if face in ends:
-        radius, heights, areas = (
-            math.hypot(outer, inner) / math.sqrt(2.0),
-            np.array([ends[face]]),
-            np.array([1.0]),
-        )
-        areas = areas * math.pi * (outer**2 - inner**2)
+        if order is None:
+            radii = np.array([math.hypot(outer, inner) / math.sqrt(2.0)])
+            areas = np.array([math.pi * (outer**2 - inner**2)])
+        else:
+            radii, weights = _gauss_points(inner, outer, [], order[1])
+            areas = 2.0 * math.pi * radii * weights
+        heights = np.full(len(radii), ends[face])
     elif face in ("outer", "inner"):
         radius = outer if face == "outer" else inner
-        heights, areas = _gauss_points(0.0, tube.length, breaks)
-        areas = areas * 2.0 * math.pi * radius
+        heights, weights = _gauss_points(0.0, tube.length, breaks, order and order[0])
+        areas, radii = weights * 2.0 * math.pi * radius, np.full(len(heights), radius)
     else:
         raise ValueError(f"the place of face {face!r} is not known")
-    circle = radius * np.column_stack([np.cos(angles), np.sin(angles)])
-    points = np.column_stack([np.tile(circle, (len(heights), 1)), np.repeat(heights, RING_POINTS)])
-    return [PatchSamples(points, np.repeat(areas / RING_POINTS, RING_POINTS))]
+    rings = (radii[:, None, None] * circle).reshape(-1, 2)
+    points = np.column_stack([rings, np.repeat(heights, count)])
+    return [PatchSamples(points, np.repeat(areas / count, count))]
 
 
 def _gauss_points(

@@ -257,6 +257,9 @@ def describe_settings(component: Component) -> str:
         return "rigid"
     if component.fidelity == "segmented":
         return f"{component.segments.count} segments"
+    if component.fidelity == "polynomial":
+        modes = component.reduction.modes_to_hz
+        return "polynomials" if modes is None else f"polynomials, modes to {modes:.3g} Hz"
     mesh, settings = component.mesh, component.reduction
     if isinstance(component.solid, MeshFile):
         size = "mesh of the file"

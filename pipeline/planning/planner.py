@@ -195,7 +195,9 @@ def _spread_stages(components: Mapping[str, Component], modal: ModalRequest | No
 
 def is_simple(component: Component) -> bool:
     """Whether a body is rigid or segmented, so that finite elements would show more of it."""
-    return component.fidelity != "elastic" and not isinstance(component.solid, SuperelementFile)
+    return component.fidelity in ("rigid", "segmented") and not isinstance(
+        component.solid, SuperelementFile
+    )
 
 
 def _model_stages(components: Mapping[str, Component], scene: Scene) -> list[Stage]:
@@ -373,6 +375,15 @@ def _component_stages(
                 what,
                 estimated_dofs=6 * count,
                 estimated_seconds=STAGE_SECONDS["segment"],
+            ),
+        )
+    if component.fidelity == "polynomial":
+        return (
+            Stage(
+                "polynomials",
+                name,
+                f"displacements as polynomials, no mesh; {reason}",
+                estimated_seconds=STAGE_SECONDS["polynomials"],
             ),
         )
     assert_never(component.fidelity)

@@ -1,4 +1,5 @@
-"""The stages that turn one component into a superelement: mesh, reduce, rigid, segment, load.
+"""The stages that turn one component into a superelement: mesh, reduce, rigid, segment,
+polynomials, load.
 
 Of a superelement in the store that holds more than is requested, the requested part is taken.
 """
@@ -31,6 +32,7 @@ from headstock.pipeline.stages.run_state import (
 from headstock.pipeline.storage.content_keys import mesh_key, skin_key, superelement_key
 from headstock.pipeline.storage.store import Store, StoreRead, list_keys, read_entry, write_entry
 from headstock.pipeline.storage.superelements import read_superelement
+from headstock.reduction.components.polynomial import reduce_polynomial
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented, segment_skin
 from headstock.reduction.requests import (
@@ -228,12 +230,36 @@ def _run_segment_stage(state: RunState, stage: Stage) -> Outcome:
             describe_solid(component, state.store, state.warn),
             component_loads(state, component),
         )
-        skin = segment_skin(component)
-        nodes = np.arange(len(skin.points))[:, None]
-        bending = dataclasses.replace(skin, nodes=nodes, weights=np.ones(nodes.shape))
-        state.reduced[component.name] = ReducedComponent(superelement, skin=bending)
+        state.reduced[component.name] = ReducedComponent(
+            superelement, skin=_bending_skin(component)
+        )
         return Outcome(detail=f"{superelement.mass_kg:.4g} kg, {component.segments.count} segments")
     return Outcome()
+
+
+def _bending_skin(component: Component) -> Skin:
+    skin = segment_skin(component)
+    nodes = np.arange(len(skin.points))[:, None]
+    return dataclasses.replace(skin, nodes=nodes, weights=np.ones(nodes.shape))
+
+
+def _run_polynomial_stage(state: RunState, stage: Stage) -> Outcome:
+    """Reduce a component whose displacements are polynomials, unless it is in the store."""
+    if not state.is_root:
+        return Outcome()
+    component = _component(state, stage)
+    if load_reduced(state, component):
+        return Outcome(cached=True, detail=_describe(state.reduced[component.name].superelement))
+    superelement = reduce_polynomial(
+        component,
+        describe_solid(component, state.store, state.warn),
+        component_loads(state, component),
+        request=_reduction_request(state, component),
+    )
+    reduced = ReducedComponent(superelement, skin=_bending_skin(component))
+    state.reduced[component.name] = reduced
+    state.warn(_keep_superelement(state.store, stored_request(state, component), reduced))
+    return Outcome(detail=_describe(superelement))
 
 
 def _run_load_stage(state: RunState, stage: Stage) -> Outcome:
@@ -254,6 +280,7 @@ COMPONENT_STAGES: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "reduce": _run_reduce_stage,
     "rigid": _run_rigid_stage,
     "segment": _run_segment_stage,
+    "polynomials": _run_polynomial_stage,
     "load": _run_load_stage,
 }
 

@@ -136,14 +136,14 @@ def thinned_skin_key(skin: Skin, *, largest: int, pixel: float) -> str:
 def superelement_key(
     component: Component, supports: Sequence[Support], loads: Sequence[Load]
 ) -> str:
-    """Key of an elastic component's superelements: its mesh, material, couplings, supports and
-    loads.
+    """Key of the superelements of an elastic component, or one of polynomials: its mesh settings,
+    material, couplings, supports and loads.
 
     How much a superelement holds of them (fixed-interface modes, gravity) is not in it: one that
     holds more serves for less.
 
     Args:
-        component: Elastic component.
+        component: With deformations of its own.
         supports: On this component.
         loads: On this component; of tractions and body loads only the place counts, as a
             superelement holds their unit loads.
@@ -163,6 +163,7 @@ def superelement_key(
                 else {"eigensolver": component.reduction.eigensolver}
             ),
             **({"solver": "iterative"} if component.reduction.solver == "iterative" else {}),
+            **({} if component.fidelity == "elastic" else {"fidelity": component.fidelity}),
             "couplings": {
                 name: (interface.coupling, interface.rail, *filter(None, [interface.flexible]))
                 for name, interface in component.interfaces.items()

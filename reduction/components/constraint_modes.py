@@ -11,7 +11,8 @@ from mpi4py import MPI
 from headstock.geometry.frames import BoolArray, FloatArray, Frame, rigid_map, rigid_transfer
 from headstock.meshing.component_mesh import IntArray
 from headstock.reduction.components.boundary_basis import BoundaryBasis
-from headstock.reduction.components.interface_patches import MeshPatch, scatter_rows
+from headstock.reduction.components.interface_patches import MeshPatch
+from headstock.reduction.components.nodal_loads import scatter_rows
 from headstock.reduction.rails import control_point_motion
 from headstock.solvers.elastic.constrained_solver import (
     ConstrainedSolver,

@@ -27,7 +27,7 @@ from headstock.reduction.components.fixed_interface_modes import (
     measure_truncation,
     verify_mode_count,
 )
-from headstock.reduction.components.interface_patches import assemble_loads, make_of_mesh
+from headstock.reduction.components.nodal_loads import assemble_loads, make_of_mesh
 from headstock.reduction.components.solver_choice import choose_method, predict_factor_entries
 from headstock.reduction.components.subspace import ReductionSpace, project_component
 from headstock.reduction.requests import ReductionRequest, mode_target, needs_mass

@@ -2,6 +2,7 @@
 weighted sums of the mesh's motion.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,12 @@ from headstock.geometry.frames import FloatArray, skew
 from headstock.geometry.machine.carriages import DEGREE
 from headstock.geometry.parts.components import Interface
 from headstock.reduction.components.interface_patches import MeshPatch
-from headstock.reduction.rails import CONTROL_POINT_DOFS, control_point_positions, place_knots
+from headstock.reduction.rails import (
+    CONTROL_POINT_DOFS,
+    Rail,
+    control_point_positions,
+    place_knots,
+)
 from headstock.solvers.errors import ModelError
 
 # of the fit, dofs scaled alike: 20 to 60 on any mesh that tells the control points apart, 1e6 where
@@ -87,6 +93,26 @@ def fit_rail(component: str, interface: Interface, patch: MeshPatch) -> RailFit:
     return RailFit(
         interface.name, axis, center, knots, points, patch, kept.reshape(len(weighted), -1)
     )
+
+
+def free_rails(fits: Sequence[RailFit], first: int, size: int) -> dict[str, Rail]:
+    """Rails whose control values are dofs of their own.
+
+    Args:
+        fits: In the order of their dofs.
+        first: Index of the first of these.
+        size: Dofs of the superelement.
+    """
+    rails = {}
+    for fit in fits:
+        count = CONTROL_POINT_DOFS * len(fit.points)
+        low, high = float(fit.knots[0]), float(fit.knots[-1])
+        blur = float(np.diff(fit.knots).max())
+        rails[fit.name] = Rail(
+            fit.axis, fit.center, low, high, fit.knots, np.eye(count, size, first), blur
+        )
+        first += count
+    return rails
 
 
 def _section_fields(patch: MeshPatch, axis: int, center: FloatArray) -> FloatArray:

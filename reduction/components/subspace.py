@@ -10,7 +10,7 @@ from headstock.geometry.parts.components import Component
 from headstock.reduction.components.boundary_basis import BoundaryBasis, boundary_labels
 from headstock.reduction.components.constraint_modes import MeanConstraints, dependent_rows
 from headstock.reduction.components.fixed_interface_modes import FixedInterfaceModes
-from headstock.reduction.rails import CONTROL_POINT_DOFS, Rail
+from headstock.reduction.components.rail_fits import free_rails
 from headstock.reduction.superelement import InterfaceMap, Superelement
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
 from headstock.solvers.elastic.elasticity import ElasticOperators
@@ -88,7 +88,7 @@ def project_component(
         supported=len(basis.supported) > 0,
         warnings=basis.warnings,
         control_points=basis.control_points,
-        rails=_free_rails(basis, size),
+        rails=free_rails(basis.rails, 6 * len(basis.nodes), size),
     )
 
 
@@ -109,20 +109,6 @@ def _project_matrices(
         mass[boundary:, :boundary] = mass[:boundary, boundary:].T
         mass[boundary:, boundary:] = np.eye(count)
     return stiffness, mass
-
-
-def _free_rails(basis: BoundaryBasis, size: int) -> dict[str, Rail]:
-    """Rails whose control values are dofs of their own."""
-    rails, first = {}, 6 * len(basis.nodes)
-    for fit in basis.rails:
-        count = CONTROL_POINT_DOFS * len(fit.points)
-        low, high = float(fit.knots[0]), float(fit.knots[-1])
-        blur = float(np.diff(fit.knots).max())
-        rails[fit.name] = Rail(
-            fit.axis, fit.center, low, high, fit.knots, np.eye(count, size, first), blur
-        )
-        first += count
-    return rails
 
 
 class _MassProperties(NamedTuple):

@@ -432,7 +432,11 @@ def check_components(draft: Draft, findings: Findings) -> None:
 
 
 def _check_solid(key: KeyPath, table: ComponentTable, solid: Solid, findings: Findings) -> None:
-    for place, fault in (*find_segment_faults(table, solid), *find_mesh_faults(table, solid)):
+    for place, fault in (
+        *find_segment_faults(table, solid),
+        *find_polynomial_faults(table, solid),
+        *find_mesh_faults(table, solid),
+    ):
         findings.add((*key, *place), fault)
     if isinstance(solid, SuperelementFile):
         if table.fidelity != "elastic":
@@ -558,3 +562,23 @@ def find_segment_faults(table: ComponentTable, solid: Solid) -> list[tuple[KeyPa
             except ValueError as error:
                 faults.append((("interfaces", name), f"cannot be attached to segments: {error}"))
     return faults
+
+
+def find_polynomial_faults(table: ComponentTable, solid: Solid) -> list[tuple[KeyPath, str]]:
+    """Why the displacements of a component cannot be polynomials: the key below it and what to
+    write.
+    """
+    if table.fidelity != "polynomial" or table.solid.superelement is not None:
+        return []
+    try:
+        prismatic_bar(solid)
+    except ValueError as error:
+        return [(("fidelity",), f'cannot be "polynomial": {error}; write "elastic" or "rigid"')]
+    return [
+        (
+            ("interfaces", name, "coupling"),
+            'deforms in shapes, which polynomials have not; write fidelity = "elastic", or coupling = "rigid" or "average"',
+        )
+        for name, interface in table.interfaces.items()
+        if interface.flexible
+    ]

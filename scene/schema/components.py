@@ -385,7 +385,7 @@ class ComponentTable(StrictTable):
     places: list[Position] | dict[Name, Position] | None = None
     each: Exceptions = {}
     rotate: Rotations = Field(default=[], validate_default=False)
-    fidelity: Literal["rigid", "segmented", "elastic"] = "elastic"
+    fidelity: Literal["rigid", "segmented", "polynomial", "elastic"] = "elastic"
     mesh: MeshTable = MeshTable()
     reduction: ReductionTable = ReductionTable()
     segments: SegmentsTable = SegmentsTable()

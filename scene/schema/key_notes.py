@@ -86,7 +86,8 @@ NOTES = {
     "Component.mass": "total mass; scales the density",
     "Component.at": "its origin in the machine frame, all axes at zero",
     "Component.rotate": "rotations about its origin, one after the other",
-    "Component.fidelity": "`rigid`: 6 dofs, no mesh; `segmented`: a row of rigid segments on beam springs; `elastic`: FE and Craig–Bampton",
+    "Component.fidelity": "`rigid`: 6 dofs, no mesh; `segmented`: a row of rigid segments on beam springs; `polynomial`: a box, plain plate or "
+    "tube without a mesh, its displacements polynomials; `elastic`: FE and Craig–Bampton",
     "Component.mesh": "for elastic components",
     "Component.reduction": "for elastic components; without it the planner keeps modes as far as the analyses need them",
     "Component.interfaces": "areas at which joints act",

@@ -171,7 +171,10 @@ class CompareTable(StrictTable):
 
     variants: Annotated[list[Text], Field(min_length=1, max_length=100)] | None = None
     fidelity: (
-        Annotated[list[Literal["rigid", "segmented", "elastic"]], Field(min_length=1, max_length=3)]
+        Annotated[
+            list[Literal["rigid", "segmented", "polynomial", "elastic"]],
+            Field(min_length=1, max_length=4),
+        ]
         | None
     ) = None
     pose: Text | None = None

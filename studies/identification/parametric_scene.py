@@ -16,8 +16,10 @@ from headstock.geometry.machine.joints import Joint
 from headstock.geometry.machine.machine import Machine
 from headstock.geometry.parts.components import Component, Load, ReductionSettings
 from headstock.meshing.components.meshing import describe_component
+from headstock.reduction.components.polynomial import reduce_polynomial
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
+from headstock.reduction.requests import ReductionRequest, mode_target
 from headstock.reduction.superelement import Superelement
 from headstock.scene.building.components import (
     NO_MATERIAL,
@@ -173,10 +175,12 @@ class ParametricShape:
             settings = ReductionSettings(modes=self.superelement.modal_count)
             made = self.reduce(dataclasses.replace(component, reduction=settings))
             return component, match_modes(self.superelement, made)
-        reduce: Callable[..., Superelement] = (
-            reduce_rigid if component.fidelity == "rigid" else reduce_segmented
-        )
-        return component, reduce(component, describe_component(component), self._loads())
+        properties, loads = describe_component(component), self._loads()
+        if component.fidelity == "polynomial":
+            request = ReductionRequest(modes=mode_target(component))
+            return component, reduce_polynomial(component, properties, loads, request=request)
+        reduce = reduce_rigid if component.fidelity == "rigid" else reduce_segmented
+        return component, reduce(component, properties, loads)
 
     def _entry(self, section: str, name: str, numbers: tuple[float, ...]) -> ReadValue:
         own: dict[KeyPath, float | Quantity] = {

@@ -15,7 +15,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Interface, Load, Material, Patch
 from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.reduction.components.interface_patches import assemble_loads, measure_patch
+from headstock.reduction.components.interface_patches import measure_patch
+from headstock.reduction.components.nodal_loads import assemble_loads
 from headstock.solvers.elastic.stress_recovery import recover_at_points
 from headstock.validation.parts.component_models import full_displacement, full_model, shared_mesh
 from headstock.validation.parts.structured_meshes import refine_lattice, write_lattice

@@ -8,7 +8,8 @@ from common import make_box, make_component
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.parts.components import Load, Patch
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.reduction.components.interface_patches import assemble_loads, measure_patch
+from headstock.reduction.components.interface_patches import measure_patch
+from headstock.reduction.components.nodal_loads import assemble_loads
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 
 COMM = MPI.COMM_SELF

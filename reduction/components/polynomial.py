@@ -1,0 +1,468 @@
+"""A bar or block without a mesh: displacements are polynomials over its whole volume, reduced to the
+same boundary and modal dofs as finite elements.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+
+from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, Frame
+from headstock.geometry.parts.components import Component, Load, Patch
+from headstock.geometry.parts.mass_properties import SolidProperties
+from headstock.geometry.parts.patch_samples import Order, sample_patches
+from headstock.geometry.parts.patches import PlanarSolid, in_plane_axes
+from headstock.geometry.parts.prismatic_bars import PrismaticBar, prismatic_bar
+from headstock.geometry.parts.solids import Box, Plate, Tube
+from headstock.reduction.components.interface_patches import MeshPatch
+from headstock.reduction.components.polynomial_space import PolynomialSpace, build_space
+from headstock.reduction.components.rail_fits import RailFit, fit_rail, free_rails
+from headstock.reduction.components.segmented import segment_skin
+from headstock.reduction.rails import CONTROL_POINT_DOFS, ControlPoint
+from headstock.reduction.requests import GRAVITY, ReductionRequest
+from headstock.reduction.superelement import (
+    ErrorEstimates,
+    InterfaceMap,
+    Recovery,
+    StaticLoad,
+    Superelement,
+    Truncation,
+    lowest_participating,
+)
+from headstock.reduction.superelement_checks import check_superelement
+from headstock.solvers.elastic.eigenpairs import ModeTarget
+from headstock.solvers.errors import ModelError
+
+# degrees along the shortest side of a block, and more along a side twice as long
+LEAST_DEGREE, DEGREES_PER_OCTAVE, MOST_DEGREE = 3, 1.75, 12
+SECTION_DEGREE = 3  # of a round section
+DEGREES_BEYOND_RAIL = 6
+FACE_DEPENDENCE = 0.1  # of what polynomials can tell apart on a rigid patch, at most
+ROW_DEPENDENCE = 1e-3
+BODY_NODE = "body"
+BREAKS = 3  # of area integrals along the bar
+SAFETY = 2.5  # of what one degree less is too stiff by: it covers what more degrees soften
+FIRST_SEARCH = 40  # modes
+ROUNDING = 1e-12  # what solving for the constraint modes leaves
+
+
+@dataclass(frozen=True, eq=False)
+class _Boundary:
+    """What is prescribed of the polynomials: ``rows (m, 3 n)`` of their dofs take the values ``values
+    (m, n_b)`` per unit of the boundary dofs; ``rows`` are orthonormal.
+
+    ``constraints (k, n_b)`` are combinations of boundary dofs that must vanish.
+    """
+
+    rows: FloatArray
+    values: FloatArray
+    constraints: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Condensed:
+    """Polynomials with their boundary prescribed.
+
+    Attributes:
+        free: ``(3 n, f)`` orthonormal displacements that leave the boundary at rest.
+        inner: ``(f, f)`` their stiffness.
+        psi: ``(3 n, n_b)`` static shapes of the boundary dofs.
+        stiffness: ``(n_b, n_b)``.
+        factor: Of the inner stiffness, as ``cho_solve`` takes it.
+    """
+
+    free: FloatArray
+    inner: FloatArray
+    factor: tuple[FloatArray, bool]
+    psi: FloatArray
+    stiffness: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Modes:
+    """Modes with the boundary at rest.
+
+    Attributes:
+        squares: ``(m,)`` of their frequencies [rad^2/s^2].
+        shapes: ``(3 n, m)`` mass-normalised.
+        reach_hz: None is missing up to here [Hz].
+        beyond: Square of the next frequency [rad^2/s^2].
+    """
+
+    squares: FloatArray
+    shapes: FloatArray
+    reach_hz: float
+    beyond: float
+
+
+def reduce_polynomial(
+    component: Component,
+    properties: SolidProperties,
+    loads: Sequence[Load] = (),
+    *,
+    request: ReductionRequest,
+) -> Superelement:
+    """A component of one section as polynomials (Rayleigh-Ritz), with its error by lower degrees.
+
+    Stiffness and mass are integrated in closed form. Means over averaging interfaces and rails are
+    those of finite elements; on a rigid interface the motion is rigid as far as polynomials of
+    these degrees can tell. Frequencies come from above, and far above where patches are small
+    beside the body.
+
+    Args:
+        component: A box, a plate without ribs or a tube.
+        properties: Volume, centre, inertia and interface centroids of its solid.
+        loads: Body loads and tractions become one unit load per component axis.
+        request: Modes to keep.
+
+    Raises:
+        ModelError: Its solid has not one section, a patch cannot be integrated over, or a load or
+            an interface needs a mesh.
+        AccuracyError: The superelement fails its own check.
+
+    Source: Ritz (1909); Craig and Bampton (1968) for the reduction; Leissa and Zhang (1983), J. Acoust.
+    Soc. Am. 73, 2013, for blocks.
+    """
+    bar = _as_bar(component)
+    density = (
+        component.material.density if component.mass is None else component.mass / properties.volume
+    )
+    across, along = choose_degrees(component, bar)
+    fine, coarse = (
+        _make_space(component, bar, [degree - less for degree in across], along - less)
+        for less in (0, 1)
+    )
+    areas = {
+        name: _measure_area(component, name, interface.patches, bar, (along + 2, max(across) + 2))
+        for name, interface in component.interfaces.items()
+    }
+    frames, maps, rails = _lay_out_dofs(component, areas, properties)
+    boundary = _prescribe(component, fine, areas, maps, rails)
+    whole = _condense(component, fine, boundary)
+    rough = _condense(component, coarse, _prescribe(component, coarse, areas, maps, rails))
+    modes = _find_modes(whole, density, request.modes)
+    fields = np.hstack([whole.psi, modes.shapes])
+    # a body that nothing holds moves rigidly, and what it resists is rounding
+    held = 0.0 if BODY_NODE in maps else 1.0
+    stiffness = scipy.linalg.block_diag(held * whole.stiffness, np.diag(modes.squares))
+    mass = density * fields.T @ fields
+    skin = segment_skin(component)
+    superelement = Superelement(
+        name=component.name,
+        labels=_name_dofs(maps, rails, len(modes.squares)),
+        frames=frames,
+        interface_maps=maps,
+        stiffness=0.5 * (stiffness + stiffness.T),
+        mass=0.5 * (mass + mass.T),
+        constraints=np.pad(boundary.constraints, ((0, 0), (0, len(modes.squares)))),
+        modal_frequencies_hz=np.sqrt(modes.squares) / (2.0 * math.pi),
+        cutoff_hz=modes.reach_hz,
+        full_dofs=3 * fine.count,
+        mass_kg=density * properties.volume,
+        center_of_mass=np.asarray(properties.center, dtype=float),
+        inertia=density * 0.5 * (properties.inertia + properties.inertia.T),
+        recovery=Recovery(fine.displacements(skin.points) @ fields, skin.points),
+        loads={
+            name: _reduce_load(fine, whole, modes, force, skin.points)
+            for name, force in _list_forces(component, fine, bar, loads, request, density).items()
+        },
+        control_points=tuple(
+            ControlPoint(point, rail.axis) for rail in rails for point in rail.points
+        ),
+        rails=free_rails(rails, 6 * len(frames), len(stiffness)),
+        errors=ErrorEstimates(
+            None if request.modes is None else _measure_truncation(whole, modes, density),
+            _missing_energy(whole, rough, modes, density),
+            SAFETY,
+            # the solid itself is integrated over
+            np.zeros_like(stiffness),
+            np.zeros_like(stiffness),
+        ),
+    )
+    check_superelement(superelement, rounding=ROUNDING)
+    return superelement
+
+
+def _as_bar(component: Component) -> PrismaticBar:
+    try:
+        bar = prismatic_bar(component.solid)
+    except ValueError as error:
+        raise _refusal(component, str(error)) from error
+    flexible = [name for name, item in component.interfaces.items() if item.flexible]
+    if flexible:
+        raise _refusal(component, f"interface {flexible[0]} is flexible")
+    return bar
+
+
+def _refusal(component: Component, why: str) -> ModelError:
+    return ModelError(
+        f'component {component.name!r} cannot be polynomials: {why}; write fidelity = "elastic"'
+    )
+
+
+def choose_degrees(component: Component, bar: PrismaticBar) -> tuple[list[int], int]:
+    """Degrees along both sides of the section and along the bar: as fine in space along long sides as
+    pays, and finer than the control points of rails.
+    """
+    sides = _sides(component, bar)
+    degrees = [
+        min(MOST_DEGREE, round(LEAST_DEGREE + DEGREES_PER_OCTAVE * math.log2(side / min(sides))))
+        for side in sides
+    ]
+    for interface in component.interfaces.values():
+        if interface.rail is not None:
+            axis = "xyz".index(interface.rail.along)
+            degrees[axis] = max(degrees[axis], interface.rail.control_points + DEGREES_BEYOND_RAIL)
+    across = [degrees[axis] for axis in in_plane_axes(bar.axis)]
+    if isinstance(component.solid, Tube):
+        across = [SECTION_DEGREE, SECTION_DEGREE]
+    return across, degrees[bar.axis]
+
+
+def _sides(component: Component, bar: PrismaticBar) -> list[float]:
+    solid = component.solid
+    if isinstance(solid, Tube):
+        sides = [solid.outer_diameter] * 3
+        sides[bar.axis] = bar.length
+        return sides
+    return list(cast(Box | Plate, solid).size)
+
+
+def _make_space(
+    component: Component, bar: PrismaticBar, across: Sequence[int], along: int
+) -> PolynomialSpace:
+    sides = _sides(component, bar)
+    half = 0.5 * np.array([sides[axis] for axis in in_plane_axes(bar.axis)])
+    tube = component.solid if isinstance(component.solid, Tube) else None
+    return build_space(bar, tube, half, component.material, across=across, along=along)
+
+
+def _measure_area(
+    component: Component, name: str, patches: Sequence[Patch], bar: PrismaticBar, order: Order
+) -> MeshPatch:
+    # the splines of rails are smooth between their knots only
+    breaks = [float(place) for place in np.linspace(bar.low, bar.high, BREAKS + 1)]
+    try:
+        samples = sample_patches(
+            cast(PlanarSolid | Tube, component.solid), patches, bar.axis, breaks, order=order
+        )
+    except ValueError as error:
+        raise _refusal(component, str(error)) from error
+    area = float(samples.areas.sum())
+    return MeshPatch(
+        name,
+        np.arange(len(samples.points)),
+        samples.points,
+        scipy.sparse.diags(samples.areas, format="csr"),
+        0.0 * samples.points,
+        area,
+        np.asarray(samples.areas @ samples.points / area, dtype=float),
+        len(samples.points),
+    )
+
+
+def _lay_out_dofs(
+    component: Component, areas: dict[str, MeshPatch], properties: SolidProperties
+) -> tuple[tuple[Frame, ...], dict[str, InterfaceMap], list[RailFit]]:
+    """Boundary nodes and interfaces, one each, or one for the whole body where there are none; rails."""
+    fixed = {name: item for name, item in component.interfaces.items() if item.rail is None}
+    rails = [
+        fit_rail(component.name, item, areas[name])
+        for name, item in component.interfaces.items()
+        if item.rail is not None
+    ]
+    frames = [Frame(areas[name].centroid) for name in fixed]
+    maps = {name: InterfaceMap(node, frames[node]) for node, name in enumerate(fixed)}
+    if not fixed and not rails:
+        frames = [Frame(np.asarray(properties.center, dtype=float))]
+        maps = {BODY_NODE: InterfaceMap(0, frames[0])}
+    return tuple(frames), maps, rails
+
+
+def _prescribe(
+    component: Component,
+    space: PolynomialSpace,
+    areas: dict[str, MeshPatch],
+    maps: dict[str, InterfaceMap],
+    rails: Sequence[RailFit],
+) -> _Boundary:
+    size = 6 * len(maps) + CONTROL_POINT_DOFS * sum(len(rail.points) for rail in rails)
+    rows, values = [], []
+
+    def add(some: FloatArray, first: int, target: FloatArray) -> None:
+        lengths = np.linalg.norm(some, axis=1)[:, None]
+        rows.append(some / lengths)
+        wide = np.zeros((len(some), size))
+        wide[:, first : first + target.shape[1]] = target / lengths
+        values.append(wide)
+
+    for name, place in maps.items():
+        first = 6 * place.node
+        if name == BODY_NODE:
+            add(_mean_motion(space, place.frame), first, np.eye(6))
+        elif component.interfaces[name].coupling == "rigid":
+            add(*_follow_rigidly(space, areas[name], first))
+        else:
+            motions = space.displacements(areas[name].points)
+            add(areas[name].average_operator().T @ motions, first, np.eye(6))
+    first = 6 * len(maps)
+    for rail in rails:
+        count = rail.operator.shape[1]
+        add(rail.operator.T @ space.displacements(rail.patch.points), first, np.eye(count))
+        first += count
+    left, sizes, right = np.linalg.svd(np.vstack(rows), full_matrices=False)
+    told = left.T @ np.vstack(values)
+    kept = sizes > ROW_DEPENDENCE * sizes[0]
+    _, lengths, combinations = np.linalg.svd(told[~kept], full_matrices=False)
+    return _Boundary(
+        right[kept],
+        told[kept] / sizes[kept, None],
+        combinations[lengths > ROW_DEPENDENCE * np.linalg.norm(told, ord=2)],
+    )
+
+
+def _follow_rigidly(
+    space: PolynomialSpace, area: MeshPatch, first: int
+) -> tuple[FloatArray, int, FloatArray]:
+    """Rows ``(3 m, 3 n)`` of what polynomials can tell apart on a patch, where its first dof is, and
+    what a rigid motion makes of them ``(3 m, 6)``.
+    """
+    weights = np.sqrt(area.weights.diagonal())
+    left, sizes, right = np.linalg.svd(
+        weights[:, None] * space.values(area.points), full_matrices=False
+    )
+    kept = sizes > FACE_DEPENDENCE * sizes[0]
+    rows = np.kron(right[kept], np.eye(3))
+    rigid = area.rigid_displacements().reshape(len(weights), 3, 6)
+    target = np.einsum("km,kiq->miq", left[:, kept] * weights[:, None], rigid)
+    return rows, first, (target / sizes[kept, None, None]).reshape(len(rows), 6)
+
+
+def _mean_motion(space: PolynomialSpace, frame: Frame) -> FloatArray:
+    """Rows ``(6, 3 n)``: the rigid motion that fits the whole body best."""
+    rigid = space.rigid_motion(frame.origin)
+    return np.asarray(np.linalg.solve(rigid.T @ rigid, rigid.T))
+
+
+def _condense(component: Component, space: PolynomialSpace, boundary: _Boundary) -> _Condensed:
+    count = len(boundary.rows)
+    basis = scipy.linalg.qr(boundary.rows.T)[0]
+    free, part = basis[:, count:], boundary.rows.T @ boundary.values
+    forces = space.stiffness @ free
+    inner = free.T @ forces
+    try:
+        factor = scipy.linalg.cho_factor(inner)
+    except scipy.linalg.LinAlgError as error:
+        raise ModelError(
+            f"component {component.name!r}: its interfaces leave a motion of its polynomials free"
+        ) from error
+    psi = part - free @ scipy.linalg.cho_solve(factor, forces.T @ part)
+    return _Condensed(free, inner, factor, psi, psi.T @ space.stiffness @ psi)
+
+
+def _find_modes(whole: _Condensed, density: float, target: ModeTarget | None) -> _Modes:
+    """Modes with the boundary at rest; none without a target."""
+    if target is None:
+        return _Modes(np.zeros(0), np.zeros((len(whole.free), 0)), 0.0, np.inf)
+    total, asked = len(whole.inner), FIRST_SEARCH
+    while True:
+        asked = min(asked, total)
+        squares, vectors = scipy.linalg.eigh(whole.inner, subset_by_index=[0, asked - 1])
+        squares = squares / density
+        frequencies = np.sqrt(squares) / (2.0 * math.pi)
+        count = target.count_wanted(frequencies)
+        if count < asked or asked == total:
+            break
+        asked *= 2
+    reach, beyond = (frequencies[count], squares[count]) if count < total else (np.inf, np.inf)
+    shapes = whole.free @ vectors[:, :count] / math.sqrt(density)
+    return _Modes(squares[:count], shapes, float(reach), float(beyond))
+
+
+def _missing_energy(
+    whole: _Condensed, rough: _Condensed, modes: _Modes, density: float
+) -> FloatArray:
+    """What polynomials of fewer degrees are too stiff by ``(n, n)``: about what these are."""
+    boundary = rough.stiffness - whole.stiffness
+    values, vectors = np.linalg.eigh(0.5 * (boundary + boundary.T))
+    boundary = vectors * np.maximum(values, 0.0) @ vectors.T
+    count = min(len(modes.squares), len(rough.inner))
+    modal = np.zeros(len(modes.squares))
+    if count:
+        coarse = scipy.linalg.eigh(rough.inner, eigvals_only=True, subset_by_index=[0, count - 1])
+        modal[:count] = np.maximum(coarse / density - modes.squares[:count], 0.0)
+    return np.asarray(scipy.linalg.block_diag(boundary, np.diag(modal)))
+
+
+def _measure_truncation(whole: _Condensed, modes: _Modes, density: float) -> Truncation:
+    """Moments of the modes left out: those of all, which need no modes, less those of the kept."""
+    own = whole.free.T @ whole.psi
+    once = scipy.linalg.cho_solve(whole.factor, own)
+    first, second = density**2 * own.T @ once, density**3 * once.T @ once
+    kept = density * whole.psi.T @ modes.shapes
+    first = first - kept / modes.squares @ kept.T
+    second = second - kept / modes.squares**2 @ kept.T
+    return Truncation(first, second, min(modes.beyond, lowest_participating(first, second)))
+
+
+def _list_forces(
+    component: Component,
+    space: PolynomialSpace,
+    bar: PrismaticBar,
+    loads: Sequence[Load],
+    request: ReductionRequest,
+    density: float,
+) -> dict[str, FloatArray]:
+    """Forces ``(3 n,)`` on the polynomials per unit of each load and axis."""
+    found: dict[str, FloatArray] = {}
+    uniform = density * space.rigid_motion(bar.center)[:, :3]
+    if request.gravity:
+        found |= {f"{GRAVITY}:{axis}": uniform[:, i] for i, axis in enumerate(DIRECTIONS)}
+    for load in loads:
+        if load.component != component.name or load.kind == "force":
+            continue
+        if load.kind == "body":
+            unit = uniform
+        elif load.kind == "traction":
+            order = space.along + 2, int(space.degrees.max()) + 2
+            area = _measure_area(component, load.name, load.patches, bar, order)
+            unit = np.kron(area.weights.diagonal() @ space.values(area.points), np.eye(3)).T
+        else:
+            raise _refusal(component, f"load {load.name} is a {load.kind}")
+        found |= {f"{load.name}:{axis}": unit[:, i] for i, axis in enumerate(DIRECTIONS)}
+    return found
+
+
+def _reduce_load(
+    space: PolynomialSpace,
+    whole: _Condensed,
+    modes: _Modes,
+    force: FloatArray,
+    points: FloatArray,
+) -> StaticLoad:
+    """A force on the reduced dofs, and what remains of its displacement with those at zero."""
+    modal = modes.shapes.T @ force
+    rest = whole.free @ scipy.linalg.cho_solve(whole.factor, whole.free.T @ force)
+    rest -= modes.shapes @ (modal / modes.squares)
+    return StaticLoad(
+        np.concatenate([whole.psi.T @ force, modal]), space.displacements(points) @ rest
+    )
+
+
+def _name_dofs(
+    maps: dict[str, InterfaceMap], rails: Sequence[RailFit], modes: int
+) -> tuple[tuple[str, str], ...]:
+    return (
+        *((name, dof) for name in maps for dof in DOF_NAMES),
+        *(
+            (f"{rail.name}[{number}]", dof)
+            for rail in rails
+            for number in range(len(rail.points))
+            for dof in (*DIRECTIONS, DOF_NAMES[3 + rail.axis])
+        ),
+        *(("mode", str(number + 1)) for number in range(modes)),
+    )
