@@ -16,6 +16,7 @@ UNITS = {
     "static compliance": "µm/kN",
     "displacement under loads": "µm",
     "dynamic stiffness": "N/µm",
+    "lines of frequency responses": "m/N",
     "path deviation": "µm",
     "control poles": "Hz",
     "velocity lag": "µm",

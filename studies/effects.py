@@ -7,14 +7,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, NotRequired, TypedDict
+from typing import NamedTuple
 
 from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.provenance import ProvenanceSummary, SceneChoice
+from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
@@ -22,7 +22,7 @@ from headstock.scene.scene import Scene, keep_analyses
 from headstock.scene.schema.effects import EFFECT_NAMES
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import use_threads
-from headstock.studies.answers import Change, ChangeSummary, compare_answers
+from headstock.studies.answers import Change, compare_answers
 from headstock.studies.shared_runs import PlannedRun, plan_run, share_runs
 
 # changes of an answer below which an effect may be left out, and from which it is to be named
@@ -117,7 +117,7 @@ def try_effects(
         HeadstockError: It cannot be run as written; on several ranks the cause of a
             ``SharedFailure``, as the other one.
     """
-    scene = make_on_root(comm, lambda: _load(choice, ()))
+    scene = make_on_root(comm, lambda: load_choice(choice, ()))
     pairs = {effect: _switched_runs(effect, scene) for effect in EFFECT_NAMES}
     switches = list(dict.fromkeys([(), *(each for pair in pairs.values() for each in pair)]))
     planned = make_on_root(comm, lambda: {each: _plan(choice, each) for each in switches})
@@ -134,7 +134,7 @@ def try_effects(
 def _plan(choice: SceneChoice, switches: tuple[str, ...]) -> PlannedRun | str:
     """A run with overrides, or why there is none; one without them must be had."""
     try:
-        return plan_run(_load(choice, switches))
+        return plan_run(load_choice(choice, switches))
     except (SceneError, HeadstockError) as error:
         if not switches:
             raise
@@ -182,59 +182,6 @@ def _judge_effect(
 def rank_trials(trials: Sequence[EffectTrial]) -> list[EffectTrial]:
     """Those that move the answers most come first, those that were not tried last."""
     return sorted(trials, key=lambda trial: (bool(trial.obstacle), -trial.largest, trial.effect))
-
-
-class TrialSummary(TypedDict):
-    """What an effect moves and costs; of the time its share and by which share runs differ without
-    any change.
-    """
-
-    effect: str
-    active: bool
-    together_with: str | None
-    obstacle: str | None
-    largest_change: float
-    seconds_with: float
-    seconds_without: float
-    time_share: float
-    time_noise: float
-    advice: str
-    changes: list[ChangeSummary]
-
-
-class EffectsSummary(TypedDict):
-    """Every effect of a scene, and the changes from which one matters a little or much."""
-
-    scene: str
-    small_change: float
-    large_change: float
-    effects: list[TrialSummary]
-    provenance: NotRequired[ProvenanceSummary]
-
-
-def summarise_trials(scene: str, trials: Sequence[EffectTrial]) -> EffectsSummary:
-    """As JSON."""
-    return {
-        "scene": scene,
-        "small_change": LITTLE,
-        "large_change": MUCH,
-        "effects": [
-            {
-                "effect": trial.effect,
-                "active": trial.active,
-                "together_with": trial.together_with or None,
-                "obstacle": trial.obstacle or None,
-                "largest_change": trial.largest,
-                "seconds_with": trial.seconds_with,
-                "seconds_without": trial.seconds_without,
-                "time_share": trial.time_share,
-                "time_noise": trial.noise,
-                "advice": trial.advice,
-                "changes": [change.summarise() for change in trial.changes],
-            }
-            for trial in trials
-        ],
-    }
 
 
 def _switch(effect: str, scene: Scene) -> tuple[str, ...]:
@@ -308,7 +255,16 @@ class _Bench:
             return str(error)
 
 
-def _load(choice: SceneChoice, switches: tuple[str, ...]) -> Scene:
+def load_choice(choice: SceneChoice, switches: Sequence[str]) -> Scene:
+    """The scene of a choice with the analyses chosen.
+
+    Args:
+        choice: File, variant, overrides and analyses.
+        switches: Further ``key=value`` overrides.
+
+    Raises:
+        SceneError: It has problems.
+    """
     scene = load_scene(
         choice.path, variant=choice.variant, overrides=[*choice.overrides, *switches]
     )

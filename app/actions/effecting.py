@@ -1,8 +1,8 @@
-"""``headstock effects``: a scene run with each effect switched the other way; what each moves and
-costs, as a table and sentences.
+"""``headstock effects``: a scene run with each effect switched the other way, and with each part of
+its model changed; what each moves and costs, as a table and sentences.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,23 +11,35 @@ from mpi4py import MPI
 
 from headstock.app.actions.running import require_ranks, select_analyses
 from headstock.app.terminal.guard import DONE
+from headstock.app.terminal.models import print_findings
 from headstock.app.terminal.progress import show_progress
+from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.estimates import show_share
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import suggest_names
 from headstock.scene.scene import Scene
+from headstock.scene.schema.effects import EFFECT_NAMES
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.answers import UNITS, Change
 from headstock.studies.effects import (
     EffectTrial,
     rank_trials,
-    summarise_trials,
     try_effects,
 )
+from headstock.studies.effects_summary import summarise_effects
+from headstock.studies.model_trials import MODEL_KINDS, list_model_trials
+from headstock.studies.model_worth import (
+    ModelFinding,
+    rank_findings,
+    try_models,
+)
 
+EFFECTS = "effects"
+KINDS = (EFFECTS, *MODEL_KINDS)  # what may be tried
 SHOWN = 3  # answers per effect
 CLEARLY = 0.05  # share of the time from which it is shown as a number
 
@@ -79,39 +91,62 @@ def _describe(change: Change) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class EffectsRequest:
-    """What the command line asked for."""
+    """What the command line asked for; ``only`` names some of ``KINDS``, all where it is empty."""
 
     scene: SceneChoice
+    only: Sequence[str] = ()
+    listed: bool = False
     ranks: int | None = None
     json_file: Path | None = None
     origin: Provenance | None = None
 
 
 def effects_request(request: EffectsRequest, comm: MPI.Comm) -> int:
-    """Try every effect of a scene on all ranks and print them, those that matter most first.
+    """Try every effect of a scene and every change of its model on all ranks and print them, those
+    that matter most first.
 
     Raises:
         SceneError: The scene has problems.
         click.UsageError: An option does not fit.
         HeadstockError: The scene cannot be run as written.
     """
-    chosen, store = request.scene, Store(default_store_root())
     require_ranks(request.ranks, comm)
     scene = make_on_root(comm, lambda: _load(request))
+    if request.listed:
+        return make_on_root(comm, lambda: _print_list(request, scene))
     if comm.rank > 0:
-        try_effects(chosen, store, comm=comm)
+        _try_all(request, comm)
         return make_on_root(comm, lambda: DONE)
     print(
         f"{scene.name}: each effect switched on or off, one at a time; processor seconds without meshing and reduction"
     )
     with show_progress() as progress:
-        trials = try_effects(
-            chosen, store, comm=comm, announce=lambda text: progress.begin(text, 0.0)
-        )
-    return make_on_root(comm, lambda: _publish(request, scene.name, rank_trials(trials)))
+        trials, findings = _try_all(request, comm, lambda text: progress.begin(text, 0.0))
+    return make_on_root(
+        comm,
+        lambda: _publish(request, scene, rank_trials(trials), rank_findings(findings)),
+    )
+
+
+def _try_all(
+    request: EffectsRequest,
+    comm: MPI.Comm,
+    announce: Callable[[str], None] = lambda text: None,
+) -> tuple[list[EffectTrial], list[ModelFinding]]:
+    chosen, store = request.scene, Store(default_store_root())
+    kinds = [kind for kind in MODEL_KINDS if not request.only or kind in request.only]
+    trials, findings = [], []
+    if not request.only or EFFECTS in request.only:
+        trials = try_effects(chosen, store, comm=comm, announce=announce)
+    if kinds:
+        findings = try_models(chosen, store, kinds=kinds, comm=comm, announce=announce)
+    return trials, findings
 
 
 def _load(request: EffectsRequest) -> Scene:
+    unknown = [kind for kind in request.only if kind not in KINDS]
+    if unknown:
+        raise click.UsageError(f"--only: {suggest_names(unknown[0], KINDS, what='kinds')}")
     if request.json_file is not None and not request.json_file.absolute().parent.is_dir():
         raise click.UsageError(f"there is no folder {request.json_file.parent} for --json")
     chosen = request.scene
@@ -119,10 +154,33 @@ def _load(request: EffectsRequest) -> Scene:
     return select_analyses(scene, chosen.analyses)
 
 
-def _publish(request: EffectsRequest, name: str, ranked: Sequence[EffectTrial]) -> int:
-    print_trials(ranked)
+def _print_list(request: EffectsRequest, scene: Scene) -> int:
+    """What would be tried; nothing is computed."""
+    if not request.only or EFFECTS in request.only:
+        for effect in EFFECT_NAMES:
+            print(f"{effect}: {'off' if effect in scene.effects else 'on'}")
+    kinds = [kind for kind in MODEL_KINDS if not request.only or kind in request.only]
+    for trial in list_model_trials(scene, plan_scene(scene), kinds):
+        print(trial.name)
+    return DONE
+
+
+def _publish(
+    request: EffectsRequest,
+    scene: Scene,
+    ranked: Sequence[EffectTrial],
+    findings: Sequence[ModelFinding],
+) -> int:
+    if ranked:
+        print_trials(ranked)
+    print_findings(findings)
+    if scene.accuracy is not None:
+        print(
+            "\nNo models are tried: with an accuracy they are chosen by their errors, which"
+            " summary.json of a run tells body by body"
+        )
     if request.json_file is not None:
-        summary = summarise_trials(name, ranked)
+        summary = summarise_effects(scene.name, ranked, findings)
         if request.origin is not None:
             summary["provenance"] = request.origin.summarise()
         write_output(request.json_file, dump_summary(summary).encode())

@@ -20,6 +20,7 @@ from headstock.app.commands.options import (
     choose_scene,
     load_checked,
     on_cluster,
+    split_list,
     trace_command,
     write_json_file,
 )
@@ -160,19 +161,37 @@ def effects(
     variant: Variant = None,
     analysis: Names = None,
     set_: Overrides = None,
+    only: Annotated[
+        str | None,
+        typer.Option(
+            "--only",
+            metavar="A,B",
+            help="Try these only: effects, elasticity, interfaces, modes, mesh, pose.",
+        ),
+    ] = None,
+    list_: Annotated[
+        bool, typer.Option("--list", help="List what would be tried; nothing is computed.")
+    ] = False,
     ranks: Ranks = None,
     no_host: NoHost = False,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Switch each effect of a scene on or off: the change of every result, and the time."""
+    """Switch each effect on or off and change each part of the model: worth, price, verdict."""
 
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.actions.effecting import EffectsRequest, effects_request
 
         chosen = choose_scene(scene, variant, set_, analysis)
         origin = trace_command(chosen, ranks=comm.size, with_host=not no_host)
-        request = EffectsRequest(scene=chosen, ranks=ranks, json_file=json, origin=origin)
+        request = EffectsRequest(
+            scene=chosen,
+            only=split_list(only),
+            listed=list_,
+            ranks=ranks,
+            json_file=json,
+            origin=origin,
+        )
         return effects_request(request, comm)
 
     return run_guarded(action, debug=debug)

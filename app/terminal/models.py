@@ -1,0 +1,49 @@
+"""What parts of a machine's model move and cost, as blocks and sentences on a terminal."""
+
+from collections.abc import Sequence
+
+from headstock.pipeline.results.estimates import show_share
+from headstock.studies.answers import UNITS, Change
+from headstock.studies.model_worth import ModelFinding, RunPrice
+
+SHOWN = 4  # answers per change
+
+
+def print_findings(findings: Sequence[ModelFinding]) -> None:
+    """A block per change of the model that moves anything, those that move most for their price
+    first, then a line per change.
+    """
+    tried = [each for each in findings if not each.obstacle]
+    if not findings:
+        return
+    print("\nModels, one change at a time; processor seconds with meshing and reduction")
+    if tried:
+        print(f"as written: {show_price(tried[0].written)}")
+    for each in [each for each in tried if each.worth > 0.0]:
+        print(f"\n{each.trial.name} ({show_price(each.tried)})")
+        for what, modes in (("lacks", each.missing), ("adds", each.added)):
+            for mode in modes[:SHOWN]:
+                print(f"  {what} {mode}")
+            if len(modes) > SHOWN:
+                print(f"  {what} {len(modes) - SHOWN} more")
+        for change in [change for change in each.changes if change.share > 0.0][:SHOWN]:
+            # its modes are named above
+            if change.without is not None and change.present is not None:
+                print(f"  {change.answer:<28} {show_share(change.share):>9}   {_describe(change)}")
+    print("\nSummary of models, worth over price")
+    for each in findings:
+        print(f"  {each.trial.name}: {each.verdict}")
+
+
+def show_price(price: RunPrice) -> str:
+    """Processor time with two digits, and peak memory."""
+    seconds = price.cpu_seconds
+    time = f"{seconds:.0f} s" if seconds >= 10.0 else f"{seconds:.2g} s"
+    return f"{time}, {price.peak_memory_mb:.0f} MB"
+
+
+def _describe(change: Change) -> str:
+    written, tried = (
+        f"{value:.5g}" for value in (change.present, change.without) if value is not None
+    )
+    return f"{written} → {tried} {UNITS[change.answer]} ({change.entry})"

@@ -1,0 +1,222 @@
+"""Which other models of a machine are held against the scene as written, one change at a time:
+elasticity and interfaces of bodies, their modes and meshes, the pose along a path.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from headstock.geometry.parts.components import Component, Fidelity
+from headstock.geometry.parts.solids import MeshFile
+from headstock.meshing.components.meshing import automatic_size
+from headstock.pipeline.planning.plan import Plan
+from headstock.scene.scene import Scene, deforming_parts
+
+ModelKind = Literal["elasticity", "interfaces", "modes", "mesh", "pose"]
+MODEL_KINDS: tuple[ModelKind, ...] = get_args(ModelKind)
+# what is tried leaves something out of what is written, adds to it, or is neither
+Sense = Literal["simpler", "richer", "other"]
+FINER = 0.7  # times the mesh size: nearly three times the elements
+SHAPES = 12  # deformation shapes of a flexible interface
+RICHNESS: tuple[Fidelity, ...] = ("rigid", "segmented", "elastic")
+# fields of components that are tried together
+SAME = ("solid", "material", "interfaces", "mass", "fidelity", "mesh", "reduction", "segments")
+
+
+@dataclass(frozen=True)
+class ModelTrial:
+    """One change of the model.
+
+    Attributes:
+        kind: What is changed.
+        bodies: Of which components, equal ones together; empty for the whole machine.
+        written: What the scene has.
+        tried: What is tried in its place.
+        settings: ``key=value`` overrides that make it so.
+        sense: Whether it leaves something out.
+    """
+
+    kind: ModelKind
+    bodies: tuple[str, ...]
+    written: str
+    tried: str
+    settings: tuple[str, ...]
+    sense: Sense
+
+    @property
+    def subject(self) -> str:
+        """What is changed, in words."""
+        names = ", ".join(self.bodies)
+        return {
+            "elasticity": names,
+            "interfaces": f"interfaces of {names}",
+            "modes": f"modes of {names}",
+            "mesh": f"mesh of {names}",
+            "pose": "pose along the path",
+        }[self.kind]
+
+    @property
+    def name(self) -> str:
+        """The change in words."""
+        return f"{self.subject}: {self.tried} in place of {self.written}"
+
+
+def list_model_trials(
+    scene: Scene, plan: Plan, kinds: Sequence[ModelKind] = MODEL_KINDS
+) -> list[ModelTrial]:
+    """Changes of the model of a scene, in the order of its components.
+
+    Args:
+        scene: As written.
+        plan: Its plan, which knows the modes that are kept where the scene says nothing.
+        kinds: What may be changed.
+
+    Returns:
+        None of a lumped mechanism, whose bodies do not deform, and of a scene with an ``accuracy``,
+        which chooses all of this itself.
+
+    Raises:
+        MeshError: A STEP file whose mesh has no size cannot be read.
+    """
+    if scene.accuracy is not None:
+        return []
+    found: list[ModelTrial] = []
+    if not scene.is_lumped:
+        for names in _group_equals(scene):
+            part = scene.machine.components[names[0]]
+            found += _vary_elasticity(part, names)
+            if part.fidelity == "elastic":
+                found += _vary_interfaces(part, names)
+                found += _vary_modes(part, plan.components[part.name], names)
+                found += _refine_mesh(part, names) if "mesh" in kinds else []
+    found += _vary_pose(scene)
+    return [trial for trial in found if trial.kind in kinds]
+
+
+def _group_equals(scene: Scene) -> list[tuple[str, ...]]:
+    groups: list[tuple[str, ...]] = []
+    for name in deforming_parts(scene):
+        part = scene.machine.components[name]
+        for place, group in enumerate(groups):
+            if are_alike(scene.machine.components[group[0]], part):
+                groups[place] = (*group, name)
+                break
+        else:
+            groups.append((name,))
+    return groups
+
+
+def are_alike(first: Component, second: Component) -> bool:
+    """Whether two components are one model at two places."""
+    return all(getattr(first, field) == getattr(second, field) for field in SAME)
+
+
+def _set(names: Sequence[str], key: str, value: str) -> tuple[str, ...]:
+    return tuple(f"components.{name}.{key}={value}" for name in names)
+
+
+def _vary_elasticity(part: Component, names: tuple[str, ...]) -> Iterator[ModelTrial]:
+    own = RICHNESS.index(part.fidelity)
+    for place, fidelity in enumerate(RICHNESS):
+        if place != own:
+            yield ModelTrial(
+                "elasticity",
+                names,
+                part.fidelity,
+                fidelity,
+                _set(names, "fidelity", f'"{fidelity}"'),
+                "simpler" if place < own else "richer",
+            )
+
+
+def _vary_interfaces(part: Component, names: tuple[str, ...]) -> Iterator[ModelTrial]:
+    """All interfaces but rails of one kind; those that are so already stay."""
+    fixed = {name: each for name, each in part.interfaces.items() if each.rail is None}
+    words = {
+        name: f"flexible ({each.flexible})" if each.flexible else each.coupling
+        for name, each in fixed.items()
+    }
+    kinds = {
+        "rigid": '"rigid"',
+        "average": '"average"',
+        f"flexible ({SHAPES})": f"{{ flexible = {SHAPES} }}",
+    }
+    for kind, value in kinds.items():
+        others = [name for name, word in words.items() if not _is_kind(word, kind)]
+        if others:
+            yield ModelTrial(
+                "interfaces",
+                names,
+                " and ".join(dict.fromkeys(words.values())),
+                kind,
+                tuple(
+                    setting
+                    for name in others
+                    for setting in _set(names, f"interfaces.{name}.coupling", value)
+                ),
+                _compare_kinds(words.values(), kind),
+            )
+
+
+def _compare_kinds(written: Iterable[str], tried: str) -> Sense:
+    """Deformation shapes are added to rigid motions; a rigid and an averaging interface are two
+    bounds.
+    """
+    if tried.startswith("flexible"):
+        return "richer"
+    return "simpler" if any(word.startswith("flexible") for word in written) else "other"
+
+
+def _is_kind(word: str, kind: str) -> bool:
+    return word.split()[0] == kind.split()[0]
+
+
+def _vary_modes(
+    part: Component, planned: Component, names: tuple[str, ...]
+) -> Iterator[ModelTrial]:
+    """Modes up to half and double the frequency, or half and double their number."""
+    kept = planned.reduction
+    for factor, sense in ((0.5, "simpler"), (2.0, "richer")):
+        richer: Sense = "richer" if sense == "richer" else "simpler"
+        if part.reduction.modes is None and kept.modes_to_hz is not None:
+            hz = kept.modes_to_hz
+            settings = _set(names, "reduction.modes_to", f'"{factor * hz:g} Hz"')
+            written, tried = f"up to {hz:g} Hz", f"up to {factor * hz:g} Hz"
+        elif kept.modes:
+            count = int(factor * kept.modes)
+            settings = _set(names, "reduction.modes", str(count))
+            written, tried = str(kept.modes), str(count)
+        else:
+            return
+        yield ModelTrial("modes", names, written, tried, settings, richer)
+
+
+def _refine_mesh(part: Component, names: tuple[str, ...]) -> Iterator[ModelTrial]:
+    if isinstance(part.solid, MeshFile):
+        return
+    size = part.mesh.size or automatic_size(part)
+    finer = float(f"{FINER * size:.3g}")
+    settings = _set(names, "mesh.size", f'"{1e3 * finer:g} mm"')
+    if part.mesh.rim_size is not None:
+        rim = float(f"{FINER * part.mesh.rim_size:.3g}")
+        settings += _set(names, "mesh.rim_size", f'"{1e3 * rim:g} mm"')
+    yield ModelTrial(
+        "mesh", names, f"{1e3 * size:.3g} mm", f"{1e3 * finer:g} mm", settings, "richer"
+    )
+
+
+def _vary_pose(scene: Scene) -> Iterator[ModelTrial]:
+    request = scene.analyses.path
+    if request is None or scene.is_lumped:
+        return
+    written, tried = ("pose_dependent", "frozen")
+    if not request.follows_pose:
+        written, tried = tried, written
+    yield ModelTrial(
+        "pose",
+        (),
+        written,
+        tried,
+        (f'analyses.path.pose_model="{tried}"',),
+        "simpler" if tried == "frozen" else "richer",
+    )

@@ -1,0 +1,141 @@
+"""What the model of a machine is worth is what another model of it moves, and what it saves."""
+
+from pathlib import Path
+
+import pytest
+
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.storage.provenance import SceneChoice
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.studies.answers import Change
+from headstock.studies.model_trials import ModelTrial, Sense, list_model_trials
+from headstock.studies.model_worth import ModelFinding, RunPrice, rank_findings, try_models
+
+MACHINES = Path(__file__).resolve().parents[2] / "machines"
+SHIPPED = ["cantilever", "fixed_beam", "guideway", "three_axis", "tripteor"]
+# a slender column that bends, on a compact block that hardly does
+TOWER = """
+name = "Column on a block"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.block]
+solid = { box = ["300 mm", "300 mm", "150 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "-150 mm"]
+fidelity = "elastic"
+mesh = { size = "75 mm", cells = "hex" }
+[components.block.interfaces]
+bottom = { face = "z-" }
+top = { face = "z+", rect = { size = ["60 mm", "60 mm"] } }
+[components.column]
+solid = { box = ["60 mm", "40 mm", "500 mm"] }
+material = "steel"
+fidelity = "segmented"
+segments = { count = 10, along = "z" }
+interfaces = { foot = { face = "z-" }, tip = { face = "z+", coupling = "average" } }
+[joints.feet]
+between = ["block.bottom", "ground"]
+kind = "spring"
+stiffness = { x = "50 N/um", y = "50 N/um", z = "50 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
+[joints.bolts]
+between = ["block.top", "column.foot"]
+kind = "rigid"
+[points]
+tcp = { tool = "column.tip", work = "ground" }
+[effects]
+damping = { modal = "2 %" }
+[analyses.static]
+at = "tcp"
+[analyses.modal]
+count = 3
+[analyses.frf]
+inputs = ["tcp"]
+to = "200 Hz"
+"""
+
+
+def trial(sense: Sense) -> ModelTrial:
+    return ModelTrial("elasticity", ("base",), "elastic", "rigid", (), sense)
+
+
+def finding(share: float, seconds: float, sense: Sense = "simpler", **more: object) -> ModelFinding:
+    change = Change("frequencies", share, "first bending (50 Hz)", 50.0 * (1.0 + share), 50.0)
+    lacks = ("first bending (50 Hz)",) if more else ()
+    return ModelFinding(
+        trial(sense),
+        (change,),
+        missing=lacks,
+        written=RunPrice(10.0, 500.0),
+        tried=RunPrice(seconds, 300.0),
+    )
+
+
+@pytest.mark.parametrize(("found", "action", "verdict"), [
+    (finding(1.0, 5.0, missing=True), "keep", "lacks first bending (50 Hz), 50 % less time: keep elastic"),
+    (finding(5e-4, 8.8), "drop", "moves frequencies by 0.05 %, 12 % less time: drop elastic, rigid does"),
+    (finding(5e-4, 9.9), "either", "moves frequencies by 0.05 %, hardly any time: elastic or rigid, all the same"),
+    (finding(5e-3, 5.0), "third digit", "moves frequencies by 0.5 %, 50 % less time: keep elastic for the third digit"),
+    (finding(0.2, 5.0, "other"), "matters", "moves frequencies by 20 %, 50 % less time: elastic or rigid matters, choose what the joint is"),
+    (finding(0.2, 15.0, "richer"), "take", "moves frequencies by 20 %, 50 % more time: take rigid"),
+    (finding(5e-4, 15.0, "richer"), "enough", "moves frequencies by 0.05 %, 50 % more time: elastic is enough"),
+])  # fmt: skip
+def test_the_verdict_follows_from_what_is_moved_and_saved(
+    found: ModelFinding, action: str, verdict: str
+) -> None:
+    assert (found.action, found.verdict) == (action, verdict)
+
+
+def test_what_moves_most_for_its_price_comes_first() -> None:
+    cheap, dear = finding(0.1, 9.0), finding(0.2, 1.0)
+    obstacle = ModelFinding(trial("simpler"), obstacle="no bar")
+    assert rank_findings([obstacle, dear, cheap]) == [cheap, dear, obstacle]
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_body_that_deforms_is_tried_without_it(name: str) -> None:
+    scene = load_scene(MACHINES / f"{name}.toml")
+    trials = list_model_trials(scene, plan_scene(scene))
+    deforming = {
+        body
+        for body, part in scene.machine.components.items()
+        if part.fidelity != "rigid" and not scene.is_lumped
+    }
+    tried = {body for each in trials for body in each.bodies if each.kind == "elasticity"}
+    assert tried == deforming
+    assert bool(trials) == (name != "tripteor")
+    for each in trials:
+        changed = load_scene(MACHINES / f"{name}.toml", overrides=each.settings)
+        assert changed.raw != scene.raw
+
+
+def test_equal_bodies_are_tried_together_and_the_pose_where_there_is_a_path() -> None:
+    path = MACHINES / "three_axis.toml"
+    scene = load_scene(path, overrides=["analyses.path.on_request=false"])
+    trials = list_model_trials(scene, plan_scene(scene))
+    assert ("column_left", "column_right") in {each.bodies for each in trials}
+    (pose,) = [each for each in trials if each.kind == "pose"]
+    assert (pose.written, pose.tried) == ("pose_dependent", "frozen")
+    assert not list_model_trials(load_scene(path, overrides=['accuracy="3 %"']), plan_scene(scene))
+
+
+def test_a_body_that_bends_loses_a_mode_by_name_and_one_that_does_not_may_be_rigid(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "tower.toml"
+    path.write_text(TOWER)
+    choice = SceneChoice(path, None, (), ())
+    found = try_models(choice, Store(tmp_path / "store"), kinds=["elasticity"])
+    by_change = {(each.trial.bodies[0], each.trial.tried): each for each in found}
+    column = by_change["column", "rigid"]
+    assert column.action == "keep" and any("column bends" in mode for mode in column.missing)
+    block = by_change["block", "rigid"]
+    assert not block.missing and 0.0 < block.worth < 0.01, block.verdict
+    assert block.saved_share > 0.3 and block.tried.peak_memory_mb > 0.0
+    moved = {change.answer for change in block.changes}
+    assert moved >= {"frequencies", "static compliance", "lines of frequency responses"}
+    # one is the other with what is written and tried changed round
+    assert by_change["column", "elastic"].trial.sense == "richer"
+    assert not (tmp_path / "store").exists() or not list((tmp_path / "store").iterdir())
