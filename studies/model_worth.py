@@ -229,13 +229,15 @@ def try_models(
     if isinstance(written, str):
         raise HeadstockError(written)
     known = _Known(base, tuple(records))
-    found = [each if isinstance(each, str) else next(others) for each in planned]
-    return [
-        ModelFinding(trial, obstacle=each)
-        if isinstance(each, str)
-        else _judge(trial, known, written, each, run)
-        for trial, each, run in zip(trials, found, planned, strict=True)
-    ]
+    findings = []
+    for trial, run in zip(trials, planned, strict=True):
+        tried = run if isinstance(run, str) else next(others)
+        findings.append(
+            ModelFinding(trial, obstacle=str(tried))
+            if isinstance(tried, str) or isinstance(run, str)
+            else _judge(trial, known, written, tried, run)
+        )
+    return findings
 
 
 @contextlib.contextmanager

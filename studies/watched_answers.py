@@ -27,6 +27,7 @@ from headstock.studies.answers import Change
 
 # of the drive points' responses: what symmetry makes zero is left with this of an uneven mesh
 NEGLIGIBLE = 1e-3
+FAR = 2.0  # times its frequency from which a mode of the same shape is another one
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,8 @@ class ShapeChanges:
 
     Attributes:
         changes: The largest of the natural frequencies, and of the lines of responses.
-        missing: Modes of the model as written that the other one lacks, each with its frequency.
+        missing: Modes of the model as written that the other one lacks within an octave, each with
+            its frequency.
         added: Modes of the other one, below the highest judged, that the one as written lacks.
     """
 
@@ -147,13 +149,13 @@ def compare_watched(
         for mode in range(min(own.shapes.rigid_count, count), count):
             partner = compared.partners[mode]
             hz = float(own_hz[mode])
+            there = float(other_hz[partner]) if partner >= 0 else 0.0
             words = f"{written.names[pose][mode]} ({hz:.4g} Hz)"
-            if partner < 0:
+            if not hz / FAR < there < hz * FAR:
                 missing.append(words + place)
                 frequencies.append(Change("frequencies", 1.0, words + place, None, hz))
                 continue
-            there = float(other_hz[partner])
-            share = abs(there - hz) / max(there, hz) if max(there, hz) > 0.0 else 0.0
+            share = abs(there - hz) / max(there, hz)
             frequencies.append(Change("frequencies", share, words + place, there, hz))
         added += [
             f"{tried.names[pose][mode]} ({other_hz[mode]:.4g} Hz){place}"

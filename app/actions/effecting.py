@@ -54,7 +54,7 @@ def print_trials(trials: Sequence[EffectTrial]) -> None:
         print(f"\n{trial.effect} ({'named' if trial.active else 'not named'}{beside}; {times})")
         for change in [change for change in trial.changes if change.share > 0.0][:SHOWN]:
             print(f"  {change.answer:<24} {show_share(change.share):>9}   {_describe(change)}")
-    print("\nSummary")
+    print("\nSummary of effects")
     for trial in trials:
         print(f"  {tell_trial(trial)}")
 
@@ -117,9 +117,7 @@ def effects_request(request: EffectsRequest, comm: MPI.Comm) -> int:
     if comm.rank > 0:
         _try_all(request, comm)
         return make_on_root(comm, lambda: DONE)
-    print(
-        f"{scene.name}: each effect switched on or off, one at a time; processor seconds without meshing and reduction"
-    )
+    print(f"{scene.name}: one change at a time")
     with show_progress() as progress:
         trials, findings = _try_all(request, comm, lambda text: progress.begin(text, 0.0))
     return make_on_root(
@@ -172,6 +170,7 @@ def _publish(
     findings: Sequence[ModelFinding],
 ) -> int:
     if ranked:
+        print("\nEffects switched on or off; processor seconds without meshing and reduction")
         print_trials(ranked)
     print_findings(findings)
     if scene.accuracy is not None:

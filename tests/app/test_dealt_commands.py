@@ -109,9 +109,17 @@ def test_the_trials_of_effects_dealt_out_to_ranks_are_those_of_one(
     tried = {trial["effect"]: trial for trial in one[3]["effects"]}
     assert tried["gravity"]["largest_change"] > 0.0 and tried["friction"]["obstacle"]
     assert all(trial["seconds_with"] > 0.0 for trial in two[3]["effects"] if not trial["obstacle"])
+    changes = [
+        {(each["kind"], each["tried"]): each for each in found[3].pop("models")}
+        for found in (one, two)
+    ]
+    assert changes[0]["elasticity", "rigid"]["worth"] > 0.01
     times = ("seconds_with", "seconds_without", "time_share", "time_noise", "provenance")
     assert_same(one[3], two[3], but=times)
-    assert two[1].count("Summary") == 1
+    # what to do depends on what it costs
+    prices = ("price_as_written", "price_as_tried", "time_saved_share", "worth_over_price")
+    assert_same(*changes, but=(*prices, "action", "verdict"))
+    assert two[1].count("Summary of effects") == two[1].count("Summary of models") == 1
 
 
 def test_the_variants_of_a_comparison_dealt_out_to_ranks_are_those_of_one(

@@ -31,7 +31,7 @@ mesh = { size = "75 mm", cells = "hex" }
 bottom = { face = "z-" }
 top = { face = "z+", rect = { size = ["60 mm", "60 mm"] } }
 [components.column]
-solid = { box = ["60 mm", "40 mm", "500 mm"] }
+solid = { box = ["24 mm", "16 mm", "500 mm"] }
 material = "steel"
 fidelity = "segmented"
 segments = { count = 10, along = "z" }
@@ -39,21 +39,16 @@ interfaces = { foot = { face = "z-" }, tip = { face = "z+", coupling = "average"
 [joints.feet]
 between = ["block.bottom", "ground"]
 kind = "spring"
-stiffness = { x = "50 N/um", y = "50 N/um", z = "50 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
+stiffness = { x = "2000 N/um", y = "2000 N/um", z = "2000 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
 [joints.bolts]
 between = ["block.top", "column.foot"]
 kind = "rigid"
 [points]
 tcp = { tool = "column.tip", work = "ground" }
-[effects]
-damping = { modal = "2 %" }
 [analyses.static]
 at = "tcp"
 [analyses.modal]
-count = 3
-[analyses.frf]
-inputs = ["tcp"]
-to = "200 Hz"
+count = 2
 """
 
 
@@ -132,10 +127,11 @@ def test_a_body_that_bends_loses_a_mode_by_name_and_one_that_does_not_may_be_rig
     column = by_change["column", "rigid"]
     assert column.action == "keep" and any("column bends" in mode for mode in column.missing)
     block = by_change["block", "rigid"]
-    assert not block.missing and 0.0 < block.worth < 0.01, block.verdict
-    assert block.saved_share > 0.3 and block.tried.peak_memory_mb > 0.0
-    moved = {change.answer for change in block.changes}
-    assert moved >= {"frequencies", "static compliance", "lines of frequency responses"}
+    assert not block.missing and block.action == "drop", block.verdict
+    assert 0.0 < block.worth < 1e-3 and block.saved_share > 0.3
+    assert block.tried.peak_memory_mb > 0.0
+    answers = {change.answer for change in block.changes}
+    assert answers >= {"frequencies", "static compliance"}
     # one is the other with what is written and tried changed round
     assert by_change["column", "elastic"].trial.sense == "richer"
     assert not (tmp_path / "store").exists() or not list((tmp_path / "store").iterdir())
