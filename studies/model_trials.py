@@ -18,7 +18,7 @@ MODEL_KINDS: tuple[ModelKind, ...] = get_args(ModelKind)
 Sense = Literal["simpler", "richer", "other"]
 FINER = 0.7  # times the mesh size: nearly three times the elements
 SHAPES = 12  # deformation shapes of a flexible interface
-RICHNESS: tuple[Fidelity, ...] = ("rigid", "segmented", "elastic")
+RICHNESS: tuple[Fidelity, ...] = ("rigid", "segmented", "polynomial", "elastic")
 # fields of components that are tried together
 SAME = ("solid", "material", "interfaces", "mass", "fidelity", "mesh", "reduction", "segments")
 
