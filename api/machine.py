@@ -141,6 +141,7 @@ class Sections(TypedDict, total=False):
     limits: Table
     accuracy: Table | str | float
     model_errors: bool
+    interface_errors: bool
     free: bool
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from headstock.geometry.parts.solids import SuperelementFile
+from headstock.pipeline.accuracy.interface_errors import run_interfaces_stage
 from headstock.pipeline.accuracy.model_errors import judge_models, run_models_stage
 from headstock.pipeline.accuracy.search import search_settings
 from headstock.pipeline.planning.budgets import check_elapsed
@@ -61,6 +62,7 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "modal": run_modal_stage,
     "spread": run_spread_stage,
     "models": run_models_stage,
+    "interfaces": run_interfaces_stage,
     "place": run_place_stage,
     "map": run_map_stage,
     "contour": run_contour_stage,
@@ -68,7 +70,7 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "path": run_path_stage,
     "control": run_control_stage,
 }
-SHARED_STAGES = ("map", "spread", "models")  # all ranks work on them
+SHARED_STAGES = ("map", "spread", "models", "interfaces")  # all ranks work on them
 
 
 def run_scene(
@@ -252,7 +254,8 @@ def _run_rounds(scene: Scene, rounds: _StageRunner) -> RunState:
         )
     search = search_settings(scene, rounds.run, rounds.note)
     state = search.state
-    rest = search.scene.analyses != state.scene.analyses or scene.model_errors
+    rest = search.scene.analyses != state.scene.analyses
+    rest = rest or scene.model_errors or scene.interface_errors
     if rest or scene.machine.probes:
         # probes need the mesh, which comes from the store
         state = rounds.run(

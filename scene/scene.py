@@ -126,6 +126,7 @@ class Scene:
         accuracy: How far any number may be off; None where mesh sizes and modes are as the scene
             says.
         model_errors: Compare rigid and segmented bodies with coarse finite elements.
+        interface_errors: Compare rigid joints between elastic bodies with deformation shapes.
         modal_damping: Damping ratios of the first, second, ... elastic mode, the last for all
             others; empty for none.
         findings: Where each key comes from, for what only the files of parts can tell.
@@ -150,6 +151,7 @@ class Scene:
     compare: CompareSettings = field(default_factory=CompareSettings)
     accuracy: AccuracyGoal | None = None
     model_errors: bool = False
+    interface_errors: bool = False
     on_request: Analyses = field(default_factory=Analyses)
     deferred: dict[str, tuple[Problem, ...]] = field(default_factory=dict)
     drives: dict[str, Drive] = field(default_factory=dict)

@@ -24,6 +24,10 @@ from headstock.validation.machines.estimate_cases import (
     check_frequency_estimates,
     check_step_estimates,
 )
+from headstock.validation.machines.flexible_cases import (
+    check_flexible_interfaces,
+    check_flexible_smoke,
+)
 from headstock.validation.machines.identification_cases import check_identification
 from headstock.validation.machines.machine_cases import check_guideway, check_three_axis_machine
 from headstock.validation.machines.model_estimate_cases import (
@@ -324,6 +328,19 @@ CASES: tuple[Case, ...] = (
         "guideways",
         "splines, polynomials and frames as dofs of a rail",
         on_root(check_rail_bases),
+    ),
+    Case(
+        "flexible-interfaces",
+        "interfaces",
+        "beams, plates and blocks cut and joined again against one mesh",
+        on_root(check_flexible_interfaces),
+        on_request=True,
+    ),
+    Case(
+        "flexible-interfaces-smoke",
+        "interfaces",
+        "the same on a beam",
+        on_root(check_flexible_smoke),
     ),
     Case(
         "guideway",

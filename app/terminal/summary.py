@@ -35,6 +35,7 @@ from headstock.app.texts.tables import (
     COMPONENT_COLUMNS,
     DRIVE_COLUMNS,
     DRIVE_POINT_COLUMNS,
+    JOINT_COLUMNS,
     MODEL_COLUMNS,
     POLE_COLUMNS,
     PROBE_COLUMNS,
@@ -168,6 +169,12 @@ def print_summary(
         )
         console.print(f"  {model_words(summary['model_errors'])}", markup=False)
         console.print()
+    if "interface_errors" in summary:
+        print_table(
+            console,
+            "Rigid joints compared with deformation shapes",
+            tell_rows(JOINT_COLUMNS, summary["interface_errors"]["joints"].items()),
+        )
     for words in accuracy_words(summary["accuracy"]) if "accuracy" in summary else ():
         console.print(words, markup=False)
     print_assumptions(summary.get("assumptions", ()))

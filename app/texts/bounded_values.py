@@ -14,6 +14,7 @@ from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
 from headstock.pipeline.results.accuracy import AccuracySummary, ModelErrorsSummary
 from headstock.pipeline.results.estimates import (
     DISCRETISATION,
+    INTERFACE,
     MODEL,
     REDUCTION,
     FrequencyErrors,
@@ -231,6 +232,10 @@ def error_words(modes: FrequencyErrors) -> list[str]:
     if any(share.get(MODEL, 0.0) is None for share in shares):
         words.append(
             f"{NO_BOUND} : with finite elements in place of rigid and segmented bodies no mode has this shape"
+        )
+    if any(share.get(INTERFACE, 0.0) is None for share in shares):
+        words.append(
+            f"{NO_BOUND} : with deformation shapes at rigid joints no mode has this shape; see the warnings"
         )
     return words
 

@@ -17,6 +17,7 @@ from headstock.pipeline.results.accuracy import BodyModelSummary
 from headstock.pipeline.results.contouring import SeriesSummary
 from headstock.pipeline.results.control import DriveSummary, PoleSummary
 from headstock.pipeline.results.frf import DrivePointSummary, ResponseCurves, ResponseSummary
+from headstock.pipeline.results.interfaces import JointShapesSummary
 from headstock.pipeline.results.map import Grid, MapSummary
 from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.mode_files import file_stem
@@ -125,6 +126,20 @@ COMPONENT_COLUMNS: tuple[Column[tuple[str, ComponentSummary]], ...] = (
 )
 
 
+JOINT_COLUMNS: tuple[Column[tuple[str, JointShapesSummary]], ...] = (
+    Column(lambda row: row[0], "joint", "joint", "Joint"),
+    Column(lambda row: row[1]["between"], "between", "between", "Between"),
+    Column(lambda row: row[1]["shapes"], "shapes", ">shapes", "Shapes"),
+    Column(lambda row: row[1]["compared_with"], "compared with", ">compared with", "Compared with"),
+    Column(
+        lambda row: row[1]["largest"],
+        "largest change",
+        ">may be off",
+        "May be off",
+        show=show_percent,
+    ),
+    Column(lambda row: row[1]["number"], "of", "<of", "of"),
+)
 MODEL_COLUMNS: tuple[Column[tuple[str, BodyModelSummary]], ...] = (
     Column(lambda row: row[0], "component", "body", "Body"),
     Column(lambda row: row[1]["fidelity"], "model", "model", "Model"),
@@ -428,6 +443,9 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
     if "model_errors" in summary:
         bodies = summary["model_errors"]["bodies"]
         tables.append(tabulate("model_errors", MODEL_COLUMNS, bodies.items()))
+    if "interface_errors" in summary:
+        joints = summary["interface_errors"]["joints"]
+        tables.append(tabulate("interface_errors", JOINT_COLUMNS, joints.items()))
     if "contouring" in summary:
         tables.append(_contour_table(summary["contouring"]["series"]))
     for pose, control in summary.get("control", {}).items():

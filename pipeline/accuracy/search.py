@@ -89,7 +89,8 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
         for name, part in parts.items()
     }
     return replace_components(
-        dataclasses.replace(scene, analyses=analyses, model_errors=False), components
+        dataclasses.replace(scene, analyses=analyses, model_errors=False, interface_errors=False),
+        components,
     )
 
 
@@ -172,7 +173,12 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
     if failure:
         failure = f"the accuracy of {100.0 * goal.to:g} % is not reached; best: {last.quantity} within {show_share(last.error)}: {failure}"
     return AccuracySearch(
-        dataclasses.replace(current, analyses=scene.analyses, model_errors=scene.model_errors),
+        dataclasses.replace(
+            current,
+            analyses=scene.analyses,
+            model_errors=scene.model_errors,
+            interface_errors=scene.interface_errors,
+        ),
         state,
         answer,
         failure,

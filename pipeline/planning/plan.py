@@ -21,6 +21,7 @@ StageKind = Literal[
     "modal",
     "spread",
     "models",
+    "interfaces",
     "frf",
     "path",
     "control",
@@ -42,8 +43,8 @@ class Stage:
             lumped mechanism in one, ``map`` it over many, ``contour`` a block with it, ``static``
             analysis, ``recover`` the response at probes, ``modal`` analysis, ``spread`` of its
             frequencies with the kind of interfaces, ``models``: what rigid and segmented bodies
-            leave out, ``frf`` frequency response, ``path`` deviation
-            from a line, ``control`` closed loops of drives, ``write`` the results.
+            leave out, ``interfaces``: what rigid joints do, ``frf`` frequency response, ``path``
+            deviation from a line, ``control`` closed loops of drives, ``write`` the results.
         component: The component it works on; None for the machine.
         reason: Why the scene calls for it, in plain words.
         pose: The pose it works in; None for components.

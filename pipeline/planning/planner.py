@@ -15,7 +15,7 @@ from typing import assert_never
 import numpy as np
 
 from headstock.geometry.machine.machine import Pose
-from headstock.geometry.parts.components import Component, CouplingKind, Fidelity, ReductionSettings
+from headstock.geometry.parts.components import Component, Fidelity, ReductionSettings
 from headstock.geometry.parts.solids import MeshFile, SuperelementFile
 from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
 from headstock.pipeline.planning.budgets import (
@@ -32,6 +32,7 @@ from headstock.pipeline.planning.budgets import (
     reduction_memory_mb,
     reduction_seconds,
 )
+from headstock.pipeline.planning.interfaces import find_glued_joints, has_choice
 from headstock.pipeline.planning.node_memory import check_memory, node_memory_bytes
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.reduction.components.solver_choice import (
@@ -61,25 +62,6 @@ FEWEST_DEFAULT_MODES = 20
 # limit of the default: what these modes leave out of a response is in its ±
 MOST_DEFAULT_MODES = 200
 GRAVITY = "gravity"
-
-
-def has_choice(component: Component) -> bool:
-    """Whether the coupling of an interface of this component is a choice: it is meshed, and not all
-    its interfaces are rails.
-    """
-    meshed = component.fidelity == "elastic" and not isinstance(component.solid, SuperelementFile)
-    return meshed and any(interface.rail is None for interface in component.interfaces.values())
-
-
-def recouple(component: Component, kind: CouplingKind) -> Component:
-    """The component with one kind of coupling at all its fixed interfaces."""
-    interfaces = {
-        name: interface
-        if interface.rail is not None
-        else dataclasses.replace(interface, coupling=kind)
-        for name, interface in component.interfaces.items()
-    }
-    return dataclasses.replace(component, interfaces=interfaces)
 
 
 def default_mode_count(wanted: int) -> int:
@@ -142,6 +124,7 @@ def plan_scene(
         ]
     stages += _spread_stages(components, scene.analyses.modal)
     stages += _model_stages(components, scene)
+    stages += _interface_stages(components, scene)
     if scene.analyses.map is not None:
         count = math.prod(len(values) for _, values in scene.analyses.map.axes)
         stages.append(
@@ -176,6 +159,7 @@ def plan_scene(
             *_plan_warnings(components),
             *_spread_warnings(components, scene.analyses.modal),
             *_model_warnings(components, scene),
+            *_interface_warnings(components, scene),
         ),
     )
 
@@ -223,6 +207,28 @@ def _model_warnings(components: Mapping[str, Component], scene: Scene) -> list[s
         else "no component is rigid or segmented"
     )
     return [f"model_errors has nothing to compare: {why}"]
+
+
+def _interface_stages(components: Mapping[str, Component], scene: Scene) -> list[Stage]:
+    joints = find_glued_joints(scene.machine, components)
+    if not scene.interface_errors or scene.is_lumped or not joints:
+        return []
+    return [
+        Stage(
+            "interfaces",
+            None,
+            f"what rigid joints leave out: deformation shapes at {', '.join(joint.name for joint in joints)}",
+            estimated_seconds=STAGE_SECONDS["interfaces"],
+        )
+    ]
+
+
+def _interface_warnings(components: Mapping[str, Component], scene: Scene) -> list[str]:
+    if not scene.interface_errors or _interface_stages(components, scene):
+        return []
+    return [
+        "interface_errors has nothing to compare: no rigid joint holds two elastic components by one flat patch each"
+    ]
 
 
 def _spread_warnings(components: Mapping[str, Component], modal: ModalRequest | None) -> list[str]:

@@ -9,6 +9,7 @@ REDUCTION = "reduction"
 DISCRETISATION = "discretisation"
 CURVED_FACES = "curved faces"
 MODEL = "model"  # of bodies that are no finite elements
+INTERFACE = "interface"  # of rigid joints between elastic bodies
 
 
 @dataclass(frozen=True)

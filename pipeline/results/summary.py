@@ -14,6 +14,7 @@ from headstock.pipeline.results.answers import find_answers
 from headstock.pipeline.results.contouring import ContourAnswer, ContourSummary
 from headstock.pipeline.results.control import ControlAnswer, ControlSummary
 from headstock.pipeline.results.frf import PoseResponse, ResponseSummary
+from headstock.pipeline.results.interfaces import InterfaceErrorsAnswer, InterfaceErrorsSummary
 from headstock.pipeline.results.map import MapSummary, WorkspaceMap
 from headstock.pipeline.results.mechanism import MechanismPose, MechanismSummary
 from headstock.pipeline.results.modal import ModesSummary, PoseModes
@@ -97,6 +98,7 @@ class RunSummary(TypedDict):
     contouring: NotRequired[ContourSummary]
     accuracy: NotRequired[AccuracySummary]
     model_errors: NotRequired[ModelErrorsSummary]
+    interface_errors: NotRequired[InterfaceErrorsSummary]
 
 
 def summarise(results: Results) -> RunSummary:
@@ -146,6 +148,8 @@ def summarise(results: Results) -> RunSummary:
         summary["accuracy"] = accuracy.summarise()
     for models in find_answers(answers, ModelErrorsAnswer):
         summary["model_errors"] = models.summarise()
+    for interfaces in find_answers(answers, InterfaceErrorsAnswer):
+        summary["interface_errors"] = interfaces.summarise()
     return summary
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.parts.components import Material
-from headstock.pipeline.planning.planner import has_choice
+from headstock.pipeline.planning.interfaces import has_choice
 from headstock.pipeline.results.estimates import (
     CURVED_FACES,
     DISCRETISATION,

@@ -104,7 +104,8 @@ NOTES = {
     "`{ flexible = 24 }`: it also deforms, for large areas",
     "Flexible.flexible": "most deformation shapes besides the six rigid motions; whole levels of Legendre products over the patch, as many as fit; "
     "a rigid joint makes those of both sides one",
-    "Flexible.form": "`strong`: the area moves in its shapes alone, frequencies come from above; `weak`: only its moments do, they come from below",
+    "Flexible.form": "`strong`: the area moves in its shapes alone, frequencies come from above, better where one part ends on the face of another; "
+    "`weak`: only its moments do, they come from below, better where the joint covers the section of both parts",
     "Interface.allow_singular": "accept a point- or line-like area although its compliance depends on the mesh",
     "Interface.patches": "several areas as one interface: `[{ face = \"face:10\" }, { face = \"face:11\" }]`",
     "Interface.rail": "carriages act at any position along it, see [guideways](guideways.md)",
@@ -270,6 +271,8 @@ NOTES = {
     "Scene.accuracy": "allowed error of every requested number: meshes and modes are chosen accordingly, see [accuracy](accuracy.md)",
     "Scene.model_errors": "compare rigid and segmented bodies with coarse finite elements: what they leave out becomes a part of every ±, "
     "see [errors](errors.md#models-of-bodies)",
+    "Scene.interface_errors": "compare rigid joints between elastic bodies with deformation shapes in both forms: what their interfaces leave out becomes a "
+    "part of the ± of frequencies and compliances, see [errors](errors.md#rigid-joints)",
     "Accuracy.to": "largest relative error of any requested number",
     "Accuracy.fidelity": "allow elastic bodies that hardly deform to become rigid",
     "Accuracy.models": "make every body rigid, segmented or elastic as the accuracy allows, whatever its `fidelity` says",

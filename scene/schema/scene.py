@@ -304,6 +304,7 @@ class SceneTable(StrictTable):
     limits: LimitsTable = LimitsTable()
     accuracy: AccuracyEntry | None = None
     model_errors: Flag = False
+    interface_errors: Flag = False
     free: Flag = False
 
     @property

@@ -1,0 +1,155 @@
+"""What rigid joints between elastic bodies leave out, compared with the body in one piece."""
+
+from pathlib import Path
+
+import pytest
+from mpi4py import MPI
+
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.results.answers import find_answers
+from headstock.pipeline.results.estimates import INTERFACE
+from headstock.pipeline.results.interfaces import InterfaceErrorsAnswer
+from headstock.pipeline.results.modal import PoseModes
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.results.static import StaticAnswer
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+
+pytestmark = [pytest.mark.fem, pytest.mark.process]
+
+HEAD = """
+name = "block"
+interface_errors = true
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[joints.clamp]
+between = ["ground", "lower.foot"]
+kind = "rigid"
+[points]
+tip = { tool = "TIP", work = "ground" }
+[analyses.static]
+[analyses.modal]
+count = 5
+"""
+WHOLE = """
+[components.lower]
+solid = { box = ["120 mm", "100 mm", "200 mm"] }
+material = "steel"
+mesh = { size = "20 mm", cells = "hex" }
+interfaces = { foot = { face = "z-" }, tip = { face = "z+", rect = { center = ["20 mm", "30 mm"], size = ["80 mm", "40 mm"] } } }
+"""
+HALVES = """
+[components.lower]
+solid = { box = ["120 mm", "100 mm", "100 mm"] }
+material = "steel"
+mesh = { size = "20 mm", cells = "hex" }
+interfaces = { foot = { face = "z-" }, cut = { face = "z+", COUPLING } }
+[components.upper]
+solid = { box = ["120 mm", "100 mm", "100 mm"] }
+material = "steel"
+mesh = { size = "20 mm", cells = "hex" }
+at = ["0 mm", "0 mm", "100 mm"]
+interfaces = { cut = { face = "z-", COUPLING }, tip = { face = "z+", rect = { center = ["20 mm", "30 mm"], size = ["80 mm", "40 mm"] } } }
+[joints.glue]
+between = ["lower.cut", "upper.cut"]
+kind = "rigid"
+"""
+
+
+def run(folder: Path, text: str, name: str) -> Results:
+    path = folder / f"{name}.toml"
+    path.write_text(text)
+    return run_scene(
+        load_scene(path), folder / name, comm=MPI.COMM_SELF, store=Store(folder / "store")
+    )
+
+
+def solve_halves(folder: Path, coupling: str, name: str) -> Results:
+    text = (HEAD.replace("TIP", "upper.tip") + HALVES).replace("COUPLING", f"coupling = {coupling}")
+    return run(folder, text, name)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("interfaces")
+
+
+@pytest.fixture(scope="module")
+def whole(folder: Path) -> Results:
+    return run(folder, HEAD.replace("TIP", "lower.tip") + WHOLE, "whole")
+
+
+def numbers(results: Results) -> list[tuple[float, float, float]]:
+    """Value, the interface's part of its ±, and all of it."""
+    (modes,) = find_answers(results.answers, PoseModes)
+    (static,) = find_answers(results.answers, StaticAnswer)
+    point = static.points["tip"]
+    found = [*zip(modes.frequencies_hz, modes.errors, strict=True)]
+    found += [(point.compliance[axis, axis], point.errors[d]) for axis, d in enumerate("xyz")]
+    return [
+        (float(value), error.shares.get(INTERFACE) or 0.0, error.total or 0.0)
+        for value, error in found
+    ]
+
+
+@pytest.mark.parametrize(
+    ("coupling", "least", "most"),
+    [
+        ('"rigid"', 0.02, 0.1),
+        ('"average"', 0.01, 0.1),
+        ("{ flexible = 12 }", 1e-3, 0.08),
+        ('{ flexible = 12, form = "weak" }', 1e-3, 0.05),
+    ],
+)
+def test_one_piece_lies_within_what_a_joint_leaves_out(
+    folder: Path, whole: Results, coupling: str, least: float, most: float
+) -> None:
+    found = solve_halves(folder, coupling, f"halves{abs(hash(coupling))}")
+    pairs = list(zip(numbers(found), numbers(whole), strict=True))
+    for (own, interface, total), (right, none, meshes) in pairs:
+        assert none == 0.0
+        # one mesh of equal elements is off by as much as the two
+        assert abs(own - right) <= interface + 0.2 * (total - interface + meshes), (own, right)
+        assert interface <= 4.0 * abs(own - right) + 0.02 * own
+    shares = [interface / own for (own, interface, _), _ in pairs]
+    assert least < max(shares) < most
+    (answer,) = find_answers(found.answers, InterfaceErrorsAnswer)
+    assert answer.joints["glue"].between == "lower.cut and upper.cut"
+    warned = [text for text in found.warnings if text.startswith("joint glue:")]
+    assert len(warned) == (max(shares) > 0.01)
+    entry = summarise(found)["interface_errors"]["joints"]["glue"]
+    assert entry["largest"] == pytest.approx(max(shares))
+
+
+def test_without_the_comparison_a_large_rigid_joint_is_named_and_a_flexible_one_is_not(
+    folder: Path,
+) -> None:
+    for coupling, expected in (('"rigid"', 1), ('"average"', 1), ("{ flexible = 24 }", 0)):
+        text = HEAD.replace("TIP", "upper.tip").replace("interface_errors = true", "") + HALVES
+        found = run(folder, text.replace("COUPLING", f"coupling = {coupling}"), "plain")
+        assert (
+            len([text for text in found.warnings if "lower.cut and upper.cut" in text]) == expected
+        )
+
+
+def test_a_scene_without_such_a_joint_says_that_nothing_is_compared(folder: Path) -> None:
+    path = folder / "alone.toml"
+    path.write_text(HEAD.replace("TIP", "lower.tip") + WHOLE)
+    plan = plan_scene(load_scene(path))
+    assert not [stage for stage in plan.stages if stage.kind == "interfaces"]
+    assert any("interface_errors has nothing to compare" in text for text in plan.warnings)
+
+
+def test_interfaces_of_different_size_are_named_and_the_run_goes_on(folder: Path) -> None:
+    text = HEAD.replace("TIP", "upper.tip") + HALVES.replace("COUPLING", 'coupling = "rigid"')
+    text = text.replace(
+        'cut = { face = "z+",', 'cut = { face = "z+", rect = { size = ["80 mm", "60 mm"] },'
+    )
+    found = run(folder, text, "unequal")
+    (warning,) = [text for text in found.warnings if "what joint glue leaves out" in text]
+    assert "not the same rectangle" in warning
+    assert summarise(found)["interface_errors"]["joints"] == {}
