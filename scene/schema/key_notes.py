@@ -271,8 +271,8 @@ NOTES = {
     "Scene.accuracy": "allowed error of every requested number: meshes and modes are chosen accordingly, see [accuracy](accuracy.md)",
     "Scene.model_errors": "compare rigid and segmented bodies with coarse finite elements: what they leave out becomes a part of every ±, "
     "see [errors](errors.md#models-of-bodies)",
-    "Scene.interface_errors": "compare rigid joints between elastic bodies with deformation shapes in both forms: what their interfaces leave out becomes a "
-    "part of the ± of frequencies and compliances, see [errors](errors.md#rigid-joints)",
+    "Scene.interface_errors": "compare rigid joints between elastic bodies with deformation shapes in both forms: what their interfaces leave out "
+    "becomes a part of the ± of frequencies and compliances, see [errors](errors.md#rigid-joints)",
     "Accuracy.to": "largest relative error of any requested number",
     "Accuracy.fidelity": "allow elastic bodies that hardly deform to become rigid",
     "Accuracy.models": "make every body rigid, segmented or elastic as the accuracy allows, whatever its `fidelity` says",
