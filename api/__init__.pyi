@@ -109,6 +109,7 @@ class Joint(Noun, schema=joints.JointTable):
         length: Quantity | None = ...,
         screw: _Table | None = ...,
         stiffness: Mapping[str, Quantity | Literal['rigid']] | None = ...,
+        stiffness_per_area: _Table | None = ...,
         damping: Mapping[str, Quantity] | None = ...,
         loss_factor: Quantity | None = ...,
         allow_negative: bool | None = ...,

@@ -62,7 +62,7 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "modal": run_modal_stage,
     "spread": run_spread_stage,
     "models": run_models_stage,
-    "interfaces": run_interfaces_stage,
+    "joints": run_interfaces_stage,
     "place": run_place_stage,
     "map": run_map_stage,
     "contour": run_contour_stage,
@@ -70,7 +70,7 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "path": run_path_stage,
     "control": run_control_stage,
 }
-SHARED_STAGES = ("map", "spread", "models", "interfaces")  # all ranks work on them
+SHARED_STAGES = ("map", "spread", "models", "joints")  # all ranks work on them
 
 
 def run_scene(

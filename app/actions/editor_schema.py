@@ -153,7 +153,7 @@ def _joint_rules() -> Iterator[JsonTable]:
         if rule.required:
             stiffness: JsonTable = {"stiffness": {"required": [*rule.required]}}
             yield {
-                "if": {**written, "not": named},
+                "if": {**written, "not": {"anyOf": [named, {"required": ["stiffness_per_area"]}]}},
                 "then": {"properties": stiffness, "required": ["stiffness"]},
             }
 

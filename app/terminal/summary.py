@@ -77,7 +77,7 @@ def print_stage(record: StageRecord) -> None:
     stage = record.stage
     subject = stage.component or stage.pose or ""
     detail = f"cached  {record.detail}" if record.cached else record.detail
-    if stage.kind in ("refine", "models") and stage.component:
+    if stage.kind in ("refine", "models", "joints") and stage.component:
         make_console().print(f"  {stage.kind:<7} {subject:<18} {detail}", markup=False)
         return
     line = f"  {stage.kind:<7} {subject:<18} {record.seconds:8.2f} s  {detail}"

@@ -64,6 +64,16 @@ class ScrewShaft:
     length: float = np.inf
 
 
+@dataclass(frozen=True)
+class ContactLayer:
+    """Stiffness per area between two patches, of bolted or glued faces [N/m^3]: across them and
+    along them.
+    """
+
+    normal: float
+    shear: float
+
+
 @dataclass(frozen=True, eq=False)
 class Joint:
     """Two ends that are coupled in a joint frame: each direction is fixed, free or a spring.
@@ -93,6 +103,7 @@ class Joint:
             with the axis position.
         loss_factor: Structural damping eta: the complex stiffness is ``(1 + i eta)`` times the
             stiffness [-].
+        layer: Stiffness per area over the patches of both ends, beside ``stiffness``; None without.
     """
 
     name: str
@@ -107,6 +118,12 @@ class Joint:
     screw: ScrewShaft | None = None
     loss_factor: float = 0.0
     second_axis: FloatArray | None = None
+    layer: ContactLayer | None = None
+
+    @property
+    def connects(self) -> bool:
+        """Whether it transmits any force: something is fixed or sprung."""
+        return bool(self.fixed) or bool(np.any(self.stiffness)) or self.layer is not None
 
 
 @dataclass(frozen=True, eq=False)

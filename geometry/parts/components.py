@@ -98,6 +98,7 @@ class Interface:
         coupling: ``rigid`` (RBE2) or ``average`` (RBE3); a rail always averages.
         flexible: Most deformation shapes that it keeps besides its rigid motions: with the coupling
             ``rigid`` it moves in them alone, with ``average`` they are its moments.
+        auto: A stated accuracy chooses the number of shapes.
         allow_singular: Accept a point- or line-like patch although its compliance depends on the mesh.
         rail: Carriages slide along it; None for a fixed interface.
     """
@@ -108,6 +109,7 @@ class Interface:
     allow_singular: bool = False
     rail: RailSettings | None = None
     flexible: int = 0
+    auto: bool = False
 
 
 @dataclass(frozen=True)

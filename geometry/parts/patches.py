@@ -154,6 +154,22 @@ def patch_rects(face: PlanarFace, patch: Patch) -> list[Rect] | None:
     return [r for r in cut if r[0] < r[1] and r[2] < r[3]]
 
 
+def patch_extents(solid: object, patch: Patch) -> tuple[float, float] | None:
+    """Sides of the rectangle around a patch along the in-plane axes in the order x y z [m]; None
+    where only a mesh knows the face.
+    """
+    if patch.shape == "rect":
+        return patch.size[0], patch.size[1]
+    if patch.shape == "disk":
+        return patch.size[0], patch.size[0]
+    face = named_planar_face(solid, patch.face) if isinstance(solid, PlanarSolid) else None
+    rects = None if face is None else patch_rects(face, patch)
+    if not rects:
+        return None
+    edges = np.array(rects)
+    return float(np.ptp(edges[:, :2])), float(np.ptp(edges[:, 2:]))
+
+
 def imprint_window(axis: int, patch: Patch) -> Rect:
     """In-plane extent of a rect or strip on a face with the given normal axis; a strip is endless
     along its own axis.

@@ -10,6 +10,7 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from headstock.pipeline.accuracy.interface_choice import choose_shapes, give_chosen
 from headstock.pipeline.accuracy.model_errors import BetterBodies
 from headstock.pipeline.accuracy.models import ModelChoice, choose_models
 from headstock.pipeline.accuracy.quantities import count_safely, list_quantities
@@ -108,8 +109,18 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
     goal = _goal(scene)
     rounds: list[AccuracyRound] = []
     history = History()
-    current, plan = plan_start(scene)
+    shapes = choose_shapes(
+        scene, plan_start(scene)[0], goal.to, lambda one: run_round(one, plan_scene(one))
+    )
+    current, plan = plan_start(give_chosen(scene, shapes))
     state = run_round(current, plan)
+    if state.is_root:
+        for choice in shapes:
+            note(
+                Stage("joints", choice.joint.name, choice.reason or "the accuracy"),
+                str(choice),
+                Cost(),
+            )
     failure = ""
     for number in range(MOST_ROUNDS):
         judge = functools.partial(judge_round, current, state, goal, history)
@@ -167,6 +178,9 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
         for name, part in current.machine.components.items()
         if is_chosen(part) or name in history.rigid or (choice and name in choice.bodies)
     }
+    settings |= {own.joint.name: str(own) for own in shapes}
+    if not failure:
+        failure = "; ".join(f"joint {own.joint.name}: {own.reason}" for own in shapes if own.reason)
     bodies = choice.bodies if choice else {}
     answer = AccuracyAnswer(goal.to, tuple(rounds), settings, failure, bodies)
     last = rounds[-1]

@@ -47,7 +47,7 @@ STAGE_SECONDS = {
     "modal": 0.05,
     "spread": 0.2,
     "models": 0.3,
-    "interfaces": 0.3,
+    "joints": 0.3,
     "frf": 0.08,
     "control": 0.06,
     "write": 0.05,

@@ -7,12 +7,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Machine
 from headstock.geometry.parts.components import Component, CouplingKind, Interface
-from headstock.geometry.parts.patches import PlanarSolid, named_planar_face, patch_rects
+from headstock.geometry.parts.patches import patch_extents
 from headstock.geometry.parts.solids import SuperelementFile
 
 DIRECTIONS_OF_A_BODY = 6
@@ -93,12 +91,11 @@ def find_reach(component: Component, name: str, area: float) -> float:
         area: Of the interface [m^2].
     """
     (patch,) = component.interfaces[name].patches
-    if patch.shape in ("disk", "rect"):
-        return 0.5 * math.hypot(*patch.size)
-    solid = component.solid
-    if isinstance(solid, PlanarSolid) and (face := named_planar_face(solid, patch.face)):
-        corners = np.array(patch_rects(face, patch))
-        return 0.5 * math.hypot(float(np.ptp(corners[:, :2])), float(np.ptp(corners[:, 2:])))
+    extents = patch_extents(component.solid, patch)
+    if patch.shape == "disk":
+        return 0.5 * patch.size[0]
+    if extents is not None:
+        return 0.5 * math.hypot(*extents)
     return math.sqrt(area / math.pi)
 
 

@@ -21,7 +21,7 @@ StageKind = Literal[
     "modal",
     "spread",
     "models",
-    "interfaces",
+    "joints",
     "frf",
     "path",
     "control",
@@ -43,7 +43,7 @@ class Stage:
             lumped mechanism in one, ``map`` it over many, ``contour`` a block with it, ``static``
             analysis, ``recover`` the response at probes, ``modal`` analysis, ``spread`` of its
             frequencies with the kind of interfaces, ``models``: what rigid and segmented bodies
-            leave out, ``interfaces``: what rigid joints do, ``frf`` frequency response, ``path``
+            leave out, ``joints``: what rigid ones do, ``frf`` frequency response, ``path``
             deviation from a line, ``control`` closed loops of drives, ``write`` the results.
         component: The component it works on; None for the machine.
         reason: Why the scene calls for it, in plain words.

@@ -215,10 +215,10 @@ def _interface_stages(components: Mapping[str, Component], scene: Scene) -> list
         return []
     return [
         Stage(
-            "interfaces",
+            "joints",
             None,
             f"what rigid joints leave out: deformation shapes at {', '.join(joint.name for joint in joints)}",
-            estimated_seconds=STAGE_SECONDS["interfaces"],
+            estimated_seconds=STAGE_SECONDS["joints"],
         )
     ]
 

@@ -380,8 +380,17 @@ def load_or_make_mesh(state: RunState, component: Component) -> tuple[ComponentM
 
 def _describe(superelement: Superelement) -> str:
     modes = superelement.modal_count
-    return f"{_spaced(superelement.full_dofs)} → {len(superelement.labels)} dofs" + (
-        f", {modes} modes" if modes else ""
+    shapes = [
+        f", {entry.shapes.count} shapes at {name}"
+        for name, entry in superelement.interface_maps.items()
+        if entry.shapes is not None
+    ]
+    return "".join(
+        [
+            f"{_spaced(superelement.full_dofs)} → {len(superelement.labels)} dofs",
+            f", {modes} modes" if modes else "",
+            *shapes,
+        ]
     )
 
 

@@ -49,14 +49,14 @@ def couple_shapes(machine: Machine, layout: DofLayout) -> ShapeRows:
     joints: list[str] = []
     warnings: list[str] = []
     for joint in machine.joints.values():
-        sides = [(end, _find_shapes(layout, end)) for end in joint.ends]
+        sides = [(end, find_shapes(layout, end)) for end in joint.ends]
         flexible = [(end, shapes) for end, shapes in sides if shapes is not None and shapes.count]
         if not flexible or len(joint.fixed) < DOFS_OF_A_BODY:
             continue
         if len(flexible) == len(sides):
             (one, fewer), (other, more) = sorted(flexible, key=lambda side: side[1].count)
-            block = _select(layout, one, fewer)
-            block -= _moments(joint, layout, one, other) @ _select(layout, other, more)
+            block = select_shapes(layout, one, fewer)
+            block -= shape_moments(joint, layout, one, other) @ select_shapes(layout, other, more)
             if more.count > fewer.count:
                 warnings.append(
                     f"joint {joint.name}: {other} has {more.count} shapes, {one} has {fewer.count}: "
@@ -70,13 +70,35 @@ def couple_shapes(machine: Machine, layout: DofLayout) -> ShapeRows:
                     f"joint {joint.name}: {opposite} has no deformation shapes; those of {end} are free there"
                 )
                 continue
-            block = _select(layout, end, shapes)
+            block = select_shapes(layout, end, shapes)
         blocks.append(block)
         joints += [joint.name] * len(block)
+    warnings += _warn_of_free_shapes(machine, layout)
     return ShapeRows(np.vstack(blocks), tuple(joints), tuple(warnings))
 
 
-def _find_shapes(layout: DofLayout, end: JointEnd) -> PatchShapes | None:
+def _warn_of_free_shapes(machine: Machine, layout: DofLayout) -> list[str]:
+    """Interfaces whose shapes nothing uses: springs act on their six motions alone."""
+    used: set[JointEnd] = set()
+    sprung: dict[JointEnd, str] = {}
+    for joint in machine.joints.values():
+        holds = len(joint.fixed) == DOFS_OF_A_BODY or joint.layer is not None
+        for end in joint.ends:
+            if (shapes := find_shapes(layout, end)) is not None and shapes.count:
+                if holds:
+                    used.add(end)
+                else:
+                    sprung.setdefault(end, joint.name)
+    return [
+        f"joint {name}: it acts on six motions of {end}, whose deformation shapes are free there; write stiffness_per_area, or leave "
+        "flexible out"
+        for end, name in sprung.items()
+        if end not in used
+    ]
+
+
+def find_shapes(layout: DofLayout, end: JointEnd) -> PatchShapes | None:
+    """Deformation shapes of the interface at an end; None of a rigid one, a rail and ground."""
     part = layout.superelements.get(end.component or "")
     entry = None if part is None else part.interface_maps.get(end.interface or "")
     return None if entry is None else entry.shapes
@@ -93,17 +115,17 @@ def _is_rigid(components: Mapping[str, Component], end: JointEnd) -> bool:
     )
 
 
-def _select(layout: DofLayout, end: JointEnd, shapes: PatchShapes) -> FloatArray:
+def select_shapes(layout: DofLayout, end: JointEnd, shapes: PatchShapes) -> FloatArray:
     """Rows ``(count, n_all)`` that pick the dofs of the shapes."""
     first = layout.offsets[end.component or ""].start + shapes.first
     return np.eye(shapes.count, layout.size, first)
 
 
-def _moments(joint: Joint, layout: DofLayout, one: JointEnd, other: JointEnd) -> FloatArray:
+def shape_moments(joint: Joint, layout: DofLayout, one: JointEnd, other: JointEnd) -> FloatArray:
     """Moments ``(m_1, m_2)`` of the shapes of another interface with those of one, over their
     common rectangle.
     """
-    own, far = _find_shapes(layout, one), _find_shapes(layout, other)
+    own, far = find_shapes(layout, one), find_shapes(layout, other)
     if own is None or far is None:
         raise ValueError(f"joint {joint.name!r} has an end without shapes")
     here, there = layout.placements[one.component or ""], layout.placements[other.component or ""]

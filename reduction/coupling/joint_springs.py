@@ -7,10 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, frame_axes, rotate_dofs
 from headstock.geometry.machine.joints import GROUND, Joint, JointEnd, ScrewShaft, connected_groups
 from headstock.geometry.machine.machine import Machine
+from headstock.reduction.coupling.contact_layers import PlacedLayer, place_layer
 from headstock.reduction.coupling.dof_layout import (
     DOFS_OF_A_BODY,
     DofLayout,
@@ -106,10 +108,11 @@ class PlacedJoint:
 
     Attributes:
         name: Joint name.
-        rows: ``(6, n)`` motion of its second end relative to its first, in joint axes, at the joint
-            point: of all stacked dofs as placed, of the free coordinates in a ``CoupledMachine``.
-        stiffness: ``(6, 6)`` in joint axes.
-        damping: ``(6, 6)`` in joint axes.
+        rows: ``(6 + m, n)`` motion of its second end relative to its first, in joint axes, at the
+            joint point, and of a contact layer the relative deformation by ``m`` shapes: of all
+            stacked dofs as placed, of the free coordinates in a ``CoupledMachine``.
+        stiffness: ``(6 + m, 6 + m)`` in joint axes.
+        damping: ``(6 + m, 6 + m)`` in joint axes.
         fixed: Joint dofs without relative motion; a rigid joint has all six, and no stiffness.
         frame: Joint point and joint axes in the machine frame.
     """
@@ -129,7 +132,7 @@ class SpringDirection:
     Attributes:
         joint: Joint name.
         dof: The joint dof it acts on most.
-        direction: ``(6,)`` combination of the joint's rows.
+        direction: ``(6 + m,)`` combination of the joint's rows.
         stiffness: [N/m or N m/rad] along it.
         level: The same as a translational stiffness [N/m]: rotational ones over the characteristic
             length squared.
@@ -152,8 +155,8 @@ def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> PlacedJoin
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
 
     Returns:
-        The spring with rows ``(6, n_all)``: motion of the second end less that of the first, joint
-        axes.
+        The spring with rows ``(6 + m, n_all)``: motion of the second end less that of the first,
+        joint axes, and shapes of a contact layer.
 
     Raises:
         ModelError: Both ends are ground, or a matrix is not 6x6 and finite.
@@ -172,7 +175,20 @@ def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> PlacedJoin
     spring = PlacedJoint(
         joint.name, rows, joint.stiffness, joint.damping, tuple(joint.fixed), frame
     )
+    if joint.layer is not None:
+        return _add_layer(spring, place_layer(joint, joint.layer, layout, frame))
     return spring if joint.screw is None else _place_shaft(joint, joint.screw, spring, layout)
+
+
+def _add_layer(spring: PlacedJoint, layer: PlacedLayer) -> PlacedJoint:
+    """A joint with a contact layer beside its own springs."""
+    nothing = np.zeros((len(layer.rows), len(layer.rows)))
+    return dataclasses.replace(
+        spring,
+        rows=np.vstack([spring.rows, layer.rows]),
+        stiffness=scipy.linalg.block_diag(spring.stiffness + layer.rigid, np.diag(layer.stiffness)),
+        damping=scipy.linalg.block_diag(spring.damping, nothing),
+    )
 
 
 def _place_shaft(
@@ -204,10 +220,11 @@ def principal_springs(spring: PlacedJoint, length: float) -> tuple[SpringDirecti
         spring: Its stiffness must be symmetric.
         length: Characteristic length that makes rotations comparable to translations [m].
     """
-    scale = np.repeat([1.0, 1.0 / length], 3)
+    scale = np.ones(len(spring.stiffness))
+    scale[3:DOFS_OF_A_BODY] = 1.0 / length
     scaled = spring.stiffness * scale * scale[:, None]
     if np.count_nonzero(scaled - np.diag(scaled.diagonal())) == 0:
-        levels, vectors = scaled.diagonal(), np.eye(6)
+        levels, vectors = scaled.diagonal(), np.eye(len(scaled))
     else:
         levels, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
         levels = np.where(
@@ -221,10 +238,14 @@ def principal_springs(spring: PlacedJoint, length: float) -> tuple[SpringDirecti
             direction = vector * (scale[main] / scale)
             result.append(
                 SpringDirection(
-                    spring.name, DOF_NAMES[main], direction, level / scale[main] ** 2, level
+                    spring.name, _name_row(main), direction, level / scale[main] ** 2, level
                 )
             )
     return tuple(result)
+
+
+def _name_row(row: int) -> str:
+    return DOF_NAMES[row] if row < DOFS_OF_A_BODY else f"shape {row - DOFS_OF_A_BODY + 1}"
 
 
 def express_in_free_coordinates(spring: PlacedJoint, elimination: Elimination) -> PlacedJoint:
@@ -256,14 +277,10 @@ def floating_groups(machine: Machine, fixed: Mapping[str, bool]) -> tuple[tuple[
     links += [
         (joint.ends[0].component or GROUND, joint.ends[1].component or GROUND)
         for joint in machine.joints.values()
-        if _connects(joint)
+        if joint.connects
     ]
     groups = connected_groups((GROUND, *machine.components), links)
     return tuple(tuple(group) for group in groups if GROUND not in group)
-
-
-def _connects(joint: Joint) -> bool:
-    return bool(joint.fixed) or bool(np.any(joint.stiffness))
 
 
 def _joint_frame(joint: Joint, machine: Machine, layout: DofLayout) -> Frame:

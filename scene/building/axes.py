@@ -12,7 +12,7 @@ from headstock.geometry.machine.joints import GROUND, Axis, Joint, connected_gro
 from headstock.geometry.machine.machine import Pose, find_limit_fault
 from headstock.geometry.parts.components import Support
 from headstock.scene.building.draft import Draft, check_name, is_known_end
-from headstock.scene.building.joints import build_joint, connects, find_joint_faults, sound_joints
+from headstock.scene.building.joints import build_joint, find_joint_faults, sound_joints
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
@@ -53,7 +53,7 @@ def build_axis(
         f"supports.{key}": (support.component, GROUND) for key, support in supports.items()
     }
     for key, joint in joints.items():
-        if connects(joint):
+        if joint.connects:
             first, second = (end.component or GROUND for end in joint.ends)
             edges[key] = (first, second)
     moves = tuple(table.moves or moved_components(scene.components, edges, table.joint_names()))
@@ -232,7 +232,7 @@ def _edges(scene: SceneTable) -> dict[str, Edge]:
     edges: dict[str, Edge] = {}
     for name, table in sound_joints(scene).items():
         # a joint with a fault counts as a connection: its own message is enough
-        if find_joint_faults(table) or connects(build_joint(name, table)):
+        if find_joint_faults(table) or build_joint(name, table).connects:
             first, second = (end.component or GROUND for end in table.between)
             edges[name] = (first, second)
     for name, support in scene.supports.items():

@@ -198,7 +198,14 @@ def build_interface(
     """
     patches = tuple(build_patch(patch, solid) for patch in table.patch_tables())
     if table.rail is None:
-        return Interface(name, patches, table.kind, table.allow_singular, flexible=table.flexible)
+        return Interface(
+            name,
+            patches,
+            table.kind,
+            table.allow_singular,
+            flexible=table.flexible,
+            auto=table.auto,
+        )
     return Interface(
         name,
         patches,

@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray, frame_axes
-from headstock.geometry.machine.joints import Joint, ScrewShaft
+from headstock.geometry.machine.joints import ContactLayer, Joint, JointEnd, ScrewShaft
+from headstock.geometry.parts.patches import patch_extents
+from headstock.scene.building.components import build_patch
 from headstock.scene.building.draft import Draft, check_end, is_known_end
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
@@ -24,6 +26,8 @@ from headstock.scene.schema.joints import JointTable, ScrewTable
 from headstock.scene.schema.scene import SceneTable
 
 RIGID = "rigid"
+EVERY_DOF = (0, 1, 2, 3, 4, 5)
+SAME_SIZE = 1e-6
 # Young's modulus [Pa] and Poisson's ratio of a screw whose table gives none
 SCREW_STEEL = (
     210e9,
@@ -135,8 +139,54 @@ def check_joints(draft: Draft, findings: Findings) -> None:
                 ("joints", name),
                 f"a component is called {name!r} too; results name both, so choose another name",
             )
+        if joint.stiffness_per_area is not None:
+            for end in joint.between:
+                _check_layer_end((*key[:2], "stiffness_per_area"), end, draft, findings)
+        if KINDS[joint.kind].fixed == EVERY_DOF or joint.stiffness_per_area is not None:
+            _check_rectangles(name, joint, draft, findings)
         for fault in find_joint_faults(joint):
             findings.add(("joints", name, *fault.key), fault.message)
+
+
+def _check_layer_end(key: KeyPath, end: JointEnd, draft: Draft, findings: Findings) -> None:
+    """Elastic bodies need deformation shapes there, without which nothing says how they deform."""
+    component = draft.table.components.get(end.component or "")
+    entry = None if component is None else component.interfaces.get(end.interface or "")
+    if component is None or entry is None or component.fidelity != "elastic":
+        return
+    if component.solid.superelement is None and not entry.flexible:
+        findings.add(
+            key,
+            f"needs the deformation shapes of {end}; write coupling = {{ flexible = 24 }} there",
+        )
+    elif entry.disk is not None:
+        findings.add(key, f"is integrated over a rectangle, and {end} is a disk; write a rect")
+
+
+def _check_rectangles(name: str, joint: JointTable, draft: Draft, findings: Findings) -> None:
+    """Two flexible interfaces that share their shapes have rectangles of one size, as far as they
+    are known before anything is meshed.
+    """
+    sizes = {}
+    for end in joint.between:
+        component = draft.table.components.get(end.component or "")
+        entry = None if component is None else component.interfaces.get(end.interface or "")
+        solid = draft.solids.get(end.component or "")
+        if component is None or entry is None or solid is None or not entry.flexible:
+            continue
+        tables = entry.patch_tables()
+        extents = patch_extents(solid, build_patch(tables[0], solid)) if len(tables) == 1 else None
+        if component.fidelity == "elastic" and extents is not None:
+            sizes[str(end)] = sorted(extents, reverse=True)
+    if len(sizes) == 2 and not np.allclose(*sizes.values(), rtol=SAME_SIZE, atol=0.0):
+        words = " and ".join(
+            f"{end} is {1e3 * long:.6g} x {1e3 * short:.6g} mm"
+            for end, (long, short) in sizes.items()
+        )
+        findings.add(
+            ("joints", name, "between"),
+            f'shares deformation shapes, but {words}; write rect = {{ ... }} of one size for both, or coupling = "rigid" for one',
+        )
 
 
 def sound_joints(scene: SceneTable) -> dict[str, JointTable]:
@@ -160,7 +210,9 @@ def find_joint_faults(table: JointTable) -> list[JointFault]:
         joint_rotation(table)
     except ValueError:
         faults.add("axis and normal are parallel; write two different directions", "normal")
-    for key in rule.required:
+    if table.stiffness_per_area is not None:
+        _check_layer(table, faults)
+    for key in rule.required if table.stiffness_per_area is None else ():
         if key not in table.stiffness:
             faults.add(
                 f'a {table.kind} needs {key}; write stiffness = {{ {key} = "100 N/um" }}',
@@ -170,9 +222,8 @@ def find_joint_faults(table: JointTable) -> list[JointFault]:
         faults.add('a spring needs a stiffness; write stiffness = { z = "100 N/um" }', "stiffness")
     if table.screw is not None:
         _check_screw(table, faults)
-    if table.loss_factor and not any(
-        isinstance(value, Quantity) for value in table.stiffness.values()
-    ):
+    springs = [value for value in table.stiffness.values() if isinstance(value, Quantity)]
+    if table.loss_factor and not springs and table.stiffness_per_area is None:
         faults.add(
             "a loss factor is a share of a stiffness, and there is none; remove it or write a stiffness",
             "loss_factor",
@@ -181,6 +232,18 @@ def find_joint_faults(table: JointTable) -> list[JointFault]:
         for key, value in values.items():
             _check_value(table, rule, part, key, value, faults)
     return faults.found
+
+
+def _check_layer(table: JointTable, faults: _Faults) -> None:
+    if table.kind != "bolted":
+        faults.add(
+            f'a {table.kind} has no contact layer; remove it, or write kind = "bolted"',
+            "stiffness_per_area",
+        )
+    elif table.stiffness:
+        faults.add(
+            "is the stiffness of the whole joint; remove it or stiffness_per_area", "stiffness"
+        )
 
 
 def _check_screw(table: JointTable, faults: _Faults) -> None:
@@ -301,6 +364,9 @@ def build_joint(name: str, table: JointTable) -> Joint:
         second_axis=np.array(table.normal)
         if table.kind == "universal" and table.normal is not None
         else None,
+        layer=None
+        if table.stiffness_per_area is None
+        else ContactLayer(table.stiffness_per_area.normal, table.stiffness_per_area.shear),
     )
 
 
@@ -339,8 +405,3 @@ def couple_bearings(name: str, joint: Joint) -> Joint | None:
         rotation=joint.rotation,
         stiffness=stiffness,
     )
-
-
-def connects(joint: Joint) -> bool:
-    """Whether a joint transmits any force: something is fixed or sprung."""
-    return bool(joint.fixed) or bool(np.any(joint.stiffness))

@@ -87,6 +87,7 @@ FORCE = Dimension("force", "N", "1 kN", 1e18)
 MOMENT = Dimension("moment", "N m", "10 N m", 1e20)
 STIFFNESS = Dimension("stiffness", "N/m", "380 N/um", 1e24)
 ROTATIONAL_STIFFNESS = Dimension("rotational stiffness", "N m/rad", "1e6 N m/rad", 1e24)
+STIFFNESS_PER_AREA = Dimension("stiffness per area", "N/m^3", "3 N/um/mm^2", 1e24)
 DAMPING = Dimension("damping", "N s/m", "20 N s/m", 1e24)
 ROTATIONAL_DAMPING = Dimension("rotational damping", "N m s/rad", "5 N m s/rad", 1e24)
 ACCELERATION = Dimension("acceleration", "m/s^2", "9.81 m/s^2", 1e9)
@@ -98,8 +99,8 @@ RATE = Dimension("rate", "1/s", "50 1/s", 1e12)
 MEMORY = Dimension("amount of memory", "B", "4 GB", 1e18)
 RATIO = Dimension("ratio", "", "2 %", 1e12)
 DIMENSIONS = (
-    LENGTH, ANGLE, MASS, TIME, FREQUENCY, PRESSURE, DENSITY, FORCE, MOMENT, STIFFNESS, ROTATIONAL_STIFFNESS, DAMPING,
-    ROTATIONAL_DAMPING, ACCELERATION, SPEED, ANGULAR_SPEED, COMPLIANCE, INERTIA, RATE, MEMORY, RATIO,
+    LENGTH, ANGLE, MASS, TIME, FREQUENCY, PRESSURE, DENSITY, FORCE, MOMENT, STIFFNESS, ROTATIONAL_STIFFNESS,
+    STIFFNESS_PER_AREA, DAMPING, ROTATIONAL_DAMPING, ACCELERATION, SPEED, ANGULAR_SPEED, COMPLIANCE, INERTIA, RATE, MEMORY, RATIO,
 )  # fmt: skip
 
 

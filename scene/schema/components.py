@@ -237,10 +237,13 @@ class RailTable(StrictTable):
     control_points: Annotated[Count, Field(ge=4, le=1000)] | None = None
 
 
+AUTO_SHAPES = 24
+
+
 class FlexibleTable(StrictTable):
     """An interface that keeps deformation shapes besides its rigid motions."""
 
-    flexible: Annotated[Count, Field(ge=3, le=300)]
+    flexible: Annotated[Count, Field(ge=3, le=300)] | Literal["auto"]
     form: Literal["strong", "weak"] = "strong"
 
 
@@ -290,8 +293,17 @@ class InterfaceTable(StrictTable):
 
     @property
     def flexible(self) -> int:
-        """Most deformation shapes besides the rigid motions."""
-        return self.coupling.flexible if isinstance(self.coupling, FlexibleTable) else 0
+        """Most deformation shapes besides the rigid motions; where an accuracy chooses them, those
+        without one.
+        """
+        if not isinstance(self.coupling, FlexibleTable):
+            return 0
+        return AUTO_SHAPES if self.auto else int(self.coupling.flexible)
+
+    @property
+    def auto(self) -> bool:
+        """A stated accuracy chooses the number of deformation shapes."""
+        return isinstance(self.coupling, FlexibleTable) and self.coupling.flexible == "auto"
 
     def patch_tables(self) -> tuple[PatchTable, ...]:
         """The patches, also when a single one was written directly."""

@@ -22,6 +22,7 @@ from headstock.scene.schema.types import (
     PositivePressure,
     PositiveRotationalStiffness,
     PositiveStiffness,
+    PositiveStiffnessPerArea,
     StrictTable,
     Text,
     problem,
@@ -75,6 +76,13 @@ class CarriagesTable(StrictTable):
     per_rail: Count = 2
 
 
+class LayerTable(StrictTable):
+    """A contact layer between the faces of a bolted or glued joint: stiffness per area."""
+
+    normal: PositiveStiffnessPerArea
+    shear: PositiveStiffnessPerArea
+
+
 class JointTable(StrictTable):
     """A joint between two interfaces, or an interface and ground; which stiffness keys it takes
     depends on its kind.
@@ -104,6 +112,7 @@ class JointTable(StrictTable):
     length: PositiveLength | None = None
     screw: ScrewTable | None = None
     stiffness: dict[Name, JointStiffness] = {}
+    stiffness_per_area: LayerTable | None = None
     damping: dict[Name, JointDamping] = {}
     loss_factor: LossFactor = 0.0
     allow_negative: Flag = False

@@ -103,7 +103,7 @@ NOTES = {
     "Interface.coupling": "`rigid`: the area moves as a rigid body (RBE2); `average`: the frame follows the area's mean motion (RBE3); "
     "`{ flexible = 24 }`: it also deforms, for large areas",
     "Flexible.flexible": "most deformation shapes besides the six rigid motions; whole levels of Legendre products over the patch, as many as fit; "
-    "a rigid joint makes those of both sides one",
+    "a rigid joint makes those of both sides one; `\"auto\"`: as many as the [accuracy](accuracy.md) needs, 24 without one",
     "Flexible.form": "`strong`: the area moves in its shapes alone, frequencies come from above, better where one part ends on the face of another; "
     "`weak`: only its moments do, they come from below, better where the joint covers the section of both parts",
     "Interface.allow_singular": "accept a point- or line-like area although its compliance depends on the mesh",
@@ -148,6 +148,10 @@ NOTES = {
     "Screw.second_bearing": "axial stiffness of the second bearing; default: rigid",
     "Screw.length": "of the shaft between both fixed bearings",
     "Joint.stiffness": "keys by kind, see below; `\"rigid\"` constrains a direction",
+    "Joint.stiffness_per_area": "in place of `stiffness` of a `bolted` joint: a contact layer over the area of two flexible interfaces, whose faces may "
+    "deform against each other",
+    "Layer.normal": "across the faces",
+    "Layer.shear": "along the faces",
     "Joint.damping": "viscous, the same keys; used with the effect `damping`",
     "Joint.loss_factor": "structural damping as a share of its stiffness; used with the effect `damping`",
     "Joint.allow_negative": "accept a negative stiffness or damping",

@@ -246,6 +246,12 @@ PositiveStiffness = Annotated[
     _POSITIVE,
     describe_quantity(units.STIFFNESS, sign="positive"),
 ]
+PositiveStiffnessPerArea = Annotated[
+    float,
+    BeforeValidator(_read_float(units.STIFFNESS_PER_AREA)),
+    _POSITIVE,
+    describe_quantity(units.STIFFNESS_PER_AREA, sign="positive"),
+]
 PositiveRotationalStiffness = Annotated[
     float,
     BeforeValidator(_read_float(units.ROTATIONAL_STIFFNESS)),

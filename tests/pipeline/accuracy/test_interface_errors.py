@@ -140,7 +140,7 @@ def test_a_scene_without_such_a_joint_says_that_nothing_is_compared(folder: Path
     path = folder / "alone.toml"
     path.write_text(HEAD.replace("TIP", "lower.tip") + WHOLE)
     plan = plan_scene(load_scene(path))
-    assert not [stage for stage in plan.stages if stage.kind == "interfaces"]
+    assert not [stage for stage in plan.stages if stage.kind == "joints"]
     assert any("interface_errors has nothing to compare" in text for text in plan.warnings)
 
 
@@ -153,3 +153,23 @@ def test_interfaces_of_different_size_are_named_and_the_run_goes_on(folder: Path
     (warning,) = [text for text in found.warnings if "what joint glue leaves out" in text]
     assert "not the same rectangle" in warning
     assert summarise(found)["interface_errors"]["joints"] == {}
+
+
+def test_an_accuracy_gives_a_joint_the_shapes_it_needs(folder: Path, whole: Results) -> None:
+    body = HALVES.replace("COUPLING", 'coupling = { flexible = "auto", form = "weak" }')
+    head = HEAD.replace("TIP", "upper.tip").replace("interface_errors = true", 'accuracy = "4 %"')
+    found = run(folder, head + body, "chosen")
+    words = summarise(found)["accuracy"]["settings"]["glue"]
+    # twelve put the fifth frequency off by more than a quarter of the accuracy
+    assert words.startswith("24 deformation shapes at lower.cut and upper.cut: ")
+    (modes,), (right,) = (find_answers(each.answers, PoseModes) for each in (found, whole))
+    assert modes.frequencies_hz == pytest.approx(right.frequencies_hz, rel=0.02)
+    assert found.failures == ()
+
+
+def test_without_an_accuracy_auto_is_twenty_four(folder: Path) -> None:
+    path = folder / "auto.toml"
+    body = HALVES.replace("COUPLING", 'coupling = { flexible = "auto" }')
+    path.write_text(HEAD.replace("TIP", "upper.tip") + body)
+    cut = load_scene(path).machine.components["lower"].interfaces["cut"]
+    assert cut.auto and cut.flexible == 24

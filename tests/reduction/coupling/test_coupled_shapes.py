@@ -139,6 +139,19 @@ def test_where_one_side_has_more_shapes_the_further_ones_are_free_and_named() ->
     assert any("those of upper.cut are free" in text for text in averaged.warnings)
 
 
+def test_shapes_that_only_springs_hold_are_named() -> None:
+    (low, below), (up, above) = lower(STRONG, 3), upper(STRONG, 3)
+    ends = (JointEnd("lower", "cut"), JointEnd("upper", "cut"))
+    joint = Joint("spring", ends, "spring", stiffness=1e9 * np.eye(6))
+    machine = Machine("sprung", {"lower": low, "upper": up}, {"spring": joint})
+    warnings = couple({"lower": below, "upper": above}, machine, Pose("home")).warnings
+    for end in ("lower.cut", "upper.cut"):
+        assert any(f"six motions of {end}" in text for text in warnings)
+    assert not any(
+        "six motions" in text for text in glue(lower(STRONG, 3), upper(STRONG, 3)).warnings
+    )
+
+
 def test_other_rectangles_are_refused_with_both_sizes() -> None:
     with pytest.raises(ModelError, match=r"200 x 150 mm .* 180 x 150 mm"):
         glue(lower(STRONG, 3), upper(STRONG, 3, width=0.18))

@@ -70,3 +70,79 @@ def test_a_flexible_interface_that_cannot_be_is_named_with_its_remedy(
     place = ".".join(["components.post.interfaces.top", *filter(None, [key])])
     found = [item for item in caught.value.problems if item.key.startswith(place)]
     assert any(message in item.message for item in found), str(caught.value)
+
+
+GLUED = """\
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.base]
+solid = { box = ["200 mm", "100 mm", "50 mm"] }
+material = "steel"
+interfaces = { foot = { face = "z-" }, top = { BASE } }
+[components.post]
+solid = { box = ["100 mm", "80 mm", "300 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "50 mm"]
+interfaces = { foot = { POST } }
+[joints.clamp]
+between = ["ground", "base.foot"]
+kind = "rigid"
+[joints.glue]
+between = ["base.top", "post.foot"]
+JOINT
+[analyses.modal]
+count = 3
+"""
+RECT = 'face = "z+", rect = { size = ["100 mm", "80 mm"] }'
+LAYER = 'kind = "bolted"\nstiffness_per_area = { normal = "3 N/um/mm^2", shear = "1 N/um/mm^2" }'
+
+
+def glue(folder: Path, base: str, post: str, joint: str) -> Path:
+    path = folder / "glued.toml"
+    path.write_text(GLUED.replace("BASE", base).replace("POST", post).replace("JOINT", joint))
+    return path
+
+
+def test_a_contact_layer_is_read_in_its_units(tmp_path: Path) -> None:
+    path = glue(tmp_path, f"{RECT}, {FLEXIBLE}", f'face = "z-", {FLEXIBLE}', LAYER)
+    joint = load_scene(path).machine.joints["glue"]
+    assert joint.layer is not None and joint.connects and not joint.fixed
+    assert (joint.layer.normal, joint.layer.shear) == pytest.approx((3e12, 1e12))
+
+
+WIDE, RIGHT, FOOT = f'face = "z+", {FLEXIBLE}', f"{RECT}, {FLEXIBLE}", f'face = "z-", {FLEXIBLE}'
+DISK = f'face = "z+", disk = {{ diameter = "80 mm" }}, {FLEXIBLE}'
+PER_AREA = "stiffness_per_area"
+BESIDE = LAYER + '\nstiffness = { normal = "100 N/um" }'
+
+
+@pytest.mark.parametrize(
+    ("base", "post", "joint", "key", "message"),
+    [
+        (WIDE, FOOT, 'kind = "rigid"', "between", "200 x 100 mm and post.foot is 100 x 80 mm"),
+        (WIDE, FOOT, LAYER, "between", "200 x 100 mm"),
+        (RECT, FOOT, LAYER, PER_AREA, "deformation shapes of base.top"),
+        (DISK, DISK.replace("z+", "z-"), LAYER, PER_AREA, "is a disk"),
+        (RIGHT, FOOT, LAYER.replace("bolted", "rigid"), PER_AREA, 'write kind = "bolted"'),
+        (RIGHT, FOOT, BESIDE, "stiffness", "remove it or stiffness_per_area"),
+        (RIGHT, FOOT, LAYER.replace("1 N/um/mm^2", "1 N/um"), f"{PER_AREA}.shear", "3 N/um/mm^2"),
+    ],
+)
+def test_what_does_not_fit_between_two_faces_is_named(
+    tmp_path: Path, base: str, post: str, joint: str, key: str, message: str
+) -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene(glue(tmp_path, base, post, joint))
+    found = [item for item in caught.value.problems if item.key == f"joints.glue.{key}"]
+    assert any(message in item.message for item in found), str(caught.value)
+
+
+def test_rectangles_of_one_size_pass_however_they_lie(tmp_path: Path) -> None:
+    turned = 'face = "z+", rect = { size = ["80 mm", "100 mm"] }'
+    load_scene(glue(tmp_path, f"{RECT}, {FLEXIBLE}", f'face = "z-", {FLEXIBLE}', 'kind = "rigid"'))
+    # one that is turned by a right angle is for the coupling to judge
+    load_scene(
+        glue(tmp_path, f"{turned}, {FLEXIBLE}", f'face = "z-", {FLEXIBLE}', 'kind = "rigid"')
+    )
