@@ -148,8 +148,8 @@ NOTES = {
     "Screw.second_bearing": "axial stiffness of the second bearing; default: rigid",
     "Screw.length": "of the shaft between both fixed bearings",
     "Joint.stiffness": "keys by kind, see below; `\"rigid\"` constrains a direction",
-    "Joint.stiffness_per_area": "in place of `stiffness` of a `bolted` joint: a contact layer over the area of two flexible interfaces, whose faces may "
-    "deform against each other",
+    "Joint.stiffness_per_area": "in place of `stiffness` of a `bolted` joint: a contact layer over the area of two flexible interfaces, whose faces "
+    "may deform against each other",
     "Layer.normal": "across the faces",
     "Layer.shear": "along the faces",
     "Joint.damping": "viscous, the same keys; used with the effect `damping`",
