@@ -34,15 +34,12 @@ class AccuracyGoal:
 
     Attributes:
         to: Relative error.
-        fidelity: Elastic components whose share of the strain energy is small enough may become
-            rigid.
-        models: Bodies are rigid, segmented or elastic as the accuracy allows, whatever the scene
-            says.
+        models: Which bodies become rigid, segmented or elastic as the accuracy allows: those that
+            deform in the scene, all, or none.
     """
 
     to: float
-    fidelity: bool = False
-    models: bool = False
+    models: Literal["none", "deforming", "all"] = "none"
 
 
 @dataclass(frozen=True)

@@ -321,8 +321,13 @@ def automatic_size(component: Component) -> float:
     return element_size(unsized)
 
 
-def count_hexes(component: Component, size: float) -> int:
+def count_hexes(component: Component, size: float, across: int = 4) -> int:
     """Number of hexes of a box with grid lines along its patches.
+
+    Args:
+        component: A box.
+        size: Largest side of a hex [m].
+        across: Fewest hexes across a patch.
 
     Raises:
         MeshError: A patch cannot follow the grid.
@@ -330,7 +335,7 @@ def count_hexes(component: Component, size: float) -> int:
     if not isinstance(component.solid, Box):
         raise ValueError("only boxes are meshed with hexes")
     patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
-    return count_grid_cells(grid_lines(component.solid, patches, size))
+    return count_grid_cells(grid_lines(component.solid, patches, size, across))
 
 
 def patch_groups(

@@ -14,7 +14,7 @@ from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.prismatic_bars import prismatic_bar
 from headstock.pipeline.accuracy.quantities import Quantity
 from headstock.pipeline.accuracy.rounds import describe_settings
-from headstock.pipeline.accuracy.settings import are_equal, is_chosen
+from headstock.pipeline.accuracy.settings import are_equal
 from headstock.pipeline.planning.budgets import STAGE_SECONDS
 from headstock.pipeline.results.accuracy import BodyChoice
 from headstock.pipeline.results.estimates import show_share
@@ -72,7 +72,9 @@ class ModelChoice:
     error: float
 
 
-def choose_models(state: RunState, quantities: Sequence[Quantity], accuracy: float) -> ModelChoice:
+def choose_models(
+    state: RunState, ours: Sequence[str], quantities: Sequence[Quantity], accuracy: float
+) -> ModelChoice:
     """The cheapest models of bodies with which every number stays within an accuracy. On rank 0.
 
     It starts with the cheapest model of every body and takes the next better one of the body that
@@ -80,13 +82,14 @@ def choose_models(state: RunState, quantities: Sequence[Quantity], accuracy: flo
     compared as a whole, and the search goes on from there where it is not.
 
     Args:
-        state: Of a round whose numbers are within the accuracy, with finite elements for every body
-            that is ours to choose.
+        state: Of a round whose numbers are within the accuracy, with finite elements or polynomials
+            for the bodies that are ours to choose.
+        ours: Those bodies.
         quantities: Its numbers with the errors that count.
         accuracy: Relative error allowed.
     """
     # equal bodies change together, so that one superelement serves them
-    groups = {group[0]: group for group in _group_equals(state)}
+    groups = {group[0]: group for group in _group_equals(state, ours)}
     bodies = {
         other: candidates
         for name, group in groups.items()
@@ -98,6 +101,12 @@ def choose_models(state: RunState, quantities: Sequence[Quantity], accuracy: flo
     errors = {quantity.key: quantity.error for quantity in quantities}
     alone: dict[tuple[str, int], Mapping[str, float]] = {}
     choice = dict.fromkeys(groups, 0)
+    for name in groups:
+        # where the best of the simple models does not do, none does
+        best = finest[name] - 1
+        alone[name, best] = trials.changes(dict.fromkeys(groups[name], best))
+        if max(errors[key] + alone[name, best][key] for key in errors) > accuracy:
+            choice[name] = finest[name]
     while True:
         simple = [name for name, place in choice.items() if place < finest[name]]
         for name in simple:
@@ -136,12 +145,11 @@ def choose_models(state: RunState, quantities: Sequence[Quantity], accuracy: flo
     return ModelChoice(components, told, names[worst], sums[worst])
 
 
-def _group_equals(state: RunState) -> list[list[str]]:
+def _group_equals(state: RunState, ours: Sequence[str]) -> list[list[str]]:
     """Bodies that are ours to choose, equal ones together where no load tells them apart."""
     groups: list[list[str]] = []
-    for name, part in state.scene.machine.components.items():
-        if not is_chosen(part):
-            continue
+    for name in ours:
+        part = state.scene.machine.components[name]
         same = [
             group
             for group in groups
@@ -157,7 +165,7 @@ def _group_equals(state: RunState) -> list[list[str]]:
 
 
 def _list_candidates(state: RunState, name: str) -> list[Candidate]:
-    """Models of a body from the cheapest on; the last is the finite elements of the round."""
+    """Models of a body from the cheapest on; the last is the one of the round."""
     part = state.scene.machine.components[name]
     properties, loads = describe_solid(part, state.store, state.warn), component_loads(state, part)
     found = []

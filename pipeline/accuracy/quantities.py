@@ -17,7 +17,6 @@ from headstock.pipeline.stages.run_state import RunState
 # What ± takes to cover 95 % of true errors (`validate coverage`) counts until a component was
 # refined: then its rounds tell how good its estimates are (accuracy_levels.py).
 MESH_SAFETY = 1.8
-RIGID_MODEL = "rigid model"
 Owner = tuple[str, str]  # component, source of error
 # key of a number and owner to what the estimate is multiplied by
 Factors = Mapping[tuple[str, Owner], float]
@@ -58,18 +57,11 @@ class Quantity:
         return max(self.parts, key=lambda key: self.parts[key])
 
 
-def list_quantities(state: RunState, rigid: Mapping[str, float]) -> list[Quantity]:
+def list_quantities(state: RunState) -> list[Quantity]:
     """Every frequency and compliance that a run has found, with its error in parts as estimated; on
-    rank 0.
-
-    Args:
-        state: After its analyses.
-        rigid: Components that were taken as rigid to save time, and the share of any number that
-            this may cost.
+    rank 0, after its analyses.
     """
-    extra = {(name, RIGID_MODEL): share for name, share in rigid.items()}
-    found = (*_list_frequencies(state), *_list_compliances(state))
-    return [dataclasses.replace(quantity, parts={**quantity.parts, **extra}) for quantity in found]
+    return [*_list_frequencies(state), *_list_compliances(state)]
 
 
 def count_safely(quantities: list[Quantity], factors: Factors) -> list[Quantity]:
@@ -100,29 +92,13 @@ def worst_quantity(quantities: list[Quantity]) -> Quantity | None:
     return max(known, key=lambda quantity: quantity.error) if known else None
 
 
-def elastic_shares(state: RunState) -> dict[str, float]:
-    """Largest share of the strain energy of each component in any requested number."""
-    found: dict[str, float] = {}
-    shares = [share for modes in state.modal for share in modes.energy_share[modes.rigid_count :]]
-    shares += [
-        share
-        for answer in state.static
-        for point in answer.points.values()
-        for share in point.budget.values()
-    ]
-    for table in shares:
-        for name, share in table.items():
-            found[name] = max(found.get(name, 0.0), share)
-    return found
-
-
 def _list_frequencies(state: RunState) -> Iterator[Quantity]:
     poses = len(state.modal) > 1
     for modes in state.modal:
         place = f" in pose {modes.pose.name}" if poses else ""
         for index in range(modes.rigid_count, len(modes.frequencies_hz)):
             hz = float(modes.frequencies_hz[index])
-            parts = _relative_parts(state, modes.errors[index], hz)
+            parts = _relative_parts(modes.errors[index], hz)
             if modes.errors[index].shares.get(REDUCTION, 0.0) is None:
                 parts |= {(name, REDUCTION): np.inf for name in _short_of(state, hz)}
             yield Quantity(
@@ -141,10 +117,10 @@ def _list_compliances(state: RunState) -> Iterator[Quantity]:
                 value = float(point.compliance[axis, axis])
                 if value > 0.0:
                     what = f"{direction} compliance at {name}{f' in pose {answer.pose}' if poses else ''}"
-                    yield Quantity(what, what, value, _relative_parts(state, error, value))
+                    yield Quantity(what, what, value, _relative_parts(error, value))
 
 
-def _relative_parts(state: RunState, error: Estimate, value: float) -> dict[Owner, float]:
+def _relative_parts(error: Estimate, value: float) -> dict[Owner, float]:
     """Parts of an error as estimated, without what ± adds to cover 95 %; finer meshes follow curved
     faces, too.
     """
@@ -152,11 +128,7 @@ def _relative_parts(state: RunState, error: Estimate, value: float) -> dict[Owne
     for source, sizes in error.parts.items():
         for name, size in sizes.items():
             owner = name, DISCRETISATION if source == CURVED_FACES else source
-            covering = (
-                state.reduced[name].superelement.errors.mesh_safety
-                if source == DISCRETISATION
-                else 1.0
-            )
+            covering = MESH_SAFETY if source == DISCRETISATION else 1.0
             if size > 0.0:
                 found[owner] = found.get(owner, 0.0) + size / covering / value
     return found

@@ -9,12 +9,10 @@ import numpy as np
 from headstock.geometry.parts.components import Component, MeshSettings
 from headstock.geometry.parts.solids import MeshFile
 from headstock.pipeline.accuracy.quantities import (
-    RIGID_MODEL,
     Factors,
     Owner,
     Quantity,
     count_safely,
-    elastic_shares,
     list_quantities,
     weigh_estimates,
     worst_quantity,
@@ -25,6 +23,7 @@ from headstock.pipeline.accuracy.settings import (
     is_chosen,
     refine_mesh,
     refine_modes,
+    start_component,
 )
 from headstock.pipeline.results.accuracy import AccuracyRound
 from headstock.pipeline.results.estimates import DISCRETISATION, show_share
@@ -32,7 +31,6 @@ from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import AccuracyGoal, Scene
 
 AIM = 0.9  # share of the accuracy that the next round aims at
-RIGID_SHARE = 0.2  # of the accuracy, that all bodies taken as rigid may cost together
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,14 +39,12 @@ class History:
 
     Attributes:
         trials: Of each component, its meshes so far and the largest error they owned.
-        rigid: Components that were taken as rigid, and the share of any number that this may cost.
         quantities: Numbers of the last round, with errors as estimated.
         sizes: Mesh sizes of the last round [m].
         factors: By how much estimates are to be multiplied.
     """
 
     trials: Mapping[str, tuple[Trial, ...]] = field(default_factory=dict)
-    rigid: Mapping[str, float] = field(default_factory=dict)
     quantities: Sequence[Quantity] = ()
     sizes: Mapping[str, float] = field(default_factory=dict)
     factors: Factors = field(default_factory=dict)
@@ -78,7 +74,7 @@ def judge_round(
         history: What the rounds before have taught.
     """
     parts = scene.machine.components
-    estimated = list_quantities(state, history.rigid)
+    estimated = list_quantities(state)
     sizes = {
         name: part.mesh.size
         for name, part in parts.items()
@@ -103,35 +99,35 @@ def judge_round(
     )
     if worst.error <= goal.to or state.failures:
         return Verdict(True, scene, found), history
-    may_be_rigid = goal.fidelity and not history.trials
-    rigid = {**history.rigid, **(_rigid_candidates(state, parts, goal.to) if may_be_rigid else {})}
-    parts = {
-        **parts,
-        **{name: dataclasses.replace(parts[name], fidelity="rigid") for name in rigid},
-    }
     learnt = History(
-        _remember(history.trials, parts, estimated, quantities), rigid, estimated, sizes, factors
+        _remember(history.trials, parts, estimated, quantities), estimated, sizes, factors
     )
-    wanted = _share_with_equals(_wanted_ratios(quantities, goal.to, rigid), parts)
-    return _refine(scene, state, parts, wanted, learnt.trials, found), learnt
+    wanted = _share_with_equals(_wanted_ratios(quantities, goal.to), parts)
+    return _refine(scene, state, goal.to, wanted, learnt.trials, found), learnt
 
 
 def _refine(
     scene: Scene,
     state: RunState,
-    parts: Mapping[str, Component],
+    accuracy: float,
     wanted: Mapping[Owner, float],
     trials: Mapping[str, tuple[Trial, ...]],
     found: AccuracyRound,
 ) -> Verdict:
     """The next scene, in which the errors of some owners should be so many times what they are."""
+    parts = scene.machine.components
     finer = dict(parts)
     for (name, kind), ratio in wanted.items():
-        if kind == RIGID_MODEL or (
-            isinstance(parts[name].solid, MeshFile) and kind == DISCRETISATION
-        ):
+        if isinstance(parts[name].solid, MeshFile) and kind == DISCRETISATION:
             return Verdict(True, scene, found, failure=f"the {kind} of {name} cannot be refined")
-        if kind == DISCRETISATION:
+        if kind == DISCRETISATION and parts[name].fidelity == "polynomial":
+            # more degrees would pay no longer
+            finer[name] = start_component(
+                dataclasses.replace(finer[name], fidelity="elastic"),
+                accuracy,
+                finer[name].reduction.modes_to_hz,
+            )
+        elif kind == DISCRETISATION:
             finer[name] = refine_mesh(finer[name], ratio=ratio, trials=trials.get(name, ()))
         else:
             cutoff, highest = state.reduced[name].superelement.cutoff_hz, _highest_found(state)
@@ -148,9 +144,7 @@ def _refine(
     )
 
 
-def _wanted_ratios(
-    quantities: list[Quantity], accuracy: float, rigid: Mapping[str, float]
-) -> dict[Owner, float]:
+def _wanted_ratios(quantities: list[Quantity], accuracy: float) -> dict[Owner, float]:
     """For each number that is too far off, by what factor the parts that own most of it must
     fall.
     """
@@ -160,7 +154,7 @@ def _wanted_ratios(
             continue
         largest = quantity.parts[quantity.owner]
         for owner, part in quantity.parts.items():
-            if part < 0.5 * largest or owner[0] in rigid:
+            if part < 0.5 * largest:
                 continue
             rest = quantity.error - part
             ratio = (
@@ -217,24 +211,6 @@ def _remember(
         ):
             longer[name] = (*known, Trial(part.mesh.size, largest, largest_counted))
     return longer
-
-
-def _rigid_candidates(
-    state: RunState, parts: Mapping[str, Component], accuracy: float
-) -> dict[str, float]:
-    """Components so stiff beside the rest that taking them as rigid costs a small part of the
-    accuracy.
-    """
-    shares = elastic_shares(state)
-    chosen = sorted(
-        (shares.get(name, 0.0), name) for name, part in parts.items() if is_chosen(part)
-    )
-    found: dict[str, float] = {}
-    for share, name in chosen:
-        cost = share / (1.0 - share) if share < 1.0 else np.inf
-        if sum(found.values()) + cost <= RIGID_SHARE * accuracy:
-            found[name] = float(cost)
-    return found
 
 
 def _highest_found(state: RunState) -> float:

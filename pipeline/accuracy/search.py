@@ -7,10 +7,12 @@ is known.
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from headstock.pipeline.accuracy.interface_choice import choose_shapes, give_chosen
+from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.solids import SuperelementFile
 from headstock.pipeline.accuracy.model_errors import BetterBodies
 from headstock.pipeline.accuracy.models import ModelChoice, choose_models
 from headstock.pipeline.accuracy.quantities import count_safely, list_quantities
@@ -22,14 +24,16 @@ from headstock.pipeline.accuracy.rounds import (
 )
 from headstock.pipeline.accuracy.settings import (
     COARSE_ACCURACY,
+    ROUGH_ACCURACY,
     are_equal,
     is_chosen,
     mode_margin,
     start_component,
+    suits_polynomials,
 )
 from headstock.pipeline.planning.budgets import BudgetError
 from headstock.pipeline.planning.plan import Plan, Stage
-from headstock.pipeline.planning.planner import FRF_MARGIN, is_simple, plan_scene
+from headstock.pipeline.planning.planner import FRF_MARGIN, plan_scene
 from headstock.pipeline.planning.resources import Cost, measure
 from headstock.pipeline.results.accuracy import AccuracyAnswer, AccuracyRound
 from headstock.pipeline.results.estimates import show_share
@@ -75,16 +79,21 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
     """
     analyses, modes_to = _round_analyses(scene.analyses), _modes_to(scene.analyses, _goal(scene).to)
     parts = scene.machine.components
-    if _goal(scene).models:
-        # finite elements of all bodies say what cheaper models would leave out
+    if _goal(scene).models != "none":
+        # what deforms by its volume says what cheaper models would leave out
         parts = {
-            name: dataclasses.replace(part, fidelity="elastic") if is_simple(part) else part
+            name: _make_deform(part) if _is_ours(scene, name) else part
             for name, part in parts.items()
         }
     chosen = [part for part in parts.values() if is_chosen(part)]
     one = all(are_equal(chosen[0], part) for part in chosen)
     components = {
-        name: start_component(part, accuracy if one else max(accuracy, COARSE_ACCURACY), modes_to)
+        name: start_component(
+            part,
+            accuracy if one else max(accuracy, COARSE_ACCURACY),
+            modes_to,
+            rough=_goal(scene).to >= ROUGH_ACCURACY,
+        )
         if is_chosen(part)
         else part
         for name, part in parts.items()
@@ -92,6 +101,26 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
     return replace_components(
         dataclasses.replace(scene, analyses=analyses, model_errors=False, interface_errors=False),
         components,
+    )
+
+
+def _is_ours(scene: Scene, name: str) -> bool:
+    """Whether the model of a body is ours to choose; only a mesh shows what supports, probes and
+    shapes of interfaces see.
+    """
+    machine, part = scene.machine, scene.machine.components[name]
+    if isinstance(part.solid, SuperelementFile) or any(
+        one.component == name for one in (*machine.supports.values(), *machine.probes.values())
+    ):
+        return False
+    if any(item.flexible for item in part.interfaces.values()):
+        return False
+    return _goal(scene).models == "all" or part.fidelity != "rigid"
+
+
+def _make_deform(part: Component) -> Component:
+    return dataclasses.replace(
+        part, fidelity="polynomial" if suits_polynomials(part) else "elastic"
     )
 
 
@@ -142,9 +171,10 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
                 note(Stage("refine", name, verdict.round.reason), change, Cost())
         current, state = verdict.scene, run_round(verdict.scene, plan)
     choice, better = None, None
-    if goal.models and not failure and not state.failures:
+    ours = [name for name in scene.machine.components if _is_ours(scene, name)]
+    if goal.models != "none" and ours and not failure and not state.failures:
         choice = make_on_root(
-            state.comm, functools.partial(_choose_models, state, history, goal.to, note)
+            state.comm, functools.partial(_choose_models, state, ours, history, goal.to, note)
         )
     if choice is not None:
         before = {
@@ -176,7 +206,7 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
     settings = {
         name: describe_settings(part)
         for name, part in current.machine.components.items()
-        if is_chosen(part) or name in history.rigid or (choice and name in choice.bodies)
+        if is_chosen(part) or (choice and name in choice.bodies)
     }
     settings |= {own.joint.name: str(own) for own in shapes}
     if not failure:
@@ -200,11 +230,13 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
     )
 
 
-def _choose_models(state: RunState, history: History, accuracy: float, note: Note) -> ModelChoice:
+def _choose_models(
+    state: RunState, ours: Sequence[str], history: History, accuracy: float, note: Note
+) -> ModelChoice:
     """The cheapest models within an accuracy, on rank 0."""
-    counted = count_safely(list_quantities(state, history.rigid), history.factors)
+    counted = count_safely(list_quantities(state), history.factors)
     with measure() as cost:
-        found = choose_models(state, counted, accuracy)
+        found = choose_models(state, ours, counted, accuracy)
     note(
         Stage("models", None, "the cheapest models within the accuracy"),
         f"{found.worst} within {show_share(found.error)}",

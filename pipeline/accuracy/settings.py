@@ -14,7 +14,7 @@ from headstock.geometry.parts.components import (
     MeshSettings,
 )
 from headstock.geometry.parts.mass_properties import solid_volume
-from headstock.geometry.parts.solids import Box, MeshFile, StepFile, SuperelementFile
+from headstock.geometry.parts.solids import Box, MeshFile, StepFile, SuperelementFile, Tube
 from headstock.meshing.components.meshing import automatic_size, count_hexes
 from headstock.meshing.sizing import (
     DEFAULT_CELLS,
@@ -33,6 +33,8 @@ START_ACCURACY = (
 COARSE_ACCURACY = 0.03
 FEWEST_ALONG = 3
 MOST_ACROSS = 40
+# hexes between the edges of small patches, for accuracies of a few percent
+ROUGH_ACCURACY, ROUGH_ALONG, ROUGH_ACROSS, MOST_ROUGH_HEXES, FLAT = 0.02, 7, 2, 600, 1.6
 PATCHES_ADD = 2.0  # hexes that patches may add by their grid lines before tetrahedra pay
 COARSER_THAN_RULE = 3.0
 # a column with two rigid faces: 0.6 % off with modes up to 3 times the wanted range, 1.5 % with 2
@@ -81,22 +83,42 @@ class Trial:
 
 def is_chosen(component: Component) -> bool:
     """Whether mesh and modes of a component are ours to choose."""
-    return component.fidelity == "elastic" and not isinstance(component.solid, SuperelementFile)
+    return component.fidelity in ("elastic", "polynomial") and not isinstance(
+        component.solid, SuperelementFile
+    )
 
 
-def start_component(component: Component, accuracy: float, modes_to_hz: float | None) -> Component:
+def suits_polynomials(component: Component) -> bool:
+    """Whether polynomials are a cheap stand-in for the finite elements of a component: tubes, whose
+    curved walls take many, held at whole faces.
+    """
+    patches = [patch for item in component.interfaces.values() for patch in item.patches]
+    return (
+        isinstance(component.solid, Tube)
+        and all(patch.shape == "whole" and ":" not in patch.face for patch in patches)
+        and not any(item.flexible for item in component.interfaces.values())
+    )
+
+
+def start_component(
+    component: Component, accuracy: float, modes_to_hz: float | None, *, rough: bool = False
+) -> Component:
     """A component with the cheapest settings that are likely to do.
 
     Args:
-        component: Elastic.
+        component: Elastic, or of polynomials.
         accuracy: Relative error allowed.
         modes_to_hz: Up to where fixed-interface modes are kept; None for a count of the planner's.
+        rough: An even grid along the edges of small patches will do, too.
     """
     reduction = dataclasses.replace(component.reduction, modes_to_hz=modes_to_hz, modes=None)
     if isinstance(component.solid, MeshFile):
         return dataclasses.replace(component, reduction=reduction)
+    if component.fidelity == "polynomial":
+        return dataclasses.replace(component, reduction=reduction, mesh=MeshSettings())
+    mesh = _rough_grid(component) if rough else None
     return dataclasses.replace(
-        component, reduction=reduction, mesh=_start_mesh(component, accuracy)
+        component, reduction=reduction, mesh=mesh or _start_mesh(component, accuracy)
     )
 
 
@@ -128,16 +150,24 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
             LEAST_STEP,
         )
     )
-    return dataclasses.replace(component, mesh=_shrink(component, mesh, step))
+    finer = _shrink(component, mesh, step)
+    if _is_rough(component) and (
+        count_hexes(component, finer.size or 0.0, finer.across_patches) > 2 * MOST_ROUGH_HEXES
+    ):
+        finer = _start_mesh(component, COARSE_ACCURACY)
+    return dataclasses.replace(component, mesh=finer)
 
 
 def _shrink(component: Component, mesh: MeshSettings, step: float) -> MeshSettings:
     """A mesh with sizes that are so many times what they are, and that much finer where stresses
     are singular.
     """
+    size = step * (mesh.size or 0.0)
+    if mesh.cells == "hex" and isinstance(component.solid, Box):
+        size = _not_single(size, min(component.solid.size))
     finer = dataclasses.replace(
         mesh,
-        size=_round(step * (mesh.size or 0.0)),
+        size=_round(size),
         across_patches=_shrink_imprints(component, mesh, step),
     )
     if mesh.growth is not None:
@@ -225,6 +255,35 @@ def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
         else grade_mesh(component, size, accuracy),
         step,
     )
+
+
+def _rough_grid(component: Component) -> MeshSettings | None:
+    """Hexes between the edges of patches that are too small for the usual rule, where they are few:
+    cheaper than the start of a mesh generator. None where they are not.
+    """
+    solid = component.solid
+    patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
+    if not isinstance(solid, Box) or any(patch.shape == "disk" for patch in patches):
+        return None
+    thinnest = min(solid.size)
+    size = _round(_not_single(max(solid.size) / ROUGH_ALONG, thinnest))
+    if _narrowest_patch(component) >= size:
+        return None
+    if count_hexes(component, size, ROUGH_ACROSS) > MOST_ROUGH_HEXES:
+        return None
+    return MeshSettings(size, cells="hex", across_patches=ROUGH_ACROSS)
+
+
+def _is_rough(component: Component) -> bool:
+    mesh = component.mesh
+    return mesh.cells == "hex" and _narrowest_patch(component) < (mesh.size or 0.0)
+
+
+def _not_single(size: float, thinnest: float) -> float:
+    """A size that leaves no row of single hexes that are about as thick as long, of which nobody can
+    tell the error.
+    """
+    return START_SHARE * thinnest if thinnest <= size < FLAT * thinnest else size
 
 
 def grade_mesh(component: Component, size: float, accuracy: float) -> MeshSettings:

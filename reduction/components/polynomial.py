@@ -132,10 +132,10 @@ def reduce_polynomial(
         component.material.density if component.mass is None else component.mass / properties.volume
     )
     across, along = choose_degrees(component, bar)
-    fine, coarse = (
-        _make_space(component, bar, [degree - less for degree in across], along - less)
-        for less in (0, 1)
-    )
+    fine = _make_space(component, bar, across, along)
+    # a round section of two degrees lacks what shear needs, and would tell of that alone
+    less = 0 if isinstance(component.solid, Tube) else 1
+    coarse = _make_space(component, bar, [degree - less for degree in across], along - 1)
     areas = {
         name: _measure_area(component, name, interface.patches, bar, (along + 2, max(across) + 2))
         for name, interface in component.interfaces.items()

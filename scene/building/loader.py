@@ -275,7 +275,7 @@ def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | No
         drives=build_drives(table),
         accuracy=None
         if table.accuracy is None
-        else AccuracyGoal(table.accuracy.to, table.accuracy.fidelity, table.accuracy.models),
+        else AccuracyGoal(table.accuracy.to, table.accuracy.models),
         model_errors=table.model_errors,
         interface_errors=table.interface_errors,
         modal_damping=read_modal_damping(table.effects.get("damping", False)),

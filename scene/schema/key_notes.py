@@ -278,8 +278,8 @@ NOTES = {
     "Scene.interface_errors": "compare rigid joints between elastic bodies with deformation shapes in both forms: what their interfaces leave out "
     "becomes a part of the ± of frequencies and compliances, see [errors](errors.md#rigid-joints)",
     "Accuracy.to": "largest relative error of any requested number",
-    "Accuracy.fidelity": "allow elastic bodies that hardly deform to become rigid",
-    "Accuracy.models": "make every body rigid, segmented or elastic as the accuracy allows, whatever its `fidelity` says",
+    "Accuracy.models": "which bodies become rigid, segmented or elastic as the accuracy allows: those that are not `rigid` in the scene, `all`, or "
+    "`none`",
     "Analyses.static": "compliance at points, and static response to loads",
     "Analyses.modal": "natural frequencies and modes",
     "Analyses.frf": "frequency responses, see [frequency response](frequency_response.md)",

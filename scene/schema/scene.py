@@ -98,8 +98,7 @@ class AccuracyTable(StrictTable):
     """
 
     to: Accuracy
-    fidelity: Flag = False
-    models: Flag = False
+    models: Literal["none", "deforming", "all"] = "deforming"
 
 
 def _wrap_accuracy(value: object) -> object:
