@@ -252,7 +252,7 @@ def _run_rounds(scene: Scene, rounds: _StageRunner) -> RunState:
         return rounds.run(
             scene, make_on_root(rounds.comm, lambda: plan_scene(scene, ranks=rounds.comm.size))
         )
-    search = search_settings(scene, rounds.run, rounds.note)
+    search = search_settings(scene, rounds.run, rounds.note, comm=rounds.comm, store=rounds.store)
     state = search.state
     rest = search.scene.analyses != state.scene.analyses
     rest = rest or scene.model_errors or scene.interface_errors

@@ -118,7 +118,7 @@ def judge_models(state: RunState, better: BetterBodies) -> Outcome:
         for name, why in better.failures.items()
     ]
     return Outcome(
-        detail=f"finite elements in place of {', '.join(better.components)} change numbers by up to "
+        detail=f"elastic bodies in place of {', '.join(better.components)} change numbers by up to "
         f"{show_share(max(known, default=0.0))}",
         answers=(found,),
         warnings=tuple(warnings),

@@ -10,12 +10,15 @@ import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from headstock.pipeline.accuracy.interface_choice import choose_shapes, give_chosen
+from mpi4py import MPI
+
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import SuperelementFile
+from headstock.pipeline.accuracy.interface_choice import choose_shapes, give_chosen
 from headstock.pipeline.accuracy.model_errors import BetterBodies
 from headstock.pipeline.accuracy.models import ModelChoice, choose_models
 from headstock.pipeline.accuracy.quantities import count_safely, list_quantities
+from headstock.pipeline.accuracy.remembered import Remembered, recall_search, remember_search
 from headstock.pipeline.accuracy.rounds import (
     History,
     describe_settings,
@@ -38,11 +41,14 @@ from headstock.pipeline.planning.resources import Cost, measure
 from headstock.pipeline.results.accuracy import AccuracyAnswer, AccuracyRound
 from headstock.pipeline.results.estimates import show_share
 from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.stages.shared_components import make_superelements
+from headstock.pipeline.storage.store import Store
 from headstock.scene.requests import Analyses, ModalRequest
 from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.solvers.ranks import make_on_root
 
 MOST_ROUNDS = 9
+FOUND = "settings that an earlier run of this scene found"
 RunRound = Callable[[Scene, Plan], RunState]
 Note = Callable[[Stage, str, Cost], None]
 
@@ -109,9 +115,10 @@ def _is_ours(scene: Scene, name: str) -> bool:
     shapes of interfaces see.
     """
     machine, part = scene.machine, scene.machine.components[name]
-    if isinstance(part.solid, SuperelementFile) or any(
-        one.component == name for one in (*machine.supports.values(), *machine.probes.values())
-    ):
+    seen = {one.component for one in machine.supports.values()} | {
+        one.component for one in machine.probes.values()
+    }
+    if scene.is_lumped or isinstance(part.solid, SuperelementFile) or name in seen:
         return False
     if any(item.flexible for item in part.interfaces.values()):
         return False
@@ -124,17 +131,26 @@ def _make_deform(part: Component) -> Component:
     )
 
 
-def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySearch:
+def search_settings(
+    scene: Scene, run_round: RunRound, note: Note, *, comm: MPI.Comm, store: Store
+) -> AccuracySearch:
     """Refine until every requested number is right to the scene's accuracy; collective.
 
     Args:
         scene: With an accuracy.
         run_round: Runs a scene's plan without writing anything.
         note: Called with each refinement on rank 0.
+        comm: Of the run.
+        store: Where settings are that were found before.
 
     Raises:
         BudgetError: Not even the coarsest settings fit the limits.
     """
+    known = make_on_root(comm, lambda: recall_search(scene, store))
+    if known is not None:
+        if comm.rank == 0:
+            note(Stage("refine", None, FOUND), known.answer.rounds[-1].reason, Cost())
+        return _repeat_search(scene, known, run_round)
     goal = _goal(scene)
     rounds: list[AccuracyRound] = []
     history = History()
@@ -214,6 +230,10 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
     bodies = choice.bodies if choice else {}
     answer = AccuracyAnswer(goal.to, tuple(rounds), settings, failure, bodies)
     last = rounds[-1]
+    if state.is_root and not failure and not state.failures:
+        references = {} if better is None else better.components
+        found = Remembered(current.machine.components, references, answer)
+        state.warn(remember_search(scene, store, found))
     if failure:
         failure = f"the accuracy of {100.0 * goal.to:g} % is not reached; best: {last.quantity} within {show_share(last.error)}: {failure}"
     return AccuracySearch(
@@ -227,6 +247,29 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
         answer,
         failure,
         better,
+    )
+
+
+def _repeat_search(scene: Scene, known: Remembered, run_round: RunRound) -> AccuracySearch:
+    """The last round of a search that was made before; collective."""
+    start = dataclasses.replace(scene, analyses=_round_analyses(scene.analyses), model_errors=False)
+    current = replace_components(start, known.chosen)
+    state = run_round(current, plan_scene(current))
+    better = None
+    if known.references:
+        scene_before = replace_components(start, {**known.chosen, **known.references})
+        plan = plan_scene(scene_before)
+        other = dataclasses.replace(
+            state, scene=scene_before, plan=plan, meshes={}, reduced=dict(state.reduced)
+        )
+        make_superelements(other, only=list(known.references))
+        parts = {name: plan.components[name] for name in known.references}
+        better = BetterBodies(other.parts, parts, {})
+    return AccuracySearch(
+        dataclasses.replace(current, analyses=scene.analyses, model_errors=scene.model_errors),
+        state,
+        known.answer,
+        better=better,
     )
 
 

@@ -39,7 +39,7 @@ MESHING_SECONDS_PER_DOF = {"tet": 2e-5, "hex": 1e-6}
 MESHING_START = {"tet": 0.3, "hex": 0.03}
 STAGE_SECONDS = {
     "segment": 0.01,
-    "polynomials": 0.3,
+    "expand": 0.3,
     "couple": 0.03,
     "place": 0.005,
     "static": 0.005,

@@ -13,7 +13,7 @@ StageKind = Literal[
     "refine",
     "rigid",
     "segment",
-    "polynomials",
+    "expand",
     "load",
     "couple",
     "static",
@@ -39,7 +39,7 @@ class Stage:
     Attributes:
         kind: ``mesh`` and ``reduce`` an elastic component, ``refine`` its settings for an accuracy,
             make a ``rigid`` one from its mass properties, ``segment`` one into a row of rigid
-            bodies, take ``polynomials`` for its displacements, ``load`` an imported superelement, ``couple`` the machine in a pose, ``place`` a
+            bodies, ``expand`` its displacements in polynomials, ``load`` an imported superelement, ``couple`` the machine in a pose, ``place`` a
             lumped mechanism in one, ``map`` it over many, ``contour`` a block with it, ``static``
             analysis, ``recover`` the response at probes, ``modal`` analysis, ``spread`` of its
             frequencies with the kind of interfaces, ``models``: what rigid and segmented bodies

@@ -386,10 +386,10 @@ def _component_stages(
     if component.fidelity == "polynomial":
         return (
             Stage(
-                "polynomials",
+                "expand",
                 name,
                 f"displacements as polynomials, no mesh; {reason}",
-                estimated_seconds=STAGE_SECONDS["polynomials"],
+                estimated_seconds=STAGE_SECONDS["expand"],
             ),
         )
     assert_never(component.fidelity)

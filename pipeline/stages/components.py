@@ -280,7 +280,7 @@ COMPONENT_STAGES: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "reduce": _run_reduce_stage,
     "rigid": _run_rigid_stage,
     "segment": _run_segment_stage,
-    "polynomials": _run_polynomial_stage,
+    "expand": _run_polynomial_stage,
     "load": _run_load_stage,
 }
 

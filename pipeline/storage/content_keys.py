@@ -34,6 +34,7 @@ from headstock.meshing.formats import MESH_SUFFIXES, files_beside
 from headstock.pipeline.storage.json_texts import JsonValue
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.keys import find_keys, split_key, value_at
+from headstock.scene.scene import Scene, list_analyses
 
 SIGNIFICANT_DIGITS = 12
 MESH_LIBRARIES = ("gmsh", "meshio", "numpy", "vtk")
@@ -172,6 +173,22 @@ def superelement_key(
             "loads": {
                 load.name: (load.kind, load.magnitude) for load in loads if load.kind != "force"
             },
+        }
+    )
+
+
+def search_key(scene: Scene) -> str:
+    """Key of the settings that a search found for a scene: all that it says, its files, the analyses
+    of this run, code and libraries.
+    """
+    return _digest(
+        {
+            "algorithm": [code_fingerprint(package) for package in PACKAGES],
+            "libraries": library_versions((*MESH_LIBRARIES, *REDUCTION_LIBRARIES)),
+            "scene": scene.raw,
+            "files": dict(file_digests(scene.path.parent, scene.raw)),
+            "analyses": sorted(list_analyses(scene)),
+            "models": scene.accuracy,
         }
     )
 

@@ -33,8 +33,7 @@ class ModeChanges:
         changes_hz: ``(m,)`` frequency with better bodies less that without [Hz]; NaN for a mode that
             has no partner of its shape, 0 for rigid-body modes.
         partners: ``(m,)`` index of each partner among the better modes, -1 without one.
-        missing: Indices of better modes below the highest of the ``m`` that are partners of none of
-            them.
+        missing: Indices of better modes below the highest of the ``m`` that are partners of no mode.
     """
 
     changes_hz: FloatArray
@@ -83,16 +82,19 @@ def compare_modes(plain: WatchedModes, better: WatchedModes, *, count: int) -> M
     rigid = plain.shapes.rigid_count
     changes = np.where(np.arange(count) < rigid, 0.0, np.nan)
     partners = [-1] * count
-    for pair in pair_modes(plain.shapes, better.shapes):
+    pairs = pair_modes(plain.shapes, better.shapes)
+    for pair in pairs:
         if pair.first < count:
             partners[pair.first] = pair.second
             if pair.first >= rigid:
                 changes[pair.first] = better_hz[pair.second] - own_hz[pair.first]
     highest = float(own_hz[:count].max(initial=0.0))
+    # the partner of a mode beyond the last may lie below it: half of a pair that the count cuts
+    paired = {pair.second for pair in pairs}
     missing = tuple(
         index
         for index in range(better.shapes.rigid_count, len(better_hz))
-        if better_hz[index] < highest and index not in partners
+        if better_hz[index] < highest and index not in paired
     )
     return ModeChanges(changes, tuple(partners), missing)
 

@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.fem, pytest.mark.process]
 # a slender mast on a heavy block on soft springs; written as a rigid one on an elastic block
 SCENE = """
 name = "mast"
-accuracy = { to = "ASKED", models = true }
+accuracy = { to = "ASKED", models = "all" }
 [materials.steel]
 E = "210 GPa"
 nu = 0.3
@@ -129,11 +129,11 @@ def test_the_true_error_is_within_what_was_asked(folder: Path, truth: Results, a
 
 
 def test_without_models_bodies_stay_as_they_are_written(folder: Path) -> None:
-    results = run(folder, "5 %", "accuracy.models=false")
+    results = run(folder, "5 %", "accuracy.models=none")
     assert results.components["mast"].fidelity == "rigid"
     assert not answer(results).models
 
 
 def test_a_wrong_value_is_refused(folder: Path) -> None:
     with pytest.raises(SceneError, match="models"):
-        run(folder, "5 %", 'accuracy.models="all"')
+        run(folder, "5 %", "accuracy.models=true")

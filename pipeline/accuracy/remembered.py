@@ -1,0 +1,98 @@
+"""What a search has found for a scene, kept in the store: the next run of the same scene computes its
+last round alone.
+"""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from headstock.geometry.parts.components import (
+    Component,
+    MeshSettings,
+    ReductionSettings,
+    SegmentSettings,
+)
+from headstock.pipeline.results.accuracy import AccuracyAnswer, AccuracyRound, BodyChoice
+from headstock.pipeline.storage.content_keys import search_key
+from headstock.pipeline.storage.store import Store, read_entry, write_entry
+from headstock.scene.scene import Scene
+
+KEPT = ("fidelity", "mesh", "reduction", "segments")  # of a component
+
+
+@dataclass(frozen=True)
+class FoundSettings:
+    """The entry of the store: a text of JSON."""
+
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Remembered:
+    """How a search for settings ended.
+
+    Attributes:
+        chosen: Components with the settings found.
+        references: Bodies whose models were chosen, as the finite elements or polynomials that they
+            were compared with.
+        answer: What is said of the search.
+    """
+
+    chosen: Mapping[str, Component]
+    references: Mapping[str, Component]
+    answer: AccuracyAnswer
+
+
+def remember_search(scene: Scene, store: Store, found: Remembered) -> str | None:
+    """Keep what was found for a scene; a warning where the store cannot be written."""
+    if not scene.raw:
+        # made by a program: nothing says what it depends on
+        return None
+    content = {
+        "chosen": {name: _keep(part) for name, part in found.chosen.items()},
+        "references": {name: _keep(part) for name, part in found.references.items()},
+        "answer": dataclasses.asdict(found.answer),
+    }
+    return write_entry(store, search_key(scene), FoundSettings(json.dumps(content)))
+
+
+def recall_search(scene: Scene, store: Store) -> Remembered | None:
+    """What was found for a scene; None where nothing was, or other files or code lay behind it."""
+    if not scene.raw:
+        return None
+    entry = read_entry(store, search_key(scene), FoundSettings).value
+    if entry is None:
+        return None
+    content = json.loads(entry.text)
+    parts = scene.machine.components
+    chosen, references = (
+        {name: _restore(parts[name], kept) for name, kept in content[kind].items()}
+        for kind in ("chosen", "references")
+    )
+    return Remembered(chosen, references, _restore_answer(content["answer"]))
+
+
+def _keep(component: Component) -> dict[str, Any]:
+    content = dataclasses.asdict(component)
+    return {name: content[name] for name in KEPT}
+
+
+def _restore(component: Component, kept: Mapping[str, Any]) -> Component:
+    return dataclasses.replace(
+        component,
+        fidelity=kept["fidelity"],
+        mesh=MeshSettings(**kept["mesh"]),
+        reduction=ReductionSettings(**kept["reduction"]),
+        segments=SegmentSettings(**kept["segments"]),
+    )
+
+
+def _restore_answer(content: Mapping[str, Any]) -> AccuracyAnswer:
+    rounds = tuple(
+        AccuracyRound(**{**one, "owner": one["owner"] and tuple(one["owner"])})
+        for one in content["rounds"]
+    )
+    models = {name: BodyChoice(**body) for name, body in content["models"].items()}
+    return AccuracyAnswer(**{**content, "rounds": rounds, "models": models})

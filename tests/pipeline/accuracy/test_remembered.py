@@ -1,0 +1,81 @@
+"""The settings of a search are found once: the next run of the same scene computes its last round."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+
+pytestmark = [pytest.mark.fem, pytest.mark.process]
+
+# a tube that is held at its lower end by springs
+SCENE = """
+name = "pole"
+accuracy = "ASKED"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.pole]
+solid = { tube = { outer = "80 mm", inner = "60 mm", length = "1200 mm" } }
+material = "steel"
+interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
+[joints.feet]
+between = ["pole.foot", "ground"]
+kind = "spring"
+stiffness = { x = "20 N/um", y = "20 N/um", z = "50 N/um", rx = "1 N m/urad", ry = "1 N m/urad", rz = "1 N m/urad" }
+[points]
+tip = { tool = "pole.tip", work = "ground" }
+[analyses.static]
+[analyses.modal]
+count = 6
+"""
+
+
+def run(folder: Path, asked: str, *overrides: str) -> Results:
+    path = folder / "pole.toml"
+    path.write_text(SCENE.replace("ASKED", asked))
+    scene = load_scene(path, overrides=overrides)
+    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+
+def stages(results: Results) -> list[str]:
+    return [record.stage.kind for record in results.stages]
+
+
+def test_a_slender_tube_becomes_segments_without_a_mesh_and_is_right(tmp_path: Path) -> None:
+    results = run(tmp_path, "1 %")
+    assert results.components["pole"].fidelity == "segmented"
+    assert "mesh" not in stages(results) and "expand" in stages(results)
+    scene = load_scene(tmp_path / "pole.toml", overrides=['accuracy={ to = "0.2 %", models = "none" }'])
+    fine = run_scene(scene, tmp_path / "f", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
+    shares = results.modal[0].frequencies_hz / fine.modal[0].frequencies_hz - 1.0
+    assert np.abs(shares).max() < 0.01
+    for error, hz, share in zip(
+        results.modal[0].errors, results.modal[0].frequencies_hz, shares, strict=True
+    ):
+        assert error.total is not None and abs(share) * hz <= error.total + 0.002 * hz
+
+
+def test_the_second_run_computes_the_last_round_alone_and_says_so(tmp_path: Path) -> None:
+    first, second = run(tmp_path, "1 %"), run(tmp_path, "1 %")
+    assert stages(first).count("modal") == 2 and stages(second).count("modal") == 1
+    assert "expand" not in stages(second)
+    told = [record for record in second.stages if record.stage.kind == "refine"]
+    assert len(told) == 1 and "earlier run" in told[0].stage.reason
+    for name in ("modal", "static", "accuracy", "model_errors"):
+        assert summarise(first)[name] == summarise(second)[name]  # type: ignore[literal-required]
+
+
+def test_another_scene_is_searched_again(tmp_path: Path) -> None:
+    run(tmp_path, "1 %")
+    other = run(tmp_path, "1 %", 'components.pole.solid.tube.inner="50 mm"')
+    assert stages(other).count("modal") == 2
+    finer = run(tmp_path, "0.05 %")
+    assert finer.components["pole"].fidelity != "segmented"
