@@ -76,12 +76,18 @@ def recall_search(scene: Scene, store: Store) -> Remembered | None:
 
 def _keep(component: Component) -> dict[str, Any]:
     content = dataclasses.asdict(component)
-    return {name: content[name] for name in KEPT}
+    shapes = {name: item.flexible for name, item in component.interfaces.items()}
+    return {**{name: content[name] for name in KEPT}, "shapes": shapes}
 
 
 def _restore(component: Component, kept: Mapping[str, Any]) -> Component:
+    interfaces = {
+        name: dataclasses.replace(item, flexible=kept["shapes"][name])
+        for name, item in component.interfaces.items()
+    }
     return dataclasses.replace(
         component,
+        interfaces=interfaces,
         fidelity=kept["fidelity"],
         mesh=MeshSettings(**kept["mesh"]),
         reduction=ReductionSettings(**kept["reduction"]),

@@ -252,7 +252,12 @@ def search_settings(
 
 def _repeat_search(scene: Scene, known: Remembered, run_round: RunRound) -> AccuracySearch:
     """The last round of a search that was made before; collective."""
-    start = dataclasses.replace(scene, analyses=_round_analyses(scene.analyses), model_errors=False)
+    start = dataclasses.replace(
+        scene,
+        analyses=_round_analyses(scene.analyses),
+        model_errors=False,
+        interface_errors=False,
+    )
     current = replace_components(start, known.chosen)
     state = run_round(current, plan_scene(current))
     better = None
@@ -266,7 +271,12 @@ def _repeat_search(scene: Scene, known: Remembered, run_round: RunRound) -> Accu
         parts = {name: plan.components[name] for name in known.references}
         better = BetterBodies(other.parts, parts, {})
     return AccuracySearch(
-        dataclasses.replace(current, analyses=scene.analyses, model_errors=scene.model_errors),
+        dataclasses.replace(
+            current,
+            analyses=scene.analyses,
+            model_errors=scene.model_errors,
+            interface_errors=scene.interface_errors,
+        ),
         state,
         known.answer,
         better=better,

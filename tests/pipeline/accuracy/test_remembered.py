@@ -53,7 +53,9 @@ def test_a_slender_tube_becomes_segments_without_a_mesh_and_is_right(tmp_path: P
     results = run(tmp_path, "1 %")
     assert results.components["pole"].fidelity == "segmented"
     assert "mesh" not in stages(results) and "expand" in stages(results)
-    scene = load_scene(tmp_path / "pole.toml", overrides=['accuracy={ to = "0.2 %", models = "none" }'])
+    scene = load_scene(
+        tmp_path / "pole.toml", overrides=['accuracy={ to = "0.2 %", models = "none" }']
+    )
     fine = run_scene(scene, tmp_path / "f", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
     shares = results.modal[0].frequencies_hz / fine.modal[0].frequencies_hz - 1.0
     assert np.abs(shares).max() < 0.01
