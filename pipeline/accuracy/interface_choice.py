@@ -1,11 +1,16 @@
 """How many deformation shapes the interfaces of rigid joints get for a stated accuracy."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from headstock.geometry.parts.components import Component
-from headstock.pipeline.accuracy.interface_errors import judge_interfaces, make_shaped_machines
+from headstock.pipeline.accuracy.interface_errors import (
+    ShapedMachines,
+    judge_interfaces,
+    make_shaped_machines,
+)
 from headstock.pipeline.accuracy.rounds import replace_components
 from headstock.pipeline.planning.interfaces import GluedJoint, find_glued_joints
 from headstock.pipeline.planning.planner import plan_scene
@@ -73,12 +78,7 @@ def choose_shapes(
         chosen |= {name: dataclasses.replace(chosen[name], shapes=count) for name in open_joints}
         state = run_round(give_chosen(start, chosen.values()))
         shaped = make_shaped_machines(state)
-        found = make_on_root(
-            state.comm,
-            lambda state=state, shaped=shaped: find_answers(
-                judge_interfaces(state, shaped).answers, InterfaceErrorsAnswer
-            )[0],
-        )
+        found = make_on_root(state.comm, functools.partial(_judge, state, shaped))
         for name in open_joints:
             number, share = found.largest(name)
             chosen[name] = dataclasses.replace(
@@ -94,6 +94,11 @@ def choose_shapes(
         reason = f"it takes more than {show_share(INTERFACE_SHARE)} of the accuracy"
         chosen[name] = dataclasses.replace(own, reason=reason)
     return list(chosen.values())
+
+
+def _judge(state: RunState, shaped: ShapedMachines) -> InterfaceErrorsAnswer:
+    (found,) = find_answers(judge_interfaces(state, shaped).answers, InterfaceErrorsAnswer)
+    return found
 
 
 def give_chosen(scene: Scene, choices: Iterable[ShapeChoice]) -> Scene:

@@ -160,12 +160,9 @@ def search_settings(
     current, plan = plan_start(give_chosen(scene, shapes))
     state = run_round(current, plan)
     if state.is_root:
-        for choice in shapes:
-            note(
-                Stage("joints", choice.joint.name, choice.reason or "the accuracy"),
-                str(choice),
-                Cost(),
-            )
+        for own in shapes:
+            stage = Stage("joints", own.joint.name, own.reason or "the accuracy")
+            note(stage, str(own), Cost())
     failure = ""
     for number in range(MOST_ROUNDS):
         judge = functools.partial(judge_round, current, state, goal, history)

@@ -178,7 +178,7 @@ def _check_rectangles(name: str, joint: JointTable, draft: Draft, findings: Find
         extents = patch_extents(solid, build_patch(tables[0], solid)) if len(tables) == 1 else None
         if component.fidelity == "elastic" and extents is not None:
             sizes[str(end)] = sorted(extents, reverse=True)
-    if len(sizes) == 2 and not np.allclose(*sizes.values(), rtol=SAME_SIZE, atol=0.0):
+    if len(sizes) == 2 and np.ptp(np.log([*sizes.values()]), axis=0).max() > SAME_SIZE:
         words = " and ".join(
             f"{end} is {1e3 * long:.6g} x {1e3 * short:.6g} mm"
             for end, (long, short) in sizes.items()
