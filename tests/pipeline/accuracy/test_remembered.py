@@ -72,7 +72,7 @@ def test_the_second_run_computes_the_last_round_alone_and_says_so(tmp_path: Path
     told = [record for record in second.stages if record.stage.kind == "refine"]
     assert len(told) == 1 and "earlier run" in told[0].stage.reason
     for name in ("modal", "static", "accuracy", "model_errors"):
-        assert summarise(first)[name] == summarise(second)[name]  # type: ignore[literal-required]
+        assert summarise(first)[name] == summarise(second)[name]
 
 
 def test_another_scene_is_searched_again(tmp_path: Path) -> None:
