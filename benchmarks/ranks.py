@@ -102,7 +102,7 @@ def list_work(sizes: tuple[str, ...] = ("45 mm", "25 mm")) -> list[Work]:
         ),
         Work("two parts of about 100k dofs", two, run),
         Work("16 meshes of one part", study, (("study",), ("meshes",))),
-        Work("identify: 16 starts", axes, (("identify",), (targets, "--starts", "16"))),
+        Work("identify: 8 starts", axes, (("identify",), (targets, "--starts", "8"))),
         Work("effects of a contour", MACHINES / "tripteor.toml", (("effects",), SHORT_CONTOUR)),
         Work(
             "compare: 3 models", axes, (("compare",), ("--variants", "YCE", "--fidelity", MODELS))
