@@ -151,7 +151,7 @@ class _Pair(NamedTuple):
 def _switched_runs(effect: str, scene: Scene) -> _Pair:
     beside = _missing_need(effect, scene)
     need = (f"effects.{beside}=true",) if beside else ()
-    return _Pair(need, (*need, *_switch(effect, scene)))
+    return _Pair(need, (*need, *switch_effect(effect, scene)))
 
 
 def _judge_effect(
@@ -184,7 +184,7 @@ def rank_trials(trials: Sequence[EffectTrial]) -> list[EffectTrial]:
     return sorted(trials, key=lambda trial: (bool(trial.obstacle), -trial.largest, trial.effect))
 
 
-def _switch(effect: str, scene: Scene) -> tuple[str, ...]:
+def switch_effect(effect: str, scene: Scene) -> tuple[str, ...]:
     """Overrides that switch an effect the other way, and those that act through it off with it."""
     if effect not in scene.effects:
         return (f"effects.{effect}=true",)

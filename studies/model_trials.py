@@ -4,7 +4,7 @@ elasticity and interfaces of bodies, their modes and meshes, the pose along a pa
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 from headstock.geometry.parts.components import Component, Fidelity
 from headstock.geometry.parts.solids import MeshFile
@@ -12,8 +12,8 @@ from headstock.meshing.components.meshing import automatic_size
 from headstock.pipeline.planning.plan import Plan
 from headstock.scene.scene import Scene, deforming_parts
 
-ModelKind = Literal["elasticity", "interfaces", "modes", "mesh", "pose"]
-MODEL_KINDS: tuple[ModelKind, ...] = get_args(ModelKind)
+ModelKind = Literal["elasticity", "interfaces", "modes", "mesh", "pose", "several"]
+MODEL_KINDS: tuple[ModelKind, ...] = ("elasticity", "interfaces", "modes", "mesh", "pose")
 # what is tried leaves something out of what is written, adds to it, or is neither
 Sense = Literal["simpler", "richer", "other"]
 FINER = 0.7  # times the mesh size: nearly three times the elements
@@ -53,6 +53,7 @@ class ModelTrial:
             "modes": f"modes of {names}",
             "mesh": f"mesh of {names}",
             "pose": "pose along the path",
+            "several": "all of it",
         }[self.kind]
 
     @property

@@ -172,6 +172,7 @@ def try_models(
     store: Store,
     *,
     kinds: Sequence[ModelKind] = MODEL_KINDS,
+    trials: Sequence[ModelTrial] | None = None,
     comm: MPI.Comm = MPI.COMM_SELF,
     announce: Callable[[str], None] = lambda text: None,
 ) -> list[ModelFinding]:
@@ -183,6 +184,7 @@ def try_models(
         choice: The scene.
         store: Beside it lies the store of the trials while they run.
         kinds: What is changed.
+        trials: The changes; None for all of these kinds.
         comm: Ranks that share the runs.
         announce: Called with what this rank runs.
 
@@ -195,7 +197,8 @@ def try_models(
             ``SharedFailure``, as the other one.
     """
     base = make_on_root(comm, lambda: plan_run(load_choice(choice, ())))
-    trials = make_on_root(comm, lambda: list_model_trials(base.scene, base.plan, kinds))
+    if trials is None:
+        trials = make_on_root(comm, lambda: list_model_trials(base.scene, base.plan, kinds))
     if not trials:
         return []
     planned = make_on_root(comm, lambda: [_plan(choice, trial) for trial in trials])

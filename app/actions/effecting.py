@@ -9,7 +9,10 @@ from pathlib import Path
 import click
 from mpi4py import MPI
 
+from headstock.app.actions.good_enough import check_target, write_good_enough
 from headstock.app.actions.running import require_ranks, select_analyses
+from headstock.app.charts.effects import draw_worth
+from headstock.app.report.pages import render_effects
 from headstock.app.terminal.guard import DONE
 from headstock.app.terminal.models import print_findings
 from headstock.app.terminal.progress import show_progress
@@ -96,8 +99,12 @@ class EffectsRequest:
     scene: SceneChoice
     only: Sequence[str] = ()
     listed: bool = False
+    write: bool = False
+    output: Path | None = None
+    force: bool = False
     ranks: int | None = None
     json_file: Path | None = None
+    page: Path | None = None
     origin: Provenance | None = None
 
 
@@ -145,9 +152,14 @@ def _load(request: EffectsRequest) -> Scene:
     unknown = [kind for kind in request.only if kind not in KINDS]
     if unknown:
         raise click.UsageError(f"--only: {suggest_names(unknown[0], KINDS, what='kinds')}")
-    if request.json_file is not None and not request.json_file.absolute().parent.is_dir():
-        raise click.UsageError(f"there is no folder {request.json_file.parent} for --json")
+    for file, option in ((request.json_file, "--json"), (request.page, "--page")):
+        if file is not None and not file.absolute().parent.is_dir():
+            raise click.UsageError(f"there is no folder {file.parent} for {option}")
     chosen = request.scene
+    if (request.output is not None or request.force) and not request.write:
+        raise click.UsageError("-o FILE and --force go with --write")
+    if request.write:
+        check_target(chosen, request.output, force=request.force)
     scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
     return select_analyses(scene, chosen.analyses)
 
@@ -178,9 +190,13 @@ def _publish(
             "\nNo models are tried: with an accuracy they are chosen by their errors, which"
             " summary.json of a run tells body by body"
         )
+    summary = summarise_effects(scene.name, ranked, findings)
+    if request.origin is not None:
+        summary["provenance"] = request.origin.summarise()
     if request.json_file is not None:
-        summary = summarise_effects(scene.name, ranked, findings)
-        if request.origin is not None:
-            summary["provenance"] = request.origin.summarise()
         write_output(request.json_file, dump_summary(summary).encode())
+    if request.page is not None:
+        write_output(request.page, render_effects(summary, draw_worth(summary)).encode())
+    if request.write:
+        write_good_enough(request.scene, scene, ranked, findings, request.output)
     return DONE

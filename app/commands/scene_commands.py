@@ -172,6 +172,23 @@ def effects(
     list_: Annotated[
         bool, typer.Option("--list", help="List what would be tried; nothing is computed.")
     ] = False,
+    write: Annotated[
+        bool,
+        typer.Option("--write", help="Write what may be dropped as a variant of the scene."),
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="Scene file of --write [SCENE_good_enough.toml]."
+        ),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Let --write replace a file that is there.")
+    ] = False,
+    page: Annotated[
+        Path | None,
+        typer.Option("--page", metavar="FILE", help="Write a page with the chart as HTML."),
+    ] = None,
     ranks: Ranks = None,
     no_host: NoHost = False,
     json: JsonFile = None,
@@ -188,8 +205,12 @@ def effects(
             scene=chosen,
             only=split_list(only),
             listed=list_,
+            write=write,
+            output=output,
+            force=force,
             ranks=ranks,
             json_file=json,
+            page=page,
             origin=origin,
         )
         return effects_request(request, comm)

@@ -1,4 +1,4 @@
-"""Sweeps and comparisons, each as one HTML page that works offline; a click on a pose of a sweep
+"""Sweeps, comparisons and effects, each as one HTML page that works offline; a click on a pose of a sweep
 shows its modes and compliance.
 """
 
@@ -30,15 +30,18 @@ from headstock.app.texts.model_answers import (
 )
 from headstock.app.texts.sweep_quantities import list_quantities, sampled_error_words
 from headstock.geometry.machine.machine import SCENE_UNITS
+from headstock.pipeline.results.estimates import show_share
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.studies import SweepKind
 from headstock.studies.comparison_summary import ComparisonSummary
+from headstock.studies.effects_summary import EffectsSummary
 from headstock.studies.sweeps.files import Numbers, SweepSummary
 from headstock.studies.sweeps.journals import PoseState
 
 TEMPLATE, SCRIPT = "sweep_template.html", "sweep_maps.js"
 DIGITS = 6
 COMPARISON_TEMPLATE = "comparison_template.html"
+EFFECTS_TEMPLATE = "effects_template.html"
 
 
 def render_sweep(
@@ -196,6 +199,25 @@ def render_comparison(summary: ComparisonSummary, figures: Mapping[str, bytes]) 
             shares=functools.partial(share_rows, summary),
             nearest=functools.partial(nearest_mac, summary),
             change=show_change,
+            style=Markup(read_asset(STYLE)),
+        )
+    )
+
+
+def render_effects(summary: EffectsSummary, chart: bytes | None) -> str:
+    """The page as HTML text that refers to nothing outside itself.
+
+    Args:
+        summary: Content of ``effects.json``.
+        chart: A PNG; None where there is nothing to draw.
+    """
+    return (
+        report_environment()
+        .get_template(EFFECTS_TEMPLATE)
+        .render(
+            s=summary,
+            chart="" if chart is None else base64.b64encode(chart).decode(),
+            share=show_share,
             style=Markup(read_asset(STYLE)),
         )
     )

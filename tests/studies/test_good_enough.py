@@ -1,0 +1,120 @@
+"""What may be dropped of a scene becomes a variant in a copy of its file."""
+
+from pathlib import Path
+
+import pytest
+
+from headstock.app.command_line import main
+from headstock.scene.building.loader import load_scene
+from headstock.studies.answers import Change
+from headstock.studies.effects import EffectTrial
+from headstock.studies.good_enough import (
+    Drop,
+    append_variant,
+    choose_drops,
+    keep_within,
+    name_variant,
+)
+from headstock.studies.model_trials import ModelTrial
+from headstock.studies.model_worth import ModelFinding, RunPrice
+
+MACHINES = Path(__file__).resolve().parents[2] / "machines"
+BLOCK = """# a comment of the user
+name = "Mass on a stiff block"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.block]   # odd   spacing stays
+solid = { box = ["300 mm", "300 mm", "150 mm"] }
+material = "steel"
+fidelity = "elastic"
+mesh = { size = "75 mm", cells = "hex" }
+[components.block.interfaces]
+bottom = { face = "z-" }
+top = { face = "z+" }
+[joints.feet]
+between = ["block.bottom", "ground"]
+kind = "spring"
+stiffness = { x = "1 N/um", y = "1 N/um", z = "1 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
+[points]
+tcp = { tool = "block.top", work = "ground" }
+[analyses.static]
+at = "tcp"
+[analyses.modal]
+count = 2
+"""
+
+
+def finding(tried: str, saved: float, kind: str = "elasticity") -> ModelFinding:
+    trial = ModelTrial(
+        "modes" if kind == "modes" else "elasticity",
+        ("block",),
+        "elastic",
+        tried,
+        (f"components.block.{kind}={tried}",),
+        "simpler",
+    )
+    change = Change("frequencies", 5e-4, "first", 50.0, 50.025)
+    return ModelFinding(
+        trial, (change,), written=RunPrice(10.0, 1.0), tried=RunPrice(10.0 * (1.0 - saved), 1.0)
+    )
+
+
+def test_of_what_may_be_dropped_of_a_body_the_one_that_saves_most_is_taken() -> None:
+    scene = load_scene(MACHINES / "tripteor.toml")
+    little, nothing = (
+        Change("leg forces", 5e-4, "", 1.0, 1.0),
+        Change("leg forces", 1e-13, "", 1.0, 1.0),
+    )
+    trials = [EffectTrial("coriolis", True, (little,)), EffectTrial("damping", True, (nothing,))]
+    found = [finding("segmented", 0.5), finding("rigid", 0.9), finding("5", 0.95, "modes")]
+    drops = choose_drops(scene, trials, found)
+    assert [drop.settings for drop in drops] == [
+        ("effects.coriolis=false",),
+        ("components.block.elasticity=rigid",),
+    ]
+
+
+def test_what_is_too_much_together_is_given_up_from_the_largest_on() -> None:
+    drops = [Drop((f"a{number}=1",), "", worth) for number, worth in enumerate((4.0, 1.0, 2.0))]
+    kept = keep_within(drops, 3.5, lambda some: sum(drop.worth for drop in some))
+    assert [drop.worth for drop in kept] == [1.0, 2.0]
+    assert not keep_within(drops, 0.5, lambda some: sum(drop.worth for drop in some))
+
+
+def test_a_variant_keeps_every_letter_before_it_and_has_a_name_of_its_own(tmp_path: Path) -> None:
+    path = tmp_path / "block.toml"
+    drop = Drop(('components.block.fidelity="rigid"',), "moves little", 1e-4)
+    once = append_variant(BLOCK, [drop], name="good_enough", overrides=["materials.steel.nu=0.29"])
+    assert once.startswith(BLOCK)
+    path.write_text(once)
+    scene = load_scene(path, variant="good_enough")
+    assert scene.machine.components["block"].fidelity == "rigid"
+    assert scene.raw["materials"] == {"steel": {"E": "210 GPa", "nu": 0.29, "rho": "7850 kg/m^3"}}
+    assert name_variant(scene) == "good_enough_2"
+    windows = append_variant(BLOCK.replace("\n", "\r\n"), [drop], name="x")
+    assert windows.count("\n") == windows.count("\r\n")
+
+
+def test_the_command_writes_a_scene_that_checks_and_runs_and_overwrites_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+    path, target = tmp_path / "block.toml", tmp_path / "block_good_enough.toml"
+    path.write_text(BLOCK)
+    page = tmp_path / "effects.html"
+    command = ["effects", str(path), "--only", "elasticity", "--write", "--page", str(page)]
+    assert main(command) == 0
+    assert "together they move" in capsys.readouterr().out
+    assert "data:image/png;base64" in page.read_text()
+    assert target.read_text().startswith(BLOCK) and path.read_text() == BLOCK
+    variant = ["--variant", "good_enough"]
+    assert main(["check", str(target), *variant]) == 0
+    output = ["-o", str(tmp_path / "out"), "--no-figures"]
+    assert main(["run", str(target), *variant, *output]) == 0
+    assert load_scene(target, variant="good_enough").machine.components["block"].fidelity == "rigid"
+    written = target.read_bytes()
+    assert main(command) == 2 and "add --force" in capsys.readouterr().err
+    assert main(["effects", str(path), "--write", "-o", str(path), "--force"]) == 2
+    assert target.read_bytes() == written and path.read_text() == BLOCK
