@@ -11,7 +11,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse
 
-from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, Frame
+from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, Frame, rigid_transfer
 from headstock.geometry.parts.components import Component, Load, Patch
 from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.patch_samples import Order, sample_patches
@@ -22,7 +22,7 @@ from headstock.reduction.components.interface_patches import MeshPatch
 from headstock.reduction.components.polynomial_space import PolynomialSpace, build_space
 from headstock.reduction.components.rail_fits import RailFit, fit_rail, free_rails
 from headstock.reduction.components.segmented import segment_skin
-from headstock.reduction.rails import CONTROL_POINT_DOFS, ControlPoint
+from headstock.reduction.rails import CONTROL_POINT_DOFS, ControlPoint, control_point_motion
 from headstock.reduction.requests import GRAVITY, ReductionRequest
 from headstock.reduction.superelement import (
     ErrorEstimates,
@@ -47,7 +47,7 @@ BODY_NODE = "body"
 BREAKS = 3  # of area integrals along the bar
 SAFETY = 2.5  # of what one degree less is too stiff by: it covers what more degrees soften
 FIRST_SEARCH = 40  # modes
-ROUNDING = 1e-12  # what solving for the constraint modes leaves
+ROUNDING = 1e-11  # what functions of thin sections leave, orthonormal to that
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,13 +142,12 @@ def reduce_polynomial(
     }
     frames, maps, rails = _lay_out_dofs(component, areas, properties)
     boundary = _prescribe(component, fine, areas, maps, rails)
-    whole = _condense(component, fine, boundary)
-    rough = _condense(component, coarse, _prescribe(component, coarse, areas, maps, rails))
+    rigid = _rigid_dofs(bar.center, frames, rails)
+    whole = _condense(component, fine, boundary, rigid)
+    rough = _condense(component, coarse, _prescribe(component, coarse, areas, maps, rails), rigid)
     modes = _find_modes(whole, density, request.modes)
     fields = np.hstack([whole.psi, modes.shapes])
-    # a body that nothing holds moves rigidly, and what it resists is rounding
-    held = 0.0 if BODY_NODE in maps else 1.0
-    stiffness = scipy.linalg.block_diag(held * whole.stiffness, np.diag(modes.squares))
+    stiffness = scipy.linalg.block_diag(whole.stiffness, np.diag(modes.squares))
     mass = density * fields.T @ fields
     skin = segment_skin(component)
     superelement = Superelement(
@@ -348,10 +347,27 @@ def _mean_motion(space: PolynomialSpace, frame: Frame) -> FloatArray:
     return np.asarray(np.linalg.solve(rigid.T @ rigid, rigid.T))
 
 
-def _condense(component: Component, space: PolynomialSpace, boundary: _Boundary) -> _Condensed:
+def _rigid_dofs(
+    center: FloatArray, frames: Sequence[Frame], rails: Sequence[RailFit]
+) -> FloatArray:
+    """Boundary dofs ``(n_b, 6)`` in the rigid motions about a point."""
+    nodes = [rigid_transfer(center, frame.origin) for frame in frames]
+    return np.vstack(
+        nodes
+        + [
+            control_point_motion(point, rail.axis, center)
+            for rail in rails
+            for point in rail.points
+        ]
+    )
+
+
+def _condense(
+    component: Component, space: PolynomialSpace, boundary: _Boundary, rigid: FloatArray
+) -> _Condensed:
     count = len(boundary.rows)
     basis = scipy.linalg.qr(boundary.rows.T)[0]
-    free, part = basis[:, count:], boundary.rows.T @ boundary.values
+    free = basis[:, count:]
     forces = space.stiffness @ free
     inner = free.T @ forces
     try:
@@ -360,8 +376,13 @@ def _condense(component: Component, space: PolynomialSpace, boundary: _Boundary)
         raise ModelError(
             f"component {component.name!r}: its interfaces leave a motion of its polynomials free"
         ) from error
-    psi = part - free @ scipy.linalg.cho_solve(factor, forces.T @ part)
-    return _Condensed(free, inner, factor, psi, psi.T @ space.stiffness @ psi)
+    # rigid motions are known: only the rest is solved for, or slender bars would lose mass to rounding
+    known = np.linalg.pinv(rigid)
+    rest = np.eye(len(rigid)) - rigid @ known
+    part = boundary.rows.T @ (boundary.values @ rest)
+    bent = part - free @ scipy.linalg.cho_solve(factor, forces.T @ part)
+    psi = space.rigid_motion(space.bar.center) @ known + bent
+    return _Condensed(free, inner, factor, psi, bent.T @ space.stiffness @ bent)
 
 
 def _find_modes(whole: _Condensed, density: float, target: ModeTarget | None) -> _Modes:

@@ -120,6 +120,18 @@ def test_a_slender_tube_on_a_rail_vibrates_as_a_row_of_segments() -> None:
     assert free_frequencies(element)[:4] == pytest.approx(beams, rel=5e-3)
 
 
+@pytest.mark.parametrize("solid", [Box((0.01, 0.01, 1.0)), Tube(0.02, 0.016, 2.0)])
+def test_a_very_slender_bar_keeps_its_mass_and_bends_as_a_beam(solid: Box | Tube) -> None:
+    element = reduce(part(solid))
+    if isinstance(solid, Box):
+        gyration, length = 0.01 / np.sqrt(12.0), 1.0
+    else:
+        gyration, length = np.hypot(0.01, 0.008) / 2.0, 2.0
+    wave = np.sqrt(STEEL.youngs_modulus / STEEL.density)
+    clamped = 22.3733 / (2.0 * np.pi) * gyration * wave / length**2
+    assert element.modal_frequencies_hz[:2] == pytest.approx(clamped, rel=5e-3)
+
+
 def test_weight_and_traction_have_their_resultants() -> None:
     weight = Load("weight", "part", "body", vector=(0.0, 0.0, 1.0))
     pull = Load("pull", "part", "traction", (Patch("x+"),), vector=(1.0, 0.0, 0.0))
