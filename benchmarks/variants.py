@@ -23,7 +23,7 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.machine.machine import Machine
-from headstock.pipeline.results.static import UM_PER_KN
+from headstock.pipeline.answers.static import UM_PER_KN
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.compliance_budget import point_compliance

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results.frf import ResponseCurves
+from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
 from headstock.solvers.linear.mode_pairing import SAME_MODE, ModeSet, correlate_modes, pair_modes
 from headstock.studies.responses import ResponseEntry, compare_entries, overlay_responses

@@ -14,10 +14,10 @@ from typing import Literal
 from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
+from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.node_memory import node_memory_bytes
 from headstock.pipeline.planning.plan import StageRecord
-from headstock.pipeline.results.estimates import show_share
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene

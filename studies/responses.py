@@ -9,7 +9,7 @@ import numpy as np
 from scipy.signal import find_peaks as find_maxima
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results.frf import PoseResponse, ResponseCurves
+from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves
 from headstock.pipeline.stages.frf import peaks_have_tops
 from headstock.solvers.linear.frequency_response import FrfModel, evaluate_frf, find_peaks
 from headstock.solvers.second_order import Channel, ComplexArray

@@ -13,11 +13,11 @@ from mpi4py import MPI
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Fidelity
+from headstock.pipeline.answers.estimates import Estimate
+from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure
-from headstock.pipeline.results.estimates import Estimate
-from headstock.pipeline.results.frf import PoseResponse
 from headstock.pipeline.results.results import ComponentFacts
 from headstock.pipeline.runner import gather_facts
 from headstock.pipeline.stages.components import ELASTIC_MODULE

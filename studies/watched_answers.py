@@ -9,8 +9,8 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.planning.plan import Plan
-from headstock.pipeline.results.frf import PoseResponse
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.stages.frf import prepare_response
 from headstock.pipeline.stages.machine import CoupledPose, couple_pose

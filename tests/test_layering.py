@@ -62,9 +62,10 @@ ROOMS: dict[str, dict[str, set[str]]] = {
     "pipeline": {
         "planning": set(),
         "storage": set(),
-        "results": {"planning", "storage"},
-        "stages": {"planning", "storage", "results"},
-        "accuracy": {"planning", "storage", "results", "stages"},
+        "answers": {"planning", "storage"},
+        "results": {"planning", "storage", "answers"},
+        "stages": {"planning", "storage", "answers", "results"},
+        "accuracy": {"planning", "storage", "answers", "results", "stages"},
     },
     "studies": {"parameters": set(), "sweeps": set(), "identification": set()},
     "validation": {

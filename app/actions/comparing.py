@@ -24,7 +24,7 @@ from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.texts.comparison import comparison_csv, tabulate_lines
 from headstock.app.texts.tables import encode_csv
 from headstock.geometry.parts.components import Fidelity
-from headstock.pipeline.results.frf import ResponseCurves
+from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_beside, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
 from headstock.app.terminal.guard import DONE, FAILED
-from headstock.pipeline.results.static import UM_PER_KN
+from headstock.pipeline.answers.static import UM_PER_KN
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice

@@ -17,10 +17,10 @@ from headstock.app.pictures.pictures import (
 )
 from headstock.app.report.report import Stills, render_report, write_report
 from headstock.app.texts.tables import encode_csv, list_tables, tabulate_path, tabulate_response
+from headstock.pipeline.answers.frf import ResponseCurves
+from headstock.pipeline.answers.path import PathCurves
 from headstock.pipeline.results.files import FIGURES_FOLDER, SUMMARY_FILE, TABLES_FOLDER
-from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, write_mode_files
-from headstock.pipeline.results.path import PathCurves
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView
 from headstock.pipeline.storage.outputs import UnusableOutputError, replace_outputs

@@ -18,13 +18,13 @@ from headstock.app.terminal.progress import show_progress
 from headstock.app.terminal.summary import print_header, print_stage, print_summary
 from headstock.geometry.parts.components import Fidelity
 from headstock.geometry.parts.solids import MeshFile, StepFile
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.plan import Stage, StageRecord
-from headstock.pipeline.results.answers import find_answers
 from headstock.pipeline.results.files import REPORT_FILE, RESULTS_FILE, SUMMARY_FILE
-from headstock.pipeline.results.frf import PoseResponse
 from headstock.pipeline.results.mode_files import VOLUME_FOLDER
-from headstock.pipeline.results.path import PathResult
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene

@@ -29,9 +29,9 @@ from headstock.app.texts.curves import (
 )
 from headstock.app.texts.tables import sort_shares, static_by_pose
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.frf import ResponseCurves
+from headstock.pipeline.answers.modal import ModesSummary
 from headstock.pipeline.results.files import read_curves, read_summary, read_view
-from headstock.pipeline.results.frf import ResponseCurves
-from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import COLORS, component_colors

@@ -21,7 +21,7 @@ from headstock.app.charts.charts import (
 from headstock.app.texts.bounded_values import show_digits
 from headstock.app.texts.comparison import alike_rigid_modes, list_points, row_frequencies
 from headstock.geometry.frames import DIRECTIONS
-from headstock.pipeline.results.frf import ResponseCurves
+from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.results.views import COLORS
 from headstock.solvers.second_order import Channel
 from headstock.studies.comparison_summary import ComparisonSummary

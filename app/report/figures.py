@@ -16,9 +16,9 @@ from headstock.app.report import svg
 from headstock.app.texts.tables import sort_shares
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import show_position
-from headstock.pipeline.results.control import ControlSummary
-from headstock.pipeline.results.map import MapSummary
-from headstock.pipeline.results.modal import ModesSummary
+from headstock.pipeline.answers.control import ControlSummary
+from headstock.pipeline.answers.map import MapSummary
+from headstock.pipeline.answers.modal import ModesSummary
 
 SHOWN_SHARE = 0.005
 SMALLEST_PERCENT = 0.0005  # what is shown as 0.0 %, without a sign

@@ -23,7 +23,7 @@ from headstock.app.texts.curves import (
     round_ticks,
 )
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results.frf import ResponseCurves
+from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.results.views import COLORS
 
 PAGE_WIDTH, SMALLEST_CELL, LARGEST_CELL = 1150, 300, 720

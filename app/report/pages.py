@@ -30,7 +30,7 @@ from headstock.app.texts.model_answers import (
 )
 from headstock.app.texts.sweep_quantities import list_quantities, sampled_error_words
 from headstock.geometry.machine.machine import SCENE_UNITS
-from headstock.pipeline.results.estimates import show_share
+from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.studies import SweepKind
 from headstock.studies.comparison_summary import ComparisonSummary

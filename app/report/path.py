@@ -12,8 +12,8 @@ from markupsafe import Markup
 from headstock.app.report import svg
 from headstock.app.texts.curves import even_ticks, thin_curve
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results.contouring import ContourSummary
-from headstock.pipeline.results.path import PathCurves, deviation_unit
+from headstock.pipeline.answers.contouring import ContourSummary
+from headstock.pipeline.answers.path import PathCurves, deviation_unit
 from headstock.solvers.second_order import name_channel
 
 WIDTH, LEFT, RIGHT, TITLE, FOOT = 1150, 52, 14, 24, 26

@@ -66,11 +66,11 @@ from headstock.app.texts.tables import (
 )
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import show_position
+from headstock.pipeline.answers.frf import ResponseCurves
+from headstock.pipeline.answers.path import PathCurves
+from headstock.pipeline.answers.static import PointSummary
 from headstock.pipeline.results.files import REPORT_FILE
-from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.mode_files import file_stem
-from headstock.pipeline.results.path import PathCurves
-from headstock.pipeline.results.static import PointSummary
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView, component_colors
 from headstock.pipeline.storage.outputs import write_output

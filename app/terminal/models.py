@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from headstock.pipeline.results.estimates import show_share
+from headstock.pipeline.answers.estimates import show_share
 from headstock.studies.answers import UNITS, Change
 from headstock.studies.model_worth import ModelFinding, RunPrice
 

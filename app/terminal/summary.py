@@ -50,10 +50,10 @@ from headstock.app.texts.tables import (
     top_shares,
 )
 from headstock.geometry.machine.machine import show_position
+from headstock.pipeline.answers.modal import ModesSummary
+from headstock.pipeline.answers.path import PathSummary
+from headstock.pipeline.answers.static import PointSummary
 from headstock.pipeline.planning.plan import Plan, StageRecord
-from headstock.pipeline.results.modal import ModesSummary
-from headstock.pipeline.results.path import PathSummary
-from headstock.pipeline.results.static import PointSummary
 from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.scene import Scene
 

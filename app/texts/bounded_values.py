@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
 
-from headstock.pipeline.results.accuracy import AccuracySummary, ModelErrorsSummary
-from headstock.pipeline.results.estimates import (
+from headstock.pipeline.answers.accuracy import AccuracySummary, ModelErrorsSummary
+from headstock.pipeline.answers.estimates import (
     DISCRETISATION,
     INTERFACE,
     MODEL,
@@ -20,7 +20,7 @@ from headstock.pipeline.results.estimates import (
     FrequencyErrors,
     show_share,
 )
-from headstock.pipeline.results.frf import ResponseSummary
+from headstock.pipeline.answers.frf import ResponseSummary
 
 MOST_DIGITS = 5  # significant ones of a value, however small its error is
 LARGE_FIRST_DIGIT = 3  # an error that begins with it or more keeps one digit

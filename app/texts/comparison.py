@@ -8,7 +8,7 @@ from dataclasses import replace
 from headstock.app.texts.bounded_values import bound_size, error_words, largest_shares, show_size
 from headstock.app.texts.tables import PlainTable, encode_csv, tabulate_response
 from headstock.geometry.frames import DIRECTIONS
-from headstock.pipeline.results.frf import ResponseCurves
+from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
 from headstock.studies.comparison_summary import (
     CellSummary,

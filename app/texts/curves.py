@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results.frf import ResponseCurves
+from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.solvers.second_order import Channel, ComplexArray, Motion, name_channel
 
 MOST_FIELDS = 6  # rows and columns of a grid beyond this cannot be read

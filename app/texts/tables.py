@@ -13,22 +13,22 @@ import numpy as np
 from headstock.app.texts.bounded_values import bound_size, show_damping, show_digits
 from headstock.app.texts.curves import RATES, name_entry
 from headstock.geometry.frames import DIRECTIONS
-from headstock.pipeline.results.accuracy import BodyModelSummary
-from headstock.pipeline.results.contouring import SeriesSummary
-from headstock.pipeline.results.control import DriveSummary, PoleSummary
-from headstock.pipeline.results.frf import DrivePointSummary, ResponseCurves, ResponseSummary
-from headstock.pipeline.results.interfaces import JointShapesSummary
-from headstock.pipeline.results.map import Grid, MapSummary
-from headstock.pipeline.results.modal import ModesSummary
-from headstock.pipeline.results.mode_files import file_stem
-from headstock.pipeline.results.path import (
+from headstock.pipeline.answers.accuracy import BodyModelSummary
+from headstock.pipeline.answers.contouring import SeriesSummary
+from headstock.pipeline.answers.control import DriveSummary, PoleSummary
+from headstock.pipeline.answers.frf import DrivePointSummary, ResponseCurves, ResponseSummary
+from headstock.pipeline.answers.interfaces import JointShapesSummary
+from headstock.pipeline.answers.map import Grid, MapSummary
+from headstock.pipeline.answers.modal import ModesSummary
+from headstock.pipeline.answers.path import (
     FeedSummary,
     PathCurves,
     PathSummary,
     ZoneSummary,
     deviation_unit,
 )
-from headstock.pipeline.results.static import PointSummary, ProbeSummary
+from headstock.pipeline.answers.static import PointSummary, ProbeSummary
+from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import ComponentSummary, RunSummary
 from headstock.solvers.second_order import name_channel
 

@@ -12,11 +12,11 @@ from headstock.pipeline.accuracy.interface_errors import (
     make_shaped_machines,
 )
 from headstock.pipeline.accuracy.rounds import replace_components
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.estimates import show_share
+from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer
 from headstock.pipeline.planning.interfaces import GluedJoint, find_glued_joints
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.results.answers import find_answers
-from headstock.pipeline.results.estimates import show_share
-from headstock.pipeline.results.interfaces import InterfaceErrorsAnswer
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import Scene
 from headstock.solvers.ranks import make_on_root

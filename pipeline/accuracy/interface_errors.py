@@ -14,12 +14,12 @@ from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import CouplingKind
+from headstock.pipeline.answers.estimates import INTERFACE, Estimate, combine_estimates, show_share
+from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer, JointShapes
+from headstock.pipeline.answers.modal import PoseModes
+from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
 from headstock.pipeline.planning.interfaces import GluedJoint, find_glued_joints, give_shapes
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.results.estimates import INTERFACE, Estimate, combine_estimates, show_share
-from headstock.pipeline.results.interfaces import InterfaceErrorsAnswer, JointShapes
-from headstock.pipeline.results.modal import PoseModes
-from headstock.pipeline.results.static import PointCompliance, StaticAnswer
 from headstock.pipeline.stages.machine import CoupledPose, couple_pose
 from headstock.pipeline.stages.run_state import (
     MachineParts,

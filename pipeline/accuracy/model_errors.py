@@ -21,14 +21,14 @@ from headstock.pipeline.accuracy.settings import (
     are_equal,
     start_component,
 )
+from headstock.pipeline.answers.accuracy import BodyModel, ModelErrorsAnswer, NumberChange
+from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.estimates import MODEL, Estimate, show_share
+from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.answers.modal import PoseModes
+from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import is_simple, plan_scene
-from headstock.pipeline.results.accuracy import BodyModel, ModelErrorsAnswer, NumberChange
-from headstock.pipeline.results.answers import Answer
-from headstock.pipeline.results.estimates import MODEL, Estimate, show_share
-from headstock.pipeline.results.frf import PoseResponse
-from headstock.pipeline.results.modal import PoseModes
-from headstock.pipeline.results.static import PointCompliance, StaticAnswer
 from headstock.pipeline.stages.frf import estimate_response_errors, prepare_response
 from headstock.pipeline.stages.machine import CoupledPose, couple_pose
 from headstock.pipeline.stages.run_state import (

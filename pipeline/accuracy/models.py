@@ -15,9 +15,9 @@ from headstock.geometry.parts.prismatic_bars import prismatic_bar
 from headstock.pipeline.accuracy.quantities import Quantity
 from headstock.pipeline.accuracy.rounds import describe_settings
 from headstock.pipeline.accuracy.settings import are_equal
+from headstock.pipeline.answers.accuracy import BodyChoice
+from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.planning.budgets import STAGE_SECONDS
-from headstock.pipeline.results.accuracy import BodyChoice
-from headstock.pipeline.results.estimates import show_share
 from headstock.pipeline.stages.machine import CoupledPose, couple_pose
 from headstock.pipeline.stages.part_files import describe_solid
 from headstock.pipeline.stages.run_state import (

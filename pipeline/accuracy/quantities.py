@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.pipeline.results.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.answers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.stages.run_state import RunState
 
 # What ± takes to cover 95 % of true errors (`validate coverage`) counts until a component was

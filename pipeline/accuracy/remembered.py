@@ -14,7 +14,7 @@ from headstock.geometry.parts.components import (
     ReductionSettings,
     SegmentSettings,
 )
-from headstock.pipeline.results.accuracy import AccuracyAnswer, AccuracyRound, BodyChoice
+from headstock.pipeline.answers.accuracy import AccuracyAnswer, AccuracyRound, BodyChoice
 from headstock.pipeline.storage.content_keys import search_key
 from headstock.pipeline.storage.store import Store, read_entry, write_entry
 from headstock.scene.scene import Scene

@@ -25,8 +25,8 @@ from headstock.pipeline.accuracy.settings import (
     refine_modes,
     start_component,
 )
-from headstock.pipeline.results.accuracy import AccuracyRound
-from headstock.pipeline.results.estimates import DISCRETISATION, show_share
+from headstock.pipeline.answers.accuracy import AccuracyRound
+from headstock.pipeline.answers.estimates import DISCRETISATION, show_share
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import AccuracyGoal, Scene
 

@@ -34,12 +34,12 @@ from headstock.pipeline.accuracy.settings import (
     start_component,
     suits_polynomials,
 )
+from headstock.pipeline.answers.accuracy import AccuracyAnswer, AccuracyRound
+from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.planning.budgets import BudgetError
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.planning.planner import FRF_MARGIN, plan_scene
 from headstock.pipeline.planning.resources import Cost, measure
-from headstock.pipeline.results.accuracy import AccuracyAnswer, AccuracyRound
-from headstock.pipeline.results.estimates import show_share
 from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.storage.store import Store

@@ -1,3 +1,3 @@
-"""What a run found: the types, ``summary.json``, ``results.h5``, views and mode files. Never how it
-is computed.
+"""A run as a whole: its answers together in ``summary.json``, ``results.h5``, tables, views and mode
+files. Never how it is computed.
 """

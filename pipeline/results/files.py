@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, cast
 import h5py
 import numpy as np
 
+from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.frf import ResponseCurves, parse_curves
+from headstock.pipeline.answers.path import PathCurves, parse_path
 from headstock.pipeline.planning.plan import Stage, StageRecord
-from headstock.pipeline.results.answers import Answer
-from headstock.pipeline.results.frf import ResponseCurves, parse_curves
 from headstock.pipeline.results.grids import MESH_MODULE
 from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, file_stem
-from headstock.pipeline.results.path import PathCurves, parse_path
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.results.views import MachineView, pick_name

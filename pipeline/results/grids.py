@@ -17,7 +17,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from headstock.pipeline.results.modal import PoseModes
+from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.results.views import MachineView
 
 AnyArray = NDArray[Any]

@@ -13,6 +13,7 @@ import numpy as np
 
 from headstock.geometry.frames import Frame
 from headstock.geometry.parts.skins import Skin
+from headstock.pipeline.answers.modal import ModesSummary
 from headstock.pipeline.results.grids import (
     POSES_FILE,
     AnyArray,
@@ -22,7 +23,6 @@ from headstock.pipeline.results.grids import (
     mode_numbers,
     surface_grid,
 )
-from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.views import MachineView, PoseView, component_colors
 from headstock.pipeline.storage.json_texts import JsonValue
 from headstock.pipeline.storage.outputs import replace_outputs

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import MeshQuality
+from headstock.pipeline.answers.answer import Answer, find_answers
+from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.answers.modal import PoseModes
+from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
 from headstock.pipeline.planning.plan import StageRecord
-from headstock.pipeline.results.answers import Answer, find_answers
-from headstock.pipeline.results.frf import PoseResponse
 from headstock.pipeline.results.grids import MESH_MODULE, Grid, pose_numbers, surface_grid
-from headstock.pipeline.results.modal import PoseModes
-from headstock.pipeline.results.static import PointCompliance, StaticAnswer
 from headstock.pipeline.results.views import MachineView, pick_name
 from headstock.pipeline.storage.provenance import Provenance
 

@@ -3,24 +3,24 @@
 import math
 from typing import Literal, NotRequired, TypedDict
 
-from headstock.pipeline.planning.plan import StageKind, StageRecord
-from headstock.pipeline.results.accuracy import (
+from headstock.pipeline.answers.accuracy import (
     AccuracyAnswer,
     AccuracySummary,
     ModelErrorsAnswer,
     ModelErrorsSummary,
 )
-from headstock.pipeline.results.answers import find_answers
-from headstock.pipeline.results.contouring import ContourAnswer, ContourSummary
-from headstock.pipeline.results.control import ControlAnswer, ControlSummary
-from headstock.pipeline.results.frf import PoseResponse, ResponseSummary
-from headstock.pipeline.results.interfaces import InterfaceErrorsAnswer, InterfaceErrorsSummary
-from headstock.pipeline.results.map import MapSummary, WorkspaceMap
-from headstock.pipeline.results.mechanism import MechanismPose, MechanismSummary
-from headstock.pipeline.results.modal import ModesSummary, PoseModes
-from headstock.pipeline.results.path import PathResult, PathSummary
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.contouring import ContourAnswer, ContourSummary
+from headstock.pipeline.answers.control import ControlAnswer, ControlSummary
+from headstock.pipeline.answers.frf import PoseResponse, ResponseSummary
+from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer, InterfaceErrorsSummary
+from headstock.pipeline.answers.map import MapSummary, WorkspaceMap
+from headstock.pipeline.answers.mechanism import MechanismPose, MechanismSummary
+from headstock.pipeline.answers.modal import ModesSummary, PoseModes
+from headstock.pipeline.answers.path import PathResult, PathSummary
+from headstock.pipeline.answers.static import PointSummary, ProbeAnswer, ProbeSummary, StaticAnswer
+from headstock.pipeline.planning.plan import StageKind, StageRecord
 from headstock.pipeline.results.results import ComponentFacts, Results
-from headstock.pipeline.results.static import PointSummary, ProbeAnswer, ProbeSummary, StaticAnswer
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
+from headstock.pipeline.answers.contouring import FACES, ContourAnswer, ContourFace, FaceStability
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.results.contouring import FACES, ContourAnswer, ContourFace, FaceStability
 from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.reading.forces import (

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from headstock.pipeline.answers.control import ClosedLoopDrive, ClosedLoopPole, ControlAnswer
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.results.control import ClosedLoopDrive, ClosedLoopPole, ControlAnswer
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import CoupledMachine

@@ -8,15 +8,15 @@ import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.parts.components import Material
-from headstock.pipeline.planning.interfaces import has_choice
-from headstock.pipeline.results.estimates import (
+from headstock.pipeline.answers.estimates import (
     CURVED_FACES,
     DISCRETISATION,
     REDUCTION,
     Estimate,
     combine_estimates,
 )
-from headstock.pipeline.results.static import UM_PER_KN
+from headstock.pipeline.answers.static import UM_PER_KN
+from headstock.pipeline.planning.interfaces import has_choice
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.estimates.frequency_errors import bound_frequency_errors, truncated_parts

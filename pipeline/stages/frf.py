@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.pipeline.answers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION
+from headstock.pipeline.answers.frf import DrivePointFigures, PoseResponse, ResponseCurves
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.results.estimates import CURVED_FACES, DISCRETISATION, REDUCTION
-from headstock.pipeline.results.frf import DrivePointFigures, PoseResponse, ResponseCurves
 from headstock.pipeline.stages.estimates import name_what_is_left_out
 from headstock.pipeline.stages.machine import DAMPING, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import (

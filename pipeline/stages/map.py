@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import survey_tool_poses
 from headstock.geometry.mechanisms.tool_mechanism import tool_pose
+from headstock.pipeline.answers.map import WorkspaceMap
+from headstock.pipeline.answers.static import N_PER_UM
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.results.map import WorkspaceMap
-from headstock.pipeline.results.static import N_PER_UM
 from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.requests import MapRequest

@@ -9,10 +9,10 @@ import numpy as np
 
 from headstock.geometry.machine.machine import Pose, position_units
 from headstock.geometry.parts.components import CouplingKind
+from headstock.pipeline.answers.estimates import Estimate
+from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.planning.interfaces import has_choice, recouple
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.results.estimates import Estimate
-from headstock.pipeline.results.modal import PoseModes
 from headstock.pipeline.stages.machine import DAMPING, CoupledPose, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import (
     Outcome,

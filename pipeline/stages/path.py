@@ -14,9 +14,9 @@ import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.geometry.machine.machine import Machine, travel_directions
+from headstock.pipeline.answers.path import FollowedPoses, PathCurves, PathResult, PathRun
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import MODE_MARGIN, path_band
-from headstock.pipeline.results.path import FollowedPoses, PathCurves, PathResult, PathRun
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import Outcome, RunState

@@ -13,12 +13,12 @@ from headstock.geometry.parts.components import Component, Load, Support
 from headstock.geometry.parts.skins import Skin
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
 from headstock.meshing.errors import MeshError, PatchError
+from headstock.pipeline.answers.answer import Answer, find_answers
+from headstock.pipeline.answers.estimates import Estimate
+from headstock.pipeline.answers.modal import PoseModes
+from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.resources import measure
-from headstock.pipeline.results.answers import Answer, find_answers
-from headstock.pipeline.results.estimates import Estimate
-from headstock.pipeline.results.modal import PoseModes
-from headstock.pipeline.results.static import PointCompliance, StaticAnswer
 from headstock.pipeline.results.views import PoseView, ShiftArray
 from headstock.pipeline.stages.part_files import locate_patch
 from headstock.pipeline.storage.store import Store

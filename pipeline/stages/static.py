@@ -9,13 +9,13 @@ import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray, Frame
 from headstock.geometry.machine.machine import Probe
-from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.results.static import (
+from headstock.pipeline.answers.static import (
     PointCompliance,
     ProbeAnswer,
     ProbeResponse,
     StaticAnswer,
 )
+from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.run_state import Outcome, PoseMotions, RunState, Solved, pose_model
 from headstock.reduction.coupling.channels import GRAVITY, load_factors
 from headstock.reduction.coupling.coupling import CoupledMachine

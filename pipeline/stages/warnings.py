@@ -11,10 +11,10 @@ from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import Box, StepFile
 from headstock.meshing.component_mesh import POOR_QUALITY, MeshQuality
 from headstock.meshing.step_units import doubt_size
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer
 from headstock.pipeline.planning.interfaces import find_glued_joints, find_reach
-from headstock.pipeline.results.answers import find_answers
-from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION, Estimate
-from headstock.pipeline.results.interfaces import InterfaceErrorsAnswer
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 
 CUTOFF_MARGIN = 1.5

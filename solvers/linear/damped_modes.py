@@ -16,6 +16,7 @@ from headstock.solvers.linear.symmetric_matrices import is_symmetric
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
 REAL_POLE = 1e-9
+ROUNDING = 1e-14  # of a pole: a real part below is neither decay nor growth
 MASSLESS_CONDITION = 1e14
 LOWEST_TOLERANCE = 1e-10  # of a pole, where only the lowest are computed
 MASSLESS_DAMPING = (
@@ -231,6 +232,7 @@ def _sort_poles(poles: ComplexArray, shapes: ComplexArray, basis: FloatArray) ->
     keep = keep[np.argsort(np.abs(poles[keep]), kind="stable")]
     poles, shapes, real = poles[keep], shapes[:, keep], real[keep]
     poles = np.where(real, poles.real + 0.0j, poles)
+    poles = np.where(np.abs(poles.real) <= ROUNDING * np.abs(poles), 1j * poles.imag, poles)
     sizes = np.linalg.norm(shapes, axis=0)
     shapes = shapes / np.where(sizes > 0.0, sizes, 1.0)
     magnitude = np.abs(poles)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Literal, NotRequired, TypedDict
 
-from headstock.pipeline.results.static import UM_PER_KN
+from headstock.pipeline.answers.static import UM_PER_KN
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import show_key

@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from headstock.pipeline.results.accuracy import AccuracySummary
+from headstock.pipeline.answers.accuracy import AccuracySummary
 from headstock.scene.reading.watch_paths import MEASURED_NAMES, Watched
 from headstock.scene.studies import REFERENCE_RUN, StudyFamily, list_varied, show_value
 from headstock.studies.parameters.tables import StudyRow, StudyTable, is_number, median_seconds

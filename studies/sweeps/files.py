@@ -11,8 +11,8 @@ import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
 from headstock.pipeline.results.files import mark_units
-from headstock.pipeline.results.static import N_PER_UM, UM_PER_KN
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.studies import SweepKind

@@ -9,7 +9,7 @@ from headstock.geometry.errors import HeadstockError, PoseError
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
-from headstock.pipeline.results.mechanism import describe_state
+from headstock.pipeline.answers.mechanism import describe_state
 from headstock.pipeline.stages.frf import respond
 from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel

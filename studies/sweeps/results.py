@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results.estimates import Estimate
-from headstock.pipeline.results.modal import PoseModes
-from headstock.pipeline.results.static import PointCompliance
+from headstock.pipeline.answers.estimates import Estimate
+from headstock.pipeline.answers.modal import PoseModes
+from headstock.pipeline.answers.static import PointCompliance
 from headstock.pipeline.stages.machine import couple_pose
 from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
 from headstock.pipeline.stages.modal import solve_pose_modes

@@ -68,8 +68,8 @@ import sys
 from pathlib import Path
 import numpy as np
 from mpi4py import MPI
-from headstock.pipeline.results.answers import find_answers
-from headstock.pipeline.results.frf import PoseResponse
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.runner import run_scene
 from headstock.scene.building.loader import load_scene
 from headstock.studies.sweeps.results import collect_results

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
-from headstock.pipeline.results.estimates import REDUCTION
+from headstock.pipeline.answers.estimates import REDUCTION
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.warnings import node_spacing, shortest_wave

@@ -9,8 +9,8 @@ from mpi4py import MPI
 
 from common import make_box, make_component, present
 from headstock.geometry.parts.components import Interface, Patch, RailSettings
+from headstock.pipeline.answers.estimates import REDUCTION
 from headstock.pipeline.exports import export_superelement
-from headstock.pipeline.results.estimates import REDUCTION
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.records import RecordError
 from headstock.pipeline.storage.store import Store

@@ -14,9 +14,9 @@ from mpi4py import MPI
 from scipy.stats import spearmanr
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results.accuracy import AccuracyAnswer
-from headstock.pipeline.results.answers import find_answers
-from headstock.pipeline.results.estimates import DISCRETISATION
+from headstock.pipeline.answers.accuracy import AccuracyAnswer
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.estimates import DISCRETISATION
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.provenance import PROJECT

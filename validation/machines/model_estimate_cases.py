@@ -20,10 +20,10 @@ import headstock.solvers
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.accuracy.rounds import replace_components
 from headstock.pipeline.accuracy.settings import start_component
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.results.answers import find_answers
-from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION, Estimate
-from headstock.pipeline.results.frf import PoseResponse
 from headstock.pipeline.runner import HANDLERS
 from headstock.pipeline.stages.frf import estimate_response_errors, prepare_response
 from headstock.pipeline.stages.machine import CoupledPose, couple_pose

@@ -27,8 +27,8 @@ from headstock.geometry.machine.machine import (
     travel_directions,
 )
 from headstock.meshing.components.meshing import describe_component
-from headstock.pipeline.results.answers import find_answers
-from headstock.pipeline.results.path import PathResult
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.provenance import PROJECT
 from headstock.pipeline.storage.store import Store

@@ -17,8 +17,8 @@ from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.geometry.parts.components import Component, MeshSettings, ReductionSettings
 from headstock.geometry.parts.solids import HollowColumn
 from headstock.meshing.components.meshing import mesh_component
-from headstock.pipeline.results.estimates import DISCRETISATION
-from headstock.pipeline.results.frf import DrivePointFigures
+from headstock.pipeline.answers.estimates import DISCRETISATION
+from headstock.pipeline.answers.frf import DrivePointFigures
 from headstock.pipeline.stages.frf import ResponseEstimate, add_figure_errors
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple

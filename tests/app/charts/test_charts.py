@@ -16,7 +16,7 @@ from headstock.app.charts.sweep import draw_sweep
 from headstock.app.report.frf import draw_overlay
 from headstock.app.report.pages import render_comparison
 from headstock.app.texts.curves import response_unit, round_ticks
-from headstock.pipeline.results.frf import ResponseCurves
+from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.studies import Study, StudyFamily
 from headstock.studies.comparison_summary import ComparisonSummary, LinkSummary

@@ -18,8 +18,8 @@ from headstock.app.command_line import main
 from headstock.app.report.frf import draw_response
 from headstock.app.report.report import render_report
 from headstock.app.texts.tables import encode_csv, tabulate_response
+from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.results.files import read_curves, read_summary, read_view
-from headstock.pipeline.results.frf import ResponseCurves
 from headstock.solvers.second_order import ComplexArray
 
 CHANNELS = (("tcp", "x"), ("<b>", "rx"))

@@ -30,8 +30,8 @@ from headstock.app.report.viewer_data import (
 from headstock.geometry.frames import FloatArray, Frame, rigid_map
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solid_skins import box_skin
+from headstock.pipeline.answers.modal import ModesSummary
 from headstock.pipeline.results.files import read_summary, read_view
-from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import JointView, MachineView, PointView, PoseView
 

@@ -10,8 +10,8 @@ import pytest
 
 from headstock.app.texts.bounded_values import response_error_words
 from headstock.app.texts.tables import encode_csv, tabulate_response
-from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION
-from headstock.pipeline.results.frf import PoseResponse, ResponseCurves, fill_curves, parse_curves
+from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION
+from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves, fill_curves, parse_curves
 
 CHANNEL = ("tcp", "x")
 HZ = np.array([0.0, 10.0, 20.0])

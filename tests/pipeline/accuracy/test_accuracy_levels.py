@@ -9,7 +9,7 @@ from headstock.pipeline.accuracy.quantities import (
     count_safely,
     weigh_estimates,
 )
-from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION
+from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION
 
 COLUMN, BASE = ("column", DISCRETISATION), ("base", DISCRETISATION)
 

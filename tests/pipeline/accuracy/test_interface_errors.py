@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.estimates import INTERFACE
+from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer
+from headstock.pipeline.answers.modal import PoseModes
+from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.results.answers import find_answers
-from headstock.pipeline.results.estimates import INTERFACE
-from headstock.pipeline.results.interfaces import InterfaceErrorsAnswer
-from headstock.pipeline.results.modal import PoseModes
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.results.static import StaticAnswer
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store

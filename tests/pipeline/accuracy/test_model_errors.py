@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.pipeline.answers.accuracy import ModelErrorsAnswer
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.estimates import MODEL
+from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.results.accuracy import ModelErrorsAnswer
-from headstock.pipeline.results.answers import find_answers
-from headstock.pipeline.results.estimates import MODEL
-from headstock.pipeline.results.frf import PoseResponse
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene

@@ -23,8 +23,8 @@ from headstock.geometry.parts.components import (
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.accuracy.search import plan_first_round
 from headstock.pipeline.accuracy.settings import Trial, observed_rate, refine_mesh, start_component
-from headstock.pipeline.results.accuracy import AccuracyAnswer, RoundSummary
-from headstock.pipeline.results.answers import find_answers
+from headstock.pipeline.answers.accuracy import AccuracyAnswer, RoundSummary
+from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene

@@ -14,7 +14,7 @@ import pyvista
 from common import sketch
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.parts.solid_skins import box_skin
-from headstock.pipeline.results.modal import ModesSummary
+from headstock.pipeline.answers.modal import ModesSummary
 from headstock.pipeline.results.mode_files import (
     SHOWN_SHARE,
     encode_glb,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.pipeline.results.answers import Answer
+from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.results.files import open_results
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene

@@ -12,12 +12,12 @@ import pytest
 from headstock.geometry.frames import Frame
 from headstock.geometry.machine.machine import Pose
 from headstock.meshing.component_mesh import MeshQuality
+from headstock.pipeline.answers.estimates import REDUCTION, Estimate
+from headstock.pipeline.answers.modal import PoseModes
+from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
 from headstock.pipeline.planning.plan import Stage, StageRecord
-from headstock.pipeline.results.estimates import REDUCTION, Estimate
 from headstock.pipeline.results.files import add_results, publish_summary, read_summary
-from headstock.pipeline.results.modal import PoseModes
 from headstock.pipeline.results.results import ComponentFacts, Results
-from headstock.pipeline.results.static import PointCompliance, StaticAnswer
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.stages.warnings import mesh_warnings
 from headstock.pipeline.storage.outputs import (

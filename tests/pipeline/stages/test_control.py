@@ -13,9 +13,9 @@ from mpi4py import MPI
 from common import present
 from headstock.app.report.report import render_report
 from headstock.meshing.components.meshing import describe_component
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.results.answers import find_answers
-from headstock.pipeline.results.path import PathResult
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store

@@ -13,7 +13,7 @@ import pytest
 from mpi4py import MPI
 
 from common import present
-from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.run_state import RunState
@@ -136,7 +136,12 @@ def test_a_number_that_is_less_than_twice_its_error_is_warned_of_with_its_owner_
     frf = SimpleNamespace(frf=None)
     static = [SimpleNamespace(pose="reference", points={"tcp": point})]
     state = SimpleNamespace(
-        scene=SimpleNamespace(analyses=frf), reduced={}, modal=[modes], static=static
+        scene=SimpleNamespace(analyses=frf, machine=SimpleNamespace(joints={})),
+        plan=SimpleNamespace(components={}),
+        reduced={},
+        modal=[modes],
+        static=static,
+        answers=(),
     )
     found = find_warnings(cast(RunState, state))
     assert len(found) == 2

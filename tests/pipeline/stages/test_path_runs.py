@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.results.answers import find_answers
 from headstock.pipeline.results.files import read_paths
-from headstock.pipeline.results.path import PathResult
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store

@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results.answers import Answer
-from headstock.pipeline.results.estimates import Estimate, scale_parts, scale_shares
+from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.estimates import Estimate, scale_parts, scale_shares
 from headstock.pipeline.storage.json_texts import check_finite, null_open
 
 UM_PER_KN = 1e9  # m/N

@@ -8,8 +8,8 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Pose
-from headstock.pipeline.results.answers import Answer
-from headstock.pipeline.results.estimates import Estimate, FrequencyErrors, scale_parts
+from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.estimates import Estimate, FrequencyErrors, scale_parts
 from headstock.pipeline.storage.json_texts import check_finite
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NotRequired, TypedDict
 
-from headstock.pipeline.results.answers import Answer
+from headstock.pipeline.answers.answer import Answer
 
 
 class RoundSummary(TypedDict):

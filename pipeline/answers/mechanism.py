@@ -6,7 +6,7 @@ from typing import TypedDict
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import condition_numbers
 from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
-from headstock.pipeline.results.answers import Answer
+from headstock.pipeline.answers.answer import Answer
 
 
 class MechanismSummary(TypedDict):

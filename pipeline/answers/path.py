@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results.answers import Answer
-from headstock.pipeline.results.frf import split_channel
+from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.frf import split_channel
 from headstock.solvers.paths.response import PathDeviation, ZoneFigures
 from headstock.solvers.second_order import Channel, name_channel
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NotRequired, TypedDict
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results.answers import Answer
+from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.storage.json_texts import check_finite
 
 FACES = ("lowest x", "highest y", "highest x", "lowest y")

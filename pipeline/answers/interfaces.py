@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TypedDict
 
-from headstock.pipeline.results.answers import Answer
+from headstock.pipeline.answers.answer import Answer
 
 
 class JointShapesSummary(TypedDict):

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import NotRequired, TypedDict
 
-from headstock.pipeline.results.answers import Answer
+from headstock.pipeline.answers.answer import Answer
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.margins import LoopMargins
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_POINT
-from headstock.pipeline.results.answers import Answer
+from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.storage.json_texts import check_finite
 
 type Grid = list[Grid | float | None]  # an axis of the map at each depth

@@ -10,9 +10,9 @@ import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results.answers import Answer
-from headstock.pipeline.results.estimates import REDUCTION
-from headstock.pipeline.results.static import N_PER_UM, UM_PER_KN
+from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.estimates import REDUCTION
+from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
 from headstock.solvers.linear.frequency_response import convert_receptance
 from headstock.solvers.second_order import Channel, ComplexArray, Motion, name_channel
 
