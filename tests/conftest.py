@@ -29,6 +29,7 @@ SLOW_KINDS = (
     "process",
     "mpi",
     "faults",
+    "trials",
     "slow",
     "documents",
 )
@@ -114,11 +115,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         )
         for kind in sorted(kinds):
             item.add_marker(kind)
-    if "faults" not in config.option.markexpr:  # hours of them, only when they are asked for
-        config.hook.pytest_deselected(
-            items=[item for item in items if item.get_closest_marker("faults")]
-        )
-        items[:] = [item for item in items if not item.get_closest_marker("faults")]
+    for marker in ("faults", "trials"):  # minutes to hours, only when they are asked for
+        if marker not in config.option.markexpr:
+            left_out = [item for item in items if item.get_closest_marker(marker)]
+            config.hook.pytest_deselected(items=left_out)
+            items[:] = [item for item in items if item not in left_out]
     # files that take long first (stable): in the end both workers have short tests left, and
     # neither waits for the other
     lengths = {item.path: 0 for item in items}

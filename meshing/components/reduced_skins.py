@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
-from vtkmodules.vtkCommonCore import mutable, vtkPoints
+from vtkmodules.vtkCommonCore import mutable, vtkObject, vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData, vtkStaticCellLocator
 from vtkmodules.vtkFiltersCore import vtkQuadricDecimation
 
@@ -113,7 +113,7 @@ def _decimate(skin: Skin, whole: _Surface, *, share: float) -> Skin | None:
     step.TensorsAttributeOff()
     step.VectorsAttributeOn()
     step.SetVectorsWeight(BEND_WEIGHT)
-    step.Update()
+    _run_silently(step)
     found = step.GetOutput()
     flat = vtk_to_numpy(found.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
     used, numbers = np.unique(flat, return_inverse=True)
@@ -121,6 +121,18 @@ def _decimate(skin: Skin, whole: _Surface, *, share: float) -> Skin | None:
     if not 0 < len(flat) < len(skin.triangles) or not np.isfinite(places).all():
         return None
     return _project(skin, whole, places=places, triangles=numbers.reshape(-1, 3))
+
+
+def _run_silently(step: vtkQuadricDecimation) -> None:
+    """Without VTK's line of warning for each edge whose quadric has no single lowest point, as on a
+    flat wall: it then takes the middle, and what came out is checked here.
+    """
+    told = vtkObject.GetGlobalWarningDisplay()
+    vtkObject.SetGlobalWarningDisplay(0)
+    try:
+        step.Update()
+    finally:
+        vtkObject.SetGlobalWarningDisplay(told)
 
 
 def _project(skin: Skin, whole: _Surface, *, places: FloatArray, triangles: IntArray) -> Skin:

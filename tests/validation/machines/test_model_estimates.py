@@ -73,10 +73,10 @@ def test_a_machine_of_three_bodies_is_covered(
     monkeypatch.setattr(model_estimate_cases, "TRUE_ACCURACY", 0.015)
     monkeypatch.setattr(model_estimate_cases, "TRUE_MODES_TO", 1500.0)
     path = tmp_path / "machine.toml"
-    path.write_text(draw_machine(12))
-    found = measure_machine(12, load_scene(path), Store(tmp_path / "store"))
+    path.write_text(draw_machine(1))
+    found = measure_machine(1, load_scene(path), Store(tmp_path / "store"))
     large = found.errors > 0.04
     assert large.sum() >= 6
     assert (found.errors <= found.estimates)[large].all()
     assert (found.estimates <= 1.5 * found.errors)[large].all()
-    assert found.named == (1, 1)
+    assert found.named == (4, 4)
