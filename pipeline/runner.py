@@ -184,7 +184,12 @@ class _StageRunner:
         self._start = time.perf_counter()
 
     def run(
-        self, scene: Scene, plan: Plan, reduced: Mapping[str, ReducedComponent] | None = None
+        self,
+        scene: Scene,
+        plan: Plan,
+        reduced: Mapping[str, ReducedComponent] | None = None,
+        *,
+        mesh_factors: Mapping[str, float] | None = None,
     ) -> RunState:
         """Run every stage of a plan but the last, which writes; those of components only where they
         are not reduced yet.
@@ -193,12 +198,14 @@ class _StageRunner:
             scene: The scene.
             plan: Its stages.
             reduced: Components of an earlier round that serve again; None where all are to be made.
+            mesh_factors: Component to what its estimates of mesh errors are multiplied by.
         """
         state = RunState(scene, plan, self.comm, self.store, reduced=dict(reduced or {}))
         for message in (*scene.warnings, *plan.warnings):
             state.warn(message)
         if reduced is None:
             make_superelements(state, announce=self._begin, observer=self._record)
+        state.weigh_meshes(mesh_factors or {})
         for stage in plan.stages[:-1]:
             if stage.component is None:
                 work = functools.partial(self.run_stage, state, stage, HANDLERS[stage.kind])
@@ -258,8 +265,11 @@ def _run_rounds(scene: Scene, rounds: _StageRunner) -> RunState:
     rest = rest or scene.model_errors or scene.interface_errors
     if rest or scene.machine.probes:
         # probes need the mesh, which comes from the store
-        state = rounds.run(
-            search.scene, plan_scene(search.scene), None if scene.machine.probes else state.reduced
+        plan = plan_scene(search.scene)
+        state = (
+            rounds.run(search.scene, plan, mesh_factors=search.mesh_factors)
+            if scene.machine.probes
+            else rounds.run(search.scene, plan, state.reduced)
         )
     if search.better is not None and not scene.model_errors:
         parts = dataclasses.replace(search.better.parts, scene=state.scene)

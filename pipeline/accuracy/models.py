@@ -100,27 +100,33 @@ def choose_models(
     trials = _Trials(state, bodies)
     errors = {quantity.key: quantity.error for quantity in quantities}
     alone: dict[tuple[str, int], Mapping[str, float]] = {}
+
+    def changes(choice: Choice) -> Mapping[str, float]:
+        try:
+            return trials.changes(choice)
+        except ModelError:
+            # nothing is left that could move
+            return dict.fromkeys(errors, np.inf)
+
     choice = dict.fromkeys(groups, 0)
     for name in groups:
         # where the best of the simple models does not do, none does
         best = finest[name] - 1
-        alone[name, best] = trials.changes(dict.fromkeys(groups[name], best))
+        alone[name, best] = changes(dict.fromkeys(groups[name], best))
         if max(errors[key] + alone[name, best][key] for key in errors) > accuracy:
             choice[name] = finest[name]
     while True:
         simple = [name for name, place in choice.items() if place < finest[name]]
         for name in simple:
             if (name, choice[name]) not in alone:
-                alone[name, choice[name]] = trials.changes(
-                    dict.fromkeys(groups[name], choice[name])
-                )
+                alone[name, choice[name]] = changes(dict.fromkeys(groups[name], choice[name]))
         sums = {
             key: error + sum(alone[name, choice[name]][key] for name in simple)
             for key, error in errors.items()
         }
         whole = {other: choice[name] for name, group in groups.items() for other in group}
         if simple and max(sums.values()) <= accuracy:
-            together = trials.changes(whole)
+            together = changes(whole)
             sums = {key: error + together[key] for key, error in errors.items()}
         worst = max(sums, key=lambda key: sums[key])
         if sums[worst] <= accuracy or not simple:
@@ -215,19 +221,17 @@ def _tell(
     if place == len(candidates) - 1:
         tried = max(at for at in range(place) if (name, at) in alone)
         number, size = most(tried)
-        why = f"{candidates[tried].words} would change {number} by {_show(size)}"
-        return BodyChoice(own.words, why, "")
+        change = (
+            f"lacks {number}" if math.isinf(size) else f"changes {number} by {show_share(size)}"
+        )
+        return BodyChoice(own.words, f"as {candidates[tried].words} it {change}", "")
     number, size = most(place)
     # finite elements are what all models are compared with
     return BodyChoice(
         own.words,
-        f"leaves out {_show(size)} of {number} at most",
+        f"leaves out {show_share(size)} of {number} at most",
         f"{last.words}: nothing left out, {last.seconds:.2g} CPU s in place of {own.seconds:.2g}",
     )
-
-
-def _show(share: float) -> str:
-    return "the shape of a mode" if math.isinf(share) else show_share(share)
 
 
 class _Trials:

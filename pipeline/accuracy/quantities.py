@@ -6,6 +6,7 @@ still move.
 """
 
 import dataclasses
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -20,13 +21,17 @@ MESH_SAFETY = 1.8
 Owner = tuple[str, str]  # component, source of error
 # key of a number and owner to what the estimate is multiplied by
 Factors = Mapping[tuple[str, Owner], float]
-# errors are taken to fall with this power of the mesh size, though most fall faster, and what that
-# leaves counts half as much again
-LEVEL_RATE = 1.5
+# errors are taken to fall with this power of the mesh size, or with that of their estimates where
+# these fall faster, and what that leaves counts half as much again
+LEVEL_RATE, FASTEST_LEVEL_RATE = 1.5, 4.0
 LEVEL_SAFETY = 1.5
-# estimates came out up to one and a half times the true error, so no less than this share of them
-# counts
-LEAST_FACTOR = 0.7
+# In walls and beside grid lines of patches estimates of hexahedra came out up to four times the
+# true error; no less than this share of them counts.
+LEAST_FACTOR = 0.4
+# One that moved little by chance counts as much as this share of the largest factor among numbers
+# with at least half of the component's largest error.
+SHARED, DECISIVE = 0.7, 0.5
+CLOSE = 0.7  # sizes so near to each other tell less than rounds further apart have told before
 
 
 @dataclass(frozen=True)
@@ -84,6 +89,16 @@ def count_safely(quantities: list[Quantity], factors: Factors) -> list[Quantity]
         )
         for quantity in quantities
     ]
+
+
+def learnt_factors(factors: Factors) -> dict[str, float]:
+    """Component to what its estimates of mesh errors, which cover what is usual, are multiplied by
+    after rounds have told more.
+    """
+    largest: dict[str, float] = {}
+    for (_, (name, _)), factor in factors.items():
+        largest[name] = max(largest.get(name, 0.0), factor / MESH_SAFETY)
+    return {name: factor for name, factor in largest.items() if factor != 1.0}
 
 
 def worst_quantity(quantities: list[Quantity]) -> Quantity | None:
@@ -164,33 +179,45 @@ def weigh_estimates(
 
     Source: Roache (1994), J. Fluids Eng. 116, 405-413, on the grid convergence index.
     """
-    factors = dict(known)
     earlier = {quantity.key: quantity for quantity in before}
+    ratios: dict[str, tuple[Mapping[Owner, float], float]] = {}
     for quantity in after:
         moved = {
             owner: part
             for owner, part in quantity.parts.items()
-            if owner[1] == DISCRETISATION
-            and owner[0] in steps
-            and part > 0.0
-            and quantity.key in earlier
+            if owner[1] == DISCRETISATION and owner[0] in steps and part > 0.0
         }
         total = sum(moved.values())
-        if total > 0.0:
-            change = abs(quantity.value / earlier[quantity.key].value - 1.0)
-            left = sum(
-                change * part / total * _share_left(steps[owner[0]])
-                for owner, part in moved.items()
-            )
-            factor = LEVEL_SAFETY * left / total
-            factors |= {
-                (quantity.key, owner): float(np.clip(factor, LEAST_FACTOR, MESH_SAFETY))
-                for owner in moved
-            }
+        if quantity.key not in earlier or not 0.0 < total < np.inf:
+            continue
+        past = earlier[quantity.key]
+        change = abs(quantity.value / past.value - 1.0)
+        left = sum(
+            change * part / total * _share_left(steps[owner[0]], past.parts.get(owner, 0.0) / part)
+            for owner, part in moved.items()
+        )
+        ratios[quantity.key] = moved, LEVEL_SAFETY * left / total
+    factors = dict(known)
+    for owner in {owner for moved, _ in ratios.values() for owner in moved}:
+        own = {
+            key: (moved[owner], ratio) for key, (moved, ratio) in ratios.items() if owner in moved
+        }
+        decisive = DECISIVE * max(part for part, _ in own.values())
+        least = SHARED * max(ratio for part, ratio in own.values() if part >= decisive)
+        for key, (_, ratio) in own.items():
+            found = float(np.clip(max(ratio, least), LEAST_FACTOR, MESH_SAFETY))
+            close = steps[owner[0]] > CLOSE
+            factors[key, owner] = min(found, known.get((key, owner), found)) if close else found
     return factors
 
 
-def _share_left(step: float) -> float:
-    """What is left of an error, over what a refinement took of it."""
-    share = step**LEVEL_RATE
+def _share_left(step: float, better: float) -> float:
+    """What is left of an error, over what a refinement took of it.
+
+    Args:
+        step: New mesh size over the old one.
+        better: Estimate before over the estimate after.
+    """
+    observed = math.log(better) / math.log(1.0 / step) if 1.0 < better < np.inf else 0.0
+    share = step ** min(max(LEVEL_RATE, observed), FASTEST_LEVEL_RATE)
     return float(share / (1.0 - share))

@@ -37,11 +37,13 @@ class Remembered:
         chosen: Components with the settings found.
         references: Bodies whose models were chosen, as the finite elements or polynomials that they
             were compared with.
+        mesh_factors: Component to what its estimates of mesh errors were multiplied by.
         answer: What is said of the search.
     """
 
     chosen: Mapping[str, Component]
     references: Mapping[str, Component]
+    mesh_factors: Mapping[str, float]
     answer: AccuracyAnswer
 
 
@@ -53,6 +55,7 @@ def remember_search(scene: Scene, store: Store, found: Remembered) -> str | None
     content = {
         "chosen": {name: _keep(part) for name, part in found.chosen.items()},
         "references": {name: _keep(part) for name, part in found.references.items()},
+        "mesh_factors": dict(found.mesh_factors),
         "answer": dataclasses.asdict(found.answer),
     }
     return write_entry(store, search_key(scene), FoundSettings(json.dumps(content)))
@@ -71,7 +74,8 @@ def recall_search(scene: Scene, store: Store) -> Remembered | None:
         {name: _restore(parts[name], kept) for name, kept in content[kind].items()}
         for kind in ("chosen", "references")
     )
-    return Remembered(chosen, references, _restore_answer(content["answer"]))
+    factors = content["mesh_factors"]
+    return Remembered(chosen, references, factors, _restore_answer(content["answer"]))
 
 
 def _keep(component: Component) -> dict[str, Any]:

@@ -97,11 +97,11 @@ def judge_round(
     found = AccuracyRound(
         worst.name, worst.error if np.isfinite(worst.error) else None, reason, worst.owner
     )
-    if worst.error <= goal.to or state.failures:
-        return Verdict(True, scene, found), history
     learnt = History(
         _remember(history.trials, parts, estimated, quantities), estimated, sizes, factors
     )
+    if worst.error <= goal.to or state.failures:
+        return Verdict(True, scene, found), learnt
     wanted = _share_with_equals(_wanted_ratios(quantities, goal.to), parts)
     return _refine(scene, state, goal.to, wanted, learnt.trials, found), learnt
 

@@ -7,8 +7,9 @@ is known.
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
 
 from mpi4py import MPI
 
@@ -17,7 +18,11 @@ from headstock.geometry.parts.solids import SuperelementFile
 from headstock.pipeline.accuracy.interface_choice import choose_shapes, give_chosen
 from headstock.pipeline.accuracy.model_errors import BetterBodies
 from headstock.pipeline.accuracy.models import ModelChoice, choose_models
-from headstock.pipeline.accuracy.quantities import count_safely, list_quantities
+from headstock.pipeline.accuracy.quantities import (
+    count_safely,
+    learnt_factors,
+    list_quantities,
+)
 from headstock.pipeline.accuracy.remembered import Remembered, recall_search, remember_search
 from headstock.pipeline.accuracy.rounds import (
     History,
@@ -28,6 +33,7 @@ from headstock.pipeline.accuracy.rounds import (
 from headstock.pipeline.accuracy.settings import (
     COARSE_ACCURACY,
     ROUGH_ACCURACY,
+    START_ACCURACY,
     are_equal,
     is_chosen,
     mode_margin,
@@ -40,7 +46,7 @@ from headstock.pipeline.planning.budgets import BudgetError
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.planning.planner import FRF_MARGIN, plan_scene
 from headstock.pipeline.planning.resources import Cost, measure
-from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.storage.store import Store
 from headstock.scene.requests import Analyses, ModalRequest
@@ -49,7 +55,30 @@ from headstock.solvers.ranks import make_on_root
 
 MOST_ROUNDS = 9
 FOUND = "settings that an earlier run of this scene found"
-RunRound = Callable[[Scene, Plan], RunState]
+
+
+class RunRound(Protocol):
+    """Runs a scene's plan without writing anything."""
+
+    def __call__(
+        self,
+        scene: Scene,
+        plan: Plan,
+        reduced: Mapping[str, ReducedComponent] | None = None,
+        *,
+        mesh_factors: Mapping[str, float] | None = None,
+    ) -> RunState:
+        """What the stages found.
+
+        Args:
+            scene: The scene.
+            plan: Its stages.
+            reduced: Components of an earlier round that serve again; None where all are to be made.
+            mesh_factors: Component to what its estimates of mesh errors are multiplied by.
+        """
+        ...
+
+
 Note = Callable[[Stage, str, Cost], None]
 
 
@@ -63,6 +92,7 @@ class AccuracySearch:
         answer: Rounds, settings and errors.
         failure: Why the accuracy was not reached, in plain words; empty when it was.
         better: Finite elements of the bodies that became rigid or segmented; None where none did.
+        mesh_factors: Component to what its estimates of mesh errors were multiplied by.
     """
 
     scene: Scene
@@ -70,6 +100,7 @@ class AccuracySearch:
     answer: AccuracyAnswer
     failure: str = ""
     better: BetterBodies | None = None
+    mesh_factors: Mapping[str, float] = field(default_factory=dict)
 
 
 def start_scene(scene: Scene) -> Scene:
@@ -80,8 +111,8 @@ def start_scene(scene: Scene) -> Scene:
 
 
 def _start_scene(scene: Scene, accuracy: float) -> Scene:
-    """Where one body makes all of the error, its mesh begins as fine as the accuracy asks; among
-    several most need it coarse.
+    """Where one body makes all of the error, its mesh begins finer than among several, of which most
+    need it coarse; rounds teach how fine it must be.
     """
     analyses, modes_to = _round_analyses(scene.analyses), _modes_to(scene.analyses, _goal(scene).to)
     parts = scene.machine.components
@@ -96,7 +127,7 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
     components = {
         name: start_component(
             part,
-            accuracy if one else max(accuracy, COARSE_ACCURACY),
+            max(accuracy, START_ACCURACY if one else COARSE_ACCURACY),
             modes_to,
             rough=_goal(scene).to >= ROUGH_ACCURACY,
         )
@@ -183,11 +214,15 @@ def search_settings(
             for name, change in (verdict.round.changes or {}).items():
                 note(Stage("refine", name, verdict.round.reason), change, Cost())
         current, state = verdict.scene, run_round(verdict.scene, plan)
+    mesh_factors = learnt_factors(history.factors)
+    if mesh_factors and not state.failures:
+        # what rounds taught of estimates stands behind every ±
+        state = run_round(current, plan, state.reduced, mesh_factors=mesh_factors)
     choice, better = None, None
     ours = [name for name in scene.machine.components if _is_ours(scene, name)]
     if goal.models != "none" and ours and not failure and not state.failures:
         choice = make_on_root(
-            state.comm, functools.partial(_choose_models, state, ours, history, goal.to, note)
+            state.comm, functools.partial(_choose_models, state, ours, goal.to, note)
         )
     if choice is not None:
         before = {
@@ -215,7 +250,7 @@ def search_settings(
             )
         if changed:
             current = replace_components(current, choice.components)
-            state = run_round(current, plan_scene(current))
+            state = run_round(current, plan_scene(current), mesh_factors=mesh_factors)
     settings = {
         name: describe_settings(part)
         for name, part in current.machine.components.items()
@@ -229,7 +264,7 @@ def search_settings(
     last = rounds[-1]
     if state.is_root and not failure and not state.failures:
         references = {} if better is None else better.components
-        found = Remembered(current.machine.components, references, answer)
+        found = Remembered(current.machine.components, references, mesh_factors, answer)
         state.warn(remember_search(scene, store, found))
     if failure:
         failure = f"the accuracy of {100.0 * goal.to:g} % is not reached; best: {last.quantity} within {show_share(last.error)}: {failure}"
@@ -244,6 +279,7 @@ def search_settings(
         answer,
         failure,
         better,
+        mesh_factors,
     )
 
 
@@ -256,7 +292,8 @@ def _repeat_search(scene: Scene, known: Remembered, run_round: RunRound) -> Accu
         interface_errors=False,
     )
     current = replace_components(start, known.chosen)
-    state = run_round(current, plan_scene(current))
+    factors = known.mesh_factors
+    state = run_round(current, plan_scene(current), mesh_factors=factors)
     better = None
     if known.references:
         scene_before = replace_components(start, {**known.chosen, **known.references})
@@ -265,6 +302,7 @@ def _repeat_search(scene: Scene, known: Remembered, run_round: RunRound) -> Accu
             state, scene=scene_before, plan=plan, meshes={}, reduced=dict(state.reduced)
         )
         make_superelements(other, only=list(known.references))
+        other.weigh_meshes({name: factors[name] for name in known.references if name in factors})
         parts = {name: plan.components[name] for name in known.references}
         better = BetterBodies(other.parts, parts, {})
     return AccuracySearch(
@@ -277,14 +315,15 @@ def _repeat_search(scene: Scene, known: Remembered, run_round: RunRound) -> Accu
         state,
         known.answer,
         better=better,
+        mesh_factors=factors,
     )
 
 
 def _choose_models(
-    state: RunState, ours: Sequence[str], history: History, accuracy: float, note: Note
+    state: RunState, ours: Sequence[str], accuracy: float, note: Note
 ) -> ModelChoice:
     """The cheapest models within an accuracy, on rank 0."""
-    counted = count_safely(list_quantities(state), history.factors)
+    counted = count_safely(list_quantities(state), {})
     with measure() as cost:
         found = choose_models(state, ours, counted, accuracy)
     note(

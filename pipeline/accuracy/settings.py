@@ -33,8 +33,9 @@ START_ACCURACY = (
 COARSE_ACCURACY = 0.03
 FEWEST_ALONG = 3
 MOST_ACROSS = 40
-# hexes between the edges of small patches, for accuracies of a few percent
-ROUGH_ACCURACY, ROUGH_ALONG, ROUGH_ACROSS, MOST_ROUGH_HEXES, FLAT = 0.02, 7, 2, 600, 1.6
+# hexes between the edges of small patches, for accuracies of one percent and more
+ROUGH_ACCURACY, ROUGH_ALONG, ROUGH_ACROSS, MOST_ROUGH_HEXES, FLAT = 0.01, 7, 2, 600, 1.6
+LEAST_ROUGH_RATIO = 0.15  # of the error wanted: beyond, tetrahedra graded from rims are cheaper
 PATCHES_ADD = 2.0  # hexes that patches may add by their grid lines before tetrahedra pay
 COARSER_THAN_RULE = 3.0
 # a column with two rigid faces: 0.6 % off with modes up to 3 times the wanted range, 1.5 % with 2
@@ -152,7 +153,8 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
     )
     finer = _shrink(component, mesh, step)
     if _is_rough(component) and (
-        count_hexes(component, finer.size or 0.0, finer.across_patches) > 2 * MOST_ROUGH_HEXES
+        ratio < LEAST_ROUGH_RATIO
+        or count_hexes(component, finer.size or 0.0, finer.across_patches) > 2 * MOST_ROUGH_HEXES
     ):
         finer = _start_mesh(component, COARSE_ACCURACY)
     return dataclasses.replace(component, mesh=finer)

@@ -1,5 +1,6 @@
 """The state of a run: what its stages have made so far and hand on."""
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -195,6 +196,22 @@ class RunState:
     def modal(self) -> tuple[PoseModes, ...]:
         """Natural modes found so far, one per pose."""
         return find_answers(self.answers, PoseModes)
+
+    def weigh_meshes(self, factors: Mapping[str, float]) -> None:
+        """Multiply the estimates of mesh errors of components; those that are not reduced here are
+        left out.
+
+        Args:
+            factors: Component to its factor.
+        """
+        for name, factor in factors.items():
+            if name in self.reduced:
+                known = self.reduced[name]
+                errors = known.superelement.errors
+                weighed = dataclasses.replace(errors, mesh_safety=factor * errors.mesh_safety)
+                self.reduced[name] = dataclasses.replace(
+                    known, superelement=dataclasses.replace(known.superelement, errors=weighed)
+                )
 
     def warn(self, message: str | None) -> None:
         """Keep a warning, each text once, on one line and without what a terminal would obey."""

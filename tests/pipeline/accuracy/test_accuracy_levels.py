@@ -5,8 +5,10 @@ import pytest
 from headstock.pipeline.accuracy.quantities import (
     LEAST_FACTOR,
     MESH_SAFETY,
+    SHARED,
     Quantity,
     count_safely,
+    learnt_factors,
     weigh_estimates,
 )
 from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION
@@ -14,9 +16,9 @@ from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION
 COLUMN, BASE = ("column", DISCRETISATION), ("base", DISCRETISATION)
 
 
-def number(value: float, column: float, base: float = 0.0) -> Quantity:
+def number(value: float, column: float, base: float = 0.0, key: str = "f1") -> Quantity:
     return Quantity(
-        "f1", "frequency 1", value, {COLUMN: column, BASE: base, ("column", REDUCTION): 0.001}
+        key, "frequency 1", value, {COLUMN: column, BASE: base, ("column", REDUCTION): 0.001}
     )
 
 
@@ -30,7 +32,7 @@ def rounds(effectivity: float, *, rate: float = 2.0, step: float = 0.6) -> tuple
     return count_safely([after], factors)[0].parts[COLUMN], true[1]
 
 
-@pytest.mark.parametrize("effectivity", [0.6, 1.0, 2.0])
+@pytest.mark.parametrize("effectivity", [0.6, 1.0, 2.0, 3.5])
 @pytest.mark.parametrize("rate", [1.5, 2.2, 4.0])
 def test_what_is_counted_covers_the_true_error_without_waste(
     effectivity: float, rate: float
@@ -38,6 +40,8 @@ def test_what_is_counted_covers_the_true_error_without_waste(
     counted, true = rounds(effectivity, rate=rate)
     assert counted >= true
     assert counted <= MESH_SAFETY * effectivity * true
+    # one and a half times the true error, but for the least that counts
+    assert counted <= max(1.6, LEAST_FACTOR * effectivity) * true
 
 
 def test_estimates_that_are_too_large_count_less_and_never_nothing() -> None:
@@ -46,6 +50,24 @@ def test_estimates_that_are_too_large_count_less_and_never_nothing() -> None:
     same = number(100.0, 0.04)
     factors = weigh_estimates([same], [same], {"column": 0.6}, {})
     assert factors["f1", COLUMN] == LEAST_FACTOR
+
+
+def test_a_number_that_stood_still_by_chance_counts_with_what_the_others_teach() -> None:
+    before = [number(105.0, 0.05), number(50.0, 0.05, key="f2")]
+    after = [number(101.5, 0.02), number(50.0, 0.02, key="f2")]
+    factors = weigh_estimates(before, after, {"column": 0.6}, {})
+    assert factors["f1", COLUMN] > 1.0
+    assert factors["f2", COLUMN] == pytest.approx(SHARED * factors["f1", COLUMN])
+    # behind every ± stands the largest of them
+    assert learnt_factors(factors) == {"column": factors["f1", COLUMN] / MESH_SAFETY}
+
+
+def test_a_step_too_small_to_tell_much_does_not_undo_what_was_learnt() -> None:
+    before, after = number(101.0, 0.02), number(100.0, 0.015)
+    alone = weigh_estimates([before], [after], {"column": 0.8}, {})["f1", COLUMN]
+    known = {("f1", COLUMN): 0.9}
+    assert alone > 0.9
+    assert weigh_estimates([before], [after], {"column": 0.8}, known) == known
 
 
 def test_parts_that_were_not_refined_keep_their_factor() -> None:
@@ -61,3 +83,4 @@ def test_parts_that_were_not_refined_keep_their_factor() -> None:
     assert count_safely([after], fresh)[0].parts[COLUMN] == pytest.approx(
         MESH_SAFETY * 0.02, abs=0.0
     )
+    assert learnt_factors(fresh) == {}
