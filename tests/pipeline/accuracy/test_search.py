@@ -21,6 +21,7 @@ from headstock.geometry.parts.components import (
     ReductionSettings,
 )
 from headstock.geometry.parts.solids import Box
+from headstock.pipeline.accuracy.quantities import SHARED
 from headstock.pipeline.accuracy.search import plan_first_round
 from headstock.pipeline.accuracy.settings import Trial, observed_rate, refine_mesh, start_component
 from headstock.pipeline.answers.accuracy import AccuracyAnswer, RoundSummary
@@ -111,6 +112,10 @@ def test_every_number_is_within_the_accuracy_and_only_what_owns_the_error_was_re
     results = run(make_scene(AccuracyGoal(0.006)), tmp_path)
     assert find_answers(results.answers, AccuracyAnswer)[0].met
     assert np.abs(numbers(results) / converged - 1.0).max() < 0.006
+    # what rounds taught stands behind every ±, too
+    modes = results.modal[0]
+    for hz, error, exact in zip(modes.frequencies_hz, modes.errors, converged, strict=False):
+        assert abs(hz - exact) <= present(error.total) <= 0.006 / SHARED * hz
     refined = [record.stage.component for record in results.stages if record.stage.kind == "refine"]
     assert "column" in refined
     # what did not change comes from the store
