@@ -30,6 +30,10 @@ from headstock.validation.machines.flexible_cases import (
 )
 from headstock.validation.machines.identification_cases import check_identification
 from headstock.validation.machines.machine_cases import check_guideway, check_three_axis_machine
+from headstock.validation.machines.model_choice_cases import (
+    check_model_choice,
+    check_model_choice_smoke,
+)
 from headstock.validation.machines.model_estimate_cases import (
     check_model_estimates,
     check_model_estimates_smoke,
@@ -298,6 +302,19 @@ CASES: tuple[Case, ...] = (
         "estimates",
         "the same on one machine",
         on_root(check_model_estimates_smoke),
+    ),
+    Case(
+        "model-choice",
+        "estimates",
+        "whether a stated accuracy is kept and at what cost, over 20 machines",
+        on_root(check_model_choice),
+        on_request=True,
+    ),
+    Case(
+        "model-choice-smoke",
+        "estimates",
+        "the same on one machine",
+        on_root(check_model_choice_smoke),
     ),
     Case(
         "reduction-estimates",

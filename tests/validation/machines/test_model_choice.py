@@ -1,0 +1,47 @@
+"""A stated accuracy is kept on a drawn machine whose models are all chosen."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from headstock.validation.machines import model_choice_cases
+from headstock.validation.machines.model_choice_cases import (
+    CASE,
+    ChosenMachine,
+    _judge,
+    measure_choice,
+)
+from headstock.validation.machines.model_estimate_cases import HOLD_OUT
+
+
+@pytest.mark.fem
+@pytest.mark.process
+def test_a_machine_of_three_bodies_keeps_five_percent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(model_choice_cases, "TRUE_ACCURACY", 0.01)
+    monkeypatch.setattr(model_choice_cases, "MODES_TO", 1000.0)
+    monkeypatch.setattr(model_choice_cases, "HAND_MESHES", ())
+    found = measure_choice(42, 0.05, tmp_path)
+    assert found.met and 0.005 < found.errors.max() < 0.05
+    # what is simpler by hand is much further off
+    assert {name: error > 0.1 for name, (error, _) in found.by_hand.items()} == {
+        "rigid": True,
+        "8 segments": True,
+    }
+
+
+def test_what_is_judged_are_numbers_beyond_what_was_asked_and_costs_beside_the_cheapest() -> None:
+    kept = np.full(19, 0.01)
+    near = ChosenMachine(50, 0.05, True, kept, 3.0, {"a": (0.02, 2.0), "b": (0.2, 0.1)})
+    far = ChosenMachine(51, 0.05, True, np.array([0.2]), 9.0, {"a": (0.02, 2.0)})
+    refused = ChosenMachine(49, 0.05, False, np.array([0.5]), 1.0, {})
+    beyond, dear = _judge(CASE, [near, far, refused])
+    assert beyond.value == pytest.approx(1.0 / 20.0) and "1 more were refused" in beyond.note
+    assert dear.value == 0.5 and not dear.passed and "machine 51" in dear.note
+
+
+def test_the_machines_are_none_that_margins_were_chosen_on() -> None:
+    assert not set(model_choice_cases.MACHINES) & set(HOLD_OUT)
+    assert len(model_choice_cases.MACHINES) >= 20
