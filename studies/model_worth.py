@@ -151,14 +151,14 @@ class ModelFinding:
         written, tried = self.trial.written, self.trial.tried
         return {
             "keep": f"keep {written}",
-            "third digit": f"{written} is for two digits, the richer for three"
+            "third digit": f"{written} gives two digits, {tried} three"
             if self.trial.sense == "richer"
             else f"keep {written} for the third digit",
-            "drop": f"drop {written}, {tried} does",
-            "either": f"{written} or {tried}, all the same",
+            "drop": f"{tried} is enough",
+            "either": "either will do",
             "take": f"take {tried}",
             "enough": f"{written} is enough",
-            "matters": f"{written} or {tried} matters, choose what the joint is",
+            "matters": "take the one that is like the joint",
             "not tried": "",
         }[self.action]
 

@@ -7,11 +7,12 @@ from headstock.studies.answers import UNITS, Change
 from headstock.studies.model_worth import ModelFinding, RunPrice
 
 SHOWN = 4  # answers per change
+IDLE = 1e-5  # largest change of what is listed together at the end
 
 
 def print_findings(findings: Sequence[ModelFinding]) -> None:
     """A block per change of the model that moves anything, those that move most for their price
-    first, then a line per change.
+    first, then a line per change; those that move nothing to speak of share one.
     """
     tried = [each for each in findings if not each.obstacle]
     if not findings:
@@ -19,7 +20,8 @@ def print_findings(findings: Sequence[ModelFinding]) -> None:
     print("\nModels, one change at a time; processor seconds with meshing and reduction")
     if tried:
         print(f"as written: {show_price(tried[0].written)}")
-    for each in [each for each in tried if each.worth > 0.0]:
+    idle = [each for each in tried if each.worth < IDLE]
+    for each in [each for each in tried if each not in idle]:
         print(f"\n{each.trial.name} ({show_price(each.tried)})")
         for what, modes in (("lacks", each.missing), ("adds", each.added)):
             for mode in modes[:SHOWN]:
@@ -31,8 +33,10 @@ def print_findings(findings: Sequence[ModelFinding]) -> None:
             if change.without is not None and change.present is not None:
                 print(f"  {change.answer:<28} {show_share(change.share):>9}   {_describe(change)}")
     print("\nSummary of models, worth over price")
-    for each in findings:
+    for each in [each for each in findings if each not in idle]:
         print(f"  {each.trial.name}: {each.verdict}")
+    if idle:
+        print(f"  less than {show_share(IDLE)}: {'; '.join(each.trial.name for each in idle)}")
 
 
 def show_price(price: RunPrice) -> str:
