@@ -19,6 +19,9 @@ REAL_POLE = 1e-9
 ROUNDING = 1e-14  # of a pole: a real part below is neither decay nor growth
 MASSLESS_CONDITION = 1e14
 LOWEST_TOLERANCE = 1e-10  # of a pole, where only the lowest are computed
+FAR_ABOVE = (
+    1e6  # of the lowest frequency: what dofs without mass are given where damping acts on them
+)
 MASSLESS_DAMPING = (
     1e-9  # share of the damping that dofs without mass, or rigid motions, may feel: roundoff
 )
@@ -53,7 +56,8 @@ def solve_damped(
 
     In these coordinates stiffness and mass are diagonal, so that springs which differ by many
     decades cost no digits. Where only the lowest are wanted they come by way of a small space
-    (``find_lowest_poles``), to the same digits; from the whole state matrix if that fails.
+    (``find_lowest_poles``), to the same digits; from the whole state matrix if that fails. Dofs
+    without mass that damping acts on, which have no place in a state matrix, get a little.
 
     Unsymmetric terms of control or gyroscopes are found by a test and take the general method,
     without undamped modes and shares.
@@ -66,7 +70,7 @@ def solve_damped(
             that are for the most part one of them; None for all.
 
     Raises:
-        ModelError: Dofs without mass that damping acts on, which have no place in a state matrix.
+        ModelError: Structural damping, or a dof without mass in an unsymmetric system.
         ConvergenceError: LAPACK did not converge.
 
     Source: Frazer, Duncan and Collar (1938); Geradin and Rixen (2015), sec. 3.3.
@@ -78,7 +82,9 @@ def solve_damped(
     if not (is_symmetric(system.mass) and is_symmetric(system.stiffness)):
         return _solve_unsymmetric(system)
     modes = undamped or solve_modal(system)
-    _require_complete(system, modes)
+    if _damps_massless(system, modes):
+        system = _with_little_mass(system, modes)
+        modes = solve_modal(system)
     count = modes.shapes.shape[1]
     eigenvalues = (2.0 * np.pi * modes.frequencies_hz) ** 2
     eigenvalues[: modes.rigid_count] = 0.0
@@ -125,24 +131,34 @@ def _elastic_poles(
     return state_eigenpairs(eigenvalues, damping) if few is None else few
 
 
-def _require_complete(system: SecondOrderSystem, modes: ModalResult) -> None:
-    """Refuse modes that were left out, and dofs without mass that damping acts on; others follow
-    the finite modes statically.
+def _damps_massless(system: SecondOrderSystem, modes: ModalResult) -> bool:
+    """Whether damping acts on dofs without mass; others follow the finite modes statically.
+
+    Raises:
+        ModelError: Modes were left out.
     """
     lacking = len(system.mass) - modes.shapes.shape[1]
-    unseen = 0.0
-    if modes.infinite_count and system.damping is not None:
-        weighed = system.mass @ modes.shapes
-        seen = weighed @ (modes.shapes.T @ system.damping @ modes.shapes) @ weighed.T
-        unseen = float(
-            np.abs(system.damping - seen).max()
-            / max(float(np.abs(system.damping).max()), np.finfo(float).tiny)
-        )
-    if lacking > modes.infinite_count or unseen > MASSLESS_DAMPING:
+    if lacking > modes.infinite_count:
         raise ModelError(
-            f"{lacking} dofs have no mass or were left out, so damped modes cannot be computed; give every body a mass, or take the "
-            "damping off joints between parts without mass"
+            f"{lacking - modes.infinite_count} modes were left out, so damped modes cannot be computed"
         )
+    if not modes.infinite_count or system.damping is None:
+        return False
+    weighed = system.mass @ modes.shapes
+    seen = weighed @ (modes.shapes.T @ system.damping @ modes.shapes) @ weighed.T
+    largest = max(float(np.abs(system.damping).max()), np.finfo(float).tiny)
+    return float(np.abs(system.damping - seen).max()) / largest > MASSLESS_DAMPING
+
+
+def _with_little_mass(system: SecondOrderSystem, modes: ModalResult) -> SecondOrderSystem:
+    """The system with the mass ``K / Omega^2`` added: dofs without mass vibrate at ``Omega``, others
+    change their frequency by the share ``omega^2 / (2 Omega^2)``.
+    """
+    lowest = float(modes.frequencies_hz[modes.rigid_count :].min(initial=np.inf))
+    if not np.isfinite(lowest):
+        return system
+    omega = FAR_ABOVE * 2.0 * np.pi * lowest
+    return dataclasses.replace(system, mass=system.mass + system.stiffness / omega**2)
 
 
 def _solve_unsymmetric(system: SecondOrderSystem) -> DampedModes:

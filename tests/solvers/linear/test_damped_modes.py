@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damped_modes import damping_of_undamped, solve_damped
 from headstock.solvers.second_order import SecondOrderSystem
 
@@ -79,8 +78,20 @@ def test_a_dof_without_mass_follows_its_springs_as_long_as_no_damper_acts_on_it(
     found = solve_damped(_system(np.diag([0.0, mass]), np.diag([0.0, dash]), stiffness))
     series = near * far / (near + far)
     assert found.damping_ratios == pytest.approx([dash / (2.0 * np.sqrt(series * mass))], rel=1e-9)
-    with pytest.raises(ModelError, match="take the damping off"):
-        solve_damped(_system(np.diag([0.0, mass]), np.diag([dash, 0.0]), stiffness))
+
+
+@pytest.mark.parametrize("dash", [4.0, 400.0])
+def test_a_damper_on_a_dof_without_mass_gives_the_roots_of_a_cubic(dash: float) -> None:
+    # a massless point between two springs, held by a damper; a mass behind it
+    near, far, mass = 3e4, 5e4, 2.0
+    stiffness = np.array([[near + far, -far], [-far, far]])
+    found = solve_damped(_system(np.diag([0.0, mass]), np.diag([dash, 0.0]), stiffness))
+    point, body = np.poly1d([dash, near + far]), np.poly1d([mass, 0.0, far])
+    roots = (point * body - far**2).roots
+    expected = sorted((root for root in roots if root.imag >= 0.0), key=abs)
+    # the little mass adds one pole far away
+    assert found.poles[: len(expected)] == pytest.approx(expected, rel=1e-6)
+    assert np.abs(found.poles[len(expected) :]).min() > 1e6 * np.abs(expected).min()
 
 
 def _chain(size: int, strength: float) -> SecondOrderSystem:
