@@ -1,6 +1,6 @@
 """Answers of two runs compared by kind: how far each moves, and where most."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypedDict
 
@@ -40,6 +40,9 @@ class ChangeSummary(TypedDict):
     entry: str
     without: float | None
     present: float | None
+
+
+ROUNDING = 1e-9  # beside the largest number of an answer
 
 
 @dataclass(frozen=True)
@@ -91,10 +94,20 @@ def compare_answers(without: RunSummary, present: RunSummary) -> list[Change]:
         found = [
             _compare(answer, entry, first.get(entry), second.get(entry))
             for entry in dict.fromkeys((*first, *second))
+            if answer in EACH_ITS_OWN or _counts(entry, first, second)
         ]
         if found:
             changes.append(max(found, key=lambda change: change.share))
     return changes
+
+
+def _counts(entry: str, first: Mapping[str, FloatArray], second: Mapping[str, FloatArray]) -> bool:
+    """Whether an entry is more than rounding beside the largest of its answer: by symmetry some are
+    zero.
+    """
+    sizes = [np.nanmax(np.abs(values)) for found in (first, second) for values in found.values()]
+    own = [np.nanmax(np.abs(found[entry])) for found in (first, second) if entry in found]
+    return not max(own) < ROUNDING * max(sizes)
 
 
 def _compare(
