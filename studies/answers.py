@@ -105,8 +105,14 @@ def _counts(entry: str, first: Mapping[str, FloatArray], second: Mapping[str, Fl
     """Whether an entry is more than rounding beside the largest of its answer: by symmetry some are
     zero.
     """
-    sizes = [np.nanmax(np.abs(values)) for found in (first, second) for values in found.values()]
-    own = [np.nanmax(np.abs(found[entry])) for found in (first, second) if entry in found]
+    sizes = [
+        np.nanmax(np.abs(values), initial=0.0)
+        for found in (first, second)
+        for values in found.values()
+    ]
+    own = [
+        np.nanmax(np.abs(found[entry]), initial=0.0) for found in (first, second) if entry in found
+    ]
     return not max(own) < ROUNDING * max(sizes)
 
 
