@@ -9,7 +9,7 @@ from headstock.pipeline.answers.estimates import show_share
 from headstock.scene.scene import Scene
 from headstock.studies.effects import EffectTrial, switch_effect
 from headstock.studies.model_trials import ModelKind
-from headstock.studies.model_worth import ModelFinding
+from headstock.studies.model_worth import CLEARLY, ModelFinding
 
 VARIANT = "good_enough"
 ROUNDING = 1e-6  # what moves less moves nothing
@@ -34,7 +34,8 @@ def choose_drops(
     scene: Scene, trials: Sequence[EffectTrial], findings: Sequence[ModelFinding]
 ) -> list[Drop]:
     """What moves hardly anything: effects to leave out, and per body one model, one kind of
-    interfaces and one count of modes, that which saves most.
+    interfaces and one count of modes: of those that save most, within ``CLEARLY``, that which
+    moves least.
 
     An effect that moves nothing stays: the analyses that were run may not ask for it.
 
@@ -55,9 +56,16 @@ def choose_drops(
     taken: set[tuple[tuple[str, ...], ModelKind]] = set()
     able = [each for each in findings if each.action == "drop"]
     # a body that is not elastic any more has neither a mesh nor modes of its own
-    for each in sorted(able, key=lambda each: (each.trial.kind != "elasticity", -each.saved_share)):
+    for each in sorted(able, key=lambda each: (each.trial.kind != "elasticity", each.worth)):
         bodies = each.trial.bodies
         if {(bodies, "elasticity"), (bodies, each.trial.kind)} & taken:
+            continue
+        most = max(
+            other.saved_share
+            for other in able
+            if (other.trial.bodies, other.trial.kind) == (bodies, each.trial.kind)
+        )
+        if each.saved_share < most - CLEARLY:
             continue
         taken.add((bodies, each.trial.kind))
         drops.append(Drop(each.trial.settings, each.verdict, each.worth))

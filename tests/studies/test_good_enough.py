@@ -46,7 +46,9 @@ count = 2
 """
 
 
-def finding(tried: str, saved: float, kind: str = "elasticity") -> ModelFinding:
+def finding(
+    tried: str, saved: float, kind: str = "elasticity", moved: float = 5e-4
+) -> ModelFinding:
     trial = ModelTrial(
         "modes" if kind == "modes" else "elasticity",
         ("block",),
@@ -55,7 +57,7 @@ def finding(tried: str, saved: float, kind: str = "elasticity") -> ModelFinding:
         (f"components.block.{kind}={tried}",),
         "simpler",
     )
-    change = Change("frequencies", 5e-4, "first", 50.0, 50.025)
+    change = Change("frequencies", moved, "first", 50.0, 50.0 * (1.0 + moved))
     return ModelFinding(
         trial, (change,), written=RunPrice(10.0, 1.0), tried=RunPrice(10.0 * (1.0 - saved), 1.0)
     )
@@ -74,6 +76,17 @@ def test_of_what_may_be_dropped_of_a_body_the_one_that_saves_most_is_taken() -> 
         ("effects.coriolis=false",),
         ("components.block.elasticity=rigid",),
     ]
+
+
+def test_of_models_that_save_as_much_the_one_that_moves_least_is_taken() -> None:
+    scene = load_scene(MACHINES / "tripteor.toml")
+    found = [
+        finding("segmented", 0.9, moved=1e-4),
+        finding("rigid", 0.92),
+        finding("polynomial", 0.5, moved=1e-6),
+    ]
+    (drop,) = choose_drops(scene, [], found)
+    assert drop.settings == ("components.block.elasticity=segmented",)
 
 
 def test_what_is_too_much_together_is_given_up_from_the_largest_on() -> None:
@@ -113,7 +126,10 @@ def test_the_command_writes_a_scene_that_checks_and_runs_and_overwrites_nothing(
     assert main(["check", str(target), *variant]) == 0
     output = ["-o", str(tmp_path / "out"), "--no-figures"]
     assert main(["run", str(target), *variant, *output]) == 0
-    assert load_scene(target, variant="good_enough").machine.components["block"].fidelity == "rigid"
+    # which of the simpler models is taken depends on what each costs here
+    assert (
+        load_scene(target, variant="good_enough").machine.components["block"].fidelity != "elastic"
+    )
     written = target.read_bytes()
     assert main(command) == 2 and "add --force" in capsys.readouterr().err
     assert main(["effects", str(path), "--write", "-o", str(path), "--force"]) == 2
