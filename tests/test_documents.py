@@ -21,10 +21,11 @@ ROOT = Path(__file__).resolve().parent.parent
 DOCUMENTS = (
     "README.md",
     "docs/tutorial.md",
-    "docs/comparing.md",
-    "docs/show.md",
-    "docs/mesh_files.md",
     "docs/hpc.md",
+    *(
+        pytest.param(f"docs/{name}.md", marks=pytest.mark.trials)
+        for name in ("comparing", "show", "mesh_files")
+    ),
 )
 BLOCK = re.compile(r"^```(\w+)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 # these would run the tests again, build an environment, or run for minutes; their own tests see to

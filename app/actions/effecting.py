@@ -11,15 +11,18 @@ from pathlib import Path
 import click
 from mpi4py import MPI
 
+from headstock.app.actions.publishing import EFFECTS_FILE, is_same_scene, renew_report
 from headstock.app.actions.running import require_ranks, select_analyses
 from headstock.app.charts.effects import draw_worth
 from headstock.app.report.pages import render_effects
+from headstock.app.report.report import Worth
 from headstock.app.terminal.guard import DONE
 from headstock.app.terminal.models import print_findings
 from headstock.app.terminal.progress import show_progress
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.results.files import read_summary
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
@@ -117,6 +120,7 @@ class EffectsRequest:
     ranks: int | None = None
     json_file: Path | None = None
     page: Path | None = None
+    report: Path | None = None
     origin: Provenance | None = None
 
 
@@ -167,6 +171,8 @@ def _load(request: EffectsRequest) -> Scene:
     for file, option in ((request.json_file, "--json"), (request.page, "--page")):
         if file is not None and not file.absolute().parent.is_dir():
             raise click.UsageError(f"there is no folder {file.parent} for {option}")
+    if request.report is not None:
+        _check_results(request.report, request.origin)
     chosen = request.scene
     if (request.output is not None or request.force) and not request.write:
         raise click.UsageError("-o FILE and --force go with --write")
@@ -174,6 +180,20 @@ def _load(request: EffectsRequest) -> Scene:
         _check_target(chosen, request.output, force=request.force)
     scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
     return select_analyses(scene, chosen.analyses)
+
+
+def _check_results(folder: Path, origin: Provenance | None) -> None:
+    """Refuse results of another scene, before anything is computed.
+
+    Raises:
+        UnusableOutputError: There are none.
+        click.UsageError: They are of another scene.
+    """
+    known = read_summary(folder).get("provenance")
+    if origin is None or known is None or not is_same_scene(origin.summarise(), known):
+        raise click.UsageError(
+            f"--report: {folder} holds results of another scene, variant or --set; run this one with -o {folder}"
+        )
 
 
 def _print_list(request: EffectsRequest, scene: Scene) -> int:
@@ -208,7 +228,11 @@ def _publish(
     if request.json_file is not None:
         write_output(request.json_file, dump_summary(summary).encode())
     if request.page is not None:
-        write_output(request.page, render_effects(summary, draw_worth(summary)).encode())
+        page = render_effects(Worth(summary, draw_worth(summary)))
+        write_output(request.page, page.encode())
+    if request.report is not None:
+        write_output(request.report / EFFECTS_FILE, dump_summary(summary).encode())
+        print(f"\n{renew_report(request.report)}")
     if request.write:
         _write_good_enough(request.scene, scene, ranked, findings, request.output)
     return DONE

@@ -2,6 +2,8 @@
 figures and mode shapes.
 """
 
+import importlib
+import json
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -15,17 +17,34 @@ from headstock.app.pictures.pictures import (
     draw_modes,
     stills_by_pose,
 )
-from headstock.app.report.report import Stills, render_report, write_report
+from headstock.app.report.report import Stills, Worth, render_report, write_report
+from headstock.app.terminal.console import print_remarks
 from headstock.app.texts.tables import encode_csv, list_tables, tabulate_path, tabulate_response
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.path import PathCurves
-from headstock.pipeline.results.files import FIGURES_FOLDER, SUMMARY_FILE, TABLES_FOLDER
+from headstock.pipeline.results.files import (
+    FIGURES_FOLDER,
+    REPORT_FILE,
+    SUMMARY_FILE,
+    TABLES_FOLDER,
+    read_curves,
+    read_paths,
+    read_summary,
+    read_view,
+)
 from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, write_mode_files
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView
-from headstock.pipeline.storage.outputs import UnusableOutputError, replace_outputs
+from headstock.pipeline.storage.outputs import (
+    UnusableOutputError,
+    claim_output,
+    replace_outputs,
+)
+from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.pipeline.storage.store import Store, default_store_root
 
+CHART_MODULE = "headstock.app.charts.effects"
+EFFECTS_FILE = "effects.json"  # beside the results of the scene that it is of
 PARTS = (TABLES_FOLDER, FIGURES_FOLDER, MODES_FOLDER, VOLUME_FOLDER)
 
 
@@ -67,8 +86,42 @@ def publish_run(
         folder, FIGURES_FOLDER, {f"{name}.png": image for name, image in images.items()}
     )
     stills = Stills(stills_by_pose(view, drawn.images), drawn.remark)
-    write_report(folder, summary, view, stills, curves, paths)
+    write_report(folder, summary, view, stills, curves, paths, read_worth(folder, summary))
     return list(dict.fromkeys([*remarks, *(part.remark for part in (drawn, *more) if part.remark)]))
+
+
+def renew_report(folder: Path) -> Path:
+    """Write what `publish_again` writes from a folder of results, and say what there is to remark;
+    the file of the report.
+
+    Raises:
+        UnusableOutputError: There is no summary, or not one that this version writes.
+        OutputError: A file cannot be written.
+    """
+    summary = read_summary(folder)
+    with claim_output(folder, (REPORT_FILE,), PARTS):
+        curves, paths = read_curves(folder), read_paths(folder)
+        print_remarks(publish_again(folder, summary, read_view(folder), curves, paths))
+    return folder / REPORT_FILE
+
+
+def read_worth(folder: Path, summary: RunSummary) -> Worth | None:
+    """What effects and models of the scene are worth, where ``effects.json`` of the same scene lies
+    beside its results.
+    """
+    try:
+        content = json.loads((folder / EFFECTS_FILE).read_text())
+        if not is_same_scene(content["provenance"], summary["provenance"]):
+            return None
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
+    charts = importlib.import_module(CHART_MODULE)  # loads matplotlib
+    return Worth(content, charts.draw_worth(content))
+
+
+def is_same_scene(first: ProvenanceSummary, second: ProvenanceSummary) -> bool:
+    """Whether two results come from the same text, variant and overrides."""
+    return all(first[key] == second[key] for key in ("scene_sha256", "variant", "overrides"))
 
 
 def publish_again(

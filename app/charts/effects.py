@@ -2,7 +2,7 @@
 saves or takes.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from matplotlib.lines import Line2D
@@ -30,14 +30,15 @@ ACTIONS = {
 
 
 class _Row(NamedTuple):
-    """A change: its words, largest change of a number, share of the time that it adds, and what is to
-    be done.
+    """A change: its words, largest change of a number, share of the time that it adds, what is to be
+    done, and what of modes has no counterpart.
     """
 
     words: str
     worth: float
     added: float
     action: str
+    modes: str = ""
 
 
 def draw_worth(summary: EffectsSummary) -> bytes | None:
@@ -60,6 +61,9 @@ def draw_worth(summary: EffectsSummary) -> bytes | None:
         calm_axes(axes)
     worth.set_xscale("log")
     worth.barh(places, [max(row.worth, SMALLEST) for row in rows], color=shades, height=0.66)
+    for place, row in enumerate(rows):
+        if row.modes:
+            worth.text(0.9, place, row.modes, ha="right", va="center", fontsize=8, color="white")
     worth.set_xlim(0.7 * SMALLEST, 1.6)
     worth.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100.0 * value:g} %"))
     worth.xaxis.set_minor_locator(NullLocator())
@@ -98,7 +102,12 @@ def _list_rows(summary: EffectsSummary) -> Iterable[_Row]:
             model["worth"],
             -model["time_saved_share"],
             model["action"],
+            _count(model["missing_modes"], "missing") or _count(model["added_modes"], "more"),
         )
+
+
+def _count(modes: Sequence[str], word: str) -> str:
+    return f"{len(modes)} {'mode' if len(modes) == 1 else 'modes'} {word}" if modes else ""
 
 
 def _find_action(action: str) -> str:

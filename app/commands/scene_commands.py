@@ -189,6 +189,12 @@ def effects(
         Path | None,
         typer.Option("--page", metavar="FILE", help="Write a page with the chart as HTML."),
     ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            "--report", metavar="DIR", help="Show it in the report of a finished run of the scene."
+        ),
+    ] = None,
     ranks: Ranks = None,
     no_host: NoHost = False,
     json: JsonFile = None,
@@ -211,6 +217,7 @@ def effects(
             ranks=ranks,
             json_file=json,
             page=page,
+            report=report,
             origin=origin,
         )
         return effects_request(request, comm)

@@ -155,25 +155,9 @@ def report(
     """
 
     def action() -> int:
-        from headstock.app.actions.publishing import PARTS, publish_again
-        from headstock.app.terminal.console import print_remarks
-        from headstock.pipeline.results.files import (
-            REPORT_FILE,
-            read_curves,
-            read_paths,
-            read_summary,
-            read_view,
-        )
-        from headstock.pipeline.storage.outputs import claim_output
+        from headstock.app.actions.publishing import renew_report
 
-        summary = read_summary(folder)
-        with claim_output(folder, (REPORT_FILE,), PARTS):
-            print_remarks(
-                publish_again(
-                    folder, summary, read_view(folder), read_curves(folder), read_paths(folder)
-                )
-            )
-        typer.echo(folder / REPORT_FILE)
+        typer.echo(renew_report(folder))
         return 0
 
     return run_guarded(action, debug=debug)

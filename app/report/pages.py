@@ -10,7 +10,7 @@ from typing import TypedDict
 import numpy as np
 from markupsafe import Markup
 
-from headstock.app.report.report import STYLE, read_asset, report_environment
+from headstock.app.report.report import STYLE, Worth, read_asset, report_environment
 from headstock.app.report.viewer_data import script_json
 from headstock.app.texts.comparison import (
     alike_rigid_modes,
@@ -30,11 +30,9 @@ from headstock.app.texts.model_answers import (
 )
 from headstock.app.texts.sweep_quantities import list_quantities, sampled_error_words
 from headstock.geometry.machine.machine import SCENE_UNITS
-from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.studies import SweepKind
 from headstock.studies.comparison_summary import ComparisonSummary
-from headstock.studies.effects_summary import EffectsSummary
 from headstock.studies.sweeps.files import Numbers, SweepSummary
 from headstock.studies.sweeps.journals import PoseState
 
@@ -204,20 +202,10 @@ def render_comparison(summary: ComparisonSummary, figures: Mapping[str, bytes]) 
     )
 
 
-def render_effects(summary: EffectsSummary, chart: bytes | None) -> str:
-    """The page as HTML text that refers to nothing outside itself.
-
-    Args:
-        summary: Content of ``effects.json``.
-        chart: A PNG; None where there is nothing to draw.
-    """
+def render_effects(worth: Worth) -> str:
+    """The page as HTML text that refers to nothing outside itself."""
     return (
         report_environment()
         .get_template(EFFECTS_TEMPLATE)
-        .render(
-            s=summary,
-            chart="" if chart is None else base64.b64encode(chart).decode(),
-            share=show_share,
-            style=Markup(read_asset(STYLE)),
-        )
+        .render(worth=worth, style=Markup(read_asset(STYLE)))
     )

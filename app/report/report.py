@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jinja2
 from markupsafe import Markup
@@ -66,6 +66,7 @@ from headstock.app.texts.tables import (
 )
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import show_position
+from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.path import PathCurves
 from headstock.pipeline.answers.static import PointSummary
@@ -75,6 +76,9 @@ from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView, component_colors
 from headstock.pipeline.storage.outputs import write_output
 from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
+
+if TYPE_CHECKING:
+    from headstock.studies.effects_summary import EffectsSummary
 
 TEMPLATE, STYLE, SCRIPT = "report_template.html", "report.css", "viewer/viewer.bundle.js"
 CURSOR = "response_cursor.js"
@@ -90,6 +94,16 @@ class Stills:
     remark: str | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Worth:
+    """What effects and models of the scene are worth: content of ``effects.json``, and its chart as
+    a PNG, None where there is nothing to draw.
+    """
+
+    summary: "EffectsSummary"
+    chart: bytes | None
+
+
 def write_report(
     folder: Path,
     summary: RunSummary,
@@ -97,6 +111,7 @@ def write_report(
     stills: Stills | None = None,
     curves: Sequence[ResponseCurves] = (),
     paths: Sequence[PathCurves] = (),
+    worth: Worth | None = None,
 ) -> Path:
     """Write ``report.html`` into a folder of results.
 
@@ -107,12 +122,13 @@ def write_report(
         stills: Pictures of the machine, for browsers without WebGL and for paper.
         curves: Of the frequency responses.
         paths: Of the path analysis.
+        worth: Of effects and models, where that is known.
 
     Raises:
         OutputError: It cannot be written.
     """
     path = folder / REPORT_FILE
-    write_output(path, render_report(summary, view, stills, curves, paths).encode())
+    write_output(path, render_report(summary, view, stills, curves, paths, worth).encode())
     return path
 
 
@@ -122,6 +138,7 @@ def render_report(
     stills: Stills | None = None,
     curves: Sequence[ResponseCurves] = (),
     paths: Sequence[PathCurves] = (),
+    worth: Worth | None = None,
 ) -> str:
     """The report as HTML text that refers to nothing outside itself.
 
@@ -134,6 +151,7 @@ def render_report(
         stills: Pictures of the machine, for browsers without WebGL and for paper.
         curves: Of the frequency responses.
         paths: Of the path analysis.
+        worth: Of effects and models, where that is known.
     """
     view, stills = view or MachineView(), stills or Stills()
     colors = component_colors(view)
@@ -161,6 +179,7 @@ def render_report(
             },
             paths=list(paths),
             path_stems=[path_stem(run) for run in paths],
+            worth=worth,
             responses={response.pose: response for response in curves},
             style=Markup(read_asset(STYLE)),
             script=Markup(read_asset(SCRIPT)),
@@ -453,6 +472,8 @@ def report_environment() -> jinja2.Environment:
         "position": lambda position, unit: _data(
             position, show_position(position, unit).replace("-", "−")
         ),
+        "base64": lambda content: base64.b64encode(content).decode(),
+        "worth": lambda share: _data(share, show_share(share)),
         "plain": lambda value: _data(value, f"{value:g}".replace("-", "−")),
         "longest": lambda budget: (
             max((share for shares in budget.values() for share in shares.values()), default=1.0)

@@ -1,6 +1,7 @@
 """Line numbers of every key of a TOML text, which ``tomllib`` does not keep."""
 
 import contextlib
+import functools
 import re
 from dataclasses import dataclass, field
 
@@ -157,6 +158,12 @@ def find_lines(text: str) -> tuple[dict[KeyPath, int], list[tuple[KeyPath, int]]
         that only completes a table begun implicitly counts as a repetition here: ``tomllib``
             decides.
     """
+    lines, repeated = _scan(text)
+    return dict(lines), list(repeated)
+
+
+@functools.lru_cache(maxsize=8)  # a study loads the same text for each of its points
+def _scan(text: str) -> tuple[dict[KeyPath, int], list[tuple[KeyPath, int]]]:
     scanner = _Scanner(text)
     # positions up to the first error are right, and tomllib reports the error itself
     with contextlib.suppress(ScanError, RecursionError):

@@ -18,7 +18,7 @@ from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.node_memory import node_memory_bytes
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.planning.resources import Cost, measure, watch_memory
+from headstock.pipeline.planning.resources import Cost, measure, search_once, watch_memory
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
@@ -190,7 +190,8 @@ def run_study(
 
     waiting = make_on_root(comm, find_waiting)
     finished = {key for key in keys if key in known}
-    with open_records(folder) if root and waiting else contextlib.nullcontext() as journal:
+    records = open_records(folder) if root and waiting else contextlib.nullcontext()
+    with search_once(), records as journal:
 
         def report(number: int) -> None:
             record = _label_record(known[keys[number]], points[number])
@@ -211,9 +212,9 @@ def run_study(
         if comm.size > 1 and waiting and not job.study.cold:
             _deal_points(job, comm, {number: points[number] for number in waiting}, folder, keep)
         else:
-            warm: set[ElementKind] = set()
+            warm: set[ElementKind] | None = set() if warm_up and job.study.cold else None
             for number in waiting:
-                keep(number, _compute_point(job, points[number], comm, warm if warm_up else None))
+                keep(number, _compute_point(job, points[number], comm, warm))
     return (
         [_label_record(known[key], point) for key, point in zip(keys, points, strict=True)]
         if root
@@ -337,14 +338,10 @@ def _compute_point(
     try:
         # the first run of a kind of element loads libraries and compiles kernels: not a cost of
         # this point
-        kinds = make_on_root(comm, lambda: _element_kinds(_reload(job, point)))
-        warm_up = (
-            warm is not None
-            and job.study.cold
-            and point.family != REFERENCE_RUN
-            and not kinds <= warm
-        )
+        warm_up = False
         if warm is not None:
+            kinds = make_on_root(comm, lambda: _element_kinds(_reload(job, point)))
+            warm_up = point.family != REFERENCE_RUN and not kinds <= warm
             warm |= kinds
         for number in range(-warm_up, 1 if point.family == REFERENCE_RUN else job.study.repeats):
             with (

@@ -128,9 +128,13 @@ def solve_on(ranks: int, folder: Path) -> dict[str, FloatArray]:
         return dict(file)
 
 
-def test_one_to_four_ranks_give_one_answer_although_the_mesh_has_one_cell(tmp_path: Path) -> None:
+# 2: tests/app/test_ranks.py
+@pytest.mark.parametrize("several", [[3], pytest.param([3, 4], marks=pytest.mark.trials)])
+def test_ranks_give_one_answer_although_the_mesh_has_one_cell(
+    tmp_path: Path, several: list[int]
+) -> None:
     alone = solve_on(1, tmp_path)
-    for ranks in (3, 4):  # 2 and 4: tests/app/test_ranks.py
+    for ranks in several:
         found = solve_on(ranks, tmp_path)
         assert found["labels"].tolist() == alone["labels"].tolist()
         assert abs(found["mass"] / alone["mass"] - 1.0) < 1e-14

@@ -36,13 +36,11 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Places, dict[str
     return places, {"steel": read_numbers(places.results)}
 
 
-def test_five_killed_runs_leave_no_torn_file_and_the_next_run_is_right(tmp_path: Path) -> None:
-    outcome = kill_runs(5, seed=44, root=tmp_path)
+def test_two_killed_runs_leave_no_torn_file_and_the_next_run_is_right(tmp_path: Path) -> None:
+    outcome = kill_runs(2, seed=44, root=tmp_path)
     assert outcome.faults == []
-    assert outcome.trials == 5
-    assert (
-        sum(count for ending, count in outcome.happened.items() if ending.startswith("killed")) >= 4
-    )
+    assert outcome.trials == 2
+    assert any(ending.startswith("killed") for ending in outcome.happened)
 
 
 def test_every_file_of_a_run_is_known_as_torn_when_its_end_is_missing(
@@ -143,11 +141,12 @@ def test_torn_files_wrong_numbers_and_temporaries_of_killed_runs_are_reported(
         assert name in outcome.faults[number]
 
 
-def test_sweeps_and_studies_killed_once_end_as_undisturbed_ones(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", [pytest.param("sweep", marks=pytest.mark.trials), "study"])
+def test_a_sweep_or_study_killed_once_ends_as_an_undisturbed_one(tmp_path: Path, kind: str) -> None:
     short = SCENE.replace('"200 mm", 500]', '"200 mm", 200]').replace(
         "[6, 7, 8, 9, 10, 11, 12, 13]", "[6, 7, 8, 9]"
     )
-    # the seed ends both in their last third
-    outcome = kill_and_resume(2, seed=105, root=tmp_path, kinds=("sweep", "study"), scene=short)
+    # the seed ends it in its last third
+    outcome = kill_and_resume(1, seed=105, root=tmp_path, kinds=(kind,), scene=short)
     assert outcome.faults == []
-    assert outcome.trials == 2
+    assert outcome.trials == 1

@@ -159,6 +159,7 @@ def test_a_second_call_computes_nothing_again_and_files_hold_what_is_printed(
     assert len(more["meshes"]) > len(first["meshes"])
 
 
+@pytest.mark.trials
 def test_a_step_part_is_tried_free_and_without_its_small_features(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -167,7 +167,10 @@ def largest_distance(places: FloatArray, skin: Skin) -> float:
 
 
 @pytest.mark.process
-@pytest.mark.parametrize("name", ["column", "bracket", "finned_flange", "rounded_frame"])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param("column", marks=pytest.mark.trials), "bracket", "finned_flange", "rounded_frame"],
+)
 def test_a_step_part_that_is_thinned_out_twice_looks_the_same_with_its_holes_and_its_edges(
     name: str, step_parts: dict[str, Path]
 ) -> None:

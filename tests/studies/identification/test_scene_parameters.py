@@ -186,7 +186,7 @@ def test_the_wall_of_an_elastic_part_is_found_again(
 
 
 @pytest.mark.fem
-@pytest.mark.parametrize("wall", ["40 mm", "100 mm"])
+@pytest.mark.parametrize("wall", ["40 mm", pytest.param("100 mm", marks=pytest.mark.trials)])
 def test_derivatives_of_a_part_that_is_meshed_anew_are_those_of_the_machine(
     scene: Path, tmp_path: Path, wall: str
 ) -> None:
