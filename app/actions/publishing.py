@@ -121,7 +121,10 @@ def read_worth(folder: Path, summary: RunSummary) -> Worth | None:
 
 def is_same_scene(first: ProvenanceSummary, second: ProvenanceSummary) -> bool:
     """Whether two results come from the same text, variant and overrides."""
-    return all(first[key] == second[key] for key in ("scene_sha256", "variant", "overrides"))
+    own, other = (
+        (each["scene_sha256"], each["variant"], each["overrides"]) for each in (first, second)
+    )
+    return own == other
 
 
 def publish_again(

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, NullLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
 
 from headstock.app.charts.charts import FAINT, INK, add_legend, calm_axes, encode_figure, new_figure
 from headstock.app.charts.study import COLORS
@@ -73,6 +73,7 @@ def draw_worth(summary: EffectsSummary) -> bytes | None:
         worth.axvline(limit, color=INK, linewidth=0.8, linestyle="--")
     price.barh(places, [100.0 * row.added for row in rows], color=shades, height=0.66)
     price.axvline(0.0, color=INK, linewidth=0.8)
+    price.xaxis.set_major_locator(MaxNLocator(5))
     price.xaxis.set_major_formatter(
         FuncFormatter(lambda value, _: f"{value:+g} %" if value else "0")
     )

@@ -1,11 +1,13 @@
 """What parts of a machine's model move and cost, as blocks and sentences on a terminal."""
 
+import textwrap
 from collections.abc import Sequence
 
 from headstock.pipeline.answers.estimates import show_share
 from headstock.studies.answers import UNITS, Change
 from headstock.studies.model_worth import ModelFinding, RunPrice
 
+COLUMNS = 100
 SHOWN = 4  # answers per change
 IDLE = 1e-5  # largest change of what is listed together at the end
 
@@ -28,15 +30,25 @@ def print_findings(findings: Sequence[ModelFinding]) -> None:
                 print(f"  {what} {mode}")
             if len(modes) > SHOWN:
                 print(f"  {what} {len(modes) - SHOWN} more")
-        for change in [change for change in each.changes if change.share > 0.0][:SHOWN]:
+        for change in [change for change in each.changes if change.share > IDLE][:SHOWN]:
             # its modes are named above
             if change.without is not None and change.present is not None:
                 print(f"  {change.answer:<28} {show_share(change.share):>9}   {_describe(change)}")
     print("\nSummary of models, worth over price")
     for each in [each for each in findings if each not in idle]:
-        print(f"  {each.trial.name}: {each.verdict}")
+        _print_entry(each.trial.name, each.verdict)
     if idle:
-        print(f"  less than {show_share(IDLE)}: {'; '.join(each.trial.name for each in idle)}")
+        _print_entry(f"less than {show_share(IDLE)}", "; ".join(each.trial.name for each in idle))
+
+
+def _print_entry(head: str, words: str) -> None:
+    """A line, or a head with indented lines below it where one would be too long."""
+    line = f"  {head}: {words}"
+    print(line if len(line) <= COLUMNS else f"  {head}:\n{_indent(words)}")
+
+
+def _indent(words: str) -> str:
+    return textwrap.fill(words, COLUMNS, initial_indent="      ", subsequent_indent="      ")
 
 
 def show_price(price: RunPrice) -> str:

@@ -130,6 +130,16 @@ def test_the_command_writes_a_scene_that_checks_and_runs_and_overwrites_nothing(
     assert (
         load_scene(target, variant="good_enough").machine.components["block"].fidelity != "elastic"
     )
+    results = str(tmp_path / "out")
+    report = ["effects", str(target), *variant, "--only", "elasticity", "--report", results]
+    assert main(report) == 0
+    assert 'id="effects"' in (tmp_path / "out" / "report.html").read_text()
+    assert main(["report", results]) == 0
+    assert 'id="effects"' in (tmp_path / "out" / "report.html").read_text()
+    assert main([*report, "--set", "materials.steel.nu=0.25"]) == 2
+    assert "results of another scene" in capsys.readouterr().err
+    assert main(["run", str(target), *output]) == 0  # without the variant
+    assert 'id="effects"' not in (tmp_path / "out" / "report.html").read_text()
     written = target.read_bytes()
     assert main(command) == 2 and "add --force" in capsys.readouterr().err
     assert main(["effects", str(path), "--write", "-o", str(path), "--force"]) == 2
