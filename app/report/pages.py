@@ -207,5 +207,5 @@ def render_effects(worth: Worth) -> str:
     return (
         report_environment()
         .get_template(EFFECTS_TEMPLATE)
-        .render(worth=worth, style=Markup(read_asset(STYLE)))
+        .render(worth=worth.summary, chart=worth.chart, style=Markup(read_asset(STYLE)))
     )
