@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.guide_errors import AxisErrors, RailErrors
 
 JointKind = Literal[
     "rigid",
@@ -104,6 +105,7 @@ class Joint:
         loss_factor: Structural damping eta: the complex stiffness is ``(1 + i eta)`` times the
             stiffness [-].
         layer: Stiffness per area over the patches of both ends, beside ``stiffness``; None without.
+        errors: Of the rail or the screw it slides along; None without.
     """
 
     name: str
@@ -119,6 +121,7 @@ class Joint:
     loss_factor: float = 0.0
     second_axis: FloatArray | None = None
     layer: ContactLayer | None = None
+    errors: RailErrors | None = None
 
     @property
     def connects(self) -> bool:
@@ -138,6 +141,7 @@ class Axis:
         kind: ``linear`` [m] or ``rotary`` [rad].
         center: ``(3,)`` point on a rotary axis [m].
         limits: Lowest and highest position [m or rad].
+        errors: Error motions of what it moves; None without.
     """
 
     name: str
@@ -147,6 +151,7 @@ class Axis:
     kind: Literal["linear", "rotary"] = "linear"
     center: FloatArray = field(default_factory=lambda: np.zeros(3))
     limits: tuple[float, float] = (-np.inf, np.inf)
+    errors: AxisErrors | None = None
 
 
 def connected_groups(names: Iterable[str], edges: Iterable[tuple[str, str]]) -> list[list[str]]:

@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame, compose_frames, rotation_about
+from headstock.geometry.machine.guide_errors import AxisErrors
 from headstock.geometry.machine.joints import Axis, Joint, JointEnd
 from headstock.geometry.mechanisms.tool_mechanism import (
     TOOL_AXES,
@@ -203,12 +204,18 @@ def orient_machine(machine: Machine, frame: Frame) -> Machine:
             rotation=rotation @ joint.rotation,
             second_axis=None if joint.second_axis is None else rotation @ joint.second_axis,
             point=None if joint.point is None else carry_point(joint.point),
+            errors=None
+            if joint.errors is None
+            else dataclasses.replace(joint.errors, origin=carry_point(joint.errors.origin)),
         )
         for name, joint in machine.joints.items()
     }
     axes = {
         name: dataclasses.replace(
-            axis, direction=rotation @ axis.direction, center=carry_point(axis.center)
+            axis,
+            direction=rotation @ axis.direction,
+            center=carry_point(axis.center),
+            errors=None if axis.errors is None else _orient_errors(axis.errors, frame),
         )
         for name, axis in machine.axes.items()
     }
@@ -225,6 +232,14 @@ def orient_machine(machine: Machine, frame: Frame) -> Machine:
     }
     return dataclasses.replace(
         machine, components=components, joints=joints, axes=axes, loads=loads
+    )
+
+
+def _orient_errors(errors: AxisErrors, frame: Frame) -> AxisErrors:
+    return dataclasses.replace(
+        errors,
+        point=None if errors.point is None else frame.origin + frame.rotation @ errors.point,
+        rotation=frame.rotation @ errors.rotation,
     )
 
 

@@ -18,6 +18,14 @@ from headstock.reduction.coupling.dof_layout import (
     turn_dofs,
 )
 from headstock.reduction.coupling.elimination import Elimination, eliminate_constraints
+from headstock.reduction.coupling.guide_errors import (
+    GUIDE_ERRORS,
+    ErrorLoads,
+    find_offsets,
+    find_places,
+    has_errors,
+    solve_error_loads,
+)
 from headstock.reduction.coupling.joint_springs import (
     PlacedJoint,
     express_in_free_coordinates,
@@ -56,6 +64,8 @@ class CoupledMachine:
         floating: Groups of components that no joint or support connects to ground.
         redundant_constraints: Number of fixed motions that others already hold.
         warnings: For the user.
+        errors: What the errors of guides and drives do, together the load ``guide_errors``; None
+            without any.
     """
 
     system: SecondOrderSystem
@@ -67,6 +77,7 @@ class CoupledMachine:
     floating: tuple[tuple[str, ...], ...]
     redundant_constraints: int
     warnings: tuple[str, ...]
+    errors: ErrorLoads | None = None
 
     @property
     def offsets(self) -> dict[str, slice]:
@@ -125,6 +136,21 @@ def couple(
         machine, {name: part.supported for name, part in superelements.items()}
     )
     channels = machine_channels(layout, machine, basis, memo.channels)
+    loads = machine_loads(layout, machine, matrices, basis, gravity)
+    errors = None
+    if has_errors(machine):
+        fixed = sum(len(spring.fixed) for spring in springs)
+        errors = solve_error_loads(
+            find_offsets(machine, find_places(machine, pose.positions, layout, springs)),
+            springs=springs,
+            reduced=reduced,
+            constraints=constraints,
+            first_fixed=len(constraints) - len(shapes.rows) - fixed,
+            layout=layout,
+            matrices=matrices,
+            basis=basis,
+        )
+        loads[GUIDE_ERRORS] = errors.load
     return CoupledMachine(
         system=SecondOrderSystem(
             mass=sum_mass(layout, matrices, basis, memo),
@@ -150,13 +176,14 @@ def couple(
         layout=layout,
         matrices=matrices,
         joint_springs=reduced,
-        loads=machine_loads(layout, machine, matrices, basis, gravity),
+        loads=loads,
         floating=floating,
         redundant_constraints=len(elimination.redundant),
         warnings=grading.warnings
         + shapes.warnings
         + _redundancy_warnings(elimination, sources)
         + _floating_warnings(floating, machine),
+        errors=errors,
     )
 
 

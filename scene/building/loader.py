@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 
-from headstock.geometry.machine.joints import Joint
+from headstock.geometry.machine.joints import Axis, Joint
 from headstock.geometry.machine.machine import Machine, Point, Probe, orient_machine
-from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.components import Component, Support
 from headstock.scene.building.analyses import (
     build_frf,
     build_modal,
@@ -35,6 +35,11 @@ from headstock.scene.building.components import (
 )
 from headstock.scene.building.draft import Draft, collect_interfaces, collect_sections
 from headstock.scene.building.drives import build_control, build_drives, check_drives
+from headstock.scene.building.guide_errors import (
+    build_axis_errors,
+    build_rail_errors,
+    check_guide_errors,
+)
 from headstock.scene.building.joints import build_joint, check_joints, couple_bearings
 from headstock.scene.building.loads import (
     build_load,
@@ -67,7 +72,7 @@ from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, CompareSettings, Limits, Scene
-from headstock.scene.schema.effects import read_gravity, read_modal_damping
+from headstock.scene.schema.effects import GUIDE_ERRORS, read_gravity, read_modal_damping
 from headstock.scene.schema.expansion import expand_scene
 from headstock.scene.schema.includes import INCLUDE, read_with_includes
 from headstock.scene.schema.overrides import (
@@ -90,6 +95,7 @@ CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
     check_loads,
     check_probes,
     check_axes,
+    check_guide_errors,
     check_poses,
     check_requests,
     check_path,
@@ -326,10 +332,7 @@ def build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
         components=components,
         joints=joints,
         points={key: Point(key, table.tool, table.work) for key, table in scene.points.items()},
-        axes={
-            key: build_axis(key, table, scene, joints, supports)
-            for key, table in scene.axes.items()
-        },
+        axes={key: _build_axis(key, scene, joints, supports) for key in scene.axes},
         supports=supports,
         loads={key: build_load(key, table, components) for key, table in scene.loads.items()},
         probes={
@@ -342,6 +345,16 @@ def build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
     if "orientation" not in scene.model_fields_set:
         return machine
     return orient_machine(machine, build_frame(scene.orientation.at, scene.orientation.rotate))
+
+
+def _build_axis(
+    key: str, scene: SceneTable, joints: dict[str, Joint], supports: dict[str, Support]
+) -> Axis:
+    table = scene.axes[key]
+    axis = build_axis(key, table, scene, joints, supports)
+    if not scene.effects.get(GUIDE_ERRORS, False):
+        return axis
+    return dataclasses.replace(axis, errors=build_axis_errors(table))
 
 
 def _build_components(scene: SceneTable, folder: Path) -> dict[str, Component]:
@@ -367,7 +380,12 @@ def _build_joints(scene: SceneTable, components: dict[str, Component]) -> dict[s
     """
     joints: dict[str, Joint] = {}
     for key, table in scene.joints.items():
-        joints[key] = build_joint(key, table)
+        joint = build_joint(key, table)
+        joints[key] = (
+            dataclasses.replace(joint, errors=build_rail_errors(table))
+            if scene.effects.get(GUIDE_ERRORS, False)
+            else joint
+        )
         shaft = couple_bearings(f"{key}_shaft", joints[key])
         if shaft is not None and any(
             components[end.component or ""].fidelity != "rigid" for end in shaft.ends

@@ -4,6 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from headstock.scene.schema.guide_errors import AxisErrorsTable
 from headstock.scene.schema.types import (
     AxisPosition,
     Direction,
@@ -29,6 +30,7 @@ class AxisTable(StrictTable):
     center: Position = Field(default=[0.0, 0.0, 0.0], validate_default=False)
     limits: Annotated[list[AxisPosition], Field(min_length=2, max_length=2)] | None = None
     moves: Names | None = None
+    errors: AxisErrorsTable | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:

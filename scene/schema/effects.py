@@ -7,7 +7,8 @@ from headstock.scene.reading.units import ACCELERATION, RATIO, UnitError, parse_
 CONTOUR_EFFECTS = ("coriolis", "cutting_force", "regeneration")
 DRIVE_EFFECTS = ("drive_control", "friction", "screw_inertia")
 GRAVITY_STIFFENING = "gravity_stiffening"
-PLAIN_EFFECTS = (*CONTOUR_EFFECTS, *DRIVE_EFFECTS, GRAVITY_STIFFENING)
+GUIDE_ERRORS = "guide_errors"
+PLAIN_EFFECTS = (*CONTOUR_EFFECTS, *DRIVE_EFFECTS, GRAVITY_STIFFENING, GUIDE_ERRORS)
 EFFECT_NAMES = ("gravity", "damping", *PLAIN_EFFECTS)
 STANDARD_GRAVITY = 9.80665
 

@@ -4,6 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from headstock.scene.schema.guide_errors import RailErrorsTable
 from headstock.scene.schema.types import (
     Count,
     Direction,
@@ -115,4 +116,5 @@ class JointTable(StrictTable):
     stiffness_per_area: LayerTable | None = None
     damping: dict[Name, JointDamping] = {}
     loss_factor: LossFactor = 0.0
+    errors: RailErrorsTable | None = None
     allow_negative: Flag = False

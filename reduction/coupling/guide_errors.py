@@ -1,0 +1,294 @@
+"""Errors of guides and drives as preload of the joints' springs: where a rail, a screw or an axis'
+error motion would move what rides on it.
+
+A joint with stiffness ``K`` and relative motion ``rows q`` whose springs are at rest at an offset
+``e`` pulls with ``K (rows q - e)``: the load of the error is ``rows^T K e``. Fixed directions take
+the offset itself: ``q = B y + q_0`` with ``C q_0 = e``.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray, Frame, rigid_transfer, rotate_dofs
+from headstock.geometry.machine.guide_errors import ProfileError
+from headstock.geometry.machine.joints import Axis, Joint, JointEnd
+from headstock.geometry.machine.machine import Machine
+from headstock.reduction.coupling.dof_layout import DofLayout, is_rail, scale_dofs
+from headstock.reduction.coupling.joint_springs import PlacedJoint
+from headstock.reduction.coupling.matrices import ComponentMatrices
+from headstock.solvers.errors import ModelError
+
+GUIDE_ERRORS = "guide_errors"
+CONTRADICTION = 1e-6  # of the largest offset: what fixed joints may contradict each other by
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorPlaces:
+    """Where the errors of a machine are read in a pose.
+
+    Attributes:
+        rails: Joint with errors of its own to the place of its carriage along the rail [m].
+        signs: The same to the sign of its offset: -1 where the second end is the rail.
+        positions: Axis with error motions to its position [m, rad].
+        levers: Axis and joint of it to the ``(6, 6)`` joint offset per error motion, machine axes
+            to joint axes.
+    """
+
+    rails: dict[str, float]
+    signs: dict[str, float]
+    positions: dict[str, float]
+    levers: dict[tuple[str, str], FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorLoads:
+    """What the errors of each source do in a pose; all of them add up.
+
+    Attributes:
+        loads: Source, a joint or an axis, to its load ``(n,)`` in free coordinates.
+        offsets: The same to a motion ``(n_all,)`` of the stacked dofs that fixed directions make,
+            at zero free coordinates; no entry where there is none.
+    """
+
+    loads: dict[str, FloatArray]
+    offsets: dict[str, FloatArray]
+
+    @property
+    def load(self) -> FloatArray:
+        """Of all sources ``(n,)``."""
+        return np.asarray(np.sum(list(self.loads.values()), axis=0))
+
+    def offset(self, size: int) -> FloatArray:
+        """Of all sources ``(size,)``."""
+        return np.sum([*self.offsets.values(), np.zeros(size)], axis=0)
+
+
+def has_errors(machine: Machine) -> bool:
+    """Whether any rail, screw or axis of a machine has errors."""
+    return any(joint.errors is not None for joint in machine.joints.values()) or any(
+        axis.errors is not None for axis in machine.axes.values()
+    )
+
+
+def find_places(
+    machine: Machine,
+    positions: Mapping[str, float],
+    layout: DofLayout,
+    springs: Sequence[PlacedJoint],
+) -> ErrorPlaces:
+    """Where the errors of a machine are read in a pose.
+
+    Args:
+        machine: With its errors.
+        positions: Of its axes; zero for those not named.
+        layout: Placements of the components.
+        springs: Every joint as placed.
+    """
+    frames = {spring.name: spring.frame for spring in springs}
+    sliding = {name: joint for name, joint in machine.joints.items() if joint.errors is not None}
+    rails = {name: _rail_place(joint, frames[name], layout) for name, joint in sliding.items()}
+    signs = {name: _rail_sign(joint, layout) for name, joint in sliding.items()}
+    levers: dict[tuple[str, str], FloatArray] = {}
+    known = {}
+    for axis in machine.axes.values():
+        if axis.errors is None:
+            continue
+        known[axis.name] = positions.get(axis.name, 0.0)
+        turn, point = _axis_frame(axis, machine, layout, frames)
+        for name in axis.joints:
+            second = machine.joints[name].ends[1].component in axis.moves
+            back = rotate_dofs(frames[name].rotation.T)
+            carried = back @ rigid_transfer(point, frames[name].origin) @ rotate_dofs(turn)
+            levers[axis.name, name] = carried if second else -carried
+    return ErrorPlaces(rails, signs, known, levers)
+
+
+def sample_offsets(
+    machine: Machine, start: ErrorPlaces, end: ErrorPlaces, shares: FloatArray
+) -> dict[str, dict[str, FloatArray]]:
+    """Offsets ``(n, 6)`` of the joints in joint axes, second end relative to first, by source and
+    joint, on the straight way between two poses.
+
+    Args:
+        machine: With its errors.
+        start: At share 0.
+        end: At share 1.
+        shares: ``(n,)`` of the way.
+
+    Raises:
+        ModelError: A place lies outside the table of a profile.
+    """
+    found: dict[str, dict[str, FloatArray]] = {}
+    for name, place in start.rails.items():
+        joint = machine.joints[name]
+        if joint.errors is None:
+            continue
+        places = (1.0 - shares) * place + shares * end.rails[name]
+        try:
+            own = joint.errors.offset(places)
+        except ProfileError as error:
+            raise ModelError(
+                f"errors of joint {name}: {error}; give the table values up to there, or keep the axis within it"
+            ) from error
+        found[name] = {name: start.signs[name] * own}
+    for name, place in start.positions.items():
+        axis = machine.axes[name]
+        if axis.errors is None:
+            continue
+        positions = (1.0 - shares) * place + shares * end.positions[name]
+        direction = axis.direction if axis.kind == "linear" else np.zeros(3)
+        try:
+            motions = axis.errors.sample(positions, direction)
+        except ProfileError as error:
+            raise ModelError(
+                f"errors of axis {name}: {error}; give the table values up to there, or keep the axis within it"
+            ) from error
+        found[name] = {}
+        for joint_name in axis.joints:
+            first, last = (each.levers[name, joint_name] for each in (start, end))
+            found[name][joint_name] = (1.0 - shares)[:, None] * (motions @ first.T) + shares[
+                :, None
+            ] * (motions @ last.T)
+    return found
+
+
+def find_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str, FloatArray]]:
+    """Offsets ``(6,)`` of the joints in one pose by source and joint; see ``sample_offsets``."""
+    sampled = sample_offsets(machine, places, places, np.zeros(1))
+    return {
+        source: {joint: offset[0] for joint, offset in offsets.items()}
+        for source, offsets in sampled.items()
+    }
+
+
+def solve_error_loads(
+    offsets: Mapping[str, Mapping[str, FloatArray]],
+    *,
+    springs: Sequence[PlacedJoint],
+    reduced: Sequence[PlacedJoint],
+    constraints: FloatArray,
+    first_fixed: int,
+    layout: DofLayout,
+    matrices: ComponentMatrices,
+    basis: FloatArray,
+) -> ErrorLoads:
+    """Loads of offsets, and the motions that fixed directions make.
+
+    Args:
+        offsets: ``(6,)`` by source and joint, joint axes.
+        springs: Every joint with rows ``(6 + m, n_all)`` of the stacked dofs.
+        reduced: The same in free coordinates.
+        constraints: Rows ``(c, n_all)`` that were eliminated.
+        first_fixed: Where the fixed directions of the joints begin among them, in the order of
+            ``springs``.
+        layout: The stacked dofs.
+        matrices: Of the components, machine axes.
+        basis: ``(n_all, n)`` stacked dofs per free coordinate.
+
+    Raises:
+        ModelError: Errors of fixed joints contradict each other.
+    """
+    loads, particular = {}, {}
+    for source, by_joint in offsets.items():
+        load = np.zeros(basis.shape[1])
+        for spring in reduced:
+            if spring.name in by_joint:
+                load += spring.rows[:6].T @ (spring.stiffness[:6, :6] @ by_joint[spring.name])
+        wanted = _fixed_offsets(by_joint, springs, len(constraints), first_fixed)
+        if wanted.any():
+            moved = _follow_fixed(constraints, wanted, layout)
+            particular[source] = moved
+            for name, own in layout.offsets.items():
+                load -= basis[own].T @ (matrices.stiffnesses[name] @ moved[own])
+            for spring, free in zip(springs, reduced, strict=True):
+                load -= free.rows.T @ (spring.stiffness @ (spring.rows @ moved))
+        loads[source] = load
+    found = ErrorLoads(loads, particular)
+    if particular:
+        total = {
+            spring.name: np.sum(
+                [by_joint[spring.name] for by_joint in offsets.values() if spring.name in by_joint],
+                axis=0,
+            )
+            for spring in springs
+        }
+        _check_fixed(total, found.offset(layout.size), springs)
+    return found
+
+
+def _fixed_offsets(
+    by_joint: Mapping[str, FloatArray], springs: Sequence[PlacedJoint], count: int, first: int
+) -> FloatArray:
+    """Values ``(count,)`` that the constraint rows must take."""
+    wanted = np.zeros(count)
+    for spring in springs:
+        last = first + len(spring.fixed)
+        if spring.name in by_joint:
+            wanted[first:last] = by_joint[spring.name][list(spring.fixed)]
+        first = last
+    return wanted
+
+
+def _follow_fixed(constraints: FloatArray, wanted: FloatArray, layout: DofLayout) -> FloatArray:
+    """The smallest motion ``(n_all,)`` that gives constraint rows their values, as far as they agree."""
+    scale = scale_dofs(layout)
+    return np.asarray(scale * np.linalg.lstsq(constraints * scale, wanted)[0])
+
+
+def _check_fixed(
+    total: Mapping[str, FloatArray], moved: FloatArray, springs: Sequence[PlacedJoint]
+) -> None:
+    fixed = [spring for spring in springs if spring.fixed and np.size(total[spring.name]) == 6]
+    largest = max(float(np.abs(total[spring.name][list(spring.fixed)]).max()) for spring in fixed)
+    missed = [
+        spring.name
+        for spring in fixed
+        if np.abs((spring.rows @ moved - total[spring.name])[list(spring.fixed)]).max()
+        > CONTRADICTION * largest
+    ]
+    if missed:
+        raise ModelError(
+            f"the errors of rigid guides contradict each other ({', '.join(missed)}): nothing deforms to follow them all; "
+            "give these joints a stiffness"
+        )
+
+
+def _rail_place(joint: Joint, frame: Frame, layout: DofLayout) -> float:
+    """Where a carriage stands along the axis of its joint, from the origin of what it slides on."""
+    end = _rail_side(joint, layout)
+    if end.component is not None:
+        origin = layout.placements[end.component].origin
+    else:
+        origin = np.zeros(3) if joint.errors is None else joint.errors.origin
+    return float(frame.rotation[:, 0] @ (frame.origin - origin))
+
+
+def _rail_side(joint: Joint, layout: DofLayout) -> JointEnd:
+    """The end that a joint slides along: a rail, else the second, or the first where that is ground."""
+    first, second = joint.ends
+    return first if first.component is None or is_rail(layout, first) else second
+
+
+def _rail_sign(joint: Joint, layout: DofLayout) -> float:
+    """Of an offset, second end relative to first, per motion of the carriage against its rail."""
+    return 1.0 if _rail_side(joint, layout) is joint.ends[0] else -1.0
+
+
+def _axis_frame(
+    axis: Axis, machine: Machine, layout: DofLayout, frames: Mapping[str, Frame]
+) -> tuple[FloatArray, FloatArray]:
+    """Rotation ``(3, 3)`` of what an axis stands on since its zero position, and its functional
+    point ``(3,)`` in the pose.
+    """
+    ends = machine.joints[axis.joints[0]].ends
+    moving = next(end.component for end in ends if end.component in axis.moves)
+    base = next(end.component for end in ends if end.component not in axis.moves)
+    turn = np.eye(3)
+    if base is not None:
+        turn = layout.placements[base].rotation @ machine.components[base].placement.rotation.T
+    if axis.errors is None or axis.errors.point is None:
+        return turn, np.mean([frames[name].origin for name in axis.joints], axis=0)
+    home, now = machine.components[str(moving)].placement, layout.placements[str(moving)]
+    return turn, now.origin + now.rotation @ (home.rotation.T @ (axis.errors.point - home.origin))

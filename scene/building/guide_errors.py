@@ -1,0 +1,203 @@
+"""Errors of guides and drives: built from their tables, and what may be wrong with them."""
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.guide_errors import AxisErrors, ErrorProfile, RailErrors, Wave
+from headstock.scene.building.draft import Draft
+from headstock.scene.building.joints import KINDS
+from headstock.scene.reading.findings import Findings
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.units import ANGLE, LENGTH, Dimension, Quantity
+from headstock.scene.schema.axes import AxisTable
+from headstock.scene.schema.effects import GUIDE_ERRORS
+from headstock.scene.schema.guide_errors import (
+    AxisErrorsTable,
+    BallPassingTable,
+    ProfileTable,
+    RailErrorsTable,
+)
+from headstock.scene.schema.joints import JointTable
+from headstock.scene.schema.scene import SceneTable
+
+RAIL_KEYS = ("axial", "lateral", "normal", "roll", "pitch", "yaw")
+MOTION_KEYS = ("EX", "EY", "EZ", "EA", "EB", "EC")
+SQUARENESS_KEYS = ("EA0", "EB0", "EC0")
+# what each kind of joint that slides holds on to
+SLIDING = {
+    "linear_guide": RAIL_KEYS[1:],
+    "prismatic": RAIL_KEYS[1:],
+    "ball_screw": RAIL_KEYS[:1],
+}
+
+
+def build_rail_errors(table: JointTable) -> RailErrors | None:
+    """Errors of what a joint slides along; None without any."""
+    errors = table.errors
+    if errors is None:
+        return None
+    passing: BallPassingTable | None = errors.ball_passing
+    waves = {} if passing is None else _list_amounts(passing)
+    return RailErrors(
+        profiles={
+            RAIL_KEYS.index(key): build_profile(profile)
+            for key, profile in _list_profiles(errors, RAIL_KEYS).items()
+        },
+        length=errors.length or table.length or 0.0,
+        passing={
+            RAIL_KEYS.index(key): ErrorProfile(
+                waves=(Wave(passing.period, amount.value, passing.phase),)
+            )
+            for key, amount in waves.items()
+            if passing is not None
+        },
+    )
+
+
+def build_axis_errors(table: AxisTable) -> AxisErrors | None:
+    """Error motions of an axis; None without any."""
+    errors = table.errors
+    if errors is None:
+        return None
+    return AxisErrors(
+        motions={
+            MOTION_KEYS.index(key): build_profile(profile)
+            for key, profile in _list_profiles(errors, MOTION_KEYS).items()
+        },
+        squareness=np.array([getattr(errors, key) for key in SQUARENESS_KEYS]),
+        point=None if errors.at is None else np.array(errors.at),
+    )
+
+
+def build_profile(table: ProfileTable) -> ErrorProfile:
+    """The profile a faultless table stands for."""
+    points = table.points
+    return ErrorProfile(
+        positions=_values([] if points is None else points.at),
+        values=_values([] if points is None else points.values),
+        coefficients=_values(table.polynomial or []),
+        scale=1.0 if table.over is None else table.over.value,
+        waves=tuple(
+            Wave(wave.period.value, wave.amplitude.value, wave.phase) for wave in table.waves or ()
+        ),
+    )
+
+
+def _values(quantities: list[Quantity]) -> FloatArray:
+    return np.array([quantity.value for quantity in quantities], dtype=float)
+
+
+def _list_profiles(
+    errors: RailErrorsTable | AxisErrorsTable, keys: tuple[str, ...]
+) -> dict[str, ProfileTable]:
+    found = {key: getattr(errors, key) for key in keys}
+    return {key: profile for key, profile in found.items() if profile is not None}
+
+
+def _list_amounts(table: BallPassingTable) -> dict[str, Quantity]:
+    found = {key: getattr(table, key) for key in RAIL_KEYS}
+    return {key: amount for key, amount in found.items() if amount is not None}
+
+
+def check_guide_errors(draft: Draft, findings: Findings) -> None:
+    """Report errors with a wrong unit, errors that move nothing, and the effect without any."""
+    scene = draft.table
+    for name, joint in scene.joints.items():
+        if joint.errors is not None:
+            _check_rail(("joints", name, "errors"), joint, joint.errors, findings)
+    for name, axis in scene.axes.items():
+        if axis.errors is not None:
+            _check_axis(("axes", name, "errors"), axis, axis.errors, findings)
+    if scene.effects.get(GUIDE_ERRORS, False) is False:
+        return
+    if scene.is_lumped:
+        findings.add(
+            ("effects", GUIDE_ERRORS),
+            "a lumped mechanism has no guides; write its joints out with model = \"components\", or remove the effect",
+        )
+        return
+    entries = (*scene.joints.values(), *scene.axes.values())
+    if all(entry.errors is None for entry in entries):
+        findings.add(
+            ("effects", GUIDE_ERRORS),
+            "no guide, drive or axis has errors; describe them in [joints.NAME.errors] or [axes.NAME.errors]",
+        )
+
+
+def _check_rail(key: KeyPath, joint: JointTable, errors: RailErrorsTable, findings: Findings) -> None:
+    known = SLIDING.get(joint.kind)
+    if known is None:
+        findings.add(
+            key,
+            f"a {joint.kind} slides along nothing; give the errors to a linear_guide, a prismatic joint or a ball_screw",
+        )
+        return
+    profiles = _list_profiles(errors, RAIL_KEYS)
+    passing = {} if errors.ball_passing is None else _list_amounts(errors.ball_passing)
+    for name in profiles:
+        _check_direction((*key, name), name, joint, known, findings)
+        _check_profile((*key, name), profiles[name], LENGTH, _amount_of(name), findings)
+    for name, amount in passing.items():
+        place = (*key, "ball_passing", name)
+        _check_direction(place, name, joint, known, findings)
+        _check_dimension(place, amount, _amount_of(name), findings)
+    if not profiles and not passing:
+        findings.add(
+            key, 'holds no error; write for example normal = { waves = [{ period = "400 mm", amplitude = "1 um" }] }'
+        )
+
+
+def _amount_of(name: str) -> Dimension:
+    return LENGTH if RAIL_KEYS.index(name) < 3 else ANGLE
+
+
+def _check_direction(
+    key: KeyPath, name: str, joint: JointTable, known: tuple[str, ...], findings: Findings
+) -> None:
+    if name not in known:
+        findings.add(key, f"a {joint.kind} moves freely in this direction; its errors are {', '.join(known)}")
+        return
+    dof = RAIL_KEYS.index(name)
+    rule = KINDS[joint.kind]
+    if dof in rule.fixed:
+        return
+    if not any(dof in rule.keys[given] for given in joint.stiffness if given in rule.keys):
+        findings.add(
+            key,
+            f'moves nothing, since the joint has no stiffness there; write stiffness = {{ {name} = "..." }}, or remove it',
+        )
+
+
+def _check_axis(key: KeyPath, axis: AxisTable, errors: AxisErrorsTable, findings: Findings) -> None:
+    profiles = _list_profiles(errors, MOTION_KEYS)
+    for name, profile in profiles.items():
+        amount = LENGTH if MOTION_KEYS.index(name) < 3 else ANGLE
+        _check_profile(
+            (*key, name), profile, LENGTH if axis.kind == "linear" else ANGLE, amount, findings
+        )
+    square = [name for name in SQUARENESS_KEYS if getattr(errors, name)]
+    if square and axis.kind != "linear":
+        findings.add(
+            (*key, square[0]),
+            "turns the line of a linear axis; of a rotary one write EA or EB as a constant: polynomial = [\"10 urad\"]",
+        )
+    if not profiles and not square:
+        findings.add(key, 'holds no error; write for example EC0 = "20 urad", or EY = { ... }')
+
+
+def _check_profile(
+    key: KeyPath, table: ProfileTable, position: Dimension, amount: Dimension, findings: Findings
+) -> None:
+    for part, quantity in table.positions():
+        _check_dimension((*key, *part), quantity, position, findings)
+    for part, quantity in table.amounts():
+        _check_dimension((*key, *part), quantity, amount, findings)
+
+
+def _check_dimension(key: KeyPath, value: Quantity, wanted: Dimension, findings: Findings) -> None:
+    if value.dimension != wanted:
+        example = "1 um" if wanted == LENGTH else "10 urad"
+        findings.add(
+            key,
+            f'is not {"a length" if wanted == LENGTH else "an angle"}; write for example "{example}"',
+        )

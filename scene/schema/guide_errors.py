@@ -1,0 +1,143 @@
+"""Schema of the errors of guides and drives: profiles along rails, screws and axes."""
+
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from headstock.scene.reading.units import Quantity
+from headstock.scene.schema.types import (
+    Angle,
+    AxisPosition,
+    PositiveLength,
+    StrictTable,
+    problem,
+)
+from headstock.scene.schema.types import Position as MachinePosition
+
+MOST_TERMS = 10_000
+Values = Annotated[list[AxisPosition], Field(min_length=2, max_length=MOST_TERMS)]
+
+
+class ErrorWaveTable(StrictTable):
+    """A wave along a rail, a screw or an axis."""
+
+    period: AxisPosition
+    amplitude: AxisPosition
+    phase: Angle = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.period.value <= 0.0:
+            raise problem('its period must be above zero; write for example "2 mm"')
+        return self
+
+
+class ErrorPointsTable(StrictTable):
+    """Measured values with straight lines between them."""
+
+    at: Values
+    values: Values
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len(self.at) != len(self.values):
+            raise problem(
+                f"has {len(self.at)} positions and {len(self.values)} values; write one value per position"
+            )
+        places = [place.value for place in self.at]
+        if any(later <= earlier for earlier, later in zip(places, places[1:], strict=False)):
+            raise problem("its positions do not rise; sort them, each once")
+        return self
+
+
+class ProfileTable(StrictTable):
+    """An error over the position: the sum of measured points, a polynomial and waves."""
+
+    points: ErrorPointsTable | None = None
+    polynomial: Annotated[list[AxisPosition], Field(min_length=1, max_length=12)] | None = None
+    over: AxisPosition | None = None
+    waves: Annotated[list[ErrorWaveTable], Field(min_length=1, max_length=100)] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.points is None and self.polynomial is None and self.waves is None:
+            raise problem(
+                'has no values; write waves = [{ period = "400 mm", amplitude = "1 um" }], or points or polynomial'
+            )
+        if (self.over is None) != (self.polynomial is None or len(self.polynomial) < 2):
+            raise problem(
+                "a polynomial of the position and the length of its terms go together; write"
+                ' polynomial = ["0 um", "2 um"] and over = "100 mm": 2 um per 100 mm'
+            )
+        if self.over is not None and self.over.value <= 0.0:
+            raise problem('over must be above zero; write for example "100 mm"')
+        return self
+
+    def positions(self) -> list[tuple[tuple[str | int, ...], Quantity]]:
+        """Every position or period, with its key."""
+        found: list[tuple[tuple[str | int, ...], Quantity]] = []
+        if self.points is not None:
+            found += [(("points", "at", number), value) for number, value in enumerate(self.points.at)]
+        if self.over is not None:
+            found.append((("over",), self.over))
+        for number, wave in enumerate(self.waves or ()):
+            found.append((("waves", number, "period"), wave.period))
+        return found
+
+    def amounts(self) -> list[tuple[tuple[str | int, ...], Quantity]]:
+        """Every value of the error itself, with its key."""
+        found: list[tuple[tuple[str | int, ...], Quantity]] = []
+        if self.points is not None:
+            found += [
+                (("points", "values", number), value)
+                for number, value in enumerate(self.points.values)
+            ]
+        found += [(("polynomial", number), value) for number, value in enumerate(self.polynomial or ())]
+        for number, wave in enumerate(self.waves or ()):
+            found.append((("waves", number, "amplitude"), wave.amplitude))
+        return found
+
+
+class BallPassingTable(StrictTable):
+    """Waves that the balls of a carriage or a nut make as they enter and leave the load zone."""
+
+    period: PositiveLength
+    phase: Angle = 0.0
+    axial: AxisPosition | None = None
+    lateral: AxisPosition | None = None
+    normal: AxisPosition | None = None
+    roll: AxisPosition | None = None
+    pitch: AxisPosition | None = None
+    yaw: AxisPosition | None = None
+
+
+class RailErrorsTable(StrictTable):
+    """Errors of the rail or the screw that a joint slides along, in joint axes; used with the effect
+    `guide_errors`.
+    """
+
+    axial: ProfileTable | None = None
+    lateral: ProfileTable | None = None
+    normal: ProfileTable | None = None
+    roll: ProfileTable | None = None
+    pitch: ProfileTable | None = None
+    yaw: ProfileTable | None = None
+    length: PositiveLength | None = None
+    ball_passing: BallPassingTable | None = None
+
+
+class AxisErrorsTable(StrictTable):
+    """Error motions of an axis by the symbols of ISO 230-1 without its name: `EY` of axis `X` is
+    `EYX`; used with the effect `guide_errors`.
+    """
+
+    EX: ProfileTable | None = None
+    EY: ProfileTable | None = None
+    EZ: ProfileTable | None = None
+    EA: ProfileTable | None = None
+    EB: ProfileTable | None = None
+    EC: ProfileTable | None = None
+    EA0: Angle = 0.0
+    EB0: Angle = 0.0
+    EC0: Angle = 0.0
+    at: MachinePosition | None = None
