@@ -44,6 +44,7 @@ from headstock.app.texts.bounded_values import (
 from headstock.app.texts.curves import overlaid_responses
 from headstock.app.texts.tables import (
     COMPONENT_COLUMNS,
+    DEVIATION_COLUMNS,
     DRIVE_COLUMNS,
     DRIVE_POINT_COLUMNS,
     JOINT_COLUMNS,
@@ -55,6 +56,7 @@ from headstock.app.texts.tables import (
     ModeRow,
     encode_csv,
     list_channels,
+    list_displacements,
     list_modes,
     list_tables,
     list_zones,
@@ -497,6 +499,7 @@ def report_environment() -> jinja2.Environment:
         "draw_path": draw_path,
         "draw_rows": draw_rows,
         "list_ports": list_channels,
+        "list_displacements": list_displacements,
         "list_zones": list_zones,
         "columns": {
             "components": COMPONENT_COLUMNS,
@@ -507,6 +510,7 @@ def report_environment() -> jinja2.Environment:
             "zones": ZONE_COLUMNS,
             "models": MODEL_COLUMNS,
             "joints": JOINT_COLUMNS,
+            "deviations": DEVIATION_COLUMNS,
         },
         "enumerate": enumerate,
         "directions": DIRECTIONS,

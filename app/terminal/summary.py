@@ -33,6 +33,7 @@ from headstock.app.texts.bounded_values import (
 )
 from headstock.app.texts.tables import (
     COMPONENT_COLUMNS,
+    DEVIATION_COLUMNS,
     DRIVE_COLUMNS,
     DRIVE_POINT_COLUMNS,
     JOINT_COLUMNS,
@@ -42,6 +43,7 @@ from headstock.app.texts.tables import (
     ZONE_COLUMNS,
     Column,
     list_channels,
+    list_displacements,
     list_modes,
     list_zones,
     shared_budget,
@@ -233,6 +235,12 @@ def _print_point(console: Console, place: str, point: PointSummary) -> None:
     if point["text"]:
         console.print(f"\n{point['text']}", markup=False)
     console.print()
+    if rows := list_displacements(point):
+        print_table(
+            console,
+            f"Displacement of {place} under the static loads",
+            tell_rows(DEVIATION_COLUMNS, rows),
+        )
 
 
 def _print_budget(console: Console, direction: str, shares: dict[str, float]) -> None:

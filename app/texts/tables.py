@@ -171,6 +171,53 @@ def _stressed(pair: str) -> Column[tuple[str, ProbeSummary]]:
     )
 
 
+def show_deviation(value: float) -> str:
+    """A deviation in micrometres or microradians: four digits, and zero below a picometre."""
+    return "0" if abs(value) < 1e-6 else f"{value:.4g}"
+
+
+@dataclass(frozen=True)
+class DeviationRow:
+    """Displacement of a tool against the work: from what, and ``(6,)`` along and about the machine
+    axes [m, rad].
+    """
+
+    source: str
+    motion: Sequence[float | None]
+
+
+def _moved_by(dof: int) -> Column[DeviationRow]:
+    name = ("x", "y", "z", "A", "B", "C")[dof]
+    unit = "um" if dof < 3 else "urad"
+
+    def value(row: DeviationRow) -> Cell:
+        moved = row.motion[dof]
+        return None if moved is None else 1e6 * moved
+
+    shown = f"{name} [{'µm' if dof < 3 else 'µrad'}]"
+    return Column(
+        value, f"{name} [{unit}]", f">{shown}", shown, show=show_deviation, missing="-"
+    )
+
+
+DEVIATION_COLUMNS: tuple[Column[DeviationRow], ...] = (
+    Column(lambda row: row.source, "source", "from", "From"),
+    *(_moved_by(dof) for dof in range(6)),
+)
+
+
+def list_displacements(point: PointSummary) -> list[DeviationRow]:
+    """How a point is moved by each static load, errors of guides among them, and by all."""
+    if "displacement" not in point:
+        return []
+    rows = [
+        DeviationRow(load.replace("_", " "), moved)
+        for load, moved in point.get("displacements", {}).items()
+    ]
+    total = DeviationRow("all together", point["displacement"])
+    return [*rows, total] if len(rows) != 1 else rows
+
+
 PROBE_COLUMNS: tuple[Column[tuple[str, ProbeSummary]], ...] = (
     Column(lambda row: row[0], "probe", "probe", "Probe"),
     Column(lambda row: row[1]["component"], "component", "in", "Component"),
@@ -437,6 +484,8 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
                 _whole_compliance_table(f"compliance_6x6_{stem}", point),
             ]
             tables.append(_budget_table(f"budget_{stem}", point["budget"]))
+            if rows := list_displacements(point):
+                tables.append(tabulate(f"displacement_{stem}", DEVIATION_COLUMNS, rows))
     tables += [_tabulate_modes(modes) for modes in summary["modal"]]
     for pose, probes in summary.get("probes", {}).items():
         tables.append(tabulate(f"probes_{file_stem(pose)}", PROBE_COLUMNS, probes.items()))

@@ -30,6 +30,7 @@ class PointSummary(TypedDict):
     error_parts: dict[str, dict[str, dict[str, float]]]
     error_left_out: list[str]
     displacement: NotRequired[list[float | None]]
+    displacements: NotRequired[dict[str, list[float | None]]]  # by load
 
 
 class ProbeSummary(TypedDict):
@@ -56,6 +57,8 @@ class PointCompliance:
             motion leaves it open; None without loads.
         errors: Direction x, y, z to how far the compliance in it may be off [m/N].
         free_motions: Motions of the machine that nothing holds.
+        displacements: Load, ``gravity`` and ``guide_errors`` among them, to its part ``(6,)`` of
+            the displacement.
     """
 
     compliance: FloatArray
@@ -64,6 +67,7 @@ class PointCompliance:
     displacement: FloatArray | None = None
     errors: dict[str, Estimate] = field(default_factory=dict)
     free_motions: tuple[str, ...] = ()
+    displacements: dict[str, FloatArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +83,7 @@ class StaticAnswer(Answer):
     points: dict[str, PointCompliance]
     units: ClassVar[dict[str, str]] = {
         r"static/.*/compliance": "SI: m and rad per N and N m",
-        r"static/.*/displacement": "SI: m, m, m, rad, rad, rad",
+        r"static/.*/displacements?(/.*)?": "SI: m, m, m, rad, rad, rad",
     }
 
     def summarise(self) -> dict[str, PointSummary]:
@@ -104,6 +108,8 @@ class StaticAnswer(Answer):
                         values[~np.isnan(values)] if point.free_motions else values.ravel(),
                     )
                     group[what] = values
+            for load, values in point.displacements.items():
+                group[f"displacements/{load}"] = values
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +181,10 @@ def _summarise_point(name: str, point: PointCompliance) -> PointSummary:
     if point.displacement is not None:
         what = f"displacement of {name} under the static loads"
         summary["displacement"] = null_open(what, point.displacement[None], free=free)[0]
+        summary["displacements"] = {
+            load: null_open(what, moved[None], free=free)[0]
+            for load, moved in point.displacements.items()
+        }
     return summary
 
 

@@ -30,21 +30,26 @@ from headstock.pipeline.stages.run_state import MachineParts, Outcome, RunState,
 from headstock.pipeline.storage.content_keys import thinned_skin_key
 from headstock.pipeline.storage.store import read_entry, write_entry
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.reduction.motions.body_motions import (
     FreeMotion,
     find_free_motions,
+    free_motion_error,
     solve_machine_static,
     warn_of_free_motions,
 )
 from headstock.reduction.motions.compliance_budget import find_weakest_link, point_budget
 from headstock.reduction.motions.mode_naming import NamedModes, name_modes
+from headstock.reduction.motions.tool_deviation import fixed_offset
 from headstock.scene.scene import Scene
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
+from headstock.solvers.linear.static_response import solve_balanced
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 DAMPING = "damping"
+ALL_LOADS = "all loads"
 # of all surfaces together, so that the report can be mailed; what has more is drawn more coarsely
 MOST_TRIANGLES = 48_000
 FEWEST_TRIANGLES = 12  # of one surface: a box
@@ -114,33 +119,43 @@ class CoupledPose:
             if np.isnan(value)
         }
         free = find_free_motions(coupled) if found.free else ()
-        displacement, failures = self._displacement(name)
+        displacements, failures = self._displace(name)
         return Solved(
             PointCompliance(
                 found.compliance,
                 found.shares,
                 "" if link is None else str(link),
-                displacement,
+                displacements.pop(ALL_LOADS, None),
                 errors,
                 tuple(map(str, free)),
+                displacements,
             ),
             (warn_of_free_motions(self.undeclared(free) or free),) if free else (),
             failures,
         )
 
-    def _displacement(self, name: str) -> tuple[FloatArray | None, tuple[str, ...]]:
-        """Motion ``(6,)`` of a point under all static loads together, NaN where a free motion
-        leaves it open; why there is none.
+    def _displace(self, name: str) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
+        """Motion ``(6,)`` of a point under all static loads together, as ``ALL_LOADS``, and under
+        each, NaN where a free motion leaves it open; why there is none.
         """
         coupled = self.coupled
         if not coupled.loads:
-            return None, ()
+            return {}, ()
+        loads = np.column_stack([*coupled.loads.values()])
         try:
-            found = solve_machine_static(coupled, np.sum(list(coupled.loads.values()), axis=0))
+            found = solve_balanced(coupled.system, np.column_stack([loads.sum(axis=1), loads]))
+            if not found.balanced[0]:
+                raise free_motion_error(coupled)
         except ModelError as error:
-            return None, (f"displacements under the loads {', '.join(coupled.loads)}: {error}",)
+            return {}, (f"displacements under the loads {', '.join(coupled.loads)}: {error}",)
         rows = np.array([coupled.system.outputs[name, dof] for dof in DOF_NAMES])
-        return np.where(found.determines(rows), rows @ found.displacements, np.nan), ()
+        known = found.determines(rows)[:, None] & found.balanced
+        moved = np.where(known, rows @ found.displacements, np.nan)
+        offset = fixed_offset(coupled, self.parts.scene.machine, name)
+        return {
+            load: moved[:, number] + (offset if load in (ALL_LOADS, GUIDE_ERRORS) else 0.0)
+            for number, load in enumerate((ALL_LOADS, *coupled.loads))
+        }, ()
 
     def undeclared(self, motions: Sequence[FreeMotion]) -> tuple[FreeMotion, ...]:
         """Those of the free motions in which not every body is declared free."""

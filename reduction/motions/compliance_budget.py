@@ -130,16 +130,33 @@ def strain_energies(coupled: CoupledMachine, displacements: FloatArray) -> dict[
     """Strain energy ``(m,)`` [J] of each component and joint for generalised displacements ``(n,
     m)``; rigid ones are left out.
     """
-    stacked = coupled.basis @ displacements
+    return {
+        name: 0.5 * energy
+        for name, energy in mutual_energies(coupled, displacements, displacements).items()
+    }
+
+
+def mutual_energies(
+    coupled: CoupledMachine, first: FloatArray, second: FloatArray
+) -> dict[str, FloatArray]:
+    """``p^T K q`` ``(m,)`` [J] of each component and joint for pairs of displacements ``(n, m)``;
+    rigid ones are left out.
+    """
+    same = first is second
+    one = coupled.basis @ first
+    other = one if same else coupled.basis @ second
     energies = {}
     for name, stiffness in coupled.matrices.stiffnesses.items():
         if stiffness.any():
-            own = _deformation(coupled, name, stacked[coupled.offsets[name]])
-            energies[name] = 0.5 * np.einsum("im,im->m", own, stiffness @ own)
+            own = coupled.offsets[name]
+            left = _deformation(coupled, name, one[own])
+            right = left if same else _deformation(coupled, name, other[own])
+            energies[name] = np.einsum("im,im->m", left, stiffness @ right)
     for spring in coupled.joint_springs:
         if np.any(spring.stiffness):
-            stretch = spring.rows @ displacements
-            energies[spring.name] = 0.5 * np.einsum("im,im->m", stretch, spring.stiffness @ stretch)
+            stretch = spring.rows @ first
+            answer = stretch if same else spring.rows @ second
+            energies[spring.name] = np.einsum("im,im->m", stretch, spring.stiffness @ answer)
     return energies
 
 

@@ -1,0 +1,108 @@
+"""How far a tool is off in a pose without moving: by errors of guides, gravity and static forces,
+and which part contributes how much.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.machine.joints import JointEnd
+from headstock.geometry.machine.machine import Machine
+from headstock.reduction.coupling.channels import GRAVITY, point_rows
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.coupling.dof_layout import locate_interface, motion_rows
+from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
+from headstock.reduction.motions.body_motions import solve_machine_static
+from headstock.reduction.motions.compliance_budget import mutual_energies, point_loads
+
+GEOMETRY, FORCES = "geometry", "static forces"
+SOURCES = (GEOMETRY, GRAVITY, FORCES)
+
+
+@dataclass(frozen=True, eq=False)
+class ToolDeviation:
+    """Deviation of the tool against the work at a point; contributions add up to it.
+
+    Attributes:
+        sources: Source, ``geometry``, ``gravity`` or ``static forces``, to its part ``(6,)`` of the
+            deviation, machine axes [m, rad].
+        parts: The same to the contribution ``(6,)`` of each part: of ``geometry`` a joint or an
+            axis with errors, of the others a component or joint that deforms.
+    """
+
+    sources: dict[str, FloatArray]
+    parts: dict[str, dict[str, FloatArray]]
+
+    @property
+    def total(self) -> FloatArray:
+        """``(6,)``."""
+        return np.asarray(np.sum([np.zeros(6), *self.sources.values()], axis=0))
+
+
+def fixed_offset(coupled: CoupledMachine, machine: Machine, name: str) -> FloatArray:
+    """Motion ``(6,)`` of a point or an interface that errors of fixed directions make, at zero free
+    coordinates.
+
+    Args:
+        coupled: The machine in a pose.
+        machine: With the point.
+        name: A point, or ``component.interface``.
+    """
+    if coupled.errors is None or not coupled.errors.offsets:
+        return np.zeros(6)
+    return np.asarray(
+        _channel_rows(coupled, machine, name) @ coupled.errors.offset(coupled.layout.size)
+    )
+
+
+def _channel_rows(coupled: CoupledMachine, machine: Machine, name: str) -> FloatArray:
+    if name in machine.points:
+        return point_rows(coupled.layout, machine.points[name])
+    component, _, interface = name.partition(".")
+    end = JointEnd(component, interface)
+    return motion_rows(coupled.layout, end, locate_interface(coupled.layout, end))
+
+
+def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> ToolDeviation:
+    """Deviation at a point by source and part.
+
+    With ``lambda`` the response to a unit load at the point (Maxwell 1864), a load ``f`` moves it by
+    ``lambda^T f = lambda^T K u``, a sum over components and joints; errors of a joint by
+    ``lambda^T rows^T K e``.
+
+    Args:
+        coupled: The machine in a pose, with the loads of its sources.
+        machine: With the point.
+        point: Its name.
+
+    Raises:
+        ModelError: A load does work on a free motion, or there is no such point.
+    """
+    loads = {
+        GRAVITY: [load for name, load in coupled.loads.items() if name == GRAVITY],
+        FORCES: [
+            load for name, load in coupled.loads.items() if name not in (GRAVITY, GUIDE_ERRORS)
+        ],
+    }
+    deforming = {source: np.sum(found, axis=0) for source, found in loads.items() if found}
+    unit = point_loads(coupled, point)
+    columns = np.column_stack([*deforming.values(), unit])
+    moved = solve_machine_static(coupled, columns).displacements
+    influence = moved[:, len(deforming) :]
+    rows = np.array([coupled.system.outputs[point, dof] for dof in DOF_NAMES])
+    sources: dict[str, FloatArray] = {}
+    parts: dict[str, dict[str, FloatArray]] = {}
+    if coupled.errors is not None:
+        carried = _channel_rows(coupled, machine, point)
+        parts[GEOMETRY] = {
+            name: influence.T @ load + carried @ coupled.errors.offsets[name]
+            if name in coupled.errors.offsets
+            else influence.T @ load
+            for name, load in coupled.errors.loads.items()
+        }
+        sources[GEOMETRY] = np.sum(list(parts[GEOMETRY].values()), axis=0)
+    for number, source in enumerate(deforming):
+        sources[source] = rows @ moved[:, number]
+        parts[source] = mutual_energies(coupled, influence, moved[:, [number] * 6])
+    return ToolDeviation(sources, parts)
