@@ -46,6 +46,7 @@ class Axis(Noun, schema=axes.AxisTable):
         center: _Numbers | None = ...,
         limits: _Numbers | None = ...,
         moves: Sequence[str] | str | None = ...,
+        errors: _Table | None = ...,
     ) -> None: ...
 
 class Column(Noun, schema=components.SolidTable):
@@ -112,6 +113,7 @@ class Joint(Noun, schema=joints.JointTable):
         stiffness_per_area: _Table | None = ...,
         damping: Mapping[str, Quantity] | None = ...,
         loss_factor: Quantity | None = ...,
+        errors: _Table | None = ...,
         allow_negative: bool | None = ...,
     ) -> None: ...
 

@@ -194,6 +194,27 @@ class ControlRequest:
         return f"effect drive_control: loops of {', '.join(drives)} closed, poles up to {self.up_to_hz:g} Hz"
 
 
+@dataclass(frozen=True, eq=False)
+class VolumetricRequest:
+    """Position error of the tool at named points over a grid of poses.
+
+    Attributes:
+        at: Points.
+        axes: Name and positions ``(n,)`` of each axis of the grid [m, rad].
+        fixed: Positions of the other axes.
+    """
+
+    at: tuple[str, ...]
+    axes: tuple[tuple[str, FloatArray], ...]
+    fixed: dict[str, float]
+
+    def describe(self) -> str:
+        """In a few words: what is computed, and how far."""
+        poses = " × ".join(str(len(values)) for _, values in self.axes)
+        names = [name for name, _ in self.axes]
+        return f"position error of {', '.join(self.at)} in {poses} poses of {', '.join(names[:-1])} and {names[-1]}"
+
+
 Request = (
     StaticRequest
     | ModalRequest
@@ -202,6 +223,7 @@ Request = (
     | ContouringRequest
     | PathRequest
     | ControlRequest
+    | VolumetricRequest
 )
 
 
@@ -216,3 +238,4 @@ class Analyses:
     contouring: ContouringRequest | None = None
     path: PathRequest | None = None
     control: ControlRequest | None = None
+    volumetric: VolumetricRequest | None = None

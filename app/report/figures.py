@@ -17,7 +17,7 @@ from headstock.app.texts.tables import sort_shares
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.control import ControlSummary
-from headstock.pipeline.answers.map import MapSummary
+from headstock.pipeline.answers.map import GridSummary
 from headstock.pipeline.answers.modal import ModesSummary
 
 SHOWN_SHARE = 0.005
@@ -195,7 +195,7 @@ def _height(ratio: float) -> float:
     return TOP + (HEIGHT - TOP - BOTTOM) * math.log(MOST / shown) / math.log(MOST / LEAST)
 
 
-def map_values(found: MapSummary, name: str) -> FloatArray:
+def map_values(found: GridSummary, name: str) -> FloatArray:
     """Values ``(n0, n1)`` of a quantity, of a volume ``(n0, n1, n2)``, NaN where there is none."""
     # None becomes NaN
     return np.array(found["quantities"][name], dtype=float)
@@ -210,7 +210,7 @@ class MapLayer(NamedTuple):
     title: str = ""
 
 
-def map_layers(found: MapSummary) -> list[MapLayer]:
+def map_layers(found: GridSummary) -> list[MapLayer]:
     """The map itself, or the lowest, middle and highest layer of a volume."""
     if len(found["axes"]) == 2:
         return [MapLayer()]
@@ -222,7 +222,9 @@ def map_layers(found: MapSummary) -> list[MapLayer]:
     ]
 
 
-def draw_map(found: MapSummary, name: str, layer: int | None = None) -> Markup:
+def draw_map(
+    found: GridSummary, name: str, layer: int | None = None, *, title: str = "", stem: str = ""
+) -> Markup:
     """One quantity over a plane: first axis to the right, second upwards; grey where the pose
     cannot be taken.
 
@@ -230,6 +232,8 @@ def draw_map(found: MapSummary, name: str, layer: int | None = None) -> Markup:
         found: The map of a summary.
         name: Of the quantity.
         layer: Place along the third axis of a volume; colours are those of the whole volume.
+        title: Above it, before its range; by default what the quantity is called.
+        stem: Of its ``id`` in the page; by default the quantity.
     """
     whole = map_values(found, name)
     values = whole if layer is None else whole[:, :, layer]
@@ -250,7 +254,7 @@ def draw_map(found: MapSummary, name: str, layer: int | None = None) -> Markup:
     ratio = (spans[1][1] - spans[1][0]) / ((spans[0][1] - spans[0][0]) or 1.0)
     inside = MAP_WIDTH - MAP_LEFT - 8
     height = float(np.clip(inside * ratio, 60.0, 480.0))
-    title = f"{TITLES.get(name, name)}: {low:.4g} to {high:.4g}"
+    title = f"{title or TITLES.get(name, name)}: {low:.4g} to {high:.4g}"
     shown = [
         [show_position(end, found["units"][axis]) for end in span]
         for axis, span in zip(found["axes"], spans, strict=False)
@@ -270,7 +274,7 @@ def draw_map(found: MapSummary, name: str, layer: int | None = None) -> Markup:
         '<image x="{}" y="{}" width="{}" height="{:.1f}" preserveAspectRatio="none" style="image-rendering:pixelated"'
         ' href="data:image/png;base64,{}"/>'
     ).format(MAP_LEFT, MAP_TOP, inside, height, picture)
-    stem = name if layer is None else f"{name}_{layer}"
+    stem = (stem or name) if layer is None else f"{stem or name}_{layer}"
     high = MAP_TOP + height + MAP_BOTTOM - 12
     return svg.picture(
         [image, *words],

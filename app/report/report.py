@@ -28,6 +28,7 @@ from headstock.app.report.frf import draw_overlay, draw_response, has_more_field
 from headstock.app.report.notes import judge_numbers
 from headstock.app.report.path import draw_contour, draw_path
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
+from headstock.app.report.volumetric import draw_motions, draw_volume, list_maps
 from headstock.app.texts.bounded_values import (
     error_words,
     largest_shares,
@@ -48,23 +49,29 @@ from headstock.app.texts.tables import (
     DRIVE_COLUMNS,
     DRIVE_POINT_COLUMNS,
     JOINT_COLUMNS,
+    LINE_COLUMNS,
     MODEL_COLUMNS,
     POLE_COLUMNS,
     PROBE_COLUMNS,
+    SQUARENESS_COLUMNS,
     ZONE_COLUMNS,
     Column,
     ModeRow,
     encode_csv,
     list_channels,
     list_displacements,
+    list_lines,
     list_modes,
+    list_ranges,
     list_tables,
     list_zones,
+    merge_families,
     path_stem,
     shared_budget,
     static_by_pose,
     tabulate_response,
     top_shares,
+    volumetric_words,
 )
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import show_position
@@ -494,6 +501,13 @@ def report_environment() -> jinja2.Environment:
         "overlaid_responses": overlaid_responses,
         "draw_map": draw_map,
         "map_layers": map_layers,
+        "draw_motions": draw_motions,
+        "draw_volume": draw_volume,
+        "list_maps": list_maps,
+        "list_ranges": list_ranges,
+        "list_lines": list_lines,
+        "merge_families": merge_families,
+        "volumetric_words": volumetric_words,
         "draw_contour": draw_contour,
         "draw_poles": draw_poles,
         "draw_path": draw_path,
@@ -511,6 +525,8 @@ def report_environment() -> jinja2.Environment:
             "models": MODEL_COLUMNS,
             "joints": JOINT_COLUMNS,
             "deviations": DEVIATION_COLUMNS,
+            "lines": LINE_COLUMNS,
+            "squareness": SQUARENESS_COLUMNS,
         },
         "enumerate": enumerate,
         "directions": DIRECTIONS,

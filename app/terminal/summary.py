@@ -37,24 +37,31 @@ from headstock.app.texts.tables import (
     DRIVE_COLUMNS,
     DRIVE_POINT_COLUMNS,
     JOINT_COLUMNS,
+    LINE_COLUMNS,
     MODEL_COLUMNS,
     POLE_COLUMNS,
     PROBE_COLUMNS,
+    SQUARENESS_COLUMNS,
     ZONE_COLUMNS,
     Column,
     list_channels,
     list_displacements,
+    list_lines,
     list_modes,
+    list_ranges,
     list_zones,
+    merge_families,
     shared_budget,
     sort_shares,
     static_by_pose,
     top_shares,
+    volumetric_words,
 )
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.modal import ModesSummary
 from headstock.pipeline.answers.path import PathSummary
 from headstock.pipeline.answers.static import PointSummary
+from headstock.pipeline.answers.volumetric import VolumetricSummary
 from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.scene import Scene
@@ -163,6 +170,8 @@ def print_summary(
             f"Drives in pose {pose}, lag at {speed:g} mm/min",
             tell_rows(DRIVE_COLUMNS, control["drives"].items()),
         )
+    for point, volume in summary.get("volumetric", {}).items():
+        _print_volume(console, point, volume)
     if "model_errors" in summary:
         print_table(
             console,
@@ -243,6 +252,26 @@ def _print_point(console: Console, place: str, point: PointSummary) -> None:
         )
 
 
+def _print_volume(console: Console, point: str, volume: VolumetricSummary) -> None:
+    print_table(
+        console,
+        f"Position error of {point} over {' × '.join(volume['axes'])}: range by source",
+        tell_rows(DEVIATION_COLUMNS, list_ranges(volume)),
+    )
+    console.print(f"  {volumetric_words(volume)}", markup=False)
+    console.print()
+    print_table(
+        console,
+        "Error motions along each axis: straightness, positioning, angles",
+        tell_rows(LINE_COLUMNS, list_lines(volume)),
+    )
+    if volume["squareness"]:
+        print_table(console, "Squareness", tell_rows(SQUARENESS_COLUMNS, volume["squareness"]))
+    for direction, shares in volume["budget"].items():
+        _print_budget(console, direction, merge_families(shares))
+    console.print()
+
+
 def _print_budget(console: Console, direction: str, shares: dict[str, float]) -> None:
     ordered = sort_shares(shares)
     shown = [item for item in ordered[:CONTRIBUTORS_SHOWN] if item[1] >= SMALLEST_SHARE]
@@ -253,7 +282,7 @@ def _print_budget(console: Console, direction: str, shares: dict[str, float]) ->
             f"  {head:<9} {name:<24} {100 * share:5.1f} %  {bar}", markup=False, soft_wrap=True
         )
     rest = sum(share for _, share in ordered) - sum(share for _, share in shown)
-    if rest >= SMALLEST_SHARE:
+    if abs(rest) >= SMALLEST_SHARE:
         console.print(
             f"  {'':<9} {'all others':<24} {100 * rest:5.1f} %", markup=False, soft_wrap=True
         )

@@ -13,12 +13,13 @@ import numpy as np
 from headstock.app.texts.bounded_values import bound_size, show_damping, show_digits
 from headstock.app.texts.curves import RATES, name_entry
 from headstock.geometry.frames import DIRECTIONS
+from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.accuracy import BodyModelSummary
 from headstock.pipeline.answers.contouring import SeriesSummary
 from headstock.pipeline.answers.control import DriveSummary, PoleSummary
 from headstock.pipeline.answers.frf import DrivePointSummary, ResponseCurves, ResponseSummary
 from headstock.pipeline.answers.interfaces import JointShapesSummary
-from headstock.pipeline.answers.map import Grid, MapSummary
+from headstock.pipeline.answers.map import Grid, GridSummary
 from headstock.pipeline.answers.modal import ModesSummary
 from headstock.pipeline.answers.path import (
     FeedSummary,
@@ -28,8 +29,16 @@ from headstock.pipeline.answers.path import (
     deviation_unit,
 )
 from headstock.pipeline.answers.static import PointSummary, ProbeSummary
+from headstock.pipeline.answers.volumetric import (
+    SYMBOLS,
+    TOTAL,
+    AxisMotionsSummary,
+    SquarenessSummary,
+    VolumetricSummary,
+)
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import ComponentSummary, RunSummary
+from headstock.reduction.motions.body_motions import name_families
 from headstock.solvers.second_order import name_channel
 
 type Cell = str | float | None
@@ -195,9 +204,7 @@ def _moved_by(dof: int) -> Column[DeviationRow]:
         return None if moved is None else 1e6 * moved
 
     shown = f"{name} [{'µm' if dof < 3 else 'µrad'}]"
-    return Column(
-        value, f"{name} [{unit}]", f">{shown}", shown, show=show_deviation, missing="-"
-    )
+    return Column(value, f"{name} [{unit}]", f">{shown}", shown, show=show_deviation, missing="-")
 
 
 DEVIATION_COLUMNS: tuple[Column[DeviationRow], ...] = (
@@ -216,6 +223,76 @@ def list_displacements(point: PointSummary) -> list[DeviationRow]:
     ]
     total = DeviationRow("all together", point["displacement"])
     return [*rows, total] if len(rows) != 1 else rows
+
+
+def list_ranges(found: VolumetricSummary) -> list[DeviationRow]:
+    """Ranges of the position error over a volume: of each source, then of all together."""
+    rows = [
+        DeviationRow(
+            "all together" if source == TOTAL else source,
+            [1e-6 * ranges[symbol] for symbol in SYMBOLS],
+        )
+        for source, ranges in found["ranges"].items()
+    ]
+    # one source alone is all there is
+    return rows[1:] + rows[:1] if len(rows) > 2 else rows[1:]
+
+
+class LineRow(NamedTuple):
+    """Deviations of the error motions along one axis."""
+
+    axis: str
+    line: AxisMotionsSummary
+
+
+def list_lines(found: VolumetricSummary) -> list[LineRow]:
+    """The axes of a volumetric map."""
+    return [LineRow(axis, line) for axis, line in found["lines"].items()]
+
+
+def _line_column(dof: int) -> Column[LineRow]:
+    symbol = SYMBOLS[dof]
+    unit = "um" if dof < 3 else "urad"
+    shown = f"{symbol} [{'µm' if dof < 3 else 'µrad'}]"
+    return Column(
+        lambda row: row.line["deviations"][symbol],
+        f"{symbol} [{unit}]",
+        f">{shown}",
+        shown,
+        show=show_deviation,
+    )
+
+
+LINE_COLUMNS: tuple[Column[LineRow], ...] = (
+    Column(lambda row: row.axis, "axis", "axis", "Axis"),
+    *(_line_column(dof) for dof in range(6)),
+)
+
+SQUARENESS_COLUMNS: tuple[Column[SquarenessSummary], ...] = (
+    Column(lambda row: row["symbol"], "symbol", "symbol", "Symbol"),
+    Column(
+        lambda row: f"{row['second']} to {row['first']}",
+        "squareness of",
+        "squareness of",
+        "Squareness of",
+    ),
+    Column(
+        lambda row: row["angle_urad"],
+        "angle [urad]",
+        ">angle [µrad]",
+        "Angle [µrad]",
+        show=show_deviation,
+    ),
+)
+
+
+def volumetric_words(found: VolumetricSummary) -> str:
+    """The largest error of a volume and where it is."""
+    place = ", ".join(
+        f"{axis} = {show_position(position, found['units'][axis])}"
+        for axis, position in found["largest_at"].items()
+    )
+    return f"largest position error {found['largest_um']:.4g} µm at {place}"
 
 
 PROBE_COLUMNS: tuple[Column[tuple[str, ProbeSummary]], ...] = (
@@ -419,6 +496,14 @@ def sort_shares(shares: Mapping[str, float]) -> list[tuple[str, float]]:
     return sorted(shares.items(), key=lambda item: (-round(item[1], 6), item[0]))
 
 
+def merge_families(shares: Mapping[str, float]) -> dict[str, float]:
+    """Shares of parts whose names differ by a number, such as the carriages of a guide, together."""
+    return {
+        family: sum(shares[name] for name in members)
+        for family, members in name_families(shares).items()
+    }
+
+
 def top_shares(shares: Mapping[str, float], count: int, least: float) -> list[tuple[str, float]]:
     """The largest shares, at most so many.
 
@@ -504,7 +589,14 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
             )
         )
     if "map" in summary:
-        tables.append(_map_table(summary["map"]))
+        tables.append(_map_table("map", summary["map"]))
+    for point, volume in summary.get("volumetric", {}).items():
+        stem = file_stem(point)
+        tables += [
+            _map_table(f"volumetric_{stem}", volume),
+            tabulate(f"error_motions_{stem}", LINE_COLUMNS, list_lines(volume)),
+            _budget_table(f"volumetric_budget_{stem}", volume["budget"]),
+        ]
     return tables
 
 
@@ -528,14 +620,14 @@ def _contour_table(series: SeriesSummary) -> PlainTable:
     return PlainTable("contour", tuple(headings), tuple(rows))
 
 
-def _map_table(found: MapSummary) -> PlainTable:
+def _map_table(stem: str, found: GridSummary) -> PlainTable:
     names = list(found["quantities"])
     flat = [_flatten(found["quantities"][name]) for name in names]
     rows = tuple(
         (*place, *values)
         for place, *values in zip(product(*found["positions"]), *flat, strict=True)
     )
-    return PlainTable("map", (*found["axes"], *names), rows)
+    return PlainTable(stem, (*found["axes"], *names), rows)
 
 
 def _flatten(values: Grid) -> list[float | None]:

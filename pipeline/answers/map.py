@@ -13,18 +13,23 @@ from headstock.pipeline.storage.json_texts import check_finite
 type Grid = list[Grid | float | None]  # an axis of the map at each depth
 
 
-class MapSummary(TypedDict):
-    """The entry ``map``; quantities are null where a pose cannot be taken."""
+class GridSummary(TypedDict):
+    """Quantities over a grid of poses, null where a pose cannot be taken."""
 
     axes: list[str]
     units: dict[str, str]
     positions: list[list[float]]
     fixed: dict[str, float]
+    quantities: dict[str, Grid]
+
+
+class MapSummary(GridSummary):
+    """The entry ``map``."""
+
     least_mac: float
     crossings: list[tuple[int, int]]
     tracking_breaks: int
     f1_and_mean_leg_correlation: float
-    quantities: dict[str, Grid]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +73,12 @@ class WorkspaceMap(Answer):
             "crossings": list(self.crossings),
             "tracking_breaks": self.tracking_breaks,
             "f1_and_mean_leg_correlation": self.trend,
-            "quantities": {name: _nest(values) for name, values in self.quantities.items()},
+            "quantities": {name: nest_grid(values) for name, values in self.quantities.items()},
         }
 
 
-def _nest(values: FloatArray) -> Grid:
+def nest_grid(values: FloatArray) -> Grid:
+    """A grid as nested lists, None for NaN."""
     return [
-        _nest(row) if row.ndim else (float(row) if np.isfinite(row) else None) for row in values
+        nest_grid(row) if row.ndim else (float(row) if np.isfinite(row) else None) for row in values
     ]

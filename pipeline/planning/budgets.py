@@ -54,6 +54,7 @@ STAGE_SECONDS = {
 }
 STEPS_PER_SECOND = 3e4  # of a contour
 POSES_PER_SECOND = 7e3  # of a map
+COUPLINGS_PER_SECOND = 60.0  # of a volumetric map
 MOST_GUESSED_MODES = 300
 LARGEST_BLOCK = 40  # of vectors that are iterated together
 CONTROL_POINT_DOFS = 4

@@ -19,6 +19,7 @@ from headstock.geometry.parts.components import Component, Fidelity, ReductionSe
 from headstock.geometry.parts.solids import MeshFile, SuperelementFile
 from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
 from headstock.pipeline.planning.budgets import (
+    COUPLINGS_PER_SECOND,
     POSES_PER_SECOND,
     STAGE_SECONDS,
     STEPS_PER_SECOND,
@@ -141,6 +142,12 @@ def plan_scene(
         stages.append(Stage("contour", None, what, estimated_seconds=steps / STEPS_PER_SECOND))
     if scene.analyses.path is not None:
         stages.append(Stage("path", None, scene.analyses.path.describe()))
+    if scene.analyses.volumetric is not None:
+        count = math.prod(len(values) for _, values in scene.analyses.volumetric.axes)
+        what = scene.analyses.volumetric.describe()
+        stages.append(
+            Stage("volumetric", None, what, estimated_seconds=count / COUPLINGS_PER_SECOND)
+        )
     stages.append(
         Stage(
             "write", None, "results.h5 and summary.json", estimated_seconds=STAGE_SECONDS["write"]

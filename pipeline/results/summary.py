@@ -19,6 +19,7 @@ from headstock.pipeline.answers.mechanism import MechanismPose, MechanismSummary
 from headstock.pipeline.answers.modal import ModesSummary, PoseModes
 from headstock.pipeline.answers.path import PathResult, PathSummary
 from headstock.pipeline.answers.static import PointSummary, ProbeAnswer, ProbeSummary, StaticAnswer
+from headstock.pipeline.answers.volumetric import VolumetricAnswer, VolumetricSummary
 from headstock.pipeline.planning.plan import StageKind, StageRecord
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.storage.provenance import ProvenanceSummary
@@ -95,6 +96,7 @@ class RunSummary(TypedDict):
     path: NotRequired[PathSummary]
     control: NotRequired[dict[str, ControlSummary]]
     map: NotRequired[MapSummary]
+    volumetric: NotRequired[dict[str, VolumetricSummary]]
     contouring: NotRequired[ContourSummary]
     accuracy: NotRequired[AccuracySummary]
     model_errors: NotRequired[ModelErrorsSummary]
@@ -142,6 +144,8 @@ def summarise(results: Results) -> RunSummary:
         summary["path"] = path.summarise()
     for found in find_answers(answers, WorkspaceMap):
         summary["map"] = found.summarise()
+    if volumes := find_answers(answers, VolumetricAnswer):
+        summary["volumetric"] = {answer.point: answer.summarise() for answer in volumes}
     for contour in find_answers(answers, ContourAnswer):
         summary["contouring"] = contour.summarise()
     for accuracy in find_answers(answers, AccuracyAnswer):

@@ -258,10 +258,8 @@ def _check_fixed(
 def _rail_place(joint: Joint, frame: Frame, layout: DofLayout) -> float:
     """Where a carriage stands along the axis of its joint, from the origin of what it slides on."""
     end = _rail_side(joint, layout)
-    if end.component is not None:
-        origin = layout.placements[end.component].origin
-    else:
-        origin = np.zeros(3) if joint.errors is None else joint.errors.origin
+    ground = np.zeros(3) if joint.errors is None else joint.errors.origin
+    origin = ground if end.component is None else layout.placements[end.component].origin
     return float(frame.rotation[:, 0] @ (frame.origin - origin))
 
 

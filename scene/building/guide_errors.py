@@ -13,16 +13,13 @@ from headstock.scene.schema.axes import AxisTable
 from headstock.scene.schema.effects import GUIDE_ERRORS
 from headstock.scene.schema.guide_errors import (
     AxisErrorsTable,
-    BallPassingTable,
     ProfileTable,
     RailErrorsTable,
 )
 from headstock.scene.schema.joints import JointTable
-from headstock.scene.schema.scene import SceneTable
 
 RAIL_KEYS = ("axial", "lateral", "normal", "roll", "pitch", "yaw")
 MOTION_KEYS = ("EX", "EY", "EZ", "EA", "EB", "EC")
-SQUARENESS_KEYS = ("EA0", "EB0", "EC0")
 # what each kind of joint that slides holds on to
 SLIDING = {
     "linear_guide": RAIL_KEYS[1:],
@@ -36,12 +33,12 @@ def build_rail_errors(table: JointTable) -> RailErrors | None:
     errors = table.errors
     if errors is None:
         return None
-    passing: BallPassingTable | None = errors.ball_passing
-    waves = {} if passing is None else _list_amounts(passing)
+    passing = errors.ball_passing
+    waves = {} if passing is None else passing.amplitudes()
     return RailErrors(
         profiles={
             RAIL_KEYS.index(key): build_profile(profile)
-            for key, profile in _list_profiles(errors, RAIL_KEYS).items()
+            for key, profile in errors.profiles().items()
         },
         length=errors.length or table.length or 0.0,
         passing={
@@ -62,9 +59,9 @@ def build_axis_errors(table: AxisTable) -> AxisErrors | None:
     return AxisErrors(
         motions={
             MOTION_KEYS.index(key): build_profile(profile)
-            for key, profile in _list_profiles(errors, MOTION_KEYS).items()
+            for key, profile in errors.profiles().items()
         },
-        squareness=np.array([getattr(errors, key) for key in SQUARENESS_KEYS]),
+        squareness=np.array([*errors.squareness().values()]),
         point=None if errors.at is None else np.array(errors.at),
     )
 
@@ -87,18 +84,6 @@ def _values(quantities: list[Quantity]) -> FloatArray:
     return np.array([quantity.value for quantity in quantities], dtype=float)
 
 
-def _list_profiles(
-    errors: RailErrorsTable | AxisErrorsTable, keys: tuple[str, ...]
-) -> dict[str, ProfileTable]:
-    found = {key: getattr(errors, key) for key in keys}
-    return {key: profile for key, profile in found.items() if profile is not None}
-
-
-def _list_amounts(table: BallPassingTable) -> dict[str, Quantity]:
-    found = {key: getattr(table, key) for key in RAIL_KEYS}
-    return {key: amount for key, amount in found.items() if amount is not None}
-
-
 def check_guide_errors(draft: Draft, findings: Findings) -> None:
     """Report errors with a wrong unit, errors that move nothing, and the effect without any."""
     scene = draft.table
@@ -113,7 +98,7 @@ def check_guide_errors(draft: Draft, findings: Findings) -> None:
     if scene.is_lumped:
         findings.add(
             ("effects", GUIDE_ERRORS),
-            "a lumped mechanism has no guides; write its joints out with model = \"components\", or remove the effect",
+            'a lumped mechanism has no guides; write its joints out with model = "components", or remove the effect',
         )
         return
     entries = (*scene.joints.values(), *scene.axes.values())
@@ -124,7 +109,9 @@ def check_guide_errors(draft: Draft, findings: Findings) -> None:
         )
 
 
-def _check_rail(key: KeyPath, joint: JointTable, errors: RailErrorsTable, findings: Findings) -> None:
+def _check_rail(
+    key: KeyPath, joint: JointTable, errors: RailErrorsTable, findings: Findings
+) -> None:
     known = SLIDING.get(joint.kind)
     if known is None:
         findings.add(
@@ -132,8 +119,8 @@ def _check_rail(key: KeyPath, joint: JointTable, errors: RailErrorsTable, findin
             f"a {joint.kind} slides along nothing; give the errors to a linear_guide, a prismatic joint or a ball_screw",
         )
         return
-    profiles = _list_profiles(errors, RAIL_KEYS)
-    passing = {} if errors.ball_passing is None else _list_amounts(errors.ball_passing)
+    profiles = errors.profiles()
+    passing = {} if errors.ball_passing is None else errors.ball_passing.amplitudes()
     for name in profiles:
         _check_direction((*key, name), name, joint, known, findings)
         _check_profile((*key, name), profiles[name], LENGTH, _amount_of(name), findings)
@@ -143,7 +130,8 @@ def _check_rail(key: KeyPath, joint: JointTable, errors: RailErrorsTable, findin
         _check_dimension(place, amount, _amount_of(name), findings)
     if not profiles and not passing:
         findings.add(
-            key, 'holds no error; write for example normal = { waves = [{ period = "400 mm", amplitude = "1 um" }] }'
+            key,
+            'holds no error; write for example normal = { waves = [{ period = "400 mm", amplitude = "1 um" }] }',
         )
 
 
@@ -155,7 +143,9 @@ def _check_direction(
     key: KeyPath, name: str, joint: JointTable, known: tuple[str, ...], findings: Findings
 ) -> None:
     if name not in known:
-        findings.add(key, f"a {joint.kind} moves freely in this direction; its errors are {', '.join(known)}")
+        findings.add(
+            key, f"a {joint.kind} moves freely in this direction; its errors are {', '.join(known)}"
+        )
         return
     dof = RAIL_KEYS.index(name)
     rule = KINDS[joint.kind]
@@ -169,17 +159,17 @@ def _check_direction(
 
 
 def _check_axis(key: KeyPath, axis: AxisTable, errors: AxisErrorsTable, findings: Findings) -> None:
-    profiles = _list_profiles(errors, MOTION_KEYS)
+    profiles = errors.profiles()
     for name, profile in profiles.items():
         amount = LENGTH if MOTION_KEYS.index(name) < 3 else ANGLE
         _check_profile(
             (*key, name), profile, LENGTH if axis.kind == "linear" else ANGLE, amount, findings
         )
-    square = [name for name in SQUARENESS_KEYS if getattr(errors, name)]
+    square = [name for name, angle in errors.squareness().items() if angle]
     if square and axis.kind != "linear":
         findings.add(
             (*key, square[0]),
-            "turns the line of a linear axis; of a rotary one write EA or EB as a constant: polynomial = [\"10 urad\"]",
+            'turns the line of a linear axis; of a rotary one write EA or EB as a constant: polynomial = ["10 urad"]',
         )
     if not profiles and not square:
         findings.add(key, 'holds no error; write for example EC0 = "20 urad", or EY = { ... }')

@@ -68,6 +68,7 @@ from headstock.scene.building.studies import (
     check_sweeps,
     read_sweep_paths,
 )
+from headstock.scene.building.volumetric import build_volumetric, check_volumetric
 from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import Analyses
@@ -99,6 +100,7 @@ CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
     check_poses,
     check_requests,
     check_path,
+    check_volumetric,
     check_mechanism,
     check_sweeps,
     check_studies,
@@ -301,6 +303,7 @@ def _build_analyses(table: SceneTable, poses: tuple[str, ...], folder: Path) -> 
         ),
         path=build_path_request(table),
         control=build_control(table, poses),
+        volumetric=build_volumetric(table),
     )
 
 

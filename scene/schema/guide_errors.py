@@ -1,5 +1,6 @@
 """Schema of the errors of guides and drives: profiles along rails, screws and axes."""
 
+from itertools import pairwise
 from typing import Annotated, Self
 
 from pydantic import Field, model_validator
@@ -45,7 +46,7 @@ class ErrorPointsTable(StrictTable):
                 f"has {len(self.at)} positions and {len(self.values)} values; write one value per position"
             )
         places = [place.value for place in self.at]
-        if any(later <= earlier for earlier, later in zip(places, places[1:], strict=False)):
+        if any(later <= earlier for earlier, later in pairwise(places)):
             raise problem("its positions do not rise; sort them, each once")
         return self
 
@@ -77,7 +78,9 @@ class ProfileTable(StrictTable):
         """Every position or period, with its key."""
         found: list[tuple[tuple[str | int, ...], Quantity]] = []
         if self.points is not None:
-            found += [(("points", "at", number), value) for number, value in enumerate(self.points.at)]
+            found += [
+                (("points", "at", number), value) for number, value in enumerate(self.points.at)
+            ]
         if self.over is not None:
             found.append((("over",), self.over))
         for number, wave in enumerate(self.waves or ()):
@@ -92,7 +95,9 @@ class ProfileTable(StrictTable):
                 (("points", "values", number), value)
                 for number, value in enumerate(self.points.values)
             ]
-        found += [(("polynomial", number), value) for number, value in enumerate(self.polynomial or ())]
+        found += [
+            (("polynomial", number), value) for number, value in enumerate(self.polynomial or ())
+        ]
         for number, wave in enumerate(self.waves or ()):
             found.append((("waves", number, "amplitude"), wave.amplitude))
         return found
@@ -110,6 +115,18 @@ class BallPassingTable(StrictTable):
     pitch: AxisPosition | None = None
     yaw: AxisPosition | None = None
 
+    def amplitudes(self) -> dict[str, Quantity]:
+        """Those given, by direction."""
+        given = {
+            "axial": self.axial,
+            "lateral": self.lateral,
+            "normal": self.normal,
+            "roll": self.roll,
+            "pitch": self.pitch,
+            "yaw": self.yaw,
+        }
+        return {key: value for key, value in given.items() if value is not None}
+
 
 class RailErrorsTable(StrictTable):
     """Errors of the rail or the screw that a joint slides along, in joint axes; used with the effect
@@ -124,6 +141,18 @@ class RailErrorsTable(StrictTable):
     yaw: ProfileTable | None = None
     length: PositiveLength | None = None
     ball_passing: BallPassingTable | None = None
+
+    def profiles(self) -> dict[str, ProfileTable]:
+        """Those given, by direction."""
+        given = {
+            "axial": self.axial,
+            "lateral": self.lateral,
+            "normal": self.normal,
+            "roll": self.roll,
+            "pitch": self.pitch,
+            "yaw": self.yaw,
+        }
+        return {key: value for key, value in given.items() if value is not None}
 
 
 class AxisErrorsTable(StrictTable):
@@ -141,3 +170,19 @@ class AxisErrorsTable(StrictTable):
     EB0: Angle = 0.0
     EC0: Angle = 0.0
     at: MachinePosition | None = None
+
+    def profiles(self) -> dict[str, ProfileTable]:
+        """Those given, by symbol."""
+        given = {
+            "EX": self.EX,
+            "EY": self.EY,
+            "EZ": self.EZ,
+            "EA": self.EA,
+            "EB": self.EB,
+            "EC": self.EC,
+        }
+        return {key: value for key, value in given.items() if value is not None}
+
+    def squareness(self) -> dict[str, float]:
+        """Rotations of the line of motion about x, y and z, by symbol [rad]."""
+        return {"EA0": self.EA0, "EB0": self.EB0, "EC0": self.EC0}

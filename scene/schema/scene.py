@@ -37,6 +37,7 @@ from headstock.scene.schema.types import (
     problem,
     read_share,
 )
+from headstock.scene.schema.volumetric import VolumetricTable
 
 Channels = Annotated[list[ChannelName], Field(min_length=1, max_length=100)]
 TIGHTEST, LOOSEST = 1e-4, 0.2
@@ -158,6 +159,7 @@ class AnalysesTable(StrictTable):
     contouring: Annotated[ContouringTable | None, _LEFT_OUT] = None
     path: Annotated[PathTable | None, _LEFT_OUT] = None
     control: Annotated[ControlTable | None, _LEFT_OUT] = None
+    volumetric: Annotated[VolumetricTable | None, _LEFT_OUT] = None
 
     @field_validator("*", mode="before")
     @classmethod

@@ -25,7 +25,10 @@ POSES = (
 
 
 def couple_rigid(machine: Machine, pose: Pose) -> CoupledMachine:
-    parts = {name: reduce_rigid(component, describe_component(component)) for name, component in machine.components.items()}
+    parts = {
+        name: reduce_rigid(component, describe_component(component))
+        for name, component in machine.components.items()
+    }
     return couple(parts, machine, pose, gravity=np.array([0.0, 0.0, -9.81]))
 
 
