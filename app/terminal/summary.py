@@ -170,8 +170,8 @@ def print_summary(
             f"Drives in pose {pose}, lag at {speed:g} mm/min",
             tell_rows(DRIVE_COLUMNS, control["drives"].items()),
         )
-    for point, volume in summary.get("volumetric", {}).items():
-        _print_volume(console, point, volume)
+    for place, volume in summary.get("volumetric", {}).items():
+        _print_volume(console, place, volume)
     if "model_errors" in summary:
         print_table(
             console,

@@ -590,8 +590,8 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
         )
     if "map" in summary:
         tables.append(_map_table("map", summary["map"]))
-    for point, volume in summary.get("volumetric", {}).items():
-        stem = file_stem(point)
+    for place, volume in summary.get("volumetric", {}).items():
+        stem = file_stem(place)
         tables += [
             _map_table(f"volumetric_{stem}", volume),
             tabulate(f"error_motions_{stem}", LINE_COLUMNS, list_lines(volume)),

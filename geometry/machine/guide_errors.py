@@ -121,7 +121,9 @@ class ErrorProfile:
         return ProfileIntegrals(
             start + slope[step] * arm,
             first[step] + start * arm + slope[step] * arm**2 / 2.0,
-            second[step] + first[step] * arm + start * arm**2 / 2.0 + slope[step] * arm**3 / 6.0,
+            np.asarray(
+                second[step] + first[step] * arm + start * arm**2 / 2.0 + slope[step] * arm**3 / 6.0
+            ),
         )
 
 
@@ -129,7 +131,11 @@ def _integrate_wave(wave: Wave, places: FloatArray) -> ProfileIntegrals:
     number = 2.0 * math.pi / wave.period
     angle = number * places + wave.phase
     value = wave.amplitude * np.sin(angle)
-    return ProfileIntegrals(value, -wave.amplitude / number * np.cos(angle), -value / number**2)
+    return ProfileIntegrals(
+        np.asarray(value),
+        np.asarray(-wave.amplitude / number * np.cos(angle)),
+        np.asarray(-value / number**2),
+    )
 
 
 class AveragedProfile(NamedTuple):
@@ -164,7 +170,7 @@ def average_profile(profile: ErrorProfile, places: FloatArray, length: float) ->
     mean = (after.first - before.first) / length
     # integral of t e(s + t) over the carriage, by parts
     moment = 0.5 * length * (after.first + before.first) - (after.second - before.second)
-    return AveragedProfile(mean, 12.0 / length**3 * moment)
+    return AveragedProfile(np.asarray(mean), np.asarray(12.0 / length**3 * moment))
 
 
 @dataclass(frozen=True, eq=False)

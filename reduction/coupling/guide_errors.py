@@ -62,7 +62,7 @@ class ErrorLoads:
 
     def offset(self, size: int) -> FloatArray:
         """Of all sources ``(size,)``."""
-        return np.sum([*self.offsets.values(), np.zeros(size)], axis=0)
+        return np.asarray(np.sum([*self.offsets.values(), np.zeros(size)], axis=0))
 
 
 def has_errors(machine: Machine) -> bool:
@@ -190,7 +190,8 @@ def solve_error_loads(
     Raises:
         ModelError: Errors of fixed joints contradict each other.
     """
-    loads, particular = {}, {}
+    loads: dict[str, FloatArray] = {}
+    particular: dict[str, FloatArray] = {}
     for source, by_joint in offsets.items():
         load = np.zeros(basis.shape[1])
         for spring in reduced:

@@ -101,8 +101,9 @@ def check_guide_errors(draft: Draft, findings: Findings) -> None:
             'a lumped mechanism has no guides; write its joints out with model = "components", or remove the effect',
         )
         return
-    entries = (*scene.joints.values(), *scene.axes.values())
-    if all(entry.errors is None for entry in entries):
+    if all(joint.errors is None for joint in scene.joints.values()) and all(
+        axis.errors is None for axis in scene.axes.values()
+    ):
         findings.add(
             ("effects", GUIDE_ERRORS),
             "no guide, drive or axis has errors; describe them in [joints.NAME.errors] or [axes.NAME.errors]",

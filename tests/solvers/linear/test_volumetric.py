@@ -5,7 +5,7 @@ import pytest
 
 from headstock.solvers.linear.volumetric import axis_motions, find_squareness, variance_shares
 
-PLACES = np.linspace(-0.2, 0.3, 11)
+PLACES = np.asarray(np.linspace(-0.2, 0.3, 11), dtype=float)
 X, Y, Z = np.eye(3)
 
 
