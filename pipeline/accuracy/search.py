@@ -23,7 +23,13 @@ from headstock.pipeline.accuracy.quantities import (
     learnt_factors,
     list_quantities,
 )
-from headstock.pipeline.accuracy.remembered import Remembered, recall_search, remember_search
+from headstock.pipeline.accuracy.remembered import (
+    Judged,
+    Remembered,
+    recall_judged,
+    recall_search,
+    remember_search,
+)
 from headstock.pipeline.accuracy.rounds import (
     History,
     describe_settings,
@@ -93,6 +99,7 @@ class AccuracySearch:
         failure: Why the accuracy was not reached, in plain words; empty when it was.
         better: Finite elements of the bodies that became rigid or segmented; None where none did.
         mesh_factors: Component to what its estimates of mesh errors were multiplied by.
+        judged: What an earlier run found by comparing with those; None where none did.
     """
 
     scene: Scene
@@ -101,6 +108,7 @@ class AccuracySearch:
     failure: str = ""
     better: BetterBodies | None = None
     mesh_factors: Mapping[str, float] = field(default_factory=dict)
+    judged: Judged | None = None
 
 
 def start_scene(scene: Scene) -> Scene:
@@ -181,7 +189,8 @@ def search_settings(
     if known is not None:
         if comm.rank == 0:
             note(Stage("refine", None, FOUND), known.answer.rounds[-1].reason, Cost())
-        return _repeat_search(scene, known, run_round)
+        judged = make_on_root(comm, lambda: recall_judged(scene, store))
+        return _repeat_search(scene, known, judged, run_round)
     goal = _goal(scene)
     rounds: list[AccuracyRound] = []
     history = History()
@@ -283,7 +292,9 @@ def search_settings(
     )
 
 
-def _repeat_search(scene: Scene, known: Remembered, run_round: RunRound) -> AccuracySearch:
+def _repeat_search(
+    scene: Scene, known: Remembered, judged: Judged | None, run_round: RunRound
+) -> AccuracySearch:
     """The last round of a search that was made before; collective."""
     start = dataclasses.replace(
         scene,
@@ -295,7 +306,7 @@ def _repeat_search(scene: Scene, known: Remembered, run_round: RunRound) -> Accu
     factors = known.mesh_factors
     state = run_round(current, plan_scene(current), mesh_factors=factors)
     better = None
-    if known.references:
+    if known.references and judged is None:
         scene_before = replace_components(start, {**known.chosen, **known.references})
         plan = plan_scene(scene_before)
         other = dataclasses.replace(
@@ -316,6 +327,7 @@ def _repeat_search(scene: Scene, known: Remembered, run_round: RunRound) -> Accu
         known.answer,
         better=better,
         mesh_factors=factors,
+        judged=judged,
     )
 
 
