@@ -290,7 +290,7 @@ def _judge_chosen(
     """What the models chosen leave out of finite elements, as an earlier run of the scene found it,
     or compared now and kept for the next.
     """
-    stage = Stage("models", None, "what the models chosen leave out of finite elements")
+    stage = Stage("models", None, "what the models chosen leave out of elastic bodies")
     known, better = search.judged, search.better
     if known is not None:
         rounds.run_stage(state, stage, lambda state, stage: repeat_judgement(state, known))

@@ -120,7 +120,7 @@ def compare_models(state: RunState, better: BetterBodies) -> Judged:
     )
     known = [abs(change.together) for change in changes.values() if change.together is not None]
     warnings = [
-        f"the machine of rigid and segmented bodies lacks {words}, which finite elements show"
+        f"the machine of rigid and segmented bodies lacks {words}, which elastic ones show"
         for words in missing
     ]
     warnings += [
