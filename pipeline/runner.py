@@ -10,8 +10,13 @@ from mpi4py import MPI
 
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.pipeline.accuracy.interface_errors import run_interfaces_stage
-from headstock.pipeline.accuracy.model_errors import judge_models, run_models_stage
-from headstock.pipeline.accuracy.search import search_settings
+from headstock.pipeline.accuracy.model_errors import (
+    compare_models,
+    repeat_judgement,
+    run_models_stage,
+)
+from headstock.pipeline.accuracy.remembered import remember_judged
+from headstock.pipeline.accuracy.search import AccuracySearch, search_settings
 from headstock.pipeline.planning.budgets import check_elapsed
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
@@ -273,17 +278,34 @@ def _run_rounds(scene: Scene, rounds: _StageRunner) -> RunState:
             if scene.machine.probes
             else rounds.run(search.scene, plan, state.reduced)
         )
-    if search.better is not None and not scene.model_errors:
-        parts = dataclasses.replace(search.better.parts, scene=state.scene)
-        better = dataclasses.replace(search.better, parts=parts)
-        why = "what the models chosen leave out of finite elements"
-        rounds.run_stage(
-            state, Stage("models", None, why), lambda state, stage: judge_models(state, better)
-        )
+    if not scene.model_errors:
+        _judge_chosen(scene, state, search, rounds)
     state.answers.append(search.answer)
     if search.failure:
         state.failures.append(search.failure)
     return state
+
+
+def _judge_chosen(
+    scene: Scene, state: RunState, search: AccuracySearch, rounds: _StageRunner
+) -> None:
+    """What the models chosen leave out of finite elements, as an earlier run of the scene found it,
+    or compared now and kept for the next.
+    """
+    stage = Stage("models", None, "what the models chosen leave out of elastic bodies")
+    known, better = search.judged, search.better
+    if known is not None:
+        rounds.run_stage(state, stage, lambda state, stage: repeat_judgement(state, known))
+    elif better is not None:
+        parts = dataclasses.replace(better.parts, scene=state.scene)
+        whole = dataclasses.replace(better, parts=parts)
+
+        def judge(state: RunState, stage: Stage) -> Outcome:
+            found = compare_models(state, whole)
+            state.warn(remember_judged(scene, rounds.store, found))
+            return repeat_judgement(state, found)
+
+        rounds.run_stage(state, stage, judge)
 
 
 def gather_results(

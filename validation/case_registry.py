@@ -8,7 +8,11 @@ from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
 from headstock.solvers.ranks import make_on_root
-from headstock.validation.coverage.cases import check_coverage, check_coverage_smoke
+from headstock.validation.coverage.cases import (
+    check_coverage,
+    check_coverage_smoke,
+    check_hex_coverage,
+)
 from headstock.validation.machines.accuracy_cases import (
     check_beam_accuracy,
     check_machine_accuracy,
@@ -285,8 +289,15 @@ CASES: tuple[Case, ...] = (
     Case(
         "coverage",
         "estimates",
-        "how often ± covers the truth, over 48 parts",
+        "how often ± covers the truth, over 49 parts",
         on_root(check_coverage),
+        on_request=True,
+    ),
+    Case(
+        "coverage-hex",
+        "estimates",
+        "the same over 24 parts of coarse hexahedra between the edges of patches",
+        on_root(check_hex_coverage),
         on_request=True,
     ),
     Case("coverage-smoke", "estimates", "the same on two parts", on_root(check_coverage_smoke)),

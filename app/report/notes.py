@@ -21,7 +21,7 @@ def judge_numbers(summary: RunSummary) -> list[Note]:
     if "accuracy" in summary:
         notes.append(Note("Accuracy", ". ".join(accuracy_words(summary["accuracy"])) + "."))
     if "model_errors" in summary:
-        words = f"Rigid and segmented bodies compared with finite elements: {model_words(summary['model_errors'])}."
+        words = f"Rigid and segmented bodies compared with elastic ones: {model_words(summary['model_errors'])}."
         notes.append(Note("Models of bodies", words))
     if summary["static"]:
         notes.append(_judge_compliance(summary))

@@ -175,7 +175,7 @@ def print_summary(
     if "model_errors" in summary:
         print_table(
             console,
-            "Rigid and segmented bodies compared with finite elements",
+            "Rigid and segmented bodies compared with elastic ones",
             tell_rows(MODEL_COLUMNS, summary["model_errors"]["bodies"].items()),
         )
         console.print(f"  {model_words(summary['model_errors'])}", markup=False)

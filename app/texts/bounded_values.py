@@ -231,7 +231,7 @@ def error_words(modes: FrequencyErrors) -> list[str]:
         )
     if any(share.get(MODEL, 0.0) is None for share in shares):
         words.append(
-            f"{NO_BOUND} : with finite elements in place of rigid and segmented bodies no mode has this shape"
+            f"{NO_BOUND} : with elastic bodies in place of rigid and segmented ones no mode has this shape"
         )
     if any(share.get(INTERFACE, 0.0) is None for share in shares):
         words.append(

@@ -14,6 +14,7 @@ from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Component
+from headstock.pipeline.accuracy.remembered import NUMBERS, Judged
 from headstock.pipeline.accuracy.rounds import describe_settings, replace_components
 from headstock.pipeline.accuracy.settings import (
     COARSE_ACCURACY,
@@ -78,27 +79,36 @@ def run_models_stage(state: RunState, stage: Stage) -> Outcome:
     """
     names = [name for name, part in state.plan.components.items() if is_simple(part)]
     better = make_better_bodies(state, names)
-    return judge_models(state, better) if state.is_root else Outcome()
+    return repeat_judgement(state, compare_models(state, better)) if state.is_root else Outcome()
 
 
-def judge_models(state: RunState, better: BetterBodies) -> Outcome:
-    """Put the changes that better bodies make into the ± of every number that a run found; on rank
+def repeat_judgement(state: RunState, known: Judged) -> Outcome:
+    """Put what a comparison of the same scene has found in place of the numbers of a run; on rank
+    0.
+    """
+    numbers = iter(known.numbers)
+    state.answers[:] = [
+        next(numbers) if isinstance(answer, NUMBERS) else answer for answer in state.answers
+    ]
+    return Outcome(detail=known.detail, answers=(known.changes,), warnings=known.warnings)
+
+
+def compare_models(state: RunState, better: BetterBodies) -> Judged:
+    """The numbers that a run found with the changes that better bodies make in their ±; on rank
     0.
     """
     machines = _Machines(state.parts, better)
     changes: dict[str, NumberChange] = {}
     missing: list[str] = []
     several = len(state.plan.poses) > 1
-    for place, answer in enumerate(state.answers):
+    numbers: list[Answer] = []
+    for answer in state.answers:
         if isinstance(answer, PoseModes):
-            judged: Answer = _judge_modes(machines, answer, changes, missing, several=several)
+            numbers.append(_judge_modes(machines, answer, changes, missing, several=several))
         elif isinstance(answer, StaticAnswer):
-            judged = _judge_compliances(machines, answer, changes, several=several)
+            numbers.append(_judge_compliances(machines, answer, changes, several=several))
         elif isinstance(answer, PoseResponse):
-            judged = _judge_response(machines, answer, changes, several=several)
-        else:
-            continue
-        state.answers[place] = judged
+            numbers.append(_judge_response(machines, answer, changes, several=several))
     found = ModelErrorsAnswer(
         {
             name: BodyModel(state.plan.components[name].fidelity, describe_settings(part))
@@ -110,18 +120,19 @@ def judge_models(state: RunState, better: BetterBodies) -> Outcome:
     )
     known = [abs(change.together) for change in changes.values() if change.together is not None]
     warnings = [
-        f"the machine of rigid and segmented bodies lacks {words}, which finite elements show"
+        f"the machine of rigid and segmented bodies lacks {words}, which elastic ones show"
         for words in missing
     ]
     warnings += [
         f"what the model of {name} leaves out is not known: {why}"
         for name, why in better.failures.items()
     ]
-    return Outcome(
-        detail=f"elastic bodies in place of {', '.join(better.components)} change numbers by up to "
+    return Judged(
+        tuple(numbers),
+        found,
+        f"elastic bodies in place of {', '.join(better.components)} change numbers by up to "
         f"{show_share(max(known, default=0.0))}",
-        answers=(found,),
-        warnings=tuple(warnings),
+        tuple(warnings),
     )
 
 

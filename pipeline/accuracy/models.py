@@ -81,6 +81,7 @@ def choose_models(
     alone changes most of the number furthest off; the machine that seems good enough is coupled and
     compared as a whole, and the search goes on from there where it is not.
 
+
     Args:
         state: Of a round whose numbers are within the accuracy, with finite elements or polynomials
             for the bodies that are ours to choose.
@@ -99,6 +100,7 @@ def choose_models(
     finest = {name: len(bodies[name]) - 1 for name in groups}
     trials = _Trials(state, bodies)
     errors = {quantity.key: quantity.error for quantity in quantities}
+    doubts = {quantity.key: quantity.two_sided for quantity in quantities}
     alone: dict[tuple[str, int], Mapping[str, float]] = {}
 
     def changes(choice: Choice) -> Mapping[str, float]:
@@ -108,12 +110,15 @@ def choose_models(
             # nothing is left that could move
             return dict.fromkeys(errors, np.inf)
 
+    def total(key: str, change: float) -> float:
+        return add_change(errors[key], doubts[key], change)
+
     choice = dict.fromkeys(groups, 0)
     for name in groups:
         # where the best of the simple models does not do, none does
         best = finest[name] - 1
         alone[name, best] = changes(dict.fromkeys(groups[name], best))
-        if max(errors[key] + alone[name, best][key] for key in errors) > accuracy:
+        if max(total(key, alone[name, best][key]) for key in errors) > accuracy:
             choice[name] = finest[name]
     while True:
         simple = [name for name, place in choice.items() if place < finest[name]]
@@ -121,19 +126,19 @@ def choose_models(
             if (name, choice[name]) not in alone:
                 alone[name, choice[name]] = changes(dict.fromkeys(groups[name], choice[name]))
         sums = {
-            key: error + sum(alone[name, choice[name]][key] for name in simple)
-            for key, error in errors.items()
+            key: total(key, sum(alone[name, choice[name]][key] for name in simple))
+            for key in errors
         }
         whole = {other: choice[name] for name, group in groups.items() for other in group}
-        if simple and max(sums.values()) <= accuracy:
+        if len(simple) > 1 and max(sums.values()) <= accuracy:
             together = changes(whole)
-            sums = {key: error + together[key] for key, error in errors.items()}
+            sums = {key: total(key, together[key]) for key in errors}
         worst = max(sums, key=lambda key: sums[key])
         if sums[worst] <= accuracy or not simple:
             break
-        name = max(simple, key=lambda body: alone[body, choice[body]][worst])
-        before = alone.get((name, choice[name] - 1), {}).get(worst, np.inf)
-        idle = choice[name] > 1 and alone[name, choice[name]][worst] > WORTHWHILE * before
+        name = max(simple, key=lambda body: abs(alone[body, choice[body]][worst]))
+        before = abs(alone.get((name, choice[name] - 1), {}).get(worst, np.inf))
+        idle = choice[name] > 1 and abs(alone[name, choice[name]][worst]) > WORTHWHILE * before
         # where a finer cut into segments brought nothing, the next will not either
         choice[name] = finest[name] if idle else choice[name] + 1
     names = {quantity.key: quantity.name for quantity in quantities}
@@ -149,6 +154,21 @@ def choose_models(
             components[name], fidelity=model.fidelity, segments=model.segments
         )
     return ModelChoice(components, told, names[worst], sums[worst])
+
+
+def add_change(error: float, two_sided: float, change: float) -> float:
+    """The error of a number with other models of bodies.
+
+    Meshes and modes left out make a machine too stiff and never too soft (Rayleigh and Ritz), so the
+    truth is softer by no more than their error. What makes the number softer by less lies between
+    both and adds nothing; what makes it stiffer adds all.
+
+    Args:
+        error: Of the number with finite elements or polynomials.
+        two_sided: What of it may have either sign.
+        change: How much softer the models make the number, over it; below zero stiffer.
+    """
+    return error - change if change <= 0.0 else max(error, change + two_sided)
 
 
 def _group_equals(state: RunState, ours: Sequence[str]) -> list[list[str]]:
@@ -214,8 +234,8 @@ def _tell(
 
     def most(at: int) -> tuple[str, float]:
         changes = alone[name, at]
-        key = max(changes, key=lambda each: changes[each])
-        return names[key], changes[key]
+        key = max(changes, key=lambda each: abs(changes[each]))
+        return names[key], abs(changes[key])
 
     last = candidates[-1]
     if place == len(candidates) - 1:
@@ -254,7 +274,9 @@ class _Trials:
         }
 
     def changes(self, choice: Choice) -> dict[str, float]:
-        """What some bodies change, over each number; inf for a mode that no longer has its shape."""
+        """How much softer some bodies make each number, over it; inf for a mode that no longer has its
+        shape.
+        """
         models: dict[str, CoupledPose] = {}
         found: dict[str, float] = {}
         for modes in self._state.modal:
@@ -265,7 +287,7 @@ class _Trials:
                 self._modes[pose], self._watch(models[pose], choice, count), count=count
             )
             for mode in range(modes.rigid_count, count):
-                share = abs(compared.changes_hz[mode]) / modes.frequencies_hz[mode]
+                share = -compared.changes_hz[mode] / modes.frequencies_hz[mode]
                 # a mode among them that finite elements do not have is as wrong as one that lacks
                 lost = bool(compared.missing) or not np.isfinite(share)
                 found[f"frequency {mode + 1}{place}"] = np.inf if lost else float(share)
@@ -277,8 +299,7 @@ class _Trials:
                 for axis, direction in enumerate(DIRECTIONS):
                     before, after = point.compliance[axis, axis], compliance[axis, axis]
                     if before > 0.0:
-                        share = float(abs(after / before - 1.0))
-                        found[f"{direction} compliance at {name}{place}"] = share
+                        found[f"{direction} compliance at {name}{place}"] = after / before - 1.0
         return found
 
     def _couple(self, choice: Choice, pose: str) -> CoupledPose:

@@ -15,8 +15,8 @@ import numpy as np
 from headstock.pipeline.answers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.stages.run_state import RunState
 
-# What ± takes to cover 95 % of true errors (`validate coverage`) counts until a component was
-# refined: then its rounds tell how good its estimates are (accuracy_levels.py).
+# What ± takes at most to cover 95 % of true errors (`validate coverage`), hexahedra with less in
+# proportion, counts until a component was refined: then its rounds tell how good its estimates are.
 MESH_SAFETY = 1.8
 Owner = tuple[str, str]  # component, source of error
 # key of a number and owner to what the estimate is multiplied by
@@ -44,12 +44,14 @@ class Quantity:
         value: [Hz] or [m/N].
         parts: Component and source to their relative part of the error; inf where there is no
             bound.
+        two_sided: What of it, by curved faces, may make the machine too soft as well as too stiff.
     """
 
     key: str
     name: str
     value: float
     parts: Mapping[Owner, float]
+    two_sided: float = 0.0
 
     @property
     def error(self) -> float:
@@ -101,6 +103,27 @@ def learnt_factors(factors: Factors) -> dict[str, float]:
     return {name: factor for name, factor in largest.items() if factor != 1.0}
 
 
+def weigh_components(
+    quantities: Sequence[Quantity], factors: Mapping[str, float]
+) -> list[Quantity]:
+    """The same with the mesh errors of components multiplied.
+
+    Args:
+        quantities: With errors as estimated.
+        factors: Component to what rounds taught of its estimates; 1 for others.
+    """
+    return [
+        dataclasses.replace(
+            quantity,
+            parts={
+                (name, source): part * (factors.get(name, 1.0) if source == DISCRETISATION else 1.0)
+                for (name, source), part in quantity.parts.items()
+            },
+        )
+        for quantity in quantities
+    ]
+
+
 def worst_quantity(quantities: list[Quantity]) -> Quantity | None:
     """The one with the largest relative error; None where nothing has an error."""
     known = [quantity for quantity in quantities if quantity.parts]
@@ -121,6 +144,7 @@ def _list_frequencies(state: RunState) -> Iterator[Quantity]:
                 f"frequency {index + 1} ({hz:.4g} Hz){place}",
                 hz,
                 parts,
+                _two_sided(modes.errors[index], hz),
             )
 
 
@@ -132,7 +156,8 @@ def _list_compliances(state: RunState) -> Iterator[Quantity]:
                 value = float(point.compliance[axis, axis])
                 if value > 0.0:
                     what = f"{direction} compliance at {name}{f' in pose {answer.pose}' if poses else ''}"
-                    yield Quantity(what, what, value, _relative_parts(error, value))
+                    parts = _relative_parts(error, value)
+                    yield Quantity(what, what, value, parts, _two_sided(error, value))
 
 
 def _relative_parts(error: Estimate, value: float) -> dict[Owner, float]:
@@ -147,6 +172,10 @@ def _relative_parts(error: Estimate, value: float) -> dict[Owner, float]:
             if size > 0.0:
                 found[owner] = found.get(owner, 0.0) + size / covering / value
     return found
+
+
+def _two_sided(error: Estimate, value: float) -> float:
+    return sum(error.parts.get(CURVED_FACES, {}).values()) / value
 
 
 def _short_of(state: RunState, hz: float) -> list[str]:

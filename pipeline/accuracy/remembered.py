@@ -14,19 +14,54 @@ from headstock.geometry.parts.components import (
     ReductionSettings,
     SegmentSettings,
 )
-from headstock.pipeline.answers.accuracy import AccuracyAnswer, AccuracyRound, BodyChoice
+from headstock.pipeline.answers.accuracy import (
+    AccuracyAnswer,
+    AccuracyRound,
+    BodyChoice,
+    ModelErrorsAnswer,
+)
+from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.answers.modal import PoseModes
+from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.storage.content_keys import search_key
 from headstock.pipeline.storage.store import Store, read_entry, write_entry
+from headstock.pipeline.storage.typed_json import (
+    decode_value,
+    encode_value,
+    reachable_classes,
+)
 from headstock.scene.scene import Scene
 
+NUMBERS = (PoseModes, StaticAnswer, PoseResponse)  # that a comparison judges
+PIECE = 4096  # characters
 KEPT = ("fidelity", "mesh", "reduction", "segments")  # of a component
 
 
 @dataclass(frozen=True)
 class FoundSettings:
-    """The entry of the store: a text of JSON."""
+    """An entry of the store: a text of JSON in pieces."""
 
-    text: str
+    text: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class JudgedNumbers:
+    """An entry of the store: a text of JSON in pieces."""
+
+    text: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What a comparison with finite elements has found: the numbers with their ±, in the order of
+    the answers of a run, the changes, and what it said.
+    """
+
+    numbers: tuple[Answer, ...]
+    changes: ModelErrorsAnswer
+    detail: str
+    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +93,7 @@ def remember_search(scene: Scene, store: Store, found: Remembered) -> str | None
         "mesh_factors": dict(found.mesh_factors),
         "answer": dataclasses.asdict(found.answer),
     }
-    return write_entry(store, search_key(scene), FoundSettings(json.dumps(content)))
+    return write_entry(store, search_key(scene), FoundSettings(_cut(json.dumps(content))))
 
 
 def recall_search(scene: Scene, store: Store) -> Remembered | None:
@@ -68,7 +103,7 @@ def recall_search(scene: Scene, store: Store) -> Remembered | None:
     entry = read_entry(store, search_key(scene), FoundSettings).value
     if entry is None:
         return None
-    content = json.loads(entry.text)
+    content = json.loads("".join(entry.text))
     parts = scene.machine.components
     chosen, references = (
         {name: _restore(parts[name], kept) for name, kept in content[kind].items()}
@@ -76,6 +111,30 @@ def recall_search(scene: Scene, store: Store) -> Remembered | None:
     )
     factors = content["mesh_factors"]
     return Remembered(chosen, references, factors, _restore_answer(content["answer"]))
+
+
+def remember_judged(scene: Scene, store: Store, judged: Judged) -> str | None:
+    """Keep what a comparison found; a warning where the store cannot be written."""
+    if not scene.raw:
+        return None
+    text = json.dumps(encode_value(judged))
+    return write_entry(store, search_key(scene), JudgedNumbers(_cut(text)))
+
+
+def recall_judged(scene: Scene, store: Store) -> Judged | None:
+    """What a comparison found; None where there was none, or other files or code lay behind it."""
+    if not scene.raw:
+        return None
+    entry = read_entry(store, search_key(scene), JudgedNumbers).value
+    if entry is None:
+        return None
+    classes = reachable_classes([Judged, *NUMBERS])
+    found = decode_value(json.loads("".join(entry.text)), classes)
+    return found if isinstance(found, Judged) else None
+
+
+def _cut(text: str) -> tuple[str, ...]:
+    return tuple(text[at : at + PIECE] for at in range(0, len(text), PIECE))
 
 
 def _keep(component: Component) -> dict[str, Any]:

@@ -31,6 +31,11 @@ from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import AccuracyGoal, Scene
 
 AIM = 0.9  # share of the accuracy that the next round aims at
+ERROR_STEP = 0.8  # by which the error of an owner is thought to fall at a time
+# errors fall with about the second power of the mesh size; processor time grows with its third
+COST_POWER = 1.5
+LEAST_SECONDS = 0.05  # of a component
+LEAST_RATIO = 0.35  # of an error: what the largest step of a mesh brings in one round
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +107,14 @@ def judge_round(
     )
     if worst.error <= goal.to or state.failures:
         return Verdict(True, scene, found), learnt
-    wanted = _share_with_equals(_wanted_ratios(quantities, goal.to), parts)
+    seconds = {
+        name: LEAST_SECONDS
+        + sum(
+            stage.estimated_seconds or 0.0 for stage in state.plan.stages if stage.component == name
+        )
+        for name in parts
+    }
+    wanted = _wanted_ratios(quantities, goal.to, parts, seconds)
     return _refine(scene, state, goal.to, wanted, learnt.trials, found), learnt
 
 
@@ -139,47 +151,80 @@ def _refine(
         for name, part in finer.items()
         if describe_settings(part) != describe_settings(scene.machine.components[name])
     }
+    if not changes and found.owner is not None:
+        component, source = found.owner
+        return Verdict(True, scene, found, f"the {source} of {component} cannot be refined")
     return Verdict(
         False, replace_components(scene, finer), dataclasses.replace(found, changes=changes)
     )
 
 
-def _wanted_ratios(quantities: list[Quantity], accuracy: float) -> dict[Owner, float]:
-    """For each number that is too far off, by what factor the parts that own most of it must
-    fall.
-    """
-    wanted: dict[Owner, float] = {}
-    for quantity in quantities:
-        if quantity.error <= accuracy:
-            continue
-        largest = quantity.parts[quantity.owner]
-        for owner, part in quantity.parts.items():
-            if part < 0.5 * largest:
-                continue
-            rest = quantity.error - part
-            ratio = (
-                AIM * accuracy / quantity.error
-                if not rest < 0.5 * AIM * accuracy
-                else (AIM * accuracy - rest) / part
-            )
-            wanted[owner] = min(wanted.get(owner, 1.0), ratio if np.isfinite(part) else 0.0)
-    return wanted
-
-
-def _share_with_equals(
-    wanted: Mapping[Owner, float], parts: Mapping[str, Component]
+def _wanted_ratios(
+    quantities: Sequence[Quantity],
+    accuracy: float,
+    parts: Mapping[str, Component],
+    seconds: Mapping[str, float],
 ) -> dict[Owner, float]:
-    """The same with equal components refined alike, so that one superelement serves them all."""
-    return {
-        (other, kind): min(
-            ratio
-            for (name, same), ratio in wanted.items()
-            if same == kind and are_equal(parts[name], parts[other])
+    """By what factor the errors of owners must fall so that every number is likely to be right, at
+    the least cost: always the step that takes most of the worst number for its processor time.
+
+    Equal components are refined alike, so that one superelement serves them all. Where a part has no
+    bound, nobody knows how far it must fall: its factor is 0.
+
+    Args:
+        quantities: With the errors that count.
+        accuracy: Relative error allowed.
+        parts: Components of the round.
+        seconds: What the stages of a component cost at its present settings.
+    """
+    groups = {
+        (name, kind): tuple(
+            (other, kind)
+            for other in parts
+            if is_chosen(parts[other]) and are_equal(parts[name], parts[other])
         )
-        for owner, kind in wanted
-        for other in parts
-        if is_chosen(parts[other]) and are_equal(parts[owner], parts[other])
+        for quantity in quantities
+        for name, kind in quantity.parts
     }
+    short = [quantity for quantity in quantities if quantity.error > accuracy]
+    ratios = {
+        other: 0.0
+        for quantity in short
+        for owner, part in quantity.parts.items()
+        if np.isinf(part)
+        for other in groups[owner]
+    }
+    bounded = [quantity for quantity in short if np.isfinite(quantity.error)]
+    while bounded:
+        left = {
+            quantity.key: {
+                owner: ratios.get(owner, 1.0) * part for owner, part in quantity.parts.items()
+            }
+            for quantity in bounded
+        }
+        worst = max(left.values(), key=lambda own: sum(own.values()))
+        if sum(worst.values()) <= AIM * accuracy:
+            break
+
+        def gain(owner: Owner, worst: Mapping[Owner, float] = worst) -> float:
+            taken = sum(worst.get(other, 0.0) for other in groups[owner])
+            return taken / _added_seconds(seconds[owner[0]], ratios.get(owner, 1.0))
+
+        finer = [owner for owner in worst if groups[owner] and ratios.get(owner, 1.0) > LEAST_RATIO]
+        if not finer:
+            break
+        best = max(finer, key=gain)
+        for other in groups[best]:
+            ratios[other] = ERROR_STEP * ratios.get(other, 1.0)
+    return ratios
+
+
+def _added_seconds(seconds: float, ratio: float) -> float:
+    """What the next step costs: all of the component where it is the first, as nothing of the old
+    one serves the finer one.
+    """
+    after = seconds * (ERROR_STEP * ratio) ** -COST_POWER
+    return after if ratio == 1.0 else after - seconds * ratio**-COST_POWER
 
 
 def _remember(

@@ -15,15 +15,22 @@ from mpi4py import MPI
 
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import SuperelementFile
-from headstock.pipeline.accuracy.interface_choice import choose_shapes, give_chosen
+from headstock.pipeline.accuracy.interface_choice import ShapeChoice, choose_shapes, give_chosen
 from headstock.pipeline.accuracy.model_errors import BetterBodies
 from headstock.pipeline.accuracy.models import ModelChoice, choose_models
 from headstock.pipeline.accuracy.quantities import (
     count_safely,
     learnt_factors,
     list_quantities,
+    weigh_components,
 )
-from headstock.pipeline.accuracy.remembered import Remembered, recall_search, remember_search
+from headstock.pipeline.accuracy.remembered import (
+    Judged,
+    Remembered,
+    recall_judged,
+    recall_search,
+    remember_search,
+)
 from headstock.pipeline.accuracy.rounds import (
     History,
     describe_settings,
@@ -93,6 +100,7 @@ class AccuracySearch:
         failure: Why the accuracy was not reached, in plain words; empty when it was.
         better: Finite elements of the bodies that became rigid or segmented; None where none did.
         mesh_factors: Component to what its estimates of mesh errors were multiplied by.
+        judged: What an earlier run found by comparing with those; None where none did.
     """
 
     scene: Scene
@@ -101,6 +109,7 @@ class AccuracySearch:
     failure: str = ""
     better: BetterBodies | None = None
     mesh_factors: Mapping[str, float] = field(default_factory=dict)
+    judged: Judged | None = None
 
 
 def start_scene(scene: Scene) -> Scene:
@@ -114,7 +123,8 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
     """Where one body makes all of the error, its mesh begins finer than among several, of which most
     need it coarse; rounds teach how fine it must be.
     """
-    analyses, modes_to = _round_analyses(scene.analyses), _modes_to(scene.analyses, _goal(scene).to)
+    goal = _goal(scene).to
+    modes_to = _modes_to(scene.analyses, goal)
     parts = scene.machine.components
     if _goal(scene).models != "none":
         # what deforms by its volume says what cheaper models would leave out
@@ -129,16 +139,13 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
             part,
             max(accuracy, START_ACCURACY if one else COARSE_ACCURACY),
             modes_to,
-            rough=_goal(scene).to >= ROUGH_ACCURACY,
+            rough_for=goal if goal >= ROUGH_ACCURACY else None,
         )
         if is_chosen(part)
         else part
         for name, part in parts.items()
     }
-    return replace_components(
-        dataclasses.replace(scene, analyses=analyses, model_errors=False, interface_errors=False),
-        components,
-    )
+    return replace_components(_without_judgements(scene), components)
 
 
 def _is_ours(scene: Scene, name: str) -> bool:
@@ -162,10 +169,30 @@ def _make_deform(part: Component) -> Component:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _Refined:
+    """Where the rounds of meshes and modes ended.
+
+    Attributes:
+        scene: With their last settings.
+        state: Of the last round, complete on rank 0; its estimates as they are.
+        rounds: What is told of each.
+        mesh_factors: Component to what the rounds taught that its estimates are worth.
+        failure: Why the accuracy was not reached; empty when it was.
+    """
+
+    scene: Scene
+    state: RunState
+    rounds: tuple[AccuracyRound, ...]
+    mesh_factors: Mapping[str, float]
+    failure: str
+
+
 def search_settings(
     scene: Scene, run_round: RunRound, note: Note, *, comm: MPI.Comm, store: Store
 ) -> AccuracySearch:
-    """Refine until every requested number is right to the scene's accuracy; collective.
+    """Refine until every requested number is right to the scene's accuracy, then take the cheapest
+    models of bodies; collective.
 
     Args:
         scene: With an accuracy.
@@ -181,28 +208,49 @@ def search_settings(
     if known is not None:
         if comm.rank == 0:
             note(Stage("refine", None, FOUND), known.answer.rounds[-1].reason, Cost())
-        return _repeat_search(scene, known, run_round)
-    goal = _goal(scene)
-    rounds: list[AccuracyRound] = []
-    history = History()
+        judged = make_on_root(comm, lambda: recall_judged(scene, store))
+        return _repeat_search(scene, known, judged, run_round)
     shapes = choose_shapes(
-        scene, plan_start(scene)[0], goal.to, lambda one: run_round(one, plan_scene(one))
+        scene, plan_start(scene)[0], _goal(scene).to, lambda one: run_round(one, plan_scene(one))
     )
-    current, plan = plan_start(give_chosen(scene, shapes))
-    state = run_round(current, plan)
-    if state.is_root:
+    if comm.rank == 0:
         for own in shapes:
-            stage = Stage("joints", own.joint.name, own.reason or "the accuracy")
-            note(stage, str(own), Cost())
+            note(Stage("joints", own.joint.name, own.reason or "the accuracy"), str(own), Cost())
+    refined = _refine_in_rounds(give_chosen(scene, shapes), run_round, note)
+    choice = _choose_bodies(scene, refined, note)
+    chosen, state, better = _run_chosen(refined, choice, run_round, note)
+    answer = _conclude(scene, refined, choice, chosen, shapes)
+    if state.is_root and answer.met and not state.failures:
+        references = {} if better is None else better.components
+        found = Remembered(chosen.machine.components, references, refined.mesh_factors, answer)
+        state.warn(remember_search(scene, store, found))
+    return AccuracySearch(
+        _restore_requests(chosen, scene),
+        state,
+        answer,
+        _say_failure(answer),
+        better,
+        refined.mesh_factors,
+    )
+
+
+def _refine_in_rounds(scene: Scene, run_round: RunRound, note: Note) -> _Refined:
+    """Rounds of meshes and modes until every number is right, or none that is finer fits;
+    collective.
+    """
+    goal, history = _goal(scene), History()
+    rounds: list[AccuracyRound] = []
+    current, plan = plan_start(scene)
+    state = run_round(current, plan)
     failure = ""
-    for number in range(MOST_ROUNDS):
+    while True:
         judge = functools.partial(judge_round, current, state, goal, history)
         verdict, history = make_on_root(state.comm, judge)
         rounds.append(verdict.round)
         failure = verdict.failure
         if verdict.ends:
             break
-        if number == MOST_ROUNDS - 1:
+        if len(rounds) == MOST_ROUNDS:
             failure = f"{MOST_ROUNDS} rounds were not enough"
             break
         try:
@@ -214,88 +262,117 @@ def search_settings(
             for name, change in (verdict.round.changes or {}).items():
                 note(Stage("refine", name, verdict.round.reason), change, Cost())
         current, state = verdict.scene, run_round(verdict.scene, plan)
-    mesh_factors = learnt_factors(history.factors)
-    if mesh_factors and not state.failures:
-        # what rounds taught of estimates stands behind every ±
-        state = run_round(current, plan, state.reduced, mesh_factors=mesh_factors)
-    choice, better = None, None
+    return _Refined(current, state, tuple(rounds), learnt_factors(history.factors), failure)
+
+
+def _choose_bodies(scene: Scene, refined: _Refined, note: Note) -> ModelChoice | None:
+    """The cheapest models within the accuracy; None where none are to be chosen. Collective."""
+    goal, state = _goal(scene), refined.state
     ours = [name for name in scene.machine.components if _is_ours(scene, name)]
-    if goal.models != "none" and ours and not failure and not state.failures:
-        choice = make_on_root(
-            state.comm, functools.partial(_choose_models, state, ours, goal.to, note)
+    if goal.models == "none" or not ours or refined.failure or state.failures:
+        return None
+    return make_on_root(state.comm, functools.partial(_choose_models, refined, ours, goal.to, note))
+
+
+def _run_chosen(
+    refined: _Refined, choice: ModelChoice | None, run_round: RunRound, note: Note
+) -> tuple[Scene, RunState, BetterBodies | None]:
+    """The machine of the models chosen, with what rounds taught behind every ±; and the bodies that
+    those models replace, None where there are none. Collective.
+    """
+    current, state, factors = refined.scene, refined.state, refined.mesh_factors
+    if choice is None or not _list_changed(refined, choice):
+        if factors and not state.failures:
+            state = run_round(current, plan_scene(current), state.reduced, mesh_factors=factors)
+        return current, state, None
+    better = None
+    if state.is_root:
+        for name, change in _list_changed(refined, choice).items():
+            note(Stage("models", name, _say_error(choice)), change, Cost())
+        weighed = dataclasses.replace(state, reduced=dict(state.reduced))
+        weighed.weigh_meshes(factors)
+        parts = state.plan.components
+        better = BetterBodies(
+            weighed.parts,
+            {
+                name: parts[name]
+                for name, part in choice.components.items()
+                if part.fidelity != parts[name].fidelity
+            },
+            {},
         )
-    if choice is not None:
-        before = {
-            name: describe_settings(current.machine.components[name]) for name in choice.bodies
-        }
-        changed = {
-            name: f"{before[name]} → {body.model}: {body.why}"
-            for name, body in choice.bodies.items()
-            if body.model != before[name]
-        }
-        why = f"{choice.worst} may be off by {show_share(choice.error)} with the models chosen"
-        if changed:
-            rounds.append(AccuracyRound(choice.worst, choice.error, why, changes=changed))
-        if state.is_root and changed:
-            for name, change in changed.items():
-                note(Stage("models", name, why), change, Cost())
-            better = BetterBodies(
-                state.parts,
-                {
-                    name: state.plan.components[name]
-                    for name, part in choice.components.items()
-                    if part.fidelity != state.plan.components[name].fidelity
-                },
-                {},
-            )
-        if changed:
-            current = replace_components(current, choice.components)
-            state = run_round(current, plan_scene(current), mesh_factors=mesh_factors)
+    current = replace_components(current, choice.components)
+    return current, run_round(current, plan_scene(current), mesh_factors=factors), better
+
+
+def _list_changed(refined: _Refined, choice: ModelChoice) -> dict[str, str]:
+    """Bodies that get another model, and why, in plain words."""
+    parts = refined.scene.machine.components
+    return {
+        name: f"{before} → {body.model}: {body.why}"
+        for name, body in choice.bodies.items()
+        if body.model != (before := describe_settings(parts[name]))
+    }
+
+
+def _say_error(choice: ModelChoice) -> str:
+    return f"{choice.worst} may be off by {show_share(choice.error)} with the models chosen"
+
+
+def _conclude(
+    scene: Scene,
+    refined: _Refined,
+    choice: ModelChoice | None,
+    chosen: Scene,
+    shapes: Sequence[ShapeChoice],
+) -> AccuracyAnswer:
+    """What is told of a search."""
+    rounds, bodies = refined.rounds, choice.bodies if choice else {}
+    if choice is not None and (changed := _list_changed(refined, choice)):
+        last = AccuracyRound(choice.worst, choice.error, _say_error(choice), changes=changed)
+        rounds = (*rounds, last)
     settings = {
         name: describe_settings(part)
-        for name, part in current.machine.components.items()
-        if is_chosen(part) or (choice and name in choice.bodies)
+        for name, part in chosen.machine.components.items()
+        if is_chosen(part) or name in bodies
     }
     settings |= {own.joint.name: str(own) for own in shapes}
-    if not failure:
-        failure = "; ".join(f"joint {own.joint.name}: {own.reason}" for own in shapes if own.reason)
-    bodies = choice.bodies if choice else {}
-    answer = AccuracyAnswer(goal.to, tuple(rounds), settings, failure, bodies)
-    last = rounds[-1]
-    if state.is_root and not failure and not state.failures:
-        references = {} if better is None else better.components
-        found = Remembered(current.machine.components, references, mesh_factors, answer)
-        state.warn(remember_search(scene, store, found))
-    if failure:
-        failure = f"the accuracy of {100.0 * goal.to:g} % is not reached; best: {last.quantity} within {show_share(last.error)}: {failure}"
-    return AccuracySearch(
-        dataclasses.replace(
-            current,
-            analyses=scene.analyses,
-            model_errors=scene.model_errors,
-            interface_errors=scene.interface_errors,
-        ),
-        state,
-        answer,
-        failure,
-        better,
-        mesh_factors,
+    failure = refined.failure or "; ".join(
+        f"joint {own.joint.name}: {own.reason}" for own in shapes if own.reason
+    )
+    return AccuracyAnswer(_goal(scene).to, rounds, settings, failure, bodies)
+
+
+def _say_failure(answer: AccuracyAnswer) -> str:
+    if answer.met:
+        return ""
+    last = answer.rounds[-1]
+    return (
+        f"the accuracy of {100.0 * answer.requested:g} % is not reached; best: {last.quantity} within"
+        f" {show_share(last.error)}: {answer.reason}"
     )
 
 
-def _repeat_search(scene: Scene, known: Remembered, run_round: RunRound) -> AccuracySearch:
+def _restore_requests(current: Scene, scene: Scene) -> Scene:
+    """The settings of one scene with all that another asks for."""
+    return dataclasses.replace(
+        current,
+        analyses=scene.analyses,
+        model_errors=scene.model_errors,
+        interface_errors=scene.interface_errors,
+    )
+
+
+def _repeat_search(
+    scene: Scene, known: Remembered, judged: Judged | None, run_round: RunRound
+) -> AccuracySearch:
     """The last round of a search that was made before; collective."""
-    start = dataclasses.replace(
-        scene,
-        analyses=_round_analyses(scene.analyses),
-        model_errors=False,
-        interface_errors=False,
-    )
+    start = _without_judgements(scene)
     current = replace_components(start, known.chosen)
     factors = known.mesh_factors
     state = run_round(current, plan_scene(current), mesh_factors=factors)
     better = None
-    if known.references:
+    if known.references and judged is None:
         scene_before = replace_components(start, {**known.chosen, **known.references})
         plan = plan_scene(scene_before)
         other = dataclasses.replace(
@@ -306,26 +383,32 @@ def _repeat_search(scene: Scene, known: Remembered, run_round: RunRound) -> Accu
         parts = {name: plan.components[name] for name in known.references}
         better = BetterBodies(other.parts, parts, {})
     return AccuracySearch(
-        dataclasses.replace(
-            current,
-            analyses=scene.analyses,
-            model_errors=scene.model_errors,
-            interface_errors=scene.interface_errors,
-        ),
+        _restore_requests(current, scene),
         state,
         known.answer,
         better=better,
         mesh_factors=factors,
+        judged=judged,
+    )
+
+
+def _without_judgements(scene: Scene) -> Scene:
+    """A scene with the analyses that errors are estimated of, and nothing else."""
+    return dataclasses.replace(
+        scene,
+        analyses=_round_analyses(scene.analyses),
+        model_errors=False,
+        interface_errors=False,
     )
 
 
 def _choose_models(
-    state: RunState, ours: Sequence[str], accuracy: float, note: Note
+    refined: _Refined, ours: Sequence[str], accuracy: float, note: Note
 ) -> ModelChoice:
     """The cheapest models within an accuracy, on rank 0."""
-    counted = count_safely(list_quantities(state), {})
+    estimated = weigh_components(list_quantities(refined.state), refined.mesh_factors)
     with measure() as cost:
-        found = choose_models(state, ours, counted, accuracy)
+        found = choose_models(refined.state, ours, count_safely(estimated, {}), accuracy)
     note(
         Stage("models", None, "the cheapest models within the accuracy"),
         f"{found.worst} within {show_share(found.error)}",

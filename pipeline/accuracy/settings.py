@@ -34,8 +34,9 @@ COARSE_ACCURACY = 0.03
 FEWEST_ALONG = 3
 MOST_ACROSS = 40
 # hexes between the edges of small patches, for accuracies of one percent and more
-ROUGH_ACCURACY, ROUGH_ALONG, ROUGH_ACROSS, MOST_ROUGH_HEXES, FLAT = 0.01, 7, 2, 600, 1.6
-LEAST_ROUGH_RATIO = 0.15  # of the error wanted: beyond, tetrahedra graded from rims are cheaper
+ROUGH_ACCURACY, ROUGH_ACROSS, MOST_ROUGH_HEXES, FLAT = 0.01, 2, 600, 1.6
+# along the longest side: for an accuracy, and for a finer one, from which a second round is needed
+ROUGH_ALONG, FINE_ALONG, FINE_ACCURACY = 7, 8, 0.03
 PATCHES_ADD = 2.0  # hexes that patches may add by their grid lines before tetrahedra pay
 COARSER_THAN_RULE = 3.0
 # a column with two rigid faces: 0.6 % off with modes up to 3 times the wanted range, 1.5 % with 2
@@ -102,7 +103,11 @@ def suits_polynomials(component: Component) -> bool:
 
 
 def start_component(
-    component: Component, accuracy: float, modes_to_hz: float | None, *, rough: bool = False
+    component: Component,
+    accuracy: float,
+    modes_to_hz: float | None,
+    *,
+    rough_for: float | None = None,
 ) -> Component:
     """A component with the cheapest settings that are likely to do.
 
@@ -110,14 +115,15 @@ def start_component(
         component: Elastic, or of polynomials.
         accuracy: Relative error allowed.
         modes_to_hz: Up to where fixed-interface modes are kept; None for a count of the planner's.
-        rough: An even grid along the edges of small patches will do, too.
+        rough_for: Accuracy of the machine for which an even grid along the edges of small patches
+            will do, too; None for none.
     """
     reduction = dataclasses.replace(component.reduction, modes_to_hz=modes_to_hz, modes=None)
     if isinstance(component.solid, MeshFile):
         return dataclasses.replace(component, reduction=reduction)
     if component.fidelity == "polynomial":
         return dataclasses.replace(component, reduction=reduction, mesh=MeshSettings())
-    mesh = _rough_grid(component) if rough else None
+    mesh = None if rough_for is None else _rough_grid(component, rough_for)
     return dataclasses.replace(
         component, reduction=reduction, mesh=mesh or _start_mesh(component, accuracy)
     )
@@ -152,10 +158,13 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
         )
     )
     finer = _shrink(component, mesh, step)
-    if _is_rough(component) and (
-        ratio < LEAST_ROUGH_RATIO
-        or count_hexes(component, finer.size or 0.0, finer.across_patches) > 2 * MOST_ROUGH_HEXES
-    ):
+    hexes = (
+        count_hexes(component, finer.size or 0.0, finer.across_patches)
+        if _is_rough(component)
+        else 0
+    )
+    if hexes > 2 * MOST_ROUGH_HEXES:
+        # beyond, tetrahedra graded from rims are cheaper
         finer = _start_mesh(component, COARSE_ACCURACY)
     return dataclasses.replace(component, mesh=finer)
 
@@ -259,7 +268,7 @@ def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
     )
 
 
-def _rough_grid(component: Component) -> MeshSettings | None:
+def _rough_grid(component: Component, accuracy: float) -> MeshSettings | None:
     """Hexes between the edges of patches that are too small for the usual rule, where they are few:
     cheaper than the start of a mesh generator. None where they are not.
     """
@@ -268,7 +277,8 @@ def _rough_grid(component: Component) -> MeshSettings | None:
     if not isinstance(solid, Box) or any(patch.shape == "disk" for patch in patches):
         return None
     thinnest = min(solid.size)
-    size = _round(_not_single(max(solid.size) / ROUGH_ALONG, thinnest))
+    along = FINE_ALONG if accuracy <= FINE_ACCURACY else ROUGH_ALONG
+    size = _round(_not_single(max(solid.size) / along, thinnest))
     if _narrowest_patch(component) >= size:
         return None
     if count_hexes(component, size, ROUGH_ACROSS) > MOST_ROUGH_HEXES:

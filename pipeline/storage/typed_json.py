@@ -21,12 +21,12 @@ AnyArray = NDArray[Any]
 type Coded = str | float | bool | None | list[Coded] | dict[str, Coded]
 
 
-def encode_value(value: object, keep: Callable[[AnyArray], str]) -> Coded:
+def encode_value(value: object, keep: Callable[[AnyArray], str] | None = None) -> Coded:
     """A value as JSON has it.
 
     Args:
         value: A dataclass, or anything it may hold.
-        keep: Stores a large array and returns where.
+        keep: Stores a large array and returns where; without it all arrays are in the text.
 
     Raises:
         TypeError: A kind of value that has no place in a file.
@@ -60,16 +60,27 @@ def encode_value(value: object, keep: Callable[[AnyArray], str]) -> Coded:
     raise TypeError(f"a {type(value).__name__} has no place in a file of results")
 
 
-def _encode_array(array: AnyArray, keep: Callable[[AnyArray], str]) -> Coded:
-    if array.size > LARGE:
+def _encode_array(array: AnyArray, keep: Callable[[AnyArray], str] | None) -> Coded:
+    if keep is not None and array.size > LARGE:
         return {"stored": keep(array)}
     flat = np.ascontiguousarray(array).ravel()
     values = flat.astype(complex).view(float) if array.dtype.kind == "c" else flat
     return {"array": [array.dtype.str, list(array.shape), list(values.tolist())]}
 
 
+def fetch_nothing(name: str) -> AnyArray:
+    """Of a text that holds all its arrays.
+
+    Raises:
+        KeyError: Always.
+    """
+    raise KeyError(name)
+
+
 def decode_value(
-    coded: Coded, classes: Mapping[str, type[Any]], fetch: Callable[[str], AnyArray]
+    coded: Coded,
+    classes: Mapping[str, type[Any]],
+    fetch: Callable[[str], AnyArray] = fetch_nothing,
 ) -> Any:
     """What ``encode_value`` made JSON of.
 

@@ -48,7 +48,7 @@ from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_fr
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.mode_pairing import ModeSet, pair_modes
 from headstock.solvers.second_order import Channel, ComplexArray, input_columns, output_rows
-from headstock.validation.coverage.parts import PRODUCT, CoveragePart, draw_part
+from headstock.validation.coverage.parts import FIRST_HEX, PRODUCT, CoveragePart, draw_part
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
 
 # modes of a judged mesh, and of the true one among which theirs are sought
@@ -68,10 +68,14 @@ SURE = 0.1  # of ±: what may be unknown of a truth that is to judge it
 JUDGED_LINES = (
     0.5  # of the visible lines of a response: with fewer that are sure enough it is set aside
 )
-CASE, SMOKE = "coverage", "coverage-smoke"
+CASE, HEX_CASE, SMOKE = "coverage", "coverage-hex", "coverage-smoke"
 # factors were fitted on the first parts; the others were drawn and kept apart before that, a
 # product's part joined them
 CALIBRATION, HOLD_OUT = range(24), (*range(24, 48), PRODUCT)
+HEX_CALIBRATION, HEX_HOLD_OUT = (
+    range(FIRST_HEX, FIRST_HEX + 9),
+    range(FIRST_HEX + 9, FIRST_HEX + 24),
+)
 SMOKE_PARTS = (8, 15)
 COVERED = 0.95
 LARGEST_MEDIAN = 3.0
@@ -291,6 +295,14 @@ def check_coverage() -> list[ValidationRow]:
     return [
         *_judge(CASE, "fitted on", _cover(CALIBRATION)),
         *_judge(CASE, "held out", _cover(HOLD_OUT)),
+    ]
+
+
+def check_hex_coverage() -> list[ValidationRow]:
+    """The same on coarse hexahedra between the edges of patches, as searches begin with."""
+    return [
+        *_judge(HEX_CASE, "fitted on", _cover(HEX_CALIBRATION)),
+        *_judge(HEX_CASE, "held out", _cover(HEX_HOLD_OUT)),
     ]
 
 

@@ -31,6 +31,8 @@ MATERIALS = (
 FIXED = tuple(range(6))
 PRODUCT, PRODUCT_KIND = 48, "product STEP"  # the seed of a bracket of a real product
 BRACKET = Path(__file__).resolve().parents[1] / "tests" / "data" / "support.step"
+# seeds of hexahedra between the edges of patches, as searches for an accuracy begin with
+FIRST_HEX = 1000
 WALLS = 2.2  # thicknesses of a wall: flat tetrahedra that are wider than about three are stiff
 CLAMP = "clamp"
 Random = np.random.Generator
@@ -70,6 +72,7 @@ class _Drawn:
         hex: Hexahedra.
         order: Of the elements.
         graded: Elements grow from the rims.
+        across: Elements across patches of the judged meshes, at least.
     """
 
     solid: Solid
@@ -81,6 +84,7 @@ class _Drawn:
     hex: bool = False
     order: int = 2
     graded: bool = False
+    across: tuple[int, int] = (MeshSettings().across_patches,) * 2
 
 
 def draw_part(seed: int, folder: Path) -> CoveragePart:
@@ -91,8 +95,11 @@ def draw_part(seed: int, folder: Path) -> CoveragePart:
         folder: Where STEP files are written.
     """
     random = np.random.default_rng([20240517, seed])
-    kind = PRODUCT_KIND if seed == PRODUCT else list(KINDS)[seed % len(KINDS)]
-    drawn = (_product if seed == PRODUCT else KINDS[kind])(random, folder / f"part_{seed}.step")
+    kinds = (
+        {PRODUCT_KIND: _product} if seed == PRODUCT else KINDS if seed < FIRST_HEX else HEX_KINDS
+    )
+    kind = list(kinds)[seed % len(kinds)]
+    drawn = kinds[kind](random, folder / f"part_{seed}.step")
     material = MATERIALS[random.integers(len(MATERIALS))]
     interfaces = {
         "foot": Interface("foot", drawn.foot, "rigid" if random.random() < 0.6 else "average"),
@@ -126,8 +133,9 @@ def draw_part(seed: int, folder: Path) -> CoveragePart:
             allow_locking=drawn.order == 1,
             growth=0.5 if drawn.graded else None,
             rim_size=0.3 * share * drawn.extent if drawn.graded else None,
+            across_patches=across,
         )
-        for share in drawn.shares
+        for share, across in zip(drawn.shares, drawn.across, strict=True)
     )
     fine = drawn.fine * drawn.extent
     reference = MeshSettings(size=fine, growth=0.3, rim_size=0.1 * fine, across_patches=10)
@@ -338,6 +346,43 @@ KINDS: dict[str, Callable[[Random, Path], _Drawn]] = {
     "round STEP": _round_step,
     "milled STEP": _milled_step,
     "graded": _graded_block,
+}
+
+
+def _hex_pads(random: Random, file: Path) -> _Drawn:
+    """A block on its foot or on four pads, loaded at a patch of its side or of its end."""
+    drawn = _block(random, file)
+    if not isinstance(drawn.solid, Box):
+        raise TypeError("a block is a box")
+    x, y, z = drawn.solid.size
+    a, b = random.uniform(0.25, 0.7, 2)
+    pads = tuple(
+        _rect("z-", (s * 0.25 * x, t * 0.25 * y, 0.0), (0.3 * x, 0.3 * y))
+        for s in (-1, 1)
+        for t in (-1, 1)
+    )
+    foot = pads if random.random() < 0.5 else _whole("z-")
+    if random.random() < 0.5:
+        height = _range(random, 0.6, 0.85) * z
+        tip = _rect("x+", (x / 2, 0.0, height), (round(a * y, 4), round(0.3 * b * z, 4)))
+    else:
+        tip = _rect("z+", (0.1 * x, 0.0, z), (round(a * x, 4), round(b * y, 4)))
+    return _grid(dataclasses.replace(drawn, foot=foot, tip=(tip,), shares=(0.16, 0.09)))
+
+
+def _grid(drawn: _Drawn) -> _Drawn:
+    """Hexahedra with few elements across patches."""
+    return dataclasses.replace(drawn, hex=True, across=(2, 4))
+
+
+HEX_KINDS: dict[str, Callable[[Random, Path], _Drawn]] = {
+    "hex whole faces": lambda random, file: _grid(_hex_block(random, file)),
+    "hex pads": _hex_pads,
+    "hex plate": lambda random, file: _grid(
+        dataclasses.replace(_plate(random, file), shares=(0.14, 0.08))
+    ),
+    "hex sheet": lambda random, file: _grid(_sheet(random, file)),
+    "hex more pads": _hex_pads,
 }
 
 

@@ -6,7 +6,7 @@ with models and meshes that somebody would try by hand.
 import dataclasses
 import hashlib
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +19,12 @@ import headstock.pipeline
 import headstock.reduction
 import headstock.solvers
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Component, Fidelity
+from headstock.geometry.parts.components import (
+    Component,
+    Fidelity,
+    MeshSettings,
+    ReductionSettings,
+)
 from headstock.pipeline.accuracy.rounds import replace_components
 from headstock.pipeline.accuracy.settings import start_component
 from headstock.pipeline.results.results import Results
@@ -40,6 +45,19 @@ MODES_TO = 6.0 * HIGHEST_HZ
 HAND_MESHES = (0.05, 0.01)
 HAND_SEGMENTS = 8
 KEPT, TIMES, CHEAP = 0.95, 2.0, 0.75
+
+
+@dataclass(frozen=True, eq=False)
+class MachinesBeside:
+    """What a machine with a stated accuracy is compared with.
+
+    Attributes:
+        truth: Numbers of fine finite elements, by kind, pose and point.
+        by_hand: What was tried by hand to its largest true error and processor time [s].
+    """
+
+    truth: dict[str, FloatArray]
+    by_hand: dict[str, tuple[float, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,52 +93,95 @@ def check_model_choice_smoke() -> list[ValidationRow]:
 
 def _recall(seed: int) -> ChosenMachine:
     """A machine from the store where it is there: what was stopped goes on."""
+    with tempfile.TemporaryDirectory(prefix="headstock-choice-") as name:
+        folder, text = Path(name), draw_machine(seed)
+        scene = load_drawn(seed, folder)
+        # how settings are searched changes nothing of these
+        models = {
+            name: {body: _say_model(part) for body, part in parts.items()}
+            for name, parts in _list_beside(scene)
+        }
+        beside_key = _key(text, repr(models))
+        beside = _keep(beside_key, MachinesBeside, lambda: measure_beside(scene, folder))
+        pipeline, own = code_fingerprint(headstock.pipeline), Path(__file__).read_text()
+        return _keep(
+            _key(beside_key, pipeline, own),
+            ChosenMachine,
+            lambda: measure_choice(seed, scene, beside, folder),
+        )
+
+
+def _keep[T: MachinesBeside | ChosenMachine](
+    key: str, kind: type[T], measure: Callable[[], T]
+) -> T:
     store = Store(default_store_root())
-    layers = (
-        headstock.geometry,
-        headstock.meshing,
-        headstock.solvers,
-        headstock.reduction,
-        headstock.pipeline,
-    )
-    words = [
-        *(code_fingerprint(layer) for layer in layers),
-        Path(__file__).read_text(),
-        draw_machine(seed),
-    ]
-    key = hashlib.sha256("\0".join(words).encode()).hexdigest()
-    known = read_entry(store, key, ChosenMachine).value
-    if known is not None:
-        return known
-    with tempfile.TemporaryDirectory(prefix="headstock-choice-") as folder:
-        found = measure_choice(seed, ASKED[seed % len(ASKED)], Path(folder))
-    write_entry(store, key, found)
-    return found
+    known = read_entry(store, key, kind).value
+    if known is None:
+        known = measure()
+        write_entry(store, key, known)
+    return known
 
 
-def measure_choice(seed: int, asked: float, folder: Path) -> ChosenMachine:
+def load_drawn(seed: int, folder: Path) -> Scene:
+    """The machine of a seed, of which frequencies and compliances are asked for.
+
+    Args:
+        seed: Of the machine.
+        folder: For its file.
+    """
+    path = folder / "machine.toml"
+    path.write_text(draw_machine(seed))
+    scene = load_scene(path)
+    analyses = dataclasses.replace(scene.analyses, frf=None)
+    return dataclasses.replace(scene, analyses=analyses, model_errors=False)
+
+
+def _key(*words: str) -> str:
+    layers = headstock.geometry, headstock.meshing, headstock.solvers, headstock.reduction
+    own = "\0".join((*(code_fingerprint(layer) for layer in layers), *words))
+    return hashlib.sha256(own.encode()).hexdigest()
+
+
+def _say_model(part: Component) -> tuple[str, int, MeshSettings, ReductionSettings]:
+    return part.fidelity, part.segments.count, part.mesh, part.reduction
+
+
+def measure_beside(scene: Scene, folder: Path) -> MachinesBeside:
+    """The machine of fine finite elements, and those that somebody would try.
+
+    Args:
+        scene: Of the machine.
+        folder: For its files.
+    """
+    (_, fine), *tried = _list_beside(scene)
+    truth = _list_numbers(_run(replace_components(scene, fine), folder))
+    by_hand = {}
+    for name, parts in tried:
+        results = _run(replace_components(scene, parts), folder)
+        off = float(_deviate(_list_numbers(results), truth).max())
+        by_hand[name] = off, _cpu(results)
+    return MachinesBeside(truth, by_hand)
+
+
+def measure_choice(seed: int, scene: Scene, beside: MachinesBeside, folder: Path) -> ChosenMachine:
     """Errors and cost of a machine with a stated accuracy.
 
     Args:
         seed: Of the machine.
-        asked: Relative error allowed.
+        scene: Without an accuracy.
+        beside: What it is compared with.
         folder: For its files.
     """
-    path = folder / "machine.toml"
-    path.write_text(draw_machine(seed))
-    drawn = load_scene(path)
-    analyses = dataclasses.replace(drawn.analyses, frf=None)
-    scene = dataclasses.replace(drawn, analyses=analyses, model_errors=False)
-    truth = _run(_with_parts(scene, _fine(scene, TRUE_ACCURACY)), folder)
+    asked = ASKED[seed % len(ASKED)]
     goal = dataclasses.replace(scene, accuracy=AccuracyGoal(asked, models="all"))
     chosen = _run(goal, folder)
-    by_hand = {}
-    for name, parts in _tried_by_hand(scene):
-        tried = _run(_with_parts(scene, parts), folder)
-        by_hand[name] = float(_deviate(tried, truth).max()), _cpu(tried)
-    return ChosenMachine(
-        seed, asked, not chosen.failures, _deviate(chosen, truth), _cpu(chosen), by_hand
-    )
+    errors = _deviate(_list_numbers(chosen), beside.truth)
+    return ChosenMachine(seed, asked, not chosen.failures, errors, _cpu(chosen), beside.by_hand)
+
+
+def _list_beside(scene: Scene) -> Iterator[tuple[str, dict[str, Component]]]:
+    yield "truth", _fine(scene, TRUE_ACCURACY)
+    yield from _tried_by_hand(scene)
 
 
 def _tried_by_hand(scene: Scene) -> Iterator[tuple[str, dict[str, Component]]]:
@@ -150,10 +211,6 @@ def _fine(scene: Scene, accuracy: float) -> dict[str, Component]:
     }
 
 
-def _with_parts(scene: Scene, parts: Mapping[str, Component]) -> Scene:
-    return replace_components(scene, parts)
-
-
 def _run(scene: Scene, folder: Path) -> Results:
     """All stages with an empty store."""
     with tempfile.TemporaryDirectory(dir=folder) as place:
@@ -166,22 +223,27 @@ def _cpu(results: Results) -> float:
     return sum(record.cpu_seconds or 0.0 for record in results.stages)
 
 
-def _deviate(results: Results, truth: Results) -> FloatArray:
-    """Relative differences of frequencies, each beside that of the same place in order, and of
-    compliances.
-    """
-    pairs = []
-    for modes, exact in zip(results.modal, truth.modal, strict=True):
-        elastic = slice(exact.rigid_count, None)
-        # a rigid machine may have fewer modes
-        lacking = len(exact.frequencies_hz) - len(modes.frequencies_hz)
-        found = np.append(modes.frequencies_hz, np.full(lacking, np.inf))
-        pairs.append((found[elastic], exact.frequencies_hz[elastic]))
-    for pose, points in truth.static.items():
+def _list_numbers(results: Results) -> dict[str, FloatArray]:
+    """Elastic frequencies of each pose, and compliances of each point in its poses."""
+    found = {
+        f"modes {modes.pose.name}": modes.frequencies_hz[modes.rigid_count :]
+        for modes in results.modal
+    }
+    for pose, points in results.static.items():
         for name, point in points.items():
-            own = results.static[pose][name].compliance
-            pairs.append((np.diag(own)[:3], np.diag(point.compliance)[:3]))
-    return np.concatenate([np.abs(numbers / exact - 1.0) for numbers, exact in pairs])
+            found[f"static {pose} {name}"] = np.diag(point.compliance)[:3]
+    return found
+
+
+def _deviate(found: Mapping[str, FloatArray], truth: Mapping[str, FloatArray]) -> FloatArray:
+    """Relative differences of all numbers, frequencies in their order; a machine of rigid bodies may
+    have fewer.
+    """
+    padded = {
+        name: np.append(found[name], np.full(len(exact) - len(found[name]), np.inf))
+        for name, exact in truth.items()
+    }
+    return np.concatenate([np.abs(padded[name] / exact - 1.0) for name, exact in truth.items()])
 
 
 def _judge(case: str, machines: list[ChosenMachine]) -> list[ValidationRow]:

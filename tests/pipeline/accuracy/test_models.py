@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.pipeline.accuracy.models import add_change
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.estimates import MODEL
@@ -118,9 +119,20 @@ def test_a_short_column_stays_finite_elements(folder: Path) -> None:
     assert "segments it changes" in models["mast"].why
 
 
+def test_softer_models_lie_between_finite_elements_and_the_truth_stiffer_ones_do_not() -> None:
+    rng = np.random.default_rng(3)
+    for error, two_sided in rng.uniform(0.0, 0.02, (40, 2)):
+        for change in rng.uniform(-0.04, 0.04, 20):
+            # the truth is softer than finite elements by their error at most, curved faces aside
+            truths = np.linspace(-two_sided, error + two_sided, 50)
+            furthest = np.abs(change - truths).max()
+            assert furthest <= add_change(error + two_sided, two_sided, change) + 1e-12
+    assert add_change(0.02, 0.0, 0.015) == 0.02 and add_change(0.02, 0.0, -0.015) == 0.035
+
+
 CLAMPED = """
 name = "clamped"
-accuracy = "5 %"
+accuracy = "2 %"
 [materials.steel]
 E = "210 GPa"
 nu = 0.3

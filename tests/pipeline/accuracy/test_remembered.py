@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.pipeline import runner
+from headstock.pipeline.answers.estimates import MODEL
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
@@ -73,6 +75,25 @@ def test_the_second_run_computes_the_last_round_alone_and_says_so(tmp_path: Path
     assert len(told) == 1 and "earlier run" in told[0].stage.reason
     for name in ("modal", "static", "accuracy", "model_errors"):
         assert summarise(first)[name] == summarise(second)[name]
+
+
+def test_the_second_run_repeats_what_a_comparison_found_without_comparing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = run(tmp_path, "1 %")
+
+    def refuse(*args: object) -> None:
+        raise AssertionError("compared again")
+
+    monkeypatch.setattr(runner, "compare_models", refuse)
+    second = run(tmp_path, "1 %")
+    for found, again in zip(first.modal, second.modal, strict=True):
+        assert np.array_equal(found.frequencies_hz, again.frequencies_hz)
+        assert found.errors == again.errors
+        assert all(MODEL in error.shares for error in again.errors)
+    assert [warning for warning in first.warnings if warning not in second.warnings] == []
+    (told,) = [record for record in second.stages if record.stage.kind == "models"]
+    assert "elastic bodies in place of pole" in told.detail
 
 
 def test_another_scene_is_searched_again(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from headstock.geometry.parts.components import Component, Interface, Material, 
 from headstock.geometry.parts.solids import StepFile, Tube
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.meshing import mesh_component
+from headstock.meshing.elements.surface import extract_surface
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.estimates.frequency_errors import bound_frequency_errors, truncated_parts
@@ -31,7 +32,12 @@ from headstock.reduction.estimates.mesh_errors import (
 )
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.requests import ReductionRequest
-from headstock.solvers.elastic.discretisation_error import sees_errors
+from headstock.solvers.elastic.discretisation_error import (
+    SAFETY,
+    SINGLE_SAFETY,
+    mesh_safety,
+    sees_errors,
+)
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
 
@@ -122,7 +128,13 @@ def test_a_bar_of_single_thick_elements_says_that_nothing_is_known() -> None:
     )
     assert not sees_errors(single)
     assert sees_errors(double)
-    assert sees_errors(make_box((4, 6, 1), (0.3, 0.4, 0.01), {}, kind="hex27"))  # a sheet
+    sheet = make_box((4, 6, 1), (0.3, 0.4, 0.01), {}, kind="hex27")
+    assert sees_errors(sheet)
+    # who fills a wall alone needs more to cover what it does not see
+    factors = [
+        mesh_safety(mesh, extract_surface(mesh.cells, mesh.kind)) for mesh in (double, sheet)
+    ]
+    assert factors == [SAFETY["hex", 2], SINGLE_SAFETY] and factors[0] < factors[1]
     element = reduce_elastic(
         component, single, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=6))
     )

@@ -7,8 +7,15 @@ import numpy as np
 import pytest
 
 from headstock.validation.coverage import cases
-from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT, PartCoverage, measure_part
-from headstock.validation.coverage.parts import KINDS, draw_part
+from headstock.validation.coverage.cases import (
+    CALIBRATION,
+    HEX_CALIBRATION,
+    HEX_HOLD_OUT,
+    HOLD_OUT,
+    PartCoverage,
+    measure_part,
+)
+from headstock.validation.coverage.parts import HEX_KINDS, KINDS, draw_part
 from headstock.validation.references.rows import ValidationRow
 
 
@@ -35,6 +42,17 @@ def test_every_kind_of_part_is_in_both_halves_which_share_none() -> None:
     assert not set(CALIBRATION) & set(HOLD_OUT)
     for half in (CALIBRATION, HOLD_OUT):
         assert {seed % len(KINDS) for seed in half} == set(range(len(KINDS)))
+    assert not set(HEX_CALIBRATION) & set(HEX_HOLD_OUT)
+    for half in (HEX_CALIBRATION, HEX_HOLD_OUT):
+        assert {seed % len(HEX_KINDS) for seed in half} == set(range(len(HEX_KINDS)))
+
+
+def test_hexahedra_between_patches_are_coarse_and_then_finer(tmp_path: Path) -> None:
+    for seed in range(HEX_HOLD_OUT[0], HEX_HOLD_OUT[0] + len(HEX_KINDS)):
+        coarse, finer = draw_part(seed, tmp_path).meshes
+        assert coarse.cells == finer.cells == "hex"
+        assert (coarse.across_patches, finer.across_patches) == (2, 4)
+        assert coarse.size is not None and finer.size is not None and finer.size < coarse.size
 
 
 def test_a_seed_draws_the_same_part_again(tmp_path: Path) -> None:

@@ -10,6 +10,8 @@ from headstock.validation.machines.model_choice_cases import (
     CASE,
     ChosenMachine,
     _judge,
+    load_drawn,
+    measure_beside,
     measure_choice,
 )
 from headstock.validation.machines.model_estimate_cases import HOLD_OUT
@@ -23,7 +25,10 @@ def test_a_machine_of_three_bodies_keeps_five_percent(
     monkeypatch.setattr(model_choice_cases, "TRUE_ACCURACY", 0.01)
     monkeypatch.setattr(model_choice_cases, "MODES_TO", 1000.0)
     monkeypatch.setattr(model_choice_cases, "HAND_MESHES", ())
-    found = measure_choice(42, 0.05, tmp_path)
+    scene = load_drawn(42, tmp_path)
+    beside = measure_beside(scene, tmp_path)
+    found = measure_choice(42, scene, beside, tmp_path)
+    assert found.asked == 0.05
     assert found.met and 0.005 < found.errors.max() < 0.05
     # what is simpler by hand is much further off
     assert {name: error > 0.1 for name, (error, _) in found.by_hand.items()} == {

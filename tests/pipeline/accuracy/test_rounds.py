@@ -1,0 +1,70 @@
+"""What the next round refines: enough for every number, for the least processor time."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from headstock.geometry.parts.components import Component, Material
+from headstock.geometry.parts.solids import Box
+from headstock.pipeline.accuracy.quantities import Owner, Quantity
+from headstock.pipeline.accuracy.rounds import AIM, LEAST_RATIO, _wanted_ratios
+from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION
+
+STEEL = Material("steel", 210e9, 0.3, 7850.0)
+BASE = Component("base", Box((0.5, 0.4, 0.2)), STEEL)
+COLUMN = Component("column", Box((0.1, 0.1, 0.4)), STEEL)
+PARTS = {"base": BASE, "left": COLUMN, "right": dataclasses.replace(COLUMN, name="right")}
+MESH = {name: (name, DISCRETISATION) for name in PARTS}
+EQUAL = dict.fromkeys(PARTS, 1.0)
+
+
+def number(base: float, left: float, right: float = 0.0, key: str = "f1") -> Quantity:
+    parts = {MESH["base"]: base, MESH["left"]: left, MESH["right"]: right}
+    return Quantity(key, key, 100.0, parts)
+
+
+def left_over(quantity: Quantity, ratios: dict[Owner, float]) -> float:
+    return sum(ratios.get(owner, 1.0) * part for owner, part in quantity.parts.items())
+
+
+def test_numbers_that_just_miss_refine_the_body_at_fault_alone_and_no_further_than_needed() -> None:
+    just = number(0.028, 0.004)
+    ratios = _wanted_ratios([just, number(0.001, 0.001, key="f2")], 0.03, PARTS, EQUAL)
+    assert set(ratios) == {MESH["base"]}
+    assert 0.7 * AIM * 0.03 < left_over(just, ratios) <= AIM * 0.03
+
+
+def test_every_number_is_expected_to_be_right() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        numbers = [number(*rng.uniform(0.0, 0.02, 3), key=f"f{key}") for key in range(5)]
+        ratios = _wanted_ratios(numbers, 0.03, PARTS, EQUAL)
+        assert all(left_over(one, ratios) <= AIM * 0.03 for one in numbers if one.error > 0.03)
+
+
+def test_of_bodies_that_make_as_much_of_the_error_the_cheaper_one_is_refined() -> None:
+    even = number(0.017, 0.017)
+    cheap = _wanted_ratios([even], 0.03, PARTS, {**EQUAL, "base": 20.0})
+    assert set(cheap) == {MESH["left"], MESH["right"]}
+    assert set(_wanted_ratios([even], 0.03, PARTS, {**EQUAL, "left": 20.0})) == {MESH["base"]}
+
+
+def test_equal_bodies_are_refined_alike() -> None:
+    ratios = _wanted_ratios([number(0.0, 0.05, 0.01)], 0.03, PARTS, EQUAL)
+    assert ratios[MESH["left"]] == ratios[MESH["right"]] < 1.0
+
+
+def test_no_body_is_refined_further_than_one_round_can() -> None:
+    ratios = _wanted_ratios([number(0.9, 0.1)], 0.01, PARTS, EQUAL)
+    assert min(ratios.values()) > 0.7 * LEAST_RATIO
+
+
+def test_a_part_without_a_bound_is_refined_whatever_it_costs() -> None:
+    unknown = Quantity("f1", "f1", 100.0, {("base", REDUCTION): np.inf, MESH["left"]: 0.001})
+    assert _wanted_ratios([unknown], 0.03, PARTS, EQUAL) == {("base", REDUCTION): 0.0}
+
+
+def test_numbers_that_are_right_ask_for_nothing() -> None:
+    assert _wanted_ratios([number(0.01, 0.01)], 0.03, PARTS, EQUAL) == {}
+    assert number(0.01, 0.01).error == pytest.approx(0.02)
