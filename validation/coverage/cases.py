@@ -72,6 +72,10 @@ CASE, SMOKE = "coverage", "coverage-smoke"
 # factors were fitted on the first parts; the others were drawn and kept apart before that, a
 # product's part joined them
 CALIBRATION, HOLD_OUT = range(24), (*range(24, 48), PRODUCT)
+FRESH, NEW_PARTS = (
+    PRODUCT + 1,
+    24,
+)  # first seed of no part above, and how many are drawn from one on
 SMOKE_PARTS = (8, 15)
 COVERED = 0.95
 LARGEST_MEDIAN = 3.0
@@ -292,6 +296,16 @@ def check_coverage() -> list[ValidationRow]:
         *_judge(CASE, "fitted on", _cover(CALIBRATION)),
         *_judge(CASE, "held out", _cover(HOLD_OUT)),
     ]
+
+
+def cover_new_parts(first: int) -> list[ValidationRow]:
+    """Coverage on parts that nothing was fitted on or judged with before.
+
+    Args:
+        first: Seed of the first of them, ``FRESH`` at least.
+    """
+    seeds = range(first, first + NEW_PARTS)
+    return _judge(CASE, f"new, seeds {seeds[0]} to {seeds[-1]}", _cover(seeds))
 
 
 def check_coverage_smoke() -> list[ValidationRow]:
