@@ -180,8 +180,9 @@ def _radial_polynomials(zeros: int, waves: int, hole: float, squares: FloatArray
         return np.polynomial.legendre.legvander((2.0 * at - low - high) / (high - low), zeros)
 
     own = 0.5 * (low + high) + 0.5 * (high - low) * nodes
-    triangle = np.linalg.qr(np.sqrt(0.5 * weights * own**waves)[:, None] * powers(own), mode="r")
-    triangle *= np.where(np.diag(triangle) < 0.0, -1.0, 1.0)[:, None]
+    weighted = np.sqrt(0.5 * weights * own**waves)[:, None] * powers(own)
+    triangle = np.asarray(np.linalg.qr(weighted)[1])
+    triangle = np.where(np.diag(triangle) < 0.0, -1.0, 1.0)[:, None] * triangle
     found = scipy.linalg.solve_triangular(triangle, powers(squares).T, trans="T")
     return np.asarray(found.T)
 
