@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray, rigid_map
+from headstock.geometry.parts.patches import Outline
 from headstock.reduction.patch_shapes import (
-    Outline,
     PatchShapes,
     count_shapes,
     gauss_rule,
