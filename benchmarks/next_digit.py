@@ -33,6 +33,14 @@ DYNAMICS = (
     'studies.cost.set={"analyses.frf" = { inputs = ["tcp"], to = "300 Hz", poses = ["reference"] }, '
     '"analyses.modal" = false, "analyses.static" = false, "analyses.path.on_request" = false}',
 )
+# nine even steps up to 300 Hz, the first of them 0 Hz
+LINES = (
+    'studies.cost.watch=["frf.reference.drive_points[0].lines_um_per_kN[1:9]", '
+    '"frf.reference.drive_points[1].lines_um_per_kN[1:9]", '
+    '"frf.reference.drive_points[2].lines_um_per_kN[1:9]"]',
+    'studies.cost.set={"analyses.frf" = { inputs = ["tcp"], to = "300 Hz", poses = ["reference"] }, '
+    '"analyses.modal" = false, "analyses.static" = false}',
+)
 HEAD = """# What the next digit costs
 
     ./headstock exec python3 benchmarks/next_digit.py --page
@@ -53,7 +61,8 @@ class Case:
         title: On the page.
         scene: File, from the root of the project.
         settings: ``key=value`` of the scene that are other than in the file.
-        timed: The automatic choice for the scene as it stands is timed by ranks and threads.
+        timed: The automatic choice is timed by ranks and threads.
+        variant: Of the scene, for that.
     """
 
     name: str
@@ -61,6 +70,7 @@ class Case:
     scene: str
     settings: tuple[str, ...] = ()
     timed: bool = True
+    variant: str = ""
 
 
 CASES = (
@@ -83,10 +93,17 @@ CASES = (
         timed=False,
     ),
     Case(
+        "three_axis_lines",
+        "Three-axis machine: 24 lines of the frequency response at the tool",
+        "machines/three_axis.toml",
+        LINES,
+        timed=False,
+    ),
+    Case(
         "tripteor",
         "Legs of the Tripteor: six frequencies",
         "machines/tripteor.toml",
-        timed=False,  # they are elastic in a variant only
+        variant="elastic_legs",
     ),
     Case(
         "step_column",
@@ -151,6 +168,7 @@ def _time_teams(case: Case, folder: Path) -> None:
                 "HEADSTOCK_THREADS": str(threads),
             }
             words = [case.scene, "--accuracy", "1%", "--no-figures", "-o", f"{place}/out"]
+            words += ["--variant", case.variant] if case.variant else []
             begin = time.perf_counter()
             done = subprocess.run(
                 [str(PROJECT / "headstock"), "run", *words, "--ranks", str(ranks)],

@@ -8,10 +8,18 @@ from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
 from headstock.solvers.ranks import make_on_root
+<<<<<<< HEAD
 from headstock.validation.coverage.cases import (
     check_coverage,
     check_coverage_smoke,
     check_hex_coverage,
+=======
+from headstock.validation.coverage.cases import FRESH as FRESH_PARTS
+from headstock.validation.coverage.cases import (
+    check_coverage,
+    check_coverage_smoke,
+    cover_new_parts,
+>>>>>>> faces
 )
 from headstock.validation.machines.accuracy_cases import (
     check_beam_accuracy,
@@ -38,9 +46,11 @@ from headstock.validation.machines.model_choice_cases import (
     check_model_choice,
     check_model_choice_smoke,
 )
+from headstock.validation.machines.model_estimate_cases import FRESH as FRESH_MACHINES
 from headstock.validation.machines.model_estimate_cases import (
     check_model_estimates,
     check_model_estimates_smoke,
+    compare_new_machines,
 )
 from headstock.validation.machines.path_cases import check_path_roads, check_path_test
 from headstock.validation.machines.response_estimate_cases import (
@@ -141,6 +151,8 @@ class Case:
         title: One line.
         compute: Collective function that returns the rows.
         on_request: Takes so long that it runs only when it is named itself.
+        draw: Computes rows of what is drawn from a seed on, for cases that draw what they compare.
+        fresh: Lowest seed for that: the case or its calibration has used those below.
     """
 
     name: str
@@ -148,6 +160,8 @@ class Case:
     title: str
     compute: CaseFunction
     on_request: bool = False
+    draw: Callable[[int], list[ValidationRow]] | None = None
+    fresh: int = 0
 
 
 def on_root(compute: Callable[[], list[ValidationRow]]) -> CaseFunction:
@@ -292,6 +306,8 @@ CASES: tuple[Case, ...] = (
         "how often ± covers the truth, over 49 parts",
         on_root(check_coverage),
         on_request=True,
+        draw=cover_new_parts,
+        fresh=FRESH_PARTS,
     ),
     Case(
         "coverage-hex",
@@ -307,6 +323,8 @@ CASES: tuple[Case, ...] = (
         "what rigid and segmented bodies leave out, over 32 machines",
         on_root(check_model_estimates),
         on_request=True,
+        draw=compare_new_machines,
+        fresh=FRESH_MACHINES,
     ),
     Case(
         "model-estimates-smoke",
@@ -618,11 +636,28 @@ def select_cases(names: Sequence[str]) -> list[Case]:
     ]
 
 
+class SeedError(ValueError):
+    """A seed that a case cannot begin to draw at."""
+
+
+def _from_seed(case: Case, seed: int) -> CaseFunction:
+    if case.draw is None:
+        drawn = ", ".join(each.name for each in CASES if each.draw is not None)
+        raise SeedError(f"{case.name} draws nothing; a seed is for {drawn}")
+    if seed < case.fresh:
+        raise SeedError(
+            f"{case.name}: seeds below {case.fresh} were used before; write --seed {case.fresh} or more"
+        )
+    draw = case.draw
+    return on_root(lambda: draw(seed))
+
+
 def run_validation(
     names: Sequence[str],
     *,
     comm: MPI.Comm,
     on_case: Callable[[Case, list[ValidationRow]], None] | None = None,
+    seed: int | None = None,
 ) -> list[ValidationRow]:
     """Compute the rows of cases and groups.
 
@@ -633,14 +668,19 @@ def run_validation(
         names: Cases or groups; empty for all.
         comm: Communicator of the computations; collective.
         on_case: Called after each case, for progress.
+        seed: Of the first part or machine that is drawn in place of those of the case; None for
+            those.
 
     Raises:
         UnknownCaseError: A name is neither a case nor a group.
+        SeedError: A case draws nothing, or has used the seed.
     """
     rows: list[ValidationRow] = []
-    for case in select_cases(names):
+    cases = select_cases(names)
+    computations = [case.compute if seed is None else _from_seed(case, seed) for case in cases]
+    for case, compute in zip(cases, computations, strict=True):
         try:
-            found = case.compute(comm)
+            found = compute(comm)
         except HeadstockError as error:
             found = [failed_computation(case.name, f"{type(error).__name__}: {error}")]
         if on_case is not None:

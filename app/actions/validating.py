@@ -17,7 +17,7 @@ from headstock.app.actions.running import require_ranks
 from headstock.app.terminal.console import make_console, print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
-from headstock.validation.case_registry import Case, UnknownCaseError, run_validation
+from headstock.validation.case_registry import Case, SeedError, UnknownCaseError, run_validation
 from headstock.validation.references.rows import ValidationRow, rows_as_json
 
 QUANTITY = 38
@@ -94,6 +94,7 @@ def validate_cases(
     ranks: int | None,
     comm: MPI.Comm,
     output: Path | None = None,
+    seed: int | None = None,
 ) -> int:
     """Compute the rows of cases and groups, print them, draw what has a figure, and fail when a row
     falls short.
@@ -104,9 +105,10 @@ def validate_cases(
         ranks: How many ranks were asked for.
         comm: Of all ranks.
         output: Folder for figures of cases.
+        seed: Where cases that draw what they compare begin; None for what they compare as a rule.
 
     Raises:
-        click.UsageError: A name is unknown.
+        click.UsageError: A name is unknown, or a case cannot begin at the seed.
     """
     require_ranks(ranks, comm)
     console = make_console(stderr=True)
@@ -123,8 +125,8 @@ def validate_cases(
         claim_output(output) if output is not None and comm.rank == 0 else contextlib.nullcontext()
     ):
         try:
-            rows = run_validation(names, comm=comm, on_case=report_progress)
-        except UnknownCaseError as error:
+            rows = run_validation(names, comm=comm, on_case=report_progress, seed=seed)
+        except (UnknownCaseError, SeedError) as error:
             raise click.UsageError(str(error)) from error
         if comm.rank == 0:
             print_validation(make_console(), rows)

@@ -132,6 +132,14 @@ def validate(
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help="Folder for figures of cases."),
     ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=0,
+            help="Compare what is drawn from this seed on (coverage, model-estimates): what no factor was fitted on.",
+        ),
+    ] = None,
     json: JsonFile = None,
     ranks: Ranks = None,
     debug: Debug = False,
@@ -141,7 +149,7 @@ def validate(
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.actions.validating import validate_cases
 
-        return validate_cases(cases or [], json, ranks, comm, output)
+        return validate_cases(cases or [], json, ranks, comm, output, seed)
 
     return run_guarded(action, debug=debug)
 

@@ -1,4 +1,4 @@
-"""Faces of planar solids and the areas of patches on them, in closed form."""
+"""Faces of planar solids and tubes, and the areas of patches on them, in closed form."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -7,7 +7,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Patch
-from headstock.geometry.parts.solids import Box, HollowColumn, Plate
+from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Tube
 
 PlanarSolid = Box | Plate | HollowColumn
 Span = tuple[float, float]
@@ -34,6 +34,40 @@ class PlanarFace:
     axis: int
     position: float
     rects: tuple[Rect, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """The area of a patch.
+
+    Attributes:
+        half_lengths: ``(2,)`` of the rectangle around it along the two in-plane axes in the order x
+            y z [m]; of a disk or a ring its radius, twice.
+        hole: Radius of the hole of a ring over its own, 0 for a disk; None for a rectangle.
+    """
+
+    half_lengths: FloatArray
+    hole: float | None = None
+
+    @property
+    def area(self) -> float:
+        """Of the patch [m^2]."""
+        product = float(np.prod(self.half_lengths))
+        return 4.0 * product if self.hole is None else np.pi * (1.0 - self.hole**2) * product
+
+    @property
+    def reach(self) -> float:
+        """From its middle to its rim at most [m]."""
+        half = self.half_lengths
+        return float(np.hypot(*half) if self.hole is None else half[0])
+
+    def __str__(self) -> str:
+        first, second = 2e3 * self.half_lengths
+        if self.hole is None:
+            return f"{first:.6g} x {second:.6g} mm"
+        if not self.hole:
+            return f"a disk of {first:.6g} mm"
+        return f"a ring of {first:.6g} and {first * self.hole:.6g} mm"
 
 
 def in_plane_axes(axis: int) -> tuple[int, int]:
@@ -154,20 +188,33 @@ def patch_rects(face: PlanarFace, patch: Patch) -> list[Rect] | None:
     return [r for r in cut if r[0] < r[1] and r[2] < r[3]]
 
 
-def patch_extents(solid: object, patch: Patch) -> tuple[float, float] | None:
-    """Sides of the rectangle around a patch along the in-plane axes in the order x y z [m]; None
-    where only a mesh knows the face.
+def patch_outline(solid: object, patch: Patch) -> Outline | None:
+    """The area of a patch as it is written; None where only a mesh knows the face.
+
+    Args:
+        solid: Of the component. The end of a tube is a ring, or a disk.
+        patch: On one face.
     """
     if patch.shape == "rect":
-        return patch.size[0], patch.size[1]
+        return Outline(0.5 * np.array(patch.size))
+    on_end = isinstance(solid, Tube) and patch.face in ("z-", "z+")
+    if isinstance(solid, Tube) and on_end and patch.shape == "whole":
+        return _circle(solid.outer_diameter, solid.inner_diameter)
     if patch.shape == "disk":
-        return patch.size[0], patch.size[0]
+        on_axis = on_end and not np.any(patch.center[:2])
+        return _circle(
+            patch.size[0], solid.inner_diameter if isinstance(solid, Tube) and on_axis else 0.0
+        )
     face = named_planar_face(solid, patch.face) if isinstance(solid, PlanarSolid) else None
     rects = None if face is None else patch_rects(face, patch)
     if not rects:
         return None
     edges = np.array(rects)
-    return float(np.ptp(edges[:, :2])), float(np.ptp(edges[:, 2:]))
+    return Outline(0.5 * np.array([np.ptp(edges[:, :2]), np.ptp(edges[:, 2:])]))
+
+
+def _circle(diameter: float, hole: float) -> Outline:
+    return Outline(np.full(2, 0.5 * diameter), hole / diameter)
 
 
 def imprint_window(axis: int, patch: Patch) -> Rect:

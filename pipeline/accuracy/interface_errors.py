@@ -4,7 +4,7 @@ deformation shapes in both forms, and the small coupled machines are compared.
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -15,11 +15,13 @@ from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import CouplingKind
 from headstock.pipeline.answers.estimates import INTERFACE, Estimate, combine_estimates, show_share
+from headstock.pipeline.answers.frf import DrivePointFigures, PoseResponse
 from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer, JointShapes
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
 from headstock.pipeline.planning.interfaces import GluedJoint, find_glued_joints, give_shapes
 from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.stages.frf import frequency_grid, prepare_response
 from headstock.pipeline.stages.machine import CoupledPose, couple_pose
 from headstock.pipeline.stages.run_state import (
     MachineParts,
@@ -29,7 +31,11 @@ from headstock.pipeline.stages.run_state import (
 )
 from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.reduction.coupling.coupling import couple
-from headstock.reduction.estimates.interface_errors import shape_energies
+from headstock.reduction.estimates.interface_errors import (
+    FormResponse,
+    bound_response_changes,
+    shape_energies,
+)
 from headstock.reduction.estimates.model_errors import (
     WatchedModes,
     compare_modes,
@@ -39,7 +45,15 @@ from headstock.reduction.estimates.model_errors import (
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, place_motion
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.frequency_response import (
+    FrfModel,
+    StabilityFigures,
+    evaluate_frf,
+    find_peaks,
+    find_stability_figures,
+)
 from headstock.solvers.ranks import SharedFailure, make_on_root
+from headstock.solvers.second_order import Channel
 
 STRONG: CouplingKind = "rigid"
 WEAK: CouplingKind = "average"
@@ -67,8 +81,8 @@ class ShapedMachines:
 
 
 def run_interfaces_stage(state: RunState, stage: Stage) -> Outcome:
-    """Compare frequencies and compliances with those of the machine whose rigid joints have
-    deformation shapes; collective.
+    """Compare frequencies, compliances and responses with those of the machine whose rigid joints
+    have deformation shapes; collective.
 
     The strong form is too stiff, the weak one too soft: what is further from a number is how far it
     may be off.
@@ -206,19 +220,22 @@ class _Machines:
         return watch_modes(self.at(kind, pose).coupled, self.places, motions, count=count)
 
     def split(self, pose: Pose, motions: FloatArray, size: float) -> dict[str, float]:
-        """Parts of a bound by joint, as their shapes hold energy in a motion ``(n, 1)`` of the
-        machine in the strong form.
+        """Parts of a bound by joint, as their shapes hold energy in motions ``(n, m)`` of the
+        machine in the strong form, all together.
         """
         machine = self.parts.scene.machine
         joints = {joint.name: machine.joints[joint.name] for joint in self.shaped.joints}
         energies = shape_energies(self.at(STRONG, pose).coupled, joints, motions)
-        return split_change(size, {name: float(energy[0]) for name, energy in energies.items()})
+        return split_change(size, {name: float(energy.sum()) for name, energy in energies.items()})
 
 
 def judge_interfaces(state: RunState, shaped: ShapedMachines) -> Outcome:
-    """Put what shapes change into the ± of the frequencies and compliances of a run; on rank 0."""
+    """Put what shapes change into the ± of the frequencies, compliances and responses of a run; on
+    rank 0.
+    """
     machines = _Machines(state.parts, shaped)
     shares: dict[str, dict[str, float]] = {}
+    lines: dict[str, dict[str, float]] = {}
     lost: list[str] = []
     several = len(state.plan.poses) > 1
     for place, answer in enumerate(state.answers if shaped.joints else ()):
@@ -228,14 +245,19 @@ def judge_interfaces(state: RunState, shaped: ShapedMachines) -> Outcome:
         elif isinstance(answer, StaticAnswer):
             words = f" in pose {answer.pose}" if several else ""
             state.answers[place] = _judge_compliances(machines, answer, shares, words)
+        elif isinstance(answer, PoseResponse):
+            words = f" in pose {answer.curves.pose}" if several else ""
+            state.answers[place] = _judge_response(machines, answer, lines, words)
     found = InterfaceErrorsAnswer(
         {joint.name: _describe(machines, joint) for joint in shaped.joints},
         shares,
+        lines,
         dict(shaped.failures),
     )
+    largest = max((sum(parts.values()) for parts in (shares or lines).values()), default=0.0)
     return Outcome(
-        detail=f"shapes at {', '.join(joint.name for joint in shaped.joints) or 'no joint'} change numbers by up to "
-        f"{show_share(max((sum(parts.values()) for parts in shares.values()), default=0.0))}",
+        detail=f"shapes at {', '.join(joint.name for joint in shaped.joints) or 'no joint'} change "
+        f"{'numbers' if shares else 'lines'} by up to {show_share(largest)}",
         answers=(found,),
         warnings=(
             *_warn_of_joints(machines, found),
@@ -321,6 +343,92 @@ def _judge_compliances(
             )
         points[name] = dataclasses.replace(point, errors=errors)
     return dataclasses.replace(answer, points=points)
+
+
+@dataclass(frozen=True, eq=False)
+class _Responses:
+    """The response of a machine in one form, and what it says about cutting."""
+
+    model: FrfModel
+    form: FormResponse
+    figures: Mapping[Channel, StabilityFigures]
+
+
+def _judge_response(
+    machines: _Machines, answer: PoseResponse, lines: dict[str, dict[str, float]], words: str
+) -> PoseResponse:
+    """A response with what shapes change in the ± of its lines and of its most negative real
+    parts; adds the line that changes most, over its largest entry.
+    """
+    curves = answer.curves
+    pose = machines.parts.plan.poses[curves.pose]
+    found = {kind: _respond(machines.at(kind, pose), answer) for kind in (STRONG, WEAK)}
+    change = bound_response_changes(
+        curves.receptance, curves.frequencies_hz, [each.form for each in found.values()]
+    )
+    largest = np.abs(curves.receptance).max(axis=(1, 2))
+    shares = change.max(axis=(1, 2)) / np.where(largest > 0.0, largest, np.inf)
+    # at rest the compliance says it
+    shares = np.where(curves.frequencies_hz > 0.0, shares, np.nan)
+    if np.isfinite(shares).any():
+        line = int(np.nanargmax(shares))
+        omega = 2.0 * np.pi * float(curves.frequencies_hz[line])
+        channel = int(np.unravel_index(change[line].argmax(), change[line].shape)[1])
+        motion = found[STRONG].model.direct.displacements(omega)[:, channel]
+        parts = machines.split(
+            pose, np.stack([motion.real, motion.imag], axis=1), float(shares[line])
+        )
+        at = f"the frequency response at {curves.frequencies_hz[line]:.4g} Hz{words}"
+        lines[at] = {name: part for name, part in parts.items() if np.isfinite(part)}
+    return dataclasses.replace(
+        answer,
+        curves=dataclasses.replace(curves, error_share={**curves.error_share, INTERFACE: change}),
+        figures=tuple(_judge_figures(own, list(found.values())) for own in answer.figures),
+    )
+
+
+def _respond(model: CoupledPose, answer: PoseResponse) -> _Responses:
+    """The response of a machine at the lines of an answer, on its own peaks and around them."""
+    request = model.parts.scene.analyses.frf
+    if request is None:
+        raise ValueError("a frequency response needs an analysis in the scene")
+    lines, prepared = answer.curves.frequencies_hz, prepare_response(model)
+    natural = model.all_modes.frequencies_hz
+    peaks = natural[natural <= request.to_hz]
+    grid = frequency_grid(request, find_peaks(prepared, request.to_hz))
+    whole = evaluate_frf(prepared, np.unique(np.concatenate([lines, grid, peaks])))
+    at_lines, at_peaks = (
+        whole.receptance[np.searchsorted(whole.frequencies_hz, own)] for own in (lines, peaks)
+    )
+    bounded = any(own.most_negative_real is not None for own in answer.figures)
+    figures = find_stability_figures(prepared, whole) if bounded else ()
+    return _Responses(
+        prepared,
+        FormResponse(at_lines, peaks, at_peaks),
+        {own.channel: own for own in figures},
+    )
+
+
+def _judge_figures(own: DrivePointFigures, responses: Sequence[_Responses]) -> DrivePointFigures:
+    """The figures of a drive point with what shapes change of the most negative real part."""
+    if own.most_negative_real is None or own.most_negative_real_error is None:
+        return own
+    depths = [
+        figures.most_negative_real
+        for each in responses
+        if (figures := each.figures.get(own.channel)) is not None
+    ]
+    known = [depth for depth in depths if depth is not None]
+    if len(known) < len(responses):
+        return dataclasses.replace(
+            own, most_negative_real_error=None, most_negative_real_error_share={}
+        )
+    size = max(abs(depth - own.most_negative_real) for depth in known)
+    return dataclasses.replace(
+        own,
+        most_negative_real_error=own.most_negative_real_error + size,
+        most_negative_real_error_share={**own.most_negative_real_error_share, INTERFACE: size},
+    )
 
 
 def _describe(machines: _Machines, joint: GluedJoint) -> JointShapes:

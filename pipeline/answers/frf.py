@@ -20,7 +20,9 @@ Spacing = Literal["linear", "log"]
 
 
 class DrivePointSummary(TypedDict):
-    """The entry of a drive point; keys in SI are those of rotations."""
+    """The entry of a drive point; keys in SI are those of rotations. ``lines`` are sizes of the
+    receptance at even steps of the range, whatever the machine: they compare runs.
+    """
 
     dof: list[str]
     most_negative_real_hz: float | None
@@ -28,6 +30,9 @@ class DrivePointSummary(TypedDict):
     minimum_dynamic_stiffness_hz: float | None
     minimum_dynamic_stiffness_mode: str
     truncation_share: float | None
+    lines_hz: list[float]
+    lines_um_per_kN: NotRequired[list[float | None]]
+    lines_SI: NotRequired[list[float | None]]
     static_um_per_kN: NotRequired[float | None]
     most_negative_real_um_per_kN: NotRequired[float | None]
     most_negative_real_error_um_per_kN: NotRequired[float | None]
@@ -86,6 +91,8 @@ class DrivePointFigures:
         most_negative_real_error_share: Source of error to its part.
         truncation_share: Share of the static compliance that the modes up to the highest frequency
             miss: what a sum over them without static correction would lack.
+        lines_hz: Even steps of the range, whatever the machine [Hz].
+        lines: Size of the receptance there [m/N or rad/(N m)]; None where there is no value.
     """
 
     channel: Channel
@@ -99,6 +106,8 @@ class DrivePointFigures:
     truncation_share: float | None
     most_negative_real_error: float | None = None
     most_negative_real_error_share: Mapping[str, float] = field(default_factory=dict)
+    lines_hz: tuple[float, ...] = ()
+    lines: tuple[float | None, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,9 +287,12 @@ def _summarise_drive_point(figures: DrivePointFigures) -> DrivePointSummary:
         "minimum_dynamic_stiffness_hz": figures.minimum_dynamic_stiffness_hz,
         "minimum_dynamic_stiffness_mode": figures.minimum_dynamic_stiffness_mode,
         "truncation_share": figures.truncation_share,
+        "lines_hz": list(figures.lines_hz),
     }
+    lines = [_scaled(value, soft) for value in figures.lines]
     if linear:
         summary |= {
+            "lines_um_per_kN": lines,
             "static_um_per_kN": static,
             "most_negative_real_um_per_kN": worst,
             "most_negative_real_error_um_per_kN": error,
@@ -291,6 +303,7 @@ def _summarise_drive_point(figures: DrivePointFigures) -> DrivePointSummary:
         }
     else:
         summary |= {
+            "lines_SI": lines,
             "static_SI": static,
             "most_negative_real_SI": worst,
             "most_negative_real_error_SI": error,

@@ -22,6 +22,7 @@ class InterfaceErrorsSummary(TypedDict):
 
     joints: dict[str, JointShapesSummary]
     numbers: dict[str, dict[str, float]]
+    lines: dict[str, dict[str, float]]
     left_out: dict[str, str]
 
 
@@ -42,16 +43,22 @@ class InterfaceErrorsAnswer(Answer):
         joints: By name.
         numbers: By what they are, such as ``frequency 3``: joint to its part of how far the number
             may be off, over the number.
+        lines: By frequency response: joint to its part of how far the line that changes most may
+            be off, over the largest entry of that line.
         left_out: Joints of which nothing is known, with the reason.
     """
 
     joints: dict[str, JointShapes]
     numbers: dict[str, dict[str, float]]
+    lines: dict[str, dict[str, float]] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     def largest(self, joint: str) -> tuple[str, float]:
-        """The number that a joint puts off most, and by how much of it."""
-        found = {number: parts.get(joint, 0.0) for number, parts in self.numbers.items()}
+        """The number that a joint puts off most, and by how much of it; a line of a response only
+        where there is nothing else, since beside a peak little moves it much.
+        """
+        judged = self.numbers or self.lines
+        found = {number: parts.get(joint, 0.0) for number, parts in judged.items()}
         number = max(found, key=lambda name: found[name], default="")
         return number, found.get(number, 0.0)
 
@@ -67,4 +74,9 @@ class InterfaceErrorsAnswer(Answer):
                 "largest": largest,
                 "number": number,
             }
-        return {"joints": joints, "numbers": self.numbers, "left_out": dict(self.left_out)}
+        return {
+            "joints": joints,
+            "numbers": self.numbers,
+            "lines": self.lines,
+            "left_out": dict(self.left_out),
+        }

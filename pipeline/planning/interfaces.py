@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Machine
 from headstock.geometry.parts.components import Component, CouplingKind, Interface
-from headstock.geometry.parts.patches import patch_extents
+from headstock.geometry.parts.patches import patch_outline
 from headstock.geometry.parts.solids import SuperelementFile
 
 DIRECTIONS_OF_A_BODY = 6
@@ -91,12 +91,8 @@ def find_reach(component: Component, name: str, area: float) -> float:
         area: Of the interface [m^2].
     """
     (patch,) = component.interfaces[name].patches
-    extents = patch_extents(component.solid, patch)
-    if patch.shape == "disk":
-        return 0.5 * patch.size[0]
-    if extents is not None:
-        return 0.5 * math.hypot(*extents)
-    return math.sqrt(area / math.pi)
+    outline = patch_outline(component.solid, patch)
+    return math.sqrt(area / math.pi) if outline is None else outline.reach
 
 
 def give_shapes(component: Component, shapes: Mapping[str, int], kind: CouplingKind) -> Component:

@@ -57,6 +57,7 @@ from headstock.solvers.second_order import (
 
 NEIGHBOURHOOD = 0.2  # of a peak's frequency: lines that follow it when it moves
 NAMED_MARGIN = 1.2
+EVEN_LINES = 9  # of a response, by which runs are compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,6 +326,8 @@ def _port_figures(
     names: tuple[str, ...],
 ) -> tuple[DrivePointFigures, ...]:
     by_channel = {figures.channel: figures for figures in stability}
+    space = np.geomspace if request.spacing == "log" else np.linspace
+    lines = evaluate_frf(model, space(request.from_hz, request.to_hz, EVEN_LINES))
     found = []
     for channel in request.inputs:
         if channel in request.outputs:
@@ -346,6 +349,11 @@ def _port_figures(
                     else "",
                     truncation_share=_truncation_share(
                         model.coordinates, row, column, request.to_hz
+                    ),
+                    lines_hz=tuple(lines.frequencies_hz.tolist()),
+                    lines=tuple(
+                        None if np.isnan(value) else float(abs(value))
+                        for value in lines.receptance[:, row, column]
                     ),
                 )
             )

@@ -357,7 +357,8 @@ def _check_shapes(path: str, superelement: Superelement) -> None:
             and (shapes.half_lengths > 0.0).all()
             and np.isfinite(shapes.half_lengths).all()
             and shapes.normal in (0, 1, 2)
-            and 0 <= shapes.count == count_shapes(list_degrees(shapes.half_lengths, shapes.count))
+            and (shapes.hole is None or 0.0 <= shapes.hole < 1.0)
+            and 0 <= shapes.count == count_shapes(list_degrees(shapes.outline, shapes.count))
             and superelement.boundary_size - superelement.shape_size <= shapes.first
             and shapes.first + shapes.count <= superelement.boundary_size
         ):

@@ -12,7 +12,7 @@ import scipy.linalg
 
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, BoolArray, FloatArray, Frame
 from headstock.geometry.parts.components import Component, Interface, Support
-from headstock.geometry.parts.patches import in_plane_axes
+from headstock.geometry.parts.patches import Outline, in_plane_axes, patch_outline
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.components.interface_patches import MeshPatch, measure_patch
 from headstock.reduction.components.rail_fits import RailFit, fit_rail
@@ -222,8 +222,8 @@ def _rail_dofs(component: Component) -> int:
 
 
 def lay_out_shapes(component: Component, node: BoundaryNode, first: int) -> PatchShapes:
-    """Deformation shapes of a flexible interface over the rectangle of its patch: as written, or as
-    the mesh has it.
+    """Deformation shapes of a flexible interface over the area of its patch: a rectangle, disk or
+    ring as written, or the rectangle around it as the mesh has it.
 
     Args:
         component: With the interface.
@@ -243,14 +243,23 @@ def lay_out_shapes(component: Component, node: BoundaryNode, first: int) -> Patc
             'across x, y or z; write coupling = "rigid" or "average", or a flat patch'
         )
     normal = int(flat[0])
-    center, half = 0.5 * (low + high), 0.5 * extents
-    if patch.shape in ("disk", "rect"):
-        for side, axis in enumerate(in_plane_axes(normal)):
-            center[axis] = patch.center[axis]
-            half[axis] = 0.5 * (patch.size[0] if patch.shape == "disk" else patch.size[side])
-    half = half[list(in_plane_axes(normal))]
-    count = count_shapes(list_degrees(half, node.flexible))
-    return PatchShapes(center, normal, half, count, first, node.coupling == "rigid")
+    axes = list(in_plane_axes(normal))
+    center, outline = 0.5 * (low + high), patch_outline(component.solid, patch)
+    if outline is not None and (outline.hole is not None or patch.shape == "rect"):
+        center[axes] = np.array(patch.center)[axes]
+    else:
+        # as the mesh has it: other faces, and strips that end with theirs
+        outline = Outline(0.5 * extents[axes])
+    count = count_shapes(list_degrees(outline, node.flexible))
+    return PatchShapes(
+        center,
+        normal,
+        outline.half_lengths,
+        count,
+        first,
+        node.coupling == "rigid",
+        outline.hole,
+    )
 
 
 def _check_told_apart(component: str, node: BoundaryNode) -> None:

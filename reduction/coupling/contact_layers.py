@@ -29,7 +29,7 @@ class PlacedLayer:
 
 
 def place_layer(joint: Joint, layer: ContactLayer, layout: DofLayout, frame: Frame) -> PlacedLayer:
-    """Stiffness of a layer, integrated over the rectangle of its patches.
+    """Stiffness of a layer, integrated over the area of its patches.
 
     The relative displacement of both patches is a rigid motion and shapes; a patch without shapes
     moves as a rigid body. Shapes are orthogonal to rigid motions and to each other, also in their
@@ -42,8 +42,8 @@ def place_layer(joint: Joint, layer: ContactLayer, layout: DofLayout, frame: Fra
         frame: Joint point and joint axes in the machine frame.
 
     Raises:
-        ModelError: No end has deformation shapes, which say how large its patch is; or the two
-            rectangles differ.
+        ModelError: No end has deformation shapes, which say how large its patch is; or the two areas
+            differ.
     """
     sides = [(end, find_shapes(layout, end)) for end in joint.ends]
     flexible = [(end, shapes) for end, shapes in sides if shapes is not None]
@@ -56,7 +56,7 @@ def place_layer(joint: Joint, layer: ContactLayer, layout: DofLayout, frame: Fra
         [flexible[0], flexible[-1]], key=lambda side: side[1].count
     )
     points, weights = gauss_rule(more)
-    area = 4.0 * float(np.prod(more.half_lengths))
+    area = more.outline.area
     rows = select_shapes(layout, one, more)
     if one is not other:
         rows -= shape_moments(joint, layout, one, other) @ select_shapes(layout, other, fewer)
@@ -79,7 +79,7 @@ def _rigid_stiffness(
 ) -> FloatArray:
     """The layer against rigid motions about the joint point, in joint axes ``(6, 6)``."""
     points, weights = gauss_rule(shapes)
-    area = 4.0 * float(np.prod(shapes.half_lengths))
+    area = shapes.outline.area
     place = layout.placements[end.component or ""]
     placed = (place.origin + points @ place.rotation.T - frame.origin) @ frame.rotation
     normal = frame.rotation.T @ place.rotation[:, shapes.normal]

@@ -1,6 +1,6 @@
 """Joints between flexible interfaces: the deformation shapes of both sides are one field."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from headstock.reduction.coupling.dof_layout import DOFS_OF_A_BODY, DofLayout
 from headstock.reduction.patch_shapes import PatchShapes, gauss_rule, shape_fields
 from headstock.solvers.errors import ModelError
 
-MATCH = 1e-6  # by how much of its size a rectangle may miss the other one
+MATCH = 1e-6  # by how much of its size an area may miss the other one
 ROUNDOFF = 1e-12
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
@@ -41,7 +41,7 @@ def couple_shapes(machine: Machine, layout: DofLayout) -> ShapeRows:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
 
     Raises:
-        ModelError: Two flexible interfaces do not have the same rectangle.
+        ModelError: Two flexible interfaces do not have the same area.
 
     Source: Bernardi, Maday and Patera (1994) on moments in place of equal fields (mortar method).
     """
@@ -123,7 +123,7 @@ def select_shapes(layout: DofLayout, end: JointEnd, shapes: PatchShapes) -> Floa
 
 def shape_moments(joint: Joint, layout: DofLayout, one: JointEnd, other: JointEnd) -> FloatArray:
     """Moments ``(m_1, m_2)`` of the shapes of another interface with those of one, over their
-    common rectangle.
+    common area.
     """
     own, far = find_shapes(layout, one), find_shapes(layout, other)
     if own is None or far is None:
@@ -135,14 +135,10 @@ def shape_moments(joint: Joint, layout: DofLayout, one: JointEnd, other: JointEn
         placed = here.origin + points @ here.rotation.T
         return np.asarray((placed - there.origin) @ there.rotation)
 
-    corners = np.array([own.center] * 4)
-    corners[:, list(in_plane_axes(own.normal))] += own.half_lengths * CORNERS
-    axes = list(in_plane_axes(far.normal))
-    places = (carry(corners) - far.center)[:, axes] / far.half_lengths
     parallel = abs(turn[far.normal, own.normal]) > 1.0 - MATCH
-    if not parallel or np.abs(np.abs(places) - 1.0).max() > MATCH:
+    if not parallel or not _cover_each_other(own, far, carry):
         raise ModelError(
-            f"joint {joint.name!r}: {one} and {other} are flexible but not the same rectangle: "
+            f"joint {joint.name!r}: {one} and {other} are flexible but not the same area: "
             f"{_describe(own)} and {_describe(far)}; give both the same patch, or write coupling = "
             '"rigid" or "average" for one of them'
         )
@@ -156,7 +152,28 @@ def shape_moments(joint: Joint, layout: DofLayout, one: JointEnd, other: JointEn
     return np.asarray(np.where(np.abs(result) > ROUNDOFF, result, 0.0))
 
 
+def _cover_each_other(
+    own: PatchShapes, far: PatchShapes, carry: Callable[[FloatArray], FloatArray]
+) -> bool:
+    """Whether two areas in parallel planes are one.
+
+    Args:
+        own: Of one component.
+        far: Of another.
+        carry: Points of the one ``(k, 3)`` in the frame of the other.
+    """
+    axes = list(in_plane_axes(far.normal))
+    if own.hole is None or far.hole is None:
+        corners = np.array([own.center] * len(CORNERS))
+        corners[:, list(in_plane_axes(own.normal))] += own.half_lengths * CORNERS
+        places = (carry(corners) - far.center)[:, axes] / far.half_lengths
+        return own.hole == far.hole and bool(np.abs(np.abs(places) - 1.0).max() <= MATCH)
+    (center,) = (carry(own.center[None]) - far.center)[:, axes]
+    sizes = (own.half_lengths - far.half_lengths, np.array([own.hole - far.hole]))
+    beside = max(np.abs(center).max(), np.abs(sizes[0]).max()) / far.half_lengths[0]
+    return bool(max(beside, np.abs(sizes[1]).max()) <= MATCH)
+
+
 def _describe(shapes: PatchShapes) -> str:
-    first, second = 2e3 * shapes.half_lengths
     where = ", ".join(f"{1e3 * value:.6g}" for value in shapes.center)
-    return f"{first:.6g} x {second:.6g} mm about ({where}) mm of its component"
+    return f"{shapes.outline} about ({where}) mm of its component"

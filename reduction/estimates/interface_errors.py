@@ -1,12 +1,18 @@
-"""How much of a motion lies in the deformation shapes of joints between flexible interfaces."""
+"""What deformation shapes of joints change: how much of a motion lies in them, and how far a
+response may be off without them.
+"""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import Joint
 from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.solvers.second_order import ComplexArray
+
+PASSING = 3  # peaks that may pass over a line
 
 
 def shape_energies(
@@ -35,3 +41,46 @@ def shape_energies(
             energy = np.einsum("im,ij,jm->m", moved, part.stiffness[own, own], moved)
             found[name] = found.get(name, np.zeros(motions.shape[1])) + energy
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class FormResponse:
+    """The response of a machine whose joints have deformation shapes in one form.
+
+    Attributes:
+        receptance: ``(n_freq, n_outputs, n_inputs)`` at the lines that are judged.
+        peaks_hz: ``(m,)`` natural frequencies, rising from the lowest one on [Hz].
+        tops: ``(m, n_outputs, n_inputs)`` receptance there.
+    """
+
+    receptance: ComplexArray
+    peaks_hz: FloatArray
+    tops: ComplexArray
+
+
+def bound_response_changes(
+    plain: ComplexArray, frequencies_hz: FloatArray, forms: Sequence[FormResponse]
+) -> FloatArray:
+    """How far every line ``(n_freq, n_outputs, n_inputs)`` of a response may be off by shapes that
+    joints leave out; NaN where a peak without damping passes.
+
+    The strong form is too stiff and the weak one too soft, so each peak of the truth lies between
+    its two places: the lines between them may carry its top.
+
+    Args:
+        plain: ``(n_freq, n_outputs, n_inputs)`` what is judged.
+        frequencies_hz: ``(n_freq,)``.
+        forms: Of the same machine with shapes.
+    """
+    changes = np.max([np.abs(form.receptance - plain) for form in forms], axis=0)
+    below = np.array(
+        [np.searchsorted(form.peaks_hz, frequencies_hz, side="right") for form in forms]
+    )
+    known = min(len(form.peaks_hz) for form in forms)
+    least, most = below.min(axis=0), np.minimum(below.max(axis=0), known)
+    for step in range(PASSING):
+        lines = np.flatnonzero(least + step < most)
+        for form in forms:
+            moved = np.abs(form.tops[least[lines] + step] - plain[lines])
+            changes[lines] = np.maximum(changes[lines], moved)
+    return np.asarray(changes)

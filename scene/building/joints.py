@@ -10,7 +10,7 @@ import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray, frame_axes
 from headstock.geometry.machine.joints import ContactLayer, Joint, JointEnd, ScrewShaft
-from headstock.geometry.parts.patches import patch_extents
+from headstock.geometry.parts.patches import Outline, patch_outline
 from headstock.scene.building.components import build_patch
 from headstock.scene.building.draft import Draft, check_end, is_known_end
 from headstock.scene.reading.findings import Findings
@@ -143,7 +143,7 @@ def check_joints(draft: Draft, findings: Findings) -> None:
             for end in joint.between:
                 _check_layer_end((*key[:2], "stiffness_per_area"), end, draft, findings)
         if KINDS[joint.kind].fixed == EVERY_DOF or joint.stiffness_per_area is not None:
-            _check_rectangles(name, joint, draft, findings)
+            _check_areas(name, joint, draft, findings)
         for fault in find_joint_faults(joint):
             findings.add(("joints", name, *fault.key), fault.message)
 
@@ -159,15 +159,13 @@ def _check_layer_end(key: KeyPath, end: JointEnd, draft: Draft, findings: Findin
             key,
             f"needs the deformation shapes of {end}; write coupling = {{ flexible = 24 }} there",
         )
-    elif entry.disk is not None:
-        findings.add(key, f"is integrated over a rectangle, and {end} is a disk; write a rect")
 
 
-def _check_rectangles(name: str, joint: JointTable, draft: Draft, findings: Findings) -> None:
-    """Two flexible interfaces that share their shapes have rectangles of one size, as far as they
-    are known before anything is meshed.
+def _check_areas(name: str, joint: JointTable, draft: Draft, findings: Findings) -> None:
+    """Two flexible interfaces that share their shapes have areas of one size, as far as they are
+    known before anything is meshed.
     """
-    sizes = {}
+    areas: dict[str, Outline] = {}
     for end in joint.between:
         component = draft.table.components.get(end.component or "")
         entry = None if component is None else component.interfaces.get(end.interface or "")
@@ -175,18 +173,23 @@ def _check_rectangles(name: str, joint: JointTable, draft: Draft, findings: Find
         if component is None or entry is None or solid is None or not entry.flexible:
             continue
         tables = entry.patch_tables()
-        extents = patch_extents(solid, build_patch(tables[0], solid)) if len(tables) == 1 else None
-        if component.fidelity == "elastic" and extents is not None:
-            sizes[str(end)] = sorted(extents, reverse=True)
-    if len(sizes) == 2 and np.ptp(np.log([*sizes.values()]), axis=0).max() > SAME_SIZE:
-        words = " and ".join(
-            f"{end} is {1e3 * long:.6g} x {1e3 * short:.6g} mm"
-            for end, (long, short) in sizes.items()
-        )
+        outline = patch_outline(solid, build_patch(tables[0], solid)) if len(tables) == 1 else None
+        if component.fidelity == "elastic" and outline is not None:
+            areas[str(end)] = outline
+    if len(areas) == 2 and not _have_one_size(*areas.values()):
+        words = " and ".join(f"{end} is {outline}" for end, outline in areas.items())
         findings.add(
             ("joints", name, "between"),
-            f'shares deformation shapes, but {words}; write rect = {{ ... }} of one size for both, or coupling = "rigid" for one',
+            f'shares deformation shapes, but {words}; write a rect or disk of one size for both, or coupling = "rigid" for one',
         )
+
+
+def _have_one_size(one: Outline, other: Outline) -> bool:
+    if (one.hole is None) != (other.hole is None):
+        return False
+    sides = [np.sort(outline.half_lengths) for outline in (one, other)]
+    holes = [outline.hole or 0.0 for outline in (one, other)]
+    return bool(np.ptp(np.log(sides), axis=0).max() <= SAME_SIZE and np.ptp(holes) <= SAME_SIZE)
 
 
 def sound_joints(scene: SceneTable) -> dict[str, JointTable]:

@@ -318,7 +318,7 @@ NOTES = {
     "Scene.model_errors": "compare rigid and segmented bodies with coarse finite elements: what they leave out becomes a part of every ±, "
     "see [errors](errors.md#models-of-bodies)",
     "Scene.interface_errors": "compare rigid joints between elastic bodies with deformation shapes in both forms: what their interfaces leave out "
-    "becomes a part of the ± of frequencies and compliances, see [errors](errors.md#rigid-joints)",
+    "becomes a part of the ± of frequencies, compliances and frequency responses, see [errors](errors.md#rigid-joints)",
     "Accuracy.to": "largest relative error of any requested number",
     "Accuracy.models": "which bodies become rigid, segmented or elastic as the accuracy allows: those that are not `rigid` in the scene, `all`, or "
     "`none`",

@@ -301,7 +301,7 @@ class DirectResponse:
         the matrix is singular.
         """
         shape = (len(omega), len(self.rows), self.loads.shape[1])
-        return np.array([self.rows @ self._displacements(float(value)) for value in omega]).reshape(
+        return np.array([self.rows @ self.displacements(float(value)) for value in omega]).reshape(
             shape
         )
 
@@ -310,9 +310,9 @@ class DirectResponse:
         found = find_poles(self.system)
         return np.asarray(found[found.imag >= 0.0])
 
-    def _displacements(self, omega: float) -> ComplexArray:
-        """Displacements ``(n, n_inputs)``; rows and columns scaled by the size of their own terms,
-        one step of refinement.
+    def displacements(self, omega: float) -> ComplexArray:
+        """Displacements ``(n, n_inputs)`` at a positive angular frequency, NaN where the matrix is
+        singular; rows and columns scaled by the size of their own terms, one step of refinement.
         """
         system = self.system
         matrix = system.stiffness - omega**2 * system.mass + 0j

@@ -8,11 +8,14 @@ from headstock.validation import case_registry
 from headstock.validation.case_registry import (
     CASES,
     Case,
+    SeedError,
     UnknownCaseError,
     group_names,
     run_validation,
     select_cases,
 )
+from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT
+from headstock.validation.machines.model_choice_cases import MACHINES
 from headstock.validation.references.rows import ValidationRow, judge_bound
 
 
@@ -70,3 +73,31 @@ def test_a_case_that_breaks_leaves_a_failed_row_and_the_others_run(
     assert [(row.case, row.passed) for row in rows] == [("breaks", False), ("works", True)]
     assert "no convergence" in rows[0].note
     assert seen == ["breaks", "works"]
+
+
+def test_a_seed_draws_what_no_factor_was_fitted_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    def compute(comm: MPI.Comm) -> list[ValidationRow]:
+        return [judge_bound("as a rule", "q", 0.0, 1.0)]
+
+    def draw(first: int) -> list[ValidationRow]:
+        return [judge_bound(f"from {first} on", "q", 0.0, 1.0)]
+
+    drawn = Case("drawn", "g", "", compute, draw=draw, fresh=49)
+    monkeypatch.setattr(case_registry, "CASES", (drawn, Case("beam", "g", "", compute)))
+
+    def run(name: str, seed: int | None) -> list[str]:
+        return [row.case for row in run_validation([name], comm=MPI.COMM_SELF, seed=seed)]
+
+    assert run("drawn", None) == ["as a rule"]
+    assert run("drawn", 60) == ["from 60 on"]
+    with pytest.raises(SeedError, match="drawn: seeds below 49 were used before; write --seed 49"):
+        run("drawn", 48)
+    with pytest.raises(SeedError, match="beam draws nothing; a seed is for drawn"):
+        run("beam", 60)
+
+
+def test_seeds_used_by_coverage_and_model_estimates_are_not_drawn_again() -> None:
+    fresh = {case.name: case.fresh for case in CASES if case.draw is not None}
+    used = {"coverage": max(*CALIBRATION, *HOLD_OUT), "model-estimates": max(MACHINES)}
+    assert fresh.keys() == used.keys()
+    assert all(fresh[name] > used[name] for name in used)

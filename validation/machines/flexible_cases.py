@@ -29,6 +29,7 @@ MANY_SHAPES = 200
 MODES, SMOKE_MODES = 160, 40  # of each part
 
 BEAM, PLATE, BLOCK = (0.4, 0.04, 0.03), (0.3, 0.2, 0.01), (0.2, 0.15, 0.24)
+SHAFT = (0.1, 0.1, 0.24)
 # parts meet over a whole section: stresses there are those of a smooth body
 CUTS = (
     cut_box("beam, 2 parts", BEAM, (20, 4, 4), axis=0, parts=2),
@@ -38,6 +39,16 @@ CUTS = (
     cut_box("block, 2 parts", BLOCK, (6, 5, 8), axis=2, parts=2),
     cut_box("block, 2 parts, other meshes", BLOCK, (6, 5, 8), axis=2, parts=2, finer=(1,)),
     cut_box("block, 4 parts", BLOCK, (6, 5, 8), axis=2, parts=4),
+    cut_box("shaft, 2 parts", SHAFT, (4, 4, 10), axis=2, parts=2, round_section=True),
+    cut_box(
+        "shaft, 3 parts, other meshes",
+        SHAFT,
+        (4, 4, 12),
+        axis=2,
+        parts=3,
+        finer=(1,),
+        round_section=True,
+    ),
 )
 # one part ends on the face of the other: stresses grow without limit along the rim of the joint
 STEPS = (

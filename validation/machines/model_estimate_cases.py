@@ -43,6 +43,7 @@ CASE, SMOKE = "model-estimates", "model-estimates-smoke"
 # the margins of the stage were chosen on the first machines; the others were drawn for the held-out
 # judgement
 CALIBRATION, HOLD_OUT = range(8), range(8, 32)
+FRESH = 52  # first seed of no machine above, nor of `model-choice`
 SMOKE_MACHINES = (0,)
 TRUE_ACCURACY = 0.002  # with which the meshes of the true machine begin
 TRUE_MODES_TO = 12.0 * HIGHEST_HZ
@@ -225,6 +226,17 @@ def check_model_estimates() -> list[ValidationRow]:
         *_judge(CASE, "chosen on", [compare_machine(seed) for seed in CALIBRATION]),
         *_judge(CASE, "held out", [compare_machine(seed) for seed in HOLD_OUT]),
     ]
+
+
+def compare_new_machines(first: int) -> list[ValidationRow]:
+    """Coverage on machines that nothing was chosen on or judged with before.
+
+    Args:
+        first: Seed of the first of them, ``FRESH`` at least.
+    """
+    seeds = range(first, first + len(HOLD_OUT))
+    machines = [compare_machine(seed) for seed in seeds]
+    return _judge(CASE, f"new, seeds {seeds[0]} to {seeds[-1]}", machines)
 
 
 def check_model_estimates_smoke() -> list[ValidationRow]:

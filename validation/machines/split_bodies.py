@@ -67,6 +67,7 @@ class SplitBody:
         axis: Across which they meet, 0..2.
         finer: Parts with one more element along each side of their joints, so that meshes do not
             match.
+        round: The section across the axis, a square from 0 on, is bent to the disk in it.
     """
 
     name: str
@@ -74,6 +75,7 @@ class SplitBody:
     bars: tuple[Bar, ...]
     axis: int
     finer: tuple[int, ...] = ()
+    round: bool = False
 
     def find_patch(self, number: int) -> Bar:
         """The rectangle in which a part meets the next one, as a box without thickness."""
@@ -81,6 +83,18 @@ class SplitBody:
         low = [max(pair) for pair in zip(one.low, next_one.low, strict=True)]
         high = [min(pair) for pair in zip(one.high, next_one.high, strict=True)]
         return Bar(_triple(low), _triple(high))
+
+    def bend(self, lattice: FloatArray) -> FloatArray:
+        """Where points ``(..., 3)`` of the boxes lie in the body: a square becomes a disk."""
+        if not self.round:
+            return lattice
+        first, second = in_plane_axes(self.axis)
+        radius = 0.5 * self.grid[first][-1]
+        x, y = lattice[..., first] / radius - 1.0, lattice[..., second] / radius - 1.0
+        bent = lattice.copy()
+        bent[..., first] = radius * (1.0 + x * np.sqrt(1.0 - 0.5 * y**2))
+        bent[..., second] = radius * (1.0 + y * np.sqrt(1.0 - 0.5 * x**2))
+        return bent
 
 
 def divide(length: float, count: int) -> tuple[float, ...]:
@@ -96,6 +110,7 @@ def cut_box(
     axis: int,
     parts: int,
     finer: tuple[int, ...] = (),
+    round_section: bool = False,
 ) -> SplitBody:
     """A box of equal elements cut into equal parts across an axis.
 
@@ -106,6 +121,7 @@ def cut_box(
         axis: Which the cuts are across, 0..2.
         parts: How many.
         finer: Parts with a mesh of their own.
+        round_section: The box is bent to a shaft.
     """
     corners = divide(size[axis], parts)
     bars = []
@@ -114,12 +130,12 @@ def cut_box(
         low[axis], high[axis] = start, end
         bars.append(Bar(_triple(low), _triple(high)))
     x, y, z = (divide(length, count) for length, count in zip(size, counts, strict=True))
-    return SplitBody(name, (x, y, z), tuple(bars), axis, finer)
+    return SplitBody(name, (x, y, z), tuple(bars), axis, finer, round_section)
 
 
 def find_whole_frequencies(body: SplitBody, count: int) -> FloatArray:
     """Elastic natural frequencies [Hz] ``(count,)`` of the body as one mesh."""
-    mesh = lattice_mesh(_lattice(body.grid), "hex27", straight=True)
+    mesh = lattice_mesh(body.bend(_lattice(body.grid)), "hex27", straight=not body.round)
     centers = mesh.points[mesh.cells[:, :8]].mean(axis=1)
     within = [((centers > bar.low) & (centers < bar.high)).all(axis=1) for bar in body.bars]
     cells = mesh.cells[np.any(within, axis=0)]
@@ -183,8 +199,8 @@ def _make_part(
     if number in body.finer:
         for axis in in_plane_axes(body.axis):
             axes[axis] = _add_element(axes[axis], list(sides.values()), axis)
-    lattice = _lattice(axes) - np.array(bar.low)
-    mesh = lattice_mesh(lattice, "hex27", straight=True)
+    lattice = body.bend(_lattice(axes)) - np.array(bar.low)
+    mesh = lattice_mesh(lattice, "hex27", straight=not body.round)
     facets = np.concatenate(list(lattice_sides(lattice.shape[:3]).values()))
     centers = mesh.points[facets[:, :4]].mean(axis=1) + np.array(bar.low)
     patches, interfaces = {}, {}
@@ -193,9 +209,12 @@ def _make_part(
         patches[name] = facets[((centers > low) & (centers < high)).all(axis=1)]
         middle = 0.5 * (low + high) - np.array(bar.low)
         face = f"{'xyz'[body.axis]}{'+' if middle[body.axis] > ON_PLANE else '-'}"
+        lengths = np.delete(patch.size, body.axis)
+        shape: Literal["disk", "rect"] = "disk" if body.round else "rect"
+        size = tuple(lengths[:1] if body.round else lengths)
         interfaces[name] = Interface(
             name,
-            (Patch(face, "rect", tuple(middle), tuple(np.delete(patch.size, body.axis))),),
+            (Patch(face, shape, tuple(middle), size),),
             KINDS[form],
             flexible=flexible,
         )

@@ -2,11 +2,14 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.estimates import INTERFACE
+from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves
 from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import StaticAnswer
@@ -16,6 +19,7 @@ from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
+from headstock.solvers.second_order import ComplexArray
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
@@ -73,6 +77,12 @@ def solve_halves(folder: Path, coupling: str, name: str) -> Results:
     return run(folder, text, name)
 
 
+def _read_at(curves: ResponseCurves, lines: FloatArray) -> ComplexArray:
+    """The receptance at the nearest line of other lines."""
+    nearest = np.abs(curves.frequencies_hz[:, None] - lines).argmin(axis=0)
+    return np.asarray(curves.receptance[nearest])
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("interfaces")
@@ -125,6 +135,61 @@ def test_one_piece_lies_within_what_a_joint_leaves_out(
     assert entry["largest"] == pytest.approx(max(shares))
 
 
+RESPONSE = """
+[effects]
+damping = { modal = 0.02 }
+[analyses.frf]
+inputs = ["tip"]
+to = "2500 Hz"
+points = 60
+"""
+
+
+def solve_response(folder: Path, coupling: str, name: str, *, judged: bool) -> PoseResponse:
+    head = HEAD.replace("TIP", "upper.tip")
+    head = head if judged else head.replace("interface_errors = true", "")
+    body = HALVES.replace("COUPLING", f"coupling = {coupling}")
+    (found,) = find_answers(run(folder, head + body + RESPONSE, name).answers, PoseResponse)
+    return found
+
+
+def test_lines_of_a_response_get_the_difference_to_joints_with_shapes(folder: Path) -> None:
+    found = solve_response(folder, '"rigid"', "response", judged=True)
+    lines = found.curves.frequencies_hz
+    errors = found.curves.error_share[INTERFACE]
+    outright = [
+        solve_response(folder, f'{{ flexible = 40, form = "{form}" }}', form, judged=False)
+        for form in ("strong", "weak")
+    ]
+    changes = np.max(
+        [np.abs(_read_at(other.curves, lines) - found.curves.receptance) for other in outright],
+        axis=0,
+    )
+    # lines of this grid that the others have too; beside their peaks theirs are elsewhere
+    shared = np.isin(lines, np.intersect1d(*(other.curves.frequencies_hz for other in outright)))
+    assert shared.sum() > 40
+    passed = errors[shared] > changes[shared] * (1.0 + 1e-6) + 1e-15
+    assert passed.any(axis=(1, 2)).mean() < 0.1  # a peak lies between its two places
+    np.testing.assert_allclose(errors[shared][~passed], changes[shared][~passed], rtol=1e-6)
+    assert (errors[shared] >= changes[shared] * (1.0 - 1e-6)).all()
+    assert (errors[np.isclose(lines, 0.0)] > 0.0).any()
+    text = HEAD.replace("TIP", "lower.tip").replace("interface_errors = true", "") + WHOLE
+    (one,) = find_answers(run(folder, text + RESPONSE, "one").answers, PoseResponse)
+    shared = np.isin(lines, one.curves.frequencies_hz)
+    off = np.abs(_read_at(one.curves, lines) - found.curves.receptance)[shared]
+    assert found.curves.error is not None
+    meshes = (found.curves.error - errors)[shared]
+    # one mesh of equal elements is off by as much as the two
+    covered = off <= errors[shared] + 0.2 * meshes
+    assert covered.all()
+    assert (errors[shared] / off).min() > 0.9 and (errors[shared] / off).max() < 1.2
+    for own, *others in zip(found.figures, *(other.figures for other in outright), strict=True):
+        depth = own.most_negative_real
+        assert depth is not None
+        moved = max(abs(other.most_negative_real - depth) for other in others)
+        assert own.most_negative_real_error_share[INTERFACE] == pytest.approx(moved, rel=1e-3)
+
+
 def test_without_the_comparison_a_large_rigid_joint_is_named_and_a_flexible_one_is_not(
     folder: Path,
 ) -> None:
@@ -151,7 +216,7 @@ def test_interfaces_of_different_size_are_named_and_the_run_goes_on(folder: Path
     )
     found = run(folder, text, "unequal")
     (warning,) = [text for text in found.warnings if "what joint glue leaves out" in text]
-    assert "not the same rectangle" in warning
+    assert "not the same area" in warning
     assert summarise(found)["interface_errors"]["joints"] == {}
 
 

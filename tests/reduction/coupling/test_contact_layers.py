@@ -111,6 +111,29 @@ def test_across_and_along_the_faces_are_told_apart() -> None:
     assert np.count_nonzero(spring.diagonal()[6:] > 0.5 * area * stiff) == 3
 
 
+@pytest.mark.parametrize("hole", [0.0, 0.6])
+def test_on_a_disk_and_a_ring_it_acts_over_their_area(hole: float) -> None:
+    parts = []
+    for part in (half("lower", "rigid", 12), half("upper", "rigid", 12)):
+        component, element = part
+        entry = element.interface_maps["cut"]
+        shapes = entry.shapes
+        assert shapes is not None
+        round_one = dataclasses.replace(shapes, half_lengths=np.full(2, 0.02), hole=hole)
+        maps = {"cut": dataclasses.replace(entry, shapes=round_one)}
+        parts.append((component, dataclasses.replace(element, interface_maps=maps)))
+    stiff, soft = 1e14, 1e11
+    spring = join(*parts, ContactLayer(stiff, soft)).joint_springs[0].stiffness
+    area = np.pi * 0.02**2 * (1.0 - hole**2)
+    # squared radius of gyration about a diameter
+    tilt = 0.02**2 * (1.0 + hole**2) / 4.0
+    np.testing.assert_allclose(spring.diagonal()[:3], area * np.array([soft, soft, stiff]))
+    np.testing.assert_allclose(
+        spring.diagonal()[3:6], area * tilt * np.array([stiff, stiff, 2.0 * soft])
+    )
+    assert set(np.round(spring.diagonal()[6:] / area)) == {soft, stiff}
+
+
 def test_the_joint_point_and_turned_frames_change_nothing() -> None:
     layer = ContactLayer(3e12, 1e12)
     lower = half("lower", "rigid", 12)

@@ -14,6 +14,7 @@ from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.parts.components import Component, Patch
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.coupling.coupled_shapes import shape_moments
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
@@ -172,17 +173,48 @@ def test_a_bent_patch_is_refused() -> None:
         reduce_part(make_component({"cut": STRONG}), mesh, 3, modes=1)
 
 
-def test_a_disk_takes_its_rectangle_from_what_is_written() -> None:
+DISK = Patch("z+", "disk", (0.1, 0.075, 0.0), (0.12,))
+
+
+@functools.cache
+def with_disk(name: str, diameter: float = 0.12, angle: float = 0.0) -> Part:
+    """A block with a disk on top; perhaps turned about its axis, upside down above another one."""
     mesh = make_box(
         (8, 6, 2),
         SIZE,
         {"cut": lambda x: (x[:, 2] > 0.1199) & (np.hypot(x[:, 0] - 0.1, x[:, 1] - 0.075) < 0.06)},
     )
-    component = make_component({"cut": STRONG})
-    disk = Patch("z+", "disk", (0.1, 0.075, 0.0), (0.12,))
-    interfaces = {"cut": dataclasses.replace(component.interfaces["cut"], patches=(disk,))}
+    component = make_component({"cut": STRONG}, name=name)
+    patch = dataclasses.replace(DISK, size=(diameter,))
+    interfaces = {"cut": dataclasses.replace(component.interfaces["cut"], patches=(patch,))}
     component = dataclasses.replace(component, interfaces=interfaces)
-    shapes = reduce_part(component, mesh, 12, modes=1)[1].interface_maps["cut"].shapes
+    component, element = reduce_part(component, mesh, 24, modes=1)
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), angle)
+    if name == "upper":
+        turn = turn @ rotation_about(np.array([1.0, 0.0, 0.0]), np.pi)
+    middle = np.array([0.1, 0.075, SIZE[2]])
+    place = Frame(middle - turn @ middle, turn)
+    return dataclasses.replace(component, placement=place), element
+
+
+def test_a_disk_is_what_is_written_whatever_the_mesh_has() -> None:
+    shapes = with_disk("lower")[1].interface_maps["cut"].shapes
     assert shapes is not None
+    assert (shapes.hole, shapes.count) == (0.0, 24)
     np.testing.assert_allclose(shapes.half_lengths, 0.06)
     np.testing.assert_allclose(shapes.center, [0.1, 0.075, 0.12])
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, 2.0])
+def test_a_disk_shares_its_shapes_however_it_is_turned(angle: float) -> None:
+    coupled = glue(with_disk("lower"), with_disk("upper", angle=angle))
+    ends = (JointEnd("lower", "cut"), JointEnd("upper", "cut"))
+    moments = shape_moments(Joint("glue", ends, "rigid"), coupled.layout, *ends)
+    np.testing.assert_allclose(moments @ moments.T, np.eye(24), atol=1e-12)
+
+
+def test_disks_of_other_size_are_refused() -> None:
+    with pytest.raises(ModelError, match=r"a disk of 120 mm .* a disk of 118 mm"):
+        glue(with_disk("lower"), with_disk("upper", diameter=0.118))
+    with pytest.raises(ModelError, match=r"200 x 150 mm .* a disk of 120 mm"):
+        glue(with_disk("lower"), upper(STRONG, 12))

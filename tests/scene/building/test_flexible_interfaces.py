@@ -124,7 +124,7 @@ BESIDE = LAYER + '\nstiffness = { normal = "100 N/um" }'
         (WIDE, FOOT, 'kind = "rigid"', "between", "200 x 100 mm and post.foot is 100 x 80 mm"),
         (WIDE, FOOT, LAYER, "between", "200 x 100 mm"),
         (RECT, FOOT, LAYER, PER_AREA, "deformation shapes of base.top"),
-        (DISK, DISK.replace("z+", "z-"), LAYER, PER_AREA, "is a disk"),
+        (DISK, FOOT, LAYER, "between", "base.top is a disk of 80 mm and post.foot is 100 x 80 mm"),
         (RIGHT, FOOT, LAYER.replace("bolted", "rigid"), PER_AREA, 'write kind = "bolted"'),
         (RIGHT, FOOT, BESIDE, "stiffness", "remove it or stiffness_per_area"),
         (RIGHT, FOOT, LAYER.replace("1 N/um/mm^2", "1 N/um"), f"{PER_AREA}.shear", "3 N/um/mm^2"),
@@ -137,6 +137,10 @@ def test_what_does_not_fit_between_two_faces_is_named(
         load_scene(glue(tmp_path, base, post, joint))
     found = [item for item in caught.value.problems if item.key == f"joints.glue.{key}"]
     assert any(message in item.message for item in found), str(caught.value)
+
+
+def test_a_contact_layer_may_lie_on_a_disk(tmp_path: Path) -> None:
+    load_scene(glue(tmp_path, DISK, DISK.replace("z+", "z-"), LAYER))
 
 
 def test_rectangles_of_one_size_pass_however_they_lie(tmp_path: Path) -> None:
