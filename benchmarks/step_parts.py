@@ -11,6 +11,7 @@ import gmsh
 import numpy as np
 
 Solid = tuple[int, int]
+Chosen = Callable[[list[float], list[float]], bool]  # by the corners of a bounding box
 
 
 def write_part(name: str, path: Path) -> Path:
@@ -122,12 +123,53 @@ def build_bed() -> Solid:
     return _cut(body, keyways + steps)
 
 
+def build_casting() -> Solid:
+    """A 1280 x 420 x 300 casting of about a thousand faces: pockets and ribs with fillets of 1 to 5,
+    chamfered edges, counterbored and plain bores, raised pads of 0.5, a step of 54 µm.
+    """
+    body = _box(0, 0, 0, 1280, 420, 300)
+    pockets = [
+        _rounded(30 + 205 * i, 25 + 190 * j, -1, (190, 178, 271), 8.0)
+        for i in range(6)
+        for j in range(2)
+    ]
+    body = _cut(body, pockets)
+    for radius, columns in ((1.0, (0, 1)), (3.0, (2, 3)), (5.0, (4, 5))):
+        low, high = 30 + 205 * columns[0], 220 + 205 * columns[1]
+
+        def at_floor(
+            corner: list[float], other: list[float], low: float = low, high: float = high
+        ) -> bool:
+            level = abs(corner[2] - 270) < 1e-3 and abs(other[2] - 270) < 1e-3
+            return level and low - 1 < corner[0] and other[0] < high + 1
+
+        body = _round(body, radius, at_floor)
+    body = _chamfer(body, 2.0, lambda low, high: low[2] > 299.9 and high[2] < 300.1)
+    pads = [
+        _box(40 + 60 * i, y, 40 + 60 * j, 30, 5.5, 12)
+        for i in range(20)
+        for j in range(3)
+        for y in (-0.5, 415)
+    ]
+    body = _fuse(body, pads)
+    tools = []
+    for i in range(24):
+        for j in range(6):
+            x, y, radius = 45 + 51 * i, 35 + 70 * j, 2.5 + 0.5 * (i % 4)
+            tools.append(_bore((x, y, 260), (0, 0, 41), radius))
+            if (i + j) % 2:
+                tools.append(_bore((x, y, 292), (0, 0, 9), 1.8 * radius))
+    tools += [_box(60 + 110 * i, 419.946, 5, 20, 1, 8) for i in range(11)]
+    return _cut(body, tools)
+
+
 PARTS: dict[str, Callable[[], Solid]] = {
     "bracket": build_bracket,
     "housing": build_housing,
     "elbow": build_elbow,
     "bolt_plate": build_bolt_plate,
     "bed": build_bed,
+    "casting": build_casting,
 }
 
 
@@ -174,6 +216,14 @@ def _extrude(width: float, depth: float, holes: list[int], *, z: float, height: 
     return _only(occ.extrude([(2, occ.addPlaneSurface([loop, *holes]))], 0, 0, height))
 
 
+def _rounded(
+    x: float, y: float, z: float, size: tuple[float, float, float], radius: float
+) -> Solid:
+    """A block whose edges along z are rounded."""
+    face = int(gmsh.model.occ.addRectangle(x, y, z, size[0], size[1], roundedRadius=radius))
+    return _only(gmsh.model.occ.extrude([(2, face)], 0, 0, size[2]))
+
+
 def _fuse(body: Solid, others: list[Solid]) -> Solid:
     return _only(gmsh.model.occ.fuse([body], others)[0])
 
@@ -182,27 +232,29 @@ def _cut(body: Solid, tools: list[Solid]) -> Solid:
     return _only(gmsh.model.occ.cut([body], tools)[0])
 
 
-def _round(body: Solid, radius: float, chosen: Callable[[list[float], list[float]], bool]) -> Solid:
+def _round(body: Solid, radius: float, chosen: Chosen) -> Solid:
     """Fillets of the edges whose bounding box is chosen."""
-    occ = gmsh.model.occ
-    occ.synchronize()
-    edges = sorted(
-        {
-            abs(tag)
-            for _, tag in gmsh.model.getBoundary(
-                [body], combined=False, recursive=False, oriented=False
-            )
-        }
-    )
+    return _only(gmsh.model.occ.fillet([body[1]], _choose_edges(body, chosen), [radius]))
+
+
+def _chamfer(body: Solid, width: float, chosen: Chosen) -> Solid:
+    """Chamfers of the edges whose bounding box is chosen."""
+    edges = _choose_edges(body, chosen)
+    beside = [int(gmsh.model.getAdjacencies(1, edge)[0][0]) for edge in edges]
+    return _only(gmsh.model.occ.chamfer([body[1]], edges, beside, [width]))
+
+
+def _choose_edges(body: Solid, chosen: Chosen) -> list[int]:
+    gmsh.model.occ.synchronize()
+    faces = sorted({abs(tag) for _, tag in gmsh.model.getBoundary([body], oriented=False)})
     curves = {
         abs(tag)
         for _, tag in gmsh.model.getBoundary(
-            [(2, face) for face in edges], combined=False, oriented=False
+            [(2, face) for face in faces], combined=False, oriented=False
         )
     }
-    boxes = {curve: list(occ.getBoundingBox(1, curve)) for curve in sorted(curves)}
-    wanted = [curve for curve, box in boxes.items() if chosen(box[:3], box[3:])]
-    return _only(occ.fillet([body[1]], wanted, [radius]))
+    boxes = {curve: list(gmsh.model.occ.getBoundingBox(1, curve)) for curve in sorted(curves)}
+    return [curve for curve, box in boxes.items() if chosen(box[:3], box[3:])]
 
 
 def _only(found: list[Solid]) -> Solid:

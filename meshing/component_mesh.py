@@ -84,6 +84,57 @@ class SurfaceGaps:
 
 
 @dataclass(frozen=True, eq=False)
+class LeftOut:
+    """Small features of a part that its mesh lacks.
+
+    Attributes:
+        places: ``(n, 3, 3)`` three points along the depth of each: one end, the middle, the other
+            end [m].
+        volumes: ``(n,)`` what the part has there and the mesh has not [m^3]; negative for holes.
+        strengths: ``(n,)`` how many times the energy of that volume each changes.
+    """
+
+    places: FloatArray
+    volumes: FloatArray
+    strengths: FloatArray
+
+    def scaled(self, unit: float) -> "LeftOut":
+        """In another unit: lengths times ``unit``."""
+        return LeftOut(self.places * unit, self.volumes * unit**3, self.strengths)
+
+
+@dataclass(frozen=True, eq=False)
+class MissingVolumes:
+    """Where a mesh lacks small features of its part.
+
+    Attributes:
+        cells: ``(n,)`` in which they lie.
+        shapes: ``(n, nodes per cell)`` shape functions there.
+        volumes: ``(n,)`` what the part has more than the mesh [m^3]; negative for holes.
+        strengths: ``(n,)`` how many times the energy of that volume is at stake.
+    """
+
+    cells: IntArray
+    shapes: FloatArray
+    volumes: FloatArray
+    strengths: FloatArray
+
+    def within(self, cells: IntArray) -> "MissingVolumes":
+        """Those in some cells alone.
+
+        Args:
+            cells: Sorted; they become 0, 1, ...
+        """
+        mine = np.isin(self.cells, cells)
+        return MissingVolumes(
+            np.searchsorted(cells, self.cells[mine]),
+            self.shapes[mine],
+            self.volumes[mine],
+            self.strengths[mine],
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class ComponentMesh:
     """Nodes, cells of one kind, and named groups of surface facets.
 
@@ -101,6 +152,7 @@ class ComponentMesh:
             ``load:NAME`` per load.
         quality: Checks made when the mesh was made.
         gaps: What it cuts short of curved faces; None where no CAD shape tells, as of mesh files.
+        missing: Small features that it lacks; None for none.
     """
 
     points: FloatArray
@@ -110,3 +162,4 @@ class ComponentMesh:
     patches: dict[str, IntArray]
     quality: MeshQuality
     gaps: SurfaceGaps | None = None
+    missing: MissingVolumes | None = None

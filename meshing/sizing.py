@@ -18,6 +18,7 @@ DEFAULT_CELLS = 150_000
 DEFAULT_FILE_CELLS = 75_000  # of CAD parts, whose thin walls have more nodes per cell than blocks
 SIZE_STEP = 1.25
 SMALLEST_SIZE = 0.05  # of the element size: what curvature and short edges do not go below
+DETAIL_SHARE = 0.5  # of the element size: narrower holes, recesses and pads in planes are closed
 CELLS_AT_RIM = (
     5.0  # times length / (size * growth^2): measured on blocks with patches and clamped faces
 )

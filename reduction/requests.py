@@ -168,6 +168,12 @@ def trim_superelement(
             if errors.shape_stiffness is None
             else errors.shape_stiffness[:kept, :kept],
             shape_mass=None if errors.shape_mass is None else errors.shape_mass[:kept, :kept],
+            left_out_stiffness=None
+            if errors.left_out_stiffness is None
+            else errors.left_out_stiffness[:kept, :kept],
+            left_out_mass=None
+            if errors.left_out_mass is None
+            else errors.left_out_mass[:kept, :kept],
         ),
     )
     if mass:

@@ -122,6 +122,9 @@ class ErrorEstimates:
         shape_stiffness: ``(n, n)`` change of the stiffness by the part's curved faces, which the
             mesh cuts short or overshoots.
         shape_mass: The same of the mass.
+        left_out_stiffness: ``(n, n)`` change of the stiffness by small features of the part that the
+            mesh lacks; None where it lacks none.
+        left_out_mass: The same of the mass.
     """
 
     truncation: Truncation | None = None
@@ -129,6 +132,8 @@ class ErrorEstimates:
     mesh_safety: float = 2.0
     shape_stiffness: FloatArray | None = None
     shape_mass: FloatArray | None = None
+    left_out_stiffness: FloatArray | None = None
+    left_out_mass: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -121,7 +121,9 @@ class MeshSettings:
     ``allow_locking`` accepts elements of order 1 where they lock so much that they are refused otherwise.
     With a ``growth`` elements grow from the rims of such patches by that share of the distance;
     without one, evenly up to the next edge of the face. ``rim_size`` is their size at the rims of
-    rigid interfaces [m], whole faces included, where stresses are singular.
+    rigid interfaces [m], whole faces included, where stresses are singular. ``details`` is the width
+    up to which holes, recesses and pads in plane faces of STEP parts are left out [m] (None: half
+    the size; 0: none).
     """
 
     size: float | None = None
@@ -133,6 +135,7 @@ class MeshSettings:
     rim_size: float | None = None
     smallest: float | None = None
     leave_out: float | None = None
+    details: float | None = None
 
 
 Eigensolver = Literal["block_lanczos", "krylov_schur"]

@@ -1,5 +1,6 @@
 """Fillets, holes and pins with small radii taken off a CAD shape, as a mesh without them has it."""
 
+import dataclasses
 from collections.abc import Callable, Collection, Iterable, Sequence
 
 import gmsh
@@ -19,7 +20,7 @@ LARGEST_SHARE = 0.9  # of the faces, likewise
 
 
 def leave_out_features(
-    volume: int,
+    shape: PlainShape,
     rebuild: Callable[[], int],
     list_boundary: Callable[[int], list[int]],
     *,
@@ -33,28 +34,33 @@ def leave_out_features(
     something refers to would not be known again.
 
     Args:
-        volume: Tag.
-        rebuild: Builds the volume anew, after the kernel spoiled it, and returns its tag.
-        list_boundary: Tags of the faces of a volume, in the order in which ``face:N`` counts them.
+        shape: With its faces as ``face:N`` counts them.
+        rebuild: Builds the same volume anew, after the kernel spoiled it, and returns its tag; those
+            of its faces are the same as before.
+        list_boundary: Tags of the faces of a volume.
         radius: Largest radius that goes, in the unit of the model.
         named: Numbers of faces that something refers to and that must stay.
         unit: Length of the model's unit [m].
     """
-    faces = list_boundary(volume)
+    numbers, volume = shape.numbers, shape.volume
+    faces = list(numbers)
     before = [know_face(face) for face in faces]
     whole = float(gmsh.model.occ.getMass(3, volume))
-    kept = {faces[number - 1] for number in named if 0 < number <= len(faces)}
+    kept = {shape.faces[number - 1] for number in named if 0 < number <= len(shape.faces)}
     features = [group for group in _find_features(faces, radius) if not group & kept]
     refused = 0
     while features:
         gone = set().union(*features)
         left = _take_off(volume, gone) if len(gone) <= LARGEST_SHARE * len(faces) else None
         if left is not None and _is_sound(left, whole):
-            now = follow_faces(before, list_boundary(left))
-            if all(now[number - 1] != GONE for number in named if 0 < number <= len(faces)):
+            now = shape.followed(left, follow_faces(before, list_boundary(left)))
+            if all(
+                now.faces[number - 1] != GONE for number in named if 0 < number <= len(shape.faces)
+            ):
                 change = _volume_share(left, whole) - 1.0
-                remark = _describe(gone, faces, radius * unit, change, refused)
-                return PlainShape(left, now, [remark])
+                counted = [numbers[face] for face in gone]
+                remark = _describe(counted, len(shape.faces), radius * unit, change, refused)
+                return dataclasses.replace(now, remarks=[*shape.remarks, remark])
             break
         # which of them it is nobody says: each by itself, on a shape built anew
         good: list[set[int]] = []
@@ -68,11 +74,8 @@ def leave_out_features(
         features = good
     volume = rebuild()
     what = f"with a radius up to {1e3 * radius * unit:.4g} mm"
-    return PlainShape(
-        volume,
-        list_boundary(volume),
-        [f"no fillet, hole or pin {what} could be left out (mesh.leave_out)"],
-    )
+    remark = f"no fillet, hole or pin {what} could be left out (mesh.leave_out)"
+    return dataclasses.replace(shape, volume=volume, remarks=[*shape.remarks, remark])
 
 
 def _find_features(faces: Sequence[int], radius: float) -> list[set[int]]:
@@ -115,12 +118,9 @@ def _volume_share(volume: int, whole: float) -> float:
     return share if np.isfinite(share) else 0.0
 
 
-def _describe(
-    gone: Collection[int], faces: Sequence[int], radius: float, change: float, refused: int
-) -> str:
-    numbers = [number for number, face in enumerate(faces, 1) if face in gone]
+def _describe(gone: Sequence[int], faces: int, radius: float, change: float, refused: int) -> str:
     stay = f"; {refused} more could not be taken off" if refused else ""
     return (
-        f"{len(gone)} of {len(faces)} faces{list_faces(numbers)}, of fillets, holes and pins with radii up to {1e3 * radius:.4g} mm,"
+        f"{len(gone)} of {faces} faces{list_faces(gone)}, of fillets, holes and pins with radii up to {1e3 * radius:.4g} mm,"
         f" are left out of the mesh; the volume changes by {change:.1e}{stay} (mesh.leave_out)"
     )

@@ -1,5 +1,6 @@
 """Faces of a CAD shape known again where the kernel, changing the shape, gave them new tags."""
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -7,6 +8,7 @@ import gmsh
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.component_mesh import LeftOut
 
 GONE = -1
 SPOTS = (0.2, 0.5, 0.8)  # shares of both parameter ranges at which curvature is measured
@@ -22,11 +24,29 @@ class PlainShape:
         faces: Tags of its faces in the order in which ``face:N`` counts those of the whole shape,
             ``GONE`` where one is no more; then those that are new.
         remarks: What to tell the user.
+        left_out: The features, where the kernel tells their volumes.
     """
 
     volume: int
     faces: list[int]
     remarks: list[str]
+    left_out: LeftOut | None = None
+
+    @property
+    def numbers(self) -> dict[int, int]:
+        """What ``face:N`` counts, by tag, of the faces that are left of the whole shape."""
+        return {tag: number for number, tag in enumerate(self.faces, 1) if tag != GONE}
+
+    def followed(self, volume: int, now: Sequence[int]) -> "PlainShape":
+        """The same after a further change.
+
+        Args:
+            volume: Tag of what is left.
+            now: New tags of ``numbers`` in their order, then of faces that are new.
+        """
+        new = dict(zip(self.numbers, now, strict=False))
+        faces = [new.get(tag, GONE) for tag in self.faces]
+        return dataclasses.replace(self, volume=volume, faces=faces + list(now[len(new) :]))
 
 
 @dataclass(frozen=True, eq=False)

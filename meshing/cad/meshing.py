@@ -11,9 +11,11 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.mass_properties import SolidProperties
+from headstock.geometry.parts.patches import FACE_DIRECTIONS
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.cad.features import leave_out_features
 from headstock.meshing.cad.imprints import Imprints, OpenShape, imprint_patches
+from headstock.meshing.cad.insets import close_planes
 from headstock.meshing.cad.known_faces import PlainShape
 from headstock.meshing.cad.shapes import Shape, build_shape
 from headstock.meshing.cad.sizes import (
@@ -31,7 +33,7 @@ from headstock.meshing.cad.sizes import (
     size_curved_faces,
 )
 from headstock.meshing.cad.slivers import refuse_slivers, remove_narrow_features
-from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray
+from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray, LeftOut
 from headstock.meshing.elements.quality import scaled_jacobians
 from headstock.meshing.elements.surface import PLACES, facet_places
 from headstock.meshing.errors import MeshError
@@ -40,6 +42,7 @@ from headstock.meshing.size_field import SizeField
 from headstock.meshing.sizing import (
     CELL_BUDGET,
     DEFAULT_FILE_CELLS,
+    DETAIL_SHARE,
     LARGEST_SHARE,
     NARROW_GROWTH,
     NARROW_PATCH,
@@ -59,6 +62,7 @@ FREE_FACETS = 4000  # their nearest points take 0.7 ms each
 TETRAHEDRON = {1: 4, 2: 11}
 TRIANGLE = {1: 2, 2: 9}
 SLIVER_QUALITY = 0.02
+USABLE_QUALITY = 2e-3  # of the worst tet: above what the mesh checks refuse
 NEVER_EXTEND = 0
 NARROW_SHARE = 0.05  # of the smallest element size: what is narrower is not meshed
 OPTIONS: dict[str, float] = {
@@ -84,12 +88,11 @@ def mesh_shape(job: MeshJob) -> MeshData:
         size = _element_size(job, solid, volume)
         as_shown = boundary_faces(volume)
         removed: list[str] = []
+        left_out: LeftOut | None = None
         if isinstance(solid, StepFile) and job.task != "describe":
-            if job.leave_out is None:
-                plain = _remove_narrow_features(job, solid, volume, size)
-            else:
-                plain = _leave_out_features(job, solid, volume, job.leave_out)
+            plain = _remove_features(job, solid, volume, size)
             volume, as_shown, removed = plain.volume, plain.faces, plain.remarks
+            left_out = plain.left_out
         if isinstance(solid, StepFile):
             refuse_slivers(as_shown, left=set(boundary_faces(volume)), size=size, unit=job.unit)
         imprints = imprint_patches(_open_shape(job, solid, volume, size, as_shown), job.groups)
@@ -127,7 +130,11 @@ def mesh_shape(job: MeshJob) -> MeshData:
         _generate(job)
         data = _collect(job, volume, faces, properties, size)
         return dataclasses.replace(
-            data, estimate=count, remarks=remarks, owners=_point_owners(data, numbers)
+            data,
+            estimate=count,
+            remarks=remarks,
+            owners=_point_owners(data, numbers),
+            left_out=left_out,
         )
 
 
@@ -225,26 +232,49 @@ def _named_faces(job: MeshJob) -> list[int]:
     return [int(face.removeprefix("face:")) for face in faces if face.startswith("face:")]
 
 
-def _leave_out_features(job: MeshJob, solid: StepFile, volume: int, radius: float) -> PlainShape:
-    def rebuild() -> int:
-        gmsh.clear()
-        return build_shape(solid)
+def _remove_features(job: MeshJob, solid: StepFile, volume: int, size: float) -> PlainShape:
+    """The shape to be meshed: without details that are small beside the elements, or as requested."""
 
-    return leave_out_features(
-        volume, rebuild, boundary_faces, radius=radius, named=_named_faces(job), unit=job.unit
-    )
-
-
-def _remove_narrow_features(job: MeshJob, solid: StepFile, volume: int, size: float) -> PlainShape:
-    width = NARROW_SHARE * _smallest(job, size)
-    plain = remove_narrow_features(
-        volume, boundary_faces, width=width, named=_named_faces(job), unit=job.unit
-    )
-    if plain is None:
+    def build_anew() -> PlainShape:
         gmsh.clear()
         volume = build_shape(solid)
         return PlainShape(volume, boundary_faces(volume), [])
-    return plain
+
+    def close(volume: int) -> PlainShape:
+        width = DETAIL_SHARE * size if job.details is None else job.details
+        closed = close_planes(
+            volume,
+            boundary_faces,
+            width=width,
+            named=_named_faces(job),
+            ends=_named_ends(job, volume),
+            unit=job.unit,
+        )
+        return build_anew() if closed is None else closed
+
+    def rebuild() -> int:
+        return close(build_anew().volume).volume
+
+    shape = close(volume)
+    named = _named_faces(job)
+    if job.leave_out is not None:
+        return leave_out_features(
+            shape, rebuild, boundary_faces, radius=job.leave_out, named=named, unit=job.unit
+        )
+    width = NARROW_SHARE * _smallest(job, size)
+    plain = remove_narrow_features(shape, boundary_faces, width=width, named=named, unit=job.unit)
+    return close(build_anew().volume) if plain is None else plain
+
+
+def _named_ends(job: MeshJob, volume: int) -> list[tuple[int, float]]:
+    """Axis and coordinate of the outermost planes that patches name by their direction."""
+    corners = dict(zip((-1.0, 1.0), shape_bounds(volume), strict=True))
+    named = {patch.face for patches in job.groups.values() for patch in patches}
+    return [
+        (axis, float(corners[float(sign)][axis]))
+        for face, (axis, sign) in FACE_DIRECTIONS.items()
+        if face in named
+    ]
 
 
 def _open_shape(
@@ -382,7 +412,7 @@ def _check_budget(count: int, job: MeshJob, size: float, numbers: dict[int, int]
         raise MeshError(message)
     smallest = _smallest(job, size) * job.unit
     raise MeshError(
-        f"{message}, coarsen curved faces and short edges by mesh.smallest, now {smallest:.2g} m, or remove small holes and fillets"
+        f"{message}, coarsen curved faces and short edges by mesh.smallest, now {smallest:.2g} m, or leave out fillets and holes by mesh.leave_out and mesh.details"
         f"{name_finest_faces(numbers)}"
     )
 
@@ -415,8 +445,13 @@ def _generate(job: MeshJob) -> None:
 def _mesh_acceptably() -> bool:
     """Mesh with the algorithm that leaves no slivers, or else with the one whose worst tet is
     best.
+
+    No algorithm makes good tets on triangles that are slivers themselves, and HXT takes ten times
+    as long there: the other one goes first, and alone if its tets can be used.
     """
     found: dict[int, float] = {}
+    if _worst_triangle() < SLIVER_QUALITY and _try_algorithm(DELAUNAY) > USABLE_QUALITY:
+        return True
     for algorithm in (HXT, DELAUNAY):
         found[algorithm] = _try_algorithm(algorithm)
         if found[algorithm] >= SLIVER_QUALITY:
@@ -441,6 +476,20 @@ def _try_algorithm(algorithm: int) -> float:
         not len(gmsh.model.mesh.getElements(2, tag)[0]) for _, tag in gmsh.model.getEntities(2)
     )
     return 0.0 if bare else _worst_quality()
+
+
+def _worst_triangle() -> float:
+    """Height of the flattest triangle of the meshed faces over its longest side."""
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    _, nodes = gmsh.model.mesh.getElementsByType(TRIANGLE[1])
+    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+    row[tags] = np.arange(len(tags))
+    corners = coordinates.reshape(-1, 3)[row[nodes].reshape(-1, 3)]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    doubled = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    return float((doubled / sides**2).min(initial=1.0))
 
 
 def _worst_quality() -> float:

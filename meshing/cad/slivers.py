@@ -2,6 +2,7 @@
 leaves unusable elements.
 """
 
+import dataclasses
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
@@ -38,7 +39,7 @@ def find_slivers(faces: Sequence[int], size: float) -> list[Sliver]:
 
 
 def remove_narrow_features(
-    volume: int,
+    shape: PlainShape,
     list_boundary: Callable[[int], list[int]],
     *,
     width: float,
@@ -49,8 +50,8 @@ def remove_narrow_features(
     tool has left.
 
     Args:
-        volume: Tag.
-        list_boundary: Tags of the faces of a volume, in the order in which ``face:N`` counts them.
+        shape: With its faces as ``face:N`` counts them.
+        list_boundary: Tags of the faces of a volume.
         width: Narrower faces go, and those that they alone surround.
         named: Numbers of faces that something refers to and that must stay.
         unit: Length of the model's unit [m].
@@ -59,23 +60,24 @@ def remove_narrow_features(
         None where the CAD kernel spoiled the volume, or a named face was not known again: the
         volume must be built anew.
     """
-    faces = list_boundary(volume)
+    numbers = shape.numbers
+    faces = list(numbers)
     narrow = {faces[face.number - 1] for face in _measure_faces(faces) if face.width < width}
     if not narrow:
-        return PlainShape(volume, faces, [])
+        return shape
     around = {
         face: {abs(curve) for _, curve in gmsh.model.getBoundary([(2, face)], oriented=False)}
         for face in faces
     }
     edges = set().union(*(around[face] for face in narrow))
     feature = narrow | {face for face in faces if around[face] <= edges}
-    numbers = [number for number, face in enumerate(faces, 1) if face in feature]
-    if len(feature) > len(faces) / 2 or set(numbers) & set(named):
-        return PlainShape(volume, faces, [])
+    gone = sorted(numbers[face] for face in feature)
+    if len(feature) > len(faces) / 2 or set(gone) & set(named):
+        return shape
     known = [know_face(face) for face in faces]
-    before = float(gmsh.model.occ.getMass(3, volume))
+    before = float(gmsh.model.occ.getMass(3, shape.volume))
     try:
-        found = gmsh.model.occ.defeature([volume], sorted(feature))
+        found = gmsh.model.occ.defeature([shape.volume], sorted(feature))
     except Exception:  # gmsh raises the bare class
         return None
     gmsh.model.occ.synchronize()
@@ -83,12 +85,12 @@ def remove_narrow_features(
     change = float(gmsh.model.occ.getMass(3, left[0])) / before - 1.0 if len(left) == 1 else np.inf
     if not abs(change) <= LARGEST_CHANGE:
         return None
-    now = follow_faces(known, list_boundary(left[0]))
-    if any(now[number - 1] == GONE for number in named if 0 < number <= len(faces)):
+    now = shape.followed(left[0], follow_faces(known, list_boundary(left[0])))
+    if any(now.faces[number - 1] == GONE for number in named if 0 < number <= len(shape.faces)):
         return None
-    gone = f"{len(feature)} of {len(faces)} faces{list_faces(numbers)}, narrower than {width * unit:.2g} m or surrounded by such faces"
-    remark = f"{gone}, are left out of the mesh; the volume changes by {change:.1e} (mesh.smallest)"
-    return PlainShape(left[0], now, [remark])
+    what = f"{len(gone)} of {len(shape.faces)} faces{list_faces(gone)}, narrower than {width * unit:.2g} m or surrounded by such faces"
+    remark = f"{what}, are left out of the mesh; the volume changes by {change:.1e} (mesh.smallest)"
+    return dataclasses.replace(now, remarks=[*shape.remarks, remark])
 
 
 def list_faces(numbers: Sequence[int]) -> str:

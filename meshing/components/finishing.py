@@ -20,6 +20,7 @@ from headstock.meshing.component_mesh import (
     MeshQuality,
     SurfaceGaps,
 )
+from headstock.meshing.elements.missing import place_features
 from headstock.meshing.elements.quadratic import (
     complete_hexes,
     elevate_tets,
@@ -113,7 +114,8 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
         remarks=tuple(data.remarks),
     )
     gaps = _find_gaps(points, surface, data, component, quality)
-    return ComponentMesh(points, cells, kind, straight, patches, quality, gaps)
+    missing = None if data.left_out is None else place_features(points, cells, kind, data.left_out)
+    return ComponentMesh(points, cells, kind, straight, patches, quality, gaps, missing)
 
 
 def find_patch_faults(data: MeshData, component: Component, groups: Groups) -> list[PatchError]:

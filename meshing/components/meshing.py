@@ -396,6 +396,7 @@ def run_shape_job(
         properties=properties,
         size=data.size * scale,
         curved=curved,
+        left_out=None if data.left_out is None else data.left_out.scaled(scale),
     )
 
 
@@ -448,6 +449,9 @@ def _shape_job(
         leave_out=None
         if component.mesh.leave_out is None
         else round_length(component.mesh.leave_out / scale),
+        details=None
+        if component.mesh.details is None
+        else round_length(component.mesh.details / scale),
         order=component.mesh.order,
         straight=_has_plane_faces_only(component),
     )

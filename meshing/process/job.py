@@ -15,7 +15,7 @@ from headstock.geometry.parts.cad_faces import CadFace
 from headstock.geometry.parts.components import Patch
 from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.solids import Box, HollowColumn, MeshFile, Plate, StepFile, Tube
-from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray
+from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray, LeftOut
 from headstock.meshing.size_field import SizeField
 
 JobSolid = Box | Tube | Plate | HollowColumn | StepFile | MeshFile
@@ -50,6 +50,8 @@ class MeshJob:
             element size.
         leave_out: Largest radius of the fillets, holes and pins that are taken off before meshing;
             None for none.
+        details: Width up to which holes, recesses and pads in plane faces are left out; None for a
+            share of the element size.
         refinement: How many times finer than usual imprints and curved faces are meshed.
         order: 1 or 2.
         straight: Leave second-order edges straight: the parent elevates the mesh.
@@ -68,6 +70,7 @@ class MeshJob:
     rim_size: float | None = None
     smallest: float | None = None
     leave_out: float | None = None
+    details: float | None = None
     order: int = 2
     straight: bool = False
     sizes: SizeField | None = None
@@ -92,6 +95,7 @@ class MeshData:
         remarks: What the user should know of how the shape was meshed.
         faces: Of the CAD shape, where they were requested.
         curved: Facets on curved faces; None where none was looked for.
+        left_out: Small features that the mesh lacks; None for none.
     """
 
     points: FloatArray
@@ -107,6 +111,7 @@ class MeshData:
     owners: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     faces: list[CadFace] = field(default_factory=list)
     curved: CurvedFacets | None = None
+    left_out: LeftOut | None = None
 
 
 def format_job(job: MeshJob) -> str:
@@ -159,6 +164,8 @@ def write_data(file: BinaryIO, data: MeshData) -> None:
             "curved_nearest": data.curved.nearest,
             "curved_shares": data.curved.shares,
         }
+    if data.left_out is not None:
+        arrays |= {f"left_out_{name}": array for name, array in vars(data.left_out).items()}
     if data.properties is not None:
         found = dataclasses.asdict(data.properties)
         meta["properties"] = json.loads(json.dumps(found, default=lambda array: array.tolist()))
@@ -186,6 +193,11 @@ def read_data(file: BinaryIO) -> MeshData:
                 store["curved_nodes"], store["curved_nearest"], store["curved_shares"]
             )
             if "curved_nodes" in store
+            else None,
+            left_out=LeftOut(
+                store["left_out_places"], store["left_out_volumes"], store["left_out_strengths"]
+            )
+            if "left_out_places" in store
             else None,
         )
 

@@ -109,6 +109,8 @@ def _explain(end: WorkerEnd, job: MeshJob) -> str:
     if end.code in (REFUSED, BAD_FILE):
         return end.last_line
     doing, remedy = "meshing", "write a larger mesh size"
+    if isinstance(job.solid, StepFile):
+        remedy += ", or leave out small features by mesh.leave_out and mesh.details"
     if job.task == "file":
         doing, remedy = "reading the file", "check the file, which may be damaged"
     if end.out_of_time:

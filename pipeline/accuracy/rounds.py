@@ -21,12 +21,13 @@ from headstock.pipeline.accuracy.settings import (
     Trial,
     are_equal,
     is_chosen,
+    keep_details,
     refine_mesh,
     refine_modes,
     start_component,
 )
 from headstock.pipeline.answers.accuracy import AccuracyRound
-from headstock.pipeline.answers.estimates import DISCRETISATION, show_share
+from headstock.pipeline.answers.estimates import DISCRETISATION, LEFT_OUT, show_share
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import AccuracyGoal, Scene
 
@@ -139,6 +140,8 @@ def _refine(
                 accuracy,
                 finer[name].reduction.modes_to_hz,
             )
+        elif kind == LEFT_OUT:
+            finer[name] = keep_details(finer[name], ratio=ratio)
         elif kind == DISCRETISATION:
             finer[name] = refine_mesh(finer[name], ratio=ratio, trials=trials.get(name, ()))
         else:
@@ -291,6 +294,9 @@ def describe_settings(component: Component) -> str:
             else f", {mesh.across_patches} across patches"
         )
         rims = "" if mesh.rim_size is None else f", {1e3 * mesh.rim_size:.3g} mm at rims"
+        rims += (
+            "" if mesh.details is None else f", details up to {1e3 * mesh.details:.3g} mm left out"
+        )
         growth = "" if mesh.growth is None else f", growth {mesh.growth:g}"
         size = f"{mesh.cells} {1e3 * (mesh.size or 0.0):.3g} mm{patches}{rims}{growth}"
     return (

@@ -18,6 +18,7 @@ from headstock.geometry.parts.solids import Box, MeshFile, StepFile, Superelemen
 from headstock.meshing.components.meshing import automatic_size, count_hexes
 from headstock.meshing.sizing import (
     DEFAULT_CELLS,
+    DETAIL_SHARE,
     SIZE_STEP,
     estimate_tets,
     largest_extent,
@@ -56,6 +57,7 @@ LEAST_STEP, LARGEST_STEP = (
 # limit, and errors fall like the first or second power of the size there, which falls faster than
 # the size elsewhere; grading makes that cheap.
 LEAST_GROWTH, RIM_POWER = 0.25, 1.5
+LEAST_DETAIL_RATIO = 0.1  # of the error by features left out: where less is wanted all are meshed
 
 
 @dataclass(frozen=True)
@@ -185,6 +187,8 @@ def _shrink(component: Component, mesh: MeshSettings, step: float) -> MeshSettin
         finer = dataclasses.replace(
             finer, growth=_round(max(LEAST_GROWTH, np.sqrt(step) * mesh.growth))
         )
+    if mesh.details is not None:
+        finer = dataclasses.replace(finer, details=_round(step * mesh.details))
     if mesh.rim_size is not None:
         finer = dataclasses.replace(finer, rim_size=_round(step**RIM_POWER * mesh.rim_size))
     return finer
@@ -198,6 +202,22 @@ def _shrink_imprints(component: Component, mesh: MeshSettings, step: float) -> i
     if not np.isfinite(narrowest) or (mesh.growth is None and narrowest >= (mesh.size or 0.0)):
         return mesh.across_patches
     return min(MOST_ACROSS, math.ceil(mesh.across_patches / step))
+
+
+def keep_details(component: Component, *, ratio: float) -> Component:
+    """The component with fewer small features left out of its mesh.
+
+    Args:
+        component: A STEP part, with a mesh size.
+        ratio: Error by those features wanted over the present one [-].
+    """
+    mesh = component.mesh
+    present = DETAIL_SHARE * (mesh.size or 0.0) if mesh.details is None else mesh.details
+    # what features of a kind change goes with their volume
+    step = float(np.clip(np.cbrt(ratio), 0.0, LEAST_STEP)) if ratio > LEAST_DETAIL_RATIO else 0.0
+    return dataclasses.replace(
+        component, mesh=dataclasses.replace(mesh, details=_round(step * present))
+    )
 
 
 def refine_modes(

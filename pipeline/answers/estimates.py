@@ -8,6 +8,7 @@ from typing import NotRequired, TypedDict
 REDUCTION = "reduction"
 DISCRETISATION = "discretisation"
 CURVED_FACES = "curved faces"
+LEFT_OUT = "features left out"  # of a mesh
 MODEL = "model"  # of bodies that are no finite elements
 INTERFACE = "interface"  # of rigid joints between elastic bodies
 

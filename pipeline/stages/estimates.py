@@ -11,6 +11,7 @@ from headstock.geometry.parts.components import Material
 from headstock.pipeline.answers.estimates import (
     CURVED_FACES,
     DISCRETISATION,
+    LEFT_OUT,
     REDUCTION,
     Estimate,
     combine_estimates,
@@ -21,9 +22,11 @@ from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.estimates.frequency_errors import bound_frequency_errors, truncated_parts
 from headstock.reduction.estimates.mesh_errors import (
+    compliance_feature_errors,
     compliance_mesh_errors,
     compliance_shape_errors,
     doubted_energies,
+    frequency_feature_errors,
     frequency_mesh_errors,
     frequency_shape_errors,
 )
@@ -71,6 +74,7 @@ def estimate_mode_errors(
     sources = (
         _estimate_parts(DISCRETISATION, meshes, count),
         _estimate_parts(CURVED_FACES, faces, count),
+        _estimate_parts(LEFT_OUT, frequency_feature_errors(coupled, modes), count),
         _estimate_reduction(coupled, modes),
         unknown,
     )
@@ -93,6 +97,7 @@ def estimate_compliance_errors(
         DISCRETISATION, {name: np.diag(energy) for name, energy in energies.items()}, 6
     )
     faces = _estimate_parts(CURVED_FACES, compliance_shape_errors(coupled, displacements), 6)
+    features = _estimate_parts(LEFT_OUT, compliance_feature_errors(coupled, displacements), 6)
     areas, materials = _coupled_areas(parts)
     doubts = doubted_energies(coupled, displacements[:, :3], np.zeros(3), areas, materials)
     soft = np.einsum(
@@ -101,7 +106,7 @@ def estimate_compliance_errors(
     kinds = Estimate({}, _name_kinds(parts, doubts, soft, unit="µm/kN", factor=UM_PER_KN))
     unknown = combine_estimates([name_what_is_left_out(parts, coupled), kinds])
     return {
-        direction: combine_estimates([meshes[i], faces[i], unknown])
+        direction: combine_estimates([meshes[i], faces[i], features[i], unknown])
         for i, direction in enumerate(DIRECTIONS)
     }
 

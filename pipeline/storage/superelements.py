@@ -305,6 +305,8 @@ def _check_shapes(path: str, superelement: Superelement) -> None:
         "missing_energy": (errors.missing_energy, (size, size)),
         "shape_stiffness": (errors.shape_stiffness, (size, size)),
         "shape_mass": (errors.shape_mass, (size, size)),
+        "left_out_stiffness": (errors.left_out_stiffness, (size, size)),
+        "left_out_mass": (errors.left_out_mass, (size, size)),
         "constraints": (superelement.constraints, (len(superelement.constraints), size)),
         "modal_frequencies_hz": (
             superelement.modal_frequencies_hz,

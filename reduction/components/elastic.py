@@ -227,6 +227,10 @@ def _estimate_errors(
         if found.shape is None
         else strained @ found.shape.stiffness @ strained,
         shape_mass=None if found.shape is None else found.shape.mass,
+        left_out_stiffness=None
+        if found.left_out is None
+        else strained @ found.left_out.stiffness @ strained,
+        left_out_mass=None if found.left_out is None else found.left_out.mass,
     )
 
 

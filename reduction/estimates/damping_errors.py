@@ -119,8 +119,9 @@ class _StiffnessChanges:
         for mesh in self._meshed:
             seen = mesh.rows @ shapes
             found.append(seen.T @ mesh.energy @ seen)
-            if mesh.shape_stiffness is not None and mesh.shape_mass is not None:
-                found.append(seen.T @ (mesh.shape_stiffness - square * mesh.shape_mass) @ seen)
+            shape = mesh.shape
+            if shape is not None:
+                found.append(seen.T @ (shape.stiffness - square * shape.mass) @ seen)
         return found
 
     def _is_silent(self, shapes: ComplexArray) -> bool:

@@ -27,6 +27,19 @@ FORCE_DOUBT, MOMENT_DOUBT = 0.04, 0.12
 
 
 @dataclass(frozen=True, eq=False)
+class PartChange:
+    """What the matrices of a component change by where its mesh is not its part.
+
+    Attributes:
+        stiffness: ``(n_c, n_c)``.
+        mass: ``(n_c, n_c)``.
+    """
+
+    stiffness: FloatArray
+    mass: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class MeshedPart:
     """A component with an estimate of its mesh, and its dofs in terms of the machine's coordinates.
 
@@ -39,9 +52,9 @@ class MeshedPart:
             dofs only, and of some meshes nothing is known.
         reach_hz: Lowest fixed-interface frequency among them [Hz], inf with none, 0 where all are
             silent.
-        shape_stiffness: ``(n_c, n_c)`` what the part's curved faces change of its stiffness,
-            likewise times a factor; None where nobody knows where they lie.
-        shape_mass: The same of its mass.
+        faces: What the part's curved faces change, likewise times a factor; None where nobody knows
+            where they lie.
+        left_out: What small features change that its mesh lacks, likewise; None for none.
     """
 
     energy: FloatArray
@@ -49,8 +62,19 @@ class MeshedPart:
     rows: FloatArray
     silent: BoolArray
     reach_hz: float = np.inf
-    shape_stiffness: FloatArray | None = None
-    shape_mass: FloatArray | None = None
+    faces: PartChange | None = None
+    left_out: PartChange | None = None
+
+    @property
+    def shape(self) -> PartChange | None:
+        """What faces and features change together; None where nothing is known of either."""
+        known = [each for each in (self.faces, self.left_out) if each is not None]
+        if not known:
+            return None
+        return PartChange(
+            np.sum([each.stiffness for each in known], axis=0),
+            np.sum([each.mass for each in known], axis=0),
+        )
 
 
 def meshed_parts(coupled: CoupledMachine) -> dict[str, MeshedPart]:
@@ -75,12 +99,16 @@ def meshed_parts(coupled: CoupledMachine) -> dict[str, MeshedPart]:
                 rows=rows,
                 silent=silent,
                 reach_hz=float(reach),
-                shape_stiffness=None
-                if errors.shape_stiffness is None
-                else SHAPE_SAFETY * errors.shape_stiffness,
-                shape_mass=None if errors.shape_mass is None else SHAPE_SAFETY * errors.shape_mass,
+                faces=_scale_change(errors.shape_stiffness, errors.shape_mass),
+                left_out=_scale_change(errors.left_out_stiffness, errors.left_out_mass),
             )
     return found
+
+
+def _scale_change(stiffness: FloatArray | None, mass: FloatArray | None) -> PartChange | None:
+    if stiffness is None or mass is None:
+        return None
+    return PartChange(SHAPE_SAFETY * stiffness, SHAPE_SAFETY * mass)
 
 
 def missing_energies(coupled: CoupledMachine, motions: FloatArray) -> dict[str, FloatArray]:
@@ -145,23 +173,35 @@ def frequency_shape_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[
 
     Source: Rayleigh; to first order ``omega^2`` changes by ``phi^T (dK - omega^2 dM) phi``.
     """
+    return {
+        name: _frequency_change(part, part.faces, modes)
+        for name, part in meshed_parts(coupled).items()
+        if part.faces is not None and part.faces.stiffness.any()
+    }
+
+
+def frequency_feature_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[str, FloatArray]:
+    """By how much natural frequencies differ because meshes lack small features, ``(m,)`` per
+    component [Hz].
+
+    Source: As ``frequency_shape_errors``.
+    """
+    return {
+        name: _frequency_change(part, part.left_out, modes)
+        for name, part in meshed_parts(coupled).items()
+        if part.left_out is not None
+    }
+
+
+def _frequency_change(part: MeshedPart, change: PartChange, modes: ModalResult) -> FloatArray:
     elastic = np.arange(len(modes.frequencies_hz)) >= modes.rigid_count
     squares = np.where(elastic, (2.0 * np.pi * modes.frequencies_hz) ** 2, np.inf)
-    found = {}
-    for name, part in meshed_parts(coupled).items():
-        if (
-            part.shape_stiffness is not None
-            and part.shape_mass is not None
-            and part.shape_stiffness.any()
-        ):
-            own = part.rows @ modes.shapes
-            stiffer, heavier = (
-                np.einsum("im,ij,jm->m", own, each, own)
-                for each in (part.shape_stiffness, part.shape_mass)
-            )
-            change = stiffer / squares - np.where(elastic, heavier, 0.0)
-            found[name] = 0.5 * modes.frequencies_hz * np.abs(change)
-    return found
+    own = part.rows @ modes.shapes
+    stiffer, heavier = (
+        np.einsum("im,ij,jm->m", own, each, own) for each in (change.stiffness, change.mass)
+    )
+    share = stiffer / squares - np.where(elastic, heavier, 0.0)
+    return np.asarray(0.5 * modes.frequencies_hz * np.abs(share))
 
 
 def compliance_shape_errors(
@@ -174,12 +214,35 @@ def compliance_shape_errors(
         coupled: The machine.
         displacements: ``(n, m)`` responses to unit loads.
     """
-    found = {}
-    for name, part in meshed_parts(coupled).items():
-        if part.shape_stiffness is not None and part.shape_stiffness.any():
-            own = part.rows @ displacements
-            found[name] = np.abs(np.einsum("im,ij,jm->m", own, part.shape_stiffness, own))
-    return found
+    return {
+        name: _compliance_change(part, part.faces, displacements)
+        for name, part in meshed_parts(coupled).items()
+        if part.faces is not None and part.faces.stiffness.any()
+    }
+
+
+def compliance_feature_errors(
+    coupled: CoupledMachine, displacements: FloatArray
+) -> dict[str, FloatArray]:
+    """By how much static compliances differ because meshes lack small features, ``(m,)`` per
+    component.
+
+    Args:
+        coupled: The machine.
+        displacements: ``(n, m)`` responses to unit loads.
+    """
+    return {
+        name: _compliance_change(part, part.left_out, displacements)
+        for name, part in meshed_parts(coupled).items()
+        if part.left_out is not None
+    }
+
+
+def _compliance_change(
+    part: MeshedPart, change: PartChange, displacements: FloatArray
+) -> FloatArray:
+    own = part.rows @ displacements
+    return np.abs(np.einsum("im,ij,jm->m", own, change.stiffness, own))
 
 
 def compliance_mesh_errors(

@@ -98,9 +98,10 @@ class ResponseSpace:
         for name, meshed in sources.meshed.items():
             seen = meshed.rows @ space
             missing += lossy[name] * (seen.T @ meshed.energy @ seen)
-            if meshed.shape_stiffness is not None and meshed.shape_mass is not None:
-                shape += lossy[name] * (seen.T @ meshed.shape_stiffness @ seen)
-                heavier += seen.T @ meshed.shape_mass @ seen
+            changed = meshed.shape
+            if changed is not None:
+                shape += lossy[name] * (seen.T @ changed.stiffness @ seen)
+                heavier += seen.T @ changed.mass @ seen
         nothing = np.zeros_like(self._mass)
         self.finer = SystemChange(-missing, nothing)
         # finer meshes and true faces may act together or against each other

@@ -71,7 +71,16 @@ NO_MATERIAL = Material("from the file", 0.0, 0.0, 0.0)
 PLANAR_FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 # what only our own mesher can follow; the order of a mesh file's elements is raised and its
 # refusals are overruled
-OWN_MESH_KEYS = ("size", "cells", "across_patches", "growth", "rim_size", "smallest", "leave_out")
+OWN_MESH_KEYS = (
+    "size",
+    "cells",
+    "across_patches",
+    "growth",
+    "rim_size",
+    "smallest",
+    "leave_out",
+    "details",
+)
 
 
 def build_material(name: str, table: MaterialTable) -> Material:
@@ -273,6 +282,7 @@ def _build_mesh_settings(table: MeshTable) -> MeshSettings:
         rim_size=table.rim_size,
         smallest=table.smallest,
         leave_out=table.leave_out,
+        details=table.details,
     )
 
 
@@ -506,6 +516,11 @@ def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyP
         yield (
             ("mesh", "leave_out"),
             "removes fillets and holes of STEP parts only; remove leave_out",
+        )
+    if mesh.details is not None and not isinstance(solid, StepFile):
+        yield (
+            ("mesh", "details"),
+            "closes holes, recesses and pads of STEP parts only; remove details",
         )
     yield from _find_rimless(table)
 

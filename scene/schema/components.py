@@ -344,6 +344,7 @@ class MeshTable(StrictTable):
     rim_size: PositiveLength | None = None
     smallest: PositiveLength | None = None
     leave_out: PositiveLength | None = None
+    details: NotNegativeLength | None = None
     allow_locking: Flag = False
 
 

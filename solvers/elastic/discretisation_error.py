@@ -76,10 +76,12 @@ class MeshErrors:
         missing_energy: ``(k, k)`` energy products of their discretisation errors [J for fields in
             m].
         shape: What the part's curved faces change; None where nobody knows where they lie.
+        left_out: What small features change that the mesh lacks; None where it lacks none.
     """
 
     missing_energy: FloatArray
     shape: ShapeChange | None
+    left_out: ShapeChange | None = None
 
 
 def mesh_safety(mesh: ComponentMesh, surface: MeshSurface) -> float:
@@ -161,12 +163,14 @@ def estimate_mesh_errors(
     Source: Zienkiewicz and Zhu (1987), Int. J. Numer. Meth. Engng. 24, 337-357; Strang and Fix
     (1973), ch. 6, for eigenvalues. Choi
         and Kim (2005), Structural Sensitivity Analysis and Optimization 1, ch. 6, for moved
-        boundaries.
+        boundaries. Sokolowski and Zochowski (1999), SIAM J. Control Optim. 37, 1251-1272, for small
+        holes.
     """
     count = displacement.shape[1]
     if count == 0:
         nothing = np.zeros((0, 0))
-        return MeshErrors(nothing, ShapeChange(nothing, nothing))
+        none = ShapeChange(nothing, nothing)
+        return MeshErrors(nothing, none, None if mesh.missing is None else none)
     taken, smooth = _recover(mesh, material, displacement, counted)
     energy = np.zeros((count, count))
     for _, rows in _stress_changes(
@@ -174,7 +178,9 @@ def estimate_mesh_errors(
     ):
         energy += _products(rows, count)
     return MeshErrors(
-        0.5 * (energy + energy.T), _shape_change(mesh, material, displacement, smooth)
+        0.5 * (energy + energy.T),
+        _shape_change(mesh, material, displacement, smooth),
+        _feature_change(mesh, material, displacement, smooth),
     )
 
 
@@ -280,6 +286,27 @@ def _shape_change(
             material.density * (weights * motions).reshape(-1, count).T @ motions.reshape(-1, count)
         )
     return ShapeChange(0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T))
+
+
+def _feature_change(
+    mesh: ComponentMesh, material: Material, displacement: FloatArray, smooth: StressArray
+) -> ShapeChange | None:
+    """Energy and mass densities where small features lie that the mesh lacks, times their volumes."""
+    lacks = mesh.missing
+    if lacks is None:
+        return None
+    count = displacement.shape[1]
+    stiffness, mass = np.zeros((count, count)), np.zeros((count, count))
+    moved = displacement.reshape(len(mesh.points), -1)
+    for cell, shape, volume, strength in zip(
+        lacks.cells, lacks.shapes, lacks.volumes, lacks.strengths, strict=True
+    ):
+        nodes = mesh.cells[cell]
+        stresses = (shape @ smooth[nodes].astype(float)).reshape(COMPONENTS, count)
+        motions = (shape @ moved[nodes]).reshape(3, count)
+        stiffness += strength * volume * stresses.T @ stresses
+        mass += material.density * volume * motions.T @ motions
+    return ShapeChange(stiffness, mass)
 
 
 def _sample_stresses(

@@ -6,6 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
@@ -69,19 +70,27 @@ def estimate_split_errors(
         piece = _deal_pieces(mesh, operators, weights)
     own = fields.fetch(piece.nodes).reshape(3 * len(piece.nodes), count)
     zero = np.zeros((count, count))
-    found = MeshErrors(zero, None if piece.mesh.gaps is None else ShapeChange(zero, zero))
+    nothing = ShapeChange(zero, zero)
+    found = MeshErrors(
+        zero,
+        None if piece.mesh.gaps is None else nothing,
+        None if piece.mesh.missing is None else nothing,
+    )
     if piece.counted:
         found = estimate_mesh_errors(
             piece.mesh, material, own, piece.weights, counted=piece.counted
         )
     return MeshErrors(
         sum_over_ranks(comm, found.missing_energy),
-        None
-        if found.shape is None
-        else ShapeChange(
-            sum_over_ranks(comm, found.shape.stiffness), sum_over_ranks(comm, found.shape.mass)
-        ),
+        _sum_change(comm, found.shape),
+        _sum_change(comm, found.left_out),
     )
+
+
+def _sum_change(comm: MPI.Comm, own: ShapeChange | None) -> ShapeChange | None:
+    if own is None:
+        return None
+    return ShapeChange(sum_over_ranks(comm, own.stiffness), sum_over_ranks(comm, own.mass))
 
 
 def _deal_pieces(mesh: ComponentMesh, operators: ElasticOperators, weights: FloatArray) -> _Piece:
@@ -109,6 +118,7 @@ def _deal_pieces(mesh: ComponentMesh, operators: ElasticOperators, weights: Floa
             cells=np.searchsorted(nodes, mesh.cells[around]),
             patches={},
             gaps=gaps,
+            missing=None if mesh.missing is None else mesh.missing.within(cells),
         )
         piece = _Piece(part, nodes, weights[around], len(cells))
         if rank:

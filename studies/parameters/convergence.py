@@ -92,6 +92,7 @@ class MeshSeries:
                 ("size", mesh.size, 1.0),
                 ("rim_size", mesh.rim_size, RIM_POWER),
                 ("smallest", mesh.smallest, 1.0),
+                ("details", mesh.details, 1.0),
             ):
                 if size is not None:
                     found[f"components.{name}.mesh.{key}"] = show_size(factor**power * size)

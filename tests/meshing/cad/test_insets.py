@@ -1,0 +1,149 @@
+"""Holes, recesses and pads within plane faces of STEP parts, over which meshes close the planes."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import gmsh
+import numpy as np
+import pytest
+
+from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
+from headstock.geometry.parts.solids import StepFile
+from headstock.meshing.cad.insets import close_planes
+from headstock.meshing.cad.known_faces import GONE
+from headstock.meshing.cad.meshing import boundary_faces
+from headstock.meshing.components.cad_survey import survey_step
+from headstock.meshing.components.finishing import patch_moments
+from headstock.meshing.components.meshing import mesh_component
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+
+pytestmark = pytest.mark.process
+
+STEEL = Material("steel", 210e9, 0.3, 7850.0)
+SUPPORT = Path(__file__).resolve().parents[2] / "data" / "support.toml"
+BLOCK, PAD, POCKET = 60 * 40 * 20.0, 8 * 6 * 2.0, 6 * 5 * 3.0
+BORE, COUNTERBORE = np.pi * 2.0**2 * 16.0, np.pi * 4.0**2 * 4.0
+WIDE = np.pi * 6.0**2 * 20.0
+
+
+@pytest.fixture
+def kernel() -> Iterator[None]:
+    gmsh.initialize(interruptible=False, readConfigFiles=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.option.setNumber("General.NumThreads", 1)
+    yield
+    gmsh.finalize()
+
+
+def build_block() -> int:
+    """A block of 60 x 40 x 20 with a counterbored hole, a wide one, a pad, a pocket, and a notch
+    across an edge.
+    """
+    occ = gmsh.model.occ
+    block = occ.fuse([(3, occ.addBox(0, 0, 0, 60, 40, 20))], [(3, occ.addBox(5, 5, 19, 8, 6, 3))])
+    tools = [
+        occ.addCylinder(25, 10, 0, 0, 0, 20, 2.0),
+        occ.addCylinder(25, 10, 16, 0, 0, 9, 4.0),
+        occ.addCylinder(45, 20, -1, 0, 0, 22, 6.0),
+        occ.addBox(10, 25, -1, 6, 5, 4),
+        occ.addBox(57, 37, 15, 9, 9, 9),
+    ]
+    found = occ.cut(block[0], [(3, tool) for tool in tools])[0]
+    occ.synchronize()
+    return int(found[0][1])
+
+
+@pytest.fixture
+def block(tmp_path: Path, kernel: None) -> Path:
+    build_block()
+    gmsh.write(str(tmp_path / "block.step"))
+    return tmp_path / "block.step"
+
+
+def test_planes_close_over_what_lies_within_them_and_the_volumes_are_known(kernel: None) -> None:
+    volume = build_block()
+    before = boundary_faces(volume)
+    whole = float(gmsh.model.occ.getMass(3, volume))
+    shape = close_planes(volume, boundary_faces, width=9.0, named=(), ends=(), unit=1e-3)
+    assert shape is not None and shape.left_out is not None
+    expected = sorted([-BORE - COUNTERBORE, -POCKET, PAD])
+    assert sorted(shape.left_out.volumes) == pytest.approx(expected, rel=1e-9)
+    left = float(gmsh.model.occ.getMass(3, shape.volume))
+    assert left == pytest.approx(whole + BORE + COUNTERBORE + POCKET - PAD, rel=1e-9)
+    # bore, counterbore and its floor; the pad's five faces; the pocket's five
+    assert shape.faces.count(GONE) == 13
+    assert len(shape.faces) == len(before)
+    assert set(shape.numbers) == set(boundary_faces(shape.volume))
+    # middles of the features: through the bore, above the block, in the pocket
+    middles = shape.left_out.places[:, 1][np.argsort(shape.left_out.volumes)]
+    assert middles[0][:2] == pytest.approx([25.0, 10.0])
+    assert middles[1] == pytest.approx([13.0, 27.5, 1.5])
+    assert middles[2] == pytest.approx([9.0, 8.0, 21.0])
+    # a round hole right through takes three times the energy of its volume, the pad its own
+    strengths = shape.left_out.strengths[np.argsort(shape.left_out.volumes)]
+    assert strengths[0] == pytest.approx(3.0, rel=1e-6)
+    assert 1.0 < strengths[1] < 3.0
+    assert strengths[2] == 1.0
+    assert "3 holes, recesses and pads of 13 of" in shape.remarks[0]
+
+
+def test_faces_that_something_refers_to_stay(kernel: None) -> None:
+    volume = build_block()
+    faces = boundary_faces(volume)
+    top = max(float(gmsh.model.occ.getBoundingBox(2, face)[5]) for face in faces)
+    bore = next(
+        number
+        for number, face in enumerate(faces, 1)
+        if gmsh.model.occ.getMass(2, face) == pytest.approx(np.pi * 4.0 * 16.0, rel=1e-6)
+    )
+    shape = close_planes(
+        volume, boundary_faces, width=9.0, named=(bore,), ends=((2, top),), unit=1e-3
+    )
+    assert shape is not None and shape.left_out is not None
+    assert shape.left_out.volumes == pytest.approx([-POCKET])
+    assert shape.faces[bore - 1] != GONE
+
+
+def test_a_cavity_behind_a_small_opening_is_no_detail(kernel: None) -> None:
+    occ = gmsh.model.occ
+    found = occ.cut(
+        [(3, occ.addBox(0, 0, 0, 60, 60, 60))],
+        [(3, occ.addBox(10, 10, 10, 40, 40, 40)), (3, occ.addCylinder(30, 30, 45, 0, 0, 20, 3.0))],
+    )[0]
+    occ.synchronize()
+    shape = close_planes(int(found[0][1]), boundary_faces, width=10.0, named=(), ends=(), unit=1e-3)
+    assert shape is not None
+    assert shape.left_out is None and not shape.remarks
+
+
+def test_meshes_lack_what_is_narrower_than_half_an_element_unless_told(block: Path) -> None:
+    def mesh(details: float | None = None) -> tuple[float, tuple[str, ...], dict[str, float]]:
+        part = Component(
+            "part",
+            StepFile(block),
+            STEEL,
+            interfaces={"foot": Interface("foot", (Patch(f"face:{foot}"),))},
+            mesh=MeshSettings(size=0.018, details=details),
+        )
+        found = mesh_component(part)
+        areas, _ = patch_moments(found.points, found.patches)
+        return found.quality.volume, found.quality.remarks, areas
+
+    faces = survey_step(StepFile(block)).faces
+    foot = next(face.number for face in faces if face.center[2] == pytest.approx(0.0, abs=1e-9))
+    plain, remarks, areas = mesh()
+    assert plain == pytest.approx((BLOCK - WIDE - 3 * 3 * 5.0) * 1e-9, rel=1e-3)
+    assert any("mesh.details" in text for text in remarks)
+    # of the foot only the wide hole is cut out, and it is still the face with that number
+    assert areas["foot"] == pytest.approx((60 * 40 - np.pi * 36.0) * 1e-6, rel=1e-3)
+    whole, remarks, _ = mesh(details=0.0)
+    lost = BORE + COUNTERBORE + POCKET - PAD
+    assert whole == pytest.approx(plain - lost * 1e-9, rel=1e-3)
+    assert not any("mesh.details" in text for text in remarks)
+
+
+def test_only_step_parts_have_details_to_close() -> None:
+    box = 'components.support.solid={ box = ["10 mm", "10 mm", "10 mm"] }'
+    with pytest.raises(SceneError, match="STEP parts only; remove details"):
+        load_scene(SUPPORT, overrides=(box, "components.support.mesh.details=2 mm"))
