@@ -11,6 +11,7 @@ from headstock.scene.schema.components import ComponentTable, MaterialTable, Ori
 from headstock.scene.schema.drives import ControlTable, DriveTable
 from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
 from headstock.scene.schema.joints import JointTable
+from headstock.scene.schema.lobes import LobesTable
 from headstock.scene.schema.loads import LoadTable, ProbeTable, SupportTable
 from headstock.scene.schema.mechanism import ContouringTable, MechanismTable
 from headstock.scene.schema.path import PathTable
@@ -158,6 +159,7 @@ class AnalysesTable(StrictTable):
     contouring: Annotated[ContouringTable | None, _LEFT_OUT] = None
     path: Annotated[PathTable | None, _LEFT_OUT] = None
     control: Annotated[ControlTable | None, _LEFT_OUT] = None
+    lobes: Annotated[LobesTable | None, _LEFT_OUT] = None
 
     @field_validator("*", mode="before")
     @classmethod
