@@ -26,6 +26,7 @@ from headstock.app.report.figures import (
 )
 from headstock.app.report.frf import draw_overlay, draw_response, has_more_fields
 from headstock.app.report.notes import judge_numbers
+from headstock.app.report.lobes import draw_lobes
 from headstock.app.report.path import draw_contour, draw_path
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
 from headstock.app.texts.bounded_values import (
@@ -47,6 +48,8 @@ from headstock.app.texts.tables import (
     DRIVE_COLUMNS,
     DRIVE_POINT_COLUMNS,
     JOINT_COLUMNS,
+    LOBE_COLUMNS,
+    LOWEST_LOBE_COLUMNS,
     MODEL_COLUMNS,
     POLE_COLUMNS,
     PROBE_COLUMNS,
@@ -55,6 +58,8 @@ from headstock.app.texts.tables import (
     ModeRow,
     encode_csv,
     list_channels,
+    list_lobes,
+    list_lowest_lobes,
     list_modes,
     list_tables,
     list_zones,
@@ -498,6 +503,9 @@ def report_environment() -> jinja2.Environment:
         "draw_rows": draw_rows,
         "list_ports": list_channels,
         "list_zones": list_zones,
+        "draw_lobes": draw_lobes,
+        "list_lobes": list_lobes,
+        "list_lowest_lobes": list_lowest_lobes,
         "columns": {
             "components": COMPONENT_COLUMNS,
             "probes": PROBE_COLUMNS,
@@ -507,6 +515,8 @@ def report_environment() -> jinja2.Environment:
             "zones": ZONE_COLUMNS,
             "models": MODEL_COLUMNS,
             "joints": JOINT_COLUMNS,
+            "lobes": LOBE_COLUMNS,
+            "lowest_lobes": LOWEST_LOBE_COLUMNS,
         },
         "enumerate": enumerate,
         "directions": DIRECTIONS,

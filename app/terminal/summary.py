@@ -2,7 +2,7 @@
 tables.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from rich.console import Console
 from rich.table import Table
@@ -36,12 +36,14 @@ from headstock.app.texts.tables import (
     DRIVE_COLUMNS,
     DRIVE_POINT_COLUMNS,
     JOINT_COLUMNS,
+    LOWEST_LOBE_COLUMNS,
     MODEL_COLUMNS,
     POLE_COLUMNS,
     PROBE_COLUMNS,
     ZONE_COLUMNS,
     Column,
     list_channels,
+    list_lowest_lobes,
     list_modes,
     list_zones,
     shared_budget,
@@ -51,6 +53,7 @@ from headstock.app.texts.tables import (
 )
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.modal import ModesSummary
+from headstock.pipeline.answers.lobes import LobesSummary
 from headstock.pipeline.answers.path import PathSummary
 from headstock.pipeline.answers.static import PointSummary
 from headstock.pipeline.planning.plan import Plan, StageRecord
@@ -160,6 +163,12 @@ def print_summary(
             console,
             f"Drives in pose {pose}, lag at {speed:g} mm/min",
             tell_rows(DRIVE_COLUMNS, control["drives"].items()),
+        )
+    if "lobes" in summary:
+        print_table(
+            console,
+            _lobes_title(summary["lobes"]),
+            tell_rows(LOWEST_LOBE_COLUMNS, list_lowest_lobes(summary["lobes"])),
         )
     if "model_errors" in summary:
         print_table(
@@ -306,6 +315,14 @@ def _print_error_shares(console: Console, modes: ModesSummary) -> None:
     for words in [f"± covers 95 % of errors, from {found}"] * bool(found) + error_words(modes):
         console.print(f"  {words}", markup=False)
     console.print()
+
+
+def _lobes_title(lobes: Mapping[str, LobesSummary]) -> str:
+    first = next(iter(lobes.values()))
+    return (
+        f"Limit depth of cut in {first['material']}, {first['teeth']} teeth on {first['diameter_mm']:g} mm,"
+        f" {first['radial_depth_mm']:g} mm wide"
+    )
 
 
 def _path_title(path: PathSummary) -> str:

@@ -38,7 +38,9 @@ class BestSpeedSummary(TypedDict):
 
 
 class LimitCheckSummary(TypedDict):
-    """Largest Floquet multipliers at 0.95 and 1.05 of a limit depth; stable below one."""
+    """Largest Floquet multipliers below a limit depth (at 0.45, 0.7 and 0.95 of it) and at 1.05 of it;
+    stable below one.
+    """
 
     rpm: float
     limit_depth_mm: float
@@ -117,8 +119,8 @@ class LimitCheck:
     Attributes:
         place: Index of the speed.
         depth: By zeroth order [m].
-        below: Largest multiplier a little below the limit.
-        above: And a little above it; zero where the limit was only known to lie deeper.
+        below: Largest multiplier below the limit: at 0.45, 0.7 and 0.95 of it.
+        above: At 1.05 of it.
     """
 
     place: int

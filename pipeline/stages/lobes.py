@@ -61,7 +61,8 @@ from headstock.solvers.milling.tool_dynamics import (
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
 LINES = 1200  # of the even grid
-BELOW, ABOVE = 0.95, 1.05  # of the limit: where it is checked
+# of the limit: where it is checked; below it more than once, as unstable islands may lie there
+BELOW, ABOVE = (0.45, 0.7, 0.95), 1.05
 BEST_SPEEDS = 3
 WORTHWHILE = 1.2  # times the lowest limit: a speed is worth choosing
 SEED = 18
@@ -131,7 +132,11 @@ def prepare_point(machine: PoseModel) -> CuttingPoint:
     system = damp_system(machine.parts.scene, machine.system, modes)
     channels = [(request.at, direction) for direction in DIRECTIONS]
     model = prepare_frf(system, inputs=channels, outputs=channels, modes=modes)
+    assembly: Assembly = request.tool_modes
     reach = request.reach_hz
+    if request.tool_receptance is not None:
+        assembly = read_receptances(request.tool_receptance, request.up)
+        reach = float(assembly.frequencies_hz[-1])
     poles = find_peaks(model, reach)
     if not peaks_have_tops(poles, request.up_to_hz):
         raise ModelError(
@@ -140,16 +145,16 @@ def prepare_point(machine: PoseModel) -> CuttingPoint:
         )
     of_tool = [2.0 * np.pi * mode.hz * (1j - mode.damping) for mode in request.tool_modes]
     base = np.linspace(0.0, reach, LINES + 1)[1:]
+    if isinstance(assembly, MeasuredAssembly):
+        base = np.union1d(base, assembly.frequencies_hz)
+        base = base[(base > 0.0) & (base >= assembly.frequencies_hz[0])]
     omega = 2.0 * np.pi * refine_grid(base, np.concatenate([poles, of_tool]))
-    assembly: Assembly = request.tool_modes
-    if request.tool_receptance is not None:
-        assembly = read_receptances(request.tool_receptance, request.up)
-        inside = omega <= 2.0 * np.pi * assembly.frequencies_hz[-1]
-        omega = omega[inside & (omega >= 2.0 * np.pi * assembly.frequencies_hz[0])]
     return CuttingPoint(request, system, model, assembly, omega, model.form.evaluate(omega))
 
 
-def travel_frame(direction: tuple[float, float, float], up: tuple[float, float, float]) -> FloatArray:
+def travel_frame(
+    direction: tuple[float, float, float], up: tuple[float, float, float]
+) -> FloatArray:
     """``(3, 3)`` rows along the travel, away from the part on its right, and up along the tool."""
     axis = np.array(up) / np.linalg.norm(up)
     along = np.array(direction) - (np.array(direction) @ axis) * axis
@@ -187,9 +192,7 @@ def solve_lobes(machine: PoseModel, *, named: bool = True) -> Solved[PoseLobes]:
     elif low:
         method = "Floquet multipliers at every speed (full discretisation), by bisection"
     else:
-        method += (
-            "; Floquet multipliers at minima and at a sample of speeds, bisection where they disagree"
-        )
+        method += "; Floquet multipliers at minima and at a sample of speeds, bisection where they disagree"
     answer = PoseLobes(
         pose=machine.pose.name,
         material=request.material,
@@ -252,8 +255,11 @@ def _solve_direction(
         if request.immersion < request.low_immersion:
             places = np.arange(len(depths))
         else:
-            checks = [trials.check(place) for place in _choose_speeds(machine, diagram)]
-            places = np.array([check.place for check in checks if not check.confirmed], dtype=np.intp)
+            chosen = {*_choose_speeds(machine, diagram), *_best_speeds(depths)}
+            checks = [trials.check(place) for place in sorted(chosen)]
+            places = np.array(
+                [check.place for check in checks if not check.confirmed], dtype=np.intp
+            )
         for place in places:
             found[place] = trials.limit(int(place))
         bisected = len(places)
@@ -296,7 +302,8 @@ class _Trials:
     def check(self, place: int) -> LimitCheck:
         """Below and above a limit."""
         depth, multiplier = float(self.diagram.depths[place]), self.multiplier(place)
-        return LimitCheck(place, depth, multiplier(BELOW * depth), multiplier(ABOVE * depth))
+        below = max(multiplier(share * depth) for share in BELOW)
+        return LimitCheck(place, depth, below, multiplier(ABOVE * depth))
 
     def limit(self, place: int) -> float:
         """Limit depth at a speed by bisection [m]."""
@@ -310,6 +317,8 @@ def _choose_speeds(machine: PoseModel, diagram: LobeDiagram) -> list[int]:
     limited = np.flatnonzero(diagram.waves >= 0)
     if not len(limited):
         return []
+    if lobes_request(machine).checked >= 1.0:
+        return [int(place) for place in limited]
     place = repr(sorted(machine.pose.positions.items())).encode()
     draw = np.random.default_rng([SEED, zlib.crc32(place)])
     count = max(1, round(lobes_request(machine).checked * len(limited)))
@@ -469,8 +478,8 @@ def _warn_of_checks(machine: PoseModel, found: tuple[DirectionLobes, ...]) -> li
             off = [float(own.depths[check.place] / check.depth - 1.0) for check in failed]
             worst = max(off, key=abs)
             warnings.append(
-                f"lobes in pose {machine.pose.name}, travel {name_direction(own.direction)}: {len(failed)} of {len(own.checks)} limits that"
-                f" were checked are off by up to {100.0 * worst:+.0f} %; these were replaced by bisection, those that were not checked"
-                " were not (checked = 1 checks all)"
+                f"lobes in pose {machine.pose.name}, travel {name_direction(own.direction)}: {len(failed)} of {len(own.checks)} checked"
+                f" limits are off, by up to {100.0 * worst:+.0f} %; bisection has replaced these, others may be off as much:"
+                " write checked = 1 in [analyses.lobes] to check every speed"
             )
     return warnings

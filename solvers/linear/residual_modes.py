@@ -80,5 +80,3 @@ def reduce_to_modes(
         outputs={channel: rows[place] @ basis for place, channel in enumerate(channels)},
         labels=tuple(f"mode.{number}" for number in range(count)),
     )
-
-

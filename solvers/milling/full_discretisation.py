@@ -12,13 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+import scipy.optimize
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.milling.forces import MillingCut, regeneration_stiffness
-from headstock.solvers.milling.stability import FEWEST_STEPS, STEPS_PER_SWING, TipDynamics
+from headstock.solvers.milling.stability import TipDynamics
 
 SAMPLES = 4  # of the engagement in each step
-SCAN_BEGIN, SCAN_FACTOR = 0.5, 1.2  # of the depth that is expected, and from depth to depth
+STEPS_PER_CHATTER = 36  # of a swing
+FEWEST_STEPS = 64
+SCAN_BEGIN, SCAN_FACTOR = 0.35, 1.3  # of the depth that is expected, and from depth to depth
 DEPTH_TOLERANCE = 1e-3  # relative
 MOST_TRIALS = 60
 
@@ -169,14 +172,15 @@ def cut_multiplier(response: StepResponse, cut: MillingCut) -> float:
 
 def steps_per_period(chatter_hz: float, period: float) -> int:
     """Steps that resolve both the engagement and chatter at a frequency."""
-    return max(FEWEST_STEPS, round(STEPS_PER_SWING * chatter_hz * period))
+    return max(FEWEST_STEPS, round(STEPS_PER_CHATTER * chatter_hz * period))
 
 
 def scan_limit_depth(
     multiplier: Callable[[float], float], expected: float, deepest: float
 ) -> float:
     """Thinnest depth of cut that chatters: depths are tried from below the expected one upwards,
-    then the border between two of them is halved [m].
+    then the border between two of them is
+    enclosed (Brent) [m].
 
     Args:
         multiplier: Size of the largest Floquet multiplier at a depth [m].
@@ -190,14 +194,16 @@ def scan_limit_depth(
         if high >= deepest:
             return deepest
         low, high = high, min(SCAN_FACTOR * high, deepest)
-    if low == 0.0:
+    while low == 0.0 and high > DEPTH_TOLERANCE * expected:
         # it chatters below: down to where it does not
-        while high > DEPTH_TOLERANCE * expected:
-            if multiplier(0.5 * high) < 1.0:
-                low = 0.5 * high
-                break
+        if multiplier(0.5 * high) < 1.0:
+            low = 0.5 * high
+        else:
             high *= 0.5
-    while high - low > DEPTH_TOLERANCE * high:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if multiplier(middle) < 1.0 else (low, middle)
-    return 0.5 * (low + high)
+    if low == 0.0:
+        return 0.0
+    return float(
+        scipy.optimize.brentq(
+            lambda depth: multiplier(depth) - 1.0, low, high, xtol=DEPTH_TOLERANCE * low
+        )
+    )

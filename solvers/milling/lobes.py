@@ -87,7 +87,9 @@ def chip_eigenvalues(response: ComplexArray, stiffness: FloatArray) -> ComplexAr
     """
     product = response[:, :2] @ stiffness
     half = 0.5 * (product[:, 0, 0] + product[:, 1, 1])
-    root = np.sqrt(half**2 - (product[:, 0, 0] * product[:, 1, 1] - product[:, 0, 1] * product[:, 1, 0]))
+    root = np.sqrt(
+        half**2 - (product[:, 0, 0] * product[:, 1, 1] - product[:, 0, 1] * product[:, 1, 0])
+    )
     # of both roots the one that points as the last one did
     turned = np.real(np.conj(root[:-1]) * root[1:]) < 0.0
     sign = np.concatenate([[1.0], np.cumprod(np.where(turned, -1.0, 1.0))])
@@ -174,7 +176,9 @@ def _crossings(
     place, a, b, waves = rising[place], a[piece], b[piece], waves[piece]
     period = periods[place]
     slope = (omega[b] - omega[a]) * period - (phase[b] - phase[a])
-    share = (2.0 * np.pi * waves + phase[a] - omega[a] * period) / np.where(slope == 0.0, 1.0, slope)
+    share = (2.0 * np.pi * waves + phase[a] - omega[a] * period) / np.where(
+        slope == 0.0, 1.0, slope
+    )
     share = np.clip(share, 0.0, 1.0)
     return (
         place,
@@ -204,9 +208,7 @@ def _refine(
     itself.
     """
     step = 1e-6 * omega
-    here, ahead = (
-        _nearest(receptance(at), stiffness, values) for at in (omega, omega + step)
-    )
+    here, ahead = (_nearest(receptance(at), stiffness, values) for at in (omega, omega + step))
     off = omega * periods - _phase(here) - 2.0 * np.pi * waves
     # the phase turns by less than half a turn over a step
     slope = periods - np.angle(np.exp(2j * (np.angle(ahead) - np.angle(here)))) / step
@@ -217,9 +219,7 @@ def _refine(
     return np.where(closer, moved, omega), np.where(closer, found, here)
 
 
-def _nearest(
-    response: ComplexArray, stiffness: FloatArray, values: ComplexArray
-) -> ComplexArray:
+def _nearest(response: ComplexArray, stiffness: FloatArray, values: ComplexArray) -> ComplexArray:
     """Of both eigenvalues at each frequency the one nearest to a value ``(f,)``."""
     found = np.linalg.eigvals(response[:, :2] @ stiffness)
     best = np.argmin(np.abs(found - values[:, None]), axis=1)
@@ -256,6 +256,4 @@ def chatter_shapes(
     number = np.arange(len(best))
     right = vectors[number, :, best]
     left = np.linalg.inv(vectors)[number, best]
-    return ChatterShapes(
-        np.asarray(right @ stiffness.T), np.asarray(left / eigenvalues[:, None])
-    )
+    return ChatterShapes(np.asarray(right @ stiffness.T), np.asarray(left / eigenvalues[:, None]))

@@ -84,9 +84,7 @@ class MeasuredAssembly:
 Assembly = Sequence[ToolMode] | MeasuredAssembly
 
 
-def couple_assembly(
-    machine: ComplexArray, omega: FloatArray, assembly: Assembly
-) -> ComplexArray:
+def couple_assembly(machine: ComplexArray, omega: FloatArray, assembly: Assembly) -> ComplexArray:
     """Receptance of the tip ``(f, 3, 3)``, machine axes.
 
     Args:
@@ -172,9 +170,7 @@ def split_tip_motion(
         deflection = (force @ mode.projector) / _springs(mode, omega)[:, None]
         motion = motion - deflection
         parts.append(deflection)
-    return TipMotion(
-        np.array(parts[::-1]).reshape(len(parts), len(omega), 3), np.asarray(force)
-    )
+    return TipMotion(np.array(parts[::-1]).reshape(len(parts), len(omega), 3), np.asarray(force))
 
 
 def attach_tool_modes(
