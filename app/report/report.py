@@ -25,8 +25,8 @@ from headstock.app.report.figures import (
     percent,
 )
 from headstock.app.report.frf import draw_overlay, draw_response, has_more_fields
-from headstock.app.report.notes import judge_numbers
 from headstock.app.report.lobes import draw_lobes
+from headstock.app.report.notes import judge_numbers
 from headstock.app.report.path import draw_contour, draw_path
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
 from headstock.app.texts.bounded_values import (

@@ -52,8 +52,8 @@ from headstock.app.texts.tables import (
     top_shares,
 )
 from headstock.geometry.machine.machine import show_position
-from headstock.pipeline.answers.modal import ModesSummary
 from headstock.pipeline.answers.lobes import LobesSummary
+from headstock.pipeline.answers.modal import ModesSummary
 from headstock.pipeline.answers.path import PathSummary
 from headstock.pipeline.answers.static import PointSummary
 from headstock.pipeline.planning.plan import Plan, StageRecord

@@ -165,7 +165,9 @@ class DirectionLobes:
     @property
     def lowest(self) -> Lobe | None:
         """The lobe with the lowest limit; None where there is none."""
-        return min(self.lobes, key=lambda lobe: float(self.depths[lobe.place]), default=None)
+        if not self.lobes:
+            return None
+        return min(self.lobes, key=lambda lobe: float(self.depths[lobe.place]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,9 +257,9 @@ class PoseLobes(Answer):
             ],
             "bisected": own.bisected,
             "series": {
-                "rpm": rpm.tolist(),
-                "limit_depth_mm": (MM * own.depths).tolist(),
-                "zeroth_order_mm": (MM * own.zeroth).tolist(),
+                "rpm": list(map(float, rpm)),
+                "limit_depth_mm": list(map(float, MM * own.depths)),
+                "zeroth_order_mm": list(map(float, MM * own.zeroth)),
                 "chatter_hz": [
                     None if np.isnan(value) else float(HZ * value) for value in own.chatter
                 ],

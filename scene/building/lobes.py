@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
 from headstock.scene.building.draft import Draft, check_name, check_pose_names
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings
@@ -13,7 +12,7 @@ from headstock.scene.requests import LobesRequest
 from headstock.scene.schema.lobes import LobesTable, ToolModeTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill
-from headstock.solvers.milling.tool_dynamics import ToolMode
+from headstock.solvers.milling.tool_dynamics import ToolMode, across_axis
 
 KEY: KeyPath = ("analyses", "lobes")
 SUFFIXES = (".csv",)
@@ -64,11 +63,6 @@ def _build_mode(table: ToolModeTable, lobes: LobesTable) -> ToolMode:
         along = np.array(table.direction)
         directions = (along / np.linalg.norm(along))[:, None]
     return ToolMode(table.name, table.frequency, table.damping, table.stiffness, directions)
-
-
-def across_axis(axis: FloatArray) -> FloatArray:
-    """``(3, 2)`` orthonormal columns across an axis ``(3,)``."""
-    return np.asarray(np.linalg.svd(axis[None, :])[2][1:].T)
 
 
 def check_lobes(draft: Draft, findings: Findings) -> None:

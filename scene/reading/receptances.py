@@ -9,7 +9,7 @@ import numpy as np
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.milling.tool_dynamics import MeasuredAssembly
+from headstock.solvers.milling.tool_dynamics import MeasuredAssembly, across_axis
 
 HEADINGS = (
     "frequency",
@@ -57,8 +57,7 @@ def read_receptances(path: Path, axis: tuple[float, float, float]) -> MeasuredAs
             f"{path}:{int(falls[0]) + 3}: frequencies must rise; {values[falls[0] + 1, 0]:g} Hz follows {values[falls[0], 0]:g} Hz"
         )
     tip, cross, base = (values[:, column] + 1j * values[:, column + 1] for column in (1, 3, 5))
-    across = np.linalg.svd(np.array(axis)[None, :])[2][1:].T
-    return MeasuredAssembly(values[:, 0], tip, cross, base, across)
+    return MeasuredAssembly(values[:, 0], tip, cross, base, across_axis(np.array(axis)))
 
 
 def _read_values(path: Path, rows: list[list[str]]) -> FloatArray:

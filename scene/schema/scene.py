@@ -11,8 +11,8 @@ from headstock.scene.schema.components import ComponentTable, MaterialTable, Ori
 from headstock.scene.schema.drives import ControlTable, DriveTable
 from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
 from headstock.scene.schema.joints import JointTable
-from headstock.scene.schema.lobes import LobesTable
 from headstock.scene.schema.loads import LoadTable, ProbeTable, SupportTable
+from headstock.scene.schema.lobes import LobesTable
 from headstock.scene.schema.mechanism import ContouringTable, MechanismTable
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.studies import StudyTable, SweepTable

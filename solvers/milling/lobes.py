@@ -117,7 +117,7 @@ def find_lobes(
         deepest: Depth up to which a limit is looked for [m].
     """
     values = chip_eigenvalues(receptance(omega), stiffness)
-    periods = 2.0 * np.pi / (teeth * speeds)
+    periods: FloatArray = np.asarray(2.0 * np.pi / (teeth * speeds), dtype=float)
     largest = float(values.real.max())
     found = [_crossings(omega, values[:, branch], periods) for branch in range(2)]
     place, waves, near, level = (np.concatenate(parts) for parts in zip(*found, strict=True))

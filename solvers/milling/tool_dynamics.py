@@ -81,6 +81,11 @@ class MeasuredAssembly:
         return tip, cross, base
 
 
+def across_axis(axis: FloatArray) -> FloatArray:
+    """``(3, 2)`` orthonormal columns across an axis ``(3,)``."""
+    return np.asarray(np.linalg.svd(axis[None, :])[2][1:].T)
+
+
 Assembly = Sequence[ToolMode] | MeasuredAssembly
 
 

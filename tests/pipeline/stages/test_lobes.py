@@ -13,8 +13,8 @@ from common import present
 from headstock.app.report.report import render_report
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import DirectionLobes, PoseLobes
-from headstock.pipeline.runner import run_scene
 from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
