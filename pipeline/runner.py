@@ -32,6 +32,7 @@ from headstock.pipeline.results.views import MachineView
 from headstock.pipeline.stages.contouring import run_contour_stage
 from headstock.pipeline.stages.control import run_control_stage
 from headstock.pipeline.stages.frf import run_frf_stage
+from headstock.pipeline.stages.lobes import run_lobes_stage
 from headstock.pipeline.stages.machine import run_couple_stage
 from headstock.pipeline.stages.map import run_map_stage
 from headstock.pipeline.stages.mechanism import run_place_stage
@@ -76,6 +77,7 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "path": run_path_stage,
     "control": run_control_stage,
     "volumetric": run_volumetric_stage,
+    "lobes": run_lobes_stage,
 }
 SHARED_STAGES = ("map", "spread", "models", "joints")  # all ranks work on them
 

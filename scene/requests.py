@@ -1,12 +1,14 @@
 """What is to be computed of a machine: one request per kind of analysis."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath
-from headstock.solvers.milling.forces import MillingCut
+from headstock.solvers.milling.forces import CuttingCoefficients, EndMill, MillingCut
+from headstock.solvers.milling.tool_dynamics import ToolMode
 from headstock.solvers.milling.tool_path import SquareContour
 from headstock.solvers.paths.response import LowPass
 from headstock.solvers.paths.set_points import SetPoint
@@ -215,6 +217,60 @@ class VolumetricRequest:
         return f"position error of {', '.join(self.at)} in {poses} poses of {', '.join(names[:-1])} and {names[-1]}"
 
 
+@dataclass(frozen=True, eq=False)
+class LobesRequest:
+    """Stability lobes, in named poses.
+
+    Attributes:
+        mill: The tool.
+        coefficients: Of the material.
+        material: Its name.
+        radial_depth: [m].
+        speeds: ``(n,)`` rising speeds of the spindle [rad/s].
+        directions: Of the travel, machine frame; the part lies on the right of it.
+        at: Point where the tool is.
+        up: Direction from the tool's tip to its holder, machine frame.
+        up_to_hz: Modes of the machine count up to here [Hz].
+        deepest: Depth of cut up to which a limit is looked for [m].
+        tool_modes: Of spindle and tool, from the machine to the tip.
+        tool_receptance: File of measured receptances in their place.
+        checked: Share of the speeds at which the limit is checked.
+        low_immersion: Radial depth over diameter below which every limit is found by bisection.
+        poses: All of them when empty.
+    """
+
+    mill: EndMill
+    coefficients: CuttingCoefficients
+    material: str
+    radial_depth: float
+    speeds: FloatArray
+    directions: tuple[tuple[float, float, float], ...]
+    at: str
+    up: tuple[float, float, float]
+    up_to_hz: float
+    deepest: float
+    tool_modes: tuple[ToolMode, ...] = ()
+    tool_receptance: Path | None = None
+    checked: float = 0.005
+    low_immersion: float = 0.1
+    poses: tuple[str, ...] = ()
+
+    @property
+    def immersion(self) -> float:
+        """Radial depth over diameter."""
+        return self.radial_depth / self.mill.diameter
+
+    @property
+    def reach_hz(self) -> float:
+        """How high chatter is looked for: beyond the modes of machine, spindle and tool [Hz]."""
+        return max([self.up_to_hz, *(1.5 * mode.hz for mode in self.tool_modes)])
+
+    def describe(self) -> str:
+        """In a few words: what is computed, and how far."""
+        low, high = 30.0 / math.pi * self.speeds[0], 30.0 / math.pi * self.speeds[-1]
+        return f"limit depth at {len(self.speeds)} speeds from {low:g} to {high:g} rpm in {self.material}, {100.0 * self.immersion:.3g} % immersion"
+
+
 Request = (
     StaticRequest
     | ModalRequest
@@ -224,6 +280,7 @@ Request = (
     | PathRequest
     | ControlRequest
     | VolumetricRequest
+    | LobesRequest
 )
 
 
@@ -239,3 +296,4 @@ class Analyses:
     path: PathRequest | None = None
     control: ControlRequest | None = None
     volumetric: VolumetricRequest | None = None
+    lobes: LobesRequest | None = None

@@ -25,6 +25,7 @@ from headstock.app.report.figures import (
     percent,
 )
 from headstock.app.report.frf import draw_overlay, draw_response, has_more_fields
+from headstock.app.report.lobes import draw_lobes
 from headstock.app.report.notes import judge_numbers
 from headstock.app.report.path import draw_contour, draw_path
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
@@ -50,6 +51,8 @@ from headstock.app.texts.tables import (
     DRIVE_POINT_COLUMNS,
     JOINT_COLUMNS,
     LINE_COLUMNS,
+    LOBE_COLUMNS,
+    LOWEST_LOBE_COLUMNS,
     MODEL_COLUMNS,
     POLE_COLUMNS,
     PROBE_COLUMNS,
@@ -61,6 +64,8 @@ from headstock.app.texts.tables import (
     list_channels,
     list_displacements,
     list_lines,
+    list_lobes,
+    list_lowest_lobes,
     list_modes,
     list_ranges,
     list_tables,
@@ -515,6 +520,9 @@ def report_environment() -> jinja2.Environment:
         "list_ports": list_channels,
         "list_displacements": list_displacements,
         "list_zones": list_zones,
+        "draw_lobes": draw_lobes,
+        "list_lobes": list_lobes,
+        "list_lowest_lobes": list_lowest_lobes,
         "columns": {
             "components": COMPONENT_COLUMNS,
             "probes": PROBE_COLUMNS,
@@ -527,6 +535,8 @@ def report_environment() -> jinja2.Environment:
             "deviations": DEVIATION_COLUMNS,
             "lines": LINE_COLUMNS,
             "squareness": SQUARENESS_COLUMNS,
+            "lobes": LOBE_COLUMNS,
+            "lowest_lobes": LOWEST_LOBE_COLUMNS,
         },
         "enumerate": enumerate,
         "directions": DIRECTIONS,

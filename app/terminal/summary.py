@@ -2,7 +2,7 @@
 tables.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from rich.console import Console
 from rich.table import Table
@@ -38,6 +38,7 @@ from headstock.app.texts.tables import (
     DRIVE_POINT_COLUMNS,
     JOINT_COLUMNS,
     LINE_COLUMNS,
+    LOWEST_LOBE_COLUMNS,
     MODEL_COLUMNS,
     POLE_COLUMNS,
     PROBE_COLUMNS,
@@ -47,6 +48,7 @@ from headstock.app.texts.tables import (
     list_channels,
     list_displacements,
     list_lines,
+    list_lowest_lobes,
     list_modes,
     list_ranges,
     list_zones,
@@ -58,6 +60,7 @@ from headstock.app.texts.tables import (
     volumetric_words,
 )
 from headstock.geometry.machine.machine import show_position
+from headstock.pipeline.answers.lobes import LobesSummary
 from headstock.pipeline.answers.modal import ModesSummary
 from headstock.pipeline.answers.path import PathSummary
 from headstock.pipeline.answers.static import PointSummary
@@ -172,6 +175,12 @@ def print_summary(
         )
     for place, volume in summary.get("volumetric", {}).items():
         _print_volume(console, place, volume)
+    if "lobes" in summary:
+        print_table(
+            console,
+            _lobes_title(summary["lobes"]),
+            tell_rows(LOWEST_LOBE_COLUMNS, list_lowest_lobes(summary["lobes"])),
+        )
     if "model_errors" in summary:
         print_table(
             console,
@@ -343,6 +352,14 @@ def _print_error_shares(console: Console, modes: ModesSummary) -> None:
     for words in [f"± covers 95 % of errors, from {found}"] * bool(found) + error_words(modes):
         console.print(f"  {words}", markup=False)
     console.print()
+
+
+def _lobes_title(lobes: Mapping[str, LobesSummary]) -> str:
+    first = next(iter(lobes.values()))
+    return (
+        f"Limit depth of cut in {first['material']}, {first['teeth']} teeth on {first['diameter_mm']:g} mm,"
+        f" {first['radial_depth_mm']:g} mm wide"
+    )
 
 
 def _path_title(path: PathSummary) -> str:

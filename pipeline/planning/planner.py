@@ -289,7 +289,13 @@ def is_dynamic(analyses: Analyses) -> bool:
     """Whether an analysis needs mass and fixed-interface modes."""
     return any(
         request is not None
-        for request in (analyses.modal, analyses.frf, analyses.path, analyses.control)
+        for request in (
+            analyses.modal,
+            analyses.frf,
+            analyses.path,
+            analyses.control,
+            analyses.lobes,
+        )
     )
 
 
@@ -306,6 +312,8 @@ def _reaches(analyses: Analyses) -> dict[str, tuple[float, float]]:
         found["path analysis"] = (path_band(analyses.path), MODE_MARGIN)
     if analyses.control is not None:
         found["control"] = (analyses.control.up_to_hz, MODE_MARGIN)
+    if analyses.lobes is not None:
+        found["lobes"] = (analyses.lobes.up_to_hz, MODE_MARGIN)
     return found
 
 
@@ -314,11 +322,8 @@ def choose_poses(scene: Scene) -> dict[str, Pose]:
     that the machine couples.
     """
     analyses = scene.analyses
-    requests = [
-        request
-        for request in (analyses.static, analyses.modal, analyses.frf, analyses.control)
-        if request is not None
-    ]
+    asked_for = (analyses.static, analyses.modal, analyses.frf, analyses.control, analyses.lobes)
+    requests = [request for request in asked_for if request is not None]
     requested = {
         name: pose
         for name, pose in scene.poses.items()
@@ -466,6 +471,9 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
     control = scene.analyses.control
     if control is not None and _is_requested(pose.name, control.poses):
         stages.append(Stage("control", None, control.describe(tuple(scene.drives)), pose=pose.name))
+    lobes = scene.analyses.lobes
+    if lobes is not None and _is_requested(pose.name, lobes.poses):
+        stages.append(Stage("lobes", None, lobes.describe(), pose=pose.name))
     return stages
 
 

@@ -14,6 +14,7 @@ from headstock.pipeline.answers.contouring import ContourAnswer, ContourSummary
 from headstock.pipeline.answers.control import ControlAnswer, ControlSummary
 from headstock.pipeline.answers.frf import PoseResponse, ResponseSummary
 from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer, InterfaceErrorsSummary
+from headstock.pipeline.answers.lobes import LobesSummary, PoseLobes
 from headstock.pipeline.answers.map import MapSummary, WorkspaceMap
 from headstock.pipeline.answers.mechanism import MechanismPose, MechanismSummary
 from headstock.pipeline.answers.modal import ModesSummary, PoseModes
@@ -95,6 +96,7 @@ class RunSummary(TypedDict):
     frf: NotRequired[dict[str, ResponseSummary]]
     path: NotRequired[PathSummary]
     control: NotRequired[dict[str, ControlSummary]]
+    lobes: NotRequired[dict[str, LobesSummary]]
     map: NotRequired[MapSummary]
     volumetric: NotRequired[dict[str, VolumetricSummary]]
     contouring: NotRequired[ContourSummary]
@@ -140,6 +142,8 @@ def summarise(results: Results) -> RunSummary:
         summary["frf"] = {answer.curves.pose: answer.summarise() for answer in responses}
     if control := find_answers(answers, ControlAnswer):
         summary["control"] = {answer.pose: answer.summarise() for answer in control}
+    if lobes := find_answers(answers, PoseLobes):
+        summary["lobes"] = {answer.pose: answer.summarise() for answer in lobes}
     for path in find_answers(answers, PathResult):
         summary["path"] = path.summarise()
     for found in find_answers(answers, WorkspaceMap):

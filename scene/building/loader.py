@@ -49,6 +49,7 @@ from headstock.scene.building.loads import (
     check_probes,
     check_supports,
 )
+from headstock.scene.building.lobes import build_lobes, check_lobes
 from headstock.scene.building.mechanism import (
     build_contouring,
     build_map,
@@ -101,6 +102,7 @@ CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
     check_requests,
     check_path,
     check_volumetric,
+    check_lobes,
     check_mechanism,
     check_sweeps,
     check_studies,
@@ -304,6 +306,7 @@ def _build_analyses(table: SceneTable, poses: tuple[str, ...], folder: Path) -> 
         path=build_path_request(table),
         control=build_control(table, poses),
         volumetric=build_volumetric(table),
+        lobes=build_lobes(table, poses, folder),
     )
 
 

@@ -12,6 +12,7 @@ from headstock.scene.schema.drives import ControlTable, DriveTable
 from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
 from headstock.scene.schema.joints import JointTable
 from headstock.scene.schema.loads import LoadTable, ProbeTable, SupportTable
+from headstock.scene.schema.lobes import LobesTable
 from headstock.scene.schema.mechanism import ContouringTable, MechanismTable
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.studies import StudyTable, SweepTable
@@ -160,6 +161,7 @@ class AnalysesTable(StrictTable):
     path: Annotated[PathTable | None, _LEFT_OUT] = None
     control: Annotated[ControlTable | None, _LEFT_OUT] = None
     volumetric: Annotated[VolumetricTable | None, _LEFT_OUT] = None
+    lobes: Annotated[LobesTable | None, _LEFT_OUT] = None
 
     @field_validator("*", mode="before")
     @classmethod

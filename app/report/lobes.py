@@ -1,0 +1,163 @@
+"""Stability lobes in the report: limit depth over the speed of the spindle, one field for each
+direction of travel, each lobe in the colour of its mode.
+"""
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+from markupsafe import Markup
+
+from headstock.app.report import svg
+from headstock.app.texts.curves import even_ticks
+from headstock.pipeline.answers.lobes import DirectionSummary, LobesSummary
+
+WIDTH, LEFT, RIGHT, TITLE, HEIGHT, FOOT, LINE = 1150, 52, 14, 26, 210, 34, 16
+COLORS = ("#2f6db3", "#d08a4a", "#6a9a5b", "#8a6bb0", "#b5566e", "#5d8f8f", "#8c9bab")
+HEADROOM = 1.15
+MOST_OVER_LOWEST = 12.0  # of the axis over the lowest limit: one deep pocket does not flatten lobes
+LETTER = 6.2  # width of a letter of the legend
+Scale = Callable[[float], float]
+
+
+def draw_lobes(found: LobesSummary, identity: str) -> Markup:
+    """The lobes of a pose as one SVG.
+
+    Args:
+        found: Of the pose.
+        identity: ``id`` in the page.
+    """
+    parts: list[Markup] = []
+    top = 0.0
+    for direction in found["directions"]:
+        drawn, top = _draw_direction(direction, top)
+        parts.append(drawn)
+    return svg.picture(
+        parts,
+        identity=identity,
+        kind="sticks",
+        width=WIDTH,
+        height=top,
+        label="Limit depth of cut over the speed of the spindle",
+    )
+
+
+def _draw_direction(found: DirectionSummary, top: float) -> tuple[Markup, float]:
+    series = found["series"]
+    speeds = np.array(series["rpm"])
+    depths, plain = np.array(series["limit_depth_mm"]), np.array(series["zeroth_order_mm"])
+    highest = HEADROOM * float(min(depths.max(), MOST_OVER_LOWEST * max(depths.min(), 1e-6)))
+    base = top + TITLE + HEIGHT
+
+    def across(value: float) -> float:
+        return float(LEFT + (WIDTH - LEFT - RIGHT) * (value - speeds[0]) / (speeds[-1] - speeds[0]))
+
+    def up(value: float) -> float:
+        return float(base - HEIGHT * min(value, highest) / highest)
+
+    parts = [
+        svg.heading(LEFT, top + TITLE - 10, f"Travel {found['name']}: limit depth of cut [mm]")
+    ]
+    for value in even_ticks(0.0, highest, 5):
+        parts.append(
+            svg.line(float(LEFT), up(value), float(WIDTH - RIGHT), up(value), opacity=0.13)
+        )
+        parts.append(svg.text(LEFT - 5, up(value) + 3.5, f"{value:g}", anchor="end", size=10.5))
+    ticks = even_ticks(float(speeds[0]), float(speeds[-1]), 8)
+    for value in ticks:
+        words = f"{value:g}{' rpm' if value == ticks[-1] else ''}"
+        parts.append(svg.line(across(value), base, across(value), base + 4.0, opacity=0.5))
+        parts.append(svg.text(across(value), base + 15, words, anchor="middle", size=10.5))
+    modes = list(dict.fromkeys(lobe["mode"] for lobe in found["lobes"]))
+    colors = dict(zip(modes, itertools.cycle(COLORS), strict=False))
+    # limits that were found one by one would be spikes in the line: they are dots beside it
+    whole = found["bisected"] + sum(check["confirmed"] for check in found["checks"])
+    every = whole >= sum(lobe is not None for lobe in series["lobe"])
+    line = depths if every else plain
+    places = [(across(float(s)), up(float(d))) for s, d in zip(speeds, line, strict=True)]
+    outline = [(places[0][0], base), *places, (places[-1][0], base)]
+    parts.append(
+        Markup('<polygon points="{}" fill="#6a9a5b" opacity="0.10"/>').format(_points(outline))
+    )
+    if every:
+        zeroth = [(across(float(s)), up(float(d))) for s, d in zip(speeds, plain, strict=True)]
+        parts.append(_line(zeroth, "#8c9bab", 1.0, dashed=True))
+    for run in _runs(series["lobe"]):
+        lobe = series["lobe"][run[0]]
+        color = "#8c9bab" if lobe is None else colors[found["lobes"][lobe]["mode"]]
+        parts.append(_line(places[run[0] : run[-1] + 2], color, 1.8))
+    if not every:
+        known = dict(zip(series["rpm"], series["limit_depth_mm"], strict=True))
+        parts += [
+            _circle(across(check["rpm"]), up(known[check["rpm"]]), "#8a6bb0")
+            for check in found["checks"]
+        ]
+    parts += [_mark_lowest(found, across, up), _mark_best(found, across, up)]
+    y = base + 32.0
+    x = float(LEFT)
+    for mode in modes:
+        hz = next(lobe["mode_hz"] for lobe in found["lobes"] if lobe["mode"] == mode)
+        words = mode + (f", {hz:.0f} Hz" if hz is not None else "")
+        width = 26.0 + LETTER * len(words)
+        if x > LEFT and x + width > WIDTH - RIGHT:
+            x, y = float(LEFT), y + LINE
+        parts.append(
+            Markup('<rect x="{:.0f}" y="{:.0f}" width="16" height="3" fill="{}"/>').format(
+                x, y - 5.0, colors[mode]
+            )
+        )
+        parts.append(svg.text(x + 21.0, y, words, size=10.5))
+        x += width
+    return Markup("").join(parts), y + 22.0
+
+
+def _mark_lowest(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
+    lowest = found["lowest"]
+    if lowest is None:
+        return Markup("")
+    x, y = across(lowest["rpm"]), up(lowest["limit_depth_mm"])
+    words = f"{lowest['limit_depth_mm']:.3g} mm, chatter {lowest['chatter_hz']:.0f} Hz"
+    return _circle(x, y, "#b5566e") + svg.text(
+        min(max(x, LEFT + 70.0), WIDTH - RIGHT - 80.0), y + 16, words, anchor="middle", size=10.5
+    )
+
+
+def _mark_best(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
+    parts = []
+    taken: list[float] = []
+    for best in found["best_speeds"]:
+        x, y = across(best["rpm"]), up(best["limit_depth_mm"])
+        parts.append(_circle(x, y, "#6a9a5b"))
+        if all(abs(x - other) > 110.0 for other in taken):
+            taken.append(x)
+            words = f"{best['limit_depth_mm']:.3g} mm at {best['rpm']:.0f} rpm"
+            anchor = "end" if x > WIDTH - 130.0 else "start"
+            parts.append(
+                svg.text(x + (-7 if anchor == "end" else 7), y - 4, words, anchor=anchor, size=10.5)
+            )
+    return Markup("").join(parts)
+
+
+def _circle(x: float, y: float, color: str) -> Markup:
+    return Markup('<circle cx="{:.1f}" cy="{:.1f}" r="4" fill="{}"/>').format(x, y, color)
+
+
+def _line(
+    places: list[tuple[float, float]], color: str, width: float, *, dashed: bool = False
+) -> Markup:
+    dash = Markup(' stroke-dasharray="4 3"') if dashed else Markup("")
+    return Markup(
+        '<polyline points="{}" fill="none" stroke="{}" stroke-width="{}" stroke-linejoin="round"{}/>'
+    ).format(_points(places), color, width, dash)
+
+
+def _points(places: list[tuple[float, float]]) -> str:
+    return " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
+
+
+def _runs(owners: list[int | None]) -> list[list[int]]:
+    """Numbers of neighbours with the same owner."""
+    return [
+        [place for place, _ in group]
+        for _, group in itertools.groupby(enumerate(owners), key=lambda item: item[1])
+    ]

@@ -1,0 +1,485 @@
+"""The stage of stability lobes: limit depths of cut over the speed of the spindle, the mode and the
+part behind each lobe, and checks of the limits by Floquet multipliers.
+
+Only rank 0 has anything to do.
+"""
+
+import dataclasses
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.pipeline.answers.lobes import (
+    HZ,
+    DirectionLobes,
+    LimitCheck,
+    Lobe,
+    PoseLobes,
+    name_direction,
+)
+from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.stages.frf import peaks_have_tops
+from headstock.pipeline.stages.machine import damp_system
+from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState, Solved, pose_model
+from headstock.scene.reading.receptances import read_receptances
+from headstock.scene.requests import LobesRequest
+from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.damping import equivalent_viscous
+from headstock.solvers.linear.frequency_response import (
+    FrfModel,
+    find_peaks,
+    prepare_frf,
+    refine_grid,
+)
+from headstock.solvers.linear.modal_coordinates import ModalCoordinates
+from headstock.solvers.linear.residual_modes import reduce_to_modes
+from headstock.solvers.milling.forces import MillingCut
+from headstock.solvers.milling.full_discretisation import (
+    cut_multiplier,
+    scan_limit_depth,
+    step_response,
+    steps_per_period,
+)
+from headstock.solvers.milling.lobes import (
+    LobeDiagram,
+    chatter_shapes,
+    find_lobes,
+    mean_cutting_stiffness,
+)
+from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
+from headstock.solvers.milling.tool_dynamics import (
+    Assembly,
+    MeasuredAssembly,
+    attach_tool_modes,
+    couple_assembly,
+    split_tip_motion,
+)
+from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+
+LINES = 1200  # of the even grid
+# of the limit: where it is checked; below it more than once, as unstable islands may lie there
+BELOW, ABOVE = (0.45, 0.7, 0.95), 1.05
+BEST_SPEEDS = 3
+WORTHWHILE = 1.2  # times the lowest limit: a speed is worth choosing
+SEED = 18
+FINEST_CHATTER = 1.5  # of the frequency of chatter: what the steps of a check resolve
+RIGID_TOOL = "rigid: lobes above the machine's modes mean little without modes of spindle and tool"
+
+
+@dataclass(frozen=True, eq=False)
+class CuttingPoint:
+    """A machine in a pose with what stands between it and the tip.
+
+    Attributes:
+        request: What is asked for.
+        system: The machine with its damping.
+        model: Its response at the point.
+        assembly: Modes of spindle and tool, or measured.
+        omega: ``(f,)`` grid of angular frequencies.
+        machine: ``(f, 3, 3)`` its receptance there, machine axes.
+    """
+
+    request: LobesRequest
+    system: SecondOrderSystem
+    model: FrfModel
+    assembly: Assembly
+    omega: FloatArray
+    machine: ComplexArray
+
+    def tip(self, omega: FloatArray) -> ComplexArray:
+        """Receptance of the tip ``(f, 3, 3)``, machine axes."""
+        own = self.machine if omega is self.omega else self.model.form.evaluate(omega)
+        return couple_assembly(own, omega, self.assembly)
+
+
+def run_lobes_stage(state: RunState, stage: Stage) -> Outcome:
+    """Stability lobes in a pose."""
+    if not state.is_root:
+        return Outcome()
+    model = pose_model(state)
+    try:
+        solved = solve_lobes(model)
+    except ModelError as error:
+        return Outcome(failures=(f"lobes in pose {model.pose.name}: {error}",))
+    lowest = min(
+        (float(own.depths.min()) for own in solved.answer.directions), default=float("nan")
+    )
+    checks = [check for own in solved.answer.directions for check in own.checks]
+    confirmed = sum(check.confirmed for check in checks)
+    detail = f"lowest limit depth {1e3 * lowest:.3g} mm, {confirmed} of {len(checks)} checked limits confirmed"
+    return Outcome(detail=detail, answers=(solved.answer,), warnings=solved.warnings)
+
+
+def lobes_request(machine: PoseModel) -> LobesRequest:
+    """The lobes its scene asks for."""
+    request = machine.parts.scene.analyses.lobes
+    if request is None:
+        raise ValueError("lobes need an analysis in the scene")
+    return request
+
+
+def prepare_point(machine: PoseModel) -> CuttingPoint:
+    """The machine at the point where it cuts.
+
+    Raises:
+        ModelError: A mode in the range has no damping.
+    """
+    request, modes = lobes_request(machine), machine.all_modes
+    system = damp_system(machine.parts.scene, machine.system, modes)
+    channels = [(request.at, direction) for direction in DIRECTIONS]
+    model = prepare_frf(system, inputs=channels, outputs=channels, modes=modes)
+    assembly: Assembly = request.tool_modes
+    reach = request.reach_hz
+    if request.tool_receptance is not None:
+        assembly = read_receptances(request.tool_receptance, request.up)
+        reach = float(assembly.frequencies_hz[-1])
+    poles = find_peaks(model, reach)
+    if not peaks_have_tops(poles, request.up_to_hz):
+        raise ModelError(
+            "a mode in the range has no damping, so every cut chatters; give joints or materials damping, or write"
+            " [effects] damping = { modal = 0.02 }"
+        )
+    of_tool = [2.0 * np.pi * mode.hz * (1j - mode.damping) for mode in request.tool_modes]
+    base = np.linspace(0.0, reach, LINES + 1)[1:]
+    if isinstance(assembly, MeasuredAssembly):
+        base = np.union1d(base, assembly.frequencies_hz)
+        base = base[(base > 0.0) & (base >= assembly.frequencies_hz[0])]
+    omega = 2.0 * np.pi * refine_grid(base, np.concatenate([poles, of_tool]))
+    return CuttingPoint(request, system, model, assembly, omega, model.form.evaluate(omega))
+
+
+def travel_frame(
+    direction: tuple[float, float, float], up: tuple[float, float, float]
+) -> FloatArray:
+    """``(3, 3)`` rows along the travel, away from the part on its right, and up along the tool."""
+    axis = np.array(up) / np.linalg.norm(up)
+    along = np.array(direction) - (np.array(direction) @ axis) * axis
+    along /= np.linalg.norm(along)
+    return np.array([along, np.cross(axis, along), axis])
+
+
+def solve_lobes(machine: PoseModel, *, named: bool = True) -> Solved[PoseLobes]:
+    """Lobes of a machine in a pose with the damping of its scene.
+
+    Args:
+        machine: In the pose.
+        named: Find the mode behind every lobe; else only behind the lowest.
+
+    Raises:
+        ModelError: A mode in the range has no damping.
+    """
+    point = prepare_point(machine)
+    request = point.request
+    verify = None if isinstance(point.assembly, MeasuredAssembly) else reduced_tip(machine, point)
+    found = tuple(
+        _solve_direction(machine, point, direction, verify, named=named)
+        for direction in request.directions
+    )
+    low = request.immersion < request.low_immersion
+    warnings = [] if verify is None else _warn_of_checks(machine, found)
+    if verify is None and low:
+        warnings.append(
+            f"lobes: the immersion of {100.0 * request.immersion:.3g} % is low, and a measured receptance allows no Floquet"
+            " multipliers: flip lobes are not in the limits"
+        )
+    method = "zeroth order (Altintas and Budak 1995)"
+    if verify is None:
+        method += "; not checked: the tool's receptance is measured"
+    elif low:
+        method = "Floquet multipliers at every speed (full discretisation), by bisection"
+    else:
+        method += "; Floquet multipliers at minima and at a sample of speeds, bisection where they disagree"
+    answer = PoseLobes(
+        pose=machine.pose.name,
+        material=request.material,
+        radial_depth=request.radial_depth,
+        diameter=request.mill.diameter,
+        teeth=request.mill.teeth,
+        tool=_describe_tool(request),
+        up_to_hz=request.up_to_hz,
+        deepest=request.deepest,
+        method=method,
+        speeds=request.speeds,
+        directions=found,
+    )
+    return Solved(answer, tuple(warnings))
+
+
+def reduced_tip(machine: PoseModel, point: CuttingPoint) -> Callable[[FloatArray], TipDynamics]:
+    """The tip in few dofs, in a frame ``(3, 3)``: modes up to the reach and residual modes for the
+    rest; structural damping as viscous.
+    """
+    request = point.request
+    system = equivalent_viscous(point.system, machine.all_modes)
+    modes = machine.all_modes
+    if request.tool_modes:
+        system, modes = attach_tool_modes(system, request.at, request.tool_modes), None
+    channels = [(request.at, direction) for direction in DIRECTIONS]
+    small = reduce_to_modes(system, channels, request.reach_hz, modes)
+    rows = np.array([small.outputs[channel] for channel in channels])
+    damping = np.zeros_like(small.mass) if small.damping is None else small.damping
+
+    def in_frame(frame: FloatArray) -> TipDynamics:
+        moved = frame @ rows
+        return tip_dynamics(small.mass, damping, small.stiffness, forced=moved, seen=moved[:2])
+
+    return in_frame
+
+
+def _solve_direction(
+    machine: PoseModel,
+    point: CuttingPoint,
+    direction: tuple[float, float, float],
+    verify: Callable[[FloatArray], TipDynamics] | None,
+    *,
+    named: bool,
+) -> DirectionLobes:
+    request, frame = point.request, travel_frame(direction, point.request.up)
+    stiffness = mean_cutting_stiffness(request.mill, request.coefficients, request.radial_depth)
+    diagram = find_lobes(
+        lambda omega: frame @ point.tip(omega) @ frame.T,
+        point.omega,
+        stiffness,
+        teeth=request.mill.teeth,
+        speeds=request.speeds,
+        deepest=request.deepest,
+    )
+    depths, checks, bisected = diagram.depths.copy(), [], 0
+    if verify is not None:
+        tip, found = verify(frame), np.full(len(depths), np.nan)
+        trials = _Trials(request, tip, diagram)
+        if request.immersion < request.low_immersion:
+            places = np.arange(len(depths))
+        else:
+            chosen = {*_choose_speeds(machine, diagram), *_best_speeds(depths)}
+            checks = [trials.check(place) for place in sorted(chosen)]
+            places = np.array(
+                [check.place for check in checks if not check.confirmed], dtype=np.intp
+            )
+        for place in places:
+            found[place] = trials.limit(int(place))
+        bisected = len(places)
+        depths = np.where(np.isnan(found), depths, found)
+    lobes, owner = _group(point, diagram, depths, stiffness, frame, machine, named=named)
+    return DirectionLobes(
+        direction=direction,
+        depths=depths,
+        zeroth=diagram.depths,
+        chatter=diagram.chatter,
+        owner=owner,
+        lowest_any_speed=diagram.lowest,
+        lobes=lobes,
+        best=_best_speeds(depths),
+        checks=tuple(checks),
+        bisected=bisected,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Trials:
+    """Cuts tried at speeds of a diagram."""
+
+    request: LobesRequest
+    tip: TipDynamics
+    diagram: LobeDiagram
+
+    def multiplier(self, place: int) -> Callable[[float], float]:
+        """Of a depth of cut [m] at a speed."""
+        request, speed = self.request, float(self.diagram.speeds[place])
+        cut = MillingCut(
+            request.mill, request.coefficients, speed, request.deepest, request.radial_depth
+        )
+        chatter = float(self.diagram.chatter[place])
+        hz = HZ * chatter if np.isfinite(chatter) else request.reach_hz
+        steps = steps_per_period(FINEST_CHATTER * hz, cut.tooth_period)
+        response = step_response(self.tip, cut.tooth_period, steps)
+        return lambda depth: cut_multiplier(response, dataclasses.replace(cut, axial_depth=depth))
+
+    def check(self, place: int) -> LimitCheck:
+        """Below and above a limit."""
+        depth, multiplier = float(self.diagram.depths[place]), self.multiplier(place)
+        below = max(multiplier(share * depth) for share in BELOW)
+        return LimitCheck(place, depth, below, multiplier(ABOVE * depth))
+
+    def limit(self, place: int) -> float:
+        """Limit depth at a speed by bisection [m]."""
+        return scan_limit_depth(
+            self.multiplier(place), float(self.diagram.depths[place]), self.request.deepest
+        )
+
+
+def _choose_speeds(machine: PoseModel, diagram: LobeDiagram) -> list[int]:
+    """A seeded sample of the speeds that have a limit, at least one, and the lowest limit."""
+    limited = np.flatnonzero(diagram.waves >= 0)
+    if not len(limited):
+        return []
+    if lobes_request(machine).checked >= 1.0:
+        return [int(place) for place in limited]
+    place = repr(sorted(machine.pose.positions.items())).encode()
+    draw = np.random.default_rng([SEED, zlib.crc32(place)])
+    count = max(1, round(lobes_request(machine).checked * len(limited)))
+    chosen = draw.choice(limited, size=count, replace=False)
+    return sorted({int(np.argmin(diagram.depths)), *map(int, chosen)})
+
+
+def _best_speeds(depths: FloatArray) -> tuple[int, ...]:
+    """The deepest of the limits that no neighbour exceeds, the deepest first; of equal ones in a row
+    the middle.
+    """
+    starts = np.flatnonzero(np.concatenate([[True], depths[1:] != depths[:-1]]))
+    ends = np.concatenate([starts[1:], [len(depths)]]) - 1
+    level = depths[starts]
+    before, after = np.concatenate([[-np.inf], level[:-1]]), np.concatenate([level[1:], [-np.inf]])
+    tops = np.flatnonzero((level > before) & (level > after) & (level > WORTHWHILE * depths.min()))
+    order = sorted(tops, key=lambda top: -level[top])[:BEST_SPEEDS]
+    return tuple(int((starts[top] + ends[top]) // 2) for top in order)
+
+
+def _group(
+    point: CuttingPoint,
+    diagram: LobeDiagram,
+    depths: FloatArray,
+    stiffness: FloatArray,
+    frame: FloatArray,
+    machine: PoseModel,
+    *,
+    named: bool,
+) -> tuple[tuple[Lobe, ...], NDArray[np.intp]]:
+    """Neighbouring speeds with the same waves of the same mode, and the lobe of each speed."""
+    owner = np.full(len(depths), -1, dtype=np.intp)
+    limited = np.flatnonzero(diagram.waves >= 0)
+    if not len(limited):
+        return (), owner
+    if not named:
+        limited = limited[[int(np.argmin(depths[limited]))]]
+    sources, shares = _find_sources(point, diagram, limited, stiffness, frame)
+    waves = diagram.waves[limited]
+    new = (np.diff(limited) > 1) | (np.diff(waves) != 0) | (np.diff(sources) != 0)
+    owner[limited] = np.concatenate([[0], np.cumsum(new)])
+    names = _name_sources(machine, point, sorted(set(sources.tolist())))
+    lobes = []
+    for number in range(int(owner.max()) + 1):
+        own = np.flatnonzero(owner == number)
+        place = int(own[np.argmin(depths[own])])
+        at = int(np.flatnonzero(limited == place)[0])
+        name, hz, part = names[int(sources[at])]
+        lobes.append(
+            Lobe(
+                place=place,
+                first=int(own[0]),
+                last=int(own[-1]),
+                waves=int(diagram.waves[place]),
+                mode=name,
+                mode_hz=hz,
+                mode_share=float(shares[at]),
+                part=part,
+            )
+        )
+    return tuple(lobes), owner
+
+
+def _find_sources(
+    point: CuttingPoint,
+    diagram: LobeDiagram,
+    places: NDArray[np.intp],
+    stiffness: FloatArray,
+    frame: FloatArray,
+) -> tuple[NDArray[np.intp], FloatArray]:
+    """What contributes most to the motion that chatters at some speeds, ``(k,)`` numbers of modes of
+    the machine and, after them, of parts of the assembly; and its share ``(k,)``.
+    """
+    omega = diagram.chatter[places]
+    machine = point.model.form.evaluate(omega)
+    tip = frame @ couple_assembly(machine, omega, point.assembly) @ frame.T
+    shapes = chatter_shapes(tip, stiffness, diagram.eigenvalues[places])
+    split = split_tip_motion(machine, omega, point.assembly, shapes.forces @ frame)
+    weights = shapes.weights @ frame[:2]
+    of_assembly = np.einsum("pnd,nd->np", split.parts, weights)
+    coordinates = point.model.coordinates
+    of_machine = np.zeros((len(omega), 0))
+    if coordinates is not None:
+        modal = _modal_motion(coordinates, omega, split.base_force)
+        of_machine = modal * (weights @ coordinates.outputs)
+    every = np.concatenate([of_machine, of_assembly], axis=1).real
+    if not every.shape[1]:
+        return np.full(len(omega), -1, dtype=np.intp), np.zeros(len(omega))
+    best = np.argmax(every, axis=1)
+    return best, np.take_along_axis(every, best[:, None], axis=1)[:, 0]
+
+
+def _modal_motion(
+    coordinates: ModalCoordinates, omega: FloatArray, force: ComplexArray
+) -> ComplexArray:
+    """``(k, m)`` modal coordinates under forces ``(k, 3)`` at angular frequencies ``(k,)``."""
+    size = len(coordinates.eigenvalues)
+    zero = np.zeros((size, size))
+    viscous = zero if coordinates.viscous is None else coordinates.viscous
+    hysteretic = zero if coordinates.hysteretic is None else coordinates.hysteretic
+    loads = force @ coordinates.inputs.T
+    moved = np.empty_like(loads)
+    for row, value in enumerate(omega):
+        matrix = np.diag(coordinates.eigenvalues - value**2) + 1j * (value * viscous + hysteretic)
+        moved[row] = np.linalg.solve(matrix, loads[row])
+    return moved
+
+
+def _name_sources(
+    machine: PoseModel, point: CuttingPoint, sources: list[int]
+) -> dict[int, tuple[str, float | None, str]]:
+    """Name, natural frequency and part of modes of the machine and of parts of the assembly."""
+    coordinates = point.model.coordinates
+    count = 0 if coordinates is None else len(coordinates.eigenvalues)
+    found: dict[int, tuple[str, float | None, str]] = {-1: ("", None, "")}
+    own = np.array([source for source in sources if 0 <= source < count], dtype=np.intp)
+    if len(own):
+        modes = machine.all_modes
+        some = dataclasses.replace(
+            modes,
+            frequencies_hz=modes.frequencies_hz[own],
+            shapes=modes.shapes[:, own],
+            rigid_count=int((own < modes.rigid_count).sum()),
+            residuals=modes.residuals[own],
+        )
+        named = machine.name_modes(some)
+        for place, source in enumerate(own):
+            strain = named.strain_shares[place] or named.kinetic_shares[place]
+            part = max(strain, key=lambda name: strain[name], default="")
+            found[int(source)] = (named.names[place], float(some.frequencies_hz[place]), part)
+    for source in sources:
+        if source >= count:
+            if isinstance(point.assembly, MeasuredAssembly):
+                found[source] = ("measured assembly of spindle and tool", None, "tool")
+            else:
+                mode = point.assembly[source - count]
+                found[source] = (f"{mode.name} on its base", mode.hz, mode.name)
+    return found
+
+
+def _describe_tool(request: LobesRequest) -> str:
+    if request.tool_receptance is not None:
+        return f"measured receptances of {request.tool_receptance.name}"
+    if not request.tool_modes:
+        return RIGID_TOOL
+    return "on the machine: " + ", ".join(
+        f"{mode.name} {mode.hz:g} Hz" for mode in request.tool_modes
+    )
+
+
+def _warn_of_checks(machine: PoseModel, found: tuple[DirectionLobes, ...]) -> list[str]:
+    """What checks did not confirm."""
+    warnings = []
+    for own in found:
+        failed = [check for check in own.checks if not check.confirmed]
+        if failed:
+            off = [float(own.depths[check.place] / check.depth - 1.0) for check in failed]
+            worst = max(off, key=abs)
+            warnings.append(
+                f"lobes in pose {machine.pose.name}, travel {name_direction(own.direction)}: {len(failed)} of {len(own.checks)} checked"
+                f" limits are off, by up to {100.0 * worst:+.0f} %; bisection has replaced these, others may be off as much:"
+                " write checked = 1 in [analyses.lobes] to check every speed"
+            )
+    return warnings

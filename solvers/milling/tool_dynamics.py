@@ -1,0 +1,222 @@
+"""What stands between a machine and the tip of its tool: lumped modes of spindle and tool in a row,
+or a measured assembly, coupled by receptances.
+
+``H = R_tt - R_tb (R_bb + G)^-1 R_bt`` with the receptances ``R`` of the free assembly between its tip
+``t`` and its base ``b``, and ``G`` of the machine (Schmitz and Donaldson 2000). A lumped mode is a mass
+on a spring on what stands before it: its frequency is that on a rigid base.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+
+TRANSLATIONS = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class ToolMode:
+    """A mass on a spring between what stands before it and the tip.
+
+    Attributes:
+        name: For readers.
+        hz: Natural frequency on a rigid base [Hz].
+        damping: Ratio.
+        stiffness: [N/m].
+        directions: ``(3, d)`` orthonormal columns in which it moves, machine axes.
+    """
+
+    name: str
+    hz: float
+    damping: float
+    stiffness: float
+    directions: FloatArray
+
+    @property
+    def mass(self) -> float:
+        """[kg]."""
+        return float(self.stiffness / (2.0 * np.pi * self.hz) ** 2)
+
+    @property
+    def damper(self) -> float:
+        """[N s/m]."""
+        return 2.0 * self.damping * self.stiffness / (2.0 * np.pi * self.hz)
+
+    @property
+    def projector(self) -> FloatArray:
+        """``(3, 3)`` onto its directions."""
+        return np.asarray(self.directions @ self.directions.T)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredAssembly:
+    """Receptances of a free assembly of spindle nose, holder and tool, equal in all directions across
+    its axis; along its axis it is rigid and without mass.
+
+    Attributes:
+        frequencies_hz: ``(n,)`` rising [Hz].
+        tip: ``(n,)`` of the tip under a force there [m/N].
+        cross: ``(n,)`` of the base under a force at the tip, and the reverse [m/N].
+        base: ``(n,)`` of the base under a force there [m/N].
+        across: ``(3, 2)`` orthonormal columns across its axis, machine axes.
+    """
+
+    frequencies_hz: FloatArray
+    tip: ComplexArray
+    cross: ComplexArray
+    base: ComplexArray
+    across: FloatArray
+
+    def at(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Receptances of tip, cross and base, linear between the measured lines."""
+        lines = 2.0 * np.pi * self.frequencies_hz
+        tip, cross, base = (
+            np.interp(omega, lines, part.real) + 1j * np.interp(omega, lines, part.imag)
+            for part in (self.tip, self.cross, self.base)
+        )
+        return tip, cross, base
+
+
+def across_axis(axis: FloatArray) -> FloatArray:
+    """``(3, 2)`` orthonormal columns across an axis ``(3,)``."""
+    return np.asarray(np.linalg.svd(axis[None, :])[2][1:].T)
+
+
+Assembly = Sequence[ToolMode] | MeasuredAssembly
+
+
+def couple_assembly(machine: ComplexArray, omega: FloatArray, assembly: Assembly) -> ComplexArray:
+    """Receptance of the tip ``(f, 3, 3)``, machine axes.
+
+    Args:
+        machine: ``(f, 3, 3)`` of the machine where the assembly stands [m/N].
+        omega: ``(f,)`` [rad/s].
+        assembly: Modes in their order from machine to tip, none for a rigid tool; or measured.
+    """
+    if isinstance(assembly, MeasuredAssembly):
+        return _couple_measured(machine, omega, assembly)
+    found = machine
+    for mode in assembly:
+        # x = A (f + omega^2 m P x) with A of the machine and the spring in series
+        square = (omega**2 * mode.mass)[:, None, None]
+        series = found + mode.projector / _springs(mode, omega)[:, None, None]
+        found = np.linalg.solve(np.eye(3) - square * series @ mode.projector, series)
+    return found
+
+
+def _springs(mode: ToolMode, omega: FloatArray) -> ComplexArray:
+    return np.asarray(mode.stiffness + 1j * omega * mode.damper)
+
+
+def _couple_measured(
+    machine: ComplexArray, omega: FloatArray, assembly: MeasuredAssembly
+) -> ComplexArray:
+    tip, cross, base = assembly.at(omega)
+    across = assembly.across
+    plane = across @ across.T
+    axis = np.eye(3) - plane
+    passed = _passed_force(machine, cross, base, assembly)
+    own = tip[:, None, None] * plane - cross[:, None, None] * (plane @ passed)
+    return np.asarray(own + axis @ machine @ passed)
+
+
+def _passed_force(
+    machine: ComplexArray, cross: ComplexArray, base: ComplexArray, assembly: MeasuredAssembly
+) -> ComplexArray:
+    """``(f, 3, 3)`` force on the machine per force on the tip: across the axis that of the coupling,
+    along it the same.
+    """
+    across = assembly.across
+    plane = across @ across.T
+    axis = np.eye(3) - plane
+    stiff = np.linalg.inv(across.T @ machine @ across + base[:, None, None] * np.eye(2))
+    meeting = cross[:, None, None] * plane - plane @ machine @ axis
+    return np.asarray(across @ stiff @ across.T @ meeting + axis)
+
+
+@dataclass(frozen=True, eq=False)
+class TipMotion:
+    """Where the motion of a tip comes from.
+
+    Attributes:
+        parts: ``(p, f, 3)`` deflection of each mode of the assembly, or of all of it.
+        base_force: ``(f, 3)`` on the machine [N].
+    """
+
+    parts: ComplexArray
+    base_force: ComplexArray
+
+
+def split_tip_motion(
+    machine: ComplexArray, omega: FloatArray, assembly: Assembly, force: ComplexArray
+) -> TipMotion:
+    """Motion of the tip under a force, by what deflects; what is left is the machine's under the
+    force on it.
+
+    Args:
+        machine: ``(f, 3, 3)`` of the machine where the assembly stands [m/N].
+        omega: ``(f,)`` [rad/s].
+        assembly: As in :func:`couple_assembly`.
+        force: ``(f, 3)`` on the tip [N].
+    """
+    motion = (couple_assembly(machine, omega, assembly) @ force[:, :, None])[:, :, 0]
+    if isinstance(assembly, MeasuredAssembly):
+        _, cross, base = assembly.at(omega)
+        passed = (_passed_force(machine, cross, base, assembly) @ force[:, :, None])[:, :, 0]
+        own = (machine @ passed[:, :, None])[:, :, 0]
+        return TipMotion((motion - own)[None], passed)
+    parts = []
+    for mode in reversed(assembly):
+        force = force + (omega**2 * mode.mass)[:, None] * (motion @ mode.projector)
+        deflection = (force @ mode.projector) / _springs(mode, omega)[:, None]
+        motion = motion - deflection
+        parts.append(deflection)
+    return TipMotion(np.array(parts[::-1]).reshape(len(parts), len(omega), 3), np.asarray(force))
+
+
+def attach_tool_modes(
+    system: SecondOrderSystem, point: str, modes: Sequence[ToolMode]
+) -> SecondOrderSystem:
+    """The machine with the modes as dofs of its own, one system; its channels are the translations
+    of the tip alone.
+
+    Args:
+        system: The machine, symmetric.
+        point: Where the first mode stands.
+        modes: From machine to tip.
+    """
+    rows = np.array([system.outputs[point, axis] for axis in TRANSLATIONS])
+    loads = np.array([system.inputs[point, axis] for axis in TRANSLATIONS])
+    labels = list(system.labels)
+    matrices = [
+        system.mass,
+        system.stiffness,
+        np.zeros_like(system.mass) if system.damping is None else system.damping,
+        np.zeros_like(system.mass) if system.hysteretic is None else system.hysteretic,
+    ]
+    for mode in modes:
+        size, more = len(matrices[0]), mode.directions.shape[1]
+        matrices = [np.pad(matrix, (0, more)) for matrix in matrices]
+        rows = np.concatenate([rows, mode.directions], axis=1)
+        loads = np.concatenate([loads, mode.directions], axis=1)
+        moved, pushed = mode.directions.T @ rows, mode.directions.T @ loads
+        matrices[0] = matrices[0] + mode.mass * pushed.T @ moved
+        own = np.arange(size, size + more)
+        matrices[1][own, own] += mode.stiffness
+        matrices[2][own, own] += mode.damper
+        labels += [f"{mode.name}.{number}" for number in range(more)]
+    mass, stiffness, damping, hysteretic = matrices
+    return dataclasses.replace(
+        system,
+        mass=mass,
+        stiffness=stiffness,
+        damping=damping if damping.any() else None,
+        hysteretic=hysteretic if hysteretic.any() else None,
+        inputs={(point, axis): loads[row] for row, axis in enumerate(TRANSLATIONS)},
+        outputs={(point, axis): rows[row] for row, axis in enumerate(TRANSLATIONS)},
+        labels=tuple(labels),
+    )

@@ -1,0 +1,169 @@
+"""Lobes of machines: any machine that has matrices in a pose, checked limits, spindle and tool on it,
+and what a bad table is told.
+"""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from common import present
+from headstock.app.report.report import render_report
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.lobes import DirectionLobes, PoseLobes
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.requests import Analyses
+
+DATA = Path(__file__).parents[2] / "data"
+LOBES = """
+[effects]
+damping = { modal = "3 %" }
+[analyses.lobes]
+speeds = ["3000 rpm", "12000 rpm", 60]
+mill = { diameter = "16 mm", teeth = 4 }
+material = "al7075-t6"
+radial_depth = "16 mm"
+poses = ["left"]
+"""
+MODES = """tool_modes = [
+    { name = "spindle", frequency = "700 Hz", damping = "4 %", stiffness = "40 N/um" },
+    { name = "tool", frequency = "1500 Hz", damping = "2 %", stiffness = "12 N/um" },
+]
+"""
+
+
+def write_scene(folder: Path, more: str = "", *changes: tuple[str, str]) -> Path:
+    text = (DATA / "slide.toml").read_text() + LOBES + more
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return path
+
+
+def lobes_of(path: Path, tmp_path: Path) -> PoseLobes:
+    scene = load_scene(path)
+    scene = dataclasses.replace(scene, analyses=Analyses(lobes=scene.analyses.lobes))
+    results = run_scene(
+        scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
+    )
+    assert results.failures == ()
+    (found,) = find_answers(results.answers, PoseLobes)
+    return found
+
+
+def along_x(found: PoseLobes) -> DirectionLobes:
+    return next(own for own in found.directions if own.direction == (1.0, 0.0, 0.0))
+
+
+def test_every_lobe_has_a_mode_a_part_and_a_checked_limit(tmp_path: Path) -> None:
+    """In a full slot with four teeth zeroth order is exact: every check confirms it."""
+    found = lobes_of(write_scene(tmp_path), tmp_path)
+    assert len(found.directions) == 2
+    for own in found.directions:
+        assert own.bisected == 0
+        assert len(own.checks) >= 2
+        assert all(check.confirmed for check in own.checks)
+        lowest = present(own.lowest)
+        assert own.depths[lowest.place] == own.depths.min() < found.deepest
+        assert lowest.mode and lowest.part and lowest.mode_hz is not None
+        # chatter is a little above the mode it comes from
+        chatter = own.chatter[lowest.place] / (2.0 * np.pi)
+        assert lowest.mode_hz < chatter < 1.2 * lowest.mode_hz
+        assert 0.5 < lowest.mode_share < 1.5
+        for place in own.best:
+            assert own.depths[place] > 1.2 * own.depths.min()
+
+
+def test_report_and_tables_show_the_lobes(tmp_path: Path) -> None:
+    scene = load_scene(write_scene(tmp_path))
+    scene = dataclasses.replace(scene, analyses=Analyses(lobes=scene.analyses.lobes))
+    results = run_scene(
+        scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
+    )
+    summary = summarise(results)
+    (direction, _) = summary["lobes"]["left"]["directions"]
+    assert len(direction["series"]["limit_depth_mm"]) == 60
+    page = render_report(summary)
+    assert "Stability lobes" in page
+    assert present(direction["lowest"])["mode"] in page
+    assert "mean little without modes of spindle and tool" in page
+
+
+def test_a_low_immersion_is_bisected_at_every_speed(tmp_path: Path) -> None:
+    changes = (
+        ('radial_depth = "16 mm"', 'radial_depth = "0.8 mm"'),
+        ('12000 rpm", 60', '12000 rpm", 6'),
+    )
+    found = lobes_of(
+        write_scene(tmp_path, 'directions = ["x"]\ndeepest = "0.5 m"\n', *changes), tmp_path
+    )
+    (own,) = found.directions
+    assert own.bisected == 6
+    assert (own.depths != own.zeroth).all()
+
+
+def test_stiff_modes_of_spindle_and_tool_change_nothing_and_soft_ones_do(tmp_path: Path) -> None:
+    plain = along_x(lobes_of(write_scene(tmp_path), tmp_path))
+    stiff = MODES
+    for old, new in (("700", "1e5"), ("1500", "1e5"), ("40 N", "4e3 N"), ("12 N", "4e3 N")):
+        stiff = stiff.replace(old, new)
+    same = along_x(lobes_of(write_scene(tmp_path, stiff), tmp_path))
+    assert same.zeroth.min() == pytest.approx(plain.zeroth.min(), rel=5e-3)
+    found = along_x(lobes_of(write_scene(tmp_path, MODES), tmp_path))
+    assert {lobe.part for lobe in found.lobes} & {"spindle", "tool"}
+    assert all(check.confirmed for check in found.checks)  # one system with the same modes
+
+
+def test_a_measured_receptance_takes_the_place_of_modes(tmp_path: Path) -> None:
+    """The free receptances of two masses on a spring give the lobes of the second mass on its
+    spring, where the first one weighs next to nothing.
+    """
+    lines = np.linspace(5.0, 4000.0, 8000)
+    omega, stiffness, light = 2.0 * np.pi * lines, 12e6, 1e-6
+    mass = stiffness / (2.0 * np.pi * 1500.0) ** 2
+    spring = stiffness * (1.0 + 2j * 0.02 * omega / (2.0 * np.pi * 1500.0))
+    first, second = spring - omega**2 * light, spring - omega**2 * mass
+    both = first * second - spring**2
+    values = [first / both, spring / both, second / both]
+    rows = np.column_stack(
+        [lines, *(part for value in values for part in (value.real, value.imag))]
+    )
+    head = "frequency,tip_re,tip_im,cross_re,cross_im,base_re,base_im"
+    np.savetxt(tmp_path / "tool.csv", rows, delimiter=",", header=head, comments="", fmt="%.17g")
+    measured = lobes_of(write_scene(tmp_path, 'tool_receptance = "tool.csv"\n'), tmp_path)
+    only = MODES.replace(MODES.splitlines()[1] + "\n", "")
+    modes = lobes_of(write_scene(tmp_path, only), tmp_path)
+    np.testing.assert_allclose(along_x(measured).zeroth, along_x(modes).zeroth, rtol=2e-3)
+    assert along_x(measured).checks == ()
+    assert "not checked" in measured.method
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "words"),
+    [
+        (('damping = { modal = "3 %" }', ""), "analyses.lobes", "without damping every cut chatters"),
+        (('radial_depth = "16 mm"', 'radial_depth = "17 mm"'), "analyses.lobes", "at most its diameter"),
+        (('poses = ["left"]', 'poses = ["lefd"]'), "analyses.lobes.poses", "left"),
+        (('poses = ["left"]', 'at = "tpc"'), "analyses.lobes.at", "tcp"),
+        (('poses = ["left"]', 'directions = ["x", "z"]'), "analyses.lobes.directions", "along the tool"),
+        (('"12000 rpm", 60', '"2000 rpm", 60'), "analyses.lobes.speeds", "lowest speed first"),
+        (('poses = ["left"]', 'tool_receptance = "none.csv"'), "analyses.lobes.tool_receptance", "none.csv"),
+    ],
+)  # fmt: skip
+def test_a_bad_table_is_refused_with_what_to_write(
+    tmp_path: Path, change: tuple[str, str], key: str, words: str
+) -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene(write_scene(tmp_path, "", change))
+    assert any(
+        problem.key.startswith(key) and words in problem.message
+        for problem in caught.value.problems
+    ), str(caught.value)

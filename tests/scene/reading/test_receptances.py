@@ -1,0 +1,40 @@
+"""Files of measured receptances: every fault is named with its line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from headstock.scene.reading.receptances import ReceptanceFileError, read_receptances
+
+HEAD = "frequency,tip_re,tip_im,cross_re,cross_im,base_re,base_im\n"
+
+
+def test_columns_become_complex_and_their_order_is_free(tmp_path: Path) -> None:
+    path = tmp_path / "tool.csv"
+    path.write_text(
+        "base_im,frequency,tip_re,tip_im,cross_re,cross_im,base_re\n6,10,1,2,3,4,5\n0,20,1,1,1,1,1\n"
+    )
+    found = read_receptances(path, (0.0, 0.0, 1.0))
+    assert found.tip[0], found.cross[0] == (1 + 2j, 3 + 4j)
+    assert found.base[0] == 5 + 6j
+    np.testing.assert_allclose(found.across.T @ [0.0, 0.0, 1.0], 0.0, atol=1e-15)
+    tip, _, _ = found.at(2.0 * np.pi * np.array([15.0]))
+    assert tip[0] == pytest.approx(1 + 1.5j)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("frequency,tip_re\n1,2\n", "tip_im is missing"),
+        (HEAD + "1,1,1,1,1,1,1\n", "at least two"),
+        (HEAD + "2,1,1,1,1,1,1\n1,1,1,1,1,1,1\n", "csv:3: frequencies must rise"),
+        (HEAD + "1,1,1,1,1,1,1\n2,1,1,x,1,1,1\n", "csv:3: holds something else than 7 numbers"),
+        (HEAD + "1,1,1,1,1,1,nan\n2,1,1,1,1,1,1\n", "csv:2: holds a number that is not finite"),
+    ],
+)
+def test_a_fault_is_named_with_its_line(tmp_path: Path, content: str, words: str) -> None:
+    path = tmp_path / "tool.csv"
+    path.write_text(content)
+    with pytest.raises(ReceptanceFileError, match=words):
+        read_receptances(path, (0.0, 0.0, 1.0))
