@@ -6,6 +6,7 @@ from typing import Literal
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath
+from headstock.solvers.linear.load_history import LoadHistory
 from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.milling.tool_path import SquareContour
 from headstock.solvers.paths.response import LowPass
@@ -194,6 +195,55 @@ class ControlRequest:
         return f"effect drive_control: loops of {', '.join(drives)} closed, poles up to {self.up_to_hz:g} Hz"
 
 
+@dataclass(frozen=True, eq=False)
+class TimedLoad:
+    """A load over time.
+
+    Attributes:
+        name: Of it.
+        target: Where it acts, as point or interface with a direction; or the name of a static load.
+        shape: As the scene has it.
+        history: Force, moment or factor of the static load over time.
+    """
+
+    name: str
+    target: Channel | str
+    shape: str
+    history: LoadHistory
+
+
+@dataclass(frozen=True, eq=False)
+class TransientRequest:
+    """Motion under loads that change with time, in named poses.
+
+    Attributes:
+        loads: What acts.
+        velocities: Component to its velocity before the time zero, machine axes [m/s].
+        outputs: Where motion is wanted.
+        duration: From the time zero [s].
+        sampling_hz: Samples a second.
+        up_to_hz: Modes up to here vibrate; those above follow at once.
+        settled: Share of its way within which an output has settled.
+        poses: All of them when empty.
+    """
+
+    loads: tuple[TimedLoad, ...]
+    velocities: dict[str, tuple[float, float, float]]
+    outputs: tuple[Channel, ...]
+    duration: float
+    sampling_hz: float
+    up_to_hz: float
+    settled: float
+    poses: tuple[str, ...] = ()
+
+    def describe(self) -> str:
+        """In a few words: what is computed, and how far."""
+        causes = [f"{load.shape.replace('_', ' ')} {load.name}" for load in self.loads]
+        if self.velocities:
+            causes.append(f"initial velocity of {', '.join(self.velocities)}")
+        return f"{', '.join(causes)}: {self.duration:g} s with modes up to {self.up_to_hz:g} Hz"
+
+
 Request = (
     StaticRequest
     | ModalRequest
@@ -202,6 +252,7 @@ Request = (
     | ContouringRequest
     | PathRequest
     | ControlRequest
+    | TransientRequest
 )
 
 
@@ -216,3 +267,4 @@ class Analyses:
     contouring: ContouringRequest | None = None
     path: PathRequest | None = None
     control: ControlRequest | None = None
+    transient: TransientRequest | None = None

@@ -21,6 +21,7 @@ from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.path import PathResult
+from headstock.pipeline.answers.transient import TransientAnswer
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.results.files import REPORT_FILE, RESULTS_FILE, SUMMARY_FILE
@@ -90,10 +91,17 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
                 for path in find_answers(results.answers, PathResult)
                 for run in path.runs
             ]
+            histories = [item.curves for item in find_answers(results.answers, TransientAnswer)]
             with show_progress() as progress:
                 progress.begin("report", DRAWING_SECONDS if request.figures else 0.0)
                 remarks = publish_run(
-                    output, summary, results.view, curves, paths, figures=request.figures
+                    output,
+                    summary,
+                    results.view,
+                    curves,
+                    paths,
+                    histories,
+                    figures=request.figures,
                 )
             if request.json_file is not None:
                 write_output(request.json_file, dump_summary(summary).encode())

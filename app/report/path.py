@@ -3,15 +3,13 @@ leg forces of a contour.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from markupsafe import Markup
 
 from headstock.app.report import svg
-from headstock.app.texts.curves import even_ticks, thin_curve
-from headstock.geometry.frames import FloatArray
+from headstock.app.report.panels import Panel, draw_axes, draw_curve, find_range, round_value
 from headstock.pipeline.answers.contouring import ContourSummary
 from headstock.pipeline.answers.path import PathCurves, deviation_unit
 from headstock.solvers.second_order import name_channel
@@ -23,28 +21,6 @@ FEED_COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b", "#8a6bb0", "#b5566e", "#5d8f8f")
 TOTAL, QUASI_STATIC, RESIDUAL = "#2f6db3", "#d08a4a", "#8c9bab"
 UNITS = {"um": "µm", "urad": "µrad"}
 BEFORE, AFTER = 0.1, 2.4  # how far a closer look reaches before and after a ramp, in its durations
-
-
-@dataclass(frozen=True)
-class _Panel:
-    """A field with axes: its left upper corner, its size, and what it shows from where to where."""
-
-    x: float
-    y: float
-    width: float
-    height: float
-    across: tuple[float, float]
-    up: tuple[float, float]
-
-    def place(self, values: FloatArray) -> FloatArray:
-        """Where values stand from left to right."""
-        low, high = self.across
-        return np.asarray(self.x + self.width * (np.asarray(values) - low) / (high - low))
-
-    def level(self, values: FloatArray) -> FloatArray:
-        """Where values stand from top to bottom."""
-        low, high = self.up
-        return np.asarray(self.y + self.height * (high - np.asarray(values)) / (high - low))
 
 
 def draw_path(curves: Sequence[PathCurves], output: int, identity: str) -> Markup:
@@ -73,18 +49,18 @@ def _draw_line(curves: Sequence[PathCurves], output: int) -> Markup:
     unit, factor = deviation_unit(curves[0].outputs[output])
     values = [factor * run.deviation.total[:, output] for run in curves]
     length = 1e3 * float(curves[0].positions[-1])
-    panel = _Panel(LEFT, TITLE, WIDTH - LEFT - RIGHT, LINE_HEIGHT, (0.0, length), _range(values))
+    panel = Panel(LEFT, TITLE, WIDTH - LEFT - RIGHT, LINE_HEIGHT, (0.0, length), find_range(values))
     steepness = (panel.height / (panel.up[1] - panel.up[0])) / (panel.width / length) * 1e3
-    title = f"The line as travelled, deviation of {name_channel(curves[0].outputs[output])} magnified {_round(steepness)} times"
+    title = f"The line as travelled, deviation of {name_channel(curves[0].outputs[output])} magnified {round_value(steepness)} times"
     parts = [svg.heading(panel.x, panel.y - 10, title)]
     fastest = max(curves, key=lambda run: run.feed)
     for begin, end in fastest.zones:
         places = 1e3 * np.interp([begin, end], fastest.deviation.times, fastest.positions)
         parts.append(_shade(panel, float(places[0]), float(places[1])))
-    parts.append(_axes(panel, "mm", UNITS[unit]))
+    parts.append(draw_axes(panel, "mm", UNITS[unit]))
     for number, (run, value) in enumerate(zip(curves, values, strict=True)):
         color = FEED_COLORS[number % len(FEED_COLORS)]
-        parts.append(_curve(panel, 1e3 * run.positions, value, color, 1.3))
+        parts.append(draw_curve(panel, 1e3 * run.positions, value, color, 1.3))
         parts.append(
             svg.text(
                 WIDTH - RIGHT - 120 * (len(curves) - number - 1),
@@ -119,13 +95,13 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
         ("residual vibration", RESIDUAL),
     )
     for number, (span, share, (word, color)) in enumerate(zip(spans, SHARES, words, strict=True)):
-        panel = _Panel(
+        panel = Panel(
             left,
             top + TITLE,
             share * room,
             PANEL_HEIGHT,
             span,
-            _range([total, quasi_static, residual]),
+            find_range([total, quasi_static, residual]),
         )
         parts.append(
             svg.heading(
@@ -142,75 +118,22 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
             for begin, end in run.zones
             if begin < span[1] and end > span[0]
         ]
-        parts.append(_axes(panel, "s", ""))
+        parts.append(draw_axes(panel, "s", ""))
         if number:
-            parts.append(_curve(panel, found.times, residual, RESIDUAL, 1.0))
+            parts.append(draw_curve(panel, found.times, residual, RESIDUAL, 1.0))
         parts += [
-            _curve(panel, found.times, quasi_static, QUASI_STATIC, 1.6),
-            _curve(panel, found.times, total, TOTAL, 1.3),
+            draw_curve(panel, found.times, quasi_static, QUASI_STATIC, 1.6),
+            draw_curve(panel, found.times, total, TOTAL, 1.3),
         ]
         left += panel.width + LEFT
     return Markup("").join(parts)
 
 
-def _range(values: Sequence[FloatArray]) -> tuple[float, float]:
-    low, high = (
-        min(0.0, *(float(part.min()) for part in values)),
-        max(0.0, *(float(part.max()) for part in values)),
-    )
-    room = 0.06 * ((high - low) or 1.0)
-    return low - room, high + room
-
-
-def _curve(panel: _Panel, x: FloatArray, y: FloatArray, color: str, width: float) -> Markup:
-    inside = (x >= panel.across[0]) & (x <= panel.across[1])
-    thin = thin_curve(np.asarray(x[inside]), np.asarray(y[inside]), int(panel.width))
-    points = " ".join(
-        f"{a:.1f},{b:.1f}" for a, b in zip(panel.place(thin[0]), panel.level(thin[1]), strict=True)
-    )
-    return Markup(
-        '<polyline points="{}" fill="none" stroke="{}" stroke-width="{}" stroke-linejoin="round"/>'
-    ).format(points, color, width)
-
-
-def _shade(panel: _Panel, begin: float, end: float) -> Markup:
+def _shade(panel: Panel, begin: float, end: float) -> Markup:
     low, high = panel.place(np.clip([begin, end], *panel.across))
     return Markup(
         '<rect x="{:.1f}" y="{:.1f}" width="{:.1f}" height="{}" fill="currentColor" opacity="0.09"/>'
     ).format(low, panel.y, max(high - low, 1.0), panel.height)
-
-
-def _axes(panel: _Panel, unit: str, side: str) -> Markup:
-    parts = []
-    for value in even_ticks(panel.up[0], panel.up[1], 4):
-        y = float(panel.level(np.array(value)))
-        parts.append(
-            svg.line(
-                float(panel.x),
-                y,
-                float(panel.x + panel.width),
-                y,
-                opacity=0.45 if value == 0.0 else 0.13,
-            )
-        )
-        parts.append(svg.text(panel.x - 5, y + 3.5, _round(value), anchor="end", size=10.5))
-    ticks = even_ticks(panel.across[0], panel.across[1], 6)
-    for value in ticks:
-        x = float(panel.place(np.array(value)))
-        words = _round(value) + (f" {unit}" if value == ticks[-1] else "")
-        parts.append(svg.text(x, panel.y + panel.height + 14, words, anchor="middle", size=10.5))
-    if side:
-        parts.append(svg.text(panel.x - 5, panel.y - 4, side, anchor="end", size=10.5))
-    return Markup("").join(parts)
-
-
-def _round(value: float) -> str:
-    text = (
-        f"{value:.3g}"
-        if abs(value) < 1000.0
-        else f"{float(f'{value:.2g}'):,.0f}".replace(",", "\u202f")
-    )
-    return text.replace("-", "−") if text.startswith("-") else text
 
 
 CONTOUR_WIDTH, CONTOUR_HEIGHT, CONTOUR_LEFT, CONTOUR_RIGHT, TOP, BOTTOM = 1040, 240, 56, 12, 20, 30

@@ -27,6 +27,7 @@ from headstock.app.report.figures import (
 from headstock.app.report.frf import draw_overlay, draw_response, has_more_fields
 from headstock.app.report.notes import judge_numbers
 from headstock.app.report.path import draw_contour, draw_path
+from headstock.app.report.transient import draw_transient
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
 from headstock.app.texts.bounded_values import (
     error_words,
@@ -40,6 +41,7 @@ from headstock.app.texts.bounded_values import (
     show_damping,
     show_damping_error,
     show_size,
+    transient_words,
 )
 from headstock.app.texts.curves import overlaid_responses
 from headstock.app.texts.tables import (
@@ -48,6 +50,7 @@ from headstock.app.texts.tables import (
     DRIVE_POINT_COLUMNS,
     JOINT_COLUMNS,
     MODEL_COLUMNS,
+    MOVED_COLUMNS,
     POLE_COLUMNS,
     PROBE_COLUMNS,
     ZONE_COLUMNS,
@@ -56,6 +59,7 @@ from headstock.app.texts.tables import (
     encode_csv,
     list_channels,
     list_modes,
+    list_moved,
     list_tables,
     list_zones,
     path_stem,
@@ -63,6 +67,7 @@ from headstock.app.texts.tables import (
     static_by_pose,
     tabulate_response,
     top_shares,
+    transient_stem,
 )
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import show_position
@@ -70,6 +75,7 @@ from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.path import PathCurves
 from headstock.pipeline.answers.static import PointSummary
+from headstock.pipeline.answers.transient import TransientCurves
 from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import RunSummary
@@ -112,6 +118,7 @@ def write_report(
     curves: Sequence[ResponseCurves] = (),
     paths: Sequence[PathCurves] = (),
     worth: Worth | None = None,
+    histories: Sequence[TransientCurves] = (),
 ) -> Path:
     """Write ``report.html`` into a folder of results.
 
@@ -123,12 +130,15 @@ def write_report(
         curves: Of the frequency responses.
         paths: Of the path analysis.
         worth: Of effects and models, where that is known.
+        histories: Of the transient analysis.
 
     Raises:
         OutputError: It cannot be written.
     """
     path = folder / REPORT_FILE
-    write_output(path, render_report(summary, view, stills, curves, paths, worth).encode())
+    write_output(
+        path, render_report(summary, view, stills, curves, paths, worth, histories).encode()
+    )
     return path
 
 
@@ -139,6 +149,7 @@ def render_report(
     curves: Sequence[ResponseCurves] = (),
     paths: Sequence[PathCurves] = (),
     worth: Worth | None = None,
+    histories: Sequence[TransientCurves] = (),
 ) -> str:
     """The report as HTML text that refers to nothing outside itself.
 
@@ -152,6 +163,7 @@ def render_report(
         curves: Of the frequency responses.
         paths: Of the path analysis.
         worth: Of effects and models, where that is known.
+        histories: Of the transient analysis.
     """
     view, stills = view or MachineView(), stills or Stills()
     colors = component_colors(view)
@@ -179,6 +191,7 @@ def render_report(
             },
             paths=list(paths),
             path_stems=[path_stem(run) for run in paths],
+            histories={history.pose: history for history in histories},
             worth=None if worth is None else worth.summary,
             chart=None if worth is None else worth.chart,
             responses={response.pose: response for response in curves},
@@ -495,6 +508,10 @@ def report_environment() -> jinja2.Environment:
         "draw_contour": draw_contour,
         "draw_poles": draw_poles,
         "draw_path": draw_path,
+        "draw_transient": draw_transient,
+        "list_moved": list_moved,
+        "transient_words": transient_words,
+        "transient_stem": transient_stem,
         "draw_rows": draw_rows,
         "list_ports": list_channels,
         "list_zones": list_zones,
@@ -505,6 +522,7 @@ def report_environment() -> jinja2.Environment:
             "drives": DRIVE_COLUMNS,
             "ports": DRIVE_POINT_COLUMNS,
             "zones": ZONE_COLUMNS,
+            "moved": MOVED_COLUMNS,
             "models": MODEL_COLUMNS,
             "joints": JOINT_COLUMNS,
         },

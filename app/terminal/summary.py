@@ -30,6 +30,7 @@ from headstock.app.texts.bounded_values import (
     show_damping_error,
     show_size,
     show_span,
+    transient_words,
 )
 from headstock.app.texts.tables import (
     COMPONENT_COLUMNS,
@@ -37,12 +38,14 @@ from headstock.app.texts.tables import (
     DRIVE_POINT_COLUMNS,
     JOINT_COLUMNS,
     MODEL_COLUMNS,
+    MOVED_COLUMNS,
     POLE_COLUMNS,
     PROBE_COLUMNS,
     ZONE_COLUMNS,
     Column,
     list_channels,
     list_modes,
+    list_moved,
     list_zones,
     shared_budget,
     sort_shares,
@@ -161,6 +164,14 @@ def print_summary(
             f"Drives in pose {pose}, lag at {speed:g} mm/min",
             tell_rows(DRIVE_COLUMNS, control["drives"].items()),
         )
+    for pose, transient in summary.get("transient", {}).items():
+        print_table(
+            console,
+            f"Motion in {1e3 * transient['duration_s']:g} ms in pose {pose}, {transient['modes']} modes up to {transient['up_to_hz']:g} Hz",
+            tell_rows(MOVED_COLUMNS, list_moved(transient)),
+        )
+        for words in transient_words(transient):
+            console.print(f"  {words}", markup=False)
     if "model_errors" in summary:
         print_table(
             console,

@@ -50,6 +50,7 @@ STAGE_SECONDS = {
     "joints": 0.3,
     "frf": 0.08,
     "control": 0.06,
+    "respond": 0.3,
     "write": 0.05,
 }
 STEPS_PER_SECOND = 3e4  # of a contour

@@ -25,6 +25,7 @@ StageKind = Literal[
     "frf",
     "path",
     "control",
+    "respond",
     "place",
     "map",
     "contour",
@@ -44,7 +45,8 @@ class Stage:
             analysis, ``recover`` the response at probes, ``modal`` analysis, ``spread`` of its
             frequencies with the kind of interfaces, ``models``: what rigid and segmented bodies
             leave out, ``joints``: what rigid ones do, ``frf`` frequency response, ``path``
-            deviation from a line, ``control`` closed loops of drives, ``write`` the results.
+            deviation from a line, ``control`` closed loops of drives, ``respond`` to
+            loads over time, ``write`` the results.
         component: The component it works on; None for the machine.
         reason: Why the scene calls for it, in plain words.
         pose: The pose it works in; None for components.

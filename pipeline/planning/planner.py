@@ -282,7 +282,13 @@ def is_dynamic(analyses: Analyses) -> bool:
     """Whether an analysis needs mass and fixed-interface modes."""
     return any(
         request is not None
-        for request in (analyses.modal, analyses.frf, analyses.path, analyses.control)
+        for request in (
+            analyses.modal,
+            analyses.frf,
+            analyses.path,
+            analyses.control,
+            analyses.transient,
+        )
     )
 
 
@@ -299,6 +305,8 @@ def _reaches(analyses: Analyses) -> dict[str, tuple[float, float]]:
         found["path analysis"] = (path_band(analyses.path), MODE_MARGIN)
     if analyses.control is not None:
         found["control"] = (analyses.control.up_to_hz, MODE_MARGIN)
+    if analyses.transient is not None:
+        found["transient analysis"] = (analyses.transient.up_to_hz, MODE_MARGIN)
     return found
 
 
@@ -309,7 +317,13 @@ def choose_poses(scene: Scene) -> dict[str, Pose]:
     analyses = scene.analyses
     requests = [
         request
-        for request in (analyses.static, analyses.modal, analyses.frf, analyses.control)
+        for request in (
+            analyses.static,
+            analyses.modal,
+            analyses.frf,
+            analyses.control,
+            analyses.transient,
+        )
         if request is not None
     ]
     requested = {
@@ -459,6 +473,9 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
     control = scene.analyses.control
     if control is not None and _is_requested(pose.name, control.poses):
         stages.append(Stage("control", None, control.describe(tuple(scene.drives)), pose=pose.name))
+    transient = scene.analyses.transient
+    if transient is not None and _is_requested(pose.name, transient.poses):
+        stages.append(Stage("respond", None, transient.describe(), pose=pose.name))
     return stages
 
 

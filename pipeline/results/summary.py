@@ -19,6 +19,7 @@ from headstock.pipeline.answers.mechanism import MechanismPose, MechanismSummary
 from headstock.pipeline.answers.modal import ModesSummary, PoseModes
 from headstock.pipeline.answers.path import PathResult, PathSummary
 from headstock.pipeline.answers.static import PointSummary, ProbeAnswer, ProbeSummary, StaticAnswer
+from headstock.pipeline.answers.transient import TransientAnswer, TransientSummary
 from headstock.pipeline.planning.plan import StageKind, StageRecord
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.storage.provenance import ProvenanceSummary
@@ -94,6 +95,7 @@ class RunSummary(TypedDict):
     frf: NotRequired[dict[str, ResponseSummary]]
     path: NotRequired[PathSummary]
     control: NotRequired[dict[str, ControlSummary]]
+    transient: NotRequired[dict[str, TransientSummary]]
     map: NotRequired[MapSummary]
     contouring: NotRequired[ContourSummary]
     accuracy: NotRequired[AccuracySummary]
@@ -138,6 +140,8 @@ def summarise(results: Results) -> RunSummary:
         summary["frf"] = {answer.curves.pose: answer.summarise() for answer in responses}
     if control := find_answers(answers, ControlAnswer):
         summary["control"] = {answer.pose: answer.summarise() for answer in control}
+    if transient := find_answers(answers, TransientAnswer):
+        summary["transient"] = {answer.curves.pose: answer.summarise() for answer in transient}
     for path in find_answers(answers, PathResult):
         summary["path"] = path.summarise()
     for found in find_answers(answers, WorkspaceMap):

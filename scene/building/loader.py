@@ -63,6 +63,7 @@ from headstock.scene.building.studies import (
     check_sweeps,
     read_sweep_paths,
 )
+from headstock.scene.building.transient import build_transient, check_transient
 from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import Analyses
@@ -93,6 +94,7 @@ CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
     check_poses,
     check_requests,
     check_path,
+    check_transient,
     check_mechanism,
     check_sweeps,
     check_studies,
@@ -295,6 +297,7 @@ def _build_analyses(table: SceneTable, poses: tuple[str, ...], folder: Path) -> 
         ),
         path=build_path_request(table),
         control=build_control(table, poses),
+        transient=build_transient(table, poses, folder),
     )
 
 

@@ -15,7 +15,7 @@ Step = str | int | slice
 Watched = str | int | float | bool | None
 # what a summary holds at its top, and what a study itself measures of a point
 RESULT_NAMES = (
-    "name", "status", "versions", "stages", "totals", "components", "static", "static_poses", "modal", "probes", "frf", "control", "path",
+    "name", "status", "versions", "stages", "totals", "components", "static", "static_poses", "modal", "probes", "frf", "control", "path", "transient",
     "warnings", "failures",
 )  # fmt: skip
 MEASURED_NAMES = ("seconds", "cpu_seconds")

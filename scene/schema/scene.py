@@ -15,6 +15,7 @@ from headstock.scene.schema.loads import LoadTable, ProbeTable, SupportTable
 from headstock.scene.schema.mechanism import ContouringTable, MechanismTable
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.studies import StudyTable, SweepTable
+from headstock.scene.schema.transient import TransientTable
 from headstock.scene.schema.types import (
     MAX_POSES,
     RATIO_FORM,
@@ -158,6 +159,7 @@ class AnalysesTable(StrictTable):
     contouring: Annotated[ContouringTable | None, _LEFT_OUT] = None
     path: Annotated[PathTable | None, _LEFT_OUT] = None
     control: Annotated[ControlTable | None, _LEFT_OUT] = None
+    transient: Annotated[TransientTable | None, _LEFT_OUT] = None
 
     @field_validator("*", mode="before")
     @classmethod

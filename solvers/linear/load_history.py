@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.errors import ModelError
 
+IndexArray = NDArray[np.intp]
 SAME_TIME = 1e-9  # of a time step: what is closer is one instant
 
 
@@ -43,7 +45,7 @@ class LoadHistory:
         """Where the load jumps, bends, or strikes [s]."""
         struck = [time for time, _ in self.impulses]
         every = np.concatenate([self.begins, self.ends, struck])
-        return np.unique(every[np.isfinite(every)])
+        return np.asarray(np.unique(every[np.isfinite(every)]), dtype=float)
 
     @property
     def first(self) -> float:
@@ -90,7 +92,7 @@ class SteppedLoads:
     linear: FloatArray
     sines: tuple[Sine, ...]
     impulses: FloatArray
-    sampled: FloatArray
+    sampled: IndexArray
 
     @property
     def steps(self) -> FloatArray:
@@ -201,7 +203,7 @@ def step_loads(loads: Sequence[LoadHistory], duration: float, sampling_hz: float
         np.stack([_linear_part(load, times) for load in loads], axis=-1),
         _sines(loads, times),
         np.stack([_struck(load, times) for load in loads], axis=-1),
-        np.searchsorted(times, samples),
+        np.asarray(np.searchsorted(times, samples), dtype=np.intp),
     )
 
 
@@ -223,7 +225,7 @@ def _one_piece(
     )
 
 
-def _active(load: LoadHistory, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _active(load: LoadHistory, times: FloatArray) -> tuple[IndexArray, BoolArray]:
     """Piece that acts on each step, and whether one does."""
     middle = 0.5 * (times[1:] + times[:-1])
     piece = np.searchsorted(load.begins, middle, side="right") - 1

@@ -12,7 +12,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damped_modes import add_little_mass
 from headstock.solvers.linear.damping import equivalent_viscous
-from headstock.solvers.linear.load_history import LoadHistory, SteppedLoads
+from headstock.solvers.linear.load_history import IndexArray, LoadHistory, SteppedLoads
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.linear.modal_coordinates import (
     ModalCoordinates,
@@ -78,7 +78,7 @@ class Response:
     ends: FloatArray
     begin_speeds: FloatArray
     end_speeds: FloatArray
-    sampled: FloatArray
+    sampled: IndexArray
 
     def sample(self) -> tuple[FloatArray, FloatArray]:
         """Times of the samples ``(m,)`` and displacements there ``(m, k)``, after what happens at
