@@ -34,7 +34,7 @@ from headstock.solvers.linear.transient import (
     scale_frequencies,
     solve_transient,
 )
-from headstock.solvers.second_order import SecondOrderSystem
+from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 MASS, HZ, ZETA = 2.0, 50.0, 0.05
 OMEGA = 2.0 * np.pi * HZ
@@ -44,7 +44,7 @@ X = ("mass", "x")
 
 
 def oscillator(zeta: float = ZETA) -> SecondOrderSystem:
-    row = {X: np.ones(1)}
+    row: dict[Channel, FloatArray] = {X: np.ones(1)}
     return SecondOrderSystem(
         np.array([[MASS]]),
         np.array([[2.0 * zeta * OMEGA * MASS]]),
@@ -158,7 +158,7 @@ def test_figures_of_a_step_are_those_of_control_engineering() -> None:
     overshoot = np.exp(-np.pi * ZETA / np.sqrt(1.0 - ZETA**2))
     assert found.overshoot == pytest.approx(overshoot, rel=1e-4)
     assert found.peak_time == pytest.approx(np.pi / MOVING, rel=1e-3)
-    fine = np.linspace(0.0, 0.5, 200_001)
+    fine: FloatArray = np.asarray(np.linspace(0.0, 0.5, 200_001), dtype=float)
     off = np.abs(step_response(fine) * STIFFNESS - 1.0) > 0.02
     # to the end of the step of 1/20 period in which it settles
     settled = float(fine[off].max())
