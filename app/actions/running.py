@@ -24,12 +24,12 @@ from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.answers.transient import TransientAnswer
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.plan import Stage, StageRecord
+from headstock.pipeline.preview.free_motions import free_motion_warnings
 from headstock.pipeline.results.files import REPORT_FILE, RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.results.mode_files import VOLUME_FOLDER
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.stages.rigid_checks import free_motion_warnings
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import claim_output, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice

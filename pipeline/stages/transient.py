@@ -195,7 +195,7 @@ def _leave_out_roundoff(
         ]
         still = abs(own.peak) <= ROUNDOFF * max(like)
         found.append(
-            dataclasses.replace(own, peak=0.0, peak_time=0.0, overshoot=None, settling=None)
+            TransientFigures(0.0, 0.0, 0.0, None if own.final is None else 0.0, None, None)
             if still
             else own
         )
