@@ -18,6 +18,7 @@ from headstock.machine import Machine, write_setting, write_settings
 from headstock.pipeline.accuracy.search import plan_first_round
 from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.preview.free_motions import free_motion_warnings
 from headstock.pipeline.results.files import (
     FIGURES_FOLDER,
     REPORT_FILE,
@@ -31,7 +32,6 @@ from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.part_files import find_missing_patches
-from headstock.pipeline.stages.rigid_checks import free_motion_warnings
 from headstock.pipeline.storage.outputs import claim_output, remove_outputs, replace_outputs
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice, trace_content
 from headstock.pipeline.storage.store import Store, default_store_root

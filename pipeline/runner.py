@@ -48,6 +48,7 @@ from headstock.pipeline.stages.run_state import (
 )
 from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.stages.static import run_recover_stage, run_static_stage
+from headstock.pipeline.stages.transient import run_transient_stage
 from headstock.pipeline.stages.volume_files import volume_grid, write_volumes
 from headstock.pipeline.stages.volumetric import run_volumetric_stage
 from headstock.pipeline.stages.warnings import find_warnings
@@ -78,6 +79,7 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "control": run_control_stage,
     "volumetric": run_volumetric_stage,
     "lobes": run_lobes_stage,
+    "respond": run_transient_stage,
 }
 SHARED_STAGES = ("map", "spread", "models", "joints")  # all ranks work on them
 

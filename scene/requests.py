@@ -7,6 +7,7 @@ from typing import Literal
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath
+from headstock.solvers.linear.load_history import LoadHistory
 from headstock.solvers.milling.forces import CuttingCoefficients, EndMill, MillingCut
 from headstock.solvers.milling.tool_dynamics import ToolMode
 from headstock.solvers.milling.tool_path import SquareContour
@@ -271,6 +272,55 @@ class LobesRequest:
         return f"limit depth at {len(self.speeds)} speeds from {low:g} to {high:g} rpm in {self.material}, {100.0 * self.immersion:.3g} % immersion"
 
 
+@dataclass(frozen=True, eq=False)
+class TimedLoad:
+    """A load over time.
+
+    Attributes:
+        name: Of it.
+        target: Where it acts, as point or interface with a direction; or the name of a static load.
+        shape: As the scene has it.
+        history: Force, moment or factor of the static load over time.
+    """
+
+    name: str
+    target: Channel | str
+    shape: str
+    history: LoadHistory
+
+
+@dataclass(frozen=True, eq=False)
+class TransientRequest:
+    """Motion under loads that change with time, in named poses.
+
+    Attributes:
+        loads: What acts.
+        velocities: Component to its velocity before the time zero, machine axes [m/s].
+        outputs: Where motion is wanted.
+        duration: From the time zero [s].
+        sampling_hz: Samples a second.
+        up_to_hz: Modes up to here vibrate; those above follow at once.
+        settled: Share of its way within which an output has settled.
+        poses: All of them when empty.
+    """
+
+    loads: tuple[TimedLoad, ...]
+    velocities: dict[str, tuple[float, float, float]]
+    outputs: tuple[Channel, ...]
+    duration: float
+    sampling_hz: float
+    up_to_hz: float
+    settled: float
+    poses: tuple[str, ...] = ()
+
+    def describe(self) -> str:
+        """In a few words: what is computed, and how far."""
+        causes = [f"{load.shape.replace('_', ' ')} {load.name}" for load in self.loads]
+        if self.velocities:
+            causes.append(f"initial velocity of {', '.join(self.velocities)}")
+        return f"{', '.join(causes)}: {self.duration:g} s with modes up to {self.up_to_hz:g} Hz"
+
+
 Request = (
     StaticRequest
     | ModalRequest
@@ -281,6 +331,7 @@ Request = (
     | ControlRequest
     | VolumetricRequest
     | LobesRequest
+    | TransientRequest
 )
 
 
@@ -297,3 +348,4 @@ class Analyses:
     control: ControlRequest | None = None
     volumetric: VolumetricRequest | None = None
     lobes: LobesRequest | None = None
+    transient: TransientRequest | None = None

@@ -18,6 +18,9 @@ UNITS = {
     "dynamic stiffness": "N/µm",
     "lines of frequency responses": "m/N",
     "path deviation": "µm",
+    "peaks over time": "µm",
+    "rest positions": "µm",
+    "settling times": "s",
     "control poles": "Hz",
     "velocity lag": "µm",
     "deflection under gravity on the contour": "µm",
@@ -29,7 +32,13 @@ UNITS = {
 }
 # numbers that are each compared with themselves; of the others, components of a vector say, the
 # largest of the group counts
-EACH_ITS_OWN = {"frequencies", "dynamic stiffness", "control poles", "map of frequencies"}
+EACH_ITS_OWN = {
+    "frequencies",
+    "dynamic stiffness",
+    "settling times",
+    "control poles",
+    "map of frequencies",
+}
 
 
 class ChangeSummary(TypedDict):
@@ -159,6 +168,13 @@ def _entries(summary: RunSummary) -> Iterator[_Entry]:
                 if "peak_um" in figures:
                     where = f"{' '.join(output['dof'])}, {zone}, {run['name']}"
                     yield _Entry("path deviation", where, [figures["peak_um"], figures["span_um"]])
+    for pose, transient in summary.get("transient", {}).items():
+        for name, moved in transient["outputs"].items():
+            if moved["unit"] == "um":
+                where = f"{name} in pose {pose}"
+                yield _Entry("peaks over time", where, [moved["peak"]])
+                yield _Entry("rest positions", where, [moved["final"]])
+                yield _Entry("settling times", where, [moved["settling_s"]])
     for pose, found in summary.get("control", {}).items():
         yield _Entry(
             "control poles", f"pose {pose}", [pole["frequency_hz"] for pole in found["poles"]]

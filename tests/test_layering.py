@@ -65,6 +65,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "answers": {"planning", "storage"},
         "results": {"planning", "storage", "answers"},
         "stages": {"planning", "storage", "answers", "results"},
+        "preview": {"planning", "storage", "answers", "results", "stages"},
         "accuracy": {"planning", "storage", "answers", "results", "stages"},
     },
     "studies": {"parameters": set(), "sweeps": set(), "identification": set()},

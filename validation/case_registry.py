@@ -8,18 +8,12 @@ from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
 from headstock.solvers.ranks import make_on_root
-<<<<<<< HEAD
-from headstock.validation.coverage.cases import (
-    check_coverage,
-    check_coverage_smoke,
-    check_hex_coverage,
-=======
 from headstock.validation.coverage.cases import FRESH as FRESH_PARTS
 from headstock.validation.coverage.cases import (
     check_coverage,
     check_coverage_smoke,
+    check_hex_coverage,
     cover_new_parts,
->>>>>>> faces
 )
 from headstock.validation.machines.accuracy_cases import (
     check_beam_accuracy,

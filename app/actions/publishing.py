@@ -19,15 +19,23 @@ from headstock.app.pictures.pictures import (
 )
 from headstock.app.report.report import Stills, Worth, render_report, write_report
 from headstock.app.terminal.console import print_remarks
-from headstock.app.texts.tables import encode_csv, list_tables, tabulate_path, tabulate_response
+from headstock.app.texts.tables import (
+    encode_csv,
+    list_tables,
+    tabulate_path,
+    tabulate_response,
+    tabulate_transient,
+)
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.path import PathCurves
+from headstock.pipeline.answers.transient import TransientCurves
 from headstock.pipeline.results.files import (
     FIGURES_FOLDER,
     REPORT_FILE,
     SUMMARY_FILE,
     TABLES_FOLDER,
     read_curves,
+    read_histories,
     read_paths,
     read_summary,
     read_view,
@@ -54,6 +62,7 @@ def publish_run(
     view: MachineView,
     curves: Sequence[ResponseCurves] = (),
     paths: Sequence[PathCurves] = (),
+    histories: Sequence[TransientCurves] = (),
     *,
     figures: bool = True,
     more: Sequence[Drawing] = (),
@@ -67,6 +76,7 @@ def publish_run(
         view: What there is to draw.
         curves: Of the frequency responses.
         paths: Of the path analysis.
+        histories: Of the transient analysis.
         figures: Draw pictures of the machine; else the report has none for browsers without WebGL.
         more: Pictures for ``figures`` besides those of the machine.
 
@@ -77,7 +87,7 @@ def publish_run(
     with ThreadPoolExecutor(1) as pool:
         drawing = pool.submit(draw_machine, view, store) if figures else None
         remarks = [
-            *_write_tables(folder, summary, curves, paths),
+            *_write_tables(folder, summary, curves, paths, histories),
             *write_mode_files(folder, summary["modal"], view),
         ]
         drawn = drawing.result() if drawing is not None else Drawing({})
@@ -86,7 +96,8 @@ def publish_run(
         folder, FIGURES_FOLDER, {f"{name}.png": image for name, image in images.items()}
     )
     stills = Stills(stills_by_pose(view, drawn.images), drawn.remark)
-    write_report(folder, summary, view, stills, curves, paths, read_worth(folder, summary))
+    worth = read_worth(folder, summary)
+    write_report(folder, summary, view, stills, curves, paths, worth, histories)
     return list(dict.fromkeys([*remarks, *(part.remark for part in (drawn, *more) if part.remark)]))
 
 
@@ -101,7 +112,8 @@ def renew_report(folder: Path) -> Path:
     summary = read_summary(folder)
     with claim_output(folder, (REPORT_FILE,), PARTS):
         curves, paths = read_curves(folder), read_paths(folder)
-        print_remarks(publish_again(folder, summary, read_view(folder), curves, paths))
+        histories = read_histories(folder)
+        print_remarks(publish_again(folder, summary, read_view(folder), curves, paths, histories))
     return folder / REPORT_FILE
 
 
@@ -133,6 +145,7 @@ def publish_again(
     view: MachineView,
     curves: Sequence[ResponseCurves] = (),
     paths: Sequence[PathCurves] = (),
+    histories: Sequence[TransientCurves] = (),
 ) -> list[str]:
     """Report, tables, modes and pictures anew from the files of a run, with all modes and every
     chart; remarks for the user.
@@ -143,6 +156,7 @@ def publish_again(
         view: What there is to draw.
         curves: Of the frequency responses.
         paths: Of the path analysis.
+        histories: Of the transient analysis.
 
     Raises:
         UnusableOutputError: The summary is not one that this version writes.
@@ -159,7 +173,7 @@ def publish_again(
     with ThreadPoolExecutor(1) as pool:
         modes = pool.submit(draw_modes, summary, view)
         more = (draw_charts(folder), modes.result())
-    return publish_run(folder, summary, view, curves, paths, more=more)
+    return publish_run(folder, summary, view, curves, paths, histories, more=more)
 
 
 def _write_tables(
@@ -167,6 +181,7 @@ def _write_tables(
     summary: RunSummary,
     curves: Sequence[ResponseCurves] = (),
     paths: Sequence[PathCurves] = (),
+    histories: Sequence[TransientCurves] = (),
 ) -> list[str]:
     """Write every table as ``tables/NAME.csv``, and remove those of an earlier run; remarks for the
     user.
@@ -174,7 +189,12 @@ def _write_tables(
     Raises:
         OutputError: A file cannot be written.
     """
-    tables = [*list_tables(summary), *map(tabulate_response, curves), *map(tabulate_path, paths)]
+    tables = [
+        *list_tables(summary),
+        *map(tabulate_response, curves),
+        *map(tabulate_path, paths),
+        *map(tabulate_transient, histories),
+    ]
     return replace_outputs(
         folder, TABLES_FOLDER, {f"{table.name}.csv": encode_csv(table) for table in tables}
     )

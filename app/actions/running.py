@@ -21,14 +21,15 @@ from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.path import PathResult
+from headstock.pipeline.answers.transient import TransientAnswer
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.plan import Stage, StageRecord
+from headstock.pipeline.preview.free_motions import free_motion_warnings
 from headstock.pipeline.results.files import REPORT_FILE, RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.results.mode_files import VOLUME_FOLDER
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.stages.rigid_checks import free_motion_warnings
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import claim_output, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
@@ -90,10 +91,17 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
                 for path in find_answers(results.answers, PathResult)
                 for run in path.runs
             ]
+            histories = [item.curves for item in find_answers(results.answers, TransientAnswer)]
             with show_progress() as progress:
                 progress.begin("report", DRAWING_SECONDS if request.figures else 0.0)
                 remarks = publish_run(
-                    output, summary, results.view, curves, paths, figures=request.figures
+                    output,
+                    summary,
+                    results.view,
+                    curves,
+                    paths,
+                    histories,
+                    figures=request.figures,
                 )
             if request.json_file is not None:
                 write_output(request.json_file, dump_summary(summary).encode())

@@ -16,8 +16,8 @@ from headstock.geometry.machine.joints import GROUND
 from headstock.geometry.machine.machine import Pose, position_units, show_position
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import SuperelementFile
+from headstock.pipeline.preview.rigid_view import SupportView, view_rigid
 from headstock.pipeline.results.views import JointView, MachineView, PoseView
-from headstock.pipeline.stages.rigid_view import SupportView, view_rigid
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_output
 from headstock.scene.scene import Scene

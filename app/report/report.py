@@ -28,6 +28,7 @@ from headstock.app.report.frf import draw_overlay, draw_response, has_more_field
 from headstock.app.report.lobes import draw_lobes
 from headstock.app.report.notes import judge_numbers
 from headstock.app.report.path import draw_contour, draw_path
+from headstock.app.report.transient import draw_transient
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
 from headstock.app.report.volumetric import draw_motions, draw_volume, list_maps
 from headstock.app.texts.bounded_values import (
@@ -42,6 +43,7 @@ from headstock.app.texts.bounded_values import (
     show_damping,
     show_damping_error,
     show_size,
+    transient_words,
 )
 from headstock.app.texts.curves import overlaid_responses
 from headstock.app.texts.tables import (
@@ -54,6 +56,7 @@ from headstock.app.texts.tables import (
     LOBE_COLUMNS,
     LOWEST_LOBE_COLUMNS,
     MODEL_COLUMNS,
+    MOVED_COLUMNS,
     POLE_COLUMNS,
     PROBE_COLUMNS,
     SQUARENESS_COLUMNS,
@@ -67,6 +70,7 @@ from headstock.app.texts.tables import (
     list_lobes,
     list_lowest_lobes,
     list_modes,
+    list_moved,
     list_ranges,
     list_tables,
     list_zones,
@@ -76,6 +80,7 @@ from headstock.app.texts.tables import (
     static_by_pose,
     tabulate_response,
     top_shares,
+    transient_stem,
     volumetric_words,
 )
 from headstock.geometry.frames import DIRECTIONS
@@ -84,6 +89,7 @@ from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.path import PathCurves
 from headstock.pipeline.answers.static import PointSummary
+from headstock.pipeline.answers.transient import TransientCurves
 from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import RunSummary
@@ -126,6 +132,7 @@ def write_report(
     curves: Sequence[ResponseCurves] = (),
     paths: Sequence[PathCurves] = (),
     worth: Worth | None = None,
+    histories: Sequence[TransientCurves] = (),
 ) -> Path:
     """Write ``report.html`` into a folder of results.
 
@@ -137,12 +144,15 @@ def write_report(
         curves: Of the frequency responses.
         paths: Of the path analysis.
         worth: Of effects and models, where that is known.
+        histories: Of the transient analysis.
 
     Raises:
         OutputError: It cannot be written.
     """
     path = folder / REPORT_FILE
-    write_output(path, render_report(summary, view, stills, curves, paths, worth).encode())
+    write_output(
+        path, render_report(summary, view, stills, curves, paths, worth, histories).encode()
+    )
     return path
 
 
@@ -153,6 +163,7 @@ def render_report(
     curves: Sequence[ResponseCurves] = (),
     paths: Sequence[PathCurves] = (),
     worth: Worth | None = None,
+    histories: Sequence[TransientCurves] = (),
 ) -> str:
     """The report as HTML text that refers to nothing outside itself.
 
@@ -166,6 +177,7 @@ def render_report(
         curves: Of the frequency responses.
         paths: Of the path analysis.
         worth: Of effects and models, where that is known.
+        histories: Of the transient analysis.
     """
     view, stills = view or MachineView(), stills or Stills()
     colors = component_colors(view)
@@ -193,6 +205,7 @@ def render_report(
             },
             paths=list(paths),
             path_stems=[path_stem(run) for run in paths],
+            histories={history.pose: history for history in histories},
             worth=None if worth is None else worth.summary,
             chart=None if worth is None else worth.chart,
             responses={response.pose: response for response in curves},
@@ -516,6 +529,10 @@ def report_environment() -> jinja2.Environment:
         "draw_contour": draw_contour,
         "draw_poles": draw_poles,
         "draw_path": draw_path,
+        "draw_transient": draw_transient,
+        "list_moved": list_moved,
+        "transient_words": transient_words,
+        "transient_stem": transient_stem,
         "draw_rows": draw_rows,
         "list_ports": list_channels,
         "list_displacements": list_displacements,
@@ -530,6 +547,7 @@ def report_environment() -> jinja2.Environment:
             "drives": DRIVE_COLUMNS,
             "ports": DRIVE_POINT_COLUMNS,
             "zones": ZONE_COLUMNS,
+            "moved": MOVED_COLUMNS,
             "models": MODEL_COLUMNS,
             "joints": JOINT_COLUMNS,
             "deviations": DEVIATION_COLUMNS,

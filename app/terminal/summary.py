@@ -30,6 +30,7 @@ from headstock.app.texts.bounded_values import (
     show_damping_error,
     show_size,
     show_span,
+    transient_words,
 )
 from headstock.app.texts.tables import (
     COMPONENT_COLUMNS,
@@ -40,6 +41,7 @@ from headstock.app.texts.tables import (
     LINE_COLUMNS,
     LOWEST_LOBE_COLUMNS,
     MODEL_COLUMNS,
+    MOVED_COLUMNS,
     POLE_COLUMNS,
     PROBE_COLUMNS,
     SQUARENESS_COLUMNS,
@@ -50,6 +52,7 @@ from headstock.app.texts.tables import (
     list_lines,
     list_lowest_lobes,
     list_modes,
+    list_moved,
     list_ranges,
     list_zones,
     merge_families,
@@ -181,6 +184,14 @@ def print_summary(
             _lobes_title(summary["lobes"]),
             tell_rows(LOWEST_LOBE_COLUMNS, list_lowest_lobes(summary["lobes"])),
         )
+    for pose, transient in summary.get("transient", {}).items():
+        print_table(
+            console,
+            f"Motion in {1e3 * transient['duration_s']:g} ms in pose {pose}, {transient['modes']} modes up to {transient['up_to_hz']:g} Hz",
+            tell_rows(MOVED_COLUMNS, list_moved(transient)),
+        )
+        for words in transient_words(transient):
+            console.print(f"  {words}", markup=False)
     if "model_errors" in summary:
         print_table(
             console,

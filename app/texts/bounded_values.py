@@ -21,6 +21,7 @@ from headstock.pipeline.answers.estimates import (
     show_share,
 )
 from headstock.pipeline.answers.frf import ResponseSummary
+from headstock.pipeline.answers.transient import TransientSummary
 
 MOST_DIGITS = 5  # significant ones of a value, however small its error is
 LARGE_FIRST_DIGIT = 3  # an error that begins with it or more keeps one digit
@@ -263,6 +264,32 @@ def response_error_words(response: ResponseSummary) -> list[str]:
         words.append(f"no bound above {bounded_to:.4g} Hz")
     if left_out:
         words.append(f"not in ±: {'; '.join(left_out)}")
+    return words
+
+
+def transient_words(transient: TransientSummary) -> list[str]:
+    """What a settling time means, where the errors of peaks come from, and how the energy adds up."""
+    words = [f"settled: within {100 * transient['settled_within']:g} % of the way, or of the peak"]
+    largest: dict[str, float] = {}
+    for output in transient["outputs"].values():
+        for source, size in output["error_share"].items():
+            share = (size or 0.0) / abs(output["peak"]) if output["peak"] else 0.0
+            largest[source] = max(largest.get(source, 0.0), share)
+    if largest:
+        parts = ", ".join(
+            f"{source} up to {show_share(share)}" for source, share in largest.items()
+        )
+        words.append(f"± of a peak, from {parts}")
+    if transient["error_left_out"]:
+        words.append(f"not in ±: {'; '.join(transient['error_left_out'])}")
+    energy = transient["energy"]
+    if energy is not None:
+        words.append(
+            f"energy: {energy['initial']:.3g} J at the beginning, {energy['work']:.3g} J of work, {energy['dissipated']:.3g} J dissipated,"
+            f" {energy['final']:.3g} J left; the balance closes within {show_share(energy['error'])} of the largest"
+        )
+    if not transient["damped"]:
+        words.append("nothing is damped, so nothing settles")
     return words
 
 

@@ -30,6 +30,11 @@ from headstock.pipeline.answers.path import (
     deviation_unit,
 )
 from headstock.pipeline.answers.static import PointSummary, ProbeSummary
+from headstock.pipeline.answers.transient import (
+    MovedOutputSummary,
+    TransientCurves,
+    TransientSummary,
+)
 from headstock.pipeline.answers.volumetric import (
     SYMBOLS,
     TOTAL,
@@ -423,6 +428,43 @@ DRIVE_POINT_COLUMNS: tuple[Column[DrivePointSummary], ...] = (
 )
 
 
+type MovedRow = tuple[str, MovedOutputSummary]
+MOVED_UNITS = {"um": "µm", "urad": "µrad"}
+
+
+def list_moved(transient: TransientSummary) -> list[MovedRow]:
+    """Outputs of a transient analysis by name."""
+    return list(transient["outputs"].items())
+
+
+def _settled(row: MovedRow) -> Cell:
+    found = row[1]
+    if found["settling_s"] is not None:
+        return 1e3 * found["settling_s"]
+    return "at rest" if found["peak"] == 0.0 else "never" if found["final"] is None else "later"
+
+
+MOVED_COLUMNS: tuple[Column[MovedRow], ...] = (
+    Column(lambda row: row[0], "at", "at", "At"),
+    Column(lambda row: MOVED_UNITS[row[1]["unit"]], "unit", "in", "In"),
+    Column(
+        lambda row: row[1]["peak"],
+        "peak",
+        ">peak",
+        "Peak",
+        error=lambda row: row[1]["error"] if row[1]["peak"] else None,
+    ),
+    Column(lambda row: row[1]["error"], "± peak"),
+    Column(lambda row: 1e3 * row[1]["peak_s"], "at [ms]", ">at ms", "at [ms]"),
+    Column(lambda row: row[1]["start"], "from", report="From"),
+    Column(lambda row: row[1]["final"], "final", ">final", "Comes to rest at"),
+    Column(
+        lambda row: row[1]["overshoot"], "overshoot", ">overshoot", "Overshoot", show=show_percent
+    ),
+    Column(_settled, "settled after [ms]", ">settled after ms", "Settled after [ms]"),
+)
+
+
 class ZoneRow(NamedTuple):
     """What a path analysis says of an output while a ramp lasts; sizes in µm or µrad."""
 
@@ -717,6 +759,8 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
     for pose, found in summary.get("lobes", {}).items():
         tables.append(tabulate(f"lobes_{file_stem(pose)}", LOBE_COLUMNS, list_lobes(pose, found)))
         tables.append(_limits_table(pose, found))
+    for pose, transient in summary.get("transient", {}).items():
+        tables.append(tabulate(f"peaks_{file_stem(pose)}", MOVED_COLUMNS, list_moved(transient)))
     if "map" in summary:
         tables.append(_map_table("map", summary["map"]))
     for place, volume in summary.get("volumetric", {}).items():
@@ -906,6 +950,29 @@ def tabulate_response(curves: ResponseCurves) -> PlainTable:
 def path_stem(curves: PathCurves) -> str:
     """Name of a feed's files: ``path_3000``."""
     return f"path_{6e4 * curves.feed:g}".replace(".", "_").replace("+", "")
+
+
+def transient_stem(curves: TransientCurves) -> str:
+    """Name of a pose's files: ``transient_reference``."""
+    return f"transient_{file_stem(curves.pose)}"
+
+
+def tabulate_transient(curves: TransientCurves) -> PlainTable:
+    """A row per sample: time, every load, and the displacement of every output."""
+    headings, columns = ["time [s]"], [curves.times]
+    for number, (name, unit) in enumerate(zip(curves.loads, curves.units, strict=True)):
+        if not unit.endswith(" s"):  # an impulse has no value at a time
+            headings.append(f"{name} [{unit}]")
+            columns.append(curves.load_values[:, number])
+    for number, channel in enumerate(curves.outputs):
+        unit, factor = deviation_unit(channel)
+        headings.append(f"{name_channel(channel)} [{unit}]")
+        columns.append(factor * curves.displacements[:, number])
+    return PlainTable(
+        transient_stem(curves),
+        tuple(headings),
+        tuple(tuple(float(value) for value in row) for row in np.column_stack(columns)),
+    )
 
 
 def tabulate_path(curves: PathCurves) -> PlainTable:

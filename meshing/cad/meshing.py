@@ -412,7 +412,7 @@ def _check_budget(count: int, job: MeshJob, size: float, numbers: dict[int, int]
         raise MeshError(message)
     smallest = _smallest(job, size) * job.unit
     raise MeshError(
-        f"{message}, coarsen curved faces and short edges by mesh.smallest, now {smallest:.2g} m, or leave out fillets and holes by mesh.leave_out and mesh.details"
+        f"{message}, coarsen curved faces and short edges by mesh.smallest, now {smallest:.2g} m, or leave out features by mesh.leave_out, mesh.details"
         f"{name_finest_faces(numbers)}"
     )
 

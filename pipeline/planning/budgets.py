@@ -51,6 +51,7 @@ STAGE_SECONDS = {
     "frf": 0.08,
     "control": 0.06,
     "lobes": 1.0,
+    "respond": 0.3,
     "write": 0.05,
 }
 STEPS_PER_SECOND = 3e4  # of a contour

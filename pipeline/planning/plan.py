@@ -27,6 +27,7 @@ StageKind = Literal[
     "control",
     "volumetric",
     "lobes",
+    "respond",
     "place",
     "map",
     "contour",
@@ -47,7 +48,8 @@ class Stage:
             frequencies with the kind of interfaces, ``models``: what rigid and segmented bodies
             leave out, ``joints``: what rigid ones do, ``frf`` frequency response, ``path``
             deviation from a line, ``control`` closed loops of drives, ``volumetric`` errors of the
-            tool over many poses, ``lobes`` limit depths of cut, ``write`` the results.
+            tool over many poses, ``lobes`` limit depths of cut, ``respond`` to loads over time,
+            ``write`` the results.
         component: The component it works on; None for the machine.
         reason: Why the scene calls for it, in plain words.
         pose: The pose it works in; None for components.

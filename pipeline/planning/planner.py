@@ -295,6 +295,7 @@ def is_dynamic(analyses: Analyses) -> bool:
             analyses.path,
             analyses.control,
             analyses.lobes,
+            analyses.transient,
         )
     )
 
@@ -314,6 +315,8 @@ def _reaches(analyses: Analyses) -> dict[str, tuple[float, float]]:
         found["control"] = (analyses.control.up_to_hz, MODE_MARGIN)
     if analyses.lobes is not None:
         found["lobes"] = (analyses.lobes.up_to_hz, MODE_MARGIN)
+    if analyses.transient is not None:
+        found["transient analysis"] = (analyses.transient.up_to_hz, MODE_MARGIN)
     return found
 
 
@@ -322,7 +325,14 @@ def choose_poses(scene: Scene) -> dict[str, Pose]:
     that the machine couples.
     """
     analyses = scene.analyses
-    asked_for = (analyses.static, analyses.modal, analyses.frf, analyses.control, analyses.lobes)
+    asked_for = (
+        analyses.static,
+        analyses.modal,
+        analyses.frf,
+        analyses.control,
+        analyses.lobes,
+        analyses.transient,
+    )
     requests = [request for request in asked_for if request is not None]
     requested = {
         name: pose
@@ -474,6 +484,9 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
     lobes = scene.analyses.lobes
     if lobes is not None and _is_requested(pose.name, lobes.poses):
         stages.append(Stage("lobes", None, lobes.describe(), pose=pose.name))
+    transient = scene.analyses.transient
+    if transient is not None and _is_requested(pose.name, transient.poses):
+        stages.append(Stage("respond", None, transient.describe(), pose=pose.name))
     return stages
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.frf import ResponseCurves, parse_curves
 from headstock.pipeline.answers.path import PathCurves, parse_path
+from headstock.pipeline.answers.transient import TransientCurves, parse_transient
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.results.grids import MESH_MODULE
 from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, file_stem
@@ -333,6 +334,21 @@ def read_paths(folder: Path) -> tuple[PathCurves, ...]:
     """
     return _read_results(
         folder, lambda file: tuple(parse_path(group) for group in file.get("path", {}).values())
+    )
+
+
+def read_histories(folder: Path) -> tuple[TransientCurves, ...]:
+    """The curves of a transient analysis, one per pose, from ``results.h5``; empty without any.
+
+    Raises:
+        UnusableOutputError: The file is missing, damaged, of an earlier version or of another run than the
+            summary.
+    """
+    return _read_results(
+        folder,
+        lambda file: tuple(
+            parse_transient(pose, group) for pose, group in file.get("transient", {}).items()
+        ),
     )
 
 

@@ -20,6 +20,7 @@ from headstock.pipeline.answers.mechanism import MechanismPose, MechanismSummary
 from headstock.pipeline.answers.modal import ModesSummary, PoseModes
 from headstock.pipeline.answers.path import PathResult, PathSummary
 from headstock.pipeline.answers.static import PointSummary, ProbeAnswer, ProbeSummary, StaticAnswer
+from headstock.pipeline.answers.transient import TransientAnswer, TransientSummary
 from headstock.pipeline.answers.volumetric import VolumetricAnswer, VolumetricSummary
 from headstock.pipeline.planning.plan import StageKind, StageRecord
 from headstock.pipeline.results.results import ComponentFacts, Results
@@ -97,6 +98,7 @@ class RunSummary(TypedDict):
     path: NotRequired[PathSummary]
     control: NotRequired[dict[str, ControlSummary]]
     lobes: NotRequired[dict[str, LobesSummary]]
+    transient: NotRequired[dict[str, TransientSummary]]
     map: NotRequired[MapSummary]
     volumetric: NotRequired[dict[str, VolumetricSummary]]
     contouring: NotRequired[ContourSummary]
@@ -144,6 +146,8 @@ def summarise(results: Results) -> RunSummary:
         summary["control"] = {answer.pose: answer.summarise() for answer in control}
     if lobes := find_answers(answers, PoseLobes):
         summary["lobes"] = {answer.pose: answer.summarise() for answer in lobes}
+    if transient := find_answers(answers, TransientAnswer):
+        summary["transient"] = {answer.curves.pose: answer.summarise() for answer in transient}
     for path in find_answers(answers, PathResult):
         summary["path"] = path.summarise()
     for found in find_answers(answers, WorkspaceMap):

@@ -35,6 +35,7 @@ from headstock.reduction.motions.body_motions import (
     FreeMotion,
     find_free_motions,
     free_motion_error,
+    rigid_dofs,
     solve_machine_static,
     warn_of_free_motions,
 )
@@ -86,6 +87,19 @@ class CoupledPose:
     def expand(self, motions: FloatArray) -> FloatArray:
         """Motions of superelement dofs ``(n_all, k)`` of motions of the system ``(n, k)``."""
         return np.asarray(self.coupled.basis @ motions)
+
+    @property
+    def loads(self) -> Mapping[str, FloatArray]:
+        """Generalised load ``(n,)`` of every static load by name, gravity among them."""
+        return self.coupled.loads
+
+    def momentum(self, velocities: Mapping[str, FloatArray]) -> FloatArray:
+        """Generalised momentum ``(n,)`` of components that translate."""
+        stacked = np.zeros(len(self.coupled.basis))
+        for name, velocity in velocities.items():
+            motions = rigid_dofs(self.coupled, name, self.placements[name].origin)[:, :3]
+            stacked[self.offsets[name]] = self.coupled.matrices.masses[name] @ (motions @ velocity)
+        return np.asarray(self.coupled.basis.T @ stacked)
 
     def push(self, channel: Channel) -> FloatArray:
         """Motion of the system ``(n,)`` under a unit force in a channel, as far as free motions leave

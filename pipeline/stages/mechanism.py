@@ -24,6 +24,7 @@ from headstock.pipeline.stages.lumped_machine import (
 )
 from headstock.pipeline.stages.machine import add_view
 from headstock.pipeline.stages.run_state import MachineParts, Outcome, RunState, Solved, pose_name
+from headstock.reduction.coupling.channels import GRAVITY
 from headstock.reduction.motions.mode_naming import NamedModes
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import SceneMechanism
@@ -85,6 +86,19 @@ class LumpedPose:
     def expand(self, motions: FloatArray) -> FloatArray:
         """Motions of superelement dofs ``(n_all, k)`` of motions of the system ``(n, k)``."""
         return np.concatenate([moving @ motions for moving in self.placed.body_motions.values()])
+
+    @property
+    def loads(self) -> Mapping[str, FloatArray]:
+        """Generalised load ``(n,)`` of gravity, where it acts."""
+        return {} if self.parts.plan.gravity is None else {GRAVITY: self.placed.motions.gravity}
+
+    def momentum(self, velocities: Mapping[str, FloatArray]) -> FloatArray:
+        """Generalised momentum ``(n,)`` of components that translate."""
+        total = np.zeros(len(self.system.mass))
+        for name, velocity in velocities.items():
+            own = self.placed.superelements[name].mass_kg * velocity
+            total += self.placed.body_motions[name][:3].T @ own
+        return total
 
     def push(self, channel: Channel) -> FloatArray:
         """Motion of the system ``(n,)`` under a unit force in a channel."""

@@ -125,6 +125,15 @@ class PoseModel(Protocol):
     def expand(self, motions: FloatArray) -> FloatArray:
         """Motions of superelement dofs ``(n_all, k)`` of motions of the system ``(n, k)``."""
 
+    @property
+    def loads(self) -> Mapping[str, FloatArray]:
+        """Generalised load ``(n,)`` of every static load by name, gravity among them."""
+
+    def momentum(self, velocities: Mapping[str, FloatArray]) -> FloatArray:
+        """Generalised momentum ``(n,)`` of components that translate, each at its velocity
+        ``(3,)`` in machine axes [m/s]; the others are at rest.
+        """
+
     def push(self, channel: Channel) -> FloatArray:
         """Motion of the system ``(n,)`` under a unit force or moment in a channel [m/N]."""
 

@@ -69,6 +69,7 @@ from headstock.scene.building.studies import (
     check_sweeps,
     read_sweep_paths,
 )
+from headstock.scene.building.transient import build_transient, check_transient
 from headstock.scene.building.volumetric import build_volumetric, check_volumetric
 from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings
@@ -103,6 +104,7 @@ CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
     check_path,
     check_volumetric,
     check_lobes,
+    check_transient,
     check_mechanism,
     check_sweeps,
     check_studies,
@@ -307,6 +309,7 @@ def _build_analyses(table: SceneTable, poses: tuple[str, ...], folder: Path) -> 
         control=build_control(table, poses),
         volumetric=build_volumetric(table),
         lobes=build_lobes(table, poses, folder),
+        transient=build_transient(table, poses, folder),
     )
 
 

@@ -4,7 +4,7 @@ kept.
 
 import csv
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,8 +24,8 @@ class ForceFileError(HeadstockError):
 
 @dataclass(frozen=True, eq=False)
 class ForceRecord:
-    """Measured forces: ``(n,)`` rising times [s] and ``(n, 3)`` forces on the tool in the machine
-    frame [N].
+    """Measured forces: ``(n,)`` rising times [s] and ``(n, k)`` values, such as the three forces on
+    the tool in the machine frame [N].
     """
 
     times: FloatArray
@@ -34,6 +34,20 @@ class ForceRecord:
 
 def read_forces(path: Path) -> ForceRecord:
     """Read a CSV file with the columns ``time`` [s], ``fx``, ``fy``, ``fz`` [N].
+
+    Raises:
+        ForceFileError: As ``read_columns``.
+    """
+    values = read_columns(path, HEADINGS)
+    return ForceRecord(values[:, 0], values[:, 1:])
+
+
+def read_columns(path: Path, headings: Sequence[str]) -> FloatArray:
+    """Read columns ``(n, k)`` of a CSV file, the first of them times [s].
+
+    Args:
+        path: Of the file.
+        headings: Names of the columns in its first line, whatever their order there.
 
     Raises:
         ForceFileError: A column is missing, an entry is no finite number, times do not rise, or
@@ -45,17 +59,17 @@ def read_forces(path: Path) -> ForceRecord:
                 f"{path} has {path.stat().st_size / 1e6:.0f} MB; a force file may have {MOST_BYTES / 1e6:.0f} MB"
             )
         with path.open(newline="", encoding="utf-8-sig") as stream:
-            values = _read_values(path, csv.reader(stream))
+            values = _read_values(path, csv.reader(stream), headings)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ForceFileError(f"{path} cannot be read: {error}") from error
     if len(values) < 2:
         raise ForceFileError(f"{path} holds {len(values)} samples; at least two are needed")
     _check_times(path, values[:, 0])
-    return ForceRecord(values[:, 0], values[:, 1:])
+    return values
 
 
 def resample_forces(record: ForceRecord, times: FloatArray) -> FloatArray:
-    """Forces ``(n, 3)`` at even times, each the mean over the step around it: the impulse is kept
+    """Values ``(n, k)`` at even times, each the mean over the step around it: the impulse is kept
     and nothing folds back.
 
     Args:
@@ -74,7 +88,7 @@ def resample_forces(record: ForceRecord, times: FloatArray) -> FloatArray:
     return np.stack(
         [
             (_impulse(record, high, axis) - _impulse(record, low, axis)) / (high - low)
-            for axis in range(3)
+            for axis in range(record.forces.shape[1])
         ],
         axis=-1,
     )
@@ -88,7 +102,7 @@ def resampling_loss(record: ForceRecord, times: FloatArray) -> float:
     given = record.forces[inside]
     taken = resample_forces(record, times)
     resampled = np.stack(
-        [np.interp(record.times[inside], times, taken[:, axis]) for axis in range(3)], axis=-1
+        [np.interp(record.times[inside], times, column) for column in taken.T], axis=-1
     )
     total = float((given**2).sum())
     return float(np.sqrt(((given - resampled) ** 2).sum() / total)) if total else 0.0
@@ -104,23 +118,23 @@ def _impulse(record: ForceRecord, times: FloatArray, axis: int) -> FloatArray:
     return np.asarray(whole[left] + part * (force[left] + 0.5 * slope * part))
 
 
-def _read_values(path: Path, rows: Iterator[list[str]]) -> FloatArray:
-    """Times and forces ``(n, 4)``, row by row: 32 bytes are kept of each."""
-    columns, numbers = _find_columns(path, next(rows, [])), array("d")
+def _read_values(path: Path, rows: Iterator[list[str]], headings: Sequence[str]) -> FloatArray:
+    """Wanted columns ``(n, k)``, row by row: 8 bytes are kept of each number."""
+    columns, numbers = _find_columns(path, next(rows, []), headings), array("d")
     for number, row in enumerate(rows, 2):
         if row:
             numbers.extend(_read_row(path, number, row, columns))
-    return np.array(numbers).reshape(-1, len(HEADINGS))
+    return np.array(numbers).reshape(-1, len(headings))
 
 
-def _find_columns(path: Path, headings: list[str]) -> list[int]:
-    found = [heading.strip().lower().split("[")[0].strip() for heading in headings]
-    missing = [name for name in HEADINGS if name not in found]
+def _find_columns(path: Path, written: list[str], headings: Sequence[str]) -> list[int]:
+    found = [heading.strip().lower().split("[")[0].strip() for heading in written]
+    missing = [name for name in headings if name not in found]
     if missing:
         raise ForceFileError(
-            f"{path}:1 has no column {', '.join(missing)}; the first line names the columns: {','.join(HEADINGS)}"
+            f"{path}:1 has no column {', '.join(missing)}; the first line names the columns: {','.join(headings)}"
         )
-    return [found.index(name) for name in HEADINGS]
+    return [found.index(name) for name in headings]
 
 
 def _read_row(path: Path, number: int, row: list[str], columns: list[int]) -> list[float]:

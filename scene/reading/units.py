@@ -96,11 +96,14 @@ ANGULAR_SPEED = Dimension("angular speed", "rad/s", "3000 rpm", 1e9)
 COMPLIANCE = Dimension("compliance", "m/N", "151 um/kN", 1e9)
 INERTIA = Dimension("moment of inertia", "kg m^2", "2e-3 kg m^2", 1e15)
 RATE = Dimension("rate", "1/s", "50 1/s", 1e12)
+IMPULSE = Dimension("impulse", "N s", "2 N s", 1e18)
+ANGULAR_IMPULSE = Dimension("angular impulse", "N m s", "0.1 N m s", 1e20)
 MEMORY = Dimension("amount of memory", "B", "4 GB", 1e18)
 RATIO = Dimension("ratio", "", "2 %", 1e12)
 DIMENSIONS = (
     LENGTH, ANGLE, MASS, TIME, FREQUENCY, PRESSURE, DENSITY, FORCE, MOMENT, STIFFNESS, ROTATIONAL_STIFFNESS,
     STIFFNESS_PER_AREA, DAMPING, ROTATIONAL_DAMPING, ACCELERATION, SPEED, ANGULAR_SPEED, COMPLIANCE, INERTIA, RATE, MEMORY, RATIO,
+    IMPULSE, ANGULAR_IMPULSE,
 )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from headstock.scene.schema.lobes import LobesTable
 from headstock.scene.schema.mechanism import ContouringTable, MechanismTable
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.studies import StudyTable, SweepTable
+from headstock.scene.schema.transient import TransientTable
 from headstock.scene.schema.types import (
     MAX_POSES,
     RATIO_FORM,
@@ -162,6 +163,7 @@ class AnalysesTable(StrictTable):
     control: Annotated[ControlTable | None, _LEFT_OUT] = None
     volumetric: Annotated[VolumetricTable | None, _LEFT_OUT] = None
     lobes: Annotated[LobesTable | None, _LEFT_OUT] = None
+    transient: Annotated[TransientTable | None, _LEFT_OUT] = None
 
     @field_validator("*", mode="before")
     @classmethod

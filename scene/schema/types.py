@@ -228,6 +228,12 @@ PositiveTime = Annotated[
     _POSITIVE,
     describe_quantity(units.TIME, sign="positive"),
 ]
+NotNegativeTime = Annotated[
+    float,
+    BeforeValidator(_read_float(units.TIME)),
+    _NOT_NEGATIVE,
+    describe_quantity(units.TIME, sign="not negative"),
+]
 PositiveMemory = Annotated[
     float,
     BeforeValidator(_read_float(units.MEMORY)),
@@ -259,6 +265,7 @@ PositiveRotationalStiffness = Annotated[
     describe_quantity(units.ROTATIONAL_STIFFNESS, sign="positive"),
 ]
 Force = Annotated[float, BeforeValidator(_read_float(units.FORCE)), describe_quantity(units.FORCE)]
+Speed = Annotated[float, BeforeValidator(_read_float(units.SPEED)), describe_quantity(units.SPEED)]
 PositiveSpeed = Annotated[
     float,
     BeforeValidator(_read_float(units.SPEED)),
@@ -294,6 +301,11 @@ NotNegativeForce = Annotated[
     BeforeValidator(_read_float(units.FORCE)),
     _NOT_NEGATIVE,
     describe_quantity(units.FORCE, sign="not negative"),
+]
+TimedLoadSize = Annotated[
+    Quantity,
+    BeforeValidator(read_quantity(units.FORCE, units.MOMENT, units.IMPULSE, units.ANGULAR_IMPULSE)),
+    describe_quantity(units.FORCE, units.MOMENT, units.IMPULSE, units.ANGULAR_IMPULSE),
 ]
 AxisPosition = Annotated[
     Quantity,

@@ -83,7 +83,7 @@ def solve_damped(
         return _solve_unsymmetric(system)
     modes = undamped or solve_modal(system)
     if _damps_massless(system, modes):
-        system = _with_little_mass(system, modes)
+        system = add_little_mass(system, modes)
         modes = solve_modal(system)
     count = modes.shapes.shape[1]
     eigenvalues = (2.0 * np.pi * modes.frequencies_hz) ** 2
@@ -150,7 +150,7 @@ def _damps_massless(system: SecondOrderSystem, modes: ModalResult) -> bool:
     return float(np.abs(system.damping - seen).max()) / largest > MASSLESS_DAMPING
 
 
-def _with_little_mass(system: SecondOrderSystem, modes: ModalResult) -> SecondOrderSystem:
+def add_little_mass(system: SecondOrderSystem, modes: ModalResult) -> SecondOrderSystem:
     """The system with the mass ``K / Omega^2`` added: dofs without mass vibrate at ``Omega``, others
     change their frequency by the share ``omega^2 / (2 Omega^2)``.
     """

@@ -156,6 +156,41 @@ def make_propagator(space: StateSpace, step: float) -> Propagator:
     return Propagator(transition, start, end, step)
 
 
+def sine_gains(space: StateSpace, step: float, omega: float) -> tuple[FloatArray, FloatArray]:
+    """What loads ``sin(omega s)`` and ``cos(omega s)`` while a step lasts add to the state at its
+    end, ``(n, n_inputs)`` each; also in resonance without damping.
+
+    Args:
+        space: The system.
+        step: [s].
+        omega: [rad/s].
+    """
+    if space.pairs is None:
+        cosine, sine = _sine_integrals(space.a, step, omega)
+        return sine @ space.b, cosine @ space.b
+    blocks = _pair_matrices(space.pairs)
+    cosine, sine = _sine_integrals(blocks, step, omega)
+    force = space.b.reshape(len(blocks), 2, -1)
+    forward, quadrature = ((part @ force).reshape(space.b.shape) for part in (sine, cosine))
+    return forward, quadrature
+
+
+def _sine_integrals(a: FloatArray, step: float, omega: float) -> tuple[FloatArray, FloatArray]:
+    """``int exp(A (h - s)) cos(omega s) ds`` and the same of the sine, of matrices ``(..., n,
+    n)``: an oscillator drives the system.
+    """
+    size = a.shape[-1]
+    big = np.zeros((*a.shape[:-2], 3 * size, 3 * size))
+    first, second, third = (slice(size * part, size * (part + 1)) for part in range(3))
+    unit = np.eye(size)
+    big[..., first, first] = a * step
+    big[..., first, second] = unit * step
+    big[..., second, third] = unit * (omega * step)
+    big[..., third, second] = -unit * (omega * step)
+    found = scipy.linalg.expm(big)
+    return found[..., first, second], found[..., first, third]
+
+
 def _integrals(a: FloatArray, step: float) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
     """``exp(A h)``, ``int exp(A (h - s)) ds`` and ``int exp(A (h - s)) s / h ds``."""
     size = len(a)
@@ -169,12 +204,7 @@ def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatAr
     """The same for every mode ``(m, 2, 2)``: closed forms, but for low-frequency modes, where these
     would cancel.
     """
-    a = np.zeros((len(pairs.eigenvalues), 2, 2))
-    a[:, 0, 1], a[:, 1, 0], a[:, 1, 1] = (
-        pairs.scales,
-        -pairs.eigenvalues / pairs.scales,
-        -pairs.viscous,
-    )
+    a = _pair_matrices(pairs)
     transition, total, rising = np.empty_like(a), np.empty_like(a), np.empty_like(a)
     low_frequency = np.maximum(np.sqrt(pairs.eigenvalues), pairs.viscous) * step < LOW_FREQUENCY
     for mode in np.flatnonzero(low_frequency):
@@ -188,6 +218,17 @@ def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatAr
         total[fast] = inverse @ (transition[fast] - np.eye(2))
         rising[fast] = inverse @ (total[fast] / step - np.eye(2))
     return transition, total, rising
+
+
+def _pair_matrices(pairs: ModalPairs) -> FloatArray:
+    """State matrix ``(m, 2, 2)`` of every mode."""
+    a = np.zeros((len(pairs.eigenvalues), 2, 2))
+    a[:, 0, 1], a[:, 1, 0], a[:, 1, 1] = (
+        pairs.scales,
+        -pairs.eigenvalues / pairs.scales,
+        -pairs.viscous,
+    )
+    return a
 
 
 def _pair_exponentials(

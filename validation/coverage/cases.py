@@ -72,17 +72,14 @@ CASE, HEX_CASE, SMOKE = "coverage", "coverage-hex", "coverage-smoke"
 # factors were fitted on the first parts; the others were drawn and kept apart before that, a
 # product's part joined them
 CALIBRATION, HOLD_OUT = range(24), (*range(24, 48), PRODUCT)
-<<<<<<< HEAD
 HEX_CALIBRATION, HEX_HOLD_OUT = (
     range(FIRST_HEX, FIRST_HEX + 9),
     range(FIRST_HEX + 9, FIRST_HEX + 24),
 )
-=======
 FRESH, NEW_PARTS = (
     PRODUCT + 1,
     24,
 )  # first seed of no part above, and how many are drawn from one on
->>>>>>> faces
 SMOKE_PARTS = (8, 15)
 COVERED = 0.95
 LARGEST_MEDIAN = 3.0
@@ -305,14 +302,14 @@ def check_coverage() -> list[ValidationRow]:
     ]
 
 
-<<<<<<< HEAD
 def check_hex_coverage() -> list[ValidationRow]:
     """The same on coarse hexahedra between the edges of patches, as searches begin with."""
     return [
         *_judge(HEX_CASE, "fitted on", _cover(HEX_CALIBRATION)),
         *_judge(HEX_CASE, "held out", _cover(HEX_HOLD_OUT)),
     ]
-=======
+
+
 def cover_new_parts(first: int) -> list[ValidationRow]:
     """Coverage on parts that nothing was fitted on or judged with before.
 
@@ -321,7 +318,6 @@ def cover_new_parts(first: int) -> list[ValidationRow]:
     """
     seeds = range(first, first + NEW_PARTS)
     return _judge(CASE, f"new, seeds {seeds[0]} to {seeds[-1]}", _cover(seeds))
->>>>>>> faces
 
 
 def check_coverage_smoke() -> list[ValidationRow]:

@@ -20,7 +20,7 @@ from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solid_skins import box_skin
 from headstock.meshing.components.meshing import describe_component
 from headstock.meshing.errors import MeshError
-from headstock.pipeline.stages.rigid_view import view_rigid
+from headstock.pipeline.preview.rigid_view import view_rigid
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import couple
 from headstock.scene.building.loader import load_scene

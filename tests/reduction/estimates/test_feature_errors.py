@@ -45,7 +45,7 @@ def part_file(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     occ.synchronize()
     gmsh.write(str(path))
     gmsh.finalize()
-    yield path
+    return path
 
 
 def couple_strip(path: Path, settings: MeshSettings) -> CoupledMachine:

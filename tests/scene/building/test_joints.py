@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from headstock.pipeline.stages.rigid_checks import free_motion_warnings
+from headstock.pipeline.preview.free_motions import free_motion_warnings
 from headstock.scene.building.joints import KINDS, build_joint, find_joint_faults, joint_rotation
 from headstock.scene.building.loader import load_scene
 from headstock.scene.schema.joints import JointTable

@@ -1,0 +1,234 @@
+"""Motion under loads over time as results: the types, and how they read in ``summary.json`` and
+``results.h5``.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, TypedDict
+
+import h5py
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.estimates import Estimate, scale_shares
+from headstock.pipeline.answers.frf import split_channel
+from headstock.pipeline.answers.path import deviation_unit
+from headstock.pipeline.storage.json_texts import check_finite
+from headstock.solvers.linear.transient import EnergyBalance, TransientFigures
+from headstock.solvers.second_order import Channel, name_channel
+
+TRUNCATION = "modes above the range"
+
+
+class MovedOutputSummary(TypedDict):
+    """The entry of an output: displacements in ``unit``, um or urad."""
+
+    dof: list[str]
+    unit: str
+    peak: float
+    peak_s: float
+    start: float
+    final: float | None
+    overshoot: float | None
+    settling_s: float | None
+    error: float | None
+    error_share: dict[str, float | None]
+
+
+class EnergySummary(TypedDict):
+    """The balance of energy [J]; ``error`` over its largest part."""
+
+    initial: float
+    work: float
+    dissipated: float
+    final: float
+    largest: float
+    error: float
+
+
+class TimedLoadSummary(TypedDict):
+    """The entry of a load."""
+
+    acts_on: str
+    shape: str
+    unit: str
+    largest: float
+
+
+class TransientSummary(TypedDict):
+    """The entry of a pose in ``transient``."""
+
+    duration_s: float
+    sampling_hz: float
+    up_to_hz: float
+    modes: int
+    settled_within: float
+    damped: bool
+    loads: dict[str, TimedLoadSummary]
+    outputs: dict[str, MovedOutputSummary]
+    energy: EnergySummary | None
+    error_left_out: list[str]
+
+
+@dataclass(frozen=True, eq=False)
+class TransientCurves:
+    """What is tabled and drawn of a pose.
+
+    Attributes:
+        pose: Its name.
+        outputs: Where the motion is.
+        times: ``(n,)`` of the samples [s].
+        displacements: ``(n, n_outputs)`` [m, rad].
+        loads: Names of the loads.
+        units: Of each load.
+        load_values: ``(n, n_loads)`` forces, moments, or factors of static loads; impulses are not
+            in them.
+    """
+
+    pose: str
+    outputs: tuple[Channel, ...]
+    times: FloatArray
+    displacements: FloatArray
+    loads: tuple[str, ...]
+    units: tuple[str, ...]
+    load_values: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class TransientAnswer(Answer):
+    """Motion in a pose.
+
+    Attributes:
+        curves: What is tabled and drawn.
+        figures: Of each output.
+        errors: How far each peak may be off [m, rad].
+        acts_on: What each load acts on, in words.
+        shapes: Shape of each load.
+        sizes: Largest value of each load, impulses among them.
+        duration: [s].
+        sampling_hz: Samples a second.
+        up_to_hz: Modes up to here vibrate.
+        modes: How many these are.
+        settled: Share of its way within which an output has settled.
+        damped: Any damping is on.
+        energy: Its balance; None of a system without modes.
+    """
+
+    curves: TransientCurves
+    figures: tuple[TransientFigures, ...]
+    errors: tuple[Estimate, ...]
+    acts_on: tuple[str, ...]
+    shapes: tuple[str, ...]
+    sizes: tuple[float, ...]
+    duration: float
+    sampling_hz: float
+    up_to_hz: float
+    modes: int
+    settled: float
+    damped: bool
+    energy: EnergyBalance | None
+    units: ClassVar[dict[str, str]] = {
+        r"transient/.*/(outputs|loads|units)": "",
+        r"transient/.*/times": "s",
+        r"transient/.*/displacements": "SI: m or rad, by outputs",
+        r"transient/.*/load_values": "SI: by units",
+    }
+
+    def summarise(self) -> TransientSummary:
+        """As it stands in ``summary.json``; the curves are in ``results.h5`` and ``tables/``.
+
+        Raises:
+            AccuracyError: A displacement is not a finite number.
+        """
+        check_finite(
+            f"transient analysis in pose {self.curves.pose}", self.curves.displacements.ravel()
+        )
+        return {
+            "duration_s": self.duration,
+            "sampling_hz": self.sampling_hz,
+            "up_to_hz": self.up_to_hz,
+            "modes": self.modes,
+            "settled_within": self.settled,
+            "damped": self.damped,
+            "loads": {
+                name: {"acts_on": on, "shape": shape, "unit": unit, "largest": size}
+                for name, on, shape, unit, size in zip(
+                    self.curves.loads,
+                    self.acts_on,
+                    self.shapes,
+                    self.curves.units,
+                    self.sizes,
+                    strict=True,
+                )
+            },
+            "outputs": {
+                name_channel(channel): _summarise_output(channel, figures, error)
+                for channel, figures, error in zip(
+                    self.curves.outputs, self.figures, self.errors, strict=True
+                )
+            },
+            "energy": None if self.energy is None else _summarise_energy(self.energy),
+            "error_left_out": sorted({words for error in self.errors for words in error.left_out}),
+        }
+
+    def fill(self, file: h5py.File) -> None:
+        """Write the curves."""
+        group, curves = file.create_group(f"transient/{self.curves.pose}"), self.curves
+        for name, texts in (
+            ("outputs", [name_channel(channel) for channel in curves.outputs]),
+            ("loads", list(curves.loads)),
+            ("units", list(curves.units)),
+        ):
+            group[name] = np.char.encode(np.array(texts, dtype=str), "utf-8")
+        group["times"], group["displacements"] = curves.times, curves.displacements
+        group["load_values"] = curves.load_values
+
+
+def parse_transient(pose: str, group: h5py.Group) -> TransientCurves:
+    """Read what ``TransientAnswer.fill`` wrote.
+
+    Raises:
+        KeyError: A part is missing.
+    """
+    names = {
+        name: tuple(text.decode() for text in group[name][:])
+        for name in ("outputs", "loads", "units")
+    }
+    return TransientCurves(
+        pose=pose,
+        outputs=tuple(split_channel(text) for text in names["outputs"]),
+        times=group["times"][:],
+        displacements=group["displacements"][:],
+        loads=names["loads"],
+        units=names["units"],
+        load_values=group["load_values"][:],
+    )
+
+
+def _summarise_output(
+    channel: Channel, figures: TransientFigures, error: Estimate
+) -> MovedOutputSummary:
+    unit, factor = deviation_unit(channel)
+    return {
+        "dof": list(channel),
+        "unit": unit,
+        "peak": factor * figures.peak,
+        "peak_s": figures.peak_time,
+        "start": factor * figures.start,
+        "final": None if figures.final is None else factor * figures.final,
+        "overshoot": figures.overshoot,
+        "settling_s": figures.settling,
+        "error": None if error.total is None else factor * error.total,
+        "error_share": scale_shares(error, factor),
+    }
+
+
+def _summarise_energy(energy: EnergyBalance) -> EnergySummary:
+    return {
+        "initial": energy.initial,
+        "work": energy.work,
+        "dissipated": energy.dissipated,
+        "final": energy.final,
+        "largest": energy.largest,
+        "error": energy.error,
+    }

@@ -1,0 +1,273 @@
+"""Loads over time in closed form: steps, ramps, sines, impulses and records, and what they are on
+the steps of a time grid.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.solvers.errors import ModelError
+
+IndexArray = NDArray[np.intp]
+SAME_TIME = 1e-9  # of a time step: what is closer is one instant
+
+
+@dataclass(frozen=True, eq=False)
+class LoadHistory:
+    """One load over time: pieces ``value + slope (t - begin) + amplitude sin(omega (t - begin))``,
+    zero between them.
+
+    Attributes:
+        begins: ``(p,)`` rising [s].
+        ends: ``(p,)`` none beyond the next begin [s]; infinite for a load that stays.
+        values: ``(p,)``.
+        slopes: ``(p,)`` [1/s].
+        amplitudes: ``(p,)`` of the sine.
+        omegas: ``(p,)`` [rad/s].
+        impulses: Instants [s] and sizes.
+        before: What acts from long before the time zero until it, in equilibrium.
+    """
+
+    begins: FloatArray
+    ends: FloatArray
+    values: FloatArray
+    slopes: FloatArray
+    amplitudes: FloatArray
+    omegas: FloatArray
+    impulses: tuple[tuple[float, float], ...] = ()
+    before: float = 0.0
+
+    @property
+    def instants(self) -> FloatArray:
+        """Where the load jumps, bends, or strikes [s]."""
+        struck = [time for time, _ in self.impulses]
+        every = np.concatenate([self.begins, self.ends, struck])
+        return np.asarray(np.unique(every[np.isfinite(every)]), dtype=float)
+
+    @property
+    def first(self) -> float:
+        """When it begins to act, or to change [s]."""
+        return float(self.instants.min(initial=np.inf))
+
+    def is_constant_at(self, time: float) -> bool:
+        """Whether the load stands still at a time."""
+        piece = int(np.searchsorted(self.begins, time, side="right")) - 1
+        if piece < 0 or time > self.ends[piece]:
+            return True
+        return not (self.slopes[piece] or self.amplitudes[piece])
+
+
+@dataclass(frozen=True, eq=False)
+class Sine:
+    """Sinusoidal parts of loads on the steps of a grid: ``forward sin(omega s) + quadrature
+    cos(omega s)`` at the time ``s`` after the begin of a step.
+
+    Attributes:
+        omega: [rad/s].
+        forward: ``(n - 1, k)``.
+        quadrature: ``(n - 1, k)``.
+    """
+
+    omega: float
+    forward: FloatArray
+    quadrature: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class SteppedLoads:
+    """Loads on the steps of a time grid that no load jumps or bends within.
+
+    Attributes:
+        times: ``(n,)`` rising [s].
+        linear: ``(n - 1, 2, k)`` linear parts at the begin and the end of each step.
+        sines: The sinusoidal parts, one per frequency.
+        impulses: ``(n, k)`` at each time.
+        sampled: ``(m,)`` which of the times are samples; the others are instants of loads.
+    """
+
+    times: FloatArray
+    linear: FloatArray
+    sines: tuple[Sine, ...]
+    impulses: FloatArray
+    sampled: IndexArray
+
+    @property
+    def steps(self) -> FloatArray:
+        """``(n - 1,)`` [s]."""
+        return np.diff(self.times)
+
+    def evaluate(self) -> tuple[FloatArray, FloatArray]:
+        """Loads and their rates, each ``(n - 1, 2, k)`` at the begin and the end of each step."""
+        steps = self.steps[:, None]
+        values = self.linear.copy()
+        slope = (self.linear[:, 1] - self.linear[:, 0]) / steps
+        rates = np.stack([slope, slope], axis=1)
+        for sine in self.sines:
+            for end, elapsed in ((0, np.zeros_like(steps)), (1, steps)):
+                s, c = np.sin(sine.omega * elapsed), np.cos(sine.omega * elapsed)
+                values[:, end] += sine.forward * s + sine.quadrature * c
+                rates[:, end] += sine.omega * (sine.forward * c - sine.quadrature * s)
+        return values, rates
+
+
+def step_load(size: float, begin: float = 0.0, end: float = np.inf) -> LoadHistory:
+    """A constant load from one time to another [s]; without an end it stays."""
+    return _one_piece(begin, end, value=size)
+
+
+def ramp_load(size: float, begin: float, duration: float) -> LoadHistory:
+    """A load that rises evenly while a time [s] lasts, and then stays."""
+    end = begin + duration
+    zero = np.zeros(2)
+    return LoadHistory(
+        np.array([begin, end]),
+        np.array([end, np.inf]),
+        np.array([0.0, size]),
+        np.array([size / duration, 0.0]),
+        zero,
+        zero,
+    )
+
+
+def half_sine_load(size: float, begin: float, duration: float) -> LoadHistory:
+    """Half a period of a sine, as long as a time [s]."""
+    return _one_piece(begin, begin + duration, amplitude=size, omega=np.pi / duration)
+
+
+def sine_load(size: float, begin: float, hz: float, cycles: float = np.inf) -> LoadHistory:
+    """A sine from a time [s] on, for a number of cycles."""
+    return _one_piece(begin, begin + cycles / hz, amplitude=size, omega=2.0 * np.pi * hz)
+
+
+def impulse_load(size: float, at: float = 0.0) -> LoadHistory:
+    """An impulse [N s, or N m s] at a time [s]."""
+    empty = np.zeros(0)
+    return LoadHistory(empty, empty, empty, empty, empty, empty, ((at, size),))
+
+
+def released_load(size: float, at: float = 0.0) -> LoadHistory:
+    """A load that has acted for long, and is gone from a time [s] on."""
+    history = _one_piece(0.0, at, value=size)
+    return LoadHistory(
+        history.begins,
+        history.ends,
+        history.values,
+        history.slopes,
+        history.amplitudes,
+        history.omegas,
+        before=size,
+    )
+
+
+def recorded_load(times: FloatArray, values: FloatArray) -> LoadHistory:
+    """A record, linear between its samples and zero outside.
+
+    Args:
+        times: ``(n,)`` rising [s].
+        values: ``(n,)``.
+    """
+    zero = np.zeros(len(times) - 1)
+    slopes = np.diff(values) / np.diff(times)
+    return LoadHistory(times[:-1], times[1:], values[:-1], slopes, zero, zero)
+
+
+def step_loads(loads: Sequence[LoadHistory], duration: float, sampling_hz: float) -> SteppedLoads:
+    """Loads on a grid of even samples and of the instants at which one of them jumps or bends.
+
+    Args:
+        loads: ``k`` of them.
+        duration: From zero [s].
+        sampling_hz: Samples a second; the last one is the first at or after the duration.
+
+    Raises:
+        ModelError: There is not one step.
+    """
+    step = 1.0 / sampling_hz
+    count = int(np.ceil(duration * sampling_hz - SAME_TIME))
+    if count < 1:
+        raise ModelError(f"{duration:g} s are less than one sample at {sampling_hz:g} Hz")
+    samples = step * np.arange(count + 1)
+    instants = [load.instants for load in loads]
+    inner = np.unique(np.concatenate([np.zeros(0), *instants]))
+    inner = inner[(inner > 0.0) & (inner < samples[-1])]
+    # instants that are samples but for roundoff do not make steps of their own
+    inner = inner[
+        np.abs(inner / step - np.round(inner / step)) > SAME_TIME * np.maximum(1.0, inner / step)
+    ]
+    times = np.unique(np.concatenate([samples, inner]))
+    return SteppedLoads(
+        times,
+        np.stack([_linear_part(load, times) for load in loads], axis=-1),
+        _sines(loads, times),
+        np.stack([_struck(load, times) for load in loads], axis=-1),
+        np.asarray(np.searchsorted(times, samples), dtype=np.intp),
+    )
+
+
+def _one_piece(
+    begin: float,
+    end: float,
+    *,
+    value: float = 0.0,
+    amplitude: float = 0.0,
+    omega: float = 0.0,
+) -> LoadHistory:
+    return LoadHistory(
+        np.array([begin]),
+        np.array([end]),
+        np.array([value]),
+        np.zeros(1),
+        np.array([amplitude]),
+        np.array([omega]),
+    )
+
+
+def _active(load: LoadHistory, times: FloatArray) -> tuple[IndexArray, BoolArray]:
+    """Piece that acts on each step, and whether one does."""
+    middle = 0.5 * (times[1:] + times[:-1])
+    piece = np.searchsorted(load.begins, middle, side="right") - 1
+    acts = piece >= 0
+    acts[acts] = middle[acts] < load.ends[piece[acts]]
+    return np.maximum(piece, 0), acts
+
+
+def _linear_part(load: LoadHistory, times: FloatArray) -> FloatArray:
+    """``(n - 1, 2)`` at both ends of each step."""
+    found = np.zeros((len(times) - 1, 2))
+    if not len(load.begins):
+        return found
+    piece, acts = _active(load, times)
+    since = np.stack([times[:-1], times[1:]], axis=1) - load.begins[piece][:, None]
+    values = load.values[piece][:, None] + load.slopes[piece][:, None] * since
+    return np.asarray(np.where(acts[:, None], values, found))
+
+
+def _sines(loads: Sequence[LoadHistory], times: FloatArray) -> tuple[Sine, ...]:
+    omegas = sorted({float(omega) for load in loads for omega in load.omegas if omega})
+    found = []
+    for omega in omegas:
+        forward = np.zeros((len(times) - 1, len(loads)))
+        quadrature = np.zeros_like(forward)
+        for column, load in enumerate(loads):
+            if omega not in load.omegas:
+                continue
+            piece, acts = _active(load, times)
+            acts = acts & (load.omegas[piece] == omega)
+            phase = omega * (times[:-1] - load.begins[piece])
+            forward[:, column] = np.where(acts, load.amplitudes[piece] * np.cos(phase), 0.0)
+            quadrature[:, column] = np.where(acts, load.amplitudes[piece] * np.sin(phase), 0.0)
+        found.append(Sine(omega, forward, quadrature))
+    return tuple(found)
+
+
+def _struck(load: LoadHistory, times: FloatArray) -> FloatArray:
+    """``(n,)`` impulse at each time; those after the last are none."""
+    found = np.zeros(len(times))
+    for at, size in load.impulses:
+        nearest = int(np.argmin(np.abs(times - at)))
+        if at <= times[-1] + SAME_TIME:
+            found[nearest] += size
+    return found

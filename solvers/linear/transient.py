@@ -1,0 +1,405 @@
+"""Transient response of a linear system to loads in closed form: exact at every instant, with its
+figures and its balance of energy.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.damped_modes import add_little_mass
+from headstock.solvers.linear.damping import equivalent_viscous
+from headstock.solvers.linear.load_history import IndexArray, LoadHistory, SteppedLoads
+from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
+from headstock.solvers.linear.modal_coordinates import (
+    ModalCoordinates,
+    count_modes,
+    has_symmetric_terms,
+    keep_modes,
+    to_modal_coordinates,
+)
+from headstock.solvers.linear.state_space import StateSpace, modal_state_space, to_state_space
+from headstock.solvers.linear.time_response import make_propagator, sine_gains
+from headstock.solvers.second_order import Channel, SecondOrderSystem
+
+UNBALANCED = 1e-8  # of a load, what is left of it where it moves the system as a whole
+SAME_STEP = 9  # decimals of a step's length that tell one from another
+CHANGE = 1e-9  # of the largest value: a smaller change of the rest position is none
+
+
+@dataclass(frozen=True, eq=False)
+class TransientModel:
+    """A system ready for loads over time.
+
+    Attributes:
+        space: Loads in, displacements out; the static compliance of modes left out is in ``d``.
+        coordinates: The modes behind it; None of a system with unsymmetric terms.
+        every: All modes of the system; None without them.
+    """
+
+    space: StateSpace
+    coordinates: ModalCoordinates | None
+    every: ModalCoordinates | None
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """States of a system over time.
+
+    Attributes:
+        loads: What acted.
+        left: ``(n, s)`` states just before each time.
+        right: ``(n, s)`` and just after it: an impulse is between them.
+    """
+
+    loads: SteppedLoads
+    left: FloatArray
+    right: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Displacements and speeds of outputs over time.
+
+    Attributes:
+        times: ``(n,)`` [s].
+        begins: ``(n - 1, k)`` displacements at the begin of each step, after what happens there.
+        ends: ``(n - 1, k)`` and at its end, before what happens there.
+        begin_speeds: ``(n - 1, k)``.
+        end_speeds: ``(n - 1, k)``.
+        sampled: ``(m,)`` which of the times are samples.
+    """
+
+    times: FloatArray
+    begins: FloatArray
+    ends: FloatArray
+    begin_speeds: FloatArray
+    end_speeds: FloatArray
+    sampled: IndexArray
+
+    def sample(self) -> tuple[FloatArray, FloatArray]:
+        """Times of the samples ``(m,)`` and displacements there ``(m, k)``, after what happens at
+        them.
+        """
+        values = np.concatenate([self.begins, self.ends[-1:]])
+        return self.times[self.sampled], values[self.sampled]
+
+
+@dataclass(frozen=True)
+class TransientFigures:
+    """What a displacement over time comes to.
+
+    Attributes:
+        peak: Displacement of the largest size.
+        peak_time: When [s].
+        start: Where it was before everything.
+        final: Where it comes to rest under the loads of the end; None where it does not.
+        overshoot: Largest excursion beyond the final position over the way there; None without a
+            way.
+        settling: Time after which it stays near the final position [s]; None where it does not
+            within the duration.
+    """
+
+    peak: float
+    peak_time: float
+    start: float
+    final: float | None
+    overshoot: float | None
+    settling: float | None
+
+
+@dataclass(frozen=True)
+class EnergyBalance:
+    """Energy of the modes kept [J].
+
+    Attributes:
+        initial: At the time zero, of what was deformed or moved before.
+        work: Done by the loads.
+        dissipated: By dampers.
+        final: Left at the end.
+        largest: Most at any time.
+    """
+
+    initial: float
+    work: float
+    dissipated: float
+    final: float
+    largest: float
+
+    @property
+    def error(self) -> float:
+        """What does not add up, over the largest part."""
+        most = max(self.initial, abs(self.work), self.dissipated, self.largest)
+        rest = self.initial + self.work - self.dissipated - self.final
+        return abs(rest) / most if most else 0.0
+
+
+def prepare_transient(
+    system: SecondOrderSystem,
+    inputs: Sequence[Channel],
+    outputs: Sequence[Channel],
+    *,
+    up_to_hz: float | None,
+    modes: ModalResult | None = None,
+) -> TransientModel:
+    """A system in the coordinates of its lowest modes; the others follow loads at once.
+
+    Structural damping is replaced by the viscous one of equal loss in each mode. Dofs without mass
+    that dampers act on get a little. A system with unsymmetric terms keeps its own dofs.
+
+    Args:
+        system: Any; unsymmetric ones need mass on every dof.
+        inputs: Names of the loads.
+        outputs: Names of the displacements.
+        up_to_hz: Keep modes up to here; None keeps all.
+        modes: All undamped modes, where they are already known.
+
+    Raises:
+        ModelError: A channel is unknown.
+    """
+    if not has_symmetric_terms(system):
+        return TransientModel(to_state_space(system, inputs=inputs, outputs=outputs), None, None)
+    modes = modes or solve_modal(system)
+    damped = equivalent_viscous(system, modes)
+    every = to_modal_coordinates(damped, inputs, outputs, modes)
+    if every is None:
+        every = to_modal_coordinates(add_little_mass(damped, modes), inputs, outputs)
+    if every is None:
+        raise ModelError("a damper acts on dofs that have neither mass nor stiffness")
+    kept = every if up_to_hz is None else keep_modes(every, count_modes(every, up_to_hz))
+    return TransientModel(modal_state_space(kept, tuple(inputs), tuple(outputs)), kept, every)
+
+
+def scale_frequencies(model: TransientModel, factors: FloatArray) -> TransientModel:
+    """The same model with other natural frequencies, of the same damping ratios and shapes.
+
+    Args:
+        model: Of modes.
+        factors: ``(m,)`` of the elastic modes kept.
+
+    Raises:
+        ModelError: It has no modes.
+    """
+    own = model.coordinates
+    if own is None:
+        raise ModelError("a system with unsymmetric terms has no natural modes to scale")
+    scale = np.concatenate([np.ones(own.rigid_count), factors])
+    viscous = None
+    if own.viscous is not None:
+        viscous = own.viscous * np.sqrt(np.outer(scale, scale))
+    moved = dataclasses.replace(own, eigenvalues=own.eigenvalues * scale**2, viscous=viscous)
+    space = modal_state_space(moved, model.space.inputs, model.space.outputs)
+    return TransientModel(space, moved, model.every)
+
+
+def find_equilibrium(space: StateSpace, loads: FloatArray) -> FloatArray | None:
+    """State ``(s,)`` at rest under constant loads ``(n_inputs,)``; None where they are not in
+    balance, so that there is none.
+    """
+    push = space.b @ loads
+    if not push.any():
+        return np.zeros(len(space.a))
+    rest = np.linalg.lstsq(space.a, -push, rcond=1e-13)[0]
+    left = np.linalg.norm(space.a @ rest + push)
+    return np.asarray(rest) if left <= UNBALANCED * np.linalg.norm(push) else None
+
+
+def solve_transient(space: StateSpace, loads: SteppedLoads, initial_state: FloatArray) -> Motion:
+    """Motion under loads, exact at every time of the grid whatever its steps.
+
+    Args:
+        space: Of ``prepare_transient``.
+        loads: On their grid.
+        initial_state: ``(s,)`` before the time zero.
+    """
+    steps = loads.steps
+    sizes, kinds = np.unique(np.round(steps / steps.max(), SAME_STEP), return_inverse=True)
+    lengths = [float(steps[kinds == kind].mean()) for kind in range(len(sizes))]
+    propagators = [make_propagator(space, length) for length in lengths]
+    forcing = np.zeros((len(steps), len(space.a)))
+    for kind, (propagator, length) in enumerate(zip(propagators, lengths, strict=True)):
+        here = kinds == kind
+        linear = loads.linear[here]
+        forcing[here] = linear[:, 0] @ propagator.start.T + linear[:, 1] @ propagator.end.T
+        for sine in loads.sines:
+            forward, quadrature = sine_gains(space, length, sine.omega)
+            forcing[here] += sine.forward[here] @ forward.T + sine.quadrature[here] @ quadrature.T
+    struck = loads.impulses @ space.b.T
+    left = np.empty((len(loads.times), len(space.a)))
+    right = np.empty_like(left)
+    left[0], right[0] = initial_state, initial_state + struck[0]
+    for number, kind in enumerate(kinds):
+        left[number + 1] = propagators[kind].advance(right[number]) + forcing[number]
+        right[number + 1] = left[number + 1] + struck[number + 1]
+    return Motion(loads, left, right)
+
+
+def read_response(space: StateSpace, motion: Motion) -> Response:
+    """Displacements and speeds of the outputs."""
+    values, rates = motion.loads.evaluate()
+    begins, ends = motion.right[:-1], motion.left[1:]
+    speeds = [
+        (states @ space.a.T + values[:, end] @ space.b.T) @ space.c.T + rates[:, end] @ space.d.T
+        for end, states in enumerate((begins, ends))
+    ]
+    return Response(
+        motion.loads.times,
+        begins @ space.c.T + values[:, 0] @ space.d.T,
+        ends @ space.c.T + values[:, 1] @ space.d.T,
+        speeds[0],
+        speeds[1],
+        motion.loads.sampled,
+    )
+
+
+def find_figures(
+    response: Response, *, start: FloatArray, final: FloatArray | None, near: float
+) -> tuple[TransientFigures, ...]:
+    """Peak, overshoot and settling time of every output; between samples the displacement is the
+    cubic of both displacements and both speeds.
+
+    Args:
+        response: Of ``k`` outputs.
+        start: ``(k,)`` displacements before everything.
+        final: ``(k,)`` where they come to rest; None where they do not.
+        near: Share of the way, or of the peak where start and end are the same place, within which
+            a displacement has settled.
+    """
+    return tuple(_figures_of(response, column, start, final, near) for column in range(len(start)))
+
+
+def find_energy(model: TransientModel, motion: Motion) -> EnergyBalance | None:
+    """Balance of energy, its integrals by the trapezoidal rule with end corrections (error of fourth
+    order): what does not add up says how coarse the samples are for the modes that move.
+
+    None of a system without modes.
+    """
+    own, space = model.coordinates, model.space
+    if own is None:
+        return None
+    values, rates = motion.loads.evaluate()
+    steps = motion.loads.steps[:, None]
+    viscous = np.zeros((len(own.eigenvalues),) * 2) if own.viscous is None else own.viscous
+    gains = space.b[1::2]
+    powers, changes = [], []
+    for end, states in enumerate((motion.right[:-1], motion.left[1:])):
+        speeds = states[:, 1::2]
+        accelerations = (states @ space.a.T + values[:, end] @ space.b.T)[:, 1::2]
+        pushes, grows = values[:, end] @ gains.T, rates[:, end] @ gains.T
+        lost = speeds @ viscous
+        powers.append(np.stack([(pushes * speeds).sum(1), (lost * speeds).sum(1)], axis=1))
+        changes.append(
+            np.stack(
+                [
+                    (grows * speeds + pushes * accelerations).sum(1),
+                    2.0 * (lost * accelerations).sum(1),
+                ],
+                axis=1,
+            )
+        )
+    work, dissipated = (
+        0.5 * steps * (powers[0] + powers[1]) + steps**2 / 12.0 * (changes[0] - changes[1])
+    ).sum(axis=0)
+    struck = motion.loads.impulses @ gains.T
+    work += float((struck * 0.5 * (motion.left + motion.right)[:, 1::2]).sum())
+    stored = _stored_energy(own, motion.right)
+    initial = float(_stored_energy(own, motion.left[:1])[0])
+    return EnergyBalance(
+        initial, float(work), float(dissipated), float(stored[-1]), float(stored.max())
+    )
+
+
+def rest_positions(
+    space: StateSpace, loads: Sequence[LoadHistory], duration: float
+) -> tuple[FloatArray, FloatArray | None, FloatArray]:
+    """Displacements before everything and at rest under the loads of the end (None where they do
+    not come to rest), and the state before everything.
+
+    Raises:
+        ModelError: What acts beforehand is not in balance.
+    """
+    before = np.array([load.before for load in loads])
+    state = find_equilibrium(space, before)
+    if state is None:
+        raise ModelError(
+            "a load that is released acts on a motion that nothing holds, so nothing was at rest under it"
+        )
+    start = space.c @ state + space.d @ before
+    if not all(load.is_constant_at(duration) for load in loads):
+        return start, None, state
+    held = np.array([_value_at(load, duration) for load in loads])
+    rest = find_equilibrium(space, held)
+    final = None if rest is None else space.c @ rest + space.d @ held
+    return start, final, state
+
+
+def _value_at(load: LoadHistory, time: float) -> float:
+    piece = int(np.searchsorted(load.begins, time, side="right")) - 1
+    return float(load.values[piece]) if piece >= 0 and time < load.ends[piece] else 0.0
+
+
+def _stored_energy(coordinates: ModalCoordinates, states: FloatArray) -> FloatArray:
+    """Kinetic and strain energy ``(n,)`` of states ``(n, 2 m)``."""
+    elastic = states[:, 0::2] * (coordinates.eigenvalues > 0.0)
+    return np.asarray(0.5 * ((elastic**2).sum(axis=1) + (states[:, 1::2] ** 2).sum(axis=1)))
+
+
+def _figures_of(
+    response: Response,
+    column: int,
+    start: FloatArray,
+    final: FloatArray | None,
+    near: float,
+) -> TransientFigures:
+    steps = np.diff(response.times)
+    shares, values = _candidates(
+        steps,
+        (response.begins[:, column], response.ends[:, column]),
+        (response.begin_speeds[:, column], response.end_speeds[:, column]),
+    )
+    row, place = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
+    peak = float(values[row, place])
+    peak_time = float(response.times[row] + steps[row] * shares[row, place])
+    begin = float(start[column])
+    if final is None:
+        return TransientFigures(peak, peak_time, begin, None, None, None)
+    rest = float(final[column])
+    way = rest - begin
+    largest = float(np.abs(values).max())
+    moves = abs(way) > CHANGE * max(largest, abs(begin))
+    overshoot = None
+    if moves:
+        overshoot = max(0.0, float((np.sign(way) * (values - rest)).max()) / abs(way))
+    away = np.abs(values - rest).max(axis=1)
+    outside = np.flatnonzero(away > near * (abs(way) if moves else float(away.max())))
+    settling: float | None = 0.0
+    if len(outside):
+        last = int(outside[-1])
+        settling = float(response.times[last + 1]) if last + 1 < len(steps) else None
+    return TransientFigures(peak, peak_time, begin, rest, overshoot, settling)
+
+
+def _candidates(
+    steps: FloatArray, ends: tuple[FloatArray, FloatArray], speeds: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Where on each step the cubic of ends and speeds may be largest, and its values there, ``(n -
+    1, 4)`` each: both ends and both places without speed.
+    """
+    (y0, y1), (v0, v1) = ends, (speeds[0] * steps, speeds[1] * steps)
+    # y = y0 + v0 s + b s^2 + a s^3
+    a, b = 2.0 * (y0 - y1) + v0 + v1, 3.0 * (y1 - y0) - 2.0 * v0 - v1
+    root = np.sqrt(np.maximum(b * b - 3.0 * a * v0, 0.0))
+    # the stable form of both roots of 3 a s^2 + 2 b s + v0
+    q = -(b + np.where(b >= 0.0, 1.0, -1.0) * root)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inner = [q / (3.0 * a), v0 / q]
+    inside = [np.where(np.isfinite(s) & (s > 0.0) & (s < 1.0), s, 0.0) for s in inner]
+    shares = np.stack([np.zeros_like(y0), np.ones_like(y0), *inside], axis=1)
+    columns = (part[:, None] for part in (y0, v0, b, a))
+    c0, c1, c2, c3 = columns
+    values = c0 + shares * (c1 + shares * (c2 + shares * c3))
+    values[:, 1] = y1
+    return shares, values

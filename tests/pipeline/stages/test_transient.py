@@ -1,0 +1,347 @@
+"""Loads over time of scenes: a cantilever against the modal sum of Euler and Bernoulli, impulse
+response against frequency response, machines against direct integration, and what is refused.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from common import present
+from headstock.app.report.report import render_report
+from headstock.app.texts.tables import tabulate_transient
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.answers.transient import TRUNCATION, TransientAnswer
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.results.files import read_histories
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.stages.machine import couple_pose, damp_system
+from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
+from headstock.pipeline.stages.run_state import PoseModel, RunState
+from headstock.pipeline.stages.shared_components import make_superelements
+from headstock.pipeline.stages.transient import respond_in_time
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.scene import Scene
+from headstock.studies.answers import compare_answers
+
+ROOT = Path(__file__).resolve().parents[3]
+COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
+ROD = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.0
+rho = "7850 kg/m^3"
+[components.rod]
+solid = { box = ["10 mm", "10 mm", "400 mm"] }
+material = "steel"
+fidelity = "polynomial"
+[components.rod.interfaces]
+foot = { face = "z-" }
+tip = { face = "z+", coupling = "average" }
+[joints.clamp]
+between = ["ground", "rod.foot"]
+kind = "rigid"
+[points]
+tcp = { tool = "rod.tip", work = "ground" }
+[effects]
+damping = { modal = "1 %" }
+[analyses.transient]
+outputs = [["tcp", "x"]]
+"""
+
+
+def write_scene(folder: Path, text: str, transient: str, more: str = "") -> Scene:
+    path = folder / "scene.toml"
+    path.write_text(f"{text}{transient}\n{more}")
+    return load_scene(path)
+
+
+def column_scene(folder: Path, transient: str, more: str = "") -> Scene:
+    return write_scene(folder, COLUMN.read_text(), f"[analyses.transient]\n{transient}", more)
+
+
+def run(scene: Scene, folder: Path) -> Results:
+    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+
+def answer_of(results: Results) -> TransientAnswer:
+    (answer,) = find_answers(results.answers, TransientAnswer)
+    return answer
+
+
+def posed_model(scene: Scene, folder: Path, pose: str) -> PoseModel:
+    state = RunState(scene, plan_scene(scene), MPI.COMM_SELF, Store(folder / "store"))
+    make_superelements(state)
+    parts, place = state.parts, state.plan.poses[pose]
+    if scene.is_lumped:
+        model = build_mechanism(parts, parts.superelements)
+        return place_pose(parts, place, model, parts.superelements)
+    return couple_pose(parts, place)
+
+
+def integrate(model: PoseModel, push: FloatArray, times: FloatArray) -> FloatArray:
+    """Motion ``(n, steps)`` of all dofs under a half sine of 2 ms, by an integrator of a library."""
+    system = damp_system(model.parts.scene, model.system, model.all_modes)
+    masses, vectors = np.linalg.eigh(system.mass)
+    heavy = masses > 1e-9 * masses.max()
+    # dofs without mass follow statically: q = moving a + still b
+    moving, still = vectors[:, heavy], vectors[:, ~heavy]
+    soft = np.linalg.inv(still.T @ system.stiffness @ still)
+    follow = moving - still @ (soft @ (still.T @ system.stiffness @ moving))
+    jump = still @ (soft @ (still.T @ push))
+    damping = np.zeros_like(system.mass) if system.damping is None else system.damping
+    count, inverse = int(heavy.sum()), 1.0 / masses[heavy][:, None]
+    stiffness = inverse * (follow.T @ system.stiffness @ follow)
+    damped = inverse * (follow.T @ damping @ follow)
+    pushed = inverse[:, 0] * (follow.T @ push)
+
+    def rate(time: float, state: FloatArray) -> FloatArray:
+        force = np.sin(np.pi * time / 0.002) if time < 0.002 else 0.0
+        q, v = state[:count], state[count:]
+        return np.concatenate([v, pushed * force - stiffness @ q - damped @ v])
+
+    state, found = np.zeros(2 * count), np.zeros((len(push), len(times)))
+    for begin, end in ((0.0, 0.002), (0.002, float(times[-1]))):
+        here = (times > begin) & (times <= end + 1e-12)
+        solved = solve_ivp(
+            rate,
+            (begin, end),
+            state,
+            t_eval=np.union1d(np.minimum(times[here], end), [end]),
+            rtol=1e-8,
+            atol=1e-17,
+            method="DOP853",
+        )
+        state = solved.y[:, -1]
+        forces = np.where(times[here] < 0.002, np.sin(np.pi * times[here] / 0.002), 0.0)
+        found[:, here] = follow @ solved.y[:count, : int(here.sum())] + np.outer(jump, forces)
+    return found
+
+
+def test_a_cantilever_under_a_step_follows_the_modal_sum_of_euler_and_bernoulli(
+    tmp_path: Path,
+) -> None:
+    # a slender rod: shear and rotary inertia are 1e-3 of its low frequencies
+    scene = write_scene(
+        tmp_path,
+        ROD,
+        'duration = "40 ms"\nup_to = "2 kHz"\n'
+        '[analyses.transient.loads]\nstep = { at = ["tcp", "x"], shape = "step", size = "10 N" }',
+    )
+    answer = answer_of(run(scene, tmp_path))
+    length, side, modulus, density = 0.4, 0.01, 210e9, 7850.0
+    bending, line_mass = modulus * side**4 / 12.0, density * side**2
+    roots = [
+        float(brentq(lambda z: np.cos(z) + 1.0 / np.cosh(z), (n + 0.3) * np.pi, (n + 0.7) * np.pi))
+        for n in range(6)
+    ]
+    times, exact = answer.curves.times, np.zeros(len(answer.curves.times))
+    for root in roots:
+        # mass-normalised, every shape is 2 / sqrt(m) at the tip (Blevins 1979, table 8-1)
+        omega = root**2 * np.sqrt(bending / line_mass) / length**2
+        moving = omega * np.sqrt(1.0 - 1e-4)
+        swing = np.cos(moving * times) + 1e-2 * omega / moving * np.sin(moving * times)
+        static = 10.0 * 4.0 / (line_mass * length) / omega**2
+        exact += static * (1.0 - np.exp(-1e-2 * omega * times) * swing)
+    (figures,) = answer.figures
+    assert figures.final == pytest.approx(10.0 * length**3 / (3.0 * bending), rel=3e-3)
+    assert figures.peak == pytest.approx(float(exact.max()), rel=5e-3)
+    moved = answer.curves.displacements[:, 0]
+    assert np.abs(moved - exact).max() < 0.03 * exact.max()
+
+
+def test_the_fourier_transform_of_an_impulse_response_is_the_frequency_response(
+    tmp_path: Path,
+) -> None:
+    scene = column_scene(
+        tmp_path,
+        'duration = "0.4 s"\nup_to = "2 kHz"\nsampling = "20 kHz"\n'
+        '[analyses.transient.loads]\nhit = { at = ["tcp", "x"], shape = "impulse", size = "1 N s" }',
+        '[effects]\ndamping = { modal = "3 %" }\n'
+        '[analyses.frf]\ninputs = [["tcp", "x"]]\nto = "400 Hz"\npoints = 21\nadaptive = false\n',
+    )
+    results = run(scene, tmp_path)
+    (response,) = find_answers(results.answers, PoseResponse)
+    curves = answer_of(results).curves
+    phases = np.exp(-2j * np.pi * np.outer(response.curves.frequencies_hz, curves.times))
+    transformed = phases @ curves.displacements[:, 0] / 20e3
+    expected = response.curves.receptance[:, 0, 0]
+    peak = np.abs(expected).max()
+    # what modes beyond 2 kHz add, and what sampling folds back, is far below the peak
+    assert np.abs(transformed - expected).max() < 2e-3 * peak
+
+
+def test_a_segmented_machine_moves_as_direct_integration_says(tmp_path: Path) -> None:
+    scene = column_scene(
+        tmp_path,
+        'duration = "8 ms"\nup_to = "50 kHz"\nsampling = "100 kHz"\n'
+        "[analyses.transient.loads]\n"
+        'bump = { at = ["tcp", "y"], shape = "half_sine", size = "1 N", time = "2 ms" }',
+        '[effects]\ndamping = { modal = "2 %" }',
+    )
+    model = posed_model(scene, tmp_path, "reference")
+    answer = respond_in_time(model, judged=False).answer
+    times = answer.curves.times[::50]
+    exact = integrate(model, model.system.inputs["tcp", "y"], times)
+    moved = answer.curves.displacements[::50, 1]
+    expected = model.system.outputs["tcp", "y"] @ exact
+    assert np.abs(expected).max() > 0.0
+    assert np.allclose(moved, expected, rtol=0.0, atol=1e-6 * np.abs(expected).max())
+
+
+def test_the_lumped_tripteor_moves_as_direct_integration_says(tmp_path: Path) -> None:
+    timed = (
+        '{ duration = "30 ms", up_to = "1 kHz", loads = { bump = { at = ["tcp", "x"], '
+        'shape = "half_sine", size = "1 N", time = "2 ms" } } }'
+    )
+    scene = load_scene(
+        ROOT / "machines" / "tripteor.toml",
+        overrides=[f"analyses={{ transient = {timed} }}", "effects={ damping = { modal = 0.02 } }"],
+    )
+    assert scene.is_lumped
+    pose = next(iter(scene.poses))
+    model = posed_model(scene, tmp_path, pose)
+    answer = respond_in_time(model).answer
+    times = answer.curves.times[::40]
+    exact = integrate(model, model.system.inputs["tcp", "x"], times)
+    expected = model.system.outputs["tcp", "x"] @ exact
+    found = answer.curves.displacements[::40, answer.curves.outputs.index(("tcp", "x"))]
+    assert np.abs(expected).max() > 0.0
+    assert np.allclose(found, expected, rtol=0.0, atol=1e-6 * np.abs(expected).max())
+    assert all(error.shares[TRUNCATION] is not None for error in answer.errors)
+
+
+def test_a_released_load_starts_at_its_static_displacement_and_swings_back(tmp_path: Path) -> None:
+    scene = column_scene(
+        tmp_path,
+        'duration = "50 ms"\noutputs = [["tcp", "x"]]\n'
+        '[analyses.transient.loads]\npull = { load = "push", shape = "release", start = "5 ms" }',
+        '[loads.push]\nat = "column.tip"\nforce = ["1 kN", "0 N", "0 N"]\n[analyses.static]\n'
+        '[effects]\ndamping = { modal = "5 %" }',
+    )
+    results = run(scene, tmp_path)
+    (figures,) = answer_of(results).figures
+    static = results.compliance["tcp"][0, 0] * 1e3
+    assert figures.start == pytest.approx(static, rel=1e-9)
+    moved = answer_of(results).curves
+    before = moved.times < 0.005 - 1e-9
+    assert before.any()
+    assert np.allclose(moved.displacements[before, 0], static, rtol=1e-9)
+    assert figures.final == 0.0
+    # of a single mode exp(-pi zeta / sqrt(1 - zeta^2)) = 0.854; higher modes are a few per cent
+    assert present(figures.overshoot) == pytest.approx(0.854, abs=0.05)
+
+
+def test_a_moving_body_that_is_caught_keeps_its_momentum(tmp_path: Path) -> None:
+    # rigid on springs: x = v / omega sin(omega t)
+    rigid = COLUMN.read_text().replace('fidelity = "segmented"', 'fidelity = "rigid"')
+    rigid = rigid.replace(
+        'kind = "rigid"',
+        'kind = "spring"\nstiffness = { x = "10 N/um", y = "rigid", z = "rigid", rx = "rigid", ry = "rigid", rz = "rigid" }',
+    )
+    scene = write_scene(
+        tmp_path,
+        rigid,
+        '[analyses.transient]\nduration = "20 ms"\noutputs = [["tcp", "x"]]\n'
+        'velocity = { column = ["0.1 m/s", "0.2 m/s", "0 m/s"] }',
+    )
+    answer = answer_of(run(scene, tmp_path))
+    mass = 7850.0 * 0.038 * 0.1 * 0.5
+    omega = np.sqrt(1e7 / mass)
+    exact = 0.1 / omega * np.sin(omega * answer.curves.times)
+    assert np.allclose(answer.curves.displacements[:, 0], exact, rtol=0.0, atol=1e-9 * 0.1 / omega)
+    assert present(answer.energy).initial == pytest.approx(0.5 * mass * 0.1**2, rel=1e-9)
+
+
+def test_records_are_read_and_averaged_around_samples(tmp_path: Path) -> None:
+    times = np.arange(0.0, 0.0301, 1.0 / 7777.0)
+    rows = [f"{time:.9f},{np.sin(300.0 * time):.9f}" for time in times]
+    (tmp_path / "hit.csv").write_text("time,value\n" + "\n".join(rows))
+    transient = (
+        'duration = "30 ms"\noutputs = [["tcp", "x"]]\n'
+        '[analyses.transient.loads]\nhit = {{ at = ["tcp", "x"], {} }}'
+    )
+    effects = '[effects]\ndamping = { modal = "5 %" }'
+    peaks = []
+    for load in (
+        'shape = "file", file = "hit.csv", size = "20 N"',
+        f'shape = "sine", size = "20 N", frequency = "{300.0 / (2.0 * np.pi):.12f} Hz"',
+    ):
+        answer = answer_of(run(column_scene(tmp_path, transient.format(load), effects), tmp_path))
+        peaks.append(answer.figures[0].peak)
+    assert peaks[0] == pytest.approx(peaks[1], rel=1e-3)
+
+
+REFUSED = {
+    "unknown point": ('hit = { at = ["top", "x"], shape = "step", size = "1 N" }', "top"),
+    "unknown load": ('hit = { load = "pull", shape = "step" }', "pull"),
+    "a moment as a force": ('hit = { at = ["tcp", "x"], shape = "step", size = "1 N m" }', "force"),
+    "an impulse as a force": (
+        'hit = { at = ["tcp", "x"], shape = "impulse", size = "1 N" }',
+        "impulse",
+    ),
+    "no time": ('hit = { at = ["tcp", "x"], shape = "ramp", size = "1 N" }', "needs time"),
+    "no direction": ('hit = { at = "tcp", shape = "step", size = "1 N" }', "direction"),
+    "no record": ('hit = { at = ["tcp", "x"], shape = "file", file = "no.csv" }', "no.csv"),
+    "no size": ('hit = { at = ["tcp", "x"], shape = "step" }', "size"),
+    "gravity that is off": ('hit = { load = "gravity", shape = "step" }', "gravity"),
+}
+
+
+@pytest.mark.parametrize("name", list(REFUSED))
+def test_bad_loads_are_refused_with_their_line(name: str, tmp_path: Path) -> None:
+    load, said = REFUSED[name]
+    with pytest.raises(SceneError, match=said) as caught:
+        column_scene(tmp_path, f'duration = "10 ms"\n[analyses.transient.loads]\n{load}')
+    assert all(problem.line for problem in caught.value.problems)
+
+
+def test_a_release_of_what_nothing_holds_is_a_failure(tmp_path: Path) -> None:
+    free = COLUMN.read_text().replace(
+        '[joints.clamp]\nbetween = ["ground", "column.foot"]\nkind = "rigid"', "free = true"
+    )
+    assert "joints" not in free
+    scene = write_scene(
+        tmp_path,
+        "free = true\n" + free.replace("free = true\n", ""),
+        '[analyses.transient]\nduration = "10 ms"\n'
+        'loads.pull = { at = ["tcp", "x"], shape = "release", size = "1 N" }',
+    )
+    results = run(scene, tmp_path)
+    assert "nothing holds" in results.failures[0]
+
+
+def test_results_are_written_read_and_shown(tmp_path: Path) -> None:
+    scene = column_scene(
+        tmp_path,
+        'duration = "20 ms"\n[analyses.transient.loads]\n'
+        'press = { at = ["tcp", "x"], shape = "step", size = "100 N", start = "1 ms" }',
+        '[effects]\ndamping = { modal = "2 %" }',
+    )
+    results = run(scene, tmp_path)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    found = summary["transient"]["reference"]["outputs"]["tcp x"]
+    assert found["peak"] == pytest.approx(1e6 * answer_of(results).figures[0].peak, rel=1e-12)
+    assert summary["transient"]["reference"]["outputs"]["tcp y"]["settling_s"] is None
+    (curves,) = read_histories(tmp_path / "out")
+    assert np.array_equal(curves.displacements, answer_of(results).curves.displacements)
+    table = tabulate_transient(curves)
+    assert table.headings[:3] == ("time [s]", "press [N]", "tcp x [um]")
+    assert len(table.rows) == 401 and table.rows[-1][1] == 100.0
+    page = render_report(summary, histories=[curves])
+    assert "Motion over time" in page and "Load press [N]" in page
+    own = summarise(results)
+    damped = load_scene(scene.path, overrides=["effects={ damping = { modal = 0.1 } }"])
+    other = summarise(run(damped, tmp_path))
+    changes = {change.answer: change for change in compare_answers(own, other)}
+    assert 0.02 < changes["peaks over time"].share < 0.2
