@@ -169,6 +169,18 @@ def test_links_of_a_document_lead_to_files(document: str) -> None:
     assert [link for link in local if not (path.parent / link).exists()] == []
 
 
+@pytest.mark.trials
+@pytest.mark.process
+def test_the_site_builds_and_none_of_its_links_is_broken(tmp_path: Path) -> None:
+    command = [ROOT / "headstock", "docs", "--quick", "-o", tmp_path / "site"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
+    assert done.returncode == 0, done.stderr[-2000:]
+    pages = {path.stem for path in (tmp_path / "site").glob("*.html")}
+    assert {path.stem for path in (ROOT / "docs").glob("*.md")} <= pages
+    assert "hs.load" in (tmp_path / "site" / "notebooks" / "first_machine.html").read_text()
+    assert "identify" in (tmp_path / "site" / "api.html").read_text()
+
+
 def test_the_list_of_hard_cases_is_what_their_tests_say_of_themselves() -> None:
     files = sorted((ROOT / "tests" / "hard_cases").glob("test_h*.py"))
     titles = {
