@@ -12,6 +12,7 @@ from mkdocs.config import load_config
 from mkdocs.exceptions import Abort
 
 PROJECT = Path(__file__).resolve().parent.parent.parent
+MARK = ".headstock-site"  # MkDocs empties the folder of a site, but for hidden files
 
 
 def main() -> int:
@@ -22,9 +23,12 @@ def main() -> int:
     chosen = parser.parse_args()
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
     output = chosen.output.absolute()
-    if output.exists() and not (output / "sitemap.xml").exists() and any(output.iterdir()):
+    mark = output / MARK
+    if output.exists() and not mark.exists() and any(output.iterdir()):
         print(f"{output} holds other files; name a new folder with -o", file=sys.stderr)
         return 2
+    output.mkdir(parents=True, exist_ok=True)
+    mark.touch()
     os.chdir(PROJECT)
     # templates of notebooks lie beside the packages that pip installed
     os.environ["JUPYTER_PATH"] = str(Path(nbconvert.__file__).parent.parent / "share" / "jupyter")

@@ -54,7 +54,10 @@ def render_notebook(path: Path, *, quick: bool) -> tuple[str, dict[str, bytes]]:
     notebook = nbformat.read(path, as_version=4)
     if not quick:
         NotebookClient(
-            notebook, timeout=CELL_SECONDS, resources={"metadata": {"path": str(path.parent)}}
+            notebook,
+            timeout=CELL_SECONDS,
+            resources={"metadata": {"path": str(path.parent)}},
+            extra_arguments=["--log-level=ERROR"],
         ).execute()
     text, resources = MarkdownExporter().from_notebook_node(
         notebook, resources={"unique_key": path.stem, "output_files_dir": f"{path.stem}_files"}

@@ -29,7 +29,7 @@ FIRST, SECOND = (0.62, 0.72, 0.85), (0.93, 0.78, 0.55)
 PATCH = (0.85, 0.30, 0.25)
 AXIS_COLORS = ((0.80, 0.10, 0.10), (0.05, 0.50, 0.15), (0.10, 0.25, 0.80))
 LENGTH = 0.11  # of the arrows [m]
-LABEL = 1.4  # of their length, where the text is
+LABEL = 1.5  # of their length, where the text is
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +168,7 @@ def _make_picture(
     skins = [_place_skin(body) for body in bodies]
     joined = join_skins(skins)
     # corners of a box around the labels, which no triangle uses, keep them inside the picture
-    around = origin + 1.5 * LENGTH * np.vstack([rotation.T, -np.eye(3)])
+    around = origin + 1.75 * LENGTH * np.vstack([rotation.T, -np.eye(3)])
     points = np.vstack([joined.points, around])
     colors = [
         np.tile(body.color, (len(skin.points), 1)) for body, skin in zip(bodies, skins, strict=True)
@@ -220,7 +220,7 @@ def label_axes(
     axes.imshow(Image.open(io.BytesIO(image)), interpolation="none", aspect="auto")
     spots = frame_picture(picture).project(places, SIZE)
     for spot, text, color in zip(spots, texts, AXIS_COLORS, strict=False):
-        note = axes.text(*spot, text, fontsize=11, color=color, ha="center", va="center")
+        note = axes.text(*spot, text, fontsize=15, color=color, ha="center", va="center")
         note.set_path_effects([withStroke(linewidth=3.0, foreground="white")])
     axes.set_xlim(-0.5, width - 0.5)
     axes.set_ylim(height - 0.5, -0.5)
