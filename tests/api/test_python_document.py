@@ -64,9 +64,7 @@ def run_cells(cells: list[str]) -> list[object]:
 
 
 @pytest.fixture
-def run_notebook(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[[str], list[object]]:
+def run_notebook(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[object]]:
     """Runs a notebook from its folder, with nothing else beside the shipped files."""
     pytest.importorskip("pandas")
     (tmp_path / "docs" / "notebooks").mkdir(parents=True)
