@@ -13,7 +13,6 @@ from headstock.app.actions.cataloguing import render_catalogue
 from headstock.app.actions.editor_schema import plain_schema, rules_in, targets_schema
 from headstock.app.actions.scene_reference import render_reference
 from headstock.pipeline.results.files import read_mesh, read_summary
-from headstock.scene.building.loader import load_scene
 from headstock.scene.schema.catalogue import read_catalogue
 from headstock.scene.schema.key_notes import NOTES
 
@@ -115,14 +114,6 @@ def test_the_cost_of_a_large_part_on_the_page_of_clusters_is_what_its_command_pr
         timeout=SECONDS,
     )
     assert shown == done.stdout
-
-
-def test_every_scene_of_the_readme_loads(tmp_path: Path) -> None:
-    scenes = [text for text in blocks("README.md", "toml") if text.startswith("name =")]
-    assert scenes
-    for text in scenes:
-        (tmp_path / "scene.toml").write_text(text)
-        assert load_scene(tmp_path / "scene.toml").machine.components
 
 
 def test_the_scene_reference_is_up_to_date() -> None:
