@@ -13,7 +13,6 @@ from headstock.app.actions.cataloguing import render_catalogue
 from headstock.app.actions.editor_schema import plain_schema, rules_in, targets_schema
 from headstock.app.actions.scene_reference import render_reference
 from headstock.pipeline.results.files import read_mesh, read_summary
-from headstock.scene.building.loader import load_scene
 from headstock.scene.schema.catalogue import read_catalogue
 from headstock.scene.schema.key_notes import NOTES
 
@@ -117,14 +116,6 @@ def test_the_cost_of_a_large_part_on_the_page_of_clusters_is_what_its_command_pr
     assert shown == done.stdout
 
 
-def test_every_scene_of_the_readme_loads(tmp_path: Path) -> None:
-    scenes = [text for text in blocks("README.md", "toml") if text.startswith("name =")]
-    assert scenes
-    for text in scenes:
-        (tmp_path / "scene.toml").write_text(text)
-        assert load_scene(tmp_path / "scene.toml").machine.components
-
-
 def test_the_scene_reference_is_up_to_date() -> None:
     # otherwise: ./headstock schema --markdown > docs/scene_reference.md
     assert (ROOT / "docs" / "scene_reference.md").read_text() == render_reference(plain_schema())
@@ -167,6 +158,18 @@ def test_links_of_a_document_lead_to_files(document: str) -> None:
     local = [link for link in links if "://" not in link]
     assert local or document != "README.md", "no links are found where there are some"
     assert [link for link in local if not (path.parent / link).exists()] == []
+
+
+@pytest.mark.trials
+@pytest.mark.process
+def test_the_site_builds_and_none_of_its_links_is_broken(tmp_path: Path) -> None:
+    command = [ROOT / "headstock", "docs", "--quick", "-o", tmp_path / "site"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
+    assert done.returncode == 0, done.stderr[-2000:]
+    pages = {path.stem for path in (tmp_path / "site").glob("*.html")}
+    assert {path.stem for path in (ROOT / "docs").glob("*.md")} <= pages
+    assert "hs.load" in (tmp_path / "site" / "notebooks" / "first_machine.html").read_text()
+    assert "identify" in (tmp_path / "site" / "api.html").read_text()
 
 
 def test_the_list_of_hard_cases_is_what_their_tests_say_of_themselves() -> None:

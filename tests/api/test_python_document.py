@@ -3,6 +3,7 @@
 import ast
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ import pytest
 import headstock as hs
 
 ROOT = Path(__file__).resolve().parents[2]
-NOTEBOOK = ROOT / "docs" / "example.ipynb"
+NOTEBOOKS = ROOT / "docs" / "notebooks"
 PAGE = ROOT / "docs" / "python.md"
 SNIPPET = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
 
@@ -62,22 +63,62 @@ def run_cells(cells: list[str]) -> list[object]:
     return shown
 
 
-def test_the_notebook_runs_from_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pandas = pytest.importorskip("pandas")
-    (tmp_path / "machines").symlink_to(ROOT / "machines")
-    (tmp_path / "docs").mkdir()
-    monkeypatch.chdir(tmp_path / "docs")
+@pytest.fixture
+def run_notebook(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[object]]:
+    """Runs a notebook from its folder, with nothing else beside the shipped files."""
+    pytest.importorskip("pandas")
+    (tmp_path / "docs" / "notebooks").mkdir(parents=True)
+    for name in ("machines", "tests"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    monkeypatch.chdir(tmp_path / "docs" / "notebooks")
     monkeypatch.setenv("MPLBACKEND", "agg")
-    notebook = json.loads(NOTEBOOK.read_text())
-    cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
-    assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in cells)
-    modes, budget, study, _, arrays = run_cells(["".join(cell["source"]) for cell in cells])
-    assert isinstance(modes, pandas.DataFrame)
-    assert isinstance(study, pandas.DataFrame)
+
+    def run(name: str) -> list[object]:
+        notebook = json.loads((NOTEBOOKS / f"{name}.ipynb").read_text())
+        cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+        assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in cells)
+        shown = run_cells(["".join(cell["source"]) for cell in cells])
+        assert list((tmp_path / "docs" / "notebooks").iterdir()) == []
+        return shown
+
+    return run
+
+
+def test_the_first_notebook_runs_from_its_folder(
+    run_notebook: Callable[[str], list[object]],
+) -> None:
+    modes, budget, study, _, arrays = run_notebook("first_machine")
+    assert repr(modes).count("reference")
     assert repr(budget).startswith("z_drive")
     # a drive is a spring in series: compliances differ by 1/15 - 1/25 um/N
-    compliance = list(study["compliance [um/kN]"])
+    compliance = list(study["compliance [um/kN]"])  # type: ignore[index]
     assert compliance[0] - compliance[1] == pytest.approx(1e3 * (1 / 15 - 1 / 25), rel=1e-6)
     assert isinstance(arrays, list)
     assert "mode 01 shape [m/sqrt(kg)]" in arrays
-    assert [path.name for path in Path.cwd().iterdir()] == []
+
+
+def test_the_notebook_of_the_workspace_reaches_every_pose(
+    run_notebook: Callable[[str], list[object]],
+) -> None:
+    assert run_notebook("workspace")[0] == 21
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "frf_and_chatter",
+        pytest.param("mesh_convergence", marks=pytest.mark.trials),
+        pytest.param("step_part", marks=pytest.mark.trials),
+    ],
+)
+def test_a_notebook_runs_from_its_folder(
+    name: str, run_notebook: Callable[[str], list[object]]
+) -> None:
+    assert run_notebook(name)
+
+
+def test_every_notebook_has_its_test_and_its_place_in_the_site() -> None:
+    names = {path.stem for path in NOTEBOOKS.glob("*.ipynb")}
+    text, site = Path(__file__).read_text(), (ROOT / "mkdocs.yml").read_text()
+    assert names
+    assert all(f'"{name}"' in text and f"notebooks/{name}.md" in site for name in names)

@@ -1,0 +1,65 @@
+"""What MkDocs is told about these documents: notebooks become pages with what they print, and
+links to files beside the documents become their names.
+"""
+
+import re
+from pathlib import Path, PurePosixPath
+
+import nbformat
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+from nbclient import NotebookClient
+from nbconvert import MarkdownExporter
+
+OUTSIDE = re.compile(r"\[([^\]]*)\]\(\.\./(?:\.\./)*([^)#]*)(#[^)]*)?\)")
+CELL_SECONDS = 600
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Put the pages and pictures of notebooks in place of the notebooks."""
+    for file in [file for file in files if file.src_uri.endswith(".ipynb")]:
+        files.remove(file)
+        page, pictures = render_notebook(Path(str(file.abs_src_path)), quick=config.extra["quick"])
+        place = PurePosixPath(file.src_uri)
+        files.append(File.generated(config, str(place.with_suffix(".md")), content=page))
+        for name, content in pictures.items():
+            files.append(File.generated(config, str(place.parent / name), content=content))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Links that leave the documents: the start page for the README, else the name of the file."""
+    depth = len(PurePosixPath(page.file.src_uri).parents) - 1
+
+    def rewrite(found: re.Match[str]) -> str:
+        text, target, anchor = found.group(1), found.group(2), found.group(3) or ""
+        name = target.removeprefix("docs/")
+        if name != target or files.get_file_from_path(target) is not None:
+            return f"[{text}]({'../' * depth}{name}{anchor})"
+        if target == "README.md":
+            return f"[{text}]({'../' * depth}index.md)"
+        return f"{text} (`{target}`)" if text.strip("`") != target else text
+
+    return OUTSIDE.sub(rewrite, markdown)
+
+
+def render_notebook(path: Path, *, quick: bool) -> tuple[str, dict[str, bytes]]:
+    """A notebook as Markdown, with its pictures by name.
+
+    Args:
+        path: The notebook.
+        quick: Do not run it.
+    """
+    notebook = nbformat.read(path, as_version=4)
+    if not quick:
+        NotebookClient(
+            notebook,
+            timeout=CELL_SECONDS,
+            resources={"metadata": {"path": str(path.parent)}},
+            extra_arguments=["--log-level=ERROR"],
+        ).execute()
+    text, resources = MarkdownExporter().from_notebook_node(
+        notebook, resources={"unique_key": path.stem, "output_files_dir": f"{path.stem}_files"}
+    )
+    return text, dict(resources.get("outputs", {}))
