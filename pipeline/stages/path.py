@@ -9,6 +9,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -21,9 +22,18 @@ from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.coupling.path_loads import PATH_INPUT, add_path_input, stack_modes
+from headstock.reduction.coupling.drives import place_drives
+from headstock.reduction.coupling.path_loads import (
+    PATH_INPUT,
+    add_driven_path_input,
+    add_path_input,
+    find_rigid_travels,
+    stack_driven_modes,
+    stack_modes,
+)
 from headstock.scene.requests import PathCut, PathRequest
 from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.driven_motion import DrivenMotion
 from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.control.stability import require_stable
 from headstock.solvers.errors import ModelError, UnstableControlError
@@ -31,6 +41,8 @@ from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.milling.forces import cutting_forces
 from headstock.solvers.paths.controlled import (
     ControlledPath,
+    PathLoads,
+    cut_times,
     solve_controlled_path,
     solve_rubbing_path,
 )
@@ -44,20 +56,51 @@ from headstock.solvers.paths.response import (
     solve_path,
 )
 from headstock.solvers.paths.set_points import SetPoint, sample_move
+from headstock.solvers.paths.varying_control import (
+    LoopTable,
+    VaryingLoop,
+    loop_channels,
+    make_loop_table,
+    solve_varying_control,
+    solve_varying_rubbing,
+)
 from headstock.solvers.paths.varying_response import StepTable, make_step_table, solve_varying_path
-from headstock.solvers.paths.varying_system import PosedModes, VaryingSystem, sample_system
+from headstock.solvers.paths.varying_system import (
+    PosedModes,
+    VaryingSystem,
+    sample_plant,
+    sample_system,
+)
+from headstock.solvers.second_order import Channel
 
 ENERGY_LIMIT = 1e-6
 # modes up to so many times the band looked at are states of the loop, the others act at once; fewer
-# where a stiff integrator has them
-LINEAR_REACH, FRICTION_REACH = 12.0, 3.0
+# where a stiff integrator has them, or where they are interpolated along the path
+LINEAR_REACH, FRICTION_REACH, VARYING_REACH = 12.0, 3.0, 3.0
 STEPS_PER_TURN = 96  # of the spindle: forces are straight between them
 
 
+def _pushed_channels(request: PathRequest) -> tuple[Channel, ...]:
+    """Where the cut pushes."""
+    return () if request.cut is None else tuple((request.cut.at, dof) for dof in DIRECTIONS)
+
+
 def _close_path(
-    state: RunState, request: PathRequest, coupled: CoupledMachine, low_frequency_limit_hz: float
+    state: RunState,
+    request: PathRequest,
+    coupled: CoupledMachine,
+    low_frequency_limit_hz: float,
+    *,
+    reach: float | None = None,
 ) -> ControlledPath:
     """The closed loop of a scene's drives in a pose of the path.
+
+    Args:
+        state: Of the run.
+        request: The path.
+        coupled: The machine in the pose.
+        low_frequency_limit_hz: Below it poles are rigid-body motion [Hz].
+        reach: Modes up to so many times the band are states; None for the usual number.
 
     Raises:
         UnstableControlError: A pole grows.
@@ -66,9 +109,8 @@ def _close_path(
     require_stable(driven.system, driven.trains)
     channels = friction_channels(driven.trains)
     cut = request.cut
-    pushed = () if cut is None else tuple((cut.at, dof) for dof in DIRECTIONS)
-    band = 0.5 * request.sampling_hz if request.low_pass is None else request.low_pass.frequency_hz
-    reach = (FRICTION_REACH if channels else LINEAR_REACH) * band
+    pushed = _pushed_channels(request)
+    reach = reach or (FRICTION_REACH if channels else LINEAR_REACH)
     machine = state.scene.machine
     directions = travel_directions(machine, request.path)
     return ControlledPath(
@@ -77,7 +119,7 @@ def _close_path(
             driven.trains,
             inputs=(*pushed, *channels),
             outputs=request.outputs,
-            up_to_hz=reach,
+            up_to_hz=reach * path_band(request),
         ),
         shares=axis_shares(request),
         travel=np.array(
@@ -87,11 +129,17 @@ def _close_path(
             ]
         ),
         low_frequency_limit_hz=low_frequency_limit_hz,
-        loads=None
-        if cut is None
-        else cutting_loads(cut, _tool_travel(machine, directions, cut.at)),
-        load_step=math.inf if cut is None else 2.0 * math.pi / cut.cut.spindle / STEPS_PER_TURN,
+        loads=_path_loads(machine, directions, cut),
     )
+
+
+def _path_loads(
+    machine: Machine, directions: Mapping[str, FloatArray], cut: PathCut | None
+) -> PathLoads | None:
+    if cut is None:
+        return None
+    step = 2.0 * math.pi / cut.cut.spindle / STEPS_PER_TURN
+    return PathLoads(cutting_loads(cut, _tool_travel(machine, directions, cut.at)), step)
 
 
 def _drive_path(
@@ -101,13 +149,17 @@ def _drive_path(
     if not friction_channels(path.loop.trains):
         return solve_controlled_path(path, move, samples)
     deviation, motion = solve_rubbing_path(path, move, samples)
+    _judge_energy(state, motion, move)
+    return deviation
+
+
+def _judge_energy(state: RunState, motion: DrivenMotion, move: SetPoint) -> None:
     if motion.energy.error > ENERGY_LIMIT:
         state.warn(
             f"path analysis at {6e4 * move.feed:g} mm/min: the energy balance misses {motion.energy.error:.2g} of the work, more than"
             f" {ENERGY_LIMIT:g}; give friction a larger smoothing"
         )
     state.energy_errors[f"{6e4 * move.feed:g} mm/min"] = motion.energy.error
-    return deviation
 
 
 def cutting_loads(
@@ -214,15 +266,7 @@ def _solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> S
     """
     model = choose_model(request)
     if state.scene.drives:
-        superelements = state.parts.superelements
-        coupled = couple(
-            superelements, state.scene.machine, request.path.pose_at(0.5 * request.path.length)
-        )
-        loop = _close_path(state, request, coupled, model.low_frequency_limit_hz)
-        driven = tuple(
-            _drive_path(state, loop, move, sample_path(request, move)) for move in request.moves
-        )
-        return SolvedMoves(driven, driven)
+        return _drive_moves(state, request, model)
     whole = dataclasses.replace(model, up_to_hz=None)
     kept = tuple(
         solve_path(middle.system, whole, move, sample_path(request, move)) for move in request.moves
@@ -236,12 +280,107 @@ def _solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> S
     found = tuple(
         solve_varying_path(along, move, sample_path(request, move), table) for move in request.moves
     )
-    # that modes are kept only up to a frequency is judged in the middle, where all are known
     move = request.moves[-1]
     short = solve_path(middle.system, model, move, sample_path(request, move))
     return SolvedMoves(
-        found, kept, _judge_poses(request, along, table, found=found, kept=kept, short=short)
+        found,
+        kept,
+        _judge_poses(request, along, table, found=found, kept=kept, short=short, whole=kept[-1]),
     )
+
+
+def _drive_moves(state: RunState, request: PathRequest, model: PathModel) -> SolvedMoves:
+    """The same under control."""
+    middle = _couple_at(state, request, 0.5 * request.path.length)
+    loop = _close_path(state, request, middle, model.low_frequency_limit_hz)
+    kept = tuple(
+        _drive_path(state, loop, move, sample_path(request, move)) for move in request.moves
+    )
+    if not request.follows_pose:
+        return SolvedMoves(kept, kept)
+    along = _close_along(state, request, middle, model.low_frequency_limit_hz)
+    fine, _ = cut_times(sample_path(request, request.moves[0]), along.loads)
+    table = make_loop_table(along, float(fine[1] - fine[0]))
+    found = tuple(
+        _drive_along(state, along, move, sample_path(request, move), table)
+        for move in request.moves
+    )
+    move = request.moves[-1]
+    samples = sample_path(request, move)
+    whole, short = (
+        solve_controlled_path(
+            _close_path(state, request, middle, model.low_frequency_limit_hz, reach=reach),
+            move,
+            samples,
+        )
+        for reach in (LINEAR_REACH, VARYING_REACH)
+    )
+    poses = _judge_poses(
+        request, along.plant, table.steps, found=found, kept=kept, short=short, whole=whole
+    )
+    return SolvedMoves(found, kept, poses)
+
+
+def _couple_at(state: RunState, request: PathRequest, position: float) -> CoupledMachine:
+    return couple(state.parts.superelements, state.scene.machine, request.path.pose_at(position))
+
+
+def _close_along(
+    state: RunState, request: PathRequest, middle: CoupledMachine, low_frequency_limit_hz: float
+) -> VaryingLoop:
+    """The closed loops of a scene's drives as the pose changes, judged in every pose in which the
+    machine is coupled.
+
+    Raises:
+        UnstableControlError: A pole grows in one of them.
+    """
+    machine, scene = state.scene.machine, state.scene
+    directions = travel_directions(machine, request.path)
+    trains = place_drives(middle, machine, scene.drives.values())
+    travels = find_rigid_travels(middle, trains, directions, axis_shares(request))
+    channels = loop_channels(
+        trains,
+        path=PATH_INPUT,
+        loads=_pushed_channels(request),
+        outputs=request.outputs,
+        up_to_hz=VARYING_REACH * path_band(request),
+    )
+
+    def place(position: float) -> PosedModes:
+        driven = drive_machine(state, _couple_at(state, request, position))
+        try:
+            require_stable(driven.system, driven.trains)
+        except UnstableControlError as error:
+            raise UnstableControlError(
+                f"{1e3 * position:.4g} mm along the path {error}",
+                axis=error.axis,
+                frequency_hz=error.frequency_hz,
+            ) from error
+        system = add_driven_path_input(
+            driven.system, driven.released, driven.trains, directions, travels
+        )
+        return stack_driven_modes(system, driven.modes, driven.released, driven.trains)
+
+    return VaryingLoop(
+        plant=sample_plant(place, request.path.length, channels),
+        channels=channels,
+        trains=trains,
+        travels=travels,
+        count=len(request.outputs),
+        low_frequency_limit_hz=low_frequency_limit_hz,
+        loads=_path_loads(machine, directions, request.cut),
+    )
+
+
+def _drive_along(
+    state: RunState, loop: VaryingLoop, move: SetPoint, samples: FloatArray, table: LoopTable
+) -> PathDeviation:
+    """Deviation over a move as the pose changes, with friction where the scene names it."""
+    if not friction_channels(loop.trains):
+        return solve_varying_control(loop, move, samples, table)
+    deviation, motion = solve_varying_rubbing(loop, move, samples, table)
+    _judge_energy(state, motion, move)
+    return deviation
 
 
 def sample_path(request: PathRequest, move: SetPoint) -> FloatArray:
@@ -251,19 +390,22 @@ def sample_path(request: PathRequest, move: SetPoint) -> FloatArray:
 
 def _judge_poses(
     request: PathRequest,
-    system: VaryingSystem,
+    system: VaryingSystem[Any],
     table: StepTable,
     *,
     found: tuple[PathDeviation, ...],
     kept: tuple[PathDeviation, ...],
     short: PathDeviation,
+    whole: PathDeviation,
 ) -> FollowedPoses:
-    """What following the poses took, and what it is worth."""
+    """What following the poses took, and what it is worth: that modes are kept only up to a
+    frequency is judged in the middle, with some and with all.
+    """
 
     def show(deviation: PathDeviation) -> FloatArray:
         return filter_deviation(deviation, request.low_pass).total
 
-    whole = show(kept[-1])
+    full = show(whole)
     return FollowedPoses(
         sampled_poses=len(system.positions),
         error=system.error,
@@ -272,7 +414,7 @@ def _judge_poses(
         next_hz=None if np.isinf(system.next_hz) else system.next_hz,
         steps=len(table.spline.x),
         truncation=float(
-            np.abs(show(short) - whole).max() / max(np.abs(whole).max(), np.finfo(float).tiny)
+            np.abs(show(short) - full).max() / max(np.abs(full).max(), np.finfo(float).tiny)
         ),
         effect=tuple(
             float(np.abs(show(ours) - show(theirs)).max())

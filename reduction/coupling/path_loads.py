@@ -1,7 +1,7 @@
 """What accelerating axes does to a coupled machine: the inertia of the rigid travel as a load."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -9,8 +9,15 @@ from headstock.geometry.frames import FloatArray
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import turn_dofs
 from headstock.reduction.superelement_checks import rigid_motions
+from headstock.solvers.control.drive_trains import (
+    MOTOR,
+    DriveTrain,
+    count_coordinates,
+    measured_channel,
+)
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import ModalResult
+from headstock.solvers.paths.varying_control import RigidTravel
 from headstock.solvers.paths.varying_system import PosedModes
 from headstock.solvers.second_order import SecondOrderSystem
 
@@ -47,6 +54,20 @@ def inertia_load(coupled: CoupledMachine, directions: Mapping[str, FloatArray]) 
     Raises:
         ModelError: A component that travels is itself fixed to the machine frame.
     """
+    travel = rigid_travel(coupled, directions)
+    stacked = np.zeros(coupled.layout.size)
+    for name, own in coupled.offsets.items():
+        stacked[own] = -coupled.matrices.masses[name] @ travel[own]
+    return np.asarray(coupled.basis.T @ stacked)
+
+
+def rigid_travel(coupled: CoupledMachine, directions: Mapping[str, FloatArray]) -> FloatArray:
+    """Motion ``(n_all,)`` of the stacked dofs of all components per travel along a path, without
+    deformation.
+
+    Raises:
+        ModelError: A component that travels is itself fixed to the machine frame.
+    """
     stacked = np.zeros(coupled.layout.size)
     for name, direction in directions.items():
         superelement, placement = coupled.layout.superelements[name], coupled.placements[name]
@@ -57,9 +78,8 @@ def inertia_load(coupled: CoupledMachine, directions: Mapping[str, FloatArray]) 
         own = rigid_motions(superelement, superelement.center_of_mass)[:, :3] @ (
             placement.rotation.T @ direction
         )
-        travel = turn_dofs(superelement, placement).T @ own
-        stacked[coupled.offsets[name]] = -coupled.matrices.masses[name] @ travel
-    return np.asarray(coupled.basis.T @ stacked)
+        stacked[coupled.offsets[name]] = turn_dofs(superelement, placement).T @ own
+    return stacked
 
 
 def stack_modes(
@@ -78,3 +98,89 @@ def stack_modes(
     for name, own in coupled.offsets.items():
         momenta[own] = coupled.matrices.masses[name] @ motions[own]
     return PosedModes(system, modes, motions, momenta)
+
+
+def find_rigid_travels(
+    coupled: CoupledMachine,
+    trains: Sequence[DriveTrain],
+    directions: Mapping[str, FloatArray],
+    shares: Mapping[str, float],
+) -> tuple[RigidTravel, ...]:
+    """What each drive does per travel along a path while the machine stays rigid.
+
+    Args:
+        coupled: The machine in a pose, motors locked.
+        trains: Its drives there.
+        directions: Velocity ``(3,)`` of every component that travels per unit speed along the path.
+        shares: Travel of each axis per travel along the path.
+    """
+    # the least-squares solution is the exact one: joints let axes travel
+    travel = np.linalg.lstsq(coupled.basis, rigid_travel(coupled, directions), rcond=None)[0]
+    found = []
+    for train in trains:
+        motor, scale = float(train.stretch @ travel), float(train.scale @ travel)
+        encoder = motor if measured_channel(train)[1] == MOTOR else scale
+        share = shares.get(train.axis, 0.0)
+        found.append(RigidTravel(share, encoder, motor, float(train.slide @ travel)))
+    return tuple(found)
+
+
+def add_driven_path_input(
+    system: SecondOrderSystem,
+    released: CoupledMachine,
+    trains: Sequence[DriveTrain],
+    directions: Mapping[str, FloatArray],
+    travels: Sequence[RigidTravel],
+) -> SecondOrderSystem:
+    """The same of a machine with its motors let go: they and the screws turn as the travel asks.
+
+    Args:
+        system: From ``free_motors``, with whatever damping.
+        released: The machine it belongs to, from ``release_motors``.
+        trains: Its drives in the pose, rows as long as without motors.
+        directions: Velocity ``(3,)`` of every component that travels per unit speed along the path.
+        travels: Of each drive.
+    """
+    load = inertia_load(released, directions)
+    for (row, mass), travel in zip(
+        _turning_masses(trains, len(load)),
+        [travel for travel in travels for _ in range(2)],
+        strict=True,
+    ):
+        load = load - mass * travel.motor * row
+    return dataclasses.replace(system, inputs={**system.inputs, PATH_INPUT: load})
+
+
+def stack_driven_modes(
+    system: SecondOrderSystem,
+    modes: ModalResult,
+    released: CoupledMachine,
+    trains: Sequence[DriveTrain],
+) -> PosedModes:
+    """A machine with free motors and its modes, in the stacked dofs of the components and the turns
+    of motors and screws in space.
+    """
+    bodies = stack_modes(system, modes, released)
+    turning = _turning_masses(trains, len(system.mass))
+    turns = np.array([row for row, _ in turning]) @ modes.shapes
+    masses = np.array([mass for _, mass in turning])
+    return dataclasses.replace(
+        bodies,
+        motions=np.vstack([bodies.motions, turns]),
+        momenta=np.vstack([bodies.momenta, masses[:, None] * turns]),
+    )
+
+
+def _turning_masses(trains: Sequence[DriveTrain], total: int) -> list[tuple[FloatArray, float]]:
+    """Turn in space ``(total,)`` of each motor and each screw, and its mass [kg]."""
+    found = []
+    place = total - sum(count_coordinates(train) for train in trains)
+    for train in trains:
+        count = count_coordinates(train)
+        stator = np.concatenate([train.stator, np.zeros(total - len(train.stator))])
+        for offset, mass in ((0, train.motor_mass), (count - 1, train.screw_mass)):
+            row = stator.copy()
+            row[place + offset] += 1.0
+            found.append((row, mass))
+        place += count
+    return found

@@ -76,13 +76,6 @@ def check_path(draft: Draft, findings: Findings) -> None:
                 fault = "a path moves linear axes only; name another axis, and set the position of this one by pose"
             if fault:
                 findings.add((*KEY, end, axis), fault)
-    if (
-        table.pose_model == "pose_dependent"
-        and scene.drives
-        and scene.effects.get("drive_control", False) is not False
-    ):
-        text = 'control loops are closed with the matrices at mid-path; write "frozen", or remove the effect drive_control'
-        findings.add((*KEY, "pose_model"), text)
     if table.outputs is None and not scene.points:
         findings.add(
             KEY,

@@ -296,8 +296,8 @@ NOTES = {
     "Map.on_request": "run only when named: `--analysis map`",
     "Frf.on_request": "run only when named: `--analysis frf`",
     "Contouring.on_request": "run only when named: `--analysis contouring`",
-    "Path.pose_model": "`pose_dependent`: the machine's matrices change along the path; `frozen`: those at mid-path are used throughout, "
-    "as always with controlled drives; default: `pose_dependent` without drive control",
+    "Path.pose_model": "`pose_dependent`: the machine's matrices change along the path; `frozen`: those at mid-path are used throughout; "
+    "default: `pose_dependent` without drive control, `frozen` with it",
     "Path.on_request": "run only when named: `--analysis path`",
     "Limits.elements": "maximum number of elements of a component",
     "Limits.memory": "maximum estimated memory of a stage",

@@ -19,6 +19,7 @@ TOLERANCE = 1e-8
 PROBES = 2000
 
 Given = Callable[[float], FloatArray]
+LoopAt = Callable[[float], RubbingLoop]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +32,7 @@ class EnergyBalance:
         loads: Work of the loads.
         damping: Lost in dampers.
         friction: Lost in the guides.
+        pose: Work of a change of pose.
     """
 
     stored: FloatArray
@@ -38,14 +40,28 @@ class EnergyBalance:
     loads: FloatArray
     damping: FloatArray
     friction: FloatArray
+    pose: FloatArray
 
     @property
     def error(self) -> float:
         """Largest energy that is missing, over the largest that is stored, was put in or lost."""
         missing = (
-            self.stored - self.stored[0] - self.drives - self.loads + self.damping + self.friction
+            self.stored
+            - self.stored[0]
+            - self.drives
+            - self.loads
+            - self.pose
+            + self.damping
+            + self.friction
         )
-        every = (self.stored, self.drives, self.loads, self.damping, self.friction)
+        every = (
+            self.stored,
+            self.drives,
+            self.loads,
+            self.damping,
+            self.friction,
+            self.pose,
+        )
         size = max(float(np.abs(part).max()) for part in every)
         return float(np.abs(missing).max()) / size if size > 0.0 else 0.0
 
@@ -80,11 +96,39 @@ def solve_motion(
 ) -> DrivenMotion:
     """Motion from rest under set points and loads, with the friction of every drive that has one.
 
+    Args:
+        loop: Closed with the given loads, then ``friction_channels`` of its drives, as inputs.
+        given: Set points, then loads, at an instant.
+        times: ``(n,)`` instants wanted, rising; the first is the start.
+        breaks: Instants at which what is given jumps or kinks: no step reaches over one.
+        method: Of scipy.
+        tolerance: Relative, per step.
+
+    Raises:
+        ConvergenceError: The integrator gave up.
+    """
+    model = make_rubbing_loop(loop)
+    return integrate_motion(
+        lambda instant: model, given, times, breaks=breaks, method=method, tolerance=tolerance
+    )
+
+
+def integrate_motion(
+    loop_at: LoopAt,
+    given: Given,
+    times: FloatArray,
+    *,
+    breaks: FloatArray | None = None,
+    method: Literal["Radau", "BDF"] = "Radau",
+    tolerance: float = TOLERANCE,
+) -> DrivenMotion:
+    """The same of a loop that may change with time.
+
     The works are integrated along with the states, so that their balance tells the integrator's
     error.
 
     Args:
-        loop: Closed with the given loads, then ``friction_channels`` of its drives, as inputs.
+        loop_at: The loop at an instant, with its friction.
         given: Set points, then loads, at an instant.
         times: ``(n,)`` instants wanted, rising; the first is the start.
         breaks: Instants at which what is given jumps or kinks: no step reaches over one.
@@ -98,10 +142,10 @@ def solve_motion(
     (Radau IIA of order five).
     """
     times = np.asarray(times, dtype=float)
-    model = make_rubbing_loop(loop)
-    allowed = tolerance * _state_scale(model, given, times)
-    state: FloatArray = np.zeros(model.size + WORKS)
-    parts, asked = [np.zeros((1, model.size + WORKS))], 0
+    typical = loop_at(0.5 * float(times[0] + times[-1]))
+    allowed = tolerance * _state_scale(typical, given, times)
+    state: FloatArray = np.zeros(typical.size + WORKS)
+    parts, asked = [np.zeros((1, len(state)))], 0
     inner = np.zeros(0) if breaks is None else breaks[(breaks > times[0]) & (breaks < times[-1])]
     stops = np.unique(np.concatenate([times[[0, -1]], inner]))
     for start, end in itertools.pairwise(stops):
@@ -110,12 +154,12 @@ def solve_motion(
         # a load that jumps at the end of a stretch belongs to the next one
         last = np.nextafter(end, start)
         solved = scipy.integrate.solve_ivp(
-            lambda t, x, last=last: model.rate(x, given(min(t, last))),
+            lambda t, x, last=last: loop_at(min(t, last)).rate(x, given(min(t, last))),
             (start, end),
             state,
             method=method,
             t_eval=wanted,
-            jac=lambda t, x, last=last: model.jacobian(x, given(min(t, last))),
+            jac=lambda t, x, last=last: loop_at(min(t, last)).jacobian(x, given(min(t, last))),
             rtol=tolerance,
             atol=allowed,
         )
@@ -126,11 +170,11 @@ def solve_motion(
             )
         state, asked = solved.y[:, -1], asked + int(solved.nfev)
         parts.append(solved.y.T[: len(inside)])
-    return _collect(model, given, times, np.concatenate(parts), asked)
+    return _collect(loop_at, given, times, np.concatenate(parts), asked)
 
 
 def _state_scale(model: RubbingLoop, given: Given, times: FloatArray) -> FloatArray:
-    """How large each kind of state gets ``(n + 4,)``, from a coarse linear run without friction."""
+    """How large each kind of state gets ``(n + 5,)``, from a coarse linear run without friction."""
     machine = model.loop.plant_size
     instants = np.linspace(times[0], times[-1], PROBES)
     step = float(instants[1] - instants[0])
@@ -148,7 +192,9 @@ def _state_scale(model: RubbingLoop, given: Given, times: FloatArray) -> FloatAr
     energy = float(model.stored_energy(states).max(initial=0.0))
     energy = max(
         energy,
-        dry * float(np.abs(states @ model.slides.T).max(initial=0.0)) * (times[-1] - times[0]),
+        dry
+        * float(np.abs(states @ model.slides.T + model.guides).max(initial=0.0))
+        * (times[-1] - times[0]),
         1e-12,
     )
     scale: FloatArray = np.full(model.size + WORKS, energy)
@@ -160,20 +206,24 @@ def _state_scale(model: RubbingLoop, given: Given, times: FloatArray) -> FloatAr
 
 
 def _collect(
-    model: RubbingLoop, given: Given, times: FloatArray, full: FloatArray, asked: int
+    loop_at: LoopAt, given: Given, times: FloatArray, full: FloatArray, asked: int
 ) -> DrivenMotion:
-    states, works = full[:, : model.size], full[:, model.size :]
-    inputs = np.array([given(float(instant)) for instant in times])
-    drives, loads, damping, friction = works.T
-    speeds = np.asarray(states @ model.slides.T)
-    space = model.loop.space
-    rubbed = model.friction(speeds)
+    outputs, rubbed, stored = [], [], []
+    for instant, row in zip(times, full, strict=True):
+        model = loop_at(float(instant))
+        state, inputs, space = row[: model.size], given(float(instant)), model.loop.space
+        rubbed.append(model.friction(model.slides @ state + model.guides))
+        stored.append(model.stored_energy(state))
+        outputs.append(
+            space.c @ state
+            + space.d[:, : model.given] @ inputs
+            - space.d[:, model.given :] @ rubbed[-1]
+        )
+    drives, loads, damping, friction, pose = full[:, -WORKS:].T
     return DrivenMotion(
         times=times,
-        outputs=states @ space.c.T
-        + inputs @ space.d[:, : model.given].T
-        - rubbed @ space.d[:, model.given :].T,
-        friction=rubbed,
-        energy=EnergyBalance(model.stored_energy(states), drives, loads, damping, friction),
+        outputs=np.array(outputs),
+        friction=np.array(rubbed),
+        energy=EnergyBalance(np.array(stored), drives, loads, damping, friction, pose),
         evaluations=asked,
     )

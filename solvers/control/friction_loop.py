@@ -12,7 +12,7 @@ from headstock.solvers.control.drive_loops import ClosedLoop, set_channels
 from headstock.solvers.control.drive_trains import SLIDE, DriveTrain
 from headstock.solvers.second_order import Channel
 
-WORKS = 4  # of the drives, of the loads, lost in dampers, lost in friction
+WORKS = 5  # of the drives, of the loads, lost in dampers, lost in friction, of the change of pose
 
 
 def friction_force(law: GuideFriction, velocity: FloatArray) -> FloatArray:
@@ -46,10 +46,11 @@ def _level(law: GuideFriction, velocity: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class RubbingLoop:
-    """``x' = A x + B u - G f(V x)``, and four works.
+    """``x' = A x + B u - G f(V x + w)``, and five works.
 
     The machine's states are ``(s p, p')`` of each mode, so that a load enters as its work per
-    velocity.
+    velocity. Where they are deviations from a motion, ``w`` is the speed of that motion, and works
+    are those done on the deviations.
 
     Attributes:
         loop: Closed, with the loads that are given and then those of friction as inputs.
@@ -58,8 +59,10 @@ class RubbingLoop:
         drag: G ``(n, k)``.
         given: How many inputs are given: set points, then loads.
         sets: How many of these are set points.
-        weights: ``(m,)`` of the squares of the machine's states in twice the energy.
+        weights: ``(m, m)`` of the machine's states in twice the energy.
         dampers: ``(m, m)`` power lost in dampers.
+        guides: w ``(k,)`` [m/s].
+        weight_rates: ``(m, m)`` how fast the weights change along the path [1/s].
     """
 
     loop: ClosedLoop
@@ -70,6 +73,8 @@ class RubbingLoop:
     sets: int
     weights: FloatArray
     dampers: FloatArray
+    guides: FloatArray
+    weight_rates: FloatArray
 
     @property
     def size(self) -> int:
@@ -90,31 +95,34 @@ class RubbingLoop:
 
     def stored_energy(self, states: FloatArray) -> FloatArray:
         """Kinetic and strain energy ``(...)`` [J]."""
-        return np.asarray(0.5 * states[..., : self.loop.plant_size] ** 2 @ self.weights)
+        machine = states[..., : self.loop.plant_size]
+        return np.asarray(0.5 * np.einsum("...i,...i", machine @ self.weights, machine))
 
     def rate(self, full: FloatArray, given: FloatArray) -> FloatArray:
-        """Derivative of states and works ``(n + 4,)``."""
+        """Derivative of states and works ``(n + 5,)``."""
         state, space = full[: self.size], self.loop.space
         speeds = self.slides @ state
-        rubbed = self.friction(speeds)
+        rubbed = self.friction(speeds + self.guides)
         machine = state[: self.loop.plant_size]
         works = (
             self.drive_forces(state, given) @ (self.loop.rates @ state),
             machine @ self._load_column(given),
             machine @ self.dampers @ machine,
             rubbed @ speeds,
+            0.5 * (machine @ self.weight_rates @ machine),
         )
         return np.concatenate(
             [space.a @ state + space.b[:, : self.given] @ given - self.drag @ rubbed, works]
         )
 
     def jacobian(self, full: FloatArray, given: FloatArray) -> FloatArray:
-        """``(n + 4, n + 4)``."""
+        """``(n + 5, n + 5)``."""
         state, space, count = full[: self.size], self.loop.space, len(self.loop.trains)
         machine = slice(0, self.loop.plant_size)
         speeds = self.slides @ state
+        rubbing = speeds + self.guides
         slopes = np.array(
-            [float(friction_slope(law, speeds[i])) for i, law in enumerate(self.laws)]
+            [float(friction_slope(law, rubbing[i])) for i, law in enumerate(self.laws)]
         )
         found = np.zeros((len(full), len(full)))
         # works appear in no rate, so their columns are zero. Their rates are products of states:
@@ -126,7 +134,8 @@ class RubbingLoop:
         works[0] = self.drive_forces(state, given) @ rates + (rates @ state) @ space.c[-count:]
         works[1, machine] = self._load_column(given)
         works[2, machine] = 2.0 * self.dampers @ state[machine]
-        works[3] = (self.friction(speeds) + slopes * speeds) @ self.slides
+        works[3] = (self.friction(rubbing) + slopes * speeds) @ self.slides
+        works[4, machine] = self.weight_rates @ state[machine]
         return found
 
     def _load_column(self, given: FloatArray) -> FloatArray:
@@ -160,9 +169,11 @@ def make_rubbing_loop(loop: ClosedLoop) -> RubbingLoop:
         )
     rows = [space.outputs.index(channel) for channel in channels]
     first, second = np.arange(0, loop.plant_size, 2), np.arange(1, loop.plant_size, 2)
-    weights = np.ones(loop.plant_size)
-    # a mode's states are (s p, p') with s' = s p' and p'' = -omega^2 / s (s p)
-    weights[first] = -plant.a[second, first] / plant.a[first, second]
+    weights = np.eye(loop.plant_size)
+    # a mode's states are (s p, p') with (s p)' = s p' and p'' = -K / s (s p)
+    weights[np.ix_(first, first)] = (
+        -plant.a[np.ix_(second, first)] / plant.a[first, second][:, None]
+    )
     dampers = np.zeros((loop.plant_size, loop.plant_size))
     dampers[np.ix_(second, second)] = -plant.a[np.ix_(second, second)]
     slides = np.zeros((len(channels), len(space.a)))
@@ -178,4 +189,6 @@ def make_rubbing_loop(loop: ClosedLoop) -> RubbingLoop:
         sets=len(set_channels(loop.trains)),
         weights=weights,
         dampers=dampers,
+        guides=np.zeros(len(channels)),
+        weight_rates=np.zeros_like(weights),
     )

@@ -26,6 +26,19 @@ from headstock.solvers.paths.set_points import (
 
 
 @dataclass(frozen=True, eq=False)
+class PathLoads:
+    """Loads on a machine along a path.
+
+    Attributes:
+        at: Loads ``(n, n_loads)`` at instants and at the speeds along the path there.
+        step: Longest time over which a load may be taken for straight [s].
+    """
+
+    at: Callable[[FloatArray, FloatArray], FloatArray]
+    step: float
+
+
+@dataclass(frozen=True, eq=False)
 class ControlledPath:
     """A closed loop along a straight path.
 
@@ -36,17 +49,14 @@ class ControlledPath:
             path.
         low_frequency_limit_hz: Poles below this frequency are rigid-body motion on the drives and
             mounts [Hz].
-        loads: Loads ``(n, n_loads)`` at instants and at the speeds along the path there; None for
-            none.
-        load_step: Longest time over which a load may be taken for straight [s].
+        loads: On the machine; None for none.
     """
 
     loop: ClosedLoop
     shares: Mapping[str, float]
     travel: FloatArray
     low_frequency_limit_hz: float
-    loads: Callable[[FloatArray, FloatArray], FloatArray] | None = None
-    load_step: float = np.inf
+    loads: PathLoads | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,10 +129,7 @@ def solve_controlled_path(
         ]
     )
     whole = StateSpace(a, b, c, direct, (), (), ())
-    parts = max(1, math.ceil((samples[1] - samples[0]) / path.load_step))
-    fine = np.asarray(
-        np.linspace(samples[0], samples[-1], parts * (len(samples) - 1) + 1), dtype=float
-    )
+    fine, parts = cut_times(samples, path.loads)
     times, places = step_times(move, fine)
     given = np.concatenate(
         [step_accelerations(move, times)[:, :, None], _step_loads(path, move, times)], axis=2
@@ -160,7 +167,7 @@ def solve_rubbing_path(
         now = sample_move(move, np.array([instant]))
         own = np.array([now.positions[0], now.speeds[0], now.accelerations[0]])
         loads = (
-            np.zeros(0) if path.loads is None else path.loads(np.array([instant]), now.speeds)[0]
+            np.zeros(0) if path.loads is None else path.loads.at(np.array([instant]), now.speeds)[0]
         )
         return np.concatenate([*(share * own for share in cosines), loads])
 
@@ -176,17 +183,30 @@ def solve_rubbing_path(
     ), found
 
 
+def cut_times(samples: FloatArray, loads: PathLoads | None) -> tuple[FloatArray, int]:
+    """Instants between which loads are straight, and into how many of them a sample is cut.
+
+    Args:
+        samples: ``(n,)`` evenly spaced [s].
+        loads: None where there are none.
+    """
+    step = np.inf if loads is None else loads.step
+    parts = max(1, math.ceil((samples[1] - samples[0]) / step))
+    fine = np.linspace(samples[0], samples[-1], parts * (len(samples) - 1) + 1)
+    return np.asarray(fine, dtype=float), parts
+
+
 def _count_loads(path: ControlledPath) -> int:
     if path.loads is None:
         return 0
-    return path.loads(np.zeros(1), np.zeros(1)).shape[1]
+    return path.loads.at(np.zeros(1), np.zeros(1)).shape[1]
 
 
 def _step_loads(path: ControlledPath, move: SetPoint, times: FloatArray) -> FloatArray:
     """Loads at the beginning and the end of each step ``(n - 1, 2, n_loads)``."""
     if path.loads is None:
         return np.zeros((len(times) - 1, 2, 0))
-    at = path.loads(times, sample_move(move, times).speeds)
+    at = path.loads.at(times, sample_move(move, times).speeds)
     return np.stack([at[:-1], at[1:]], axis=1)
 
 
@@ -210,7 +230,7 @@ def _split(path: ControlledPath) -> _Motion:
         speed,
         pull,
         inputs,
-        _slow_projector(space.a, 2.0 * np.pi * path.low_frequency_limit_hz),
+        project_slow(space.a, 2.0 * np.pi * path.low_frequency_limit_hz),
     )
 
 
@@ -224,7 +244,7 @@ def _follow(
     return np.asarray(np.outer(now.speeds, rows @ motion.speed) + np.outer(now.accelerations, pull))
 
 
-def _slow_projector(a: FloatArray, limit: float) -> FloatArray:
+def project_slow(a: FloatArray, limit: float) -> FloatArray:
     """Projector ``(n, n)`` on the invariant subspace of the poles below a size.
 
     Source: Golub and Van Loan (2013), section 7.6.3: ordered Schur form, its blocks parted by a

@@ -7,6 +7,7 @@ integration where it does not change. Source: Hochbruck and Ostermann (2010), Ex
 integrators, section 3.2 (Magnus methods).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,21 +31,38 @@ class StepTable:
 
     Attributes:
         size: [s].
-        spline: Position to ``(2m, 2m + 2)``: the state after a step from the state and the
-            acceleration at its beginning and end.
+        spline: Position to the matrix of a step: the state after it from the state and what is
+            given at its beginning and end.
     """
 
     size: float
     spline: CubicSpline
 
 
-def make_step_table(system: VaryingSystem, size: float) -> StepTable:
+def make_step_table(system: VaryingSystem[SampledPose], size: float) -> StepTable:
     """Steps of one size at so many places that those between are known.
 
     Raises:
         AccuracyError: The greatest number of places does not suffice.
     """
-    length = float(system.positions[-1])
+    return tabulate_steps(
+        lambda place: exact_step(system.at(place), system.scales, size),
+        float(system.positions[-1]),
+        size,
+    )
+
+
+def tabulate_steps(step: Callable[[float], FloatArray], length: float, size: float) -> StepTable:
+    """The same of any steps.
+
+    Args:
+        step: The matrix of a step in the middle of which the system stands at a position [m].
+        length: Of the path [m].
+        size: Of the steps [s].
+
+    Raises:
+        AccuracyError: The greatest number of places does not suffice.
+    """
     known: dict[float, FloatArray] = {}
     count = FIRST_KNOTS
     while count <= MOST_KNOTS:
@@ -56,7 +74,7 @@ def make_step_table(system: VaryingSystem, size: float) -> StepTable:
         )
         missed = 0.0
         for place in (float(value) for value in places if float(value) not in known):
-            known[place] = exact_step(system.at(place), system.scales, size)
+            known[place] = step(place)
             if before is not None:
                 missed = max(
                     missed,
@@ -101,7 +119,10 @@ def exact_step(sampled_pose: SampledPose, scales: FloatArray, size: float) -> Fl
 
 
 def solve_varying_path(
-    system: VaryingSystem, move: SetPoint, samples: FloatArray, table: StepTable | None = None
+    system: VaryingSystem[SampledPose],
+    move: SetPoint,
+    samples: FloatArray,
+    table: StepTable | None = None,
 ) -> PathDeviation:
     """Deviation over a move along which the system changes.
 
@@ -122,7 +143,7 @@ def solve_varying_path(
         now * system.splines[name](motion.positions) for name in ("quasi_static", "rest")
     )
     moved, low_frequency = (
-        _observe(system.splines[name], motion.positions, displacements)
+        observe_along(system.splines[name], motion.positions, displacements)
         for name in ("rows", "low_frequency")
     )
     total = moved + rest
@@ -136,34 +157,62 @@ def solve_varying_path(
 
 
 def _march(
-    system: VaryingSystem, move: SetPoint, times: FloatArray, table: StepTable
+    system: VaryingSystem[SampledPose], move: SetPoint, times: FloatArray, table: StepTable
 ) -> FloatArray:
     """Scaled displacements ``(n, m)`` at all times."""
-    loads, steps = step_accelerations(move, times), np.diff(times)
+    states = march_steps(
+        table,
+        lambda place, size: exact_step(system.at(place), system.scales, size),
+        move,
+        times,
+        step_accelerations(move, times),
+        size=2 * len(system.scales),
+    )
+    return states[:, : len(system.scales)]
+
+
+def march_steps(
+    table: StepTable,
+    step: Callable[[float, float], FloatArray],
+    move: SetPoint,
+    times: FloatArray,
+    given: FloatArray,
+    *,
+    size: int,
+) -> FloatArray:
+    """States ``(n, size)`` at all times, from rest.
+
+    Args:
+        table: Steps of the most frequent size.
+        step: The matrix of a step about a position [m], of a size [s]: the others.
+        move: Where the system stands.
+        times: ``(n,)`` [s].
+        given: ``(n - 1, k)`` what the matrix of each step takes beside the state.
+        size: Of the state.
+    """
+    steps = np.diff(times)
     middles = sample_move(move, 0.5 * (times[1:] + times[:-1])).positions
     knots, coefficients = table.spline.x, table.spline.c
     intervals = np.clip(np.searchsorted(knots, middles, side="right") - 1, 0, len(knots) - 2)
     offsets = middles - knots[intervals]
     regular = np.abs(steps - table.size) <= SAME_STEP * table.size
-    count = len(system.scales)
-    state, found = np.zeros(2 * count), np.zeros((len(times), count))
+    state, found = np.zeros(size), np.zeros((len(times), size))
     for number in range(len(steps)):
-        known = np.concatenate([state, loads[number]])
+        known = np.concatenate([state, given[number]])
         if regular[number]:
             cubic, square, slope, value = coefficients[:, intervals[number]] @ known
             state = ((cubic * offsets[number] + square) * offsets[number] + slope) * offsets[
                 number
             ] + value
         else:
-            state = (
-                exact_step(system.at(float(middles[number])), system.scales, float(steps[number]))
-                @ known
-            )
-        found[number + 1] = state[:count]
+            state = step(float(middles[number]), float(steps[number])) @ known
+        found[number + 1] = state
     return found
 
 
-def _observe(rows: CubicSpline, positions: FloatArray, displacements: FloatArray) -> FloatArray:
+def observe_along(
+    rows: CubicSpline, positions: FloatArray, displacements: FloatArray
+) -> FloatArray:
     """Motion at the outputs ``(n, p)``; one output after the other, as rows along the path take
     room.
     """

@@ -11,10 +11,10 @@ linear parametric reduced-order models, SIAM J. Sci. Comput. 33, 2169 (consisten
 (1950), On the adiabatic theorem (parallel transport).
 """
 
-import dataclasses
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -23,9 +23,13 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.damping import equivalent_viscous
 from headstock.solvers.linear.modal_analysis import ModalResult
-from headstock.solvers.linear.modal_coordinates import ModalCoordinates, to_modal_coordinates
+from headstock.solvers.linear.modal_coordinates import (
+    ModalCoordinates,
+    keep_modes,
+    to_modal_coordinates,
+)
 from headstock.solvers.paths.response import PathModel, static_share
-from headstock.solvers.second_order import SecondOrderSystem
+from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 FIRST_POSES = 5
 MOST_POSES = 257
@@ -56,6 +60,25 @@ class PosedModes:
     momenta: FloatArray
 
 
+class PoseSample(Protocol):
+    """Arrays of a pose that are interpolated along the path: a frozen dataclass with these and
+    others.
+    """
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """``(m, m)`` in parallel-transported modes of unit mass."""
+
+    @property
+    def damping(self) -> FloatArray:
+        """``(m, m)`` viscous."""
+
+    def sizes(self) -> dict[str, FloatArray]:
+        """How large each other field is: what its misfit is a share of; zero where that does not
+        matter.
+        """
+
+
 @dataclass(frozen=True, eq=False)
 class SampledPose:
     """The system at a position of the path, in parallel-transported modes of unit mass.
@@ -79,9 +102,68 @@ class SampledPose:
     quasi_static: FloatArray
     rest: FloatArray
 
+    def sizes(self) -> dict[str, FloatArray]:
+        """See :class:`PoseSample`."""
+        # what the modes lack is small beside the whole, and often nothing but roundoff
+        whole = _largest(self.quasi_static)
+        rows = _largest(self.rows)
+        return {
+            "load": _largest(self.load),
+            "rows": rows,
+            "low_frequency": rows,
+            "quasi_static": whole,
+            "rest": whole,
+        }
+
 
 @dataclass(frozen=True, eq=False)
-class VaryingSystem:
+class SampledPlant:
+    """The system at a position of the path between any loads and motions, likewise.
+
+    Attributes:
+        stiffness: ``(m, m)``.
+        damping: ``(m, m)`` viscous.
+        loads: ``(m, k)`` of each input.
+        rows: ``(p, m)`` motion at the outputs.
+        direct: ``(p, k)`` what the modes left out add at once.
+        reach: ``(p, k)`` sizes of the compliances of the elastic modes: what ``direct`` is small
+            beside. It is not interpolated.
+    """
+
+    stiffness: FloatArray
+    damping: FloatArray
+    loads: FloatArray
+    rows: FloatArray
+    direct: FloatArray
+    reach: FloatArray | None = None
+
+    def sizes(self) -> dict[str, FloatArray]:
+        """See :class:`PoseSample`."""
+        whole = np.zeros_like(self.direct) if self.reach is None else self.reach
+        return {
+            "loads": np.abs(self.loads).max(axis=0, keepdims=True, initial=0.0),
+            "rows": _largest(self.rows),
+            "direct": whole,
+        }
+
+
+@dataclass(frozen=True)
+class PlantChannels:
+    """What is asked of a plant along a path.
+
+    Attributes:
+        inputs: Where loads act.
+        outputs: Where motion is wanted.
+        up_to_hz: Modes kept [Hz]; those above follow at once.
+    """
+
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
+    up_to_hz: float
+
+
+@dataclass(frozen=True, eq=False)
+class VaryingSystem[S: PoseSample]:
     """A system along a path.
 
     Attributes:
@@ -94,6 +176,7 @@ class VaryingSystem:
             those transported along all but the last ones [rad].
         next_hz: Lowest frequency, anywhere along the path, of a mode that is not kept [Hz]; inf
             where all are.
+        make: A sample of its fields.
     """
 
     positions: FloatArray
@@ -102,10 +185,11 @@ class VaryingSystem:
     error: float
     rotation_error: float
     next_hz: float
+    make: Callable[..., S]
 
-    def at(self, position: float) -> SampledPose:
+    def at(self, position: float) -> S:
         """The system at a position [m]."""
-        return SampledPose(
+        return self.make(
             **{name: np.asarray(spline(position)) for name, spline in self.splines.items()}
         )
 
@@ -121,7 +205,7 @@ class _Pose:
 
 def sample_system(
     place: Callable[[float], PosedModes], length: float, model: PathModel
-) -> VaryingSystem:
+) -> VaryingSystem[SampledPose]:
     """Sampled poses along a path, closer where splines through the others miss them.
 
     Args:
@@ -135,17 +219,45 @@ def sample_system(
     """
     if model.up_to_hz is None:
         raise ValueError("a system along a path keeps modes up to a frequency")
+    return _sample(
+        place,
+        length,
+        PlantChannels((model.source,), model.outputs, model.up_to_hz),
+        lambda pose, turn: _turn_pose(pose, turn, model),
+        SampledPose,
+    )
+
+
+def sample_plant(
+    place: Callable[[float], PosedModes], length: float, channels: PlantChannels
+) -> VaryingSystem[SampledPlant]:
+    """The same of a system between any loads and motions.
+
+    Raises:
+        ModelError: A damper acts on a dof without mass.
+        AccuracyError: The greatest number of sampled poses does not suffice.
+    """
+    return _sample(place, length, channels, _turn_plant, SampledPlant)
+
+
+def _sample[S: PoseSample](
+    place: Callable[[float], PosedModes],
+    length: float,
+    channels: PlantChannels,
+    turn_pose: "Callable[[_Pose, FloatArray], S]",
+    make: Callable[..., S],
+) -> VaryingSystem[S]:
     first = [float(value) for value in np.linspace(0.0, length, FIRST_POSES)]
-    poses = {position: _look(place(position), model) for position in first}
+    poses = {position: _look(place(position), channels) for position in first}
     wide = list(itertools.pairwise(first))
     while True:
         before, halves = list(poses), [0.5 * (low + high) for low, high in wide]
-        poses |= {position: _look(place(position), model) for position in halves}
+        poses |= {position: _look(place(position), channels) for position in halves}
         poses = dict(sorted(poses.items()))
-        kept, next_hz = _count_kept(poses, model.up_to_hz)
+        kept, next_hz = _count_kept(poses, channels.up_to_hz)
         turns = _carry(poses, kept)
         sampled_poses = {
-            position: _turn_pose(pose, turns[position], model) for position, pose in poses.items()
+            position: turn_pose(pose, turns[position]) for position, pose in poses.items()
         }
         scales = _scales(sampled_poses)
         splines = _interpolate({position: sampled_poses[position] for position in before})
@@ -169,6 +281,7 @@ def sample_system(
                 max(misses),
                 rotation_error,
                 next_hz,
+                make,
             )
         if len(poses) + len(wide) > MOST_POSES:
             raise AccuracyError(
@@ -184,20 +297,15 @@ def _halve(
     return (span[0], half), (half, span[1])
 
 
-def _look(posed: PosedModes, model: PathModel) -> _Pose:
+def _look(posed: PosedModes, channels: PlantChannels) -> _Pose:
     viscous = equivalent_viscous(posed.system, posed.modes)
-    coordinates = to_modal_coordinates(viscous, [model.source], model.outputs, posed.modes)
+    coordinates = to_modal_coordinates(viscous, channels.inputs, channels.outputs, posed.modes)
     if coordinates is None:
         raise ModelError(
             "a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass"
         )
     count = (
-        int(
-            np.count_nonzero(
-                coordinates.omega <= 2.0 * np.pi * SEARCHED * (model.up_to_hz or np.inf)
-            )
-        )
-        + 1
+        int(np.count_nonzero(coordinates.omega <= 2.0 * np.pi * SEARCHED * channels.up_to_hz)) + 1
     )
     return _Pose(coordinates, posed.motions[:, :count], posed.momenta[:, :count])
 
@@ -267,15 +375,32 @@ def _turn_pose(pose: _Pose, turn: FloatArray, model: PathModel) -> SampledPose:
     )
 
 
-def _scales(sampled_poses: Mapping[float, SampledPose]) -> FloatArray:
+def _turn_plant(pose: _Pose, turn: FloatArray) -> SampledPlant:
+    kept = len(turn)
+    found = keep_modes(pose.coordinates, kept - pose.coordinates.rigid_count)
+    flexible = slice(found.rigid_count, None)
+    damping = np.zeros((kept, kept)) if found.viscous is None else found.viscous
+    return SampledPlant(
+        stiffness=turn.T @ (found.eigenvalues[:, None] * turn),
+        damping=turn.T @ damping @ turn,
+        loads=turn.T @ found.inputs,
+        rows=found.outputs @ turn,
+        direct=np.zeros_like(found.residual) if found.complete else found.residual,
+        reach=np.abs(found.outputs[:, flexible])
+        @ np.abs(found.inputs[flexible] / found.eigenvalues[flexible, None])
+        + np.abs(found.residual),
+    )
+
+
+def _scales(sampled_poses: Mapping[float, PoseSample]) -> FloatArray:
     middle = sampled_poses[list(sampled_poses)[len(sampled_poses) // 2]]
     return np.asarray(
         np.sqrt(np.maximum(middle.stiffness.diagonal(), (2.0 * np.pi * LEAST_HZ) ** 2))
     )
 
 
-def _interpolate(sampled_poses: Mapping[float, SampledPose]) -> dict[str, CubicSpline]:
-    names = [field.name for field in dataclasses.fields(SampledPose)]
+def _interpolate(sampled_poses: Mapping[float, PoseSample]) -> dict[str, CubicSpline]:
+    names = ("stiffness", "damping", *next(iter(sampled_poses.values())).sizes())
     positions = list(sampled_poses)
     return {
         name: CubicSpline(
@@ -289,33 +414,33 @@ def _interpolate(sampled_poses: Mapping[float, SampledPose]) -> dict[str, CubicS
 def _misfit(
     splines: Mapping[str, CubicSpline],
     position: float,
-    sampled_pose: SampledPose,
+    sampled_pose: PoseSample,
     scales: FloatArray,
 ) -> float:
     """How far splines miss a sampled pose: matrices by the frequencies they make, the rest by its
     largest entry.
     """
     root = np.sqrt(scales)
-    weights = {
-        "stiffness": 1.0 / np.outer(scales, scales),
-        "damping": 1.0 / np.outer(root, root),
-        "load": _inverse_size(sampled_pose.load),
-        "rows": _inverse_size(sampled_pose.rows),
-        "low_frequency": _inverse_size(sampled_pose.rows),
-        # what the modes lack is small beside the whole, and often nothing but roundoff
-        "quasi_static": _inverse_size(sampled_pose.quasi_static),
-        "rest": _inverse_size(sampled_pose.quasi_static),
+    sizes = sampled_pose.sizes() | {
+        "stiffness": np.outer(scales, scales),
+        "damping": np.outer(root, root),
     }
     misses = [
-        np.abs(weights[name] * (spline(position) - getattr(sampled_pose, name))).max(initial=0.0)
+        np.abs(_inverse(sizes[name]) * (spline(position) - getattr(sampled_pose, name))).max(
+            initial=0.0
+        )
         for name, spline in splines.items()
     ]
     return float(max(misses))
 
 
-def _inverse_size(values: FloatArray) -> FloatArray:
-    """One over the largest entry of each row; zero where all are zero."""
-    size = np.abs(values).max(axis=-1, keepdims=True, initial=0.0)
+def _largest(values: FloatArray) -> FloatArray:
+    """The largest entry of each row."""
+    return np.asarray(np.abs(values).max(axis=-1, keepdims=True, initial=0.0))
+
+
+def _inverse(size: FloatArray) -> FloatArray:
+    """One over each entry; zero where it is zero."""
     return np.asarray(np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0))
 
 

@@ -208,3 +208,54 @@ def test_five_times_the_feed_deviates_five_times_as_far_in_a_kept_pose(tmp_path:
     np.testing.assert_allclose(
         fast.total[:count], 5.0 * low_frequency.total[:count], atol=1e-9 * np.abs(fast.total).max()
     )
+
+
+DRIVE = """
+[drives.X]
+inertia = "1e-3 kg m^2"
+lead = "10 mm"
+kv = "50 1/s"
+velocity_gain = "2e4 N s/m"
+integral_time = "15 ms"
+sampling = "250 us"
+encoder = "scale"
+scale = "tcp"
+[effects]
+drive_control = true
+damping = { modal = "2 %" }
+"""
+DRIVEN = SCENE.replace('[effects]\ndamping = { modal = "2 %" }\n', DRIVE).replace(
+    "on_request",
+    'pose_model = "pose_dependent"\noutputs = [["tcp", "x"], ["tcp", "z"]]\non_request',
+)
+
+
+def test_drives_on_a_bed_that_stands_still_do_not_see_the_pose(tmp_path: Path) -> None:
+    text = DRIVEN.replace(
+        'stiffness = { normal = "500 N/um", shear = "300 N/um", tilt = "1e7 N m/rad" }', ""
+    ).replace('kind = "bolted"', 'kind = "rigid"')
+    found = run_path(tmp_path, text)
+    assert found.poses is not None and found.poses.truncation < 1e-3
+    for run_found in found.runs:
+        followed, frozen = run_found.curves.deviation.total, run_found.curves.frozen
+        np.testing.assert_allclose(followed, frozen, rtol=0.0, atol=1e-9 * np.abs(frozen).max())
+
+
+def test_drives_on_a_bed_that_tilts_see_the_pose(tmp_path: Path) -> None:
+    soft = 'stiffness = { normal = "9 N/um", shear = "9 N/um", tilt = "1e5 N m/rad", torsion = "1e5 N m/rad" }'
+    text = DRIVEN.replace(
+        'stiffness = { normal = "500 N/um", shear = "300 N/um", tilt = "1e7 N m/rad" }', soft
+    )
+    found = run_path(tmp_path, text.replace('["tcp", "x"], ', ""))
+    assert found.poses is not None and found.drives == ("X",)
+    for run_found in found.runs:
+        change = np.abs(run_found.curves.deviation.total - run_found.curves.frozen).max()
+        size = np.abs(run_found.curves.frozen).max()
+        assert found.poses.error < 5e-5 and change > 1e-3 * size, (change, size)
+
+
+def test_control_that_is_unstable_somewhere_on_the_path_is_refused_there(tmp_path: Path) -> None:
+    scene = keep_analyses(load(tmp_path, DRIVEN.replace("2e4 N s/m", "4e6 N s/m")), ["path"])
+    results = run(tmp_path, scene)
+    (failure,) = results.failures
+    assert "the control of axis X is unstable" in failure

@@ -12,6 +12,7 @@ from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.driven_motion import solve_motion
 from headstock.solvers.control.friction_loop import (
+    WORKS,
     friction_channels,
     friction_force,
     friction_slope,
@@ -72,9 +73,11 @@ def test_energy_balances_and_two_integrators_agree() -> None:
 
 
 def test_the_jacobian_is_the_derivative_of_the_rate() -> None:
-    model = make_rubbing_loop(loop_with(LAW))
     rng = np.random.default_rng(3)
-    full, given = rng.normal(size=model.size + 4), np.append(rng.normal(size=3), 20.0)
+    model = make_rubbing_loop(loop_with(LAW))
+    change = rng.normal(size=model.weights.shape)
+    model = dataclasses.replace(model, guides=np.array([2e-4]), weight_rates=change + change.T)
+    full, given = rng.normal(size=model.size + WORKS), np.append(rng.normal(size=3), 20.0)
     full[: model.loop.plant_size] *= 1e-3
     exact = model.jacobian(full, given)
     for column in range(len(full)):

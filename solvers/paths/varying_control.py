@@ -1,0 +1,450 @@
+"""Deviation from a path of a machine under control whose matrices follow the set point.
+
+Coordinates are deviations from the rigid machine that travels as its set point says, motors and
+screws included: so small that the machine is linear about every pose of the path. Its modes are
+parallel-transported as without drives; the controllers' states are the same in every pose. A
+controller sees ``x_set - x_measured`` as what the deviation leaves of it, and the speed that the
+set point asks of a motor less that of the rigid travel.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from scipy.interpolate import CubicSpline
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.control.drive_loops import ClosedLoop, close_plant, set_channels
+from headstock.solvers.control.drive_trains import FORCE, MOTOR, SLIDE, DriveTrain, measured_channel
+from headstock.solvers.control.driven_motion import DrivenMotion, integrate_motion
+from headstock.solvers.control.friction_loop import (
+    RubbingLoop,
+    friction_channels,
+    make_rubbing_loop,
+)
+from headstock.solvers.control.stability import has_free_motions
+from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.modal_coordinates import ModalCoordinates
+from headstock.solvers.linear.state_space import StateSpace, modal_state_space
+from headstock.solvers.paths.controlled import PathLoads, cut_times, project_slow
+from headstock.solvers.paths.response import PathDeviation, step_times
+from headstock.solvers.paths.set_points import (
+    SetPoint,
+    list_breaks,
+    sample_move,
+    step_accelerations,
+)
+from headstock.solvers.paths.varying_response import (
+    StepTable,
+    march_steps,
+    observe_along,
+    tabulate_steps,
+)
+from headstock.solvers.paths.varying_system import PlantChannels, SampledPlant, VaryingSystem
+from headstock.solvers.second_order import Channel
+
+REMEMBERED = 32  # loops of instants that an implicit integrator asks for again
+
+
+@dataclass(frozen=True)
+class RigidTravel:
+    """What a drive does per travel along the path while the machine stays rigid [-].
+
+    Attributes:
+        axis: Travel of its axis.
+        encoder: What its position controller reads.
+        motor: Turn of its motor, as travel.
+        slide: Motion across its guide.
+    """
+
+    axis: float
+    encoder: float
+    motor: float
+    slide: float
+
+
+@dataclass(frozen=True, eq=False)
+class VaryingLoop:
+    """A machine under control along a straight path.
+
+    Attributes:
+        plant: With free motors, along the path; its channels are those of :func:`loop_channels`.
+        channels: Its channels.
+        trains: Its drives.
+        travels: Of each drive.
+        count: How many of the outputs are wanted.
+        low_frequency_limit_hz: Poles below this frequency are rigid-body motion on the drives and
+            mounts [Hz].
+        loads: On the machine; None for none.
+    """
+
+    plant: VaryingSystem[SampledPlant]
+    channels: PlantChannels
+    trains: tuple[DriveTrain, ...]
+    travels: tuple[RigidTravel, ...]
+    count: int
+    low_frequency_limit_hz: float
+    loads: PathLoads | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LoopTable:
+    """What a loop does along a path at steps of one size.
+
+    Attributes:
+        steps: From the states, position and speed, then the acceleration and the loads at the
+            beginning and at the end of a step.
+        rows: Position to ``(p, n)`` outputs of the states.
+        direct: Position to ``(p, 3 + k)`` outputs of position, speed, acceleration and loads.
+        low_frequency: Position to ``(p, n)`` outputs of the low-frequency poles.
+        slow: Position to ``(p, 2)`` what they would be held at per travel and speed.
+        quasi_static: Position to ``(p, 3)`` what position, speed and acceleration hold, without
+            the low-frequency poles.
+    """
+
+    steps: StepTable
+    rows: CubicSpline
+    direct: CubicSpline
+    low_frequency: CubicSpline
+    slow: CubicSpline
+    quasi_static: CubicSpline
+
+
+def loop_channels(
+    trains: Sequence[DriveTrain],
+    *,
+    path: Channel,
+    loads: Sequence[Channel],
+    outputs: Sequence[Channel],
+    up_to_hz: float,
+) -> PlantChannels:
+    """Channels of a plant whose loops are closed along a path.
+
+    Args:
+        trains: Its drives.
+        path: Input of the acceleration along the path.
+        loads: Where loads act.
+        outputs: Where the deviation is wanted.
+        up_to_hz: Modes kept [Hz].
+    """
+    trains = tuple(trains)
+    own = [(train.name, what) for what in (MOTOR, SLIDE) for train in trains]
+    return PlantChannels(
+        inputs=(
+            *((train.name, FORCE) for train in trains),
+            *loads,
+            path,
+            *friction_channels(trains),
+        ),
+        outputs=(*outputs, *(measured_channel(train) for train in trains), *own),
+        up_to_hz=up_to_hz,
+    )
+
+
+def close_along(loop: VaryingLoop, position: float) -> ClosedLoop:
+    """The closed loop of deviations at a position [m]: its set points are those of each drive."""
+    sample = loop.plant.at(position)
+    return close_plant(
+        _plant_at(sample, loop.plant.scales, loop.channels), deviation_trains(loop.trains)
+    )
+
+
+def deviation_trains(trains: Sequence[DriveTrain]) -> tuple[DriveTrain, ...]:
+    """Drives whose controllers see deviations: each has set points of its own, by its name, and
+    takes them as they are.
+    """
+    return tuple(
+        dataclasses.replace(
+            train,
+            axis=train.name,
+            control=dataclasses.replace(
+                train.control, velocity_feed_forward=1.0, acceleration_feed_forward=1.0
+            ),
+        )
+        for train in trains
+    )
+
+
+def make_loop_table(loop: VaryingLoop, size: float) -> LoopTable:
+    """Exact steps of one size [s] of the closed loop along the path, and its outputs.
+
+    Raises:
+        AccuracyError: The greatest number of places does not suffice.
+        ModelError: The machine floats, so that no acceleration can last.
+    """
+    if has_free_motions(close_along(loop, 0.5 * float(loop.plant.positions[-1]))):
+        raise ModelError(
+            "the machine floats, so nothing holds it against accelerating axes; join it to ground by a mount"
+        )
+    steps = tabulate_steps(
+        lambda place: _exact_step(loop, place, size), float(loop.plant.positions[-1]), size
+    )
+    views = [_observe_loop(loop, float(place)) for place in steps.spline.x]
+    return LoopTable(
+        steps,
+        *(
+            CubicSpline(steps.spline.x, np.array([view[part] for view in views]))
+            for part in range(len(views[0]))
+        ),
+    )
+
+
+def solve_varying_control(
+    loop: VaryingLoop, move: SetPoint, samples: FloatArray, table: LoopTable | None = None
+) -> PathDeviation:
+    """Deviation over a move, in the parts of ``solve_controlled_path``: exact steps in the pose at
+    the middle of each.
+
+    Args:
+        loop: Along the path.
+        move: Along it.
+        samples: ``(n,)`` evenly spaced, from zero [s].
+        table: Of steps of the size of ``cut_times``, where it is known.
+    """
+    fine, parts = cut_times(samples, loop.loads)
+    times, places = step_times(move, fine)
+    table = table or make_loop_table(loop, float(fine[1] - fine[0]))
+    at = sample_move(move, times)
+    accelerations = step_accelerations(move, times)
+    loads = _loads_at(loop, times, at.speeds)
+    given = np.hstack(
+        [
+            at.positions[:-1, None],
+            at.speeds[:-1, None],
+            accelerations[:, :1],
+            loads[:-1],
+            accelerations[:, 1:],
+            loads[1:],
+        ]
+    )
+    size = table.rows.c.shape[3]
+    states = march_steps(
+        table.steps,
+        lambda place, step: _exact_step(loop, place, step),
+        move,
+        times,
+        given,
+        size=size,
+    )[places[::parts]]
+    now = sample_move(move, samples)
+    motion = np.column_stack([now.positions, now.speeds, now.accelerations])
+    acting = np.hstack([motion, _loads_at(loop, samples, now.speeds)])
+    total = observe_along(table.rows, now.positions, states) + observe_along(
+        table.direct, now.positions, acting
+    )
+    low_frequency = observe_along(table.low_frequency, now.positions, states) - observe_along(
+        table.slow, now.positions, motion[:, :2]
+    )
+    quasi_static = observe_along(table.quasi_static, now.positions, motion)
+    return PathDeviation(
+        samples, total, quasi_static, low_frequency, total - quasi_static - low_frequency
+    )
+
+
+def solve_varying_rubbing(
+    loop: VaryingLoop, move: SetPoint, samples: FloatArray, table: LoopTable | None = None
+) -> tuple[PathDeviation, DrivenMotion]:
+    """The same with friction in the guides, by a stiff integrator; what friction does counts as
+    dynamic.
+
+    Raises:
+        ConvergenceError: The integrator gave up.
+    """
+    table = table or make_loop_table(loop, float(cut_times(samples, loop.loads)[0][1]))
+    linear = solve_varying_control(loop, move, samples, table)
+    along = _rubbing_along(loop, move, table.steps.spline.x)
+    sets = _set_matrix(loop)
+
+    def given(instant: float) -> FloatArray:
+        now = sample_move(move, np.array([instant]))
+        own = np.array([now.positions[0], now.speeds[0], now.accelerations[0]])
+        loads = _loads_at(loop, np.array([instant]), now.speeds)[0]
+        return np.concatenate([sets @ own, loads, own[2:]])
+
+    found = integrate_motion(along, given, samples, breaks=list_breaks(move))
+    total = found.outputs[:, : loop.count]
+    return dataclasses.replace(
+        linear, total=total, dynamic=total - linear.quasi_static - linear.low_frequency
+    ), found
+
+
+def _rubbing_along(
+    loop: VaryingLoop, move: SetPoint, places: FloatArray
+) -> Callable[[float], RubbingLoop]:
+    """The loop with its friction at an instant; its matrices are interpolated between places."""
+    models = [make_rubbing_loop(close_along(loop, float(place))) for place in places]
+    typical = models[0]
+    shapes = [part.shape for part in _rubbing_parts(typical)]
+    ends = np.cumsum([0, *(math.prod(shape) for shape in shapes)])
+    # one spline of everything: an integrator asks tens of thousands of times
+    packed = CubicSpline(
+        places,
+        np.array([np.concatenate([part.ravel() for part in _rubbing_parts(m)]) for m in models]),
+    )
+    stiffening = CubicSpline(places, np.array([model.weights for model in models])).derivative()
+    slides = np.array(
+        [
+            travel.slide
+            for train, travel in zip(loop.trains, loop.travels, strict=True)
+            if train.friction is not None
+        ]
+    )
+
+    @functools.lru_cache(maxsize=REMEMBERED)
+    def at(instant: float) -> RubbingLoop:
+        now = sample_move(move, np.array([instant]))
+        position, speed = float(now.positions[0]), float(now.speeds[0])
+        values = packed(position)
+        a, b, c, d, plant_b, rates, slide_rows, drag, weights, dampers = (
+            values[first:last].reshape(shape)
+            for first, last, shape in zip(ends[:-1], ends[1:], shapes, strict=True)
+        )
+        return dataclasses.replace(
+            typical,
+            loop=dataclasses.replace(
+                typical.loop,
+                space=dataclasses.replace(typical.loop.space, a=a, b=b, c=c, d=d),
+                plant=dataclasses.replace(typical.loop.plant, b=plant_b),
+                rates=rates,
+            ),
+            slides=slide_rows,
+            drag=drag,
+            weights=weights,
+            dampers=dampers,
+            guides=speed * slides,
+            weight_rates=speed * stiffening(position),
+        )
+
+    return at
+
+
+def _rubbing_parts(model: RubbingLoop) -> tuple[FloatArray, ...]:
+    """What of it changes along the path."""
+    space = model.loop.space
+    return (
+        space.a,
+        space.b,
+        space.c,
+        space.d,
+        model.loop.plant.b,
+        model.loop.rates,
+        model.slides,
+        model.drag,
+        model.weights,
+        model.dampers,
+    )
+
+
+def _plant_at(sample: SampledPlant, scales: FloatArray, channels: PlantChannels) -> StateSpace:
+    """State space of modes that stiffness couples, scaled as in the middle of the path."""
+    space = modal_state_space(
+        ModalCoordinates(
+            eigenvalues=scales**2,
+            rigid_count=0,
+            inputs=sample.loads,
+            outputs=sample.rows,
+            viscous=sample.damping,
+            hysteretic=None,
+            elastic=sample.direct,
+            residual=sample.direct,
+            complete=False,
+            shapes=np.zeros((0, len(scales))),
+        ),
+        channels.inputs,
+        channels.outputs,
+    )
+    first, second = np.arange(0, len(space.a), 2), np.arange(1, len(space.a), 2)
+    a = space.a.copy()
+    a[np.ix_(second, first)] = -sample.stiffness / scales
+    return dataclasses.replace(space, a=a, pairs=None)
+
+
+def _set_matrix(loop: VaryingLoop) -> FloatArray:
+    """Set points of the deviations ``(3 n_drives, 3)`` per position, speed and acceleration along
+    the path.
+    """
+    found = np.zeros((3 * len(loop.trains), 3))
+    for number, (train, travel) in enumerate(zip(loop.trains, loop.travels, strict=True)):
+        control = train.control
+        found[3 * number, 0] = travel.axis - travel.encoder
+        found[3 * number + 1, 1] = control.velocity_feed_forward * travel.axis - travel.motor
+        found[3 * number + 2, 2] = control.acceleration_feed_forward * travel.axis
+    return found
+
+
+def _loads_at(loop: VaryingLoop, times: FloatArray, speeds: FloatArray) -> FloatArray:
+    return np.zeros((len(times), 0)) if loop.loads is None else loop.loads.at(times, speeds)
+
+
+@dataclass(frozen=True, eq=False)
+class _Inputs:
+    """A closed loop between the path and its outputs.
+
+    Attributes:
+        space: Of the deviations.
+        b: ``(n, 3 + k)`` columns of position, speed, acceleration along the path, and loads.
+        d: ``(p, 3 + k)`` likewise, of the outputs wanted.
+    """
+
+    space: StateSpace
+    b: FloatArray
+    d: FloatArray
+
+
+def _drive_inputs(loop: VaryingLoop, position: float) -> _Inputs:
+    space = close_along(loop, position).space
+    sets = len(set_channels(deviation_trains(loop.trains)))
+    rubbing = len(friction_channels(loop.trains))
+    path = len(space.inputs) - rubbing - 1
+    matrix = _set_matrix(loop)
+
+    def collect(columns: FloatArray) -> FloatArray:
+        along = columns[:, :sets] @ matrix
+        along[:, 2] += columns[:, path]
+        return np.hstack([along, columns[:, sets:path]])
+
+    return _Inputs(space, collect(space.b), collect(space.d[: loop.count]))
+
+
+def _exact_step(loop: VaryingLoop, position: float, size: float) -> FloatArray:
+    """Exact step of the loop frozen at a position: ``(n, n + 2 + 2 (1 + k))``.
+
+    Source: Van Loan (1978), Computing integrals involving the matrix exponential.
+    """
+    inputs = _drive_inputs(loop, position)
+    n, acting = len(inputs.space.a), inputs.b.shape[1] - 2
+    # states, position and speed; then what acts, linear between the ends of the step
+    ends = n + 2
+    big = np.zeros((ends + 2 * acting, ends + 2 * acting))
+    big[:n, :n], big[:n, n:ends], big[:n, ends : ends + acting] = (
+        inputs.space.a,
+        inputs.b[:, :2],
+        inputs.b[:, 2:],
+    )
+    big[n, n + 1] = big[n + 1, ends] = 1.0
+    big *= size
+    big[ends : ends + acting, ends + acting :] = np.eye(acting)
+    found = scipy.linalg.expm(big)[:n]
+    level, rise = found[:, ends : ends + acting], found[:, ends + acting :]
+    return np.hstack([found[:, :ends], level - rise, rise])
+
+
+def _observe_loop(loop: VaryingLoop, position: float) -> tuple[FloatArray, ...]:
+    """Rows, direct, low-frequency, slow and quasi-static matrices of a table at a position.
+
+    Source: ``A X_s = -B_s``, ``A X_v = X_s - B_v``, ``A X_a = X_v - B_a``.
+    """
+    inputs = _drive_inputs(loop, position)
+    rows = inputs.space.c[: loop.count]
+    factors = scipy.linalg.lu_factor(inputs.space.a)
+    place = scipy.linalg.lu_solve(factors, -inputs.b[:, 0])
+    speed = scipy.linalg.lu_solve(factors, place - inputs.b[:, 1])
+    pull = scipy.linalg.lu_solve(factors, speed - inputs.b[:, 2])
+    low_frequency = rows @ project_slow(inputs.space.a, 2.0 * np.pi * loop.low_frequency_limit_hz)
+    held = rows @ np.column_stack([place, speed, pull]) + inputs.d[:, :3]
+    held[:, 2] -= low_frequency @ pull
+    return rows, inputs.d, low_frequency, low_frequency @ np.column_stack([place, speed]), held
