@@ -209,9 +209,10 @@ def _collect(
     loop_at: LoopAt, given: Given, times: FloatArray, full: FloatArray, asked: int
 ) -> DrivenMotion:
     outputs, rubbed, stored = [], [], []
-    for instant, row in zip(times, full, strict=True):
+    for number, instant in enumerate(times):
         model = loop_at(float(instant))
-        state, inputs, space = row[: model.size], given(float(instant)), model.loop.space
+        state = full[number, : model.size]
+        inputs, space = given(float(instant)), model.loop.space
         rubbed.append(model.friction(model.slides @ state + model.guides))
         stored.append(model.stored_energy(state))
         outputs.append(

@@ -12,7 +12,12 @@ from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.paths.response import PathDeviation, PathModel, sample_times, solve_path
 from headstock.solvers.paths.set_points import Ramp, SetPoint, sample_move
 from headstock.solvers.paths.varying_response import exact_step, make_step_table, solve_varying_path
-from headstock.solvers.paths.varying_system import PosedModes, VaryingSystem, sample_system
+from headstock.solvers.paths.varying_system import (
+    PosedModes,
+    SampledPose,
+    VaryingSystem,
+    sample_system,
+)
 from headstock.solvers.second_order import SecondOrderSystem
 
 SOURCE, TIP = ("path", "acceleration"), ("tip", "x")
@@ -88,11 +93,11 @@ def integrate(samples: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("nm,nm->n", rows, found))
 
 
-def follow(strength: float = 1.0) -> VaryingSystem:
+def follow(strength: float = 1.0) -> VaryingSystem[SampledPose]:
     return sample_system(lambda position: place_chain(position, strength), LENGTH, MODEL)
 
 
-def solve(system: VaryingSystem, sampling_hz: float = 2500.0) -> PathDeviation:
+def solve(system: VaryingSystem[SampledPose], sampling_hz: float = 2500.0) -> PathDeviation:
     return solve_varying_path(system, MOVE, sample_times(MOVE, sampling_hz, 0.05))
 
 
