@@ -36,10 +36,13 @@ class AccuracyGoal:
         to: Relative error.
         models: Which bodies become rigid, segmented or elastic as the accuracy allows: those that
             deform in the scene, all, or none.
+        interfaces: Which interfaces with six motions at rigid joints may get deformation shapes:
+            those whose kind is not written, all, or none.
     """
 
     to: float
     models: Literal["none", "deforming", "all"] = "none"
+    interfaces: Literal["none", "open", "all"] = "none"
 
 
 @dataclass(frozen=True)

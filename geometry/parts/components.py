@@ -99,6 +99,8 @@ class Interface:
         flexible: Most deformation shapes that it keeps besides its rigid motions: with the coupling
             ``rigid`` it moves in them alone, with ``average`` they are its moments.
         auto: A stated accuracy chooses the number of shapes.
+        open_kind: A stated accuracy may choose what is not written: shapes in place of six motions,
+            or the form of shapes.
         allow_singular: Accept a point- or line-like patch although its compliance depends on the mesh.
         rail: Carriages slide along it; None for a fixed interface.
     """
@@ -110,6 +112,7 @@ class Interface:
     rail: RailSettings | None = None
     flexible: int = 0
     auto: bool = False
+    open_kind: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,19 @@
-"""How many deformation shapes the interfaces of rigid joints get for a stated accuracy."""
+"""Which interfaces of rigid joints between elastic bodies stay as they are for a stated accuracy, and
+which get how many deformation shapes, in which form.
+"""
 
 import dataclasses
 import functools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from headstock.geometry.parts.components import Component
+import numpy as np
+
+from headstock.geometry.frames import DIRECTIONS
+from headstock.geometry.parts.components import Component, CouplingKind, Interface
 from headstock.pipeline.accuracy.interface_errors import (
+    STRONG,
+    WEAK,
     ShapedMachines,
     judge_interfaces,
     make_shaped_machines,
@@ -15,27 +22,38 @@ from headstock.pipeline.accuracy.rounds import replace_components
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer
+from headstock.pipeline.answers.modal import PoseModes
+from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.planning.interfaces import GluedJoint, find_glued_joints
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.stages.estimates import doubt_compliances, doubt_frequencies
+from headstock.pipeline.stages.machine import couple_pose
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import Scene
+from headstock.solvers.linear.modal_analysis import keep_lowest
 from headstock.solvers.ranks import make_on_root
 
 # tried one after the other; 24 is what `auto` means without an accuracy
 TRIED_SHAPES = (12, 24, 40, 60, 90)
 INTERFACE_SHARE = 0.25  # of the accuracy, of every joint; the rest is for meshes and modes
+# the half-space under an interface says within a factor of three what its kind changes
+DOUBT_MARGIN = 5.0
+FORMS: dict[CouplingKind, str] = {STRONG: "strong", WEAK: "weak"}
 
 
 @dataclass(frozen=True)
 class ShapeChoice:
-    """The shapes of a joint whose interfaces leave their number to the accuracy.
+    """The interfaces of a joint that leaves them to the accuracy.
 
     Attributes:
         joint: With its interfaces.
-        shapes: Most shapes of each.
+        shapes: Most shapes of each; 0 where they stay as they are.
         number: The number of the scene that it puts off most; empty where nothing is known.
         share: By how much of it.
         reason: Why the share is above what the joint may take; empty where it is not.
+        kind: The form of the shapes; None for as written.
+        other: By how much the other form puts a number off; None where it was not tried.
+        unknown: Why nothing is known of interfaces that stay as they are.
     """
 
     joint: GluedJoint
@@ -43,10 +61,22 @@ class ShapeChoice:
     number: str = ""
     share: float = 0.0
     reason: str = ""
+    kind: CouplingKind | None = None
+    other: float | None = None
+    unknown: str = ""
 
     def __str__(self) -> str:
-        words = f"{self.shapes} deformation shapes at {self.joint}"
-        return f"{words}: {self.number} off by {show_share(self.share)}" if self.number else words
+        if self.unknown:
+            return f"six motions of each at {self.joint} as written: {self.unknown}"
+        words = (
+            f"{self.shapes} deformation shapes at {self.joint}"
+            if self.shapes
+            else f"six motions of each are enough at {self.joint}"
+        )
+        words += f": {self.number} off by {show_share(self.share)}" if self.number else ""
+        if self.kind is None or self.other is None:
+            return words
+        return f"{words}; {FORMS[self.kind]} form, the other one {show_share(self.other)}"
 
 
 def choose_shapes(
@@ -55,8 +85,9 @@ def choose_shapes(
     """The fewest shapes of every joint that may choose, for which each takes at most its share of
     the accuracy; collective.
 
-    The gap between both forms hardly depends on the mesh, so it is found on that of the first
-    round.
+    Joints that have none keep six motions where these are enough, by the half-space under their
+    areas or, where that is not sure, beside shapes. The gap between both forms hardly depends on
+    the mesh, so it is found on that of the first round.
 
     Args:
         scene: With an accuracy.
@@ -65,35 +96,140 @@ def choose_shapes(
         run_round: Runs a scene without writing anything.
     """
     planned = plan_scene(start).components
-    joints = [
-        joint
-        for joint in find_glued_joints(scene.machine, planned)
-        if all(planned[component].interfaces[name].auto for component, name in joint.ends)
-    ]
-    chosen = {joint.name: ShapeChoice(joint, TRIED_SHAPES[0]) for joint in joints}
-    open_joints = [joint.name for joint in joints]
+    allowed = INTERFACE_SHARE * accuracy
+    chosen: dict[str, ShapeChoice] = {}
+    plain: list[GluedJoint] = []
+    for joint in find_glued_joints(scene.machine, planned):
+        ends = [planned[component].interfaces[name] for component, name in joint.ends]
+        if all(end.auto for end in ends):
+            chosen[joint.name] = ShapeChoice(joint, TRIED_SHAPES[0])
+        elif all(_may_deform(scene, end) for end in ends):
+            plain.append(joint)
+    forms = {
+        joint.name: _list_forms(scene, joint)
+        for joint in [*plain, *(c.joint for c in chosen.values())]
+    }
+    if plain:
+        kept = _judge_plain(plain, run_round(start), allowed)
+        for joint in plain:
+            own = kept[joint.name]
+            chosen[joint.name] = (
+                own if own.share <= allowed or own.unknown else ShapeChoice(joint, TRIED_SHAPES[0])
+            )
+    open_joints = [name for name, own in chosen.items() if own.shapes]
     for count in TRIED_SHAPES:
         if not open_joints:
             break
-        chosen |= {name: dataclasses.replace(chosen[name], shapes=count) for name in open_joints}
-        state = run_round(give_chosen(start, chosen.values()))
-        shaped = make_shaped_machines(state)
-        found = make_on_root(state.comm, functools.partial(_judge, state, shaped))
-        for name in open_joints:
-            number, share = found.largest(name)
-            chosen[name] = dataclasses.replace(
-                chosen[name], number=number, share=share, reason=found.left_out.get(name, "")
-            )
+        tried: dict[str, list[ShapeChoice]] = {name: [] for name in open_joints}
+        for place in range(max(len(forms[name]) for name in open_joints)):
+            for name in open_joints:
+                kind = forms[name][min(place, len(forms[name]) - 1)]
+                chosen[name] = dataclasses.replace(chosen[name], shapes=count, kind=kind)
+            found = _compare(run_round(give_chosen(start, chosen.values())))
+            for name in open_joints:
+                number, share = found.largest(name)
+                reason = found.left_out.get(name, "")
+                tried[name].append(
+                    dataclasses.replace(chosen[name], number=number, share=share, reason=reason)
+                )
+        for name, own in tried.items():
+            best = min(own, key=lambda each: each.share)
+            other = [each.share for each in own if each.kind != best.kind]
+            known = chosen[name].other
+            chosen[name] = dataclasses.replace(best, other=max(other, default=known))
+            # the form that a joint needs is one of how its parts meet, not of the number of shapes
+            forms[name] = [best.kind]
         open_joints = [
-            name
-            for name in open_joints
-            if not chosen[name].reason and chosen[name].share > INTERFACE_SHARE * accuracy
+            name for name in open_joints if not chosen[name].reason and chosen[name].share > allowed
         ]
     for name in open_joints:
         own = chosen[name]
         reason = f"it takes more than {show_share(INTERFACE_SHARE)} of the accuracy"
         chosen[name] = dataclasses.replace(own, reason=reason)
     return list(chosen.values())
+
+
+def _may_deform(scene: Scene, end: Interface) -> bool:
+    """Whether an interface with six motions may get shapes."""
+    goal = scene.accuracy
+    if goal is None or goal.interfaces == "none" or end.flexible:
+        return False
+    return goal.interfaces == "all" or end.open_kind
+
+
+def _list_forms(scene: Scene, joint: GluedJoint) -> list[CouplingKind | None]:
+    """Forms to try; None for that which is written."""
+    ends = [scene.machine.components[component].interfaces[name] for component, name in joint.ends]
+    plain = not any(end.flexible for end in ends)
+    return [STRONG, WEAK] if plain or all(end.open_kind for end in ends) else [None]
+
+
+def _judge_plain(
+    joints: list[GluedJoint], state: RunState, allowed: float
+) -> dict[str, ShapeChoice]:
+    """How far joints without shapes put a number off, by name; collective."""
+    doubts = make_on_root(state.comm, functools.partial(_doubt, joints, state))
+    if all(own.share <= allowed for own in doubts.values()):
+        return doubts
+    found = _compare(state)
+    judged: dict[str, ShapeChoice] = {}
+    for name, own in doubts.items():
+        if own.share <= allowed:
+            judged[name] = own
+        elif name in found.left_out:
+            judged[name] = ShapeChoice(own.joint, 0, unknown=found.left_out[name])
+        else:
+            number, share = found.largest(name)
+            judged[name] = ShapeChoice(own.joint, 0, number, share)
+    return judged
+
+
+def _doubt(joints: list[GluedJoint], state: RunState) -> dict[str, ShapeChoice]:
+    """The most that the kind of their interfaces may put a number off, on rank 0."""
+    shares: dict[str, dict[str, float]] = {}
+    several = len(state.plan.poses) > 1
+    for answer in state.answers:
+        if isinstance(answer, PoseModes):
+            model = couple_pose(state.parts, answer.pose)
+            modes = keep_lowest(model.all_modes, count=len(answer.frequencies_hz))
+            place = f" in pose {answer.pose.name}" if several else ""
+            for end, doubts in doubt_frequencies(state.parts, model.coupled, modes).items():
+                for mode in range(modes.rigid_count, len(doubts)):
+                    hz = float(modes.frequencies_hz[mode])
+                    number = f"frequency {mode + 1} ({hz:.4g} Hz){place}"
+                    shares.setdefault(number, {})[end] = float(doubts[mode]) / hz
+        elif isinstance(answer, StaticAnswer):
+            model = couple_pose(state.parts, state.plan.poses[answer.pose])
+            place = f" in pose {answer.pose}" if several else ""
+            for name, point in answer.points.items():
+                values = np.diag(point.compliance)[: len(DIRECTIONS)]
+                known = [axis for axis in range(len(values)) if values[axis] > 0.0]
+                motions = [model.push((name, DIRECTIONS[axis])) for axis in known]
+                found = (
+                    doubt_compliances(state.parts, model.coupled, np.stack(motions, axis=1))
+                    if known
+                    else {}
+                )
+                for end, doubts in found.items():
+                    for axis, doubt in zip(known, doubts, strict=True):
+                        number = f"{DIRECTIONS[axis]} compliance at {name}{place}"
+                        shares.setdefault(number, {})[end] = float(doubt / values[axis])
+    judged = {}
+    for joint in joints:
+        ends = [f"{component}.{name}" for component, name in joint.ends]
+        sizes = {
+            number: DOUBT_MARGIN * sum(own.get(end, 0.0) for end in ends)
+            for number, own in shares.items()
+        }
+        worst = max(sizes, key=lambda number: sizes[number], default="")
+        judged[joint.name] = ShapeChoice(joint, 0, worst, sizes.get(worst, 0.0))
+    return judged
+
+
+def _compare(state: RunState) -> InterfaceErrorsAnswer:
+    """What the joints of a run leave out; collective."""
+    shaped = make_shaped_machines(state)
+    return make_on_root(state.comm, functools.partial(_judge, state, shaped))
 
 
 def _judge(state: RunState, shaped: ShapedMachines) -> InterfaceErrorsAnswer:
@@ -105,9 +241,12 @@ def give_chosen(scene: Scene, choices: Iterable[ShapeChoice]) -> Scene:
     """The scene with the shapes that were chosen."""
     components: dict[str, Component] = dict(scene.machine.components)
     for choice in choices:
-        for name, interface in choice.joint.ends:
+        for name, interface in choice.joint.ends if choice.shapes else ():
             part = components[name]
-            entry = dataclasses.replace(part.interfaces[interface], flexible=choice.shapes)
+            entry = part.interfaces[interface]
+            entry = dataclasses.replace(
+                entry, flexible=choice.shapes, coupling=choice.kind or entry.coupling
+            )
             components[name] = dataclasses.replace(
                 part, interfaces={**part.interfaces, interface: entry}
             )

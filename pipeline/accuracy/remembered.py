@@ -139,13 +139,15 @@ def _cut(text: str) -> tuple[str, ...]:
 
 def _keep(component: Component) -> dict[str, Any]:
     content = dataclasses.asdict(component)
-    shapes = {name: item.flexible for name, item in component.interfaces.items()}
+    shapes = {name: (item.coupling, item.flexible) for name, item in component.interfaces.items()}
     return {**{name: content[name] for name in KEPT}, "shapes": shapes}
 
 
 def _restore(component: Component, kept: Mapping[str, Any]) -> Component:
     interfaces = {
-        name: dataclasses.replace(item, flexible=kept["shapes"][name])
+        name: dataclasses.replace(
+            item, coupling=kept["shapes"][name][0], flexible=kept["shapes"][name][1]
+        )
         for name, item in component.interfaces.items()
     }
     return dataclasses.replace(

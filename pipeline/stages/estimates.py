@@ -56,16 +56,7 @@ def estimate_mode_errors(
         ``m`` estimates [Hz], half widths.
     """
     count = len(modes.frequencies_hz)
-    eigenvalues = np.where(
-        np.arange(count) < modes.rigid_count, np.inf, (2.0 * np.pi * modes.frequencies_hz) ** 2
-    )
-    areas, materials = _coupled_areas(parts)
-    doubts = doubted_energies(
-        coupled, modes.shapes, np.where(np.isinf(eigenvalues), 0.0, eigenvalues), areas, materials
-    )
-    effects = {
-        name: 0.5 * modes.frequencies_hz * energy / eigenvalues for name, energy in doubts.items()
-    }
+    effects = doubt_frequencies(parts, coupled, modes)
     kinds = Estimate({}, _name_kinds(parts, effects, modes.frequencies_hz, unit="Hz", factor=1.0))
     unknown = [combine_estimates([name_what_is_left_out(parts, coupled), kinds])] * count
     meshes, faces = frequency_mesh_errors(coupled, modes), frequency_shape_errors(coupled, modes)
@@ -98,8 +89,7 @@ def estimate_compliance_errors(
     )
     faces = _estimate_parts(CURVED_FACES, compliance_shape_errors(coupled, displacements), 6)
     features = _estimate_parts(LEFT_OUT, compliance_feature_errors(coupled, displacements), 6)
-    areas, materials = _coupled_areas(parts)
-    doubts = doubted_energies(coupled, displacements[:, :3], np.zeros(3), areas, materials)
+    doubts = doubt_compliances(parts, coupled, displacements[:, :3])
     soft = np.einsum(
         "im,ij,jm->m", displacements[:, :3], coupled.system.stiffness, displacements[:, :3]
     )
@@ -109,6 +99,41 @@ def estimate_compliance_errors(
         direction: combine_estimates([meshes[i], faces[i], features[i], unknown])
         for i, direction in enumerate(DIRECTIONS)
     }
+
+
+def doubt_frequencies(
+    parts: MachineParts, coupled: CoupledMachine, modes: ModalResult
+) -> dict[str, FloatArray]:
+    """By how much the kind of each interface may change natural frequencies ``(m,)`` [Hz], by
+    ``component.interface``; 0 for rigid-body modes.
+    """
+    elastic = np.arange(len(modes.frequencies_hz)) >= modes.rigid_count
+    squares = np.where(elastic, (2.0 * np.pi * modes.frequencies_hz) ** 2, 0.0)
+    doubts = doubted_energies(coupled, modes.shapes, squares, *_coupled_areas(parts))
+    return {
+        name: np.divide(
+            0.5 * modes.frequencies_hz * energy,
+            squares,
+            out=np.zeros_like(energy),
+            where=squares > 0.0,
+        )
+        for name, energy in doubts.items()
+    }
+
+
+def doubt_compliances(
+    parts: MachineParts, coupled: CoupledMachine, displacements: FloatArray
+) -> dict[str, FloatArray]:
+    """By how much the kind of each interface may change compliances ``(m,)`` [m/N], by
+    ``component.interface``.
+
+    Args:
+        parts: Of the machine.
+        coupled: The machine.
+        displacements: ``(n, m)`` responses to unit loads.
+    """
+    squares = np.zeros(displacements.shape[1])
+    return doubted_energies(coupled, displacements, squares, *_coupled_areas(parts))
 
 
 def _estimate_parts(source: str, found: Mapping[str, FloatArray], count: int) -> list[Estimate]:

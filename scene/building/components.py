@@ -214,6 +214,7 @@ def build_interface(
             table.allow_singular,
             flexible=table.flexible,
             auto=table.auto,
+            open_kind=table.open_kind,
         )
     return Interface(
         name,

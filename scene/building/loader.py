@@ -287,13 +287,21 @@ def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | No
         drives=build_drives(table),
         accuracy=None
         if table.accuracy is None
-        else AccuracyGoal(table.accuracy.to, table.accuracy.models),
+        else AccuracyGoal(table.accuracy.to, table.accuracy.models, table.accuracy.interfaces),
         model_errors=table.model_errors,
-        interface_errors=table.interface_errors,
+        interface_errors=_compares_interfaces(table),
         modal_damping=read_modal_damping(table.effects.get("damping", False)),
         findings=findings,
         written=draft.written,
     )
+
+
+def _compares_interfaces(table: SceneTable) -> bool:
+    """Interfaces whose shapes are chosen also say what their number leaves out."""
+    if "interface_errors" in table.model_fields_set:
+        return table.interface_errors
+    parts = table.components.values()
+    return any(interface.auto for part in parts for interface in part.interfaces.values())
 
 
 def _build_analyses(table: SceneTable, poses: tuple[str, ...], folder: Path) -> Analyses:

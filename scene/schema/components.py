@@ -305,6 +305,13 @@ class InterfaceTable(StrictTable):
         """A stated accuracy chooses the number of deformation shapes."""
         return isinstance(self.coupling, FlexibleTable) and self.coupling.flexible == "auto"
 
+    @property
+    def open_kind(self) -> bool:
+        """A stated accuracy may choose what is not written: shapes or none, or their form."""
+        if isinstance(self.coupling, FlexibleTable):
+            return self.auto and "form" not in self.coupling.model_fields_set
+        return "coupling" not in self.model_fields_set
+
     def patch_tables(self) -> tuple[PatchTable, ...]:
         """The patches, also when a single one was written directly."""
         if self.patches is not None:

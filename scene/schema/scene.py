@@ -102,6 +102,7 @@ class AccuracyTable(StrictTable):
 
     to: Accuracy
     models: Literal["none", "deforming", "all"] = "deforming"
+    interfaces: Literal["none", "open", "all"] = "open"
 
 
 def _wrap_accuracy(value: object) -> object:

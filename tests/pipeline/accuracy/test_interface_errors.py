@@ -232,9 +232,66 @@ def test_an_accuracy_gives_a_joint_the_shapes_it_needs(folder: Path, whole: Resu
     assert found.failures == ()
 
 
+def choose(folder: Path, coupling: str, accuracy: str, name: str) -> Results:
+    head = HEAD.replace("TIP", "upper.tip").replace("interface_errors = true", accuracy)
+    return run(folder, head + HALVES.replace(", COUPLING", coupling), name)
+
+
+def test_where_six_motions_are_not_enough_an_open_joint_gets_shapes(
+    folder: Path, whole: Results
+) -> None:
+    goal = 'accuracy = { to = "4 %", models = "none" }'
+    found = choose(folder, "", goal, "open")
+    words = summarise(found)["accuracy"]["settings"]["glue"]
+    # the joint covers the section of both halves: the weak form is the better one
+    assert words.startswith("24 deformation shapes at lower.cut and upper.cut: ")
+    assert "; weak form, the other one " in words
+    (modes,), (right,) = (find_answers(each.answers, PoseModes) for each in (found, whole))
+    assert modes.frequencies_hz == pytest.approx(right.frequencies_hz, rel=0.02)
+    assert found.failures == ()
+    again = choose(folder, "", goal, "open")
+    assert summarise(again)["accuracy"]["settings"]["glue"] == words
+    (same,) = find_answers(again.answers, PoseModes)
+    np.testing.assert_allclose(same.frequencies_hz, modes.frequencies_hz, rtol=1e-9)
+
+
+def test_where_six_motions_are_enough_an_open_joint_keeps_them(folder: Path) -> None:
+    body = HALVES.replace(", COUPLING", "").replace(
+        '["120 mm", "100 mm", "100 mm"]', '["40 mm", "30 mm", "100 mm"]'
+    )
+    body = body.replace(', rect = { center = ["20 mm", "30 mm"], size = ["80 mm", "40 mm"] }', "")
+    goal = 'accuracy = { to = "20 %", models = "none" }'
+    head = HEAD.replace("TIP", "upper.tip").replace("interface_errors = true", goal)
+    found = run(folder, head + body, "slender")
+    words = summarise(found)["accuracy"]["settings"]["glue"]
+    assert words.startswith("six motions of each are enough at lower.cut and upper.cut: ")
+    assert found.failures == ()
+
+
+@pytest.mark.parametrize(
+    ("coupling", "more", "chosen"),
+    [
+        (', coupling = "rigid"', "", False),
+        ("", ', interfaces = "none"', False),
+        (', coupling = "average"', ', interfaces = "all"', True),
+    ],
+)
+def test_what_is_written_stays_unless_all_may_be_chosen(
+    folder: Path, coupling: str, more: str, chosen: bool
+) -> None:
+    goal = f'accuracy = {{ to = "8 %", models = "none"{more} }}'
+    settings = summarise(choose(folder, coupling, goal, f"written{more[-5:-1]}"))["accuracy"][
+        "settings"
+    ]
+    assert ("glue" in settings) == chosen
+    assert not chosen or " deformation shapes at lower.cut" in settings["glue"]
+
+
 def test_without_an_accuracy_auto_is_twenty_four(folder: Path) -> None:
     path = folder / "auto.toml"
     body = HALVES.replace("COUPLING", 'coupling = { flexible = "auto" }')
     path.write_text(HEAD.replace("TIP", "upper.tip") + body)
     cut = load_scene(path).machine.components["lower"].interfaces["cut"]
-    assert cut.auto and cut.flexible == 24
+    assert cut.auto and cut.flexible == 24 and cut.open_kind
+    # what the number leaves out is a part of ±
+    assert "joints" in [stage.kind for stage in plan_scene(load_scene(path)).stages]
