@@ -238,7 +238,7 @@ def _judge(state: RunState, shaped: ShapedMachines) -> InterfaceErrorsAnswer:
 
 
 def give_chosen(scene: Scene, choices: Iterable[ShapeChoice]) -> Scene:
-    """The scene with the shapes that were chosen."""
+    """The scene with the shapes that were chosen, and finite elements of the bodies that have them."""
     components: dict[str, Component] = dict(scene.machine.components)
     for choice in choices:
         for name, interface in choice.joint.ends if choice.shapes else ():
@@ -247,7 +247,9 @@ def give_chosen(scene: Scene, choices: Iterable[ShapeChoice]) -> Scene:
             entry = dataclasses.replace(
                 entry, flexible=choice.shapes, coupling=choice.kind or entry.coupling
             )
+            # the search begins with finite elements of what is rigid or segmented in the scene: only
+            # these have shapes
             components[name] = dataclasses.replace(
-                part, interfaces={**part.interfaces, interface: entry}
+                part, fidelity="elastic", interfaces={**part.interfaces, interface: entry}
             )
     return replace_components(scene, components)
