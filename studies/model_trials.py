@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from headstock.geometry.parts.components import Component, Fidelity
-from headstock.geometry.parts.solids import MeshFile
+from headstock.geometry.parts.solids import MeshFile, SuperelementFile
 from headstock.meshing.components.meshing import automatic_size
 from headstock.pipeline.planning.plan import Plan
-from headstock.scene.scene import Scene, deforming_parts
+from headstock.scene.scene import Scene
 
 ModelKind = Literal["elasticity", "interfaces", "modes", "mesh", "pose", "several"]
 MODEL_KINDS: tuple[ModelKind, ...] = ("elasticity", "interfaces", "modes", "mesh", "pose")
@@ -96,8 +96,9 @@ def list_model_trials(
 
 def _group_equals(scene: Scene) -> list[tuple[str, ...]]:
     groups: list[tuple[str, ...]] = []
-    for name in deforming_parts(scene):
-        part = scene.machine.components[name]
+    for name, part in scene.machine.components.items():
+        if isinstance(part.solid, SuperelementFile):
+            continue
         for place, group in enumerate(groups):
             if are_alike(scene.machine.components[group[0]], part):
                 groups[place] = (*group, name)
@@ -117,9 +118,12 @@ def _set(names: Sequence[str], key: str, value: str) -> tuple[str, ...]:
 
 
 def _vary_elasticity(part: Component, names: tuple[str, ...]) -> Iterator[ModelTrial]:
+    """Every other fidelity; of a rigid body the finite elements alone, which show what it leaves
+    out.
+    """
     own = RICHNESS.index(part.fidelity)
     for place, fidelity in enumerate(RICHNESS):
-        if place != own:
+        if place != own and (part.fidelity != "rigid" or fidelity == "elastic"):
             yield ModelTrial(
                 "elasticity",
                 names,
