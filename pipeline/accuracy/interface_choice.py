@@ -135,10 +135,7 @@ def choose_shapes(
         for name, own in tried.items():
             best = min(own, key=lambda each: each.share)
             other = [each.share for each in own if each.kind != best.kind]
-            known = chosen[name].other
-            chosen[name] = dataclasses.replace(best, other=max(other, default=known))
-            # the form that a joint needs is one of how its parts meet, not of the number of shapes
-            forms[name] = [best.kind]
+            chosen[name] = dataclasses.replace(best, other=max(other, default=None))
         open_joints = [
             name for name in open_joints if not chosen[name].reason and chosen[name].share > allowed
         ]

@@ -172,7 +172,7 @@ def test_lines_of_a_response_get_the_difference_to_joints_with_shapes(folder: Pa
     assert passed.any(axis=(1, 2)).mean() < 0.1  # a peak lies between its two places
     np.testing.assert_allclose(errors[shared][~passed], changes[shared][~passed], rtol=1e-6)
     assert (errors[shared] >= changes[shared] * (1.0 - 1e-6)).all()
-    assert (errors[np.isclose(lines, 0.0)] > 0.0).any()
+    assert lines[0] == 0.0 and (errors[0] > 0.0).any()
     text = HEAD.replace("TIP", "lower.tip").replace("interface_errors = true", "") + WHOLE
     (one,) = find_answers(run(folder, text + RESPONSE, "one").answers, PoseResponse)
     shared = np.isin(lines, one.curves.frequencies_hz)
@@ -279,7 +279,7 @@ def test_where_six_motions_are_enough_an_open_joint_keeps_them(folder: Path) -> 
 def test_what_is_written_stays_unless_all_may_be_chosen(
     folder: Path, coupling: str, more: str, chosen: bool
 ) -> None:
-    goal = f'accuracy = {{ to = "8 %", models = "none"{more} }}'
+    goal = f'accuracy = {{ to = "4 %", models = "none"{more} }}'
     settings = summarise(choose(folder, coupling, goal, f"written{more[-5:-1]}"))["accuracy"][
         "settings"
     ]
