@@ -1,12 +1,13 @@
 """The scene: a machine, its orientation, and what is to be computed of it."""
 
 import dataclasses
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from headstock.geometry.machine.drives import Drive
+from headstock.geometry.machine.guide_errors import ErrorProfile
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
 from headstock.geometry.parts.components import Fidelity
@@ -89,12 +90,14 @@ class SceneMechanism(ToolMechanism):
             components it carries.
         springs: For the lumped model.
         screw_lead: Travel of a leg per turn of its motor [m]; None where it is not known.
+        leg_errors: Number of a leg, 0..2, to the error of its length over its length.
     """
 
     kind: str
     model: Literal["lumped", "components"]
     springs: LegSprings | None = None
     screw_lead: float | None = None
+    leg_errors: Mapping[int, ErrorProfile] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ UNITS = {
     "displacement under loads": "µm",
     "dynamic stiffness": "N/µm",
     "lines of frequency responses": "m/N",
+    "volumetric error": "µm",
     "path deviation": "µm",
     "peaks over time": "µm",
     "rest positions": "µm",
@@ -175,6 +176,9 @@ def _entries(summary: RunSummary) -> Iterator[_Entry]:
                 yield _Entry("peaks over time", where, [moved["peak"]])
                 yield _Entry("rest positions", where, [moved["final"]])
                 yield _Entry("settling times", where, [moved["settling_s"]])
+    for name, volume in summary.get("volumetric", {}).items():
+        ranges = volume["ranges"]["total"]
+        yield _Entry("volumetric error", name, [ranges[symbol] for symbol in ("EX", "EY", "EZ")])
     for pose, found in summary.get("control", {}).items():
         yield _Entry(
             "control poles", f"pose {pose}", [pole["frequency_hz"] for pole in found["poles"]]

@@ -38,6 +38,7 @@ NEEDS = {
     "regeneration": "cutting_force",
     "friction": "drive_control",
     "screw_inertia": "drive_control",
+    "torque_ripple": "drive_control",
 }
 
 

@@ -48,6 +48,7 @@ from headstock.app.texts.bounded_values import (
 from headstock.app.texts.curves import overlaid_responses
 from headstock.app.texts.tables import (
     COMPONENT_COLUMNS,
+    CRUISE_COLUMNS,
     DEVIATION_COLUMNS,
     DRIVE_COLUMNS,
     DRIVE_POINT_COLUMNS,
@@ -65,6 +66,7 @@ from headstock.app.texts.tables import (
     ModeRow,
     encode_csv,
     list_channels,
+    list_cruises,
     list_displacements,
     list_lines,
     list_lobes,
@@ -540,6 +542,7 @@ def report_environment() -> jinja2.Environment:
         "draw_lobes": draw_lobes,
         "list_lobes": list_lobes,
         "list_lowest_lobes": list_lowest_lobes,
+        "list_cruises": list_cruises,
         "columns": {
             "components": COMPONENT_COLUMNS,
             "probes": PROBE_COLUMNS,
@@ -548,6 +551,7 @@ def report_environment() -> jinja2.Environment:
             "ports": DRIVE_POINT_COLUMNS,
             "zones": ZONE_COLUMNS,
             "moved": MOVED_COLUMNS,
+            "cruises": CRUISE_COLUMNS,
             "models": MODEL_COLUMNS,
             "joints": JOINT_COLUMNS,
             "deviations": DEVIATION_COLUMNS,

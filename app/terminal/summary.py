@@ -34,6 +34,7 @@ from headstock.app.texts.bounded_values import (
 )
 from headstock.app.texts.tables import (
     COMPONENT_COLUMNS,
+    CRUISE_COLUMNS,
     DEVIATION_COLUMNS,
     DRIVE_COLUMNS,
     DRIVE_POINT_COLUMNS,
@@ -48,6 +49,7 @@ from headstock.app.texts.tables import (
     ZONE_COLUMNS,
     Column,
     list_channels,
+    list_cruises,
     list_displacements,
     list_lines,
     list_lowest_lobes,
@@ -164,6 +166,12 @@ def print_summary(
             _path_title(summary["path"]),
             tell_rows(ZONE_COLUMNS, list_zones(summary["path"])),
         )
+        if cruises := list_cruises(summary["path"]):
+            print_table(
+                console,
+                "At constant feed, with errors of guides [µm or µrad]",
+                tell_rows(CRUISE_COLUMNS, cruises),
+            )
     for pose, control in summary.get("control", {}).items():
         up_to, speed = control["up_to_hz"], 60e3 * control["speed_m_per_s"]
         print_table(

@@ -23,6 +23,7 @@ from headstock.pipeline.answers.lobes import DirectionSummary, LobesSummary, Lob
 from headstock.pipeline.answers.map import Grid, GridSummary
 from headstock.pipeline.answers.modal import ModesSummary
 from headstock.pipeline.answers.path import (
+    CruiseSummary,
     FeedSummary,
     PathCurves,
     PathSummary,
@@ -515,6 +516,52 @@ ZONE_COLUMNS: tuple[Column[ZoneRow], ...] = (
         missing="never",
     ),
     Column(lambda row: row.size("frozen_peak"), screen=">frozen pose", report="Peak, frozen pose"),
+)
+
+
+class CruiseRow(NamedTuple):
+    """An output of a path at constant feed."""
+
+    run: FeedSummary
+    channel: Sequence[str]
+    found: CruiseSummary
+
+
+def list_cruises(path: PathSummary, output: int | None = None) -> list[CruiseRow]:
+    """Every feed and output of a path on which errors of guides act; of one output where its number
+    is given.
+    """
+    return [
+        CruiseRow(run, shown["dof"], shown["cruising"])
+        for run in path["feeds"]
+        for number, shown in enumerate(run["outputs"])
+        if output in (None, number) and "cruising" in shown
+    ]
+
+
+CRUISE_COLUMNS: tuple[Column[CruiseRow], ...] = (
+    Column(lambda row: row.run["name"], screen="feed", report="Feed"),
+    Column(lambda row: " ".join(row.channel), screen="<at"),
+    Column(
+        lambda row: row.found["variation_um"],
+        screen=">variation",
+        report="Variation",
+        show=show_deviation,
+    ),
+    Column(
+        lambda row: row.found["straightness_um"],
+        screen=">straightness",
+        report="Straightness",
+        show=show_deviation,
+    ),
+    Column(
+        lambda row: row.found["amplitude_um"],
+        screen=">wave of",
+        report="Strongest wave",
+        show=show_deviation,
+    ),
+    Column(lambda row: row.found["period_s"], screen=">period s", report="Period [s]", digits=3),
+    Column(lambda row: row.found["period_mm"], screen=">mm", report="Period [mm]", digits=3),
 )
 
 

@@ -53,6 +53,22 @@ class GuideFriction:
 
 
 @dataclass(frozen=True)
+class TorqueRipple:
+    """A wave of a motor's torque, ``torque sin(per_turn angle + phase)``, its angle zero at position
+    zero of the axis.
+
+    Attributes:
+        torque: Amplitude [N m].
+        per_turn: Waves per turn.
+        phase: At position zero [rad].
+    """
+
+    torque: float
+    per_turn: int
+    phase: float = 0.0
+
+
+@dataclass(frozen=True)
 class Drive:
     """A ball screw drive of an axis.
 
@@ -70,6 +86,7 @@ class Drive:
         friction: Along the axis; None where there is none.
         cycle: Time between two samples of the controller [s]; zero for a continuous one.
         acceleration_share: Share of the axis' inertia that acceleration feed-forward carries [-].
+        ripple: Waves of the motor's torque.
     """
 
     name: str
@@ -84,3 +101,4 @@ class Drive:
     friction: GuideFriction | None = None
     cycle: float = 0.0
     acceleration_share: float = 0.0
+    ripple: tuple[TorqueRipple, ...] = ()

@@ -3,7 +3,7 @@
 """
 
 from dataclasses import dataclass, field
-from typing import ClassVar, TypedDict
+from typing import ClassVar, NotRequired, TypedDict
 
 import h5py
 import numpy as np
@@ -11,12 +11,24 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.frf import split_channel
-from headstock.solvers.paths.response import PathDeviation, ZoneFigures
+from headstock.solvers.paths.response import CruiseFigures, PathDeviation, ZoneFigures
 from headstock.solvers.second_order import Channel, name_channel
 
 _PARTS = ("total", "quasi_static", "low_frequency", "dynamic")
 # ``peak_um`` or ``peak_urad`` and so on, ``settling_s`` without a value where it never settles
 type ZoneSummary = dict[str, float | None]
+
+
+class CruiseSummary(TypedDict):
+    """An output at constant feed, where errors of guides act; ``um`` stands for urad, too."""
+
+    begin_s: float
+    end_s: float
+    variation_um: float
+    straightness_um: float
+    period_s: float
+    period_mm: float
+    amplitude_um: float
 
 
 class OutputSummary(TypedDict):
@@ -25,6 +37,7 @@ class OutputSummary(TypedDict):
     dof: list[str]
     accelerating: ZoneSummary
     decelerating: ZoneSummary
+    cruising: NotRequired[CruiseSummary]
 
 
 class FeedSummary(TypedDict):
@@ -105,11 +118,13 @@ class PathRun:
         curves: What is tabled and drawn.
         figures: Of every output, in both zones.
         frozen_figures: The same if the pose stayed that of the middle.
+        cruises: Of every output at constant feed; empty without errors of guides.
     """
 
     curves: PathCurves
     figures: tuple[tuple[ZoneFigures, ZoneFigures], ...]
     frozen_figures: tuple[tuple[ZoneFigures, ZoneFigures], ...]
+    cruises: tuple[CruiseFigures | None, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -232,17 +247,33 @@ def _summarise_run(run: PathRun) -> FeedSummary:
         "name": run.curves.name,
         "feed_mm_per_min": 6e4 * run.curves.feed,
         "acceleration": float(np.abs(run.curves.accelerations).max()),
-        "outputs": [
-            {
-                "dof": list(channel),
-                "accelerating": _summarise_zone(channel, zones[0], frozen[0]),
-                "decelerating": _summarise_zone(channel, zones[1], frozen[1]),
-            }
-            for channel, zones, frozen in zip(
-                run.curves.outputs, run.figures, run.frozen_figures, strict=True
-            )
-        ],
+        "outputs": [_summarise_output(run, number) for number in range(len(run.figures))],
     }
+
+
+def _summarise_output(run: PathRun, number: int) -> OutputSummary:
+    channel, zones, frozen = (
+        run.curves.outputs[number],
+        run.figures[number],
+        run.frozen_figures[number],
+    )
+    summary: OutputSummary = {
+        "dof": list(channel),
+        "accelerating": _summarise_zone(channel, zones[0], frozen[0]),
+        "decelerating": _summarise_zone(channel, zones[1], frozen[1]),
+    }
+    cruise = run.cruises[number] if run.cruises else None
+    if cruise is not None:
+        summary["cruising"] = {
+            "begin_s": cruise.begin,
+            "end_s": cruise.end,
+            "variation_um": 1e6 * cruise.variation,
+            "straightness_um": 1e6 * cruise.straightness,
+            "period_s": cruise.period,
+            "period_mm": 1e3 * cruise.distance,
+            "amplitude_um": 1e6 * cruise.amplitude,
+        }
+    return summary
 
 
 def deviation_unit(channel: Channel) -> tuple[str, float]:

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame, compose_frames, rigid_transfer, rotate_dofs
+from headstock.geometry.machine.guide_errors import ErrorProfile, ProfileError
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.mechanisms.exechon import COMPLIANCES, LEGS, LENGTHS
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import LegSprings, SceneMechanism
+from headstock.solvers.errors import ModelError
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
 from headstock.solvers.mechanisms.modes import SmallMotions, linearise_poses, marker_motion
 
@@ -186,6 +188,28 @@ def spring_shares(placed: PlacedMechanism, stretch: FloatArray) -> dict[str, flo
             f"{leg}.{part}": float(value) / total if total else 0.0
             for part, value in shares.items()
         }
+    return found
+
+
+def leg_offsets(placed: PlacedMechanism, errors: Mapping[int, ErrorProfile]) -> FloatArray:
+    """Compliant coordinates ``(c,)`` by the errors of the legs' lengths in a pose, without loads.
+
+    Args:
+        placed: In the pose.
+        errors: Number of a leg, 0..2, to the error of its length over its length.
+
+    Raises:
+        ModelError: A leg is longer or shorter than its table.
+    """
+    found = np.zeros(len(placed.motions.stiffness))
+    for leg, profile in errors.items():
+        length = float(placed.state[placed.model.springs.length[2 * leg + 1]])
+        try:
+            found[2 * leg + 1] = profile.sample(np.array([length]))[0]
+        except ProfileError as error:
+            raise ModelError(
+                f"errors of leg {leg + 1}: {error}; give the table values up to there"
+            ) from error
     return found
 
 

@@ -19,12 +19,14 @@ from headstock.pipeline.results.views import PointView, PoseView, ShiftArray
 from headstock.pipeline.stages.lumped_machine import (
     PlacedMechanism,
     build_compliant_mechanism,
+    leg_offsets,
     place_mechanism,
     spring_shares,
 )
 from headstock.pipeline.stages.machine import add_view
 from headstock.pipeline.stages.run_state import MachineParts, Outcome, RunState, Solved, pose_name
 from headstock.reduction.coupling.channels import GRAVITY
+from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.reduction.motions.mode_naming import NamedModes
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import SceneMechanism
@@ -136,13 +138,15 @@ class LumpedPose:
             f"{weakest} contributes {100 * share:.0f} % of the {most_compliant} compliance; doubling its stiffness changes it by"
             f" {-50 * share:+.0f} %"
         )
-        gravity = self.parts.plan.gravity
-        gravity_deflection = (
-            None
-            if gravity is None
-            else loads.T @ solve_static(system, placed.motions.gravity).displacements
-        )
-        return Solved(PointCompliance(compliance, budget, sentence, gravity_deflection))
+        found: dict[str, FloatArray] = {}
+        if self.parts.plan.gravity is not None:
+            found[GRAVITY] = loads.T @ solve_static(system, placed.motions.gravity).displacements
+        mechanism = scene_mechanism(self.parts)
+        if mechanism.leg_errors:
+            # nothing resists the legs: what a leg is too long by, its springs' coordinate takes
+            found[GUIDE_ERRORS] = loads.T @ leg_offsets(placed, mechanism.leg_errors)
+        total = np.sum(list(found.values()), axis=0) if found else None
+        return Solved(PointCompliance(compliance, budget, sentence, total, displacements=found))
 
     def view(self) -> PoseView:
         """What is drawn of the pose without motions."""

@@ -7,13 +7,14 @@ before any run in time. Only rank 0 has anything to do.
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
+from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.machine import Machine, travel_directions
 from headstock.pipeline.answers.path import FollowedPoses, PathCurves, PathResult, PathRun
 from headstock.pipeline.planning.plan import Stage
@@ -23,6 +24,7 @@ from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.drives import place_drives
+from headstock.reduction.coupling.error_travel import offset_loads
 from headstock.reduction.coupling.path_loads import (
     PATH_INPUT,
     add_driven_path_input,
@@ -31,8 +33,17 @@ from headstock.reduction.coupling.path_loads import (
     stack_driven_modes,
     stack_modes,
 )
+from headstock.reduction.motions.path_errors import (
+    NODES,
+    STEPS_PER_WAVE,
+    PathErrors,
+    add_deviations,
+    find_path_errors,
+    respond_to_errors,
+)
 from headstock.scene.requests import PathCut, PathRequest
 from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.drive_trains import FORCE
 from headstock.solvers.control.driven_motion import DrivenMotion
 from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.control.stability import require_stable
@@ -46,10 +57,12 @@ from headstock.solvers.paths.controlled import (
     solve_controlled_path,
     solve_rubbing_path,
 )
+from headstock.solvers.paths.disturbed import solve_disturbed_loop
 from headstock.solvers.paths.response import (
     PathDeviation,
     PathModel,
     filter_deviation,
+    measure_cruise,
     measure_zones,
     sample_times,
     slow_modes,
@@ -224,11 +237,13 @@ class SolvedMoves:
         found: What holds.
         kept: In the pose of the middle.
         poses: How the poses of the path were followed; None where they were not.
+        disturbed: Errors of guides or torque ripple are among what deviates.
     """
 
     found: tuple[PathDeviation, ...]
     kept: tuple[PathDeviation, ...]
     poses: FollowedPoses | None = None
+    disturbed: bool = False
 
 
 def choose_model(request: PathRequest) -> PathModel:
@@ -265,8 +280,131 @@ def _solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> S
         UnstableControlError: A control loop is.
     """
     model = choose_model(request)
-    if state.scene.drives:
-        return _drive_moves(state, request, model)
+    errors = find_path_errors(
+        state.parts.superelements,
+        state.scene.machine,
+        request.path,
+        request.outputs,
+        nodes=NODES if request.follows_pose else 1,
+    )
+    drives = state.scene.drives
+    solved = (
+        _drive_moves(state, request, model)
+        if drives
+        else _move_freely(state, request, middle, model)
+    )
+    if errors is None and not any(drive.ripple for drive in drives.values()):
+        return solved
+    disturbed = [
+        _disturb_loop(state, request, errors, move)
+        if drives or errors is None
+        else respond_to_errors(
+            errors,
+            middle.system,
+            move,
+            samples=sample_path(request, move),
+            low_frequency_limit_hz=model.low_frequency_limit_hz,
+        )
+        for move in request.moves
+    ]
+    posed = [
+        own if errors is None else errors.follow_pose(own, move)
+        for own, move in zip(disturbed, request.moves, strict=True)
+    ]
+    return dataclasses.replace(
+        solved,
+        found=tuple(map(add_deviations, solved.found, posed)),
+        kept=tuple(map(add_deviations, solved.kept, disturbed)),
+        disturbed=True,
+    )
+
+
+def _disturb_loop(
+    state: RunState, request: PathRequest, errors: PathErrors | None, move: SetPoint
+) -> PathDeviation:
+    """Deviation by errors of guides and torque ripple over a move under control, in the pose of the
+    middle, from that at its beginning.
+    """
+    driven = drive_machine(state, _couple_at(state, request, 0.5 * request.path.length))
+    if friction_channels(driven.trains):
+        state.warn(
+            "path analysis: errors of guides and torque ripple move the machine as if nothing rubbed; what friction does is added"
+        )
+    system = driven.system
+    channels: tuple[Channel, ...] = ()
+    shortest = math.inf
+    if errors is not None:
+        shortest, channels = errors.travel.shortest, errors.travel.channels
+        rows = offset_loads(driven.released.joint_springs, errors.travel.directions)
+        own = dict(zip(channels, rows.T, strict=True))
+        system = dataclasses.replace(system, inputs={**system.inputs, **own})
+    rippling = [drive for drive in state.scene.drives.values() if drive.ripple]
+    channels = (*channels, *((drive.name, FORCE) for drive in rippling))
+
+    def loads(times: FloatArray) -> FloatArray:
+        way = sample_move(move, times).positions
+        parts = [] if errors is None else [errors.offsets(move, times)]
+        return np.hstack([*parts, *(ripple_force(drive, request, way) for drive in rippling)])
+
+    loop = close_loops(
+        system,
+        driven.trains,
+        inputs=channels,
+        outputs=request.outputs,
+        up_to_hz=LINEAR_REACH * path_band(request),
+    )
+    return solve_disturbed_loop(
+        loop.space,
+        len(request.outputs),
+        loads,
+        channels=channels,
+        samples=sample_path(request, move),
+        load_step=min(shortest, shortest_ripple(rippling, request)) / move.feed / STEPS_PER_WAVE,
+    )
+
+
+def ripple_force(drive: Drive, request: PathRequest, way: FloatArray) -> FloatArray:
+    """Force ``(n, 1)`` along the axis of a drive by the ripple of its motor's torque [N], from that
+    at the beginning.
+
+    Args:
+        drive: With its ripple.
+        request: The path.
+        way: ``(n,)`` along it [m].
+    """
+    start = request.path.start.positions.get(drive.axis, 0.0)
+    share = axis_shares(request).get(drive.axis, 0.0)
+
+    def torque(places: FloatArray) -> FloatArray:
+        turns = (start + share * places) / drive.lead
+        waves = [
+            wave.torque * np.sin(2.0 * math.pi * wave.per_turn * turns + wave.phase)
+            for wave in drive.ripple
+        ]
+        return np.asarray(np.sum(waves, axis=0))
+
+    change = torque(way) - torque(np.zeros(1))
+    return np.asarray(2.0 * math.pi / drive.lead * change[:, None])
+
+
+def shortest_ripple(drives: Sequence[Drive], request: PathRequest) -> float:
+    """Shortest wave of motor torques along the path [m]; infinite without any."""
+    shares = axis_shares(request)
+    return min(
+        (
+            drive.lead / wave.per_turn / abs(shares[drive.axis])
+            for drive in drives
+            if shares.get(drive.axis)
+            for wave in drive.ripple
+        ),
+        default=math.inf,
+    )
+
+
+def _move_freely(
+    state: RunState, request: PathRequest, middle: PosedModes, model: PathModel
+) -> SolvedMoves:
+    """Deviation of every move by its acceleration, with motors that follow their set point."""
     whole = dataclasses.replace(model, up_to_hz=None)
     kept = tuple(
         solve_path(middle.system, whole, move, sample_path(request, move)) for move in request.moves
@@ -440,7 +578,7 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
         )
     try:
         solved = _solve_moves(state, request, middle)
-    except UnstableControlError as error:
+    except (UnstableControlError, ModelError) as error:
         return Outcome(detail="refused: see below", failures=(f"path analysis: {error}",))
     model, ramp = choose_model(request), request.moves[0].ramp
     answer = PathResult(
@@ -457,7 +595,7 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
         low_frequency_modes=slow_modes(middle.modes.frequencies_hz, model.low_frequency_limit_hz),
         poses=solved.poses,
         runs=tuple(
-            _run_move(request, move, raw, kept)
+            _run_move(request, move, raw, kept, disturbed=solved.disturbed)
             for move, raw, kept in zip(request.moves, solved.found, solved.kept, strict=True)
         ),
         drives=tuple(state.scene.drives),
@@ -472,7 +610,12 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
 
 
 def _run_move(
-    request: PathRequest, move: SetPoint, raw: PathDeviation, kept: PathDeviation
+    request: PathRequest,
+    move: SetPoint,
+    raw: PathDeviation,
+    kept: PathDeviation,
+    *,
+    disturbed: bool,
 ) -> PathRun:
     """The deviation of one move as filtered, with its figures; and as if the pose were kept."""
     found, frozen = (filter_deviation(part, request.low_pass) for part in (raw, kept))
@@ -496,4 +639,9 @@ def _run_move(
             measure_zones(frozen, kept, move, channel, request.residual_time)
             for channel in channels
         ),
+        cruises=tuple(
+            measure_cruise(found, move, channel, request.residual_time) for channel in channels
+        )
+        if disturbed
+        else (),
     )

@@ -15,6 +15,7 @@ from headstock.geometry.machine.machine import (
     position_units,
     travel_directions,
 )
+from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT
 from headstock.pipeline.answers.volumetric import VolumetricAnswer
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.run_state import Outcome, RunState
@@ -138,6 +139,8 @@ def _tool_travel(machine: Machine, request: VolumetricRequest, point: str, axis:
     """Travel ``(3,)`` of the tool against the work per travel of a linear axis in the middle of the
     map; zero for a rotary one.
     """
+    if machine.mechanism is not None and axis in TOOL_AXES:
+        return np.eye(3)[TOOL_POINT.index(axis)] if axis in TOOL_POINT else np.zeros(3)
     if machine.axes[axis].kind != "linear":
         return np.zeros(3)
     middle = {**request.fixed, **{name: float(each[len(each) // 2]) for name, each in request.axes}}

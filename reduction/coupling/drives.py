@@ -59,6 +59,7 @@ def release_motors(coupled: CoupledMachine, trains: tuple[DriveTrain, ...]) -> C
         loads={
             name: np.concatenate([load, np.zeros(added)]) for name, load in coupled.loads.items()
         },
+        errors=None,
     )
 
 

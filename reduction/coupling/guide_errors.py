@@ -15,7 +15,12 @@ from headstock.geometry.frames import FloatArray, Frame, rigid_transfer, rotate_
 from headstock.geometry.machine.guide_errors import ProfileError
 from headstock.geometry.machine.joints import Axis, Joint, JointEnd
 from headstock.geometry.machine.machine import Machine
-from headstock.reduction.coupling.dof_layout import DofLayout, is_rail, scale_dofs
+from headstock.reduction.coupling.dof_layout import (
+    DofLayout,
+    is_rail,
+    locate_interface,
+    scale_dofs,
+)
 from headstock.reduction.coupling.joint_springs import PlacedJoint
 from headstock.reduction.coupling.matrices import ComponentMatrices
 from headstock.solvers.errors import ModelError
@@ -257,11 +262,17 @@ def _check_fixed(
 
 
 def _rail_place(joint: Joint, frame: Frame, layout: DofLayout) -> float:
-    """Where a carriage stands along the axis of its joint, from the origin of what it slides on."""
+    """Where a carriage stands along the axis of its joint, from the origin of what it slides on; a nut
+    on a shaft by the distance from its bearing.
+    """
+    axis = frame.rotation[:, 0]
+    if joint.screw is not None:
+        bearing = joint.screw.floating_end or joint.ends[1]
+        return float(abs(axis @ (frame.origin - locate_interface(layout, bearing))))
     end = _rail_side(joint, layout)
     ground = np.zeros(3) if joint.errors is None else joint.errors.origin
     origin = ground if end.component is None else layout.placements[end.component].origin
-    return float(frame.rotation[:, 0] @ (frame.origin - origin))
+    return float(axis @ (frame.origin - origin))
 
 
 def _rail_side(joint: Joint, layout: DofLayout) -> JointEnd:

@@ -4,7 +4,7 @@ effects and their control.
 
 import math
 
-from headstock.geometry.machine.drives import AxisControl, Drive, GuideFriction
+from headstock.geometry.machine.drives import AxisControl, Drive, GuideFriction, TorqueRipple
 from headstock.scene.building.draft import Draft, check_name
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
@@ -16,10 +16,11 @@ from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, MillingCut
 
-DRIVE_CONTROL, FRICTION, SCREW_INERTIA, CUTTING_FORCE = (
+DRIVE_CONTROL, FRICTION, SCREW_INERTIA, TORQUE_RIPPLE, CUTTING_FORCE = (
     "drive_control",
     "friction",
     "screw_inertia",
+    "torque_ripple",
     "cutting_force",
 )
 DEAD_CYCLES = 1.5  # one cycle of computing, and half a cycle during which a force stays
@@ -127,6 +128,7 @@ def _check_effects(scene: SceneTable, findings: Findings) -> None:
             "there is no drive to control; describe one in [drives.NAME]",
         )
     for effect, has in (
+        (TORQUE_RIPPLE, any(table.torque_ripple is not None for table in scene.drives.values())),
         (SCREW_INERTIA, any(table.screw_inertia is not None for table in scene.drives.values())),
         (FRICTION, any(table.friction is not None for table in scene.drives.values())),
     ):
@@ -288,6 +290,10 @@ def _build_drive(name: str, table: DriveTable, scene: SceneTable, on: set[str]) 
         else _build_friction(table.friction),
         cycle=table.sampling or 0.0,
         acceleration_share=table.feed_forward.acceleration,
+        ripple=tuple(
+            TorqueRipple(wave.torque, wave.per_turn, wave.phase)
+            for wave in (table.torque_ripple or () if TORQUE_RIPPLE in on else ())
+        ),
     )
 
 

@@ -17,8 +17,10 @@ from headstock.scene.schema.guide_errors import (
     RailErrorsTable,
 )
 from headstock.scene.schema.joints import JointTable
+from headstock.scene.schema.scene import SceneTable
 
 RAIL_KEYS = ("axial", "lateral", "normal", "roll", "pitch", "yaw")
+LEG_KEYS = ("leg_1", "leg_2", "leg_3")
 MOTION_KEYS = ("EX", "EY", "EZ", "EA", "EB", "EC")
 # what each kind of joint that slides holds on to
 SLIDING = {
@@ -66,6 +68,14 @@ def build_axis_errors(table: AxisTable) -> AxisErrors | None:
     )
 
 
+def build_leg_errors(scene: SceneTable) -> dict[int, ErrorProfile]:
+    """Number of a leg of a lumped mechanism to the error of its length, where the effect is on."""
+    errors = None if scene.mechanism is None else scene.mechanism.errors
+    if errors is None or scene.effects.get(GUIDE_ERRORS, False) is False:
+        return {}
+    return {LEG_KEYS.index(leg): build_profile(table) for leg, table in errors.profiles().items()}
+
+
 def build_profile(table: ProfileTable) -> ErrorProfile:
     """The profile a faultless table stands for."""
     points = table.points
@@ -93,13 +103,18 @@ def check_guide_errors(draft: Draft, findings: Findings) -> None:
     for name, axis in scene.axes.items():
         if axis.errors is not None:
             _check_axis(("axes", name, "errors"), axis, axis.errors, findings)
+    errors = None if scene.mechanism is None else scene.mechanism.errors
+    legs = {} if errors is None else errors.profiles()
+    for leg, profile in legs.items():
+        _check_profile(("mechanism", "errors", leg), profile, LENGTH, LENGTH, findings)
     if scene.effects.get(GUIDE_ERRORS, False) is False:
         return
     if scene.is_lumped:
-        findings.add(
-            ("effects", GUIDE_ERRORS),
-            'a lumped mechanism has no guides; write its joints out with model = "components", or remove the effect',
-        )
+        if not legs:
+            findings.add(
+                ("effects", GUIDE_ERRORS),
+                'the legs of the lumped mechanism have no errors; describe them in [mechanism.errors], or write model = "components"',
+            )
         return
     if all(joint.errors is None for joint in scene.joints.values()) and all(
         axis.errors is None for axis in scene.axes.values()

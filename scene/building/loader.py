@@ -37,6 +37,7 @@ from headstock.scene.building.draft import Draft, collect_interfaces, collect_se
 from headstock.scene.building.drives import build_control, build_drives, check_drives
 from headstock.scene.building.guide_errors import (
     build_axis_errors,
+    build_leg_errors,
     build_rail_errors,
     check_guide_errors,
 )
@@ -277,7 +278,11 @@ def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | No
         variant=variant,
         studies={name: build_study(name, study) for name, study in table.studies.items()},
         sweeps={name: build_sweep(name, table, draft.paths) for name in table.sweeps},
-        mechanism=None if table.mechanism is None else build_mechanism(table.mechanism),
+        mechanism=None
+        if table.mechanism is None
+        else dataclasses.replace(
+            build_mechanism(table.mechanism), leg_errors=build_leg_errors(table)
+        ),
         compare=CompareSettings(
             tuple(table.compare.variants or ()),
             tuple(table.compare.fidelity or ()),

@@ -2,17 +2,20 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from headstock.scene.reading import units
 from headstock.scene.reading.units import Quantity
 from headstock.scene.schema.types import (
+    Angle,
+    Count,
     Names,
     NotNegativeForce,
     NotNegativeShare,
     PositiveFrequency,
     PositiveInertia,
     PositiveLength,
+    PositiveMoment,
     PositiveRate,
     PositiveRotationalStiffness,
     PositiveSpeed,
@@ -63,6 +66,14 @@ class FrictionTable(StrictTable):
         return self
 
 
+class RippleTable(StrictTable):
+    """A wave of the motor's torque over its turn; used with the effect `torque_ripple`."""
+
+    torque: PositiveMoment
+    per_turn: Count = 1
+    phase: Angle = 0.0
+
+
 class DriveTable(StrictTable):
     """The drive of an axis through a ball screw, and its control; used with the effect
     `drive_control`.
@@ -86,6 +97,7 @@ class DriveTable(StrictTable):
     dead_time: PositiveTime | None = None
     current_loop: PositiveTime | None = None
     friction: FrictionTable | None = None
+    torque_ripple: Annotated[list[RippleTable], Field(min_length=1, max_length=20)] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:

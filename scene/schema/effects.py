@@ -5,7 +5,7 @@ from headstock.scene.reading.units import ACCELERATION, RATIO, UnitError, parse_
 
 # on or off, without a value
 CONTOUR_EFFECTS = ("coriolis", "cutting_force", "regeneration")
-DRIVE_EFFECTS = ("drive_control", "friction", "screw_inertia")
+DRIVE_EFFECTS = ("drive_control", "friction", "screw_inertia", "torque_ripple")
 GRAVITY_STIFFENING = "gravity_stiffening"
 GUIDE_ERRORS = "guide_errors"
 PLAIN_EFFECTS = (*CONTOUR_EFFECTS, *DRIVE_EFFECTS, GRAVITY_STIFFENING, GUIDE_ERRORS)

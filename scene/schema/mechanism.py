@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from headstock.scene.schema.components import Rotations
+from headstock.scene.schema.guide_errors import ProfileTable
 from headstock.scene.schema.types import (
     Angle,
     AxisPosition,
@@ -56,6 +57,21 @@ class SpringsTable(StrictTable):
     screw_offset: Length = 0.0
 
 
+class LegErrorsTable(StrictTable):
+    """Errors of the screws of the legs of a lumped mechanism over the length of the leg; used with
+    the effect `guide_errors`.
+    """
+
+    leg_1: ProfileTable | None = None
+    leg_2: ProfileTable | None = None
+    leg_3: ProfileTable | None = None
+
+    def profiles(self) -> dict[str, ProfileTable]:
+        """Those given, by leg."""
+        given = {"leg_1": self.leg_1, "leg_2": self.leg_2, "leg_3": self.leg_3}
+        return {leg: profile for leg, profile in given.items() if profile is not None}
+
+
 class MechanismTable(StrictTable):
     """A closed-loop mechanism that carries components; the poses of the scene are then tool poses:
     X, Y, Z, A, B.
@@ -71,6 +87,7 @@ class MechanismTable(StrictTable):
     limits: dict[Name, Annotated[list[AxisPosition], Field(min_length=2, max_length=2)]] = {}
     springs: SpringsTable | None = None
     screw_lead: PositiveLength | None = None
+    errors: LegErrorsTable | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -281,6 +281,12 @@ PositiveAngularSpeed = Annotated[
 Moment = Annotated[
     float, BeforeValidator(_read_float(units.MOMENT)), describe_quantity(units.MOMENT)
 ]
+PositiveMoment = Annotated[
+    float,
+    BeforeValidator(_read_float(units.MOMENT)),
+    _POSITIVE,
+    describe_quantity(units.MOMENT, sign="positive"),
+]
 Acceleration = Annotated[
     float, BeforeValidator(_read_float(units.ACCELERATION)), describe_quantity(units.ACCELERATION)
 ]

@@ -281,6 +281,75 @@ def measure_zones(
     )
 
 
+@dataclass(frozen=True)
+class CruiseFigures:
+    """One output while the feed is constant: how straight the line is, and what repeats in it.
+
+    Attributes:
+        begin: When the residual vibration of the first ramp is no longer looked at [s].
+        end: When the second ramp begins [s].
+        variation: Largest less smallest deviation [m, rad].
+        straightness: The same about the least-squares line.
+        period: Of the strongest wave that fits at least twice [s].
+        distance: The same along the path [m].
+        amplitude: Of this wave [m, rad].
+    """
+
+    begin: float
+    end: float
+    variation: float
+    straightness: float
+    period: float
+    distance: float
+    amplitude: float
+
+
+LEAST_WAVES = 2.0  # of the time looked at, so that a wave counts as periodic
+FINER = 16  # frequencies looked at per one that the time tells apart
+
+
+def measure_cruise(
+    found: PathDeviation, move: SetPoint, output: int, residual_time: float
+) -> CruiseFigures | None:
+    """Figures of one output at constant feed; None where that is too short to tell.
+
+    Args:
+        found: As filtered.
+        move: The set point.
+        output: Number of the output.
+        residual_time: How long after the ramp its residual vibration is left out [s].
+
+    Source: the strongest wave by the least-squares spectrum of the values about their line (Lomb
+    1976).
+    """
+    begin, end = move.zones[0][1] + residual_time, move.zones[1][0]
+    inside = (found.times >= begin) & (found.times <= end)
+    times, values = found.times[inside], found.total[inside, output]
+    if len(times) < FINER:
+        return None
+    arms = times - times.mean()
+    rest = values - values.mean() - arms * float(arms @ values) / float(arms @ arms)
+    span = float(times[-1] - times[0])
+    # a fine grid of frequencies: the transform of the values with zeros behind them
+    size = FINER * len(rest)
+    spectrum = np.abs(np.fft.rfft(rest * np.hanning(len(rest)), size))
+    frequencies = np.fft.rfftfreq(size, span / (len(times) - 1))
+    known = frequencies >= LEAST_WAVES / span
+    best = float(frequencies[known][int(np.argmax(spectrum[known]))])
+    angles = 2.0 * np.pi * best * arms
+    waves = np.column_stack([np.ones_like(arms), arms, np.cos(angles), np.sin(angles)])
+    fitted = np.linalg.lstsq(waves, values)[0]
+    return CruiseFigures(
+        begin,
+        end,
+        variation=float(np.ptp(values)),
+        straightness=float(np.ptp(rest)),
+        period=1.0 / best,
+        distance=move.feed / best,
+        amplitude=float(np.hypot(fitted[2], fitted[3])),
+    )
+
+
 class _Zone(NamedTuple):
     """Times of a ramp [s]: its begin and end, up to when its figures count, and until when nothing
     else moves the machine.

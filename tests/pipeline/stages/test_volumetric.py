@@ -20,6 +20,7 @@ from headstock.reduction.motions.tool_deviation import solve_deviation
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import keep_analyses
+from headstock.studies.answers import compare_answers
 
 SCENE = Path(__file__).parents[2] / "data" / "three_rigid_axes.toml"
 
@@ -73,6 +74,16 @@ def test_squareness_alone_is_measured_as_it_is_written(tmp_path: Path) -> None:
     assert angles == pytest.approx({"EC0Y": 20.0, "EB0Z": 18.0, "EA0Z": 15.0}, rel=1e-6)
     assert found["lines"]["X"]["along"] == "-x" and found["lines"]["Z"]["along"] == "z"
     assert max(found["lines"]["Y"]["deviations"].values()) < 1e-6
+
+
+def test_effects_tell_what_errors_of_guides_move(
+    run: tuple[RunSummary, Path], tmp_path: Path
+) -> None:
+    ideal = load_scene(SCENE, overrides=["effects.guide_errors=false"])
+    results = run_scene(keep_analyses(ideal, ("volumetric",)), tmp_path, comm=MPI.COMM_SELF)
+    changes = {change.answer: change for change in compare_answers(summarise(results), run[0])}
+    assert changes["volumetric error"].share > 0.9
+    assert changes["volumetric error"].entry == "tcp"
 
 
 def test_tables_and_report_show_it(run: tuple[RunSummary, Path]) -> None:

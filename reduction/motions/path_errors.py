@@ -1,0 +1,179 @@
+"""Errors of guides along a path: what they move while the axes travel, beside what acceleration
+does.
+
+The response is that of the machine in the middle of the path; its static part is that of the pose
+at hand, from poses along the way.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Machine, MachinePath
+from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.error_travel import (
+    ErrorTravel,
+    offset_loads,
+    offset_rate_loads,
+    plan_travel,
+)
+from headstock.reduction.coupling.guide_errors import has_errors
+from headstock.reduction.motions.body_motions import solve_machine_static
+from headstock.reduction.superelement import Superelement
+from headstock.solvers.paths.disturbed import solve_disturbed_path
+from headstock.solvers.paths.response import PathDeviation
+from headstock.solvers.paths.set_points import SetPoint, sample_move
+from headstock.solvers.second_order import Channel, SecondOrderSystem
+
+STEPS_PER_WAVE = 48
+NODES = 7  # poses of the way between which static responses are interpolated
+
+
+@dataclass(frozen=True, eq=False)
+class PathErrors:
+    """Errors of guides along a path.
+
+    Attributes:
+        path: The way.
+        outputs: Where its deviation is wanted.
+        travel: Offsets of joints along it.
+        middle: The machine coupled in the middle of it.
+        places: Shares ``(m,)`` of the way; the middle alone where the pose is frozen.
+        gains: Static response ``(m, n_outputs, k)`` per unit offset there.
+    """
+
+    path: MachinePath
+    outputs: tuple[Channel, ...]
+    travel: ErrorTravel
+    middle: CoupledMachine
+    places: FloatArray
+    gains: FloatArray
+
+    def offsets(self, move: SetPoint, times: FloatArray) -> FloatArray:
+        """Offsets ``(n, k)`` at instants of a move, from those at its beginning [m, rad]."""
+        return self.travel.sample(self._shares(move, times)) - self.travel.sample(np.zeros(1))
+
+    def _shares(self, move: SetPoint, times: FloatArray) -> FloatArray:
+        way = sample_move(move, times).positions / self.path.length
+        return np.asarray(np.clip(way, 0.0, 1.0))
+
+    def follow_pose(self, frozen: PathDeviation, move: SetPoint) -> PathDeviation:
+        """A deviation in the frozen pose with the static part of the pose at hand."""
+        if len(self.places) == 1:
+            return frozen
+        shares = self._shares(move, frozen.times)
+        gains = scipy.interpolate.BarycentricInterpolator(self.places, self.gains)
+        first, own = self.travel.sample(np.zeros(1)), self.travel.sample(shares)
+        here = np.einsum("nok,nk->no", gains(shares), own) - gains(0.0) @ first[0]
+        change = here - (own - first) @ gains(0.5).T
+        return dataclasses.replace(
+            frozen, total=frozen.total + change, quasi_static=frozen.quasi_static + change
+        )
+
+
+def find_path_errors(
+    superelements: Mapping[str, Superelement],
+    machine: Machine,
+    path: MachinePath,
+    outputs: Sequence[Channel],
+    *,
+    nodes: int,
+) -> PathErrors | None:
+    """Errors of guides along a path; None where there are none.
+
+    Args:
+        superelements: By component.
+        machine: With its errors.
+        path: The way.
+        outputs: Where its deviation is wanted.
+        nodes: Poses between which the static response is interpolated; one keeps the middle one.
+
+    Raises:
+        ModelError: A rigid guide has errors, or a profile ends on the way.
+    """
+    if not has_errors(machine):
+        return None
+    ends = [couple(superelements, machine, pose) for pose in (path.start, path.end)]
+    travel = plan_travel(machine, path, ends[0], ends[1])
+    if travel is None:
+        return None
+    # Chebyshev points of the first kind; a single one is the middle
+    places = 0.5 - 0.5 * np.cos(np.pi * (np.arange(nodes) + 0.5) / nodes)
+    posed = [
+        couple(superelements, machine, path.pose_at(float(place) * path.length)) for place in places
+    ]
+    return PathErrors(
+        path=path,
+        outputs=tuple(outputs),
+        travel=travel,
+        middle=posed[nodes // 2],
+        places=np.asarray(places),
+        gains=np.array([_static_gain(coupled, travel, outputs) for coupled in posed]),
+    )
+
+
+def _static_gain(
+    coupled: CoupledMachine, travel: ErrorTravel, outputs: Sequence[Channel]
+) -> FloatArray:
+    """Motion ``(n_outputs, k)`` per unit offset in a pose."""
+    loads = offset_loads(coupled.joint_springs, travel.directions)
+    moved = solve_machine_static(coupled, loads).displacements
+    return np.array([coupled.system.outputs[channel] @ moved for channel in outputs])
+
+
+def respond_to_errors(
+    errors: PathErrors,
+    system: SecondOrderSystem,
+    move: SetPoint,
+    *,
+    samples: FloatArray,
+    low_frequency_limit_hz: float,
+) -> PathDeviation:
+    """Deviation by errors of guides over a move with ideal motors, from that at its beginning, in
+    the pose of the middle.
+
+    Args:
+        errors: Along the path.
+        system: The machine in the middle of it, with its damping.
+        move: Along the path.
+        samples: ``(n,)`` evenly spaced, from zero [s].
+        low_frequency_limit_hz: Modes below count as low-frequency response [Hz].
+    """
+    travel, springs = errors.travel, errors.middle.joint_springs
+    loads, channels = offset_loads(springs, travel.directions), travel.channels
+    rated = system.damping is not None
+    if rated:
+        loads = np.hstack([loads, offset_rate_loads(springs, travel.directions)])
+        channels = (*channels, *travel.rates)
+    disturbed = dataclasses.replace(
+        system, inputs={**system.inputs, **dict(zip(channels, loads.T, strict=True))}
+    )
+
+    def push(times: FloatArray) -> FloatArray:
+        own = errors.offsets(move, times)
+        return np.hstack([own, np.gradient(own, times, axis=0)]) if rated else own
+
+    return solve_disturbed_path(
+        disturbed,
+        errors.outputs,
+        push,
+        channels=channels,
+        samples=samples,
+        load_step=travel.shortest / move.feed / STEPS_PER_WAVE,
+        low_frequency_limit_hz=low_frequency_limit_hz,
+    )
+
+
+def add_deviations(first: PathDeviation, second: PathDeviation) -> PathDeviation:
+    """Two deviations of a linear machine together."""
+    return PathDeviation(
+        first.times,
+        first.total + second.total,
+        first.quasi_static + second.quasi_static,
+        first.low_frequency + second.low_frequency,
+        first.dynamic + second.dynamic,
+    )

@@ -1,0 +1,111 @@
+"""Deviation from a path by loads along it that do not come from its acceleration: errors of guides
+as they are passed.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.damping import equivalent_viscous
+from headstock.solvers.linear.modal_coordinates import to_modal_coordinates
+from headstock.solvers.linear.state_space import StateSpace, modal_state_space
+from headstock.solvers.linear.time_response import solve_stepped_response
+from headstock.solvers.paths.response import PathDeviation
+from headstock.solvers.second_order import Channel, SecondOrderSystem
+
+
+def solve_disturbed_path(
+    system: SecondOrderSystem,
+    outputs: Sequence[Channel],
+    loads: Callable[[FloatArray], FloatArray],
+    *,
+    channels: Sequence[Channel],
+    samples: FloatArray,
+    load_step: float,
+    low_frequency_limit_hz: float,
+) -> PathDeviation:
+    """Deviation of a system at rest under loads that begin at zero, exact for loads that are
+    straight between fine steps.
+
+    Args:
+        system: Symmetric, with the channels among its inputs.
+        outputs: Where the deviation is wanted.
+        loads: ``(n, k)`` at instants ``(n,)``.
+        channels: Where they act.
+        samples: ``(n,)`` evenly spaced, from zero [s].
+        load_step: Longest time over which a load may be taken for straight [s].
+        low_frequency_limit_hz: Modes below count as low-frequency response [Hz].
+
+    Raises:
+        ModelError: A channel is unknown, or a damper acts on a dof without mass.
+    """
+    coordinates = to_modal_coordinates(equivalent_viscous(system), channels, outputs)
+    if coordinates is None:
+        raise ModelError(
+            "a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass"
+        )
+    fine, parts = _refine(samples, load_step)
+    given = loads(fine)
+    space = modal_state_space(coordinates, tuple(channels), tuple(outputs))
+    below = np.repeat(coordinates.omega < 2.0 * np.pi * low_frequency_limit_hz, 2)
+    rows = np.vstack([space.c, np.where(below, space.c, 0.0)])
+    direct = np.vstack([space.d, np.zeros_like(space.d)])
+    stretched = StateSpace(
+        space.a, space.b, rows, direct, space.inputs, (), space.states, space.pairs
+    )
+    steps = np.stack([given[:-1], given[1:]], axis=1)
+    moved = solve_stepped_response(stretched, fine, steps).outputs[::parts]
+    count = len(outputs)
+    fast = coordinates.omega >= 2.0 * np.pi * low_frequency_limit_hz
+    share = (coordinates.outputs[:, fast] / coordinates.eigenvalues[fast]) @ coordinates.inputs[
+        fast
+    ]
+    if not coordinates.complete:
+        share = share + coordinates.residual
+    total, low_frequency = moved[:, :count], moved[:, count:]
+    quasi_static = given[::parts] @ share.T
+    return PathDeviation(
+        samples, total, quasi_static, low_frequency, total - quasi_static - low_frequency
+    )
+
+
+def solve_disturbed_loop(
+    loop: StateSpace,
+    outputs: int,
+    loads: Callable[[FloatArray], FloatArray],
+    *,
+    channels: Sequence[Channel],
+    samples: FloatArray,
+    load_step: float,
+) -> PathDeviation:
+    """The same of a closed loop that holds its set points; its quasi-static part is what it holds
+    under constant loads.
+
+    Args:
+        loop: Stable, with the channels among its inputs.
+        outputs: How many of its first outputs are wanted.
+        loads: ``(n, k)`` at instants ``(n,)``.
+        channels: Where they act.
+        samples: ``(n,)`` evenly spaced, from zero [s].
+        load_step: Longest time over which a load may be taken for straight [s].
+    """
+    columns = [loop.inputs.index(channel) for channel in channels]
+    b, c, d = loop.b[:, columns], loop.c[:outputs], loop.d[:outputs, columns]
+    fine, parts = _refine(samples, load_step)
+    given = loads(fine)
+    steps = np.stack([given[:-1], given[1:]], axis=1)
+    alone = StateSpace(loop.a, b, c, d, tuple(channels), (), loop.states)
+    total = solve_stepped_response(alone, fine, steps).outputs[::parts]
+    held = given[::parts] @ (d - c @ np.linalg.solve(loop.a, b)).T
+    return PathDeviation(samples, total, held, np.zeros_like(total), total - held)
+
+
+def _refine(samples: FloatArray, load_step: float) -> tuple[FloatArray, int]:
+    """Instants ``(n,)`` with no step longer than allowed, and how many steps per sample."""
+    parts = max(1, math.ceil((samples[1] - samples[0]) / load_step))
+    return np.asarray(
+        np.linspace(samples[0], samples[-1], parts * (len(samples) - 1) + 1), dtype=float
+    ), parts

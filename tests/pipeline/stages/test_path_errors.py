@@ -1,0 +1,180 @@
+"""Errors of guides along a path: slow travel against static poses, fast waves against the frequency
+response.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Machine, Pose
+from headstock.meshing.components.meshing import describe_component
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.path import PathResult
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.drives import place_drives, release_motors
+from headstock.reduction.motions.tool_deviation import GEOMETRY, solve_deviation
+from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import Scene, keep_analyses
+from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.drive_trains import FORCE
+from headstock.solvers.linear.damping import add_modal_damping
+from headstock.solvers.linear.modal_analysis import solve_modal
+
+SCENE = Path(__file__).parents[2] / "data" / "three_rigid_axes.toml"
+SLOW = (
+    "effects.damping={ modal = 0.05 }",
+    "analyses.path={ from = { X = '-150 mm', Y = '50 mm' }, to = { X = '150 mm', Y = '-50 mm' }, "
+    "feeds = ['6 m/min'], time_constant = '200 ms', sampling = '400 Hz', outputs = [['tcp', 'x'], ['tcp', 'y'], ['tcp', 'z']] }",
+)
+PASSING = (
+    "axes.X.errors={ EZ = { polynomial = ['0 um'] } }",
+    "axes.Y.errors={ EZ = { polynomial = ['0 um'] } }",
+    "axes.Z.errors={ EZ = { polynomial = ['0 um'] } }",
+    "joints.x_guide.errors={ ball_passing = { period = '2 mm', normal = '1 um', lateral = '0.5 um' } }",
+    "joints.x_guide.each={ 2 = { 'errors.ball_passing.phase' = '90 deg' } }",
+    "joints.x_guide.damping={ normal = '200 kN s/m', lateral = '100 kN s/m' }",
+    *(f"joints.{axis}_drive.damping={{ axial = '60 kN s/m' }}" for axis in "xyz"),
+    *(
+        f"joints.{axis}_guide.damping={{ normal = '200 kN s/m', lateral = '100 kN s/m' }}"
+        for axis in "yz"
+    ),
+    "effects.damping=true",
+    "analyses.path={ from = { X = '-100 mm' }, to = { X = '100 mm' }, feeds = ['3600 mm/min'], "
+    "time_constant = '50 ms', sampling = '2 kHz', residual_time = '1 s', pose_model = 'frozen', outputs = [['tcp', 'x'], ['tcp', 'y'], ['tcp', 'z']] }",
+)
+
+
+def run(scene: Scene, folder: Path) -> PathResult:
+    results: Results = run_scene(keep_analyses(scene, ("path",)), folder, comm=MPI.COMM_SELF)
+    assert not results.failures
+    return next(iter(find_answers(results.answers, PathResult)))
+
+
+def couple_rigid(machine: Machine, pose: Pose) -> CoupledMachine:
+    parts = {
+        name: reduce_rigid(component, describe_component(component))
+        for name, component in machine.components.items()
+    }
+    return couple(parts, machine, pose)
+
+
+def test_slow_travel_takes_the_static_deviation_of_each_pose(tmp_path: Path) -> None:
+    scene = load_scene(SCENE, overrides=SLOW)
+    with_errors = run(scene, tmp_path / "with")
+    ideal = run(
+        load_scene(SCENE, overrides=[*SLOW, "effects.guide_errors=false"]), tmp_path / "without"
+    )
+    own, other = (answer.runs[0].curves for answer in (with_errors, ideal))
+    moved = own.deviation.total - other.deviation.total
+    request = scene.analyses.path
+    assert request is not None
+    machine = scene.machine
+
+    def static(position: float) -> FloatArray:
+        pose = request.path.pose_at(position)
+        return solve_deviation(couple_rigid(machine, pose), machine, "tcp").sources[GEOMETRY]
+
+    first = static(0.0)
+    quiet = (own.deviation.times > 1.0) & (own.deviation.times < own.zones[1][0])
+    numbers = np.flatnonzero(quiet)[:: len(np.flatnonzero(quiet)) // 12]
+    assert len(numbers) > 10
+    size = np.abs(moved).max()
+    for number in numbers:
+        expected = static(float(own.positions[number])) - first
+        # 100 mm/s over waves of 250 mm and more: 0.4 Hz against some 30 Hz of the machine
+        assert np.abs(moved[number] - expected[:3]).max() < 1e-3 * size
+
+
+def test_passing_balls_shake_the_tool_as_the_frequency_response_says(tmp_path: Path) -> None:
+    scene = load_scene(SCENE, overrides=PASSING)
+    found = run(scene, tmp_path)
+    cruise = found.runs[0].cruises
+    machine = scene.machine
+    coupled = couple_rigid(machine, Pose("middle"))
+    omega = 2.0 * np.pi * 0.06 / 0.002
+    system = coupled.system
+    assert system.damping is not None
+    dynamic = system.stiffness - omega**2 * system.mass + 1j * omega * system.damping
+    force = np.zeros(len(system.mass), dtype=complex)
+    for spring in coupled.joint_springs:
+        if spring.name.startswith("x_guide"):
+            joint = machine.joints[spring.name]
+            assert joint.errors is not None and joint.point is not None
+            wave = joint.errors.passing[2].waves[0]
+            place = joint.point[0] - machine.components["bed"].placement.origin[0]
+            turn = np.exp(1j * (2.0 * np.pi * place / wave.period + wave.phase))
+            offset = -np.array([0.0, 0.5e-6, 1e-6, 0.0, 0.0, 0.0]) * turn
+            force += spring.rows.T @ ((spring.stiffness + 1j * omega * spring.damping) @ offset)
+    moved = np.linalg.solve(dynamic, force)
+    expected = [abs(system.outputs["tcp", dof] @ moved) for dof in "xyz"]
+    assert max(expected) > 1e-7
+    for channel, value in enumerate(expected):
+        figures = cruise[channel]
+        assert figures is not None
+        if value > 0.05 * max(expected):
+            assert figures.distance == pytest.approx(0.002, rel=2e-3)
+            assert figures.amplitude == pytest.approx(value, rel=5e-3)
+
+
+def test_a_rigid_guide_cannot_push_while_it_travels(tmp_path: Path) -> None:
+    stiff = ["joints.x_guide.stiffness={ lateral = 'rigid', normal = '500 N/um' }"]
+    scene = load_scene(SCENE, overrides=[*SLOW, *stiff])
+    results = run_scene(keep_analyses(scene, ("path",)), tmp_path, comm=MPI.COMM_SELF)
+    assert any("rigid in y" in failure for failure in results.failures)
+
+
+RIPPLE = (
+    "effects={ damping = { modal = 0.05 }, drive_control = true, torque_ripple = true }",
+    "joints.x_drive.at=['0 mm', '0 mm', '-40 mm']",
+    "analyses.path={ from = { X = '-100 mm' }, to = { X = '100 mm' }, feeds = ['3 m/min'], "
+    "time_constant = '50 ms', sampling = '2 kHz', residual_time = '1 s', "
+    "outputs = [['tcp', 'x'], ['tcp', 'z']] }",
+)
+
+
+def test_torque_ripple_shakes_the_tool_as_the_closed_loop_says(tmp_path: Path) -> None:
+    scene = load_scene(SCENE, overrides=RIPPLE)
+    found = run(scene, tmp_path)
+    coupled = couple_rigid(scene.machine, Pose("middle"))
+    drive = scene.drives["X"]
+    trains = place_drives(coupled, scene.machine, [drive])
+    released = release_motors(coupled, trains)
+    system = add_modal_damping(released.system, (0.05,), solve_modal(released.system))
+    loop = close_loops(
+        system, trains, inputs=[("X", FORCE)], outputs=[("tcp", "x"), ("tcp", "z")]
+    ).space
+    omega = 2.0 * np.pi * 6 * 0.05 / drive.lead
+    place = loop.inputs.index(("X", FORCE))
+    states = np.linalg.solve(1j * omega * np.eye(len(loop.a)) - loop.a, loop.b[:, place])
+    force = 0.2 * 2.0 * np.pi / drive.lead
+    for channel in range(2):
+        expected = force * abs(loop.c[channel] @ states + loop.d[channel, place])
+        figures = found.runs[0].cruises[channel]
+        assert figures is not None and expected > 1e-9
+        assert figures.distance == pytest.approx(drive.lead / 6, rel=2e-3)
+        assert figures.amplitude == pytest.approx(expected, rel=1e-2)
+
+
+def test_drives_under_control_follow_uneven_guides_too(tmp_path: Path) -> None:
+    """Across the travel, a slow path under control is as uneven as with ideal motors."""
+    changes = (
+        "effects={ damping = { modal = 0.05 }, drive_control = true, guide_errors = true }",
+        "axes.X.errors.EX={ polynomial = ['0 um'] }",
+        "analyses.path={ from = { X = '-150 mm' }, to = { X = '150 mm' }, feeds = ['6 m/min'], "
+        "time_constant = '200 ms', sampling = '400 Hz', outputs = [['tcp', 'z']], "
+        "pose_model = 'frozen' }",
+    )
+    driven = run(load_scene(SCENE, overrides=changes), tmp_path / "driven")
+    ideal = run(
+        load_scene(SCENE, overrides=[*changes, "effects.drive_control=false"]), tmp_path / "ideal"
+    )
+    first, second = (answer.runs[0].cruises[0] for answer in (driven, ideal))
+    assert first is not None and second is not None
+    assert first.variation > 1e-6
+    assert first.variation == pytest.approx(second.variation, rel=5e-3)
