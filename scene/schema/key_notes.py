@@ -107,10 +107,11 @@ NOTES = {
     "Interface.coupling": "`rigid`: the area moves as a rigid body (RBE2); `average`: the frame follows the area's mean motion (RBE3); "
     "`{ flexible = 24 }`: it also deforms, for large areas",
     "Flexible.flexible": "most deformation shapes besides the six rigid motions; whole levels of polynomials over the patch, as many as fit; "
-    "a rigid joint makes those of both sides one; `\"auto\"`: as many as the [accuracy](accuracy.md) needs, 24 without one; what they leave out is then "
-    "a part of every ±",
+    "a rigid joint makes those of both sides one; `\"auto\"`: as many as the [accuracy](accuracy.md) needs, 24 without one; what they leave out is "
+    "then a part of every ±",
     "Flexible.form": "`strong`: the area moves in its shapes alone, frequencies come from above, better where one part ends on the face of another; "
-    "`weak`: only its moments do, they come from below, better where the joint covers the section of both parts; an accuracy chooses it with `\"auto\"` where none is written",
+    "`weak`: only its moments do, they come from below, better where the joint covers the section of both parts; "
+    "an accuracy chooses it with `\"auto\"` where none is written",
     "Interface.allow_singular": "accept a point- or line-like area although its compliance depends on the mesh",
     "Interface.patches": "several areas as one interface: `[{ face = \"face:10\" }, { face = \"face:11\" }]`",
     "Interface.rail": "carriages act at any position along it, see [guideways](guideways.md)",
