@@ -214,6 +214,7 @@ def _make_job(request: SweepRequest) -> SweepJob:
         scene.analyses.static is None
         and scene.analyses.modal is None
         and scene.analyses.frf is None
+        and scene.analyses.lobes is None
     ):
         raise click.UsageError(
             f"{chosen.path} asks for nothing to compute in a pose; write [analyses.static] or [analyses.modal]"

@@ -26,15 +26,41 @@ def draw_sweep(summary: SweepSummary) -> dict[str, bytes]:
     ]
     families = {
         "modes": [quantity for quantity in quantities if quantity.name.startswith("mode_")],
-        "stiffness": [quantity for quantity in quantities if not quantity.name.startswith("mode_")],
+        "stiffness": [
+            quantity for quantity in quantities if not quantity.name.startswith(("mode_", "lobes_"))
+        ],
+        "lobes": [quantity for quantity in quantities if quantity.name.startswith("lobes_")],
     }
+    common = {"common_limits": _draw_common(summary)} if summary["lobes"] else {}
     moving = [axis for axis, count in enumerate(summary["shape"]) if count > 1]
     plane = summary["kind"] == "grid" and len(moving) >= 2
-    return {
+    found = {
         name: _draw_maps(summary, members, moving[:2]) if plane else _draw_curves(summary, members)
         for name, members in families.items()
         if members
     }
+    return found | common
+
+
+def _draw_common(summary: SweepSummary) -> bytes:
+    """Depth of cut that is stable in every pose, over the speed, a line for each direction."""
+    figure = new_figure(10.0, 3.6)
+    frame = figure.add_subplot(1, 1, 1)
+    for number, (name, limits) in enumerate(summary["lobes"].items()):
+        frame.plot(
+            np.array(limits["rpm"], dtype=float),
+            np.array(limits["everywhere_mm"], dtype=float),
+            linewidth=1.6,
+            label=f"travel {name}",
+            **line_style(number, COLORS),
+        )
+    frame.set_ylim(bottom=0.0)
+    frame.set_title("Depth of cut that is stable in every pose", fontsize=9, color=INK, loc="left")
+    frame.set_xlabel("speed of the spindle [rpm]", fontsize=9, color=INK)
+    frame.set_ylabel("[mm]", fontsize=9, color=INK)
+    frame.legend(fontsize=7, frameon=False)
+    calm_axes(frame)
+    return encode_figure(figure)
 
 
 def middle_plane(summary: SweepSummary, values: FloatArray, axes: list[int]) -> FloatArray:

@@ -28,7 +28,7 @@ from headstock.app.texts.model_answers import (
     show_change,
     verdict_words,
 )
-from headstock.app.texts.sweep_quantities import list_quantities, sampled_error_words
+from headstock.app.texts.sweep_quantities import limit_words, list_quantities, sampled_error_words
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.studies import SweepKind
@@ -64,7 +64,7 @@ def render_sweep(
         .get_template(TEMPLATE)
         .render(
             s=summary,
-            error_notes=sampled_error_words(summary),
+            error_notes=[*sampled_error_words(summary), *limit_words(summary)],
             errors=_list_errors(summary),
             origin=origin,
             quantities=list(zip(quantities, ranges, strict=True)),

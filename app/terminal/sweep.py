@@ -16,7 +16,7 @@ from headstock.app.terminal.console import (
     print_table,
 )
 from headstock.app.texts.bounded_values import show_bound
-from headstock.app.texts.sweep_quantities import sampled_error_words
+from headstock.app.texts.sweep_quantities import limit_words, sampled_error_words
 from headstock.geometry.frames import FloatArray
 from headstock.scene.studies import describe_positions, moving_axes
 from headstock.studies.sweeps.files import PointMapSummary, SweepSummary
@@ -77,6 +77,8 @@ def print_sweep(
             console, f"Static compliance at {name} [µm/kN]", _point_table(point, results, errors)
         )
     for words in sampled_error_words(summary):
+        console.print(words, markup=False)
+    for words in limit_words(summary):
         console.print(words, markup=False)
     _print_states(results)
     print_remarks(results.warnings)

@@ -1,5 +1,6 @@
 """The quantities of a sweep that are mapped, as lists over its poses, and as a table."""
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,7 +88,45 @@ def list_quantities(summary: SweepSummary) -> list[Quantity]:
             )
             for key, (title, unit) in FIGURE_TITLES.items()
         ]
+    for name, limits in summary["lobes"].items():
+        found += [
+            Quantity(
+                f"lobes_{name}_{key}",
+                f"{title}, travel {name}",
+                unit,
+                np.array(values, dtype=float),
+            )
+            for key, title, unit, values in (
+                ("lowest", "lowest limit depth", "mm", limits["lowest_mm"]),
+                ("lowest_speed", "speed of the lowest limit", "rpm", limits["lowest_rpm"]),
+                ("best", "deepest limit", "mm", limits["best_mm"]),
+                ("best_speed", "best speed", "rpm", limits["best_rpm"]),
+                ("chatter", "chatter at the lowest limit", "Hz", limits["chatter_hz"]),
+            )
+        ]
     return found
+
+
+def limit_words(summary: SweepSummary) -> list[str]:
+    """What is stable in every pose, which modes limit it, and how many limits were confirmed; empty
+    without lobes.
+    """
+    words = []
+    for name, limits in summary["lobes"].items():
+        if limits["common_best_mm"] is None:
+            continue
+        modes = Counter(mode for mode in limits["modes"] if mode)
+        often = ", ".join(f"{mode} ({count})" for mode, count in modes.most_common(3))
+        words.append(
+            f"travel {name}: {limits['common_best_mm']:.3g} mm are stable in every pose at {limits['common_best_rpm']:.0f} rpm;"
+            f" modes behind the lowest limits (poses): {often}"
+        )
+    if words and summary["limits_checked"]:
+        words.append(
+            f"{summary['limits_confirmed']} of {summary['limits_checked']} checked limits were confirmed by Floquet multipliers,"
+            " the others replaced by bisection"
+        )
+    return words
 
 
 def tabulate_sweep(summary: SweepSummary) -> PlainTable:

@@ -162,12 +162,13 @@ def travel_frame(
     return np.array([along, np.cross(axis, along), axis])
 
 
-def solve_lobes(machine: PoseModel, *, named: bool = True) -> Solved[PoseLobes]:
+def solve_lobes(machine: PoseModel, *, whole: bool = True) -> Solved[PoseLobes]:
     """Lobes of a machine in a pose with the damping of its scene.
 
     Args:
         machine: In the pose.
-        named: Find the mode behind every lobe; else only behind the lowest.
+        whole: Find the mode behind every lobe and check the best speeds; else only the lowest
+            limit.
 
     Raises:
         ModelError: A mode in the range has no damping.
@@ -176,7 +177,7 @@ def solve_lobes(machine: PoseModel, *, named: bool = True) -> Solved[PoseLobes]:
     request = point.request
     verify = None if isinstance(point.assembly, MeasuredAssembly) else reduced_tip(machine, point)
     found = tuple(
-        _solve_direction(machine, point, direction, verify, named=named)
+        _solve_direction(machine, point, direction, verify, whole=whole)
         for direction in request.directions
     )
     low = request.immersion < request.low_immersion
@@ -236,7 +237,7 @@ def _solve_direction(
     direction: tuple[float, float, float],
     verify: Callable[[FloatArray], TipDynamics] | None,
     *,
-    named: bool,
+    whole: bool,
 ) -> DirectionLobes:
     request, frame = point.request, travel_frame(direction, point.request.up)
     stiffness = mean_cutting_stiffness(request.mill, request.coefficients, request.radial_depth)
@@ -255,7 +256,7 @@ def _solve_direction(
         if request.immersion < request.low_immersion:
             places = np.arange(len(depths))
         else:
-            chosen = {*_choose_speeds(machine, diagram), *_best_speeds(depths)}
+            chosen = {*_choose_speeds(machine, diagram), *(_best_speeds(depths) if whole else ())}
             checks = [trials.check(place) for place in sorted(chosen)]
             places = np.array(
                 [check.place for check in checks if not check.confirmed], dtype=np.intp
@@ -264,7 +265,7 @@ def _solve_direction(
             found[place] = trials.limit(int(place))
         bisected = len(places)
         depths = np.where(np.isnan(found), depths, found)
-    lobes, owner = _group(point, diagram, depths, stiffness, frame, machine, named=named)
+    lobes, owner = _group(point, diagram, depths, stiffness, frame, machine, whole=whole)
     return DirectionLobes(
         direction=direction,
         depths=depths,
@@ -347,14 +348,14 @@ def _group(
     frame: FloatArray,
     machine: PoseModel,
     *,
-    named: bool,
+    whole: bool,
 ) -> tuple[tuple[Lobe, ...], NDArray[np.intp]]:
     """Neighbouring speeds with the same waves of the same mode, and the lobe of each speed."""
     owner = np.full(len(depths), -1, dtype=np.intp)
     limited = np.flatnonzero(diagram.waves >= 0)
     if not len(limited):
         return (), owner
-    if not named:
+    if not whole:
         limited = limited[[int(np.argmin(depths[limited]))]]
     sources, shares = _find_sources(point, diagram, limited, stiffness, frame)
     waves = diagram.waves[limited]

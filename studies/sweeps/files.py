@@ -11,13 +11,14 @@ import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.lobes import MM, RPM
 from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
 from headstock.pipeline.results.files import mark_units
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.studies import SweepKind
 from headstock.studies.sweeps.journals import FIGURES, PoseState
-from headstock.studies.sweeps.results import PointMap, SampledErrors, SweepResults
+from headstock.studies.sweeps.results import LimitMap, PointMap, SampledErrors, SweepResults
 
 # nested like the dimensions of an array, None for NaN
 type Numbers = float | None | Sequence[Numbers]
@@ -33,6 +34,10 @@ UNITS = {
     r"modal/rigid_count|modal/tracked/correlation|condition_number|static/.*/(direction|ratio|weakest_share)": "1",
     r"static/.*/largest": "m/N",
     r"static/.*/compliance": "m/N",
+    r"lobes/.*/speeds": "rad/s",
+    r"lobes/.*/limit_depth": "m",
+    r"lobes/.*/chatter_hz": "Hz",
+    r"lobes/.*/mode": "",
     r"frf/.* r[xyz]/most_negative_real": "rad/(N m)",
     r"frf/.* r[xyz]/.*": "N m/rad",
     r"frf/.*/most_negative_real": "m/N",
@@ -83,6 +88,10 @@ def _fill(file: h5py.File, results: SweepResults) -> None:
         group = file.create_group(f"frf/{name} {direction}")
         for column, figure in enumerate(FIGURES):
             group[figure] = values[:, column]
+    for name, limits in results.limits.items():
+        group = file.create_group(f"lobes/{name}")
+        group["speeds"], group["limit_depth"] = limits.speeds, limits.depths
+        group["chatter_hz"], group["mode"] = limits.chatter_hz, _words(limits.modes)
     mark_units(file, UNITS)
 
 
@@ -128,6 +137,23 @@ class PointMapSummary(TypedDict):
     weakest_share: Numbers
 
 
+class LimitMapSummary(TypedDict):
+    """Limit depth of cut of a direction of travel over the poses, and the depth that is stable in all
+    of them over the speeds; every speed of every pose is in ``sweep.h5``.
+    """
+
+    lowest_mm: Numbers
+    lowest_rpm: Numbers
+    best_mm: Numbers
+    best_rpm: Numbers
+    chatter_hz: Numbers
+    modes: list[str]
+    rpm: Numbers
+    everywhere_mm: Numbers
+    common_best_mm: float | None
+    common_best_rpm: float | None
+
+
 class SweptAxes(TypedDict):
     """Axes that are set, the unit ``m`` or ``rad`` of each, and its position in every pose."""
 
@@ -158,6 +184,9 @@ class SweepSummary(SweptAxes):
     static: dict[str, PointMapSummary]
     condition_number: Numbers
     frf: dict[str, dict[str, Numbers]]
+    lobes: dict[str, LimitMapSummary]
+    limits_checked: int
+    limits_confirmed: int
     warnings: list[str]
     provenance: NotRequired[ProvenanceSummary]
 
@@ -189,6 +218,9 @@ def summarise_sweep(results: SweepResults) -> SweepSummary:
             " ".join(channel): _summarise_figures(values)
             for channel, values in results.figures.items()
         },
+        "lobes": {name: _summarise_limits(limits) for name, limits in results.limits.items()},
+        "limits_checked": results.limit_checks[0],
+        "limits_confirmed": results.limit_checks[1],
         "warnings": list(results.warnings),
     }
 
@@ -228,6 +260,25 @@ def _summarise_point(point: PointMap) -> PointMapSummary:
         "ratio": _nulls(point.ratio),
         "weakest": [list(names) for names in point.links],
         "weakest_share": _nulls(point.link_shares),
+    }
+
+
+def _summarise_limits(limits: LimitMap) -> LimitMapSummary:
+    rpm, everywhere = RPM * limits.speeds, MM * limits.everywhere
+    known = np.isfinite(limits.depths).all(axis=1)
+    filled = np.where(known[:, None], limits.depths, 0.0)
+    best = int(np.argmax(everywhere)) if known.any() else None
+    return {
+        "lowest_mm": _nulls(np.where(known, MM * filled.min(axis=1), np.nan)),
+        "lowest_rpm": _nulls(np.where(known, rpm[np.argmin(filled, axis=1)], np.nan)),
+        "best_mm": _nulls(np.where(known, MM * filled.max(axis=1), np.nan)),
+        "best_rpm": _nulls(np.where(known, rpm[np.argmax(filled, axis=1)], np.nan)),
+        "chatter_hz": _nulls(limits.chatter_hz),
+        "modes": list(limits.modes),
+        "rpm": _nulls(rpm),
+        "everywhere_mm": _nulls(everywhere),
+        "common_best_mm": None if best is None else float(everywhere[best]),
+        "common_best_rpm": None if best is None else float(rpm[best]),
     }
 
 

@@ -64,6 +64,10 @@ class PoseResult:
         condition: ``(0 or 1,)`` condition number of a mechanism.
         figures: ``(q, f)`` of the frequency response, per input port and as ``FIGURES`` names them;
             NaN where there is none.
+        limits: ``(d, n)`` limit depth of cut by direction of travel and speed of the spindle [m].
+        chatter_hz: ``(d,)`` frequency of chatter at the lowest limit; NaN where there is none.
+        chatter_modes: ``d`` names of the mode behind it.
+        limit_checks: ``(2,)`` how many limits were checked, and how many of them confirmed.
     """
 
     positions: FloatArray
@@ -78,6 +82,10 @@ class PoseResult:
     link_shares: FloatArray = field(default_factory=lambda: np.zeros(0))
     condition: FloatArray = field(default_factory=lambda: np.zeros(0))
     figures: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    limits: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    chatter_hz: FloatArray = field(default_factory=lambda: np.zeros(0))
+    chatter_modes: tuple[str, ...] = ()
+    limit_checks: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 def encode_result(result: PoseResult) -> bytes:

@@ -24,7 +24,12 @@ from headstock.solvers.mechanisms.modes import (
     solve_pose_modes,
 )
 from headstock.studies.sweeps.journals import PoseResult
-from headstock.studies.sweeps.machine_poses import POSE_ERRORS, count_wanted, list_figures
+from headstock.studies.sweeps.machine_poses import (
+    POSE_ERRORS,
+    add_limits,
+    count_wanted,
+    list_figures,
+)
 
 POSES_AT_ONCE = 64
 
@@ -82,14 +87,16 @@ def solve_lumped_poses(
             )
             continue
         found = replace(next(solved), condition=np.array([survey.condition[number]]))
-        if shared.parts.scene.analyses.frf is not None:
+        analyses = shared.parts.scene.analyses
+        if analyses.frf is not None or analyses.lobes is not None:
+            model = place_pose(shared.parts, pose, shared.model, shared.superelements)
             try:
-                figures = list_figures(
-                    place_pose(shared.parts, pose, shared.model, shared.superelements)
-                )
-                found = replace(found, figures=figures)
+                if analyses.frf is not None:
+                    found = replace(found, figures=list_figures(model))
+                if analyses.lobes is not None:
+                    found = add_limits(model, found)
             except POSE_ERRORS as error:
-                found = replace(found, state="failed", error=f"frf analysis: {error}")
+                found = replace(found, state="failed", error=f"frf or lobes analysis: {error}")
         results.append(found)
     return results
 

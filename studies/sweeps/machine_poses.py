@@ -9,8 +9,10 @@ from headstock.geometry.errors import HeadstockError, PoseError
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
+from headstock.pipeline.answers.lobes import HZ
 from headstock.pipeline.answers.mechanism import describe_state
 from headstock.pipeline.stages.frf import respond
+from headstock.pipeline.stages.lobes import solve_lobes
 from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.coupling.coupling import couple
@@ -48,7 +50,9 @@ class MachinePoses:
 def share_machine(parts: MachineParts, superelements: Mapping[str, Superelement]) -> MachinePoses:
     """What all poses of the machine of a scene share."""
     static, frf = parts.scene.analyses.static, parts.scene.analyses.frf
+    lobes = parts.scene.analyses.lobes
     channels = {
+        *(() if lobes is None else (lobes.at,)),
         *(() if static is None else static.at),
         *(name for name, _ in (() if frf is None else frf.inputs + frf.outputs)),
     }
@@ -73,7 +77,12 @@ def solve_machine_pose(shared: MachinePoses, pose: Pose, positions: FloatArray) 
     found = PoseResult(positions, condition=_find_condition(shared, pose))
     errors: list[str] = []
     model = CoupledPose(shared.parts, pose, coupled)
-    for name, add in (("static", _add_points), ("modal", _add_modes), ("frf", _add_response)):
+    for name, add in (
+        ("static", _add_points),
+        ("modal", _add_modes),
+        ("frf", _add_response),
+        ("lobes", _add_lobes),
+    ):
         try:
             found = add(model, found)
         except POSE_ERRORS as error:
@@ -177,6 +186,34 @@ def _add_response(model: CoupledPose, found: PoseResult) -> PoseResult:
         found
         if model.parts.scene.analyses.frf is None
         else replace(found, figures=list_figures(model))
+    )
+
+
+def _add_lobes(model: CoupledPose, found: PoseResult) -> PoseResult:
+    return found if model.parts.scene.analyses.lobes is None else add_limits(model, found)
+
+
+def add_limits(model: PoseModel, found: PoseResult) -> PoseResult:
+    """A result with the limit depths of cut in its pose.
+
+    Args:
+        model: The machine in the pose.
+        found: The result so far.
+    """
+    lobes = solve_lobes(model, whole=False).answer.directions
+    lowest = [own.lowest for own in lobes]
+    checks = [check for own in lobes for check in own.checks]
+    return replace(
+        found,
+        limits=np.array([own.depths for own in lobes]),
+        chatter_hz=np.array(
+            [
+                np.nan if lobe is None else HZ * own.chatter[lobe.place]
+                for own, lobe in zip(lobes, lowest, strict=True)
+            ]
+        ),
+        chatter_modes=tuple("" if lobe is None else lobe.mode for lobe in lowest),
+        limit_checks=np.array([len(checks), sum(check.confirmed for check in checks)], dtype=float),
     )
 
 

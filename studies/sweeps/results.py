@@ -11,6 +11,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.estimates import Estimate
+from headstock.pipeline.answers.lobes import name_direction
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import PointCompliance
 from headstock.pipeline.stages.machine import couple_pose
@@ -18,7 +19,7 @@ from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
 from headstock.pipeline.stages.modal import solve_pose_modes
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.superelement import Superelement
-from headstock.scene.requests import Analyses, ModalRequest
+from headstock.scene.requests import Analyses, LobesRequest, ModalRequest
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Sweep, describe_positions, sweep_neighbours, sweep_pose
 from headstock.solvers.errors import ModelError
@@ -53,6 +54,29 @@ class PointMap:
     link_shares: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class LimitMap:
+    """Limit depth of cut over poses and speeds, for one direction of travel.
+
+    Attributes:
+        speeds: ``(s,)`` of the spindle [rad/s].
+        depths: ``(n, s)`` [m]; NaN where there is none.
+        chatter_hz: ``(n,)`` frequency of chatter at the lowest limit of each pose.
+        modes: ``n`` names of the mode behind it.
+    """
+
+    speeds: FloatArray
+    depths: FloatArray
+    chatter_hz: FloatArray
+    modes: tuple[str, ...]
+
+    @property
+    def everywhere(self) -> FloatArray:
+        """``(s,)`` depth that is stable in every pose at a speed [m]."""
+        known = self.depths[np.isfinite(self.depths).all(axis=1)]
+        return known.min(axis=0) if len(known) else np.full(len(self.speeds), np.nan)
+
+
 @dataclass(frozen=True)
 class SampledErrors:
     """Error estimates in one pose of a sweep: of other poses none are made.
@@ -84,6 +108,8 @@ class SweepResults:
         points: Compliance by point name.
         condition: ``(n,)`` condition number of a mechanism; None for other machines.
         figures: Input port to ``(n, f)``, as ``FIGURES`` names them.
+        limits: Limit depths of cut by the name of the direction of travel.
+        limit_checks: How many limits were checked by Floquet multipliers, and how many confirmed.
         warnings: For the user.
         mode_names: Of the tracked modes, as they are called in one pose; empty where they were not
             named.
@@ -101,6 +127,8 @@ class SweepResults:
     points: dict[str, PointMap]
     condition: FloatArray | None
     figures: dict[Channel, FloatArray]
+    limits: dict[str, LimitMap] = field(default_factory=dict)
+    limit_checks: tuple[int, int] = (0, 0)
     warnings: tuple[str, ...] = ()
     mode_names: tuple[str, ...] = ()
     sampled_errors: tuple[SampledErrors, ...] = ()
@@ -165,7 +193,33 @@ def collect_results(
         },
         condition=conditions[:, 0] if conditions.shape[1] else None,
         figures={channel: _figures(found, place) for place, channel in enumerate(channels)},
+        limits=_map_limits(scene.analyses.lobes, found),
+        limit_checks=_count_checks(found),
     )
+
+
+def _map_limits(request: LobesRequest | None, found: Sequence[PoseResult]) -> dict[str, LimitMap]:
+    if request is None:
+        return {}
+    blank = np.full((len(request.directions), len(request.speeds)), np.nan)
+    unknown = np.full(len(request.directions), np.nan)
+    depths = np.array([result.limits if result.limits.size else blank for result in found])
+    chatter = np.array([result.chatter_hz if result.limits.size else unknown for result in found])
+    return {
+        name_direction(direction): LimitMap(
+            request.speeds,
+            depths[:, place],
+            chatter[:, place],
+            tuple(result.chatter_modes[place] if result.chatter_modes else "" for result in found),
+        )
+        for place, direction in enumerate(request.directions)
+    }
+
+
+def _count_checks(found: Sequence[PoseResult]) -> tuple[int, int]:
+    counts = [result.limit_checks for result in found if len(result.limit_checks)]
+    checked, confirmed = np.sum(counts, axis=0) if counts else (0, 0)
+    return int(checked), int(confirmed)
 
 
 def weigh_shapes(shapes: SingleArray, superelements: Mapping[str, Superelement]) -> SingleArray:

@@ -41,7 +41,7 @@ from headstock.studies.sweeps.machine_poses import share_machine, solve_machine_
 
 # of no influence on what is found in a pose
 IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants", "compare", "poses")
-SWEPT_ANALYSES = ("static", "modal", "frf")
+SWEPT_ANALYSES = ("static", "modal", "frf", "lobes")
 POLL_SECONDS = 0.005
 
 

@@ -235,6 +235,9 @@ def test_colour_bars_of_a_sweep_hold_whole_numbers_not_offsets(figures: list[Fig
         "static": {},
         "condition_number": None,
         "frf": {},
+        "lobes": {},
+        "limits_checked": 0,
+        "limits_confirmed": 0,
     }
     draw_sweep(sketch(SweepSummary, summary))
     bar = figures[0].axes[1]

@@ -1,0 +1,65 @@
+"""Lobes over poses: each pose has the limits of a run in it, and a depth that is stable in all of
+them.
+"""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.app.charts.sweep import draw_sweep
+from headstock.app.texts.sweep_quantities import limit_words
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.lobes import PoseLobes
+from headstock.pipeline.runner import run_scene
+from headstock.scene.building.loader import load_scene
+from headstock.scene.requests import Analyses
+from headstock.studies.sweeps.files import summarise_sweep, write_sweep
+from headstock.studies.sweeps.results import collect_results
+from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
+
+DATA = Path(__file__).parents[2] / "data"
+LOBES = """
+[effects]
+damping = { modal = "3 %" }
+[analyses.lobes]
+speeds = ["3000 rpm", "12000 rpm", 30]
+mill = { diameter = "16 mm", teeth = 4 }
+material = "al7075-t6"
+radial_depth = "16 mm"
+"""
+
+
+@pytest.fixture(autouse=True)
+def _own_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def test_every_pose_of_a_sweep_has_the_limits_of_a_run_in_it(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text((DATA / "slide.toml").read_text() + LOBES)
+    scene = load_scene(path)
+    scene = dataclasses.replace(scene, analyses=Analyses(lobes=scene.analyses.lobes))
+    (tmp_path / "sweep").mkdir()
+    job = SweepJob(select_analyses(scene), scene.sweeps["named"], tmp_path / "sweep")
+    outcome = run_sweep(job, comm=MPI.COMM_SELF)
+    results = collect_results(
+        job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key
+    )
+    write_sweep(tmp_path, results)
+    run = run_scene(scene, tmp_path / "run", comm=MPI.COMM_SELF)
+    found = {answer.pose: answer for answer in find_answers(run.answers, PoseLobes)}
+    assert set(found) == {"left", "right"}
+    for number, pose in enumerate(("left", "right")):
+        for own, (name, limits) in zip(found[pose].directions, results.limits.items(), strict=True):
+            np.testing.assert_allclose(limits.depths[number], own.depths, rtol=1e-9)
+            assert own.lowest is not None
+            assert limits.modes[number] == own.lowest.mode
+            assert (limits.everywhere <= own.depths + 1e-12).all(), name
+    checked, confirmed = results.limit_checks
+    assert checked == confirmed >= 3
+    summary = summarise_sweep(results)
+    assert "stable in every pose" in limit_words(summary)[0]
+    assert {"lobes", "common_limits"} <= set(draw_sweep(summary))
