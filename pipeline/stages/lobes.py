@@ -35,8 +35,7 @@ from headstock.solvers.linear.frequency_response import (
     prepare_frf,
     refine_grid,
 )
-from headstock.solvers.linear.modal_coordinates import ModalCoordinates
-from headstock.solvers.linear.residual_modes import reduce_to_modes
+from headstock.solvers.linear.modal_coordinates import ModalCoordinates, reduce_to_modes
 from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.milling.full_discretisation import (
     cut_multiplier,

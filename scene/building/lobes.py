@@ -9,7 +9,7 @@ from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.requests import LobesRequest
-from headstock.scene.schema.lobes import LobesTable, ToolModeTable
+from headstock.scene.schema.mechanism import LobesTable, ToolModeTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill
 from headstock.solvers.milling.tool_dynamics import ToolMode, across_axis

@@ -12,8 +12,7 @@ from headstock.scene.schema.drives import ControlTable, DriveTable
 from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
 from headstock.scene.schema.joints import JointTable
 from headstock.scene.schema.loads import LoadTable, ProbeTable, SupportTable
-from headstock.scene.schema.lobes import LobesTable
-from headstock.scene.schema.mechanism import ContouringTable, MechanismTable
+from headstock.scene.schema.mechanism import ContouringTable, LobesTable, MechanismTable
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.studies import StudyTable, SweepTable
 from headstock.scene.schema.transient import TransientTable

@@ -7,7 +7,7 @@ import pytest
 
 from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.linear.residual_modes import reduce_to_modes
+from headstock.solvers.linear.modal_coordinates import reduce_to_modes
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, MillingCut
 from headstock.solvers.milling.full_discretisation import (
