@@ -49,8 +49,8 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "linear": set(),
         "mechanisms": set(),
         "control": {"linear"},
-        "paths": {"linear", "control"},
-        "milling": {"linear", "mechanisms"},
+        "paths": {"linear", "mechanisms", "control"},
+        "milling": {"linear", "mechanisms", "paths"},
     },
     "reduction": {
         "components": set(),

@@ -34,12 +34,8 @@ from headstock.solvers.mechanisms.modes import (
     solve_pose_modes,
 )
 from headstock.solvers.milling.contouring import (
-    CompliantHistory,
-    LinearMotion,
     drive_forces,
-    interpolate_nodes,
     linear_motion,
-    march_linear,
     refine_motion,
     tool_gaps,
 )
@@ -59,6 +55,12 @@ from headstock.solvers.milling.stability import (
     tip_dynamics,
 )
 from headstock.solvers.milling.tool_path import square_path
+from headstock.solvers.paths.linear_motion import (
+    CompliantHistory,
+    LinearMotion,
+    interpolate_nodes,
+    march_linear,
+)
 
 NODE_SPACING = 4e-3
 SETTLING = 0.3  # left out at both ends of each face [s]

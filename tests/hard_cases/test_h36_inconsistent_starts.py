@@ -9,9 +9,10 @@ from headstock.geometry.errors import ClosureError
 from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_motion
 from headstock.solvers.mechanisms.motion import ConstrainedMotion, project_start
 from headstock.solvers.mechanisms.partitioning import Drive
-from headstock.solvers.milling.contouring import linear_motion, march_linear
+from headstock.solvers.milling.contouring import linear_motion
 from headstock.solvers.milling.path_drives import follow_path
 from headstock.solvers.milling.tool_path import SquareContour, square_path
+from headstock.solvers.paths.linear_motion import march_linear
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
 

@@ -25,7 +25,6 @@ from headstock.pipeline.stages.contouring import (
 )
 from headstock.scene.building.loader import load_scene
 from headstock.scene.requests import ContouringRequest
-from headstock.solvers.milling.contouring import LinearMotion, Regeneration, march_linear
 from headstock.solvers.milling.forces import CUTTING_MATERIALS
 from headstock.solvers.milling.stability import (
     TipDynamics,
@@ -35,6 +34,7 @@ from headstock.solvers.milling.stability import (
     single_frequency_limit,
     tip_dynamics,
 )
+from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
 from headstock.validation.mechanisms.tripteor_machine import SCENE, Tripteor, load_tripteor
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
 
@@ -432,7 +432,7 @@ def _marched_multiplier(period: float, depth: float, steps: int, turns: int = 60
         nodes=times[[0, -1]],
         mass=both(MASS),
         damping=both(2.0 * ZETA * omega * MASS),
-        stiffness=np.full((2, 1), MASS * omega**2),
+        stiffness=both(MASS * omega**2),
         tool=tool,
         gravity_deflection=np.zeros((2, 1)),
         load=np.zeros((len(times), 1)),
