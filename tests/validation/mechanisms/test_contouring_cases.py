@@ -3,14 +3,17 @@
 import numpy as np
 import pytest
 
-from headstock.pipeline.stages.contouring import ContourRun, run_contour
+from headstock.pipeline.contours.contour_run import ContourRun
+from headstock.pipeline.contours.lumped_contour import run_lumped_contour
 from headstock.validation.mechanisms.contouring_cases import contour_request
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 
 
 def run_start(material: str, until: float) -> ContourRun:
     tripteor = load_tripteor()
-    return run_contour(tripteor.scene, tripteor.model, contour_request(material), until=until)
+    return run_lumped_contour(
+        tripteor.scene, tripteor.model, contour_request(material), until=until
+    )
 
 
 def test_the_tool_is_pushed_off_face_1_by_about_ten_micrometres_and_hardly_ripples() -> None:
