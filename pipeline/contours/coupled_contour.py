@@ -32,7 +32,7 @@ from headstock.solvers.control.friction_loop import friction_force
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.milling.path_drives import move_markers
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
-from headstock.solvers.milling.tool_path import SmoothPath, square_path
+from headstock.solvers.milling.tool_path import AVERAGES, SmoothPath, square_path
 from headstock.solvers.paths.linear_motion import interpolate_nodes
 from headstock.solvers.paths.sampled_motion import (
     SampledChannels,
@@ -120,7 +120,8 @@ def run_coupled_contour(
     place = _placer(state, way, screws)
     middles = 0.5 * (face_times[1:] + face_times[:-1])
     if request.follows_pose:
-        breaks = [0.0, *(float(t) for t in corner_times(request, face_times) if t < end), end]
+        bends = (*bend_times(request, face_times), path.span[1] - AVERAGES * request.contour.window)
+        breaks = [0.0, *(float(time) for time in bends if time < end), end]
         sampled = sample_motion(place, breaks, channels)
     else:
         kept = place(float(middles[0]))
@@ -165,11 +166,15 @@ def run_coupled_contour(
     )
 
 
-def corner_times(request: ContouringRequest, face_times: FloatArray) -> FloatArray:
-    """``(6,)`` times at which the tool enters and leaves the arcs around the corners [s]."""
+def bend_times(request: ContouringRequest, face_times: FloatArray) -> FloatArray:
+    """``(7,)`` times at which the tool has sped up, and enters and leaves the arcs around the
+    corners [s].
+    """
     arc = 0.5 * math.pi * request.contour.offset / request.contour.feed
     starts = face_times[1:4]
-    return np.asarray(np.sort(np.concatenate([starts - arc, starts])))
+    return np.concatenate(
+        [[AVERAGES * request.contour.window], np.stack([starts - arc, starts], axis=1).ravel()]
+    )
 
 
 def find_screws(machine: Machine) -> dict[str, tuple[str, Axis | None]]:

@@ -39,6 +39,7 @@ from headstock.solvers.second_order import Channel
 MOST_SAMPLES = 400
 # of what splines miss half-way between poses, as a share of its size, before the last halving
 MISS_TOLERANCE = 1e-3
+ROUNDOFF = 1e-5  # an input so much smaller than the largest one moves nothing
 TOOL = slice(0, 3)  # inputs and outputs begin with those of the tool
 GIVEN = slice(3, None)  # then come loads that the way gives, gravity first, and forces of drives
 NODE_SPACING = 0.02
@@ -244,10 +245,11 @@ def _miss(
         root = np.sqrt(np.maximum(pose.stiffness.diagonal(), (2.0 * np.pi * LEAST_HZ) ** 2))
         # what all modes together answer statically: residuals are judged by it
         whole = np.abs(pose.outputs / root**2) @ np.abs(pose.inputs) + np.abs(pose.residual)
+        sizes = np.abs(pose.inputs).max(axis=0, initial=0.0)
         weights = {
             "stiffness": 1.0 / np.outer(root, root),
             "damping": 1.0 / np.sqrt(np.outer(root, root)),
-            "inputs": inverse_size(pose.inputs.T).T,
+            "inputs": 1.0 / np.maximum(sizes, ROUNDOFF * sizes.max(initial=1.0)),
             "outputs": inverse_size(pose.outputs),
             "residual": inverse_size(whole),
         }
