@@ -64,6 +64,8 @@ class RigidWay:
         amounts: Accelerations ``(n, r)`` of these channels at times ``(n,)``.
         channels: Their names.
         axis_motion: Speed and acceleration ``(n,)`` of an axis at times; None of a mechanism.
+        leg_forces: Forces ``(n, d)`` that hold up and accelerate the legs of a mechanism themselves,
+            between their drives and their screws, at times; None of axes.
     """
 
     pose_at: Callable[[float], Pose]
@@ -71,6 +73,7 @@ class RigidWay:
     amounts: Callable[[FloatArray], FloatArray]
     channels: tuple[Channel, ...]
     axis_motion: Callable[[str, FloatArray], tuple[FloatArray, FloatArray]] | None = None
+    leg_forces: Callable[[FloatArray], FloatArray] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,13 +143,15 @@ def run_coupled_contour(
     )
 
     def drive_forces(some: NDArray[np.intp]) -> FloatArray:
-        return follow_drives(
+        pushed = follow_drives(
             sampled,
             times[some],
             coordinates=history.compliant[some],
             force=force[some],
             given=given(times[some]),
         )
+        # a drive at the base of a leg also carries the leg, and pushes against what its tip feels
+        return pushed if way.leg_forces is None else way.leg_forces(times[some]) - pushed
 
     torques, assumed = _motor_torques(state, tuple(screws), way, times)
     return CoupledRun(
@@ -281,7 +286,7 @@ def _screw_rows(
 def _plan_way(state: RunState, request: ContouringRequest, path: SmoothPath) -> RigidWay:
     mechanism, machine = state.scene.mechanism, state.scene.machine
     if mechanism is not None:
-        return _mechanism_way(state, mechanism, path)
+        return _mechanism_way(state, mechanism, path, find_screws(machine))
     return _axes_way(machine, find_tool_travel(machine, machine.points[request.point or ""]), path)
 
 
@@ -318,7 +323,12 @@ def _axes_way(machine: Machine, travel: ToolTravel, path: SmoothPath) -> RigidWa
     )
 
 
-def _mechanism_way(state: RunState, mechanism: SceneMechanism, path: SmoothPath) -> RigidWay:
+def _mechanism_way(
+    state: RunState,
+    mechanism: SceneMechanism,
+    path: SmoothPath,
+    screws: Mapping[str, tuple[str, Axis | None]],
+) -> RigidWay:
     """A mechanism that leads its tool along a path without turning it."""
     parts, mounted = state.parts, mechanism.mounted
     carried = {name: marker for name, marker in mechanism.carries.items() if name in parts.reduced}
@@ -360,7 +370,23 @@ def _mechanism_way(state: RunState, mechanism: SceneMechanism, path: SmoothPath)
             }
         return found
 
-    return RigidWay(pose_at, loads, amounts, channels)
+    def leg_forces(times: FloatArray) -> FloatArray:
+        moved, pulled = move_markers(mounted, times, path.at(times), mechanism.tool), amounts(times)
+        gravity = np.zeros(3) if parts.plan.gravity is None else np.asarray(parts.plan.gravity)
+        found, names = np.zeros((len(times), len(screws))), list(carried)
+        for number, (joint, _) in enumerate(screws.values()):
+            leg = state.scene.machine.joints[joint].ends[0].component
+            if leg not in carried:
+                continue
+            rotation = moved.rotations[:, mounted.mechanism.markers.index(carried[leg])]
+            axis = state.scene.machine.joints[joint].rotation[:, 0]
+            along = rotation @ axis @ mounted.mounting.rotation.T
+            center = pulled[:, 6 * names.index(leg) : 6 * names.index(leg) + 3]
+            weight = parts.superelements[leg].mass_kg
+            found[:, number] = weight * ((center - gravity) * along).sum(axis=1)
+        return found
+
+    return RigidWay(pose_at, loads, amounts, channels, leg_forces=leg_forces)
 
 
 def _motor_torques(

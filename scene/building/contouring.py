@@ -117,7 +117,9 @@ def check_contour_reach(scene: Scene, findings: Findings) -> None:
     machine, point = scene.machine, scene.machine.points[request.point or ""]
     try:
         travel = find_tool_travel(machine, point)
-        places = travel.axis_positions(path.at(np.linspace(*path.span, LOOKS)).position)
+        places = travel.axis_positions(
+            path.at(np.linspace(*path.span, LOOKS, dtype=np.float64)).position
+        )
     except ValueError as error:
         findings.add((*KEY, "at"), f"cannot be followed: {error}")
         return

@@ -194,22 +194,6 @@ def sample_motion(
             )
 
 
-def freeze_motion(
-    posed: PosedModes, channels: SampledChannels, span: tuple[float, float]
-) -> SampledMotion:
-    """A machine that keeps one pose on its way.
-
-    Args:
-        posed: The machine there.
-        channels: What is asked.
-        span: When the way begins and ends [s].
-
-    Raises:
-        ModelError: As :func:`sample_motion`.
-    """
-    return sample_motion(lambda time: posed, span, channels)
-
-
 def _halve(grid: Sequence[float]) -> list[float]:
     return [float(time) for time in np.linspace(grid[0], grid[-1], 2 * len(grid) - 1)]
 
@@ -288,9 +272,11 @@ def follow_motion(
         damping=found.damping,
         stiffness=found.stiffness,
         tool=found.outputs[:, TOOL],
-        gravity_deflection=np.linalg.solve(
-            found.stiffness, (found.inputs[:, :, GIVEN.start] * weight[:, None])[..., None]
-        )[..., 0],
+        gravity_deflection=np.asarray(
+            np.linalg.solve(
+                found.stiffness, (found.inputs[:, :, GIVEN.start] * weight[:, None])[..., None]
+            )[..., 0]
+        ),
         load=interpolate_nodes(times, load_nodes, np.concatenate(loads)),
         flexibility=found.residual[:, TOOL, TOOL],
         rest=interpolate_nodes(times, load_nodes, np.concatenate(rests)),
