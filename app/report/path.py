@@ -17,7 +17,7 @@ from headstock.app.report.panels import (
     round_label,
     show_range,
 )
-from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.contouring import ContourSummary
 from headstock.pipeline.answers.path import PathCurves, deviation_unit
 from headstock.solvers.second_order import name_channel

@@ -35,13 +35,12 @@ from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
 from headstock.solvers.milling.tool_path import AVERAGES, SmoothPath, square_path
 from headstock.solvers.paths.linear_motion import interpolate_nodes
 from headstock.solvers.paths.sampled_motion import (
-    SampledChannels,
     SampledMotion,
     follow_drives,
     follow_motion,
     sample_motion,
 )
-from headstock.solvers.paths.varying_system import PosedModes
+from headstock.solvers.paths.varying_system import PlantChannels, PosedModes
 from headstock.solvers.second_order import Channel
 
 GRAVITY_LOAD: Channel = ("gravity", "load")
@@ -115,7 +114,7 @@ def run_coupled_contour(
     way = _plan_way(state, request, path)
     screws = find_screws(state.scene.machine)
     tool = tuple((request.point or "", direction) for direction in DIRECTIONS)
-    channels = SampledChannels(
+    channels = PlantChannels(
         inputs=(*tool, GRAVITY_LOAD, *way.channels),
         outputs=(*tool, *((name, FORCE) for name in screws)),
         up_to_hz=request.modes_to_hz,

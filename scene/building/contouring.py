@@ -14,8 +14,8 @@ from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import Scene
-from headstock.scene.schema.contouring import ContouringTable
 from headstock.scene.schema.effects import CONTOUR_EFFECTS
+from headstock.scene.schema.mechanism import ContouringTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, MillingCut
 from headstock.solvers.milling.tool_path import SquareContour, square_path

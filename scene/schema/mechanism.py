@@ -1,5 +1,5 @@
-"""Schema of a closed-loop mechanism (kind, dimensions, mounting, limits, lumped springs), and of a
-mill.
+"""Schema of a closed-loop mechanism (kind, dimensions, mounting, limits, lumped springs), and of
+contouring.
 """
 
 from typing import Annotated, Literal, Self
@@ -17,10 +17,16 @@ from headstock.scene.schema.types import (
     Names,
     NotNegativeLength,
     Position,
+    PositiveAngularSpeed,
     PositiveForce,
+    PositiveFrequency,
     PositiveLength,
+    PositiveSpeed,
     PositiveStiffness,
+    PositiveTime,
+    RequestTable,
     StrictTable,
+    Text,
     problem,
 )
 
@@ -83,3 +89,24 @@ class MillTable(StrictTable):
     teeth: Annotated[Count, Field(le=100)]
     helix: Angle = 0.0
     runout: NotNegativeLength = 0.0
+
+
+class ContouringTable(RequestTable):
+    """A square block milled around from outside, clockwise seen from above (climb milling)."""
+
+    side: PositiveLength
+    at: Position
+    feed: PositiveSpeed
+    spindle: PositiveAngularSpeed
+    mill: MillTable
+    axial_depth: PositiveLength
+    radial_depth: PositiveLength
+    material: Literal["al7075-t6", "al7075-t6-dry", "al6061-t6"] | None = None
+    forces: Text | None = None
+    lead: Length = 0.02
+    averaging: PositiveTime = 0.01
+    model: Literal["linear", "nonlinear"] = "linear"
+    steps_per_turn: Annotated[Count, Field(ge=24, le=2000)] = 96
+    point: Text | None = None
+    modes_to: PositiveFrequency | None = None
+    pose_model: Literal["pose_dependent", "frozen"] = "pose_dependent"

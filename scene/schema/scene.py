@@ -8,13 +8,12 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from headstock.scene.reading.units import ACCELERATION, show_value
 from headstock.scene.schema.axes import AxisTable, PointTable, PoseTable
 from headstock.scene.schema.components import ComponentTable, MaterialTable, OrientationTable
-from headstock.scene.schema.contouring import ContouringTable
 from headstock.scene.schema.drives import ControlTable, DriveTable
 from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
 from headstock.scene.schema.joints import JointTable
 from headstock.scene.schema.loads import LoadTable, ProbeTable, SupportTable
 from headstock.scene.schema.lobes import LobesTable
-from headstock.scene.schema.mechanism import MechanismTable
+from headstock.scene.schema.mechanism import ContouringTable, MechanismTable
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.studies import StudyTable, SweepTable
 from headstock.scene.schema.transient import TransientTable

@@ -26,15 +26,16 @@ from headstock.solvers.paths.linear_motion import (
 from headstock.solvers.paths.varying_system import (
     LEAST_HZ,
     TURN_TOLERANCE,
+    PlantChannels,
     PosedModes,
     PoseModes,
     compare_transports,
     count_kept_modes,
-    inverse_size,
+    invert_sizes,
+    largest_entries,
     look_at_pose,
     transport_modes,
 )
-from headstock.solvers.second_order import Channel
 
 MOST_SAMPLES = 400
 # of what splines miss half-way between poses, as a share of its size, before the last halving
@@ -45,21 +46,6 @@ GIVEN = slice(3, None)  # then come loads that the way gives, gravity first, and
 NODE_SPACING = 0.02
 LOAD_SPACING = 1e-3
 FIELDS = ("stiffness", "damping", "inputs", "outputs", "residual")
-
-
-@dataclass(frozen=True)
-class SampledChannels:
-    """What is asked of a machine on its way.
-
-    Attributes:
-        inputs: Loads.
-        outputs: Motions, and what else is linear in them.
-        up_to_hz: Modes kept; those above follow at once.
-    """
-
-    inputs: tuple[Channel, ...]
-    outputs: tuple[Channel, ...]
-    up_to_hz: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +115,7 @@ class SampledMotion:
 
 
 def sample_motion(
-    place: Callable[[float], PosedModes], breaks: Sequence[float], channels: SampledChannels
+    place: Callable[[float], PosedModes], breaks: Sequence[float], channels: PlantChannels
 ) -> SampledMotion:
     """Poses of a way, twice as many in each piece until splines through the others meet them.
 
@@ -146,7 +132,7 @@ def sample_motion(
     seen: dict[float, PoseModes] = {}
 
     def look(time: float) -> PoseModes:
-        found = look_at_pose(place(time), channels.inputs, channels.outputs, channels.up_to_hz)
+        found = look_at_pose(place(time), channels)
         if found.coordinates.rigid_count:
             raise ModelError(
                 f"the machine is free to move in {found.coordinates.rigid_count} rigid-body motion(s), so a force on the tool"
@@ -234,8 +220,8 @@ def _miss(
             "stiffness": 1.0 / np.outer(root, root),
             "damping": 1.0 / np.sqrt(np.outer(root, root)),
             "inputs": 1.0 / np.maximum(sizes, ROUNDOFF * sizes.max(initial=1.0)),
-            "outputs": inverse_size(pose.outputs),
-            "residual": inverse_size(whole),
+            "outputs": invert_sizes(largest_entries(pose.outputs)),
+            "residual": invert_sizes(largest_entries(whole)),
         }
         for name, weight in weights.items():
             change = np.abs(weight * (splines[name](time) - getattr(pose, name)))

@@ -37,10 +37,10 @@ from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.paths.linear_motion import march_linear
 from headstock.solvers.paths.response import PathModel, sample_times
-from headstock.solvers.paths.sampled_motion import SampledChannels, follow_motion, sample_motion
+from headstock.solvers.paths.sampled_motion import follow_motion, sample_motion
 from headstock.solvers.paths.set_points import Ramp, SetPoint, sample_move
 from headstock.solvers.paths.varying_response import make_step_table, solve_varying_path
-from headstock.solvers.paths.varying_system import PosedModes, sample_system
+from headstock.solvers.paths.varying_system import PlantChannels, PosedModes, sample_system
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 
@@ -108,7 +108,7 @@ def test_a_straight_move_deviates_as_in_the_path_analysis(tmp_path: Path) -> Non
     sampled = sample_motion(
         lambda time: place(float(sample_move(move, np.array([time])).positions[0])),
         [0.0, 0.14, move.duration - 0.14, move.duration],
-        SampledChannels((*outputs, NO_GRAVITY, PATH_INPUT), outputs, 2000.0),
+        PlantChannels((*outputs, NO_GRAVITY, PATH_INPUT), outputs, 2000.0),
     )
     motion = follow_motion(sampled, samples, go)
     history = march_linear(motion, motion.load)
