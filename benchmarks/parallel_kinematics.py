@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from headstock.pipeline.stages.contouring import run_contour
+from headstock.pipeline.contours.lumped_contour import run_lumped_contour
 from headstock.pipeline.stages.map import map_workspace
 from headstock.scene.requests import MapRequest
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes
@@ -72,21 +72,21 @@ def main() -> None:
         ),
         (
             "contour, linear",
-            lambda: run_contour(tripteor.scene, tripteor.model, request),
+            lambda: run_lumped_contour(tripteor.scene, tripteor.model, request),
             3,
             1.0,
             PAPER_CONTOUR,
         ),
         (
             "contour, linear, no Coriolis terms",
-            lambda: run_contour(tripteor.scene, still, request),
+            lambda: run_lumped_contour(tripteor.scene, still, request),
             3,
             1.0,
             PAPER_CONTOUR,
         ),
         (
             "contour with regeneration",
-            lambda: run_contour(tripteor.scene, tripteor.model, waves),
+            lambda: run_lumped_contour(tripteor.scene, tripteor.model, waves),
             1,
             1.0,
             0.0,
@@ -95,7 +95,7 @@ def main() -> None:
             "contour, nonlinear"
             if until >= WHOLE
             else f"contour, nonlinear, from {until:g} s of it",
-            lambda: run_contour(tripteor.scene, tripteor.model, nonlinear, until=until),
+            lambda: run_lumped_contour(tripteor.scene, tripteor.model, nonlinear, until=until),
             1,
             WHOLE / min(until, WHOLE),
             PAPER_CONTOUR,

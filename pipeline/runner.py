@@ -17,6 +17,7 @@ from headstock.pipeline.accuracy.model_errors import (
 )
 from headstock.pipeline.accuracy.remembered import remember_judged
 from headstock.pipeline.accuracy.search import AccuracySearch, search_settings
+from headstock.pipeline.contours.contouring import run_contour_stage
 from headstock.pipeline.planning.budgets import check_elapsed
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
@@ -29,7 +30,6 @@ from headstock.pipeline.results.files import (
 )
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.views import MachineView
-from headstock.pipeline.stages.contouring import run_contour_stage
 from headstock.pipeline.stages.control import run_control_stage
 from headstock.pipeline.stages.frf import run_frf_stage
 from headstock.pipeline.stages.lobes import run_lobes_stage

@@ -99,7 +99,7 @@ class MapRequest:
 
 @dataclass(frozen=True)
 class ContouringRequest:
-    """A contour on a lumped mechanism.
+    """A contour.
 
     Attributes:
         contour: The way of the tool.
@@ -111,6 +111,10 @@ class ContouringRequest:
         forces: File of measured forces; None for computed ones.
         cutting: Whether the tool cuts; otherwise it goes its way in air.
         regeneration: Whether a tooth meets the wave the one before it left.
+        point: Where the tool is, of a machine of components; a lumped mechanism has its own.
+        modes_to_hz: Modes kept of a machine of components; what is above follows at once.
+        follows_pose: The machine's matrices change along the way; else those of its first straight
+            cut hold.
     """
 
     contour: SquareContour
@@ -122,6 +126,9 @@ class ContouringRequest:
     forces: Path | None = None
     cutting: bool = True
     regeneration: bool = False
+    point: str | None = None
+    modes_to_hz: float = math.inf
+    follows_pose: bool = True
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""

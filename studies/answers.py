@@ -27,8 +27,8 @@ UNITS = {
     "deflection under gravity on the contour": "µm",
     "contour gap": "µm",
     "contour ripple": "µm",
-    "leg forces": "N",
-    "variation of leg forces": "N",
+    "drive forces": "N",
+    "variation of drive forces": "N",
     "map of frequencies": "Hz",
 }
 # numbers that are each compared with themselves; of the others, components of a vector say, the
@@ -196,8 +196,8 @@ def _entries(summary: RunSummary) -> Iterator[_Entry]:
             where = f"face {face['face']}"
             yield _Entry("contour gap", where, face["mean_um"])
             yield _Entry("contour ripple", where, face["peak_to_peak_um"])
-            yield _Entry("leg forces", where, face["leg_force_mean_n"])
-            yield _Entry("variation of leg forces", where, face["leg_force_peak_to_peak_n"])
+            yield _Entry("drive forces", where, face["drive_force_mean_n"])
+            yield _Entry("variation of drive forces", where, face["drive_force_peak_to_peak_n"])
     for name, values in summary["map"]["quantities"].items() if "map" in summary else ():
         if name.endswith("_hz"):
             yield _Entry("map of frequencies", name, values)

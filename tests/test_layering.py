@@ -49,8 +49,8 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "linear": set(),
         "mechanisms": set(),
         "control": {"linear"},
-        "paths": {"linear", "control"},
-        "milling": {"linear", "mechanisms"},
+        "paths": {"linear", "mechanisms", "control"},
+        "milling": {"linear", "mechanisms", "paths"},
     },
     "reduction": {
         "components": set(),
@@ -66,7 +66,8 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "results": {"planning", "storage", "answers"},
         "stages": {"planning", "storage", "answers", "results"},
         "preview": {"planning", "storage", "answers", "results", "stages"},
-        "accuracy": {"planning", "storage", "answers", "results", "stages"},
+        "contours": {"planning", "storage", "answers", "results", "stages"},
+        "accuracy": {"planning", "storage", "answers", "results", "stages", "contours"},
     },
     "studies": {"parameters": set(), "sweeps": set(), "identification": set()},
     "validation": {

@@ -17,6 +17,7 @@ from headstock.app.report.panels import (
     round_label,
     show_range,
 )
+from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.contouring import ContourSummary
 from headstock.pipeline.answers.path import PathCurves, deviation_unit
 from headstock.solvers.second_order import name_channel
@@ -137,18 +138,22 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
 
 
 CONTOUR_WIDTH, CONTOUR_HEIGHT, CONTOUR_LEFT, CONTOUR_RIGHT, TOP, BOTTOM = 1040, 240, 56, 12, 20, 30
-CONTOUR_COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b")
-PICTURES = {"gap": (("x", "y", "z"), "Gap of the tool point, deflection under gravity subtracted [µm]"),
-            "legs": (("leg 1", "leg 2", "leg 3"), "Force of each leg's drive [N]")}  # fmt: skip
+CONTOUR_COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b", "#9a6fb0", "#8a7a3a", "#4a9a9a")
+GAP_TITLE, FORCES_TITLE = (
+    "Gap of the tool point, deflection under gravity subtracted [µm]",
+    "Force of each drive [N]",
+)
 
 
-def draw_contour(found: ContourSummary, picture: Literal["gap", "legs"]) -> Markup:
-    """One picture of a contour, ``gap`` or ``legs``: a line per column over time."""
-    names, title = PICTURES[picture]
-    times, values = (
-        found["series"]["time_s"],
-        found["series"]["gap_um" if picture == "gap" else "leg_force_n"],
+def draw_contour(found: ContourSummary, picture: Literal["gap", "drives"]) -> Markup:
+    """One picture of a contour, ``gap`` or ``drives``: a line per column over time."""
+    series = found["series"]
+    names, title, values = (
+        (list(DIRECTIONS), GAP_TITLE, series["gap_um"])
+        if picture == "gap"
+        else (found["drives"], FORCES_TITLE, series["drive_force_n"])
     )
+    times = series["time_s"]
     low, high = min(min(row) for row in values), max(max(row) for row in values)
     room = 0.05 * ((high - low) or 1.0)
     low, high = low - room, high + room
@@ -177,7 +182,7 @@ def draw_contour(found: ContourSummary, picture: Literal["gap", "legs"]) -> Mark
                     anchor="end",
                 )
             )
-    for column, color in enumerate(CONTOUR_COLORS):
+    for column, color in enumerate(CONTOUR_COLORS[: len(names)]):
         points = " ".join(
             f"{across(time):.1f},{up(row[column]):.1f}"
             for time, row in zip(times, values, strict=True)
@@ -187,7 +192,7 @@ def draw_contour(found: ContourSummary, picture: Literal["gap", "legs"]) -> Mark
                 points, color
             )
         )
-        parts.append(svg.text(CONTOUR_LEFT + 470 + 60 * column, 13, names[column], color=color))
+        parts.append(svg.text(CONTOUR_LEFT + 470 + 80 * column, 13, names[column], color=color))
     parts += [
         svg.text(CONTOUR_LEFT, 13, title),
         svg.text(

@@ -15,7 +15,7 @@ from headstock.app.texts.curves import RATES, name_entry
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.accuracy import BodyModelSummary
-from headstock.pipeline.answers.contouring import SeriesSummary
+from headstock.pipeline.answers.contouring import ContourSummary
 from headstock.pipeline.answers.control import DriveSummary, PoleSummary
 from headstock.pipeline.answers.frf import DrivePointSummary, ResponseCurves, ResponseSummary
 from headstock.pipeline.answers.interfaces import JointShapesSummary
@@ -796,7 +796,7 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
         joints = summary["interface_errors"]["joints"]
         tables.append(tabulate("interface_errors", JOINT_COLUMNS, joints.items()))
     if "contouring" in summary:
-        tables.append(_contour_table(summary["contouring"]["series"]))
+        tables.append(_contour_table(summary["contouring"]))
     for pose, control in summary.get("control", {}).items():
         tables.append(
             tabulate(
@@ -820,20 +820,21 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
     return tables
 
 
-def _contour_table(series: SeriesSummary) -> PlainTable:
+def _contour_table(found: ContourSummary) -> PlainTable:
+    series, drives = found["series"], found["drives"]
     headings = [
         "time [s]",
         *(f"gap {d} [um]" for d in DIRECTIONS),
-        *(f"force of leg {n} [N]" for n in (1, 2, 3)),
+        *(f"force of {name} [N]" for name in drives),
     ]
     rows = [
         (time, *gap, *forces)
         for time, gap, forces in zip(
-            series["time_s"], series["gap_um"], series["leg_force_n"], strict=True
+            series["time_s"], series["gap_um"], series["drive_force_n"], strict=True
         )
     ]
     if "motor_torque_nm" in series:
-        headings += [f"torque of motor {n} [Nm]" for n in (1, 2, 3)]
+        headings += [f"torque of the motor of {name} [Nm]" for name in drives]
         rows = [
             (*row, *torques) for row, torques in zip(rows, series["motor_torque_nm"], strict=True)
         ]

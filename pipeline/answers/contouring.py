@@ -1,8 +1,7 @@
-"""A contour on a lumped mechanism as a result: gap, leg forces and motor torques on each face,
-stability of the cut, a thinned series.
+"""A contour as a result: gap, drive forces and motor torques on each face, stability of the cut, a
+thinned series.
 """
 
-import math
 from dataclasses import dataclass
 from typing import NotRequired, TypedDict
 
@@ -15,14 +14,14 @@ UM = 1e6
 
 
 class FaceSummary(TypedDict):
-    """The entry of a face; torques where the lead of the screws is known."""
+    """The entry of a face; torques where they are known."""
 
     face: int
     at: str
     mean_um: list[float]
     peak_to_peak_um: list[float]
-    leg_force_mean_n: list[float]
-    leg_force_peak_to_peak_n: list[float]
+    drive_force_mean_n: list[float]
+    drive_force_peak_to_peak_n: list[float]
     motor_torque_mean_nm: NotRequired[list[float]]
     motor_torque_peak_to_peak_nm: NotRequired[list[float]]
 
@@ -49,7 +48,7 @@ class SeriesSummary(TypedDict):
 
     time_s: list[float]
     gap_um: list[list[float]]
-    leg_force_n: list[list[float]]
+    drive_force_n: list[list[float]]
     motor_torque_nm: NotRequired[list[list[float]]]
 
 
@@ -61,6 +60,7 @@ class ContourSummary(TypedDict):
     cutting_force: bool
     regeneration: bool
     coriolis: bool
+    drives: list[str]
     faces: list[FaceSummary]
     face_3_over_face_1: dict[str, float | None]
     gravity_deflection_um: RangeSummary
@@ -82,18 +82,22 @@ class ContourFace:
         number: 1 to 4.
         gap_mean: ``(3,)`` of the gap [m].
         gap_span: ``(3,)`` from peak to peak [m].
-        leg_mean: ``(3,)`` forces of the legs [N].
-        leg_span: ``(3,)`` from peak to peak [N].
+        drive_mean: ``(d,)`` forces of the drives [N].
+        drive_span: ``(d,)`` from peak to peak [N].
+        torque_mean: ``(d,)`` torques of the motors [N m]; None where they are not known.
+        torque_span: ``(d,)`` from peak to peak [N m].
     """
 
     number: int
     gap_mean: FloatArray
     gap_span: FloatArray
-    leg_mean: FloatArray
-    leg_span: FloatArray
+    drive_mean: FloatArray
+    drive_span: FloatArray
+    torque_mean: FloatArray | None = None
+    torque_span: FloatArray | None = None
 
-    def summarise(self, screw_lead: float | None) -> FaceSummary:
-        """As it stands in ``summary.json``, with torques where the lead of the screws is known [m].
+    def summarise(self) -> FaceSummary:
+        """As it stands in ``summary.json``, with torques where they are known.
 
         Raises:
             AccuracyError: A result is not a finite number.
@@ -104,16 +108,12 @@ class ContourFace:
             "at": FACES[self.number - 1],
             "mean_um": check_finite(what, UM * self.gap_mean),
             "peak_to_peak_um": check_finite(what, UM * self.gap_span),
-            "leg_force_mean_n": check_finite(what, self.leg_mean),
-            "leg_force_peak_to_peak_n": check_finite(what, self.leg_span),
+            "drive_force_mean_n": check_finite(what, self.drive_mean),
+            "drive_force_peak_to_peak_n": check_finite(what, self.drive_span),
         }
-        if screw_lead is not None:
-            summary["motor_torque_mean_nm"] = check_finite(
-                what, motor_torques(self.leg_mean, screw_lead)
-            )
-            summary["motor_torque_peak_to_peak_nm"] = check_finite(
-                what, motor_torques(self.leg_span, screw_lead)
-            )
+        if self.torque_mean is not None and self.torque_span is not None:
+            summary["motor_torque_mean_nm"] = check_finite(what, self.torque_mean)
+            summary["motor_torque_peak_to_peak_nm"] = check_finite(what, self.torque_span)
         return summary
 
 
@@ -167,8 +167,9 @@ class ContourAnswer(Answer):
         assumed: In plain words.
         times: ``(k,)`` thinned [s].
         gap: ``(k, 3)`` then [m].
-        legs: ``(k, 3)`` forces of the legs then [N].
-        screw_lead: Of the legs [m]; None where it is not known.
+        drives: Names of the ``d`` drives.
+        drive_forces: ``(k, d)`` then [N].
+        torques: ``(k, d)`` of the motors then [N m]; None where they are not known.
         stability: Of each face, where it was requested.
         force_loss: Share of measured forces that is faster than the steps; None without them.
     """
@@ -188,8 +189,9 @@ class ContourAnswer(Answer):
     assumed: tuple[str, ...]
     times: FloatArray
     gap: FloatArray
-    legs: FloatArray
-    screw_lead: float | None
+    drives: tuple[str, ...]
+    drive_forces: FloatArray
+    torques: FloatArray | None
     stability: tuple[FaceStability, ...] = ()
     force_loss: float | None = None
 
@@ -203,19 +205,18 @@ class ContourAnswer(Answer):
         series: SeriesSummary = {
             "time_s": check_finite(what, self.times),
             "gap_um": [check_finite(what, row) for row in UM * self.gap],
-            "leg_force_n": [check_finite(what, row) for row in self.legs],
+            "drive_force_n": [check_finite(what, row) for row in self.drive_forces],
         }
-        if self.screw_lead is not None:
-            series["motor_torque_nm"] = [
-                check_finite(what, row) for row in motor_torques(self.legs, self.screw_lead)
-            ]
+        if self.torques is not None:
+            series["motor_torque_nm"] = [check_finite(what, row) for row in self.torques]
         summary: ContourSummary = {
             "model": self.model,
             "material": self.material,
             "cutting_force": self.cutting,
             "regeneration": self.regeneration,
             "coriolis": self.coriolis,
-            "faces": [face.summarise(self.screw_lead) for face in self.faces],
+            "drives": list(self.drives),
+            "faces": [face.summarise() for face in self.faces],
             "face_3_over_face_1": self._face_ratio(),
             "gravity_deflection_um": {
                 "minimum": check_finite(what, UM * self.least_gravity_deflection),
@@ -239,10 +240,3 @@ class ContourAnswer(Answer):
         near, far = means.get(1), means.get(3)
         ratio = abs(far / near) if near and far else None
         return {"x as assumed": ratio, "x reversed": None if not ratio else 1.0 / ratio}
-
-
-def motor_torques(forces: FloatArray, screw_lead: float) -> FloatArray:
-    """Torques of the motors [N m] at the forces of their legs [N], with the lead of the screws
-    [m].
-    """
-    return forces * (screw_lead / (2.0 * math.pi))

@@ -294,6 +294,7 @@ def is_dynamic(analyses: Analyses) -> bool:
             analyses.frf,
             analyses.path,
             analyses.control,
+            analyses.contouring,
             analyses.lobes,
             analyses.transient,
         )
@@ -311,6 +312,8 @@ def _reaches(analyses: Analyses) -> dict[str, tuple[float, float]]:
         found["frequency response"] = (analyses.frf.to_hz, FRF_MARGIN)
     if analyses.path is not None:
         found["path analysis"] = (path_band(analyses.path), MODE_MARGIN)
+    if analyses.contouring is not None:
+        found["contour"] = (analyses.contouring.modes_to_hz, MODE_MARGIN)
     if analyses.control is not None:
         found["control"] = (analyses.control.up_to_hz, MODE_MARGIN)
     if analyses.lobes is not None:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import FloatArray, rotate_dofs
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import turn_dofs
 from headstock.reduction.superelement_checks import rigid_motions
@@ -70,16 +70,36 @@ def rigid_travel(coupled: CoupledMachine, directions: Mapping[str, FloatArray]) 
     """
     stacked = np.zeros(coupled.layout.size)
     for name, direction in directions.items():
-        superelement, placement = coupled.layout.superelements[name], coupled.placements[name]
-        if superelement.supported:
-            raise ModelError(
-                f"component {name!r} travels along the path, but some of its points are fixed; remove its support"
-            )
-        own = rigid_motions(superelement, superelement.center_of_mass)[:, :3] @ (
-            placement.rotation.T @ direction
-        )
-        stacked[coupled.offsets[name]] = turn_dofs(superelement, placement).T @ own
+        stacked[coupled.offsets[name]] = body_travel(coupled, name)[:, :3] @ direction
     return stacked
+
+
+def body_travel(coupled: CoupledMachine, name: str) -> FloatArray:
+    """Motion ``(n_own, 6)`` of the dofs of a component that moves as a rigid body along and about the
+    machine's axes through its centre of mass.
+
+    Raises:
+        ModelError: The component is itself fixed to the machine frame.
+    """
+    superelement, placement = coupled.layout.superelements[name], coupled.placements[name]
+    if superelement.supported:
+        raise ModelError(
+            f"component {name!r} travels along the path, but some of its points are fixed; remove its support"
+        )
+    own = rigid_motions(superelement, superelement.center_of_mass) @ rotate_dofs(
+        placement.rotation.T
+    )
+    return np.asarray(turn_dofs(superelement, placement).T @ own)
+
+
+def body_loads(coupled: CoupledMachine, name: str) -> FloatArray:
+    """Generalised loads ``(n, 6)`` per unit acceleration of a component as a rigid body: its mass
+    times that motion, reversed.
+    """
+    return np.asarray(
+        -coupled.basis[coupled.offsets[name]].T
+        @ (coupled.matrices.masses[name] @ body_travel(coupled, name))
+    )
 
 
 def stack_modes(

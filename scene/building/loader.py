@@ -33,6 +33,11 @@ from headstock.scene.building.components import (
     build_solids,
     check_components,
 )
+from headstock.scene.building.contouring import (
+    build_contouring,
+    check_contour_reach,
+    check_contouring,
+)
 from headstock.scene.building.draft import Draft, collect_interfaces, collect_sections
 from headstock.scene.building.drives import build_control, build_drives, check_drives
 from headstock.scene.building.guide_errors import (
@@ -52,7 +57,6 @@ from headstock.scene.building.loads import (
 )
 from headstock.scene.building.lobes import build_lobes, check_lobes
 from headstock.scene.building.mechanism import (
-    build_contouring,
     build_map,
     build_mechanism,
     check_mechanism,
@@ -107,6 +111,7 @@ CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
     check_lobes,
     check_transient,
     check_mechanism,
+    check_contouring,
     check_sweeps,
     check_studies,
     check_comparison,
@@ -126,6 +131,7 @@ CHECKS_OF_ALL_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
 CHECKS_OF_THE_SCENE: tuple[Callable[[Scene, Findings], None], ...] = (
     check_carriages,
     check_path_carriages,
+    check_contour_reach,
 )
 
 

@@ -1,9 +1,8 @@
-"""The mechanism of a scene, maps and contours of it: built from their tables, and what may be wrong
-with them.
+"""The mechanism of a scene and maps of it: built from their tables, and what may be wrong with
+them.
 """
 
 import math
-from pathlib import Path
 
 import numpy as np
 
@@ -19,16 +18,13 @@ from headstock.geometry.mechanisms.mechanism import Mechanism
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT, solve_pose
 from headstock.scene.building.components import build_frame
 from headstock.scene.building.draft import Draft
-from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
-from headstock.scene.requests import ContouringRequest, MapRequest
+from headstock.scene.requests import MapRequest
 from headstock.scene.scene import LegSprings, SceneMechanism
-from headstock.scene.schema.effects import CONTOUR_EFFECTS, GRAVITY_STIFFENING
-from headstock.scene.schema.mechanism import ContouringTable, ExechonTable, MechanismTable
+from headstock.scene.schema.effects import GRAVITY_STIFFENING
+from headstock.scene.schema.mechanism import ExechonTable, MechanismTable
 from headstock.scene.schema.scene import SceneTable
-from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, MillingCut
-from headstock.solvers.milling.tool_path import SquareContour
 
 FORCE_SUFFIXES = (".csv",)
 MAX_MAP_POSES = 40_000
@@ -82,47 +78,6 @@ def build_map(scene: SceneTable) -> MapRequest | None:
     return MapRequest(axes, fixed, request.count)
 
 
-def build_contouring(
-    scene: SceneTable, folder: Path, damping_ratios: tuple[float, ...]
-) -> ContouringRequest | None:
-    """The contour a scene asks for.
-
-    Args:
-        scene: With its tables.
-        folder: Of the scene, for the file of measured forces.
-        damping_ratios: Of the first, second, ... mode, the last for all others.
-
-    Raises:
-        ValueError: The file of measured forces is missing or out of bounds.
-    """
-    table = scene.analyses.contouring
-    if table is None:
-        return None
-    mill = EndMill(table.mill.diameter, table.mill.teeth, table.mill.helix, table.mill.runout)
-    # with measured forces, or none, the coefficients play no part
-    name: str = table.material or "al7075-t6"
-    coefficients = CUTTING_MATERIALS[name]
-    return ContouringRequest(
-        contour=SquareContour(
-            side=table.side,
-            center=(table.at[0], table.at[1]),
-            height=table.at[2],
-            offset=0.5 * table.mill.diameter,
-            lead=table.lead,
-            feed=table.feed,
-            window=table.averaging,
-        ),
-        cut=MillingCut(mill, coefficients, table.spindle, table.axial_depth, table.radial_depth),
-        model=table.model,
-        steps_per_turn=table.steps_per_turn,
-        damping_ratios=damping_ratios,
-        material=table.material,
-        forces=None if table.forces is None else resolve_file(folder, table.forces, FORCE_SUFFIXES),
-        cutting=bool(scene.effects.get("cutting_force", False)),
-        regeneration=bool(scene.effects.get("regeneration", False)),
-    )
-
-
 def check_mechanism(draft: Draft, findings: Findings) -> None:
     """Report what is wrong with a mechanism, apart from poses that it cannot take, and with what is
     required of it.
@@ -131,7 +86,6 @@ def check_mechanism(draft: Draft, findings: Findings) -> None:
     table = scene.mechanism
     _check_stiffening(scene, findings)
     _check_map(scene, findings)
-    _check_contouring(scene, draft.folder, findings)
     if table is None:
         return
     if "orientation" in scene.model_fields_set:
@@ -256,40 +210,6 @@ def _check_map(scene: SceneTable, findings: Findings) -> None:
         )
 
 
-def _check_contouring(scene: SceneTable, folder: Path, findings: Findings) -> None:
-    table = scene.analyses.contouring
-    if scene.mechanism is None:
-        along_path = {"cutting_force"} if scene.analyses.path is not None else set()
-        for name in (set(CONTOUR_EFFECTS) - along_path) & {
-            name for name, value in scene.effects.items() if value
-        }:
-            findings.add(
-                ("effects", name),
-                "acts in [analyses.contouring] of a mechanism, and this scene has none; remove it",
-            )
-    if table is None:
-        return
-    _check_regeneration(scene, table, findings)
-    key = ("analyses", "contouring")
-    if not scene.is_lumped:
-        findings.add(key, "contours need a lumped mechanism; this scene has none")
-    cutting = bool(scene.effects.get("cutting_force"))
-    if (table.material is not None and table.forces is not None) or (
-        cutting and table.material is None and table.forces is None
-    ):
-        findings.add(key, 'needs either the material that is cut, or forces = "measured.csv"')
-    if table.radial_depth > 0.5 * table.mill.diameter:
-        findings.add(
-            (*key, "radial_depth"),
-            "is more than the radius of the tool; take less, or a larger tool",
-        )
-    if table.forces is not None:
-        try:
-            resolve_file(folder, table.forces, FORCE_SUFFIXES)
-        except ValueError as error:
-            findings.add((*key, "forces"), str(error))
-
-
 def _check_stiffening(scene: SceneTable, findings: Findings) -> None:
     if not scene.effects.get(GRAVITY_STIFFENING):
         return
@@ -301,25 +221,3 @@ def _check_stiffening(scene: SceneTable, findings: Findings) -> None:
         )
     elif not scene.effects.get("gravity"):
         findings.add(key, "needs gravity; write [effects] gravity = true as well")
-
-
-def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Findings) -> None:
-    key = ("effects", "regeneration")
-    if not scene.effects.get("regeneration"):
-        return
-    if not scene.effects.get("cutting_force"):
-        findings.add(
-            key, "acts through cutting forces; write [effects] cutting_force = true as well"
-        )
-    elif table.material is None:
-        findings.add(
-            key,
-            "needs computed forces: measured ones contain it already; remove this, or write the material instead of forces",
-        )
-    elif table.model != "linear":
-        findings.add(key, 'needs the linear model; write model = "linear" in [analyses.contouring]')
-    elif table.steps_per_turn % table.mill.teeth:
-        findings.add(
-            ("analyses", "contouring", "steps_per_turn"),
-            f"with regeneration must be a multiple of the {table.mill.teeth} teeth; write for example {24 * table.mill.teeth}",
-        )

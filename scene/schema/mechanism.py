@@ -114,9 +114,7 @@ class MillTable(StrictTable):
 
 
 class ContouringTable(RequestTable):
-    """A square block milled around from outside, clockwise seen from above (climb milling), on a
-    lumped mechanism.
-    """
+    """A square block milled around from outside, clockwise seen from above (climb milling)."""
 
     side: PositiveLength
     at: Position
@@ -131,6 +129,9 @@ class ContouringTable(RequestTable):
     averaging: PositiveTime = 0.01
     model: Literal["linear", "nonlinear"] = "linear"
     steps_per_turn: Annotated[Count, Field(ge=24, le=2000)] = 96
+    point: Text | None = None
+    modes_to: PositiveFrequency | None = None
+    pose_model: Literal["pose_dependent", "frozen"] = "pose_dependent"
 
 
 MOST_SPEEDS = 5000

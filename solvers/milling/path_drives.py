@@ -60,6 +60,78 @@ class PathDrive:
         return np.asarray(scipy.interpolate.make_interp_spline(self.times, self.states, k=3)(times))
 
 
+@dataclass(frozen=True, eq=False)
+class MarkerMotion:
+    """Markers of a mechanism on its way, in the ground frame of its chains.
+
+    Attributes:
+        states: ``(k, n)`` rigid coordinates.
+        rates: ``(k, n)`` their rates.
+        growth: ``(k, n)`` rates of these.
+        rotations: ``(k, P, 3, 3)`` orientation of each marker.
+        acceleration: ``(k, P, 3)`` of the origins [m/s^2].
+        omega: ``(k, P, 3)`` angular velocity [rad/s].
+        alpha: ``(k, P, 3)`` angular acceleration [rad/s^2].
+    """
+
+    states: FloatArray
+    rates: FloatArray
+    growth: FloatArray
+    rotations: FloatArray
+    acceleration: FloatArray
+    omega: FloatArray
+    alpha: FloatArray
+
+
+def move_markers(
+    machine: MountedExechon, times: FloatArray, path: PathPoints, direction: FloatArray
+) -> MarkerMotion:
+    """The rigid mechanism as its tool goes along a path without turning.
+
+    Args:
+        machine: The mounted mechanism.
+        times: ``(k,)`` [s].
+        path: The path at these times, machine frame.
+        direction: ``(3,)`` of the tool, machine frame.
+
+    Raises:
+        PoseError: A point is out of reach, singular or beyond a joint's limits; says when.
+    """
+    survey = survey_tool_poses(machine, path.position, direction)
+    _require_poses(machine, times, survey)
+    mechanism, turn = machine.mechanism, machine.mounting.rotation
+    kinematics = evaluate_kinematics(mechanism, survey.states)
+    tool, rigid = mechanism.markers.index("tcp"), slice(0, mechanism.compliant_slice.start)
+    # the tool turns about its own axis only
+    across = np.swapaxes(kinematics.placement.rotations[:, tool, :, :2], -1, -2)
+    rows = [
+        kinematics.closure_jacobian,
+        kinematics.of_position[:, tool],
+        across @ kinematics.of_rotation[:, tool],
+    ]
+    matrix = np.concatenate(rows, axis=-2)[..., rigid]
+    rates, growth = np.zeros_like(survey.states), np.zeros_like(survey.states)
+    nothing = np.zeros((len(times), 2))
+    closed = np.zeros((len(times), kinematics.closure_jacobian.shape[-2]))
+    rates[:, rigid] = _solve(matrix, (closed, path.velocity @ turn, nothing))
+    bias = marker_bias(kinematics.placement, rates)
+    pull = path.acceleration @ turn - bias.acceleration[:, tool]
+    twist = -(across @ bias.alpha[:, tool, :, None])[..., 0]
+    growth[:, rigid] = _solve(
+        matrix, (-closure_bias(mechanism, kinematics.placement, bias), pull, twist)
+    )
+    own = growth[:, None, :, None]
+    return MarkerMotion(
+        states=survey.states,
+        rates=rates,
+        growth=growth,
+        rotations=kinematics.placement.rotations,
+        acceleration=bias.acceleration + (kinematics.of_position @ own)[..., 0],
+        omega=bias.omega,
+        alpha=bias.alpha + (kinematics.of_rotation @ own)[..., 0],
+    )
+
+
 def follow_path(
     machine: MountedExechon, times: FloatArray, path: PathPoints, direction: FloatArray
 ) -> PathDrive:
@@ -75,31 +147,13 @@ def follow_path(
         PoseError: A point is out of reach, singular, beyond a joint's limits, or the path changes
             the assembly; says when.
     """
-    survey = survey_tool_poses(machine, path.position, direction)
-    _require_poses(machine, times, survey)
-    mechanism, turn = machine.mechanism, machine.mounting.rotation
-    kinematics = evaluate_kinematics(mechanism, survey.states)
-    tool, rigid = mechanism.markers.index("tcp"), slice(0, mechanism.compliant_slice.start)
-    # the tool turns about its own axis only
-    across = np.swapaxes(kinematics.placement.rotations[:, tool, :, :2], -1, -2)
-    rows = [
-        kinematics.closure_jacobian,
-        kinematics.of_position[:, tool],
-        across @ kinematics.of_rotation[:, tool],
-    ]
-    matrix = np.concatenate(rows, axis=-2)[..., rigid]
-    rates = np.zeros_like(survey.states)
-    nothing = np.zeros((len(times), 2))
-    closed = np.zeros((len(times), kinematics.closure_jacobian.shape[-2]))
-    rates[:, rigid] = _solve(matrix, (closed, path.velocity @ turn, nothing))
-    bias = marker_bias(kinematics.placement, rates)
-    pull = path.acceleration @ turn - bias.acceleration[:, tool]
-    twist = -(across @ bias.alpha[:, tool, :, None])[..., 0]
-    growth = _solve(matrix, (-closure_bias(mechanism, kinematics.placement, bias), pull, twist))
-    _require_one_branch(times, survey.states, rates)
-    driven = mechanism.driven_slice
-    nodes = np.stack([survey.states[:, driven], rates[:, driven], growth[:, driven]], axis=1)
-    return PathDrive(times, survey.states, scipy.interpolate.BPoly.from_derivatives(times, nodes))
+    found = move_markers(machine, times, path, direction)
+    _require_one_branch(times, found.states, found.rates)
+    driven = machine.mechanism.driven_slice
+    nodes = np.stack(
+        [found.states[:, driven], found.rates[:, driven], found.growth[:, driven]], axis=1
+    )
+    return PathDrive(times, found.states, scipy.interpolate.BPoly.from_derivatives(times, nodes))
 
 
 def smooth_samples(

@@ -1,4 +1,4 @@
-"""A compliant mechanism that cuts what its own tooth left before: the delay differential equation
+"""A machine that cuts what its own tooth left before: the delay differential equation
 of milling, marched in time.
 
 The chip under a tooth is as thick as the tool's feed and its motion since an earlier tooth passed
@@ -14,16 +14,17 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
-from headstock.solvers.milling.contouring import (
+from headstock.solvers.milling.forces import MillingCut, engaged, radius_differences, tooth_angles
+from headstock.solvers.paths.linear_motion import (
     CompliantHistory,
     LinearMotion,
     chunk_slices,
     scheme_matrices,
     step_maps,
 )
-from headstock.solvers.milling.forces import MillingCut, engaged, radius_differences, tooth_angles
 
 WAVES = 3  # teeth that are looked back
+PASSES = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,19 +93,23 @@ def march_regenerative(
         cut: What cuts.
 
     Returns:
-        The motion and the ``(n, 3)`` force on the tool [N], ground frame of the chains.
+        The motion and the ``(n, 3)`` force on the tool [N], axes of the motion.
     """
     times, size = motion.times, load.shape[1]
     method = scheme_matrices(AlphaScheme(), float(times[1] - times[0]))
     position, reach = method.ahead[0], method.reach
     state: FloatArray = np.zeros((4, size))
-    state[0] = load[0] / motion.stiffness[0]
+    state[0] = np.linalg.solve(motion.stiffness[0], load[0])
     history, force = np.empty((len(times), 4, size)), np.zeros((len(times), 3))
     place = np.zeros((len(times), 3))
+    rest = np.zeros((len(times), 3)) if motion.rest is None else motion.rest
     looks = cut.delay * np.arange(1, WAVES + 1)
     for part in chunk_slices(len(times)):
         ahead, own, inverse = step_maps(motion, load, part, method)
         tool = motion.between(motion.tool, part)
+        flexibility = (
+            None if motion.flexibility is None else motion.between(motion.flexibility, part)
+        )
         for row in range(len(own)):
             n = part.start + row
             if n > 0:
@@ -112,17 +117,25 @@ def march_regenerative(
                 trial = position @ state + reach[0] * state[2]
                 state = (ahead[row] @ state.ravel() + own[row]).reshape(4, size)
                 if cut.share[n] > 0.0:
-                    force[n] = _cut_force(
-                        cut, n, tool[row] @ trial - place[np.maximum(n - looks, 0)]
-                    )
+                    moved = tool[row] @ trial + rest[n] - place[np.maximum(n - looks, 0)]
+                    if flexibility is None:
+                        force[n] = _cut_force(cut, n, moved)
+                    else:
+                        # what gives way at once depends on the force itself: its change falls by
+                        # flexibility times cutting stiffness, some hundredths, with every pass
+                        force[n] = force[n - 1]
+                        for _ in range(PASSES):
+                            force[n] = _cut_force(cut, n, moved + flexibility[row] @ force[n])
                     state += np.outer(reach, inverse[row] @ (force[n] @ tool[row]))
             history[n] = state
-            place[n] = tool[row] @ state[0]
+            place[n] = tool[row] @ state[0] + rest[n]
+            if flexibility is not None:
+                place[n] += flexibility[row] @ force[n]
     return CompliantHistory(history[:, 0], history[:, 1], history[:, 2]), force
 
 
 def _cut_force(cut: RegenerativeCut, step: int, moved: FloatArray) -> FloatArray:
-    """``(3,)`` force in the ground frame of the chains after motions ``(WAVES, 3)`` of the tool
+    """``(3,)`` force in the axes of the motion after motions ``(WAVES, 3)`` of the tool
     since the last teeth.
     """
     phase, frame = cut.phases[step % len(cut.phases)], cut.frame[step]

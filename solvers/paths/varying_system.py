@@ -105,10 +105,10 @@ class SampledPose:
     def sizes(self) -> dict[str, FloatArray]:
         """See :class:`PoseSample`."""
         # what the modes lack is small beside the whole, and often nothing but roundoff
-        whole = _largest(self.quasi_static)
-        rows = _largest(self.rows)
+        whole = largest_entries(self.quasi_static)
+        rows = largest_entries(self.rows)
         return {
-            "load": _largest(self.load),
+            "load": largest_entries(self.load),
             "rows": rows,
             "low_frequency": rows,
             "quasi_static": whole,
@@ -142,7 +142,7 @@ class SampledPlant:
         whole = np.zeros_like(self.direct) if self.reach is None else self.reach
         return {
             "loads": np.abs(self.loads).max(axis=0, keepdims=True, initial=0.0),
-            "rows": _largest(self.rows),
+            "rows": largest_entries(self.rows),
             "direct": whole,
         }
 
@@ -195,7 +195,7 @@ class VaryingSystem[S: PoseSample]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Pose:
+class PoseModes:
     """What is kept of a pose: its modes as they come."""
 
     coordinates: ModalCoordinates
@@ -244,18 +244,18 @@ def _sample[S: PoseSample](
     place: Callable[[float], PosedModes],
     length: float,
     channels: PlantChannels,
-    turn_pose: "Callable[[_Pose, FloatArray], S]",
+    turn_pose: "Callable[[PoseModes, FloatArray], S]",
     make: Callable[..., S],
 ) -> VaryingSystem[S]:
     first = [float(value) for value in np.linspace(0.0, length, FIRST_POSES)]
-    poses = {position: _look(place(position), channels) for position in first}
+    poses = {position: look_at_pose(place(position), channels) for position in first}
     wide = list(itertools.pairwise(first))
     while True:
         before, halves = list(poses), [0.5 * (low + high) for low, high in wide]
-        poses |= {position: _look(place(position), channels) for position in halves}
+        poses |= {position: look_at_pose(place(position), channels) for position in halves}
         poses = dict(sorted(poses.items()))
-        kept, next_hz = _count_kept(poses, channels.up_to_hz)
-        turns = _carry(poses, kept)
+        kept, next_hz = count_kept_modes(poses, channels.up_to_hz)
+        turns = transport_modes(poses, kept)
         sampled_poses = {
             position: turn_pose(pose, turns[position]) for position, pose in poses.items()
         }
@@ -264,7 +264,7 @@ def _sample[S: PoseSample](
         misses = [
             _misfit(splines, position, sampled_poses[position], scales) for position in halves
         ]
-        rotation_error = _check_turns(poses, turns, before)
+        rotation_error = compare_transports(poses, turns, before)
         wide = [
             side
             for span, half, miss in zip(wide, halves, misses, strict=True)
@@ -297,7 +297,12 @@ def _halve(
     return (span[0], half), (half, span[1])
 
 
-def _look(posed: PosedModes, channels: PlantChannels) -> _Pose:
+def look_at_pose(posed: PosedModes, channels: PlantChannels) -> PoseModes:
+    """A pose in its modes, with the shapes of those that may be kept.
+
+    Raises:
+        ModelError: A damper acts on a dof without mass, or a matrix is not symmetric.
+    """
     viscous = equivalent_viscous(posed.system, posed.modes)
     coordinates = to_modal_coordinates(viscous, channels.inputs, channels.outputs, posed.modes)
     if coordinates is None:
@@ -307,10 +312,10 @@ def _look(posed: PosedModes, channels: PlantChannels) -> _Pose:
     count = (
         int(np.count_nonzero(coordinates.omega <= 2.0 * np.pi * SEARCHED * channels.up_to_hz)) + 1
     )
-    return _Pose(coordinates, posed.motions[:, :count], posed.momenta[:, :count])
+    return PoseModes(coordinates, posed.motions[:, :count], posed.momenta[:, :count])
 
 
-def _count_kept(poses: Mapping[float, _Pose], up_to_hz: float) -> tuple[int, float]:
+def count_kept_modes(poses: Mapping[float, PoseModes], up_to_hz: float) -> tuple[int, float]:
     """How many modes are kept everywhere: all up to a frequency, and on to the widest gap; and the
     lowest frequency left out [Hz].
     """
@@ -331,7 +336,7 @@ def _count_kept(poses: Mapping[float, _Pose], up_to_hz: float) -> tuple[int, flo
     return kept, np.inf if kept == most else min(float(part[kept]) for part in frequencies)
 
 
-def _carry(poses: Mapping[float, _Pose], kept: int) -> dict[float, FloatArray]:
+def transport_modes(poses: Mapping[float, PoseModes], kept: int) -> dict[float, FloatArray]:
     """How the modes of each pose are turned ``(m, m)`` so that they agree with their neighbours';
     those of the middle stay.
     """
@@ -350,7 +355,7 @@ def _carry(poses: Mapping[float, _Pose], kept: int) -> dict[float, FloatArray]:
     return turns
 
 
-def _turn_pose(pose: _Pose, turn: FloatArray, model: PathModel) -> SampledPose:
+def _turn_pose(pose: PoseModes, turn: FloatArray, model: PathModel) -> SampledPose:
     kept = len(turn)
     found = pose.coordinates
     eigenvalues, rows, load = (
@@ -375,7 +380,7 @@ def _turn_pose(pose: _Pose, turn: FloatArray, model: PathModel) -> SampledPose:
     )
 
 
-def _turn_plant(pose: _Pose, turn: FloatArray) -> SampledPlant:
+def _turn_plant(pose: PoseModes, turn: FloatArray) -> SampledPlant:
     kept = len(turn)
     found = keep_modes(pose.coordinates, kept - pose.coordinates.rigid_count)
     flexible = slice(found.rigid_count, None)
@@ -426,7 +431,7 @@ def _misfit(
         "damping": np.outer(root, root),
     }
     misses = [
-        np.abs(_inverse(sizes[name]) * (spline(position) - getattr(sampled_pose, name))).max(
+        np.abs(invert_sizes(sizes[name]) * (spline(position) - getattr(sampled_pose, name))).max(
             initial=0.0
         )
         for name, spline in splines.items()
@@ -434,25 +439,25 @@ def _misfit(
     return float(max(misses))
 
 
-def _largest(values: FloatArray) -> FloatArray:
+def largest_entries(values: FloatArray) -> FloatArray:
     """The largest entry of each row."""
     return np.asarray(np.abs(values).max(axis=-1, keepdims=True, initial=0.0))
 
 
-def _inverse(size: FloatArray) -> FloatArray:
+def invert_sizes(size: FloatArray) -> FloatArray:
     """One over each entry; zero where it is zero."""
     return np.asarray(np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0))
 
 
-def _check_turns(
-    poses: Mapping[float, _Pose], turns: Mapping[float, FloatArray], some: Sequence[float]
+def compare_transports(
+    poses: Mapping[float, PoseModes], turns: Mapping[float, FloatArray], some: Sequence[float]
 ) -> float:
     """Largest difference between modes transported along some of the poses and those transported
     along all.
     """
     kept = len(next(iter(turns.values())))
     middle = list(poses)[len(poses) // 2]
-    coarse = _carry(
+    coarse = transport_modes(
         {position: poses[position] for position in poses if position in some or position == middle},
         kept,
     )

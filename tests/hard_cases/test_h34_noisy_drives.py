@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.milling.contouring import linear_motion, march_linear
+from headstock.solvers.milling.contouring import linear_motion
 from headstock.solvers.milling.path_drives import PathDrive, follow_path, smooth_samples
 from headstock.solvers.milling.tool_path import SquareContour, square_path
+from headstock.solvers.paths.linear_motion import march_linear
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
 CONTOUR = SquareContour(0.2, (0.0, 0.0), 0.2, 0.01, 0.02, 5.0 / 60.0, 0.01)

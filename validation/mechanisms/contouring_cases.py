@@ -13,19 +13,11 @@ import scipy.special
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.stages.contouring import (
-    ContourRun,
-    cut_multiplier,
-    face_dynamics,
-    face_instants,
-    face_stability,
-    high_share,
-    leg_forces,
-    run_contour,
-)
+from headstock.pipeline.contours.contour_run import ContourRun, face_instants
+from headstock.pipeline.contours.contouring import cut_multiplier, face_stability, high_share
+from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
 from headstock.scene.building.loader import load_scene
 from headstock.scene.requests import ContouringRequest
-from headstock.solvers.milling.contouring import LinearMotion, Regeneration, march_linear
 from headstock.solvers.milling.forces import CUTTING_MATERIALS
 from headstock.solvers.milling.stability import (
     TipDynamics,
@@ -35,6 +27,7 @@ from headstock.solvers.milling.stability import (
     single_frequency_limit,
     tip_dynamics,
 )
+from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
 from headstock.validation.mechanisms.tripteor_machine import SCENE, Tripteor, load_tripteor
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
 
@@ -75,7 +68,7 @@ def check_contouring(comm: MPI.Comm) -> list[ValidationRow]:
     rows: list[ValidationRow] = []
     for material in ("al7075-t6", "al7075-t6-dry"):
         begun = time.process_time()
-        run = run_contour(tripteor.scene, tripteor.model, contour_request(material))
+        run = run_lumped_contour(tripteor.scene, tripteor.model, contour_request(material))
         seconds = time.process_time() - begun
         rows += _face_rows(case, material, run)
         rows += _leg_rows(case, material, tripteor, run)
@@ -125,9 +118,11 @@ def check_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
     would cost.
     """
     case, tripteor = "tripteor-contouring-nonlinear", load_tripteor()
-    linear = run_contour(tripteor.scene, tripteor.model, contour_request("al7075-t6"), until=SOME)
+    linear = run_lumped_contour(
+        tripteor.scene, tripteor.model, contour_request("al7075-t6"), until=SOME
+    )
     begun = time.process_time()
-    full = run_contour(
+    full = run_lumped_contour(
         tripteor.scene, tripteor.model, contour_request("al7075-t6", "nonlinear"), until=SOME
     )
     whole = (time.process_time() - begun) * 10.7 / SOME
@@ -158,9 +153,11 @@ def check_whole_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
     linear model is off.
     """
     case, material, tripteor = "tripteor-contour-whole", "al7075-t6", load_tripteor()
-    linear = run_contour(tripteor.scene, tripteor.model, contour_request(material))
+    linear = run_lumped_contour(tripteor.scene, tripteor.model, contour_request(material))
     begun = time.process_time()
-    full = run_contour(tripteor.scene, tripteor.model, contour_request(material, "nonlinear"))
+    full = run_lumped_contour(
+        tripteor.scene, tripteor.model, contour_request(material, "nonlinear")
+    )
     seconds = time.process_time() - begun
     deflection = float(np.abs(full.gap + full.gravity_deflection).max())
     off = float(np.abs(full.gap - linear.gap).max())
@@ -215,9 +212,9 @@ def _face_rows(case: str, material: str, run: ContourRun) -> list[ValidationRow]
 def _step_row(case: str, tripteor: Tripteor, model: str, until: float) -> ValidationRow:
     """Change of the gap when the error of a step is a tenth and less."""
     request = contour_request("al7075-t6", model)
-    coarse = run_contour(tripteor.scene, tripteor.model, request, until=until)
+    coarse = run_lumped_contour(tripteor.scene, tripteor.model, request, until=until)
     finer = dataclasses.replace(request, steps_per_turn=FINER * request.steps_per_turn)
-    fine = run_contour(tripteor.scene, tripteor.model, finer, until=until).gap[::FINER][
+    fine = run_lumped_contour(tripteor.scene, tripteor.model, finer, until=until).gap[::FINER][
         : len(coarse.gap)
     ]
     change = float(np.sqrt(((fine - coarse.gap) ** 2).mean() / (coarse.gap**2).mean()))
@@ -235,11 +232,7 @@ def _leg_rows(case: str, material: str, tripteor: Tripteor, run: ContourRun) -> 
     for face in (1, 3):
         places = np.flatnonzero(face_instants(run, face - 1))
         middle = (len(places) - LEG_STEPS) // 2
-        spans.append(
-            float(
-                np.ptp(leg_forces(tripteor.model, run, places[middle : middle + LEG_STEPS])[:, 0])
-            )
-        )
+        spans.append(float(np.ptp(run.drives.forces(places[middle : middle + LEG_STEPS])[:, 0])))
         rows = [
             show(
                 case,
@@ -279,7 +272,9 @@ def check_contour_stability(comm: MPI.Comm) -> list[ValidationRow]:
         request = contour_request(material)
         limits = []
         for face in range(4):
-            found = face_stability(tripteor.scene, tripteor.model, request, face)
+            found = face_stability(
+                lumped_face_dynamics(tripteor.scene, tripteor.model, request, face), request, face
+            )
             limits.append(1e3 * found.limit_depth)
             note = (
                 "the paper cuts 10 mm: stable" if found.stable else "the paper cuts 10 mm: unstable"
@@ -287,7 +282,7 @@ def check_contour_stability(comm: MPI.Comm) -> list[ValidationRow]:
             rows.append(
                 show(case, f"{material}: limit depth on face {face + 1}", limits[-1], "mm", note)
             )
-        tip = face_dynamics(tripteor.scene, tripteor.model, request, 2)
+        tip = lumped_face_dynamics(tripteor.scene, tripteor.model, request, 2)
         second = (
             1e3
             * request.cut.axial_depth
@@ -432,7 +427,7 @@ def _marched_multiplier(period: float, depth: float, steps: int, turns: int = 60
         nodes=times[[0, -1]],
         mass=both(MASS),
         damping=both(2.0 * ZETA * omega * MASS),
-        stiffness=np.full((2, 1), MASS * omega**2),
+        stiffness=both(MASS * omega**2),
         tool=tool,
         gravity_deflection=np.zeros((2, 1)),
         load=np.zeros((len(times), 1)),
@@ -461,7 +456,7 @@ def _damping_rows(case: str) -> list[ValidationRow]:
             low, high = 0.0005, 0.03
             for _ in range(12):
                 zeta = 0.5 * (low + high)
-                tip = face_dynamics(
+                tip = lumped_face_dynamics(
                     tripteor.scene,
                     tripteor.model,
                     dataclasses.replace(request, damping_ratios=(zeta,)),

@@ -15,16 +15,14 @@ from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrat
 from headstock.solvers.mechanisms.modes import linearise_poses, tool_compliance
 from headstock.solvers.mechanisms.motion import PartitionedMotion
 from headstock.solvers.milling.contouring import (
-    LinearMotion,
-    Regeneration,
     drive_forces,
     linear_motion,
-    march_linear,
     refine_motion,
     tool_gaps,
 )
 from headstock.solvers.milling.path_drives import PathDrive, follow_path, smooth_samples
 from headstock.solvers.milling.tool_path import SmoothPath, SquareContour, square_path
+from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
 STEP = 5e-5

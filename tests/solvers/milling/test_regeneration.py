@@ -9,7 +9,6 @@ import pytest
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.milling.contouring import LinearMotion, Regeneration, march_linear
 from headstock.solvers.milling.forces import (
     CuttingCoefficients,
     EndMill,
@@ -23,6 +22,7 @@ from headstock.solvers.milling.regeneration import (
     march_regenerative,
 )
 from headstock.solvers.milling.stability import largest_multiplier, milling_gains, tip_dynamics
+from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
 
 COEFFICIENTS = CuttingCoefficients((600e6, 180e6, 0.0), (18e3, 20e3, 0.0), "test")
 STEPS, TURNS, MASS, HZ, ZETA = 96, 120, 2.0, 700.0, 0.03
@@ -47,7 +47,7 @@ def machine(turns: int = TURNS) -> LinearMotion:
         times[[0, -1]],
         both[0],
         both[1],
-        np.full((2, 2), MASS * omega**2),
+        np.stack([MASS * omega**2 * np.eye(2)] * 2),
         tool,
         np.zeros((2, 2)),
         np.zeros((len(times), 2)),

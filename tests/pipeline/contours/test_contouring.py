@@ -10,7 +10,8 @@ import pytest
 from headstock.app.report.path import draw_contour
 from headstock.app.texts.tables import _contour_table
 from headstock.geometry.errors import PoseError
-from headstock.pipeline.stages.contouring import evaluate_contour, run_contour
+from headstock.pipeline.contours.contouring import evaluate_contour
+from headstock.pipeline.contours.lumped_contour import run_lumped_contour
 from headstock.scene.reading.forces import ForceFileError, ForceRecord
 from headstock.validation.mechanisms.contouring_cases import contour_request
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
@@ -27,43 +28,42 @@ def machine() -> Tripteor:
 
 def test_measured_forces_that_are_the_computed_ones_give_the_same_motion(machine: Tripteor) -> None:
     request = contour_request("al7075-t6")
-    computed = run_contour(machine.scene, machine.model, request, until=0.5)
-    turn = machine.scene.mounted.mounting.rotation
-    record = ForceRecord(computed.times, computed.force @ turn.T)
-    measured = run_contour(machine.scene, machine.model, request, record=record, until=0.5)
+    computed = run_lumped_contour(machine.scene, machine.model, request, until=0.5)
+    record = ForceRecord(computed.times, computed.force)
+    measured = run_lumped_contour(machine.scene, machine.model, request, record=record, until=0.5)
     # the mean over a step instead of the value in its middle
     assert np.abs(measured.gap - computed.gap).max() < 0.02 * np.ptp(computed.gap, axis=0).max()
     with pytest.raises(ForceFileError, match="are needed"):
-        run_contour(machine.scene, machine.model, request, record=record, until=0.6)
+        run_lumped_contour(machine.scene, machine.model, request, record=record, until=0.6)
 
 
-def test_the_summary_tells_faces_assumptions_and_leg_forces(machine: Tripteor) -> None:
+def test_the_summary_tells_faces_assumptions_and_drive_forces(machine: Tripteor) -> None:
     request = contour_request("al7075-t6")
-    run = run_contour(machine.scene, machine.model, request, until=SHORT)
-    found = evaluate_contour(machine.scene, machine.model, request, run).summarise()
+    run = run_lumped_contour(machine.scene, machine.model, request, until=SHORT)
+    found = evaluate_contour(request, run).summarise()
     assert [face["face"] for face in found["faces"]] == [1]
     assert -20.0 < found["faces"][0]["mean_um"][0] < -5.0
     assert found["face_3_over_face_1"] == {"x as assumed": None, "x reversed": None}
     assert any("which way x points" in text for text in found["assumptions"])
-    table = _contour_table(found["series"])
+    table = _contour_table(found)
     assert len(table.rows) == len(found["series"]["time_s"]) == 2000 and len(table.headings) == 10
     # with a lead of 10 mm a motor turns 2 pi per 10 mm: power in is power out
     forces, torques = (
-        np.array(found["series"]["leg_force_n"]),
+        np.array(found["series"]["drive_force_n"]),
         np.array(found["series"]["motor_torque_nm"]),
     )
     assert np.allclose(2.0 * np.pi * torques, 0.01 * forces, rtol=1e-12, atol=0.0)
     # the legs hold up 215 kg and themselves, and push against the cut
     assert 500.0 < np.abs(forces).max() < 6000.0
     assert np.allclose(
-        found["faces"][0]["leg_force_mean_n"],
+        found["faces"][0]["drive_force_mean_n"],
         forces[
             run.times[::1][np.unique(np.linspace(0, len(run.times) - 1, 2000).astype(int))] > 0.6
         ].mean(axis=0),
         rtol=0.1,
         atol=0.0,
     )
-    for picture in ("gap", "legs"):
+    for picture in ("gap", "drives"):
         assert str(draw_contour(found, picture)).count("<polyline") == 3
 
 
@@ -73,25 +73,25 @@ def test_a_block_out_of_reach_is_refused(machine: Tripteor) -> None:
         request, contour=dataclasses.replace(request.contour, center=(1.2, 0.0))
     )
     with pytest.raises(PoseError, match="t ="):
-        run_contour(machine.scene, machine.model, far, until=0.1)
+        run_lumped_contour(machine.scene, machine.model, far, until=0.1)
 
 
 def test_effects_that_are_not_named_are_left_out(machine: Tripteor) -> None:
     request, until = contour_request("al7075-t6"), 0.5
-    air = run_contour(
+    air = run_lumped_contour(
         machine.scene, machine.model, dataclasses.replace(request, cutting=False), until=until
     )
     assert not air.force.any()
     still = dataclasses.replace(machine.model, velocity_terms=False)
-    plain = run_contour(
+    plain = run_lumped_contour(
         machine.scene, still, dataclasses.replace(request, cutting=False), until=until
     )
     change = np.abs(plain.gap - air.gap).max()
     # the tool speeds up to 5 m/min only: centrifugal forces are millinewtons to newtons
     assert 1e-12 < change < 1e-2 * np.abs(air.gap).max()
-    waves = run_contour(
+    waves = run_lumped_contour(
         machine.scene, machine.model, dataclasses.replace(request, regeneration=True), until=until
     )
-    cut = run_contour(machine.scene, machine.model, request, until=until)
+    cut = run_lumped_contour(machine.scene, machine.model, request, until=until)
     assert np.abs(waves.force).max() == pytest.approx(np.abs(cut.force).max(), rel=0.05)
     assert 1e-9 < np.abs(waves.gap - cut.gap).max() < 3e-6

@@ -1,0 +1,81 @@
+"""A contour that has been run, by any machine, and what is measured on it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.paths.linear_motion import CompliantHistory, LinearMotion
+
+SETTLING = 0.3  # left out at both ends of each face [s]
+# outward normal of each face and the way the tool goes along it
+NORMALS = ((-1.0, 0.0), (0.0, 1.0), (1.0, 0.0), (0.0, -1.0))
+TRAVELS = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class ContourDrives:
+    """What the drives do on a contour.
+
+    Attributes:
+        names: Of the drives.
+        forces: Forces ``(k, d)`` at ``(k,)`` steps [N].
+        torques: Torques of the motors ``(k, d)`` at ``(k,)`` steps with these forces [N m]; None
+            where their screws are not known.
+    """
+
+    names: tuple[str, ...]
+    forces: Callable[[NDArray[np.intp]], FloatArray]
+    torques: Callable[[NDArray[np.intp], FloatArray], FloatArray] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ContourRun:
+    """A contour that has been run.
+
+    Attributes:
+        times: ``(n,)`` steps [s].
+        gap: ``(n, 3)`` tool point of the compliant machine less that of the rigid one and less the
+            deflection under gravity, machine frame [m].
+        gravity_deflection: ``(n, 3)`` static deflection under gravity [m].
+        force: ``(n, 3)`` on the tool, machine frame [N].
+        face_times: ``(5,)`` when the straight cuts start, and when the last one ends [s].
+        motion: The linear model.
+        history: Its coordinates.
+        drives: What the drives do.
+        highest_hz: Highest natural frequency on the way.
+        coriolis: Velocity terms are in the equations of motion.
+        assumed: In plain words.
+    """
+
+    times: FloatArray
+    gap: FloatArray
+    gravity_deflection: FloatArray
+    force: FloatArray
+    face_times: FloatArray
+    motion: LinearMotion
+    history: CompliantHistory
+    drives: ContourDrives
+    highest_hz: float
+    coriolis: bool
+    assumed: tuple[str, ...]
+
+
+def face_instants(run: ContourRun, face: int) -> FloatArray:
+    """Which steps lie on a face (0 to 3), its ends left out."""
+    return np.asarray(
+        (run.times > run.face_times[face] + SETTLING)
+        & (run.times < run.face_times[face + 1] - SETTLING)
+    )
+
+
+def high_share(run: ContourRun) -> float:
+    """Share of the gap's root mean square above twice the highest natural frequency, in the
+    direction where it is largest.
+    """
+    flat = run.gap - run.gap.mean(axis=0)
+    power = np.abs(np.fft.rfft(flat, axis=0)) ** 2
+    high = np.fft.rfftfreq(len(flat), run.times[1] - run.times[0]) > 2.0 * run.highest_hz
+    return float(np.sqrt(power[high].sum(axis=0) / power.sum(axis=0)).max())

@@ -1,0 +1,198 @@
+"""The contouring stage: a square contour milled on any machine, with path, drive forces, motion and
+the tool's deviation.
+
+For each face also the stability of the cut: the largest Floquet multiplier, and the depth of cut at
+which chatter starts.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from headstock.pipeline.answers.contouring import FACES, ContourAnswer, ContourFace, FaceStability
+from headstock.pipeline.contours.contour_run import ContourRun, face_instants
+from headstock.pipeline.contours.coupled_contour import coupled_face_dynamics, run_coupled_contour
+from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
+from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.stages.mechanism import placed_mechanism
+from headstock.pipeline.stages.run_state import Outcome, RunState
+from headstock.scene.reading.forces import ForceRecord, read_forces, resampling_loss
+from headstock.scene.requests import ContouringRequest
+from headstock.solvers.milling.stability import (
+    TipDynamics,
+    count_steps,
+    largest_multiplier,
+    limit_depth,
+    milling_gains,
+)
+
+DEEPEST = 0.2  # depth of cut up to which a limit is looked for [m]
+SERIES_POINTS = 2000
+FACE_POINTS = 8192  # of each face, in a row, for the forces of its drives
+ASSUMED = (
+    "faces 1 and 3 are those at the lowest and the highest x; which way x points is assumed, so the ratio is reported for both",
+    "the tool turns clockwise seen from above and leaves the block on its right: climb milling",
+    "the static deflection under gravity is subtracted from the gap",
+)
+CORIOLIS = "coriolis"
+MOST_LOST = 0.1  # of the rms of measured forces
+
+
+def high_share(run: ContourRun) -> float:
+    """Share of the gap's root mean square above twice the highest natural frequency, in the
+    direction where it is largest.
+    """
+    flat = run.gap - run.gap.mean(axis=0)
+    power = np.abs(np.fft.rfft(flat, axis=0)) ** 2
+    high = np.fft.rfftfreq(len(flat), run.times[1] - run.times[0]) > 2.0 * run.highest_hz
+    total = np.maximum(power.sum(axis=0), np.finfo(float).tiny)
+    return float(np.sqrt(power[high].sum(axis=0) / total).max())
+
+
+def face_stability(tip: TipDynamics, request: ContouringRequest, face: int) -> FaceStability:
+    """Stability of the cut in the middle of a face: largest Floquet multiplier at the depth of cut,
+    and the limit depth.
+
+    Args:
+        tip: The machine at the tip of the tool there.
+        request: Contour, tool and cut.
+        face: Face of the square, 0 to 3 in the order of the path.
+    """
+    return FaceStability(
+        face + 1,
+        cut_multiplier(tip, request, request.cut.axial_depth),
+        limit_depth(lambda depth: cut_multiplier(tip, request, depth), DEEPEST),
+    )
+
+
+def cut_multiplier(tip: TipDynamics, request: ContouringRequest, depth: float) -> float:
+    """Largest Floquet multiplier over a tooth period; the cut is stable below one.
+
+    Args:
+        tip: The machine at the tip of the tool.
+        request: Tool and cut.
+        depth: Axial depth of cut [m].
+    """
+    cut = dataclasses.replace(request.cut, axial_depth=depth)
+    return largest_multiplier(
+        tip, milling_gains(cut, count_steps(tip, cut.tooth_period)), cut.tooth_period
+    )
+
+
+def evaluate_contour(
+    request: ContouringRequest,
+    run: ContourRun,
+    *,
+    stability: tuple[FaceStability, ...] = (),
+    force_loss: float | None = None,
+) -> ContourAnswer:
+    """What is kept of a contour that was run.
+
+    Args:
+        request: Path, tool and cut.
+        run: Of the request.
+        stability: Of each face, where it was requested.
+        force_loss: Share of measured forces that is faster than the steps.
+    """
+    some = np.unique(
+        np.linspace(0, len(run.times) - 1, min(SERIES_POINTS, len(run.times))).astype(np.intp)
+    )
+    forces = run.drives.forces(some)
+    return ContourAnswer(
+        model=request.model,
+        material=request.material,
+        cutting=request.cutting,
+        regeneration=request.regeneration,
+        coriolis=run.coriolis,
+        faces=tuple(
+            _face(run, face) for face in range(len(FACES)) if face_instants(run, face).any()
+        ),
+        least_gravity_deflection=np.abs(run.gravity_deflection).min(axis=0),
+        most_gravity_deflection=np.abs(run.gravity_deflection).max(axis=0),
+        force_mean=run.force.mean(axis=0),
+        force_peak=np.abs(run.force).max(axis=0),
+        high_share=high_share(run),
+        face_times=run.face_times,
+        assumed=(*ASSUMED, *run.assumed),
+        times=run.times[some],
+        gap=run.gap[some],
+        drives=run.drives.names,
+        drive_forces=forces,
+        torques=None if run.drives.torques is None else run.drives.torques(some, forces),
+        stability=stability,
+        force_loss=force_loss,
+    )
+
+
+def _face(run: ContourRun, face: int) -> ContourFace:
+    on = face_instants(run, face)
+    gap, places = run.gap[on], np.flatnonzero(on)
+    start = max(0, (len(places) - FACE_POINTS) // 2)
+    some = places[start : start + FACE_POINTS]
+    forces = run.drives.forces(some)
+    torques = None if run.drives.torques is None else run.drives.torques(some, forces)
+    return ContourFace(
+        number=face + 1,
+        gap_mean=gap.mean(axis=0),
+        gap_span=np.ptp(gap, axis=0),
+        drive_mean=forces.mean(axis=0),
+        drive_span=np.ptp(forces, axis=0),
+        torque_mean=None if torques is None else torques.mean(axis=0),
+        torque_span=None if torques is None else np.ptp(torques, axis=0),
+    )
+
+
+def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
+    """Run the contour the scene asks for."""
+    if not state.is_root:
+        return Outcome()
+    request = state.scene.analyses.contouring
+    if request is None:
+        raise ValueError("a contour stage needs a contour in the scene")
+    if not request.cutting:
+        state.warn(
+            "the contour is simulated without cutting; write [effects] cutting_force = true to cut"
+        )
+    record = None if request.forces is None or not request.cutting else read_forces(request.forces)
+    run, tips = _run_machine(state, request, record)
+    loss = None if record is None else resampling_loss(record, run.times)
+    if loss is not None and loss > MOST_LOST:
+        state.warn(
+            f"{100.0 * loss:.0f} % of the measured forces' rms is faster than the time steps resolve and is averaged out;"
+            " raise steps_per_turn in [analyses.contouring] to resolve it"
+        )
+    found = evaluate_contour(
+        request,
+        run,
+        stability=tuple(face_stability(tip, request, face) for face, tip in enumerate(tips)),
+        force_loss=loss,
+    )
+    reported = ", ".join(
+        f"face {face.number} {1e6 * face.gap_mean[0]:+.1f} µm"
+        for face in found.faces
+        if face.number in (1, 3)
+    )
+    return Outcome(detail=f"{len(run.times)} steps, gap along x on {reported}", answers=(found,))
+
+
+def _run_machine(
+    state: RunState, request: ContouringRequest, record: ForceRecord | None
+) -> tuple[ContourRun, tuple[TipDynamics, ...]]:
+    """The contour on the machine of a scene, and the machine at the tip of the tool on each face
+    where chips make waves.
+    """
+    faces = range(len(FACES) if request.regeneration else 0)
+    mechanism, placed = state.scene.mechanism, placed_mechanism(state)
+    if placed is None:
+        coupled = run_coupled_contour(state, request, record)
+        return coupled, tuple(coupled_face_dynamics(coupled, request, face) for face in faces)
+    if mechanism is None:
+        raise ValueError("a placed mechanism needs a mechanism in the scene")
+    if not request.damping_ratios:
+        state.warn('the contour runs without damping: write [effects] damping = { modal = "2 %" }')
+    # the linear model is one about the rigid path, the nonlinear one includes the rotation of gravity
+    model = dataclasses.replace(
+        placed.model, velocity_terms=CORIOLIS in state.scene.effects, gravity_stiffening=False
+    )
+    run = run_lumped_contour(mechanism, model, request, record=record)
+    return run, tuple(lumped_face_dynamics(mechanism, model, request, face) for face in faces)

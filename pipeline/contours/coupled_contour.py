@@ -1,0 +1,476 @@
+"""A contour on a machine coupled of components, rigid to finite elements: axes that follow the path,
+or a mechanism whose legs bend.
+
+The machine is coupled in poses along the path and reduced to its modes there; the rigid machine
+travels as its set points say, and its inertia is a load. Motors follow their set points.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
+from headstock.geometry.machine.drives import Drive
+from headstock.geometry.machine.joints import Axis
+from headstock.geometry.machine.machine import Machine, Pose
+from headstock.geometry.machine.tool_travel import ToolTravel, find_tool_travel
+from headstock.pipeline.contours.contour_cut import cut_contour, travel_frames
+from headstock.pipeline.contours.contour_run import TRAVELS, ContourDrives, ContourRun
+from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
+from headstock.pipeline.stages.run_state import RunState
+from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.matrices import CouplingMemo
+from headstock.reduction.coupling.path_loads import body_loads, inertia_load, stack_modes
+from headstock.scene.reading.forces import ForceRecord
+from headstock.scene.requests import ContouringRequest
+from headstock.scene.scene import SceneMechanism
+from headstock.solvers.control.friction_loop import friction_force
+from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.milling.path_drives import move_markers
+from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
+from headstock.solvers.milling.tool_path import AVERAGES, SmoothPath, square_path
+from headstock.solvers.paths.linear_motion import interpolate_nodes
+from headstock.solvers.paths.sampled_motion import (
+    SampledMotion,
+    follow_drives,
+    follow_motion,
+    sample_motion,
+)
+from headstock.solvers.paths.varying_system import PlantChannels, PosedModes
+from headstock.solvers.second_order import Channel
+
+GRAVITY_LOAD: Channel = ("gravity", "load")
+FORCE = "force"
+STEPS_PER_SWING = 20  # of the highest mode that is kept: with fewer its frequency is off
+RESIDUAL_REACH = 4.0  # frequency at which what is left out gives way, in highest modes kept
+RESIDUAL_DAMPING = 0.3
+IDEAL = "motors follow their set points; no control loop is closed along a contour"
+OF_SCREWS = "motor torques are the forces of the screws times lead over 2 pi"
+
+
+@dataclass(frozen=True, eq=False)
+class RigidWay:
+    """How the rigid machine follows a path.
+
+    Attributes:
+        pose_at: The pose at a time.
+        loads: Channels of the load by its inertia, in the order of the amounts, of a coupled
+            machine.
+        amounts: Accelerations ``(n, r)`` of these channels at times ``(n,)``.
+        channels: Their names.
+        axis_motion: Speed and acceleration ``(n,)`` of an axis at times; None of a mechanism.
+        leg_forces: Forces ``(n, d)`` that hold up and accelerate the legs of a mechanism themselves,
+            between their drives and their screws, at times; None of axes.
+    """
+
+    pose_at: Callable[[float], Pose]
+    loads: Callable[[CoupledMachine], dict[Channel, FloatArray]]
+    amounts: Callable[[FloatArray], FloatArray]
+    channels: tuple[Channel, ...]
+    axis_motion: Callable[[str, FloatArray], tuple[FloatArray, FloatArray]] | None = None
+    leg_forces: Callable[[FloatArray], FloatArray] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class CoupledRun(ContourRun):
+    """A contour that has been run on a machine of components.
+
+    Attributes:
+        sampled: The machine on its way.
+        face_middles: ``(4,)`` when the tool is in the middle of each face [s].
+    """
+
+    sampled: SampledMotion
+    face_middles: FloatArray
+
+
+def run_coupled_contour(
+    state: RunState,
+    request: ContouringRequest,
+    record: ForceRecord | None = None,
+    until: float = math.inf,
+) -> CoupledRun:
+    """Run a contour.
+
+    Args:
+        state: With the reduced components.
+        request: Path, tool and cut.
+        record: Measured forces in place of computed ones; its time starts with the path.
+        until: Stop at this time [s].
+
+    Raises:
+        PoseError: A mechanism cannot follow the path.
+        ForceFileError: The record does not cover it.
+        ModelError: The machine is free to move.
+    """
+    path, face_times = square_path(request.contour)
+    end = min(path.span[1], until)
+    step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
+    times: FloatArray = np.asarray(np.arange(0.0, end, step), dtype=float)
+    way = _plan_way(state, request, path)
+    screws = find_screws(state.scene.machine)
+    tool = tuple((request.point or "", direction) for direction in DIRECTIONS)
+    channels = PlantChannels(
+        inputs=(*tool, GRAVITY_LOAD, *way.channels),
+        outputs=(*tool, *((name, FORCE) for name in screws)),
+        up_to_hz=request.modes_to_hz,
+    )
+    place = _placer(state, way, screws)
+    middles = 0.5 * (face_times[1:] + face_times[:-1])
+    if request.follows_pose:
+        bends = (*bend_times(request, face_times), path.span[1] - AVERAGES * request.contour.window)
+        breaks = [0.0, *(float(time) for time in bends if time < end), end]
+        sampled = sample_motion(place, breaks, channels)
+    else:
+        kept = place(float(middles[0]))
+        sampled = sample_motion(lambda time: kept, [0.0, end], channels)
+    _judge_steps(state, request, sampled, step)
+
+    def given(now: FloatArray) -> FloatArray:
+        return np.concatenate([np.ones((len(now), 1)), way.amounts(now)], axis=1)
+
+    motion = follow_motion(sampled, times, given)
+    history, force = cut_contour(
+        request, motion, path, face_times, rotation=np.eye(3), record=record
+    )
+    gravity_deflection = motion.tool_motion(
+        interpolate_nodes(times, motion.nodes, motion.gravity_deflection)
+    )
+
+    def drive_forces(some: NDArray[np.intp]) -> FloatArray:
+        pushed = follow_drives(
+            sampled,
+            times[some],
+            coordinates=history.compliant[some],
+            force=force[some],
+            given=given(times[some]),
+        )
+        # a drive at the base of a leg also carries the leg, and pushes against what its tip feels
+        return pushed if way.leg_forces is None else way.leg_forces(times[some]) - pushed
+
+    torques, assumed = _motor_torques(state, tuple(screws), way, times)
+    return CoupledRun(
+        times=times,
+        gap=motion.tool_motion(history.compliant) + motion.tool_rest(force) - gravity_deflection,
+        gravity_deflection=gravity_deflection,
+        force=force,
+        face_times=face_times,
+        motion=motion,
+        history=history,
+        drives=ContourDrives(tuple(screws), drive_forces, torques),
+        highest_hz=sampled.highest_hz,
+        coriolis=False,
+        assumed=(IDEAL, *assumed),
+        sampled=sampled,
+        face_middles=middles,
+    )
+
+
+def bend_times(request: ContouringRequest, face_times: FloatArray) -> FloatArray:
+    """``(7,)`` times at which the tool has sped up, and enters and leaves the arcs around the
+    corners [s].
+    """
+    arc = 0.5 * math.pi * request.contour.offset / request.contour.feed
+    starts = face_times[1:4]
+    return np.concatenate(
+        [[AVERAGES * request.contour.window], np.stack([starts - arc, starts], axis=1).ravel()]
+    )
+
+
+def find_screws(machine: Machine) -> dict[str, tuple[str, Axis | None]]:
+    """Ball screws that drive a machine: name of the drive to its joint and axis; those of a
+    mechanism have the name of their joint.
+    """
+    found: dict[str, tuple[str, Axis | None]] = {}
+    for axis in machine.axes.values():
+        for name in axis.joints:
+            if machine.joints[name].kind == "ball_screw" and axis.kind == "linear":
+                found.setdefault(axis.name, (name, axis))
+    if machine.mechanism is not None:
+        taken = {joint for joint, _ in found.values()}
+        found |= {
+            name: (name, None)
+            for name, joint in machine.joints.items()
+            if joint.kind == "ball_screw" and name not in taken
+        }
+    return found
+
+
+def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int) -> TipDynamics:
+    """The machine with its tool in the middle of a face: forces along, away and up, chips by
+    motions along and away.
+
+    What is left out gives way by a mode of its own in each direction, far above those that are
+    kept.
+
+    Args:
+        run: Of the contour.
+        request: Contour, tool and cut.
+        face: Face of the square, 0 to 3 in the order of the path.
+    """
+    now = run.sampled.at(run.face_middles[face : face + 1])
+    frame: FloatArray = travel_frames(np.array([[*TRAVELS[face], 0.0]]))[0]
+    tip = frame @ now.outputs[0, :3]
+    rest = frame @ now.residual[0, :3, :3] @ frame.T
+    # of unit mass, flexible as what is left out: shapes are its square root times the frequency
+    omega = RESIDUAL_REACH * 2.0 * np.pi * max(run.highest_hz, request.modes_to_hz)
+    values, vectors = np.linalg.eigh(0.5 * (rest + rest.T))
+    extra = vectors * np.sqrt(np.maximum(values, 0.0)) * omega
+    kept = tip.shape[1]
+    stiffness, damping = (
+        omega**2 * np.eye(kept + 3),
+        2.0 * RESIDUAL_DAMPING * omega * np.eye(kept + 3),
+    )
+    stiffness[:kept, :kept], damping[:kept, :kept] = now.stiffness[0], now.damping[0]
+    shapes = np.concatenate([tip, extra], axis=1)
+    return tip_dynamics(np.eye(kept + 3), damping, stiffness, forced=shapes, seen=shapes[:2])
+
+
+def _placer(
+    state: RunState, way: RigidWay, screws: Mapping[str, tuple[str, Axis | None]]
+) -> Callable[[float], PosedModes]:
+    """The machine at a time of the way: coupled, damped as the scene says, with every channel."""
+    parts, memo, undamped = state.parts, CouplingMemo(), False
+
+    def place(time: float) -> PosedModes:
+        nonlocal undamped
+        coupled = couple(
+            parts.superelements,
+            state.scene.machine,
+            way.pose_at(time),
+            gravity=parts.plan.gravity,
+            memo=memo,
+        )
+        modes = solve_modal(coupled.system)
+        for message in warn_of_no_damping(state.scene, coupled.system):
+            state.warn(message)
+        system = damp_system(state.scene, coupled.system, modes)
+        if system.damping is None and system.hysteretic is None and not undamped:
+            undamped = True
+            state.warn(
+                'the contour runs without damping: write [effects] damping = { modal = "2 %" }'
+            )
+        for message in coupled.warnings:
+            state.warn(message)
+        weight = coupled.loads.get("gravity", np.zeros(len(coupled.system.mass)))
+        system = dataclasses.replace(
+            system,
+            inputs={**system.inputs, GRAVITY_LOAD: weight, **way.loads(coupled)},
+            outputs={**system.outputs, **_screw_rows(coupled, screws)},
+        )
+        return stack_modes(system, modes, coupled)
+
+    return place
+
+
+def _screw_rows(
+    coupled: CoupledMachine, screws: Mapping[str, tuple[str, Axis | None]]
+) -> dict[Channel, FloatArray]:
+    """Row ``(n,)`` of the force with which each screw pushes its nut, along the axis [N]."""
+    joints = {joint.name: joint for joint in coupled.joint_springs}
+    found: dict[Channel, FloatArray] = {}
+    for name, (joint, axis) in screws.items():
+        spring = joints[joint]
+        along = (
+            1.0 if axis is None else float(np.sign(spring.frame.rotation[:, 0] @ axis.direction))
+        )
+        found[name, FORCE] = along * (spring.stiffness @ spring.rows)[0]
+    return found
+
+
+def _plan_way(state: RunState, request: ContouringRequest, path: SmoothPath) -> RigidWay:
+    mechanism, machine = state.scene.mechanism, state.scene.machine
+    if mechanism is not None:
+        return _mechanism_way(state, mechanism, path, find_screws(machine))
+    return _axes_way(machine, find_tool_travel(machine, machine.points[request.point or ""]), path)
+
+
+def _axes_way(machine: Machine, travel: ToolTravel, path: SmoothPath) -> RigidWay:
+    """Linear axes that follow a path."""
+    channels = tuple((name, "acceleration") for name in travel.axes)
+    directions = {
+        name: dict.fromkeys(machine.axes[name].moves, machine.axes[name].direction)
+        for name in travel.axes
+    }
+
+    def pose_at(time: float) -> Pose:
+        places = travel.axis_positions(path.at(np.array([time])).position)[0]
+        return Pose(f"t = {time:.4g} s", dict(zip(travel.axes, places.tolist(), strict=True)))
+
+    def amounts(times: FloatArray) -> FloatArray:
+        return travel.axis_positions(path.at(times).acceleration)
+
+    def axis_motion(name: str, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        number, points = travel.axes.index(name), path.at(times)
+        return (
+            travel.axis_positions(points.velocity)[:, number],
+            travel.axis_positions(points.acceleration)[:, number],
+        )
+
+    return RigidWay(
+        pose_at,
+        lambda coupled: {
+            channel: inertia_load(coupled, directions[channel[0]]) for channel in channels
+        },
+        amounts,
+        channels,
+        axis_motion,
+    )
+
+
+def _mechanism_way(
+    state: RunState,
+    mechanism: SceneMechanism,
+    path: SmoothPath,
+    screws: Mapping[str, tuple[str, Axis | None]],
+) -> RigidWay:
+    """A mechanism that leads its tool along a path without turning it."""
+    parts, mounted = state.parts, mechanism.mounted
+    carried = {name: marker for name, marker in mechanism.carries.items() if name in parts.reduced}
+    channels = tuple((name, f"acceleration {dof}") for name in carried for dof in DOF_NAMES)
+
+    def pose_at(time: float) -> Pose:
+        x, y, z = path.at(np.array([time])).position[0].tolist()
+        return Pose(f"t = {time:.4g} s", {"X": x, "Y": y, "Z": z})
+
+    def amounts(times: FloatArray) -> FloatArray:
+        moved = move_markers(mounted, times, path.at(times), mechanism.tool)
+        columns, turn = [], mounted.mounting.rotation
+        for name, marker in carried.items():
+            place = mounted.mechanism.markers.index(marker)
+            body, own = parts.superelements[name], parts.plan.components[name].placement
+            rotation = moved.rotations[:, place]
+            arm = rotation @ (own.origin + own.rotation @ body.center_of_mass)
+            omega, alpha = moved.omega[:, place], moved.alpha[:, place]
+            # Euler's moment of a body that turns: as if it were accelerated faster
+            axes = rotation @ own.rotation
+            inertia = axes @ body.inertia @ np.swapaxes(axes, -1, -2)
+            moment = np.cross(omega, (inertia @ omega[..., None])[..., 0])
+            spin = alpha + np.linalg.solve(inertia, moment[..., None])[..., 0]
+            center = (
+                moved.acceleration[:, place]
+                + np.cross(alpha, arm)
+                + np.cross(omega, np.cross(omega, arm))
+            )
+            columns += [center @ turn.T, spin @ turn.T]
+        return np.concatenate(columns, axis=1)
+
+    def loads(coupled: CoupledMachine) -> dict[Channel, FloatArray]:
+        found: dict[Channel, FloatArray] = {}
+        for name in carried:
+            own = body_loads(coupled, name)
+            found |= {
+                (name, f"acceleration {dof}"): own[:, number]
+                for number, dof in enumerate(DOF_NAMES)
+            }
+        return found
+
+    def leg_forces(times: FloatArray) -> FloatArray:
+        moved, pulled = move_markers(mounted, times, path.at(times), mechanism.tool), amounts(times)
+        gravity = np.zeros(3) if parts.plan.gravity is None else np.asarray(parts.plan.gravity)
+        found, names = np.zeros((len(times), len(screws))), list(carried)
+        for number, (joint, _) in enumerate(screws.values()):
+            leg = state.scene.machine.joints[joint].ends[0].component
+            if leg not in carried:
+                continue
+            rotation = moved.rotations[:, mounted.mechanism.markers.index(carried[leg])]
+            axis = state.scene.machine.joints[joint].rotation[:, 0]
+            along = rotation @ axis @ mounted.mounting.rotation.T
+            center = pulled[:, 6 * names.index(leg) : 6 * names.index(leg) + 3]
+            weight = parts.superelements[leg].mass_kg
+            found[:, number] = weight * ((center - gravity) * along).sum(axis=1)
+        return found
+
+    return RigidWay(pose_at, loads, amounts, channels, leg_forces=leg_forces)
+
+
+def _motor_torques(
+    state: RunState, names: tuple[str, ...], way: RigidWay, times: FloatArray
+) -> tuple[Callable[[NDArray[np.intp], FloatArray], FloatArray] | None, tuple[str, ...]]:
+    """Torques of the motors: those of the screws, of the motors' inertia and of friction where the
+    scene has drives; and what they leave out.
+    """
+    mechanism, machine = state.scene.mechanism, state.scene.machine
+    if mechanism is not None:
+        lead = mechanism.screw_lead
+        if lead is None:
+            return None, ()
+        text = f"{OF_SCREWS}: no friction, no inertia of motor and screw"
+        return lambda some, forces: forces * (lead / (2.0 * math.pi)), (text,)
+    drives: dict[str, Drive] = {drive.axis: drive for drive in state.scene.drives.values()}
+    screws = find_screws(machine)
+    shafts = {name: machine.joints[screws[name][0]].screw for name in names}
+    leads = {
+        name: drives[name].lead if name in drives else (shaft.lead if shaft else 0.0)
+        for name, shaft in shafts.items()
+    }
+    if not names or not all(leads.values()):
+        return None, ()
+
+    def torques(some: NDArray[np.intp], forces: FloatArray) -> FloatArray:
+        found = forces * (np.array([leads[name] for name in names]) / (2.0 * math.pi))
+        for number, name in enumerate(names):
+            drive = drives.get(name)
+            if drive is None or way.axis_motion is None:
+                continue
+            found[:, number] += drive_torque(drive, *_axis_motion(way, name, times[some]))
+        return found
+
+    left_out = [
+        what
+        for what, known in (
+            ("inertia of motor and screw", bool(drives)),
+            ("friction", any(drive.friction is not None for drive in drives.values())),
+        )
+        if not known
+    ]
+    text = f", plus the drives' own inertia{' and friction' if 'friction' not in left_out else ''}"
+    return torques, (
+        OF_SCREWS
+        + (text if drives else "")
+        + (f": no {', no '.join(left_out)}" if left_out else ""),
+    )
+
+
+def drive_torque(drive: Drive, speed: FloatArray, acceleration: FloatArray) -> FloatArray:
+    """Torque ``(n,)`` that a motor needs beside the force of its screw: for its own inertia and
+    that of its screw, and against friction [N m].
+
+    Args:
+        drive: Of the axis.
+        speed: ``(n,)`` of the axis [m/s].
+        acceleration: ``(n,)`` [m/s^2].
+    """
+    turn = 2.0 * math.pi / drive.lead
+    torque = (drive.motor_inertia + drive.screw_inertia) * turn * acceleration
+    if drive.friction is not None:
+        torque = torque + friction_force(drive.friction, speed) / turn
+    return np.asarray(torque)
+
+
+def _axis_motion(way: RigidWay, name: str, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+    if way.axis_motion is None or (name, "acceleration") not in way.channels:
+        return np.zeros(len(times)), np.zeros(len(times))
+    return way.axis_motion(name, times)
+
+
+def _judge_steps(
+    state: RunState, request: ContouringRequest, sampled: SampledMotion, step: float
+) -> None:
+    """Warn of modes that the steps do not resolve, and of effects that do not act."""
+    if sampled.highest_hz * step * STEPS_PER_SWING > 1.0:
+        needed = math.ceil(
+            request.steps_per_turn * sampled.highest_hz * step * STEPS_PER_SWING / 24.0
+        )
+        state.warn(
+            f"the highest mode of the contour, {sampled.highest_hz:.0f} Hz, has {1.0 / (sampled.highest_hz * step):.0f} time steps per swing;"
+            f" write steps_per_turn = {24 * needed} in [analyses.contouring], or a lower modes_to"
+        )
+    if "coriolis" in state.scene.effects:
+        state.warn(
+            "coriolis acts along the contour of a lumped mechanism only; it is left out here"
+        )

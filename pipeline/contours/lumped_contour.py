@@ -1,0 +1,154 @@
+"""A contour on a lumped mechanism: bodies on the springs of its legs, linear along the path or by
+the full equations; and the mechanism at the tip of its tool.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
+from headstock.pipeline.contours.contour_cut import cut_contour, travel_frames
+from headstock.pipeline.contours.contour_run import NORMALS, TRAVELS, ContourDrives, ContourRun
+from headstock.scene.reading.forces import ForceRecord
+from headstock.scene.requests import ContouringRequest
+from headstock.scene.scene import SceneMechanism
+from headstock.solvers.mechanisms.dynamics import CompliantMechanism
+from headstock.solvers.mechanisms.modes import (
+    linearise_poses,
+    marker_motion,
+    modal_damping,
+    solve_pose_modes,
+)
+from headstock.solvers.milling.contouring import (
+    drive_forces,
+    linear_motion,
+    refine_motion,
+    tool_gaps,
+)
+from headstock.solvers.milling.path_drives import PathDrive, follow_path
+from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
+from headstock.solvers.milling.tool_path import square_path
+from headstock.solvers.paths.linear_motion import CompliantHistory, interpolate_nodes
+
+NODE_SPACING = 4e-3
+LEGS = ("leg 1", "leg 2", "leg 3")
+TORQUE = "motor torques are the drives' forces times lead over 2 pi: no friction, no inertia of motor and screw"
+
+
+def run_lumped_contour(
+    mechanism: SceneMechanism,
+    model: CompliantMechanism,
+    request: ContouringRequest,
+    *,
+    record: ForceRecord | None = None,
+    until: float = math.inf,
+) -> ContourRun:
+    """Run a contour.
+
+    Args:
+        mechanism: Of the scene.
+        model: Its bodies and springs.
+        request: Path, tool and cut.
+        record: Measured forces in place of computed ones; its time starts with the path.
+        until: Stop at this time [s].
+
+    Raises:
+        PoseError: The path cannot be followed.
+        ForceFileError: The record does not cover it.
+    """
+    path, face_times = square_path(request.contour)
+    end = min(path.span[1], until)
+    step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
+    times: FloatArray = np.asarray(np.arange(0.0, end, step), dtype=float)
+    nodes: FloatArray = np.asarray(
+        np.linspace(0.0, end, max(8, round(end / NODE_SPACING))), dtype=float
+    )
+    drive = follow_path(mechanism.mounted, nodes, path.at(nodes), mechanism.tool)
+    turn = mechanism.mounted.mounting.rotation
+    ratios = np.array(request.damping_ratios or (0.0,))
+    motion = linear_motion(model, drive, times, ratios)
+    history, force = cut_contour(request, motion, path, face_times, rotation=turn, record=record)
+    moved = motion.tool_motion(history.compliant)
+    if request.model == "nonlinear":
+        history = refine_motion(model, drive, motion, force, history)
+        moved = tool_gaps(model, drive, times, history.compliant)
+    gravity_deflection = (
+        motion.tool_motion(interpolate_nodes(times, motion.nodes, motion.gravity_deflection))
+        @ turn.T
+    )
+    modes = solve_pose_modes(linearise_poses(model, drive.states[:: max(1, len(nodes) // 20)]))
+    highest = float(modes.frequencies_hz.max())
+    return ContourRun(
+        times=times,
+        gap=moved @ turn.T - gravity_deflection,
+        gravity_deflection=gravity_deflection,
+        force=force @ turn.T,
+        face_times=face_times,
+        motion=motion,
+        history=history,
+        drives=_leg_drives(mechanism, model, drive, times, history, force),
+        highest_hz=highest,
+        coriolis=model.velocity_terms,
+        assumed=(TORQUE,) if mechanism.screw_lead else (),
+    )
+
+
+def _leg_drives(
+    mechanism: SceneMechanism,
+    model: CompliantMechanism,
+    drive: PathDrive,
+    times: FloatArray,
+    history: CompliantHistory,
+    force: FloatArray,
+) -> ContourDrives:
+    """Forces of the legs' drives (eq. 14 of Bonnemains et al. 2010, with the work of springs that
+    soften as a leg grows).
+    """
+    lead = mechanism.screw_lead
+
+    def forces(some: NDArray[np.intp]) -> FloatArray:
+        thin = CompliantHistory(
+            history.compliant[some], history.rate[some], history.acceleration[some]
+        )
+        return drive_forces(model, drive, times[some], thin, force[some])[:, : len(LENGTHS)]
+
+    return ContourDrives(
+        LEGS,
+        forces,
+        None if lead is None else lambda some, pushed: pushed * (lead / (2.0 * math.pi)),
+    )
+
+
+def lumped_face_dynamics(
+    mechanism: SceneMechanism, model: CompliantMechanism, request: ContouringRequest, face: int
+) -> TipDynamics:
+    """The mechanism with its tool in the middle of a face: forces along, away and up, chips by
+    motions along and away.
+
+    Args:
+        mechanism: Of the scene.
+        model: Its bodies and springs.
+        request: Contour and damping ratios.
+        face: Face of the square, 0 to 3 in the order of the path.
+
+    Raises:
+        PoseError: The tool cannot get there.
+    """
+    contour = request.contour
+    reach = 0.5 * contour.side + contour.offset
+    x, y = (
+        center + reach * normal
+        for center, normal in zip(contour.center, NORMALS[face], strict=True)
+    )
+    state = solve_tool_pose(mechanism.mounted, np.array([x, y, contour.height]), mechanism.tool)
+    motions = linearise_poses(model, state)
+    damping = modal_damping(
+        motions, solve_pose_modes(motions), np.array(request.damping_ratios or (0.0,))
+    )
+    frame: FloatArray = (
+        travel_frames(np.array([[*TRAVELS[face], 0.0]]))[0] @ mechanism.mounted.mounting.rotation
+    )
+    tip = frame @ marker_motion(model, motions, model.tool)[:3]
+    return tip_dynamics(motions.mass, damping, np.diag(motions.stiffness), forced=tip, seen=tip[:2])

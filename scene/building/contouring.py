@@ -1,0 +1,182 @@
+"""A contour: built from its table, and what may be wrong with it, its effects and its reach."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from headstock.geometry.machine.carriages import find_overhangs
+from headstock.geometry.machine.machine import Pose, find_limit_fault
+from headstock.geometry.machine.tool_travel import find_tool_travel
+from headstock.scene.building.draft import Draft, check_name
+from headstock.scene.reading.files import resolve_file
+from headstock.scene.reading.findings import Findings
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.requests import ContouringRequest
+from headstock.scene.scene import Scene
+from headstock.scene.schema.effects import CONTOUR_EFFECTS
+from headstock.scene.schema.mechanism import ContouringTable
+from headstock.scene.schema.scene import SceneTable
+from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, MillingCut
+from headstock.solvers.milling.tool_path import SquareContour, square_path
+
+KEY: KeyPath = ("analyses", "contouring")
+FORCE_SUFFIXES = (".csv",)
+PASSINGS = 2.0  # modes are kept up to so many times the frequency at which teeth pass
+LOOKS = 200  # places along a contour at which axes are compared with their limits
+
+
+def build_contouring(
+    scene: SceneTable, folder: Path, damping_ratios: tuple[float, ...]
+) -> ContouringRequest | None:
+    """The contour a scene asks for.
+
+    Args:
+        scene: With its tables.
+        folder: Of the scene, for the file of measured forces.
+        damping_ratios: Of the first, second, ... mode, the last for all others.
+
+    Raises:
+        ValueError: The file of measured forces is missing or out of bounds.
+    """
+    table = scene.analyses.contouring
+    if table is None:
+        return None
+    mill = EndMill(table.mill.diameter, table.mill.teeth, table.mill.helix, table.mill.runout)
+    # with measured forces, or none, the coefficients play no part
+    name: str = table.material or "al7075-t6"
+    coefficients = CUTTING_MATERIALS[name]
+    return ContouringRequest(
+        contour=SquareContour(
+            side=table.side,
+            center=(table.at[0], table.at[1]),
+            height=table.at[2],
+            offset=0.5 * table.mill.diameter,
+            lead=table.lead,
+            feed=table.feed,
+            window=table.averaging,
+        ),
+        cut=MillingCut(mill, coefficients, table.spindle, table.axial_depth, table.radial_depth),
+        model=table.model,
+        steps_per_turn=table.steps_per_turn,
+        damping_ratios=damping_ratios,
+        material=table.material,
+        forces=None if table.forces is None else resolve_file(folder, table.forces, FORCE_SUFFIXES),
+        cutting=bool(scene.effects.get("cutting_force", False)),
+        regeneration=bool(scene.effects.get("regeneration", False)),
+        point=_tool_point(scene, table),
+        modes_to_hz=table.modes_to or PASSINGS * table.spindle / (2.0 * math.pi) * mill.teeth,
+        follows_pose=table.pose_model == "pose_dependent",
+    )
+
+
+def check_contouring(draft: Draft, findings: Findings) -> None:
+    """Report what is wrong with a contour, apart from places that it cannot reach."""
+    scene, table = draft.table, draft.table.analyses.contouring
+    if scene.mechanism is None:
+        acting = {"cutting_force"} if scene.analyses.path is not None else set()
+        acting |= {"cutting_force", "regeneration"} if table is not None else set()
+        for name in (set(CONTOUR_EFFECTS) - acting) & {
+            name for name, value in scene.effects.items() if value
+        }:
+            where = "of a lumped mechanism" if name == "coriolis" else "only"
+            findings.add(
+                ("effects", name),
+                f"acts in [analyses.contouring] {where}, and this scene has none; remove it",
+            )
+    if table is None:
+        return
+    _check_regeneration(scene, table, findings)
+    if not scene.is_lumped:
+        _check_coupled(scene, table, draft, findings)
+    cutting = bool(scene.effects.get("cutting_force"))
+    if (table.material is not None and table.forces is not None) or (
+        cutting and table.material is None and table.forces is None
+    ):
+        findings.add(KEY, 'needs either the material that is cut, or forces = "measured.csv"')
+    if table.radial_depth > 0.5 * table.mill.diameter:
+        findings.add(
+            (*KEY, "radial_depth"),
+            "is more than the radius of the tool; take less, or a larger tool",
+        )
+    if table.forces is not None:
+        try:
+            resolve_file(draft.folder, table.forces, FORCE_SUFFIXES)
+        except ValueError as error:
+            findings.add((*KEY, "forces"), str(error))
+
+
+def check_contour_reach(scene: Scene, findings: Findings) -> None:
+    """Report where linear axes cannot follow a contour; a mechanism tells when it closes its
+    loops.
+    """
+    request = scene.analyses.contouring or scene.on_request.contouring
+    if request is None or scene.mechanism is not None:
+        return
+    path, _ = square_path(request.contour)
+    machine, point = scene.machine, scene.machine.points[request.point or ""]
+    try:
+        travel = find_tool_travel(machine, point)
+        places = travel.axis_positions(
+            path.at(np.linspace(*path.span, LOOKS, dtype=np.float64)).position
+        )
+    except ValueError as error:
+        findings.add((*KEY, "at"), f"cannot be followed: {error}")
+        return
+    for number, name in enumerate(travel.axes):
+        low, high = machine.axes[name].limits
+        for place in (float(places[:, number].min()), float(places[:, number].max())):
+            if fault := find_limit_fault(name, place, low=low, high=high, unit="m"):
+                findings.add(
+                    KEY, f"the contour leads axis {name} too far: {fault}; move or shrink it"
+                )
+    if findings.concern("analyses"):
+        return
+    for row in (*places.argmin(axis=0), *places.argmax(axis=0)):
+        pose = Pose("on the contour", dict(zip(travel.axes, places[row].tolist(), strict=True)))
+        for fault in find_overhangs(machine, pose).values():
+            findings.add(KEY, fault)
+
+
+def _tool_point(scene: SceneTable, table: ContouringTable) -> str | None:
+    """The point of the tool: as written, else the scene's first."""
+    return table.point or next(iter(scene.points), None)
+
+
+def _check_coupled(
+    scene: SceneTable, table: ContouringTable, draft: Draft, findings: Findings
+) -> None:
+    if table.point is not None:
+        check_name((*KEY, "point"), table.point, "points", draft, findings)
+    elif not scene.points:
+        findings.add(
+            KEY,
+            'no point says where the tool is; write [points] tcp = { tool = "spindle.tip", work = "table.top" }',
+        )
+    if table.model != "linear":
+        findings.add(
+            (*KEY, "model"),
+            'only a lumped mechanism has the full equations; write model = "linear"',
+        )
+
+
+def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Findings) -> None:
+    key = ("effects", "regeneration")
+    if not scene.effects.get("regeneration"):
+        return
+    if not scene.effects.get("cutting_force"):
+        findings.add(
+            key, "acts through cutting forces; write [effects] cutting_force = true as well"
+        )
+    elif table.material is None:
+        findings.add(
+            key,
+            "needs computed forces: measured ones contain it already; remove this, or write the material instead of forces",
+        )
+    elif table.model != "linear":
+        findings.add(key, 'needs the linear model; write model = "linear" in [analyses.contouring]')
+    elif table.steps_per_turn % table.mill.teeth:
+        findings.add(
+            ("analyses", "contouring", "steps_per_turn"),
+            f"with regeneration must be a multiple of the {table.mill.teeth} teeth; write for example {24 * table.mill.teeth}",
+        )

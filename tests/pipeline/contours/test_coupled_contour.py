@@ -1,0 +1,222 @@
+"""Contours on machines of components, against the path analysis, statics, semi-discretisation and
+the lumped mechanism.
+"""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import MachinePath, Pose, travel_directions
+from headstock.meshing.components.meshing import describe_component
+from headstock.pipeline.contours.contour_run import ContourRun
+from headstock.pipeline.contours.contouring import cut_multiplier, face_stability
+from headstock.pipeline.contours.coupled_contour import (
+    CoupledRun,
+    coupled_face_dynamics,
+    drive_torque,
+    run_coupled_contour,
+)
+from headstock.pipeline.contours.lumped_contour import run_lumped_contour
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.stages.run_state import ReducedComponent, RunState
+from headstock.pipeline.storage.store import Store
+from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.components.segmented import reduce_segmented
+from headstock.reduction.coupling.coupling import couple
+from headstock.reduction.coupling.path_loads import PATH_INPUT, add_path_input, stack_modes
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.requests import ContouringRequest
+from headstock.scene.scene import keep_analyses
+from headstock.solvers.linear.damping import add_modal_damping
+from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.paths.linear_motion import march_linear
+from headstock.solvers.paths.response import PathModel, sample_times
+from headstock.solvers.paths.sampled_motion import follow_motion, sample_motion
+from headstock.solvers.paths.set_points import Ramp, SetPoint, sample_move
+from headstock.solvers.paths.varying_response import make_step_table, solve_varying_path
+from headstock.solvers.paths.varying_system import PlantChannels, PosedModes, sample_system
+from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
+from headstock.validation.mechanisms.tripteor_machine import load_tripteor
+
+pytestmark = pytest.mark.slow
+
+MILL = Path(__file__).parents[2] / "data" / "mill.toml"
+NO_GRAVITY = ("gravity", "load")
+
+
+def build_state(
+    folder: Path, scene: Path, *, variant: str = "", settings: tuple[str, ...] = ()
+) -> RunState:
+    loaded = keep_analyses(
+        load_scene(scene, variant=variant or None, overrides=settings), ["contouring"]
+    )
+    plan = plan_scene(loaded)
+    reduced = {
+        name: ReducedComponent(
+            (reduce_segmented if part.fidelity == "segmented" else reduce_rigid)(
+                part, describe_component(part)
+            )
+        )
+        for name, part in plan.components.items()
+    }
+    return RunState(loaded, plan, MPI.COMM_SELF, Store(folder / "store"), reduced=reduced)
+
+
+def request_of(state: RunState) -> ContouringRequest:
+    request = state.scene.analyses.contouring
+    assert request is not None
+    return request
+
+
+def run(state: RunState, until: float, **changes: Any) -> CoupledRun:
+    return run_coupled_contour(
+        state, dataclasses.replace(request_of(state), **changes), until=until
+    )
+
+
+def test_a_straight_move_deviates_as_in_the_path_analysis(tmp_path: Path) -> None:
+    state = build_state(tmp_path, MILL)
+    machine, parts = state.scene.machine, state.parts.superelements
+    line = MachinePath(Pose("from", {"Y": -0.15}), Pose("to", {"Y": 0.15}))
+    move = SetPoint(line.length, 0.5, Ramp("s_curve", 0.1, 0.04))
+    outputs = tuple(("tcp", dof) for dof in "xyz")
+
+    def place(position: float) -> PosedModes:
+        coupled = couple(parts, machine, line.pose_at(position))
+        modes = solve_modal(coupled.system)
+        damped = add_modal_damping(coupled.system, (0.02,), modes)
+        system = add_path_input(damped, coupled, travel_directions(machine, line))
+        nothing = {NO_GRAVITY: np.zeros(len(system.mass))}
+        system = dataclasses.replace(system, inputs=system.inputs | nothing)
+        return stack_modes(system, modes, coupled)
+
+    samples = sample_times(move, 20_000.0, 0.05)
+    model = PathModel(PATH_INPUT, outputs, 0.0, 2000.0)
+    along = sample_system(place, line.length, model)
+    other = solve_varying_path(along, move, samples, make_step_table(along, 1.0 / 20_000.0))
+
+    def go(times: FloatArray) -> FloatArray:
+        now = sample_move(move, np.clip(times, 0.0, move.duration))
+        return np.stack([np.ones(len(times)), now.accelerations], axis=1)
+
+    sampled = sample_motion(
+        lambda time: place(float(sample_move(move, np.array([time])).positions[0])),
+        [0.0, 0.14, move.duration - 0.14, move.duration],
+        PlantChannels((*outputs, NO_GRAVITY, PATH_INPUT), outputs, 2000.0),
+    )
+    motion = follow_motion(sampled, samples, go)
+    history = march_linear(motion, motion.load)
+    mine = motion.tool_motion(history.compliant) + motion.tool_rest(np.zeros((len(samples), 3)))
+    size = np.abs(other.total).max()
+    assert size > 1e-6
+    assert np.abs(mine - other.total).max() < 1e-3 * size
+
+
+def test_a_slow_cut_bends_the_machine_as_its_compliance_says(tmp_path: Path) -> None:
+    state = build_state(tmp_path, MILL)
+    found = run(state, 0.8)
+    on = (found.times > 0.45) & (found.times < 0.7)
+    middle = float(found.face_middles[0])
+    now = found.sampled.at(np.array([middle]))
+    compliance = now.outputs[0, :3] @ np.linalg.solve(now.stiffness[0], now.outputs[0, :3].T)
+    compliance = compliance + now.residual[0, :3, :3]
+    expected = compliance @ found.force[on].mean(axis=0)
+    assert np.abs(found.gap[on].mean(axis=0) - expected).max() < 5e-3 * np.abs(expected).max()
+    # the screws hold the tool against the cut: the ram's pushes along y, both along x
+    drives = found.drives.forces(np.flatnonzero(on)).mean(axis=0)
+    assert drives == pytest.approx(-found.force[on].mean(axis=0)[:2], rel=5e-3)
+
+
+def test_modes_left_out_follow_at_once(tmp_path: Path) -> None:
+    state = build_state(tmp_path, MILL)
+    whole, part = (run(state, 0.5, modes_to_hz=hz) for hz in (5000.0, 400.0))
+    assert part.sampled.modes < whole.sampled.modes == 12
+    assert np.abs(whole.gap - part.gap).max() < 0.03 * np.abs(whole.gap).max()
+    on = whole.times > 0.4
+    assert part.gap[on].mean(axis=0) == pytest.approx(
+        whole.gap[on].mean(axis=0), rel=1e-3, abs=1e-10
+    )
+    frozen = run(state, 0.5, follows_pose=False)
+    change = np.abs(whole.gap - frozen.gap).max()
+    assert 1e-6 * np.abs(whole.gap).max() < change < 0.1 * np.abs(whole.gap).max()
+
+
+def test_waves_decay_below_the_limit_of_semi_discretisation_and_grow_above(tmp_path: Path) -> None:
+    state = build_state(tmp_path, MILL, settings=('analyses.contouring.side="80 mm"',))
+    request = dataclasses.replace(request_of(state), regeneration=True, follows_pose=False)
+    shallow = run_coupled_contour(state, request, until=0.05)
+    limit = face_stability(coupled_face_dynamics(shallow, request, 0), request, 0).limit_depth
+    assert 0.5e-3 < limit < 0.19
+    growth = {}
+    for share in (0.95, 1.05):
+        cut = dataclasses.replace(request.cut, axial_depth=share * limit)
+        deeper = dataclasses.replace(request, cut=cut)
+        found = run_coupled_contour(state, deeper, until=1.1)
+        delay = request.steps_per_turn // cut.mill.teeth
+        # what differs from one tooth to the next is no forced motion
+        waves = np.abs(found.gap[delay:] - found.gap[:-delay]).max(axis=1)
+        early, late = (
+            waves[(found.times[delay:] > start) & (found.times[delay:] < start + 0.05)].max()
+            for start in (0.7, 1.05)
+        )
+        periods = 0.35 / cut.tooth_period
+        multiplier = cut_multiplier(
+            coupled_face_dynamics(found, deeper, 0), deeper, cut.axial_depth
+        )
+        growth[share] = float(late / early) ** (1.0 / periods)
+        assert growth[share] == pytest.approx(multiplier, abs=2e-3)
+    assert growth[0.95] < 1.0 < growth[1.05]
+
+
+def test_stiff_legs_move_as_the_lumped_mechanism(tmp_path: Path) -> None:
+    tripteor = load_tripteor()
+    model = dataclasses.replace(tripteor.model, velocity_terms=False)
+
+    def both(until: float, *settings: str) -> tuple[CoupledRun, ContourRun]:
+        state = build_state(tmp_path, TRIPTEOR, variant="stiff_legs+segmented", settings=settings)
+        request = request_of(state)
+        return (
+            run_coupled_contour(state, request, until=until),
+            run_lumped_contour(tripteor.scene, model, request, until=until),
+        )
+
+    legs, lumped = both(0.4)
+    assert np.abs(legs.gap - lumped.gap).max() < 1e-3 * np.abs(lumped.gap).max()
+    # undamped: of the damping of modes screws carry no part, and in balance of all bodies it is
+    legs, lumped = both(0.12, "effects.damping=false")
+    some = np.arange(0, len(lumped.times), 50)
+    forces = lumped.drives.forces(some)
+    assert np.abs(legs.drives.forces(some) - forces).max() < 2e-3 * np.abs(forces).max()
+
+
+def test_a_motor_turns_itself_and_its_screw() -> None:
+    drive = load_scene(Path(TRIPTEOR).parent / "three_axis.toml", variant="controlled+R").drives[
+        "X"
+    ]
+    speed, acceleration = np.array([0.05, 0.05]), np.array([0.0, 2.0])
+    torque = drive_torque(drive, speed, acceleration)
+    turn = 2.0 * np.pi / 0.01
+    assert torque[1] - torque[0] == pytest.approx(
+        (drive.motor_inertia + drive.screw_inertia) * turn * 2.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        ('analyses.contouring.side="500 mm"', "leads axis X too far"),
+        ('analyses.contouring.at=["0 mm","0 mm","50 mm"]', "no axis moves the tool along z"),
+        ('analyses.contouring.model="nonlinear"', "only a lumped mechanism"),
+        ('analyses.contouring.point="tpc"', "tcp"),
+        ("effects.coriolis=true", "of a lumped mechanism"),
+    ],
+)
+def test_what_cannot_be_followed_is_refused_with_its_remedy(settings: str, expected: str) -> None:
+    with pytest.raises(SceneError, match=expected):
+        load_scene(MILL, overrides=[settings])
