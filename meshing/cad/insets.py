@@ -313,7 +313,12 @@ def _remark(
     largest = max(features, key=lambda feature: feature.width)
     numbers = {face: number for number, face in enumerate(faces, 1)}
     first = min(numbers[face] for face in largest.faces)
+    what = (
+        "1 hole, recess or pad"
+        if len(features) == 1
+        else f"{len(features)} holes, recesses and pads"
+    )
     return (
-        f"{len(features)} holes, recesses and pads of {len(gone)} of {len(faces)} faces{list_faces(gone)}, up to {1e3 * width:.3g} mm wide"
-        f" (face:{first}: {1e3 * largest.width * unit:.3g} mm), are left out of the mesh; the volume changes by {change:.1e} (mesh.details)"
+        f"{what} of {len(gone)} of {len(faces)} faces{list_faces(gone)}, up to {1e3 * width:.3g} mm wide"
+        f" (face:{first}: {1e3 * largest.width * unit:.3g} mm): left out of the mesh; the volume changes by {change:.1e} (mesh.details)"
     )

@@ -36,7 +36,7 @@ from headstock.meshing.cad.slivers import refuse_slivers, remove_narrow_features
 from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray, LeftOut
 from headstock.meshing.elements.quality import scaled_jacobians
 from headstock.meshing.elements.surface import PLACES, facet_places
-from headstock.meshing.errors import MeshError
+from headstock.meshing.errors import MeshError, MeshQualityError
 from headstock.meshing.process.job import MeshData, MeshJob
 from headstock.meshing.size_field import SizeField
 from headstock.meshing.sizing import (
@@ -62,7 +62,7 @@ FREE_FACETS = 4000  # their nearest points take 0.7 ms each
 TETRAHEDRON = {1: 4, 2: 11}
 TRIANGLE = {1: 2, 2: 9}
 SLIVER_QUALITY = 0.02
-USABLE_QUALITY = 2e-3  # of the worst tet: above what the mesh checks refuse
+THIN_TRIANGLE = 0.05  # height over longest side
 NEVER_EXTEND = 0
 NARROW_SHARE = 0.05  # of the smallest element size: what is narrower is not meshed
 OPTIONS: dict[str, float] = {
@@ -412,7 +412,8 @@ def _check_budget(count: int, job: MeshJob, size: float, numbers: dict[int, int]
         raise MeshError(message)
     smallest = _smallest(job, size) * job.unit
     raise MeshError(
-        f"{message}, coarsen curved faces and short edges by mesh.smallest, now {smallest:.2g} m, or leave out features by mesh.leave_out, mesh.details"
+        f"{message}, coarsen curved faces and short edges by mesh.smallest, now {smallest:.2g} m, or leave out fillets and holes"
+        f" by mesh.leave_out and mesh.details"
         f"{name_finest_faces(numbers)}"
     )
 
@@ -435,7 +436,8 @@ def _find_rims(job: MeshJob, imprints: Imprints) -> dict[int, float]:
 def _generate(job: MeshJob) -> None:
     if not _mesh_acceptably():
         limit = f"{resource.getrlimit(resource.RLIMIT_AS)[0] / 2**30:.3g} GiB of memory"
-        raise MeshError(
+        # coarse facets of narrow curved faces cut through each other; finer ones do not
+        raise MeshQualityError(
             f"gmsh could not mesh the solid within {limit}; write another mesh size, or repair the CAD model"
         )
     if job.order == 2 and not job.straight:
@@ -446,12 +448,12 @@ def _mesh_acceptably() -> bool:
     """Mesh with the algorithm that leaves no slivers, or else with the one whose worst tet is
     best.
 
-    No algorithm makes good tets on triangles that are slivers themselves, and HXT takes ten times
-    as long there: the other one goes first, and alone if its tets can be used.
+    No algorithm makes good tets on triangles that are slivers themselves, and there HXT takes ten
+    times as long, or all memory where they cut through each other: the other one does alone.
     """
     found: dict[int, float] = {}
-    if _worst_triangle() < SLIVER_QUALITY and _try_algorithm(DELAUNAY) > USABLE_QUALITY:
-        return True
+    if _worst_triangle() < THIN_TRIANGLE:
+        return _try_algorithm(DELAUNAY) > 0.0
     for algorithm in (HXT, DELAUNAY):
         found[algorithm] = _try_algorithm(algorithm)
         if found[algorithm] >= SLIVER_QUALITY:

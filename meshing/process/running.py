@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from headstock.geometry.parts.solids import MeshFile, StepFile
-from headstock.meshing.errors import MeshError, PartFileError, PatchError
+from headstock.meshing.errors import MeshError, MeshQualityError, PartFileError, PatchError
 from headstock.meshing.formats import find_format
 from headstock.meshing.process.isolation import WorkerEnd, WorkerLimits, run_isolated
 from headstock.meshing.process.job import MeshData, MeshJob, format_job, read_data
-from headstock.meshing.process.worker import BAD_FILE, BAD_PATCH, REFUSED
+from headstock.meshing.process.worker import BAD_FILE, BAD_MESH, BAD_PATCH, REFUSED
 
 # what answers in the worker: `perform_job` there, which calls `mesh_shape` of meshing/cad/meshing.py
 GMSH_WORKER = "headstock.meshing.cad.worker"
@@ -102,11 +102,13 @@ def _failure(end: WorkerEnd, job: MeshJob, what: str) -> MeshError:
     reason = _explain(end, job)
     # a file is named once where it is all that is looked at
     text = reason if reason.startswith(what) else f"{what}: {reason}"
+    if end.code == BAD_MESH:
+        return MeshQualityError(text)
     return PartFileError(text) if end.code == BAD_FILE else MeshError(text)
 
 
 def _explain(end: WorkerEnd, job: MeshJob) -> str:
-    if end.code in (REFUSED, BAD_FILE):
+    if end.code in (REFUSED, BAD_FILE, BAD_MESH):
         return end.last_line
     doing, remedy = "meshing", "write a larger mesh size"
     if isinstance(job.solid, StepFile):

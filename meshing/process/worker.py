@@ -6,11 +6,11 @@ import os
 import sys
 from collections.abc import Callable
 
-from headstock.meshing.errors import MeshError, PartFileError, PatchError
+from headstock.meshing.errors import MeshError, MeshQualityError, PartFileError, PatchError
 from headstock.meshing.process.isolation import accept_limits
 from headstock.meshing.process.job import MeshData, MeshJob, parse_job, write_data
 
-REFUSED, BAD_FILE, BAD_PATCH = 3, 4, 5
+REFUSED, BAD_FILE, BAD_PATCH, BAD_MESH = 3, 4, 5, 6
 
 
 def serve_job(arguments: list[str], perform: Callable[[MeshJob], MeshData]) -> int:
@@ -22,7 +22,7 @@ def serve_job(arguments: list[str], perform: Callable[[MeshJob], MeshData]) -> i
 
     Returns:
         Exit code: 0 done, 3 refused for a stated reason, 4 the file is to blame, 5 it lacks a patch, whose
-        group is the line's first word.
+        group is the line's first word, 6 a finer mesh may do.
     """
     (result,) = accept_limits(arguments)
     try:
@@ -32,6 +32,8 @@ def serve_job(arguments: list[str], perform: Callable[[MeshJob], MeshData]) -> i
         return BAD_PATCH
     except MeshError as error:
         sys.stderr.write("\n" + " ".join(str(error).split()) + "\n")
+        if isinstance(error, MeshQualityError):
+            return BAD_MESH
         return BAD_FILE if isinstance(error, PartFileError) else REFUSED
     with os.fdopen(int(result), "wb") as file:
         write_data(file, data)

@@ -10,6 +10,8 @@ from headstock.meshing.components.meshing import mesh_component
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 
+pytestmark = pytest.mark.process
+
 SUPPORT = Path(__file__).resolve().parents[2] / "data" / "support.toml"
 
 
