@@ -263,10 +263,12 @@ def _check_contouring(scene: SceneTable, folder: Path, findings: Findings) -> No
         for name in (set(CONTOUR_EFFECTS) - along_path) & {
             name for name, value in scene.effects.items() if value
         }:
-            findings.add(
-                ("effects", name),
-                "acts in [analyses.contouring] of a mechanism, and this scene has none; remove it",
+            why = (
+                "is zero here: linear axes carry their bodies without turning them, so that no velocity enters small motions in first order"
+                if name == "coriolis"
+                else "acts in [analyses.contouring] of a mechanism, and this scene has none"
             )
+            findings.add(("effects", name), f"{why}; remove it")
     if table is None:
         return
     _check_regeneration(scene, table, findings)
@@ -294,13 +296,13 @@ def _check_stiffening(scene: SceneTable, findings: Findings) -> None:
     if not scene.effects.get(GRAVITY_STIFFENING):
         return
     key = ("effects", GRAVITY_STIFFENING)
-    if not scene.is_lumped:
+    if not scene.effects.get("gravity"):
+        findings.add(key, "needs gravity; write [effects] gravity = true as well")
+    if scene.effects.get("drive_control") and not scene.is_lumped:
         findings.add(
             key,
-            "is available for lumped mechanisms only: components have no geometric stiffness in this version; remove it",
+            "is about a machine with locked motors: under control an axis travels, and its weight with it; remove this or drive_control",
         )
-    elif not scene.effects.get("gravity"):
-        findings.add(key, "needs gravity; write [effects] gravity = true as well")
 
 
 def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Findings) -> None:
