@@ -19,7 +19,7 @@ from headstock.reduction.coupling.dof_layout import (
     turn_dofs,
 )
 from headstock.reduction.coupling.elimination import Elimination, eliminate_constraints
-from headstock.reduction.coupling.gravity_stiffness import gravity_stiffness, warn_of_stress
+from headstock.reduction.coupling.gravity_stiffness import find_gravity_stiffness, warn_of_stress
 from headstock.reduction.coupling.guide_errors import (
     GUIDE_ERRORS,
     ErrorLoads,
@@ -174,7 +174,7 @@ def couple(
         ),
     )
     if machine.gravity_stiffening:
-        geometric = gravity_stiffness(
+        geometric = find_gravity_stiffness(
             system,
             machine,
             layout,

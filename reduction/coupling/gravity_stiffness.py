@@ -69,7 +69,7 @@ class _Contact:
     bodies: tuple[_Body | None, _Body | None]
 
 
-def gravity_stiffness(
+def find_gravity_stiffness(
     system: SecondOrderSystem,
     machine: Machine,
     layout: DofLayout,
@@ -130,9 +130,9 @@ def gravity_stiffness(
             # instead of the rotation about y
             cross = 0.5 * forces[4] * np.outer(spring.rows[3], spring.rows[5])
             extra += cross + cross.T
-    for name, own in bodies.items():
+    for name in bodies:
         if machine.components[name].fidelity == "segmented":
-            contacts += _segment_contacts(name, layout, inner[name], own)
+            contacts += _segment_contacts(name, layout, inner[name])
     whole = extra + sum((_second_order(contact) for contact in contacts), np.zeros_like(extra))
     reduced = basis.T @ whole @ basis
     return np.asarray(0.5 * (reduced + reduced.T))
@@ -272,7 +272,6 @@ def _segment_contacts(
     name: str,
     layout: DofLayout,
     pulls: FloatArray,
-    body_at: Callable[[FloatArray, str], _Body | None],
 ) -> list[_Contact]:
     """What neighbouring segments do to each other, half-way between their nodes.
 
@@ -280,7 +279,6 @@ def _segment_contacts(
         name: Of the component.
         layout: Of the machine.
         pulls: ``(n,)`` forces that act on its nodes from outside, machine axes.
-        body_at: Its segments.
     """
     superelement, placement = layout.superelements[name], layout.placements[name]
     start = layout.offsets[name].start
