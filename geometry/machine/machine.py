@@ -72,6 +72,7 @@ class Machine:
         loads: By name.
         probes: By name.
         gravity: Acceleration of gravity in the machine frame [m/s^2].
+        gravity_stiffening: Whether small motions include the geometric stiffness due to gravity.
         mechanism: The closed-loop mechanism that carries components, if any: their placements, and
             points and axes of joints whose leading end is one of them, are given in the frame of
             the marker that carries them.
@@ -86,6 +87,7 @@ class Machine:
     loads: dict[str, Load] = field(default_factory=dict)
     probes: dict[str, Probe] = field(default_factory=dict)
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)
+    gravity_stiffening: bool = False
     mechanism: ToolMechanism | None = None
 
 

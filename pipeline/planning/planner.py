@@ -468,6 +468,8 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
             )
         ]
     else:
+        if scene.machine.gravity_stiffening:
+            parts += ", with the geometric stiffness of its weight"
         stages = [Stage("couple", None, parts, pose=pose.name)]
     if static is not None and _is_requested(pose.name, static.poses):
         stages.append(

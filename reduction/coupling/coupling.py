@@ -1,5 +1,6 @@
 """Superelements and joints of a machine in one pose, coupled to one second-order system."""
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ from headstock.reduction.coupling.dof_layout import (
     turn_dofs,
 )
 from headstock.reduction.coupling.elimination import Elimination, eliminate_constraints
+from headstock.reduction.coupling.gravity_stiffness import find_gravity_stiffness, warn_of_stress
 from headstock.reduction.coupling.guide_errors import (
     GUIDE_ERRORS,
     ErrorLoads,
@@ -151,27 +153,39 @@ def couple(
             basis=basis,
         )
         loads[GUIDE_ERRORS] = errors.load
-    return CoupledMachine(
-        system=SecondOrderSystem(
-            mass=sum_mass(layout, matrices, basis, memo),
-            damping=sum_damping(layout, matrices, basis, reduced),
-            stiffness=sum_stiffness(layout, matrices, elimination, reduced, grading, memo=memo),
-            inputs=channels,
-            outputs=channels,
-            labels=memo.recall(
-                "labels",
-                (basis, *superelements.values()),
-                lambda: _label_coordinates(layout, basis),
-            ),
-            hysteretic=sum_hysteretic(
-                layout,
-                matrices,
-                elimination,
-                reduced,
-                grading,
-                _loss_factors(machine, superelements),
-            ),
+    system = SecondOrderSystem(
+        mass=sum_mass(layout, matrices, basis, memo),
+        damping=sum_damping(layout, matrices, basis, reduced),
+        stiffness=sum_stiffness(layout, matrices, elimination, reduced, grading, memo=memo),
+        inputs=channels,
+        outputs=channels,
+        labels=memo.recall(
+            "labels",
+            (basis, *superelements.values()),
+            lambda: _label_coordinates(layout, basis),
         ),
+        hysteretic=sum_hysteretic(
+            layout,
+            matrices,
+            elimination,
+            reduced,
+            grading,
+            _loss_factors(machine, superelements),
+        ),
+    )
+    if machine.gravity_stiffening:
+        geometric = find_gravity_stiffness(
+            system,
+            machine,
+            layout,
+            matrices,
+            springs=springs,
+            constraints=constraints,
+            basis=basis,
+        )
+        system = dataclasses.replace(system, stiffness=system.stiffness + geometric)
+    return CoupledMachine(
+        system=system,
         basis=basis,
         layout=layout,
         matrices=matrices,
@@ -182,7 +196,8 @@ def couple(
         warnings=grading.warnings
         + shapes.warnings
         + _redundancy_warnings(elimination, sources)
-        + _floating_warnings(floating, machine),
+        + _floating_warnings(floating, machine)
+        + (warn_of_stress(machine, layout) if machine.gravity_stiffening else ()),
         errors=errors,
     )
 

@@ -79,10 +79,14 @@ def check_contouring(draft: Draft, findings: Findings) -> None:
         for name in (set(CONTOUR_EFFECTS) - acting) & {
             name for name, value in scene.effects.items() if value
         }:
-            where = "of a lumped mechanism" if name == "coriolis" else "only"
+            why = (
+                "is zero here: linear axes carry their bodies without turning them, so that no velocity enters small motions in first order"
+                if name == "coriolis"
+                else "acts in [analyses.contouring] only, and this scene has none"
+            )
             findings.add(
                 ("effects", name),
-                f"acts in [analyses.contouring] {where}, and this scene has none; remove it",
+                f"{why}; remove it",
             )
     if table is None:
         return

@@ -80,7 +80,12 @@ from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, CompareSettings, Limits, Scene
-from headstock.scene.schema.effects import GUIDE_ERRORS, read_gravity, read_modal_damping
+from headstock.scene.schema.effects import (
+    GRAVITY_STIFFENING,
+    GUIDE_ERRORS,
+    read_gravity,
+    read_modal_damping,
+)
 from headstock.scene.schema.expansion import expand_scene
 from headstock.scene.schema.includes import INCLUDE, read_with_includes
 from headstock.scene.schema.overrides import (
@@ -368,6 +373,7 @@ def build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
             for key, table in scene.probes.items()
         },
         gravity=read_gravity(scene.effects.get("gravity", True)),
+        gravity_stiffening=bool(scene.effects.get(GRAVITY_STIFFENING)),
         mechanism=None if scene.mechanism is None else build_mechanism(scene.mechanism),
     )
     if "orientation" not in scene.model_fields_set:

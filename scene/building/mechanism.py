@@ -214,10 +214,10 @@ def _check_stiffening(scene: SceneTable, findings: Findings) -> None:
     if not scene.effects.get(GRAVITY_STIFFENING):
         return
     key = ("effects", GRAVITY_STIFFENING)
-    if not scene.is_lumped:
+    if not scene.effects.get("gravity"):
+        findings.add(key, "needs gravity; write [effects] gravity = true as well")
+    if scene.effects.get("drive_control") and not scene.is_lumped:
         findings.add(
             key,
-            "is available for lumped mechanisms only: components have no geometric stiffness in this version; remove it",
+            "is about a machine with locked motors: under control an axis travels, and its weight with it; remove this or drive_control",
         )
-    elif not scene.effects.get("gravity"):
-        findings.add(key, "needs gravity; write [effects] gravity = true as well")

@@ -77,8 +77,8 @@ NOTES = {
     "Scene.effects": "`gravity = true` (or an acceleration); `damping = true` (of joints and materials), or `damping = { modal = 0.02 }` "
     "(adds this damping ratio to every mode; a list is for the first modes, its last value for all others); for `[analyses.contouring]` "
     "`cutting_force = true` (also along `[analyses.path]`), "
-    "`regeneration = true` (each tooth cuts the surface left by the previous ones), `coriolis = true`; for a lumped mechanism "
-    "`gravity_stiffening = true`; `drive_control = true` puts the motors "
+    "`regeneration = true` (each tooth cuts the surface left by the previous ones), `coriolis = true`; "
+    "`gravity_stiffening = true` (geometric stiffness of the forces that hold the machine's weight); `drive_control = true` puts the motors "
     "of `[drives]` under control, `screw_inertia = true` and `friction = true` add to it; all off by default",
     "Scene.free": "accept that the whole machine is not connected to ground",
     "Material.E": "Young's modulus",

@@ -1,0 +1,174 @@
+"""Geometric stiffness under a machine's own weight: pendulums and a column in closed form."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.linalg
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.meshing.components.meshing import describe_component
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.components.segmented import reduce_segmented
+from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import keep_analyses
+from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.modal_analysis import solve_modal
+
+G = 9.80665
+HEAD = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[effects]
+gravity = true
+gravity_stiffening = true
+[analyses.modal]
+[components.bar]
+solid = { box = ["40 mm", "60 mm", "500 mm"] }
+material = "steel"
+fidelity = "rigid"
+interfaces = { top = { face = "z+" }, low = { face = "z-" } }
+"""
+PIN = '[joints.pin]\nbetween = ["bar.top", "ground"]\nkind = "revolute"\naxis = "y"\n'
+LOWER = """
+[components.second]
+solid = { box = ["40 mm", "60 mm", "300 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "-300 mm"]
+fidelity = "rigid"
+interfaces = { top = { face = "z+" }, low = { face = "z-" } }
+[joints.elbow]
+between = ENDS
+kind = "revolute"
+axis = "y"
+"""
+POST = """
+[joints.foot]
+between = ["ground", "bar.low"]
+kind = "spring"
+stiffness = { x = "rigid", y = "rigid", z = "rigid", rx = "rigid", ry = "2 kN m/rad", rz = "rigid" }
+"""
+COLUMN = """
+[joints.foot]
+between = ["ground", "bar.low"]
+kind = "rigid"
+"""
+
+
+def couple_text(folder: Path, text: str) -> CoupledMachine:
+    path = folder / "scene.toml"
+    path.write_text(text)
+    scene = load_scene(path)
+    parts = {}
+    for name, part in scene.machine.components.items():
+        reduce = reduce_segmented if part.fidelity == "segmented" else reduce_rigid
+        parts[name] = reduce(part, describe_component(part))
+    return couple(parts, scene.machine, next(iter(scene.poses.values())))
+
+
+def bar(length: float) -> tuple[float, float]:
+    """Mass, and inertia about its centre across the swing."""
+    mass = 7850.0 * 0.04 * 0.06 * length
+    return mass, mass * (0.04**2 + length**2) / 12.0
+
+
+def test_a_hanging_bar_swings_as_a_pendulum(tmp_path: Path) -> None:
+    found = solve_modal(couple_text(tmp_path, HEAD + PIN).system).frequencies_hz
+    mass, inertia = bar(0.5)
+    expected = math.sqrt(mass * G * 0.25 / (inertia + mass * 0.25**2)) / (2.0 * math.pi)
+    np.testing.assert_allclose(found, [expected], rtol=1e-9)
+
+
+def test_a_bar_that_stands_on_a_spring_loses_its_weight_times_its_height(tmp_path: Path) -> None:
+    found = solve_modal(couple_text(tmp_path, HEAD + POST).system).frequencies_hz
+    mass, inertia = bar(0.5)
+    left = 2e3 - mass * G * 0.25
+    expected = math.sqrt(left / (inertia + mass * 0.25**2)) / (2.0 * math.pi)
+    np.testing.assert_allclose(found, [expected], rtol=1e-9)
+
+
+@pytest.mark.parametrize("ends", ['["second.top", "bar.low"]', '["bar.low", "second.top"]'])
+def test_two_bars_swing_as_a_double_pendulum(tmp_path: Path, ends: str) -> None:
+    """Lagrange's equations in the two angles; the pins' forces are constraint forces."""
+    text = HEAD + PIN + LOWER.replace("ENDS", ends)
+    found = solve_modal(couple_text(tmp_path, text).system).frequencies_hz
+    (m1, i1), (m2, i2) = bar(0.5), bar(0.3)
+    mass = np.array(
+        [
+            [i1 + m1 * 0.25**2 + m2 * 0.5**2, m2 * 0.5 * 0.15],
+            [m2 * 0.5 * 0.15, i2 + m2 * 0.15**2],
+        ]
+    )
+    stiffness = G * np.diag([m1 * 0.25 + m2 * 0.5, m2 * 0.15])
+    squares = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)
+    np.testing.assert_allclose(found, np.sqrt(squares) / (2.0 * math.pi), rtol=1e-9)
+
+
+def column_stiffness(folder: Path, count: int, *, stiffening: bool) -> FloatArray:
+    """Of a slender column in segments, clamped at its foot."""
+    text = HEAD.replace('"500 mm"]', '"3 m"]') + COLUMN
+    text = text.replace('fidelity = "rigid"', f'fidelity = "segmented"\nsegments.count = {count}')
+    if not stiffening:
+        text = text.replace("gravity_stiffening = true\n", "")
+    return couple_text(folder, text).system.stiffness
+
+
+def test_a_column_buckles_at_greenhills_weight(tmp_path: Path) -> None:
+    """q L^3 / (E I) = 7.837 for a column under its own weight, clamped at its foot."""
+    misses = []
+    for count in (10, 20):
+        plain = column_stiffness(tmp_path, count, stiffening=False)
+        loaded = column_stiffness(tmp_path, count, stiffening=True)
+        # K x = load (K - K_loaded) x, the largest of 1 / load
+        inverse = scipy.linalg.eigh(plain - loaded, plain, eigvals_only=True)[-1]
+        weight = 7850.0 * 0.04 * 0.06 * G / inverse
+        misses.append(weight * 3.0**3 / (210e9 * 0.06 * 0.04**3 / 12.0) / 7.8373 - 1.0)
+    # second order in the length of a segment; shear takes 2e-4 off
+    assert abs(misses[1]) < 5e-3
+    assert abs(misses[0] + 2e-4) == pytest.approx(4.0 * abs(misses[1] + 2e-4), rel=0.25)
+
+
+def test_components_on_springs_stiffen_as_the_lumped_mechanism_does(tmp_path: Path) -> None:
+    """There by the complex step through the loop closure, here by joint forces in balance."""
+    scene = Path(__file__).parents[3] / "machines" / "tripteor.toml"
+    shifts = []
+    for variant in ("lumped", "components"):
+        plain, stiffened = (
+            np.array(
+                run_scene(
+                    keep_analyses(
+                        load_scene(
+                            scene,
+                            variant=variant,
+                            overrides=[
+                                f"effects.gravity_stiffening={switch}",
+                                'analyses.modal={ count = 6, poses = ["config_2"] }',
+                            ],
+                        ),
+                        ["modal"],
+                    ),
+                    tmp_path / variant / switch,
+                    comm=MPI.COMM_SELF,
+                    store=Store(tmp_path / "store"),
+                )
+                .modal[0]
+                .frequencies_hz
+            )
+            for switch in ("false", "true")
+        )
+        shifts.append(stiffened - plain)
+    assert np.abs(shifts[0]).min() > 1e-4
+    np.testing.assert_allclose(shifts[1], shifts[0], rtol=1e-4)
+
+
+def test_a_machine_that_falls_has_no_balance(tmp_path: Path) -> None:
+    text = HEAD + PIN.replace('"revolute"', '"prismatic"').replace('"y"', '"z"')
+    with pytest.raises(ModelError, match="gravity moves what no joint holds"):
+        couple_text(tmp_path, text)
