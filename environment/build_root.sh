@@ -1,15 +1,17 @@
 # Sourced by ../headstock: the private Debian 13 root, built once per package list and user.
 
 suite=trixie
-need_kb=4500000
+need_kb=3500000
 
 # lists of packages: those of the program, and what a command needs besides
 package_lists=$project/environment/packages.txt
 
 packages() { printf '%s\n' "$package_lists" | while read -r list; do grep -v -e '^#' -e '^$' "$list"; done; }
 
+left_out() { grep -v -e '^#' -e '^$' "$project/environment/left_out.txt"; }
+
 root_path() {
-    key=$({ echo "layout 2 $suite"; packages; } | sha256sum | cut -c1-12)
+    key=$({ echo "layout 2 $suite"; packages; left_out; } | sha256sum | cut -c1-12)
     printf '%s\n' "$cache/root-$key"
 }
 
@@ -62,7 +64,7 @@ build_root() {
 }
 
 fill_root() {
-    say "building the environment in $root (once; two to four minutes, 3 GB)"
+    say "building the environment in $root (once; two to four minutes, 2 GB)"
     : >"$2"
     if bootstrap "$1" "$2" && [ -x "$1/usr/bin/python3" ]; then return; fi
     # the mirror this machine's own apt uses, where the default one is out of reach
@@ -86,10 +88,8 @@ bootstrap() {
     chmod 755 -- "$target"
     set -- --variant=apt --include="$(packages | tr '\n' ',' | sed 's/,$//')" \
         --aptopt='APT::Install-Recommends "false"' --aptopt='Acquire::Retries "3"' \
-        --dpkgopt='path-exclude=/usr/include/boost/*' --dpkgopt='path-exclude=/usr/libexec/valgrind/*' \
-        --dpkgopt=force-unsafe-io --dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-exclude=/usr/share/man/*' \
-        --dpkgopt='path-exclude=/usr/share/locale/*' --dpkgopt='path-include=/usr/share/locale/locale.alias' \
-        "$suite" "$target" "$@"
+        --dpkgopt=force-unsafe-io "$suite" "$target" "$@"
+    for rule in $(left_out | tac | sed 's/^!/path-include=/; s/^\//path-exclude=\//'); do set -- --dpkgopt="$rule" "$@"; done
     # in the background and waited for, because a shell answers to signals only between foreground commands
     if [ "$me" = 0 ]; then
         setsid mmdebstrap "$@" >>"$log" 2>&1 &
