@@ -10,6 +10,8 @@ import pytest
 
 import headstock as hs
 
+pytestmark = [pytest.mark.process, pytest.mark.fem]
+
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = ROOT / "docs" / "notebooks"
 PAGE = ROOT / "docs" / "python.md"

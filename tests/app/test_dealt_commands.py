@@ -10,6 +10,8 @@ import pytest
 
 from common import run_on_ranks
 
+pytestmark = pytest.mark.process
+
 SCENE = """
 name = "A column on springs"
 [materials.steel]

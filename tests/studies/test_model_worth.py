@@ -12,6 +12,8 @@ from headstock.studies.answers import Change
 from headstock.studies.model_trials import ModelTrial, Sense, list_model_trials
 from headstock.studies.model_worth import ModelFinding, RunPrice, rank_findings, try_models
 
+pytestmark = pytest.mark.fem
+
 MACHINES = Path(__file__).resolve().parents[2] / "machines"
 SHIPPED = ["cantilever", "fixed_beam", "guideway", "three_axis", "tripteor"]
 # a slender column that bends, on a compact block that hardly does

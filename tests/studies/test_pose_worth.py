@@ -13,6 +13,8 @@ from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.studies.model_worth import try_models
 
+pytestmark = pytest.mark.fem
+
 DATA = Path(__file__).resolve().parents[1] / "data"
 FOLLOWED = 'analyses.path.pose_model="pose_dependent"'
 MOVE = """

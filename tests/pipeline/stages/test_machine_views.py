@@ -16,6 +16,8 @@ from headstock.pipeline.stages import machine
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 
+pytestmark = [pytest.mark.process, pytest.mark.fem]
+
 SCENE = """
 name = "tower"
 [materials.steel]
