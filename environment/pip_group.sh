@@ -37,7 +37,8 @@ fill_pip_group() {
         return 1
     fi
     # the symbol tables of VTK's libraries are a quarter of their size
-    [ ! -d "$growing/vtkmodules" ] || run_inside find "$growing/vtkmodules" -name '*.so*' -exec strip --strip-unneeded {} + >>"$log" 2>&1 || :
+    # in a shell of its own, as above: entering the root changes the settings of certificates, which the next group needs as they are
+    [ ! -d "$growing/vtkmodules" ] || (run_inside find "$growing/vtkmodules" -name '*.so*' -exec strip --strip-unneeded {} +) >>"$log" 2>&1 || :
     mv -- "$growing" "$group_folder"
 }
 
