@@ -39,7 +39,9 @@ def build_lobes(scene: SceneTable, poses: tuple[str, ...], folder: Path) -> Lobe
         coefficients=CUTTING_MATERIALS[table.material],
         material=table.material,
         radial_depth=table.radial_depth,
-        speeds=np.linspace(table.speeds.low, table.speeds.high, table.speeds.count),
+        speeds=np.linspace(
+            table.speeds.low, table.speeds.high, table.speeds.count, dtype=np.float64
+        ),
         directions=tuple(table.directions),
         at=table.at or next(iter(scene.points)),
         up=table.up,

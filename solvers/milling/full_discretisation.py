@@ -13,10 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.optimize
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.milling.forces import MillingCut, regeneration_stiffness
 from headstock.solvers.milling.stability import TipDynamics
+
+IndexArray = NDArray[np.intp]
 
 SAMPLES = 4  # of the engagement in each step
 STEPS_PER_CHATTER = 36  # of a swing
@@ -121,7 +124,7 @@ def period_matrix(response: StepResponse, gains: FloatArray) -> FloatArray:
     behind = cutting[cutting < steps]  # delayed ones that are kept
     size = len(response.end)
 
-    def kernel(rows: FloatArray, columns: FloatArray) -> FloatArray:
+    def kernel(rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Outputs at nodes per motion at nodes, through the force there."""
         lag = rows[:, None] - columns[None, :]
         known = np.clip(lag, 0, steps)
@@ -132,14 +135,15 @@ def period_matrix(response: StepResponse, gains: FloatArray) -> FloatArray:
         found = reach @ every[columns][None]
         return np.asarray(found.transpose(0, 2, 1, 3).reshape(len(rows) * directions, -1))
 
-    def at_end(columns: FloatArray) -> FloatArray:
+    def at_end(columns: IndexArray) -> FloatArray:
         """State at the end per motion at nodes."""
         reach = (response.end_early[columns] + response.end_late[columns]) @ every[columns]
         return np.asarray(reach.transpose(1, 0, 2).reshape(size, -1))
 
     through, past = kernel(ahead, ahead), kernel(ahead, behind)
     seen = response.free[ahead].reshape(-1, size)
-    from_start, end_from_start = np.zeros_like(seen), np.zeros((size, size))
+    from_start: FloatArray = np.zeros(seen.shape)
+    end_from_start: FloatArray = np.zeros((size, size))
     first, last = np.array([0]), np.array([steps])
     if cutting[:1].tolist() == [0]:
         # at the first node the motion is that of the state; at the last it is what was there first

@@ -50,7 +50,7 @@ def test_static_compliance_is_exact_and_the_response_close(chain: SecondOrderSys
         rtol=1e-9,
         atol=1e-20,
     )
-    lines = np.linspace(1.0, LIMIT_HZ, 200)
+    lines = np.linspace(1.0, LIMIT_HZ, 200, dtype=np.float64)
     expected, found = (
         solve_frf(system, lines, inputs=CHANNELS, outputs=CHANNELS).receptance
         for system in (chain, small)

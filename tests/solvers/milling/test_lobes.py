@@ -166,14 +166,14 @@ def test_lowest_limit_is_that_of_the_published_chain_of_formulas() -> None:
         kappa = root.imag / root.real
         depth = -TURN * root.real * (1.0 + kappa**2) / (3 * 6e8)
         limits.append(depth[depth > 0.0].min())
-    speeds = np.linspace(2000.0, 12000.0, 2000) * TURN / 60.0
+    speeds: FloatArray = np.asarray(np.linspace(2000.0, 12000.0, 2000) * TURN / 60.0, dtype=float)
     found = lobes_of(PUBLISHED, mill, 0.01, speeds)
     assert found.lowest == pytest.approx(min(limits), rel=1e-4)
     assert found.depths.min() == pytest.approx(min(limits), rel=1e-3)
 
 
 def test_refinement_makes_limits_independent_of_the_grid() -> None:
-    speeds = np.linspace(3000.0, 12000.0, 60) * TURN / 60.0
+    speeds: FloatArray = np.asarray(np.linspace(3000.0, 12000.0, 60) * TURN / 60.0, dtype=float)
     coarse, fine = (
         lobes_of(PUBLISHED, EndMill(0.02, 3), 0.01, speeds, lines=lines) for lines in (400, 8000)
     )
@@ -209,7 +209,8 @@ def floquet_limit(
 
 def test_zeroth_order_is_exact_where_the_engagement_is_constant() -> None:
     """Four teeth in a full slot cut the same at every angle."""
-    mill, speeds = EndMill(0.02, 4), np.array([4300.0, 8000.0]) * TURN / 60.0
+    mill = EndMill(0.02, 4)
+    speeds: FloatArray = np.asarray(np.array([4300.0, 8000.0]) * TURN / 60.0, dtype=float)
     found = lobes_of(PUBLISHED, mill, 0.02, speeds)
     for speed, depth in zip(speeds, found.depths, strict=True):
         cut = MillingCut(mill, CHIP, float(speed), depth, 0.02)
@@ -233,7 +234,7 @@ def test_flip_lobes_of_a_low_immersion_are_where_theory_has_them() -> None:
 
 
 def test_shares_of_both_modes_add_up_to_the_motion() -> None:
-    speeds = np.linspace(3000.0, 9000.0, 20) * TURN / 60.0
+    speeds: FloatArray = np.asarray(np.linspace(3000.0, 9000.0, 20) * TURN / 60.0, dtype=float)
     stiffness = mean_cutting_stiffness(EndMill(0.02, 3), CHIP, 0.01)
     found = lobes_of(PUBLISHED, EndMill(0.02, 3), 0.01, speeds)
     response = receptance(PUBLISHED, found.chatter)

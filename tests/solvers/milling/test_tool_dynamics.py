@@ -43,7 +43,9 @@ MODES = (
 
 
 def receptance(system: SecondOrderSystem, omega: FloatArray) -> ComplexArray:
-    return solve_frf(system, omega / TURN, inputs=CHANNELS, outputs=CHANNELS).receptance
+    return solve_frf(
+        system, np.asarray(omega / TURN, dtype=float), inputs=CHANNELS, outputs=CHANNELS
+    ).receptance
 
 
 def test_modes_coupled_by_receptances_are_one_system(machine: SecondOrderSystem) -> None:
@@ -54,7 +56,7 @@ def test_modes_coupled_by_receptances_are_one_system(machine: SecondOrderSystem)
 
 
 def test_a_mode_on_a_rigid_machine_has_its_own_frequency() -> None:
-    rigid = 1e-20 * np.eye(3)[None].astype(complex)
+    rigid: ComplexArray = np.asarray(1e-20 * np.eye(3)[None], dtype=complex)
     (mode,) = MODES[:1]
     omega = np.array([TURN * mode.hz])
     found = couple_assembly(rigid, omega, [mode])[0, 0, 0]
@@ -80,11 +82,12 @@ def test_a_measured_assembly_couples_like_its_masses_and_springs(
     machine as one system.
     """
     base_mass, mode = 6.0, ToolMode("tool", 900.0, 0.02, 3e7, LATERAL)
-    omega = TURN * np.linspace(50.0, 3000.0, 200)
+    lines = np.linspace(50.0, 3000.0, 200, dtype=np.float64)
+    omega = TURN * lines
     spring = mode.stiffness + 1j * omega * mode.damper
     first, second = spring - omega**2 * base_mass, spring - omega**2 * mode.mass
     both = first * second - spring**2
-    measured = MeasuredAssembly(omega / TURN, first / both, spring / both, second / both, LATERAL)
+    measured = MeasuredAssembly(lines, first / both, spring / both, second / both, LATERAL)
     rows = np.array([machine.outputs[channel] for channel in CHANNELS])
     heavier = SecondOrderSystem(
         machine.mass + base_mass * rows[:2].T @ rows[:2],
