@@ -154,7 +154,7 @@ def sample_motion(
         if len(wanted) > MOST_SAMPLES:
             raise AccuracyError(
                 f"{MOST_SAMPLES} poses along the contour do not suffice to follow its matrices to {MISS_TOLERANCE:g}; "
-                'take a smaller contour, or write pose_model = "frozen"'
+                'modes close together change places: write a lower modes_to, or pose_model = "frozen"'
             )
         seen |= {time: look(time) for time in wanted if time not in seen}
         poses = {time: seen[time] for time in sorted(wanted)}
