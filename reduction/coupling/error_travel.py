@@ -95,7 +95,7 @@ def plan_travel(
         find_places(machine, pose.positions, coupled.layout, coupled.joint_springs)
         for pose, coupled in ((path.start, first), (path.end, last))
     )
-    totals = _add_up(machine, start, end, np.linspace(0.0, 1.0, PROBED))
+    totals = _add_up(machine, start, end, np.linspace(0.0, 1.0, PROBED, dtype=np.float64))
     directions = []
     for spring in first.joint_springs:
         offsets = totals.get(spring.name)

@@ -242,7 +242,7 @@ def _compliance_change(
     part: MeshedPart, change: PartChange, displacements: FloatArray
 ) -> FloatArray:
     own = part.rows @ displacements
-    return np.abs(np.einsum("im,ij,jm->m", own, change.stiffness, own))
+    return np.asarray(np.abs(np.einsum("im,ij,jm->m", own, change.stiffness, own)))
 
 
 def compliance_mesh_errors(

@@ -24,7 +24,7 @@ def in_form(squares: FloatArray, lines_hz: FloatArray) -> FormResponse:
 
 
 def test_whatever_lies_between_both_forms_lies_within_the_bound() -> None:
-    lines = np.linspace(1.0, 160.0, 400)
+    lines = np.linspace(1.0, 160.0, 400, dtype=np.float64)
     stiff, soft = ((2.0 * np.pi * np.array(hz)) ** 2 for hz in ((97.0, 140.0), (90.0, 138.0)))
     plain = receptance((2.0 * np.pi * np.array([110.0, 150.0])) ** 2, lines)
     bounds = bound_response_changes(plain, lines, [in_form(stiff, lines), in_form(soft, lines)])
