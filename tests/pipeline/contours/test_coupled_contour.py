@@ -214,7 +214,7 @@ def test_a_motor_turns_itself_and_its_screw() -> None:
         ('analyses.contouring.at=["0 mm","0 mm","50 mm"]', "no axis moves the tool along z"),
         ('analyses.contouring.model="nonlinear"', "only a lumped mechanism"),
         ('analyses.contouring.point="tpc"', "tcp"),
-        ("effects.coriolis=true", "of a lumped mechanism"),
+        ("effects.coriolis=true", "is zero here"),
     ],
 )
 def test_what_cannot_be_followed_is_refused_with_its_remedy(settings: str, expected: str) -> None:
