@@ -163,7 +163,7 @@ def test_links_of_a_document_lead_to_files(document: str) -> None:
 @pytest.mark.trials
 @pytest.mark.process
 def test_the_site_builds_and_none_of_its_links_is_broken(tmp_path: Path) -> None:
-    command = [ROOT / "headstock", "docs", "--quick", "-o", tmp_path / "site"]
+    command = [str(ROOT / "headstock"), "docs", "--quick", "-o", str(tmp_path / "site")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
     assert done.returncode == 0, done.stderr[-2000:]
     pages = {path.stem for path in (tmp_path / "site").glob("*.html")}

@@ -113,7 +113,9 @@ DOFS = ("x", "y", "z", "rx", "ry", "rz")
 
 def main() -> None:
     """Draw all of them."""
-    pictures = {f"joint_{kind}": draw_joint(kind) for kind in KINDS}
+    pictures: dict[str, tuple[Picture, FloatArray, tuple[str, ...]]] = {
+        f"joint_{kind}": draw_joint(kind) for kind in KINDS
+    }
     middle = np.zeros(3)  # of the face: where the axes of a box are
     for kind, (areas, texts) in PATCHES.items():
         picture = _make_picture(kind, (BLOCK, *areas), middle, np.eye(3))
@@ -220,7 +222,9 @@ def label_axes(
     axes.imshow(Image.open(io.BytesIO(image)), interpolation="none", aspect="auto")
     spots = frame_picture(picture).project(places, SIZE)
     for spot, text, color in zip(spots, texts, AXIS_COLORS, strict=False):
-        note = axes.text(*spot, text, fontsize=15, color=color, ha="center", va="center")
+        note = axes.text(
+            float(spot[0]), float(spot[1]), text, fontsize=15, color=color, ha="center", va="center"
+        )
         note.set_path_effects([withStroke(linewidth=3.0, foreground="white")])
     axes.set_xlim(-0.5, width - 0.5)
     axes.set_ylim(height - 0.5, -0.5)

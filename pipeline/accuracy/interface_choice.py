@@ -132,9 +132,9 @@ def choose_shapes(
                 tried[name].append(
                     dataclasses.replace(chosen[name], number=number, share=share, reason=reason)
                 )
-        for name, own in tried.items():
-            best = min(own, key=lambda each: each.share)
-            other = [each.share for each in own if each.kind != best.kind]
+        for name, choices in tried.items():
+            best = min(choices, key=lambda each: each.share)
+            other = [each.share for each in choices if each.kind != best.kind]
             chosen[name] = dataclasses.replace(best, other=max(other, default=None))
         open_joints = [
             name for name in open_joints if not chosen[name].reason and chosen[name].share > allowed

@@ -226,8 +226,8 @@ def _added_seconds(seconds: float, ratio: float) -> float:
     """What the next step costs: all of the component where it is the first, as nothing of the old
     one serves the finer one.
     """
-    after = seconds * (ERROR_STEP * ratio) ** -COST_POWER
-    return after if ratio == 1.0 else after - seconds * ratio**-COST_POWER
+    after = float(seconds * (ERROR_STEP * ratio) ** -COST_POWER)
+    return after if ratio == 1.0 else after - float(seconds * ratio**-COST_POWER)
 
 
 def _remember(

@@ -327,7 +327,8 @@ def _port_figures(
 ) -> tuple[DrivePointFigures, ...]:
     by_channel = {figures.channel: figures for figures in stability}
     space = np.geomspace if request.spacing == "log" else np.linspace
-    lines = evaluate_frf(model, space(request.from_hz, request.to_hz, EVEN_LINES))
+    even = np.asarray(space(request.from_hz, request.to_hz, EVEN_LINES), dtype=np.float64)
+    lines = evaluate_frf(model, even)
     found = []
     for channel in request.inputs:
         if channel in request.outputs:
@@ -350,7 +351,7 @@ def _port_figures(
                     truncation_share=_truncation_share(
                         model.coordinates, row, column, request.to_hz
                     ),
-                    lines_hz=tuple(lines.frequencies_hz.tolist()),
+                    lines_hz=tuple(float(line) for line in lines.frequencies_hz),
                     lines=tuple(
                         None if np.isnan(value) else float(abs(value))
                         for value in lines.receptance[:, row, column]

@@ -35,6 +35,7 @@ from headstock.solvers.linear.frequency_response import (
     prepare_frf,
     refine_grid,
 )
+from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates, reduce_to_modes
 from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.milling.full_discretisation import (
@@ -143,9 +144,9 @@ def prepare_point(machine: PoseModel) -> CuttingPoint:
             " [effects] damping = { modal = 0.02 }"
         )
     of_tool = [2.0 * np.pi * mode.hz * (1j - mode.damping) for mode in request.tool_modes]
-    base = np.linspace(0.0, reach, LINES + 1)[1:]
+    base: FloatArray = np.linspace(0.0, reach, LINES + 1, dtype=np.float64)[1:]
     if isinstance(assembly, MeasuredAssembly):
-        base = np.union1d(base, assembly.frequencies_hz)
+        base = np.asarray(np.union1d(base, assembly.frequencies_hz), dtype=np.float64)
         base = base[(base > 0.0) & (base >= assembly.frequencies_hz[0])]
     omega = 2.0 * np.pi * refine_grid(base, np.concatenate([poles, of_tool]))
     return CuttingPoint(request, system, model, assembly, omega, model.form.evaluate(omega))
@@ -215,7 +216,7 @@ def reduced_tip(machine: PoseModel, point: CuttingPoint) -> Callable[[FloatArray
     """
     request = point.request
     system = equivalent_viscous(point.system, machine.all_modes)
-    modes = machine.all_modes
+    modes: ModalResult | None = machine.all_modes
     if request.tool_modes:
         system, modes = attach_tool_modes(system, request.at, request.tool_modes), None
     channels = [(request.at, direction) for direction in DIRECTIONS]
@@ -253,7 +254,7 @@ def _solve_direction(
         tip, found = verify(frame), np.full(len(depths), np.nan)
         trials = _Trials(request, tip, diagram)
         if request.immersion < request.low_immersion:
-            places = np.arange(len(depths))
+            places: NDArray[np.intp] = np.arange(len(depths))
         else:
             chosen = {*_choose_speeds(machine, diagram), *(_best_speeds(depths) if whole else ())}
             checks = [trials.check(place) for place in sorted(chosen)]
@@ -360,7 +361,7 @@ def _group(
     waves = diagram.waves[limited]
     new = (np.diff(limited) > 1) | (np.diff(waves) != 0) | (np.diff(sources) != 0)
     owner[limited] = np.concatenate([[0], np.cumsum(new)])
-    names = _name_sources(machine, point, sorted(set(sources.tolist())))
+    names = _name_sources(machine, point, sorted({int(source) for source in sources}))
     lobes = []
     for number in range(int(owner.max()) + 1):
         own = np.flatnonzero(owner == number)
@@ -400,7 +401,7 @@ def _find_sources(
     weights = shapes.weights @ frame[:2]
     of_assembly = np.einsum("pnd,nd->np", split.parts, weights)
     coordinates = point.model.coordinates
-    of_machine = np.zeros((len(omega), 0))
+    of_machine: ComplexArray = np.zeros((len(omega), 0), dtype=complex)
     if coordinates is not None:
         modal = _modal_motion(coordinates, omega, split.base_force)
         of_machine = modal * (weights @ coordinates.outputs)
@@ -445,10 +446,10 @@ def _name_sources(
             residuals=modes.residuals[own],
         )
         named = machine.name_modes(some)
-        for place, source in enumerate(own):
+        for place, shown in enumerate(own):
             strain = named.strain_shares[place] or named.kinetic_shares[place]
             part = max(strain, key=lambda name: strain[name], default="")
-            found[int(source)] = (named.names[place], float(some.frequencies_hz[place]), part)
+            found[int(shown)] = (named.names[place], float(some.frequencies_hz[place]), part)
     for source in sources:
         if source >= count:
             if isinstance(point.assembly, MeasuredAssembly):

@@ -336,7 +336,7 @@ def _disturb_loop(
     if errors is not None:
         shortest, channels = errors.travel.shortest, errors.travel.channels
         rows = offset_loads(driven.released.joint_springs, errors.travel.directions)
-        own = dict(zip(channels, rows.T, strict=True))
+        own = {channel: rows[:, number] for number, channel in enumerate(channels)}
         system = dataclasses.replace(system, inputs={**system.inputs, **own})
     rippling = [drive for drive in state.scene.drives.values() if drive.ripple]
     channels = (*channels, *((drive.name, FORCE) for drive in rippling))

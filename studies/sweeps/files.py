@@ -265,7 +265,7 @@ def _summarise_point(point: PointMap) -> PointMapSummary:
 
 def _summarise_limits(limits: LimitMap) -> LimitMapSummary:
     rpm, everywhere = RPM * limits.speeds, MM * limits.everywhere
-    known = np.isfinite(limits.depths).all(axis=1)
+    known = np.asarray(np.isfinite(limits.depths).all(axis=1))
     filled = np.where(known[:, None], limits.depths, 0.0)
     best = int(np.argmax(everywhere)) if known.any() else None
     return {

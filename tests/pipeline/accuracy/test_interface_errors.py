@@ -166,7 +166,8 @@ def test_lines_of_a_response_get_the_difference_to_joints_with_shapes(folder: Pa
         axis=0,
     )
     # lines of this grid that the others have too; beside their peaks theirs are elsewhere
-    shared = np.isin(lines, np.intersect1d(*(other.curves.frequencies_hz for other in outright)))
+    strong, weak = (other.curves.frequencies_hz for other in outright)
+    shared = np.isin(lines, np.intersect1d(strong, weak))
     assert shared.sum() > 40
     passed = errors[shared] > changes[shared] * (1.0 + 1e-6) + 1e-15
     assert passed.any(axis=(1, 2)).mean() < 0.1  # a peak lies between its two places

@@ -1,6 +1,5 @@
 """Small features that a mesh lacks are in the error of a part, by about what they change."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import gmsh
@@ -31,7 +30,7 @@ LENGTH, WIDTH, HEIGHT, RADIUS = 160.0, 30.0, 10.0, 2.0
 
 
 @pytest.fixture(scope="module")
-def part_file(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def part_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A strip with eight holes through its thickness along the middle."""
     path = tmp_path_factory.mktemp("strip") / "strip.step"
     gmsh.initialize(interruptible=False, readConfigFiles=False)
