@@ -39,7 +39,7 @@ def test_every_number_is_expected_to_be_right() -> None:
     rng = np.random.default_rng(4)
     for _ in range(50):
         parts = rng.uniform(0.0, 0.02, (5, 3)).tolist()
-        numbers = [number(*own, key=f"f{key}") for key, own in enumerate(parts)]
+        numbers = [number(own[0], own[1], own[2], key=f"f{key}") for key, own in enumerate(parts)]
         ratios = _wanted_ratios(numbers, 0.03, PARTS, EQUAL)
         assert all(left_over(one, ratios) <= AIM * 0.03 for one in numbers if one.error > 0.03)
 
