@@ -123,7 +123,8 @@ def test_on_a_disk_and_a_ring_it_acts_over_their_area(hole: float) -> None:
         maps = {"cut": dataclasses.replace(entry, shapes=round_one)}
         parts.append((component, dataclasses.replace(element, interface_maps=maps)))
     stiff, soft = 1e14, 1e11
-    spring = join(*parts, ContactLayer(stiff, soft)).joint_springs[0].stiffness
+    lower, upper = parts
+    spring = join(lower, upper, ContactLayer(stiff, soft)).joint_springs[0].stiffness
     area = np.pi * 0.02**2 * (1.0 - hole**2)
     # squared radius of gyration about a diameter
     tilt = 0.02**2 * (1.0 + hole**2) / 4.0
