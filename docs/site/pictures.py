@@ -120,11 +120,11 @@ def main() -> None:
     for kind, (areas, texts) in PATCHES.items():
         picture = _make_picture(kind, (BLOCK, *areas), middle, np.eye(3))
         pictures[f"patch_{kind}"] = picture, LABEL * LENGTH * np.eye(3), texts
-    for name, (picture, places, texts) in pictures.items():
-        drawing = draw_pictures([picture])
+    for name, (drawn, places, words) in pictures.items():
+        drawing = draw_pictures([drawn])
         if drawing.remark is not None:
             raise SystemExit(drawing.remark)
-        label_axes(picture, drawing.images[picture.name], places, texts, IMAGES / f"{name}.png")
+        label_axes(drawn, drawing.images[drawn.name], places, words, IMAGES / f"{name}.png")
 
 
 def draw_joint(kind: str) -> tuple[Picture, FloatArray, tuple[str, ...]]:
@@ -221,10 +221,9 @@ def label_axes(
     axes.set_axis_off()
     axes.imshow(Image.open(io.BytesIO(image)), interpolation="none", aspect="auto")
     spots = frame_picture(picture).project(places, SIZE)
-    for spot, text, color in zip(spots, texts, AXIS_COLORS, strict=False):
-        note = axes.text(
-            float(spot[0]), float(spot[1]), text, fontsize=15, color=color, ha="center", va="center"
-        )
+    for number, (text, color) in enumerate(zip(texts, AXIS_COLORS, strict=False)):
+        x, y = float(spots[number, 0]), float(spots[number, 1])
+        note = axes.text(x, y, text, fontsize=15, color=color, ha="center", va="center")
         note.set_path_effects([withStroke(linewidth=3.0, foreground="white")])
     axes.set_xlim(-0.5, width - 0.5)
     axes.set_ylim(height - 0.5, -0.5)

@@ -68,7 +68,9 @@ def test_planes_close_over_what_lies_within_them_and_the_volumes_are_known(kerne
     shape = close_planes(volume, boundary_faces, width=9.0, named=(), ends=(), unit=1e-3)
     assert shape is not None and shape.left_out is not None
     expected = sorted(float(change) for change in (-BORE - COUNTERBORE, -POCKET, PAD))
-    assert sorted(shape.left_out.volumes) == pytest.approx(expected, rel=1e-9)
+    assert sorted(float(part) for part in shape.left_out.volumes) == pytest.approx(
+        expected, rel=1e-9
+    )
     left = float(gmsh.model.occ.getMass(3, shape.volume))
     assert left == pytest.approx(whole + BORE + COUNTERBORE + POCKET - PAD, rel=1e-9)
     # bore, counterbore and its floor; the pad's five faces; the pocket's five

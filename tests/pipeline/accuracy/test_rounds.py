@@ -38,8 +38,11 @@ def test_numbers_that_just_miss_refine_the_body_at_fault_alone_and_no_further_th
 def test_every_number_is_expected_to_be_right() -> None:
     rng = np.random.default_rng(4)
     for _ in range(50):
-        parts = rng.uniform(0.0, 0.02, (5, 3)).tolist()
-        numbers = [number(own[0], own[1], own[2], key=f"f{key}") for key, own in enumerate(parts)]
+        parts = rng.uniform(0.0, 0.02, (5, 3))
+        numbers = [
+            number(float(parts[row, 0]), float(parts[row, 1]), float(parts[row, 2]), key=f"f{row}")
+            for row in range(len(parts))
+        ]
         ratios = _wanted_ratios(numbers, 0.03, PARTS, EQUAL)
         assert all(left_over(one, ratios) <= AIM * 0.03 for one in numbers if one.error > 0.03)
 
