@@ -8,7 +8,7 @@ package_lists=$project/environment/packages.txt
 
 packages() { printf '%s\n' "$package_lists" | while read -r list; do grep -v -e '^#' -e '^$' "$list"; done; }
 
-left_out() { grep -v -e '^#' -e '^$' "$project/environment/left_out.txt"; }
+left_out() { grep -v -e '^#' -e '^$' "$project/environment/left_out.paths"; }
 
 root_path() {
     key=$({ echo "layout 2 $suite"; packages; left_out; } | sha256sum | cut -c1-12)

@@ -62,6 +62,7 @@ FREE_FACETS = 4000  # their nearest points take 0.7 ms each
 TETRAHEDRON = {1: 4, 2: 11}
 TRIANGLE = {1: 2, 2: 9}
 SLIVER_QUALITY = 0.02
+USABLE_QUALITY = 2e-3  # of the worst tet: above what the mesh checks refuse
 THIN_TRIANGLE = 0.05  # height over longest side
 NEVER_EXTEND = 0
 NARROW_SHARE = 0.05  # of the smallest element size: what is narrower is not meshed
@@ -434,7 +435,7 @@ def _find_rims(job: MeshJob, imprints: Imprints) -> dict[int, float]:
 
 
 def _generate(job: MeshJob) -> None:
-    if not _mesh_acceptably():
+    if not _mesh_acceptably(from_cad=isinstance(job.solid, StepFile)):
         limit = f"{resource.getrlimit(resource.RLIMIT_AS)[0] / 2**30:.3g} GiB of memory"
         # coarse facets of narrow curved faces cut through each other; finer ones do not
         raise MeshQualityError(
@@ -444,16 +445,20 @@ def _generate(job: MeshJob) -> None:
         gmsh.model.mesh.setOrder(2)
 
 
-def _mesh_acceptably() -> bool:
+def _mesh_acceptably(*, from_cad: bool) -> bool:
     """Mesh with the algorithm that leaves no slivers, or else with the one whose worst tet is
     best.
 
-    No algorithm makes good tets on triangles that are slivers themselves, and there HXT takes ten
-    times as long, or all memory where they cut through each other: the other one does alone.
+    No algorithm makes good tets on triangles that are slivers themselves, and HXT takes ten times
+    as long there: the other one goes first, and alone if its tets can be used. On thin triangles of
+    curved faces, which may cut through each other, HXT takes all memory: the other one does alone.
     """
     found: dict[int, float] = {}
-    if _worst_triangle() < THIN_TRIANGLE:
+    worst = _worst_triangle()
+    if from_cad and worst < THIN_TRIANGLE:
         return _try_algorithm(DELAUNAY) > 0.0
+    if worst < SLIVER_QUALITY and _try_algorithm(DELAUNAY) > USABLE_QUALITY:
+        return True
     for algorithm in (HXT, DELAUNAY):
         found[algorithm] = _try_algorithm(algorithm)
         if found[algorithm] >= SLIVER_QUALITY:

@@ -120,7 +120,8 @@ def test_a_part_like_a_sieve_is_refused_with_numbers_before_meshing(write_step: 
     assert estimate_cells(component) > 3_000_000
     start = time.perf_counter()
     with pytest.raises(
-        MeshError, match=r"about .* cells, more than the budget of 3e\+06.*small holes and fillets"
+        MeshError,
+        match=r"about .* cells, more than the budget of 3e\+06.*leave out fillets and holes",
     ):
         mesh_component(component)
     assert time.perf_counter() - start < 2 * REFUSED_WITHIN
