@@ -201,7 +201,7 @@ NOTES = {
     "Scene.mechanism": "a closed-loop mechanism; poses and sweeps then describe the tool: `X Y Z` is its point, `A B` are its rotations about x, y",
     "Contouring.side": "of the finished block",
     "Contouring.at": "centre of the block, and height of the tool point: in the machine frame of a mechanism; of axes, how far the tool stands"
-    " from its work, counted from where it stands with all axes at zero, as a program has it",
+    " from its work, counted from its position with all axes at zero, as a program has it",
     "Contouring.feed": "feed rate",
     "Contouring.spindle": "speed of the spindle",
     "Contouring.material": "workpiece material; its cutting coefficients and their source are in `solvers/milling/forces.py`",
