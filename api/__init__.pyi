@@ -77,6 +77,7 @@ class Component(Noun, schema=components.ComponentTable):
         reduction: _Table | None = ...,
         segments: _Table | None = ...,
         interfaces: Mapping[str, _Table] | None = ...,
+        rayleigh: _Table | None = ...,
         free: bool | None = ...,
     ) -> None: ...
 

@@ -19,7 +19,7 @@ from headstock.geometry.mechanisms.tool_mechanism import (
     ToolMechanism,
     place_carriers,
 )
-from headstock.geometry.parts.components import Component, Load, Support
+from headstock.geometry.parts.components import Component, Load, RayleighDamping, Support
 
 # positions of axes as scenes write them: SI unit to factor and unit
 SCENE_UNITS = {"m": (1e3, "mm"), "rad": (180.0 / math.pi, "deg")}
@@ -73,6 +73,7 @@ class Machine:
         probes: By name.
         gravity: Acceleration of gravity in the machine frame [m/s^2].
         gravity_stiffening: Whether small motions include the geometric stiffness due to gravity.
+        rayleigh: Viscous damping by mass and stiffness of everything, springs of joints included.
         mechanism: The closed-loop mechanism that carries components, if any: their placements, and
             points and axes of joints whose leading end is one of them, are given in the frame of
             the marker that carries them.
@@ -88,6 +89,7 @@ class Machine:
     probes: dict[str, Probe] = field(default_factory=dict)
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)
     gravity_stiffening: bool = False
+    rayleigh: RayleighDamping = field(default_factory=RayleighDamping)
     mechanism: ToolMechanism | None = None
 
 

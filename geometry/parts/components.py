@@ -52,6 +52,25 @@ def weigh_modes(youngs_modulus: float, poisson_ratio: float, density: float) -> 
 
 
 @dataclass(frozen=True)
+class RayleighDamping:
+    """Viscous damping ``C = alpha M + beta K``: the damping ratio of a mode is ``alpha / (2 omega) +
+    beta omega / 2``.
+
+    Attributes:
+        alpha: Of the mass [1/s].
+        beta: Of the stiffness [s].
+
+    Source: Rayleigh (1877), The Theory of Sound, section 97.
+    """
+
+    alpha: float = 0.0
+    beta: float = 0.0
+
+    def __bool__(self) -> bool:
+        return self.alpha != 0.0 or self.beta != 0.0
+
+
+@dataclass(frozen=True)
 class Patch:
     """A part of a component's surface, chosen by geometry.
 
@@ -233,6 +252,7 @@ class Component:
         segments: How a segmented component is cut.
         mass: Overrides the solid's mass [kg]: the density is scaled so that the mass comes out.
         free: Declared free-floating: a missing connection to ground is not an error.
+        rayleigh: Viscous damping by its own mass and stiffness.
     """
 
     name: str
@@ -246,3 +266,4 @@ class Component:
     mass: float | None = None
     free: bool = False
     segments: SegmentSettings = field(default_factory=SegmentSettings)
+    rayleigh: RayleighDamping = field(default_factory=RayleighDamping)

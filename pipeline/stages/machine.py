@@ -262,7 +262,7 @@ def damp_system(
     scene: Scene, system: SecondOrderSystem, modes: ModalResult | None = None
 ) -> SecondOrderSystem:
     """The system with the damping of the scene: none unless the effect is named; modal ratios on
-    top of joints and materials.
+    top of joints, components and materials.
 
     Args:
         scene: With its effects.
@@ -284,5 +284,5 @@ def warn_of_no_damping(scene: Scene, system: SecondOrderSystem) -> tuple[str, ..
     ):
         return ()
     return (
-        "the effect damping is on, but no joint and no material has any: every damping ratio is zero",
+        "the effect damping is on, but no joint, component and material has any: every damping ratio is zero",
     )

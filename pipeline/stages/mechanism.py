@@ -1,5 +1,6 @@
 """A lumped mechanism in a pose: what analyses ask of it, and the stage that places it."""
 
+import dataclasses
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -60,11 +61,18 @@ class LumpedPose:
     @functools.cached_property
     def system(self) -> SecondOrderSystem:
         """Its equations of motion in the compliant coordinates."""
-        points, placed = self.parts.scene.machine.points, self.placed
-        return pose_system(
+        machine, placed = self.parts.scene.machine, self.placed
+        system = pose_system(
             placed.model,
             placed.motions,
-            {name: placed.motion_at(point.tool) for name, point in points.items()},
+            {name: placed.motion_at(point.tool) for name, point in machine.points.items()},
+        )
+        rayleigh = machine.rayleigh
+        if not rayleigh:
+            return system
+        springs = np.diag(placed.motions.stiffness)
+        return dataclasses.replace(
+            system, damping=rayleigh.alpha * system.mass + rayleigh.beta * springs
         )
 
     @functools.cached_property

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose, position_units
 from headstock.geometry.parts.components import CouplingKind
 from headstock.pipeline.answers.estimates import Estimate
@@ -42,6 +43,9 @@ from headstock.solvers.linear.mode_pairing import ModeSet, pair_modes
 UNSTABLE = 1e-9
 AT_REST = 1e-6  # of the lowest elastic frequency
 LARGE_ERROR = 0.5  # of a damping ratio
+# structural damping of a mode, from which its pole is 3 % off that of equal loss per cycle:
+# sin(arctan(eta) / 2) against eta / 2
+LARGE_LOSS = 0.3
 NO_DAMPING = 1e-9  # a damping ratio: roundoff
 KINDS: tuple[CouplingKind, ...] = ("average", "rigid")  # softer, stiffer
 BEYOND = 1.5  # times as many modes: partners may change their order
@@ -188,12 +192,32 @@ def _damp_modes(
             "estimates only; write a higher reduction.modes_to or a smaller mesh size. If they keep changing, the damper absorbs the "
             "waves that reach it, and the mode does not exist"
         )
+    if coupled.system.hysteretic is not None:
+        warnings += _warn_of_large_losses(coupled.system.hysteretic, complete, names)
     for damper, modes in creeping.items():
         warnings.append(
             f"mode {', '.join(modes)} is overdamped{_by(damper)}: it returns without oscillating; check the damping if this is not intended"
         )
     return _Damping(
         ratios, frequencies, tuple(ratio_errors), tuple(frequency_errors), tuple(warnings)
+    )
+
+
+def _warn_of_large_losses(
+    hysteretic: FloatArray, modes: ModalResult, names: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Where a viscous damping of equal loss per cycle is no good description of structural damping."""
+    large = []
+    for mode in range(modes.rigid_count, len(names)):
+        shape, omega = modes.shapes[:, mode], 2.0 * np.pi * float(modes.frequencies_hz[mode])
+        loss = float(shape @ hysteretic @ shape) / omega**2
+        if loss > LARGE_LOSS:
+            large.append(f"{mode + 1} ({names[mode]}): {loss:.2g}")
+    if not large:
+        return ()
+    return (
+        f"large loss factors of modes: {', '.join(large)}. Their damping ratio and damped frequency are those of a viscous damping "
+        "with the same loss per cycle at the natural frequency; frequency responses take the loss factor itself",
     )
 
 

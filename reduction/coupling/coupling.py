@@ -8,6 +8,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Machine, Pose, place_components
+from headstock.geometry.parts.components import RayleighDamping
 from headstock.reduction.coupling.channels import machine_channels, machine_loads
 from headstock.reduction.coupling.coupled_shapes import ShapeRows, couple_shapes
 from headstock.reduction.coupling.dof_layout import (
@@ -124,7 +125,7 @@ def couple(
     memo = memo or CouplingMemo()
     placements = place_components(machine, pose)
     layout = lay_out_dofs(superelements, {name: placements[name] for name in superelements})
-    matrices = component_matrices(layout, memo)
+    matrices = component_matrices(layout, memo, _rayleigh_dampings(machine, superelements))
     springs = place_joints(machine, layout)
     shapes = couple_shapes(machine, layout)
     constraints, sources = _constraint_rows(layout, springs, shapes)
@@ -206,6 +207,17 @@ def _loss_factors(machine: Machine, superelements: Mapping[str, Superelement]) -
     """Loss factor of every component and joint."""
     parts = {name: machine.components[name].material.loss_factor for name in superelements}
     return parts | {name: joint.loss_factor for name, joint in machine.joints.items()}
+
+
+def _rayleigh_dampings(
+    machine: Machine, superelements: Mapping[str, Superelement]
+) -> dict[str, RayleighDamping]:
+    """Of every component: its own and that of the whole machine."""
+    every, own = machine.rayleigh, {n: machine.components[n].rayleigh for n in superelements}
+    return {
+        name: RayleighDamping(every.alpha + part.alpha, every.beta + part.beta)
+        for name, part in own.items()
+    }
 
 
 def _constraint_rows(

@@ -176,8 +176,15 @@ def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> PlacedJoin
         joint.name, rows, joint.stiffness, joint.damping, tuple(joint.fixed), frame
     )
     if joint.layer is not None:
-        return _add_layer(spring, place_layer(joint, joint.layer, layout, frame))
-    return spring if joint.screw is None else _place_shaft(joint, joint.screw, spring, layout)
+        spring = _add_layer(spring, place_layer(joint, joint.layer, layout, frame))
+    elif joint.screw is not None:
+        spring = _place_shaft(joint, joint.screw, spring, layout)
+    beta = machine.rayleigh.beta
+    return (
+        dataclasses.replace(spring, damping=spring.damping + beta * spring.stiffness)
+        if beta
+        else spring
+    )
 
 
 def _add_layer(spring: PlacedJoint, layer: PlacedLayer) -> PlacedJoint:

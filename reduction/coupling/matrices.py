@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.parts.components import RayleighDamping
 from headstock.reduction.coupling.dof_layout import DofLayout, clean_stiffness, turn_dofs
 from headstock.reduction.coupling.elimination import Elimination
 from headstock.reduction.coupling.joint_springs import PlacedJoint, SpringGrading
@@ -66,16 +67,26 @@ class ComponentMatrices:
     dampings: dict[str, FloatArray]
 
 
-def component_matrices(layout: DofLayout, memo: CouplingMemo | None = None) -> ComponentMatrices:
-    """Turn every superelement's matrices to machine axes, its rigid motions free of roundoff."""
+def component_matrices(
+    layout: DofLayout,
+    memo: CouplingMemo | None = None,
+    rayleigh: Mapping[str, RayleighDamping] | None = None,
+) -> ComponentMatrices:
+    """Turn every superelement's matrices to machine axes, its rigid motions free of roundoff.
+
+    Args:
+        layout: Placed superelements.
+        memo: Keeps matrices for the next pose; None for no memory.
+        rayleigh: Damping by mass and stiffness of each component, on top of what the superelements
+            bring; None for none.
+    """
     memo = memo or CouplingMemo()
     stiffnesses, masses, dampings = {}, {}, {}
     for name, superelement in layout.superelements.items():
-        placement = layout.placements[name]
-        make = functools.partial(_turned_matrices, superelement, placement)
-        stiffnesses[name], masses[name], damping = memo.recall(
-            f"matrices {name}", (superelement, placement.rotation), make
-        )
+        placement, added = layout.placements[name], (rayleigh or {}).get(name, RayleighDamping())
+        make = functools.partial(_turned_matrices, superelement, placement, added)
+        made_of = (superelement, placement.rotation, np.array([added.alpha, added.beta]))
+        stiffnesses[name], masses[name], damping = memo.recall(f"matrices {name}", made_of, make)
         if damping is not None:
             dampings[name] = damping
     return ComponentMatrices(stiffnesses, masses, dampings)
@@ -89,14 +100,18 @@ class _TurnedMatrices(NamedTuple):
     damping: FloatArray | None
 
 
-def _turned_matrices(superelement: Superelement, placement: Frame) -> _TurnedMatrices:
+def _turned_matrices(
+    superelement: Superelement, placement: Frame, rayleigh: RayleighDamping
+) -> _TurnedMatrices:
     turn = turn_dofs(superelement, placement)
+    stiffness = _congruence(turn, clean_stiffness(superelement))
+    mass = _congruence(turn, superelement.mass)
     damping = None if superelement.damping is None else _congruence(turn, superelement.damping)
-    return _TurnedMatrices(
-        _congruence(turn, clean_stiffness(superelement)),
-        _congruence(turn, superelement.mass),
-        damping,
-    )
+    if rayleigh:
+        # constraint modes and fixed-interface modes project both matrices, so the sum is exact
+        added = rayleigh.alpha * mass + rayleigh.beta * stiffness
+        damping = added if damping is None else damping + added
+    return _TurnedMatrices(stiffness, mass, damping)
 
 
 def sum_stiffness(

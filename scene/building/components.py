@@ -18,6 +18,7 @@ from headstock.geometry.parts.components import (
     MeshSettings,
     Patch,
     RailSettings,
+    RayleighDamping,
     ReductionSettings,
     SegmentSettings,
 )
@@ -269,6 +270,9 @@ def build_component(
         segments=SegmentSettings(table.segments.count, table.segments.along),
         mass=table.mass,
         free=free or table.free,
+        rayleigh=RayleighDamping()
+        if table.rayleigh is None
+        else RayleighDamping(table.rayleigh.alpha, table.rayleigh.beta),
     )
 
 

@@ -93,6 +93,11 @@ def check_contouring(draft: Draft, findings: Findings) -> None:
     _check_regeneration(scene, table, findings)
     if not scene.is_lumped:
         _check_coupled(scene, table, draft, findings)
+    elif isinstance(damping := scene.effects.get("damping"), dict) and "rayleigh" in damping:
+        findings.add(
+            ("effects", "damping"),
+            'the contour of a lumped mechanism takes damping ratios only; write damping = { modal = "2 %" }',
+        )
     cutting = bool(scene.effects.get("cutting_force"))
     if (table.material is not None and table.forces is not None) or (
         cutting and table.material is None and table.forces is None

@@ -85,6 +85,7 @@ from headstock.scene.schema.effects import (
     GUIDE_ERRORS,
     read_gravity,
     read_modal_damping,
+    read_rayleigh_damping,
 )
 from headstock.scene.schema.expansion import expand_scene
 from headstock.scene.schema.includes import INCLUDE, read_with_includes
@@ -374,6 +375,7 @@ def build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
         },
         gravity=read_gravity(scene.effects.get("gravity", True)),
         gravity_stiffening=bool(scene.effects.get(GRAVITY_STIFFENING)),
+        rayleigh=read_rayleigh_damping(scene.effects.get("damping", False)),
         mechanism=None if scene.mechanism is None else build_mechanism(scene.mechanism),
     )
     if "orientation" not in scene.model_fields_set:

@@ -26,6 +26,7 @@ MOST_DEFLECTION = (
     1.0  # under the own weight on springs to ground [m]; air springs of 1 Hz have 0.25 m
 )
 MOST_MODES = 3000
+MOST_LOSS = 1.0  # of rubber and damping layers
 
 
 def check_numbers(draft: Draft, findings: Findings) -> None:
@@ -43,11 +44,16 @@ def check_numbers(draft: Draft, findings: Findings) -> None:
                 (*key, "E"),
                 f"sound would travel at {speed:.3g} m/s, outside {low:g} to {high:g} m/s; {hint}",
             )
+        if material.loss_factor > MOST_LOSS:
+            findings.warn((*key, "loss_factor"), _large_loss(material.loss_factor))
         if not DENSITIES[0] <= material.rho <= DENSITIES[1]:
             findings.warn(
                 (*key, "rho"),
                 f"{material.rho:.3g} kg/m^3 is outside {DENSITIES[0]:g} to {DENSITIES[1]:g} kg/m^3",
             )
+    for name, joint in scene.joints.items():
+        if joint.loss_factor > MOST_LOSS:
+            findings.warn(("joints", name, "loss_factor"), _large_loss(joint.loss_factor))
     for name, solid in solids.items():
         box = bounding_box(solid)
         sizes = [high - low for low, high in box] if box else []
@@ -63,6 +69,13 @@ def check_numbers(draft: Draft, findings: Findings) -> None:
                 ("components", name, "mesh"),
                 "linear elements lock: they come out too stiff; order = 2 is the default",
             )
+
+
+def _large_loss(factor: float) -> str:
+    return (
+        f"a loss factor of {factor:g} takes more in a cycle than 2 pi times the strain energy; "
+        f'write "{factor:g} %" if per cent were meant'
+    )
 
 
 def check_mounts(draft: Draft, findings: Findings) -> None:

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
 
 from headstock.scene.schema.types import (
     Angle,
@@ -16,6 +16,8 @@ from headstock.scene.schema.types import (
     LossFactor,
     Name,
     NotNegativeLength,
+    NotNegativeRate,
+    NotNegativeTime,
     Number,
     OrForm,
     Position,
@@ -395,6 +397,23 @@ Rotations = Annotated[
 ]
 
 
+class RayleighTable(StrictTable):
+    """Viscous damping by mass and stiffness: the damping ratio of a mode is `alpha / (2 omega) +
+    beta omega / 2`.
+    """
+
+    model_config = ConfigDict(json_schema_extra={"minProperties": 1})
+
+    alpha: NotNegativeRate = 0.0
+    beta: NotNegativeTime = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not self.model_fields_set:
+            raise problem('is empty; write rayleigh = { alpha = "2 1/s", beta = "1e-5 s" }, or one')
+        return self
+
+
 class ComponentTable(StrictTable):
     """One body of the machine."""
 
@@ -410,6 +429,7 @@ class ComponentTable(StrictTable):
     reduction: ReductionTable = ReductionTable()
     segments: SegmentsTable = SegmentsTable()
     interfaces: dict[Name, InterfaceTable] = {}
+    rayleigh: RayleighTable | None = None
     free: Flag = False
 
 

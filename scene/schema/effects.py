@@ -1,7 +1,18 @@
 """Physical effects a scene can switch on, and what may be written for them."""
 
+from typing import Any
+
+from headstock.geometry.parts.components import RayleighDamping
 from headstock.scene.reading.findings import suggest_names
-from headstock.scene.reading.units import ACCELERATION, RATIO, UnitError, parse_quantity, show_value
+from headstock.scene.reading.units import (
+    ACCELERATION,
+    RATE,
+    RATIO,
+    TIME,
+    UnitError,
+    parse_quantity,
+    show_value,
+)
 
 # on or off, without a value
 CONTOUR_EFFECTS = ("coriolis", "cutting_force", "regeneration")
@@ -11,6 +22,7 @@ GUIDE_ERRORS = "guide_errors"
 PLAIN_EFFECTS = (*CONTOUR_EFFECTS, *DRIVE_EFFECTS, GRAVITY_STIFFENING, GUIDE_ERRORS)
 EFFECT_NAMES = ("gravity", "damping", *PLAIN_EFFECTS)
 STANDARD_GRAVITY = 9.80665
+MOST_RATIO = 1e3  # of a mode to critical damping; what is more is a slip
 
 
 def find_effect_fault(name: str, value: object) -> str:
@@ -32,6 +44,7 @@ def find_effect_fault(name: str, value: object) -> str:
         return ""
     try:
         read_modal_damping(value)
+        read_rayleigh_damping(value)
     except UnitError as error:
         return str(error)
     return ""
@@ -39,30 +52,63 @@ def find_effect_fault(name: str, value: object) -> str:
 
 def read_modal_damping(value: object) -> tuple[float, ...]:
     """Damping ratios of the modes: of ``{ modal = 0.02 }``, or of a list for the first, second, ...
-    and all other modes.
+    and all other modes; from 1 on a mode returns without oscillating.
 
     Raises:
-        UnitError: It is neither a flag nor such a table.
+        UnitError: It is neither a flag nor a table of damping, or a ratio is none.
     """
-    if isinstance(value, bool):
+    table = _damping_table(value)
+    if "modal" not in table:
         return ()
-    if not isinstance(value, dict) or set(value) != {"modal"}:
-        raise UnitError(
-            f"{show_value(value)} is neither true nor {{ modal = 0.02 }}; true uses the damping of joints and materials,"
-            " and modal adds a damping ratio to every mode"
-        )
-    given = value["modal"] if isinstance(value["modal"], list) else [value["modal"]]
+    given = table["modal"] if isinstance(table["modal"], list) else [table["modal"]]
     ratios = [
         parse_quantity(item, RATIO).value if isinstance(item, str) else item for item in given
     ]
     for ratio in ratios:
-        if isinstance(ratio, bool) or not isinstance(ratio, int | float) or not 0.0 <= ratio < 1.0:
+        if (
+            isinstance(ratio, bool)
+            or not isinstance(ratio, int | float)
+            or not 0.0 <= ratio <= MOST_RATIO
+        ):
             raise UnitError(
-                f'{show_value(ratio)} is no damping ratio from 0 to below 1; write for example 0.02 or "2 %"'
+                f'{show_value(ratio)} is no damping ratio from 0 to {MOST_RATIO:g}; write for example 0.02 or "2 %"'
             )
     if not ratios:
         raise UnitError("holds no damping ratio; write { modal = 0.02 }")
     return tuple(float(ratio) for ratio in ratios)
+
+
+def read_rayleigh_damping(value: object) -> RayleighDamping:
+    """Damping by mass and stiffness of the whole machine: of ``{ rayleigh = { alpha = "2 1/s", beta
+    = "1e-5 s" } }``.
+
+    Raises:
+        UnitError: It is neither a flag nor a table of damping, or a coefficient is none.
+    """
+    given = _damping_table(value).get("rayleigh")
+    if given is None:
+        return RayleighDamping()
+    known = {"alpha": RATE, "beta": TIME}
+    if not isinstance(given, dict) or not given or not set(given) <= set(known):
+        raise UnitError(
+            f'{show_value(given)} is no Rayleigh damping; write rayleigh = {{ alpha = "2 1/s", beta = "1e-5 s" }}, or one of both'
+        )
+    read = {name: parse_quantity(given[name], known[name]).value for name in given}
+    for name, coefficient in read.items():
+        if coefficient < 0.0:
+            raise UnitError(f"{name} of rayleigh is {coefficient:g} but must not be negative")
+    return RayleighDamping(**read)
+
+
+def _damping_table(value: object) -> dict[str, Any]:
+    if isinstance(value, bool):
+        return {}
+    if not isinstance(value, dict) or not value or not set(value) <= {"modal", "rayleigh"}:
+        raise UnitError(
+            f"{show_value(value)} is neither true nor {{ modal = 0.02 }}; true uses the damping of joints, components and materials,"
+            ' modal adds a damping ratio to every mode, and rayleigh = { alpha = "2 1/s", beta = "1e-5 s" } shares of mass and stiffness'
+        )
+    return value
 
 
 def read_gravity(value: object) -> tuple[float, float, float]:

@@ -74,8 +74,10 @@ NOTES = {
     "Control.up_to": "highest frequency of the poles listed",
     "Control.speed": "axis speed at which the lag is reported",
     "Control.poses": "default: all of them",
-    "Scene.effects": "`gravity = true` (or an acceleration); `damping = true` (of joints and materials), or `damping = { modal = 0.02 }` "
-    "(adds this damping ratio to every mode; a list is for the first modes, its last value for all others); for `[analyses.contouring]` "
+    "Scene.effects": "`gravity = true` (or an acceleration); `damping = true` (of joints, components and materials), or `damping = { modal = 0.02 }` "
+    "(adds this damping ratio to every mode; a list is for the first modes, its last value for all others), or "
+    "`damping = { rayleigh = { alpha = \"2 1/s\", beta = \"1e-5 s\" } }` (adds `alpha M + beta K` of the whole machine), or both; "
+    "for `[analyses.contouring]` "
     "`cutting_force = true` (also along `[analyses.path]`), "
     "`regeneration = true` (each tooth cuts the surface left by the previous ones), `coriolis = true`; "
     "`gravity_stiffening = true` (geometric stiffness of the forces that hold the machine's weight); `drive_control = true` puts the motors "
@@ -95,6 +97,9 @@ NOTES = {
     "Component.mesh": "for elastic components",
     "Component.reduction": "for elastic components; without it the planner keeps modes as far as the analyses need them",
     "Component.interfaces": "areas at which joints act",
+    "Component.rayleigh": "viscous damping `alpha M + beta K` by its own mass and stiffness; used with the effect `damping`",
+    "Rayleigh.alpha": "share of the mass: damping ratio `alpha / (2 omega)`",
+    "Rayleigh.beta": "share of the stiffness: damping ratio `beta omega / 2`",
     "Component.free": "accept that this body is not connected to ground",
     "Solid.box": "sizes x, y, z",
     "Solid.step": "STEP file; the unit is the file's own; `headstock show` numbers its faces",

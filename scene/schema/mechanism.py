@@ -13,10 +13,10 @@ from headstock.scene.schema.types import (
     Angle,
     AxisPosition,
     Count,
+    DampingShare,
     Direction,
     JsonForm,
     Length,
-    LossFactor,
     Name,
     Names,
     NotNegativeLength,
@@ -182,7 +182,7 @@ class ToolModeTable(StrictTable):
 
     name: Name
     frequency: PositiveFrequency
-    damping: LossFactor
+    damping: DampingShare
     stiffness: PositiveStiffness
     direction: Direction | None = None
 

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from headstock.scene.reading.units import ACCELERATION, show_value
+from headstock.scene.reading.units import ACCELERATION, RATE, TIME, show_value
 from headstock.scene.schema.axes import AxisTable, PointTable, PoseTable
 from headstock.scene.schema.components import ComponentTable, MaterialTable, OrientationTable
 from headstock.scene.schema.drives import ControlTable, DriveTable
@@ -223,8 +223,19 @@ _EFFECT_FORMS = {
             {"type": "boolean"},
             {
                 "type": "object",
-                "properties": {"modal": _RATIOS},
-                "required": ["modal"],
+                "properties": {
+                    "modal": _RATIOS,
+                    "rayleigh": {
+                        "type": "object",
+                        "properties": {
+                            "alpha": {"type": "string", "pattern": QuantityPattern((RATE,))},
+                            "beta": {"type": "string", "pattern": QuantityPattern((TIME,))},
+                        },
+                        "minProperties": 1,
+                        "additionalProperties": False,
+                    },
+                },
+                "minProperties": 1,
                 "additionalProperties": False,
             },
         ],

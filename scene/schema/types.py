@@ -169,6 +169,7 @@ def _require(test: Callable[[float], bool], rule: str) -> AfterValidator:
     return AfterValidator(check)
 
 
+MOST_LOSS = 1e3  # a loss factor above is a slip
 LEAST = 1e-30  # what is smaller is a slip of units, and its powers would vanish [SI]
 _POSITIVE = _require(lambda value: value >= LEAST, f"must be above zero ({LEAST:g} at least)")
 _NOT_NEGATIVE = _require(lambda value: value >= 0.0, "must not be negative")
@@ -302,6 +303,12 @@ PositiveRate = Annotated[
     _POSITIVE,
     describe_quantity(units.RATE, sign="positive"),
 ]
+NotNegativeRate = Annotated[
+    float,
+    BeforeValidator(_read_float(units.RATE)),
+    _NOT_NEGATIVE,
+    describe_quantity(units.RATE, sign="not negative"),
+]
 NotNegativeForce = Annotated[
     float,
     BeforeValidator(_read_float(units.FORCE)),
@@ -380,19 +387,22 @@ Flag = StrictBool
 RATIO_FORM: Form = {"type": ["number", "string"], "pattern": QuantityPattern((units.RATIO,))}
 
 
+def _read_ratio(value: object) -> float:
+    if not isinstance(value, str):
+        return _read_number(value)
+    try:
+        return parse_quantity(value, units.RATIO).value
+    except UnitError as error:
+        raise problem(str(error)) from error
+
+
 def read_share(value: object, what: str) -> float:
     """A number between 0 and 1, plain or in per cent.
 
     Raises:
         PydanticCustomError: It is none.
     """
-    if isinstance(value, str):
-        try:
-            share = parse_quantity(value, units.RATIO).value
-        except UnitError as error:
-            raise problem(str(error)) from error
-    else:
-        share = _read_number(value)
+    share = _read_ratio(value)
     if not 0.0 <= share <= 1.0:
         article = "an" if what[0] in "aeiou" else "a"
         raise problem(
@@ -410,8 +420,32 @@ _SHARE = JsonForm(
         "maximum": 1.0,
     }
 )
+DampingShare = Annotated[
+    float, BeforeValidator(lambda value: read_share(value, "damping ratio")), _SHARE
+]
+
+
+def _read_loss_factor(value: object) -> float:
+    factor = _read_ratio(value)
+    if not 0.0 <= factor <= MOST_LOSS:
+        raise problem(
+            f'is {factor:g}; a loss factor lies between 0 and {MOST_LOSS:g}; write for example 0.02 or "2 %"'
+        )
+    return factor
+
+
 LossFactor = Annotated[
-    float, BeforeValidator(lambda value: read_share(value, "loss factor")), _SHARE
+    float,
+    BeforeValidator(_read_loss_factor),
+    JsonForm(
+        {
+            "description": "ratio from 0",
+            "examples": [0.02, "2 %"],
+            **RATIO_FORM,
+            "minimum": 0.0,
+            "maximum": MOST_LOSS,
+        }
+    ),
 ]
 
 NotNegativeShare = Annotated[

@@ -35,6 +35,7 @@ class DriveTrain:
         motor_mass: Motor inertia over the square of lead / (2 pi) [kg].
         damping: Of the joint along the axis [N s/m].
         loss: Imaginary part of the joint's complex stiffness [N/m].
+        beta: Viscous damping over stiffness of its springs [s].
         screw_mass: Screw inertia likewise [kg].
         coupling: Stiffness between motor and screw likewise [N/m]; infinite where it is rigid.
         friction: Along the axis.
@@ -54,6 +55,7 @@ class DriveTrain:
     motor_mass: float
     damping: float = 0.0
     loss: float = 0.0
+    beta: float = 0.0
     screw_mass: float = 0.0
     coupling: float = math.inf
     friction: GuideFriction | None = None
@@ -88,14 +90,15 @@ def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> Seco
         stretch, stator = _pad_row(train.stretch, total), _pad_row(train.stator, total)
         slide, scale = _pad_row(train.slide, total), _pad_row(train.scale, total)
         locked, spring = train.stiffness, _thread_stiffness(train)
-        stiffness += _join(stretch, screw, spring) + (spring - locked) * np.outer(stretch, stretch)
-        mass += train.motor_mass * np.outer(motor + stator, motor + stator)
+        freed = _join(stretch, screw, spring) + (spring - locked) * np.outer(stretch, stretch)
         if count == 2:
-            stiffness += train.coupling * np.outer(motor - screw, motor - screw)
+            freed += train.coupling * np.outer(motor - screw, motor - screw)
+        stiffness += freed
+        mass += train.motor_mass * np.outer(motor + stator, motor + stator)
         if train.screw_mass:
             mass += train.screw_mass * np.outer(screw + stator, screw + stator)
         if damping is not None:
-            damping += _join(slide, screw, train.damping)
+            damping += _join(slide, screw, train.damping) + train.beta * freed
         if hysteretic is not None:
             loss = train.loss * spring / locked
             hysteretic += _join(stretch, screw, loss) + (loss - train.loss) * np.outer(

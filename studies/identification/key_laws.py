@@ -28,6 +28,7 @@ UNSEEN_SECTIONS = (
 )
 UNSEEN_KEYS = {
     "materials": ("loss_factor",),
+    "components": ("rayleigh",),
     "joints": ("damping", "loss_factor"),
     "axes": ("limits",),
 }

@@ -7,15 +7,16 @@ from functools import partial
 import numpy as np
 import pytest
 
+from common import present
 from headstock.geometry.machine.drives import AxisControl
 from headstock.solvers.control.dead_time import LARGEST_ANGLE, make_dead_time
 from headstock.solvers.control.drive_loops import ENCODER, close_loops, find_velocity_lag
-from headstock.solvers.control.drive_trains import free_motors
+from headstock.solvers.control.drive_trains import DriveTrain, free_motors
 from headstock.solvers.control.margins import find_margins
 from headstock.solvers.control.stability import find_loop_poles
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.time_response import solve_time_response
-from headstock.solvers.second_order import ComplexArray
+from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 from headstock.validation.machines.drive_cases import (
     LOAD,
     TwoMasses,
@@ -39,6 +40,22 @@ def test_a_free_motor_leaves_one_motion_at_exactly_zero_hertz() -> None:
     modes = solve_modal(system)
     assert modes.rigid_count == 1
     assert modes.frequencies_hz[1] == pytest.approx(MASSES.free_hz, rel=1e-12)
+
+
+def test_damping_in_proportion_to_stiffness_stays_in_proportion_when_motors_are_let_go() -> None:
+    beta, stretch = 2e-5, np.array([1.0, -0.1])
+    stiffness = 3e7 * np.outer(stretch, stretch)
+    system = SecondOrderSystem(
+        np.diag([40.0, 3.0]), beta * stiffness, stiffness, {}, {}, ("table", "nut")
+    )
+    train = DriveTrain(
+        name="X", axis="X", joint="screw", control=CONTROL, stretch=stretch, stiffness=3e7,
+        thread=6e7, slide=np.array([1.0, 0.0]), scale=np.array([1.0, 0.0]), stator=np.zeros(2),
+        motor_mass=50.0, beta=beta, screw_mass=20.0, coupling=6e7,
+    )  # fmt: skip
+    for drive in (train, dataclasses.replace(train, screw_mass=0.0)):
+        freed = free_motors(system, [drive])
+        np.testing.assert_allclose(present(freed.damping), beta * freed.stiffness, rtol=1e-12)
 
 
 def test_a_very_heavy_motor_is_a_fixed_one() -> None:
