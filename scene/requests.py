@@ -28,6 +28,7 @@ class StaticRequest:
 class ModalRequest:
     """Natural frequencies: a count or everything up to a frequency [Hz], in named poses.
 
+    ``from_hz``: modes below are counted and not listed.
     ``spread``: also with every interface rigid and with every one averaging.
     """
 
@@ -35,9 +36,12 @@ class ModalRequest:
     up_to_hz: float | None = None
     poses: tuple[str, ...] = ()
     spread: bool = False
+    from_hz: float = 0.0
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""
+        if self.from_hz:
+            return f"frequencies from {self.from_hz:g} to {self.up_to_hz:g} Hz"
         if self.up_to_hz is None:
             return "all frequencies" if self.count is None else f"{self.count} frequencies"
         first = "frequencies" if self.count is None else f"{self.count} frequencies at most,"

@@ -88,7 +88,7 @@ def choose_watched(scene: Scene, plan: Plan, results: Results, store: Store) -> 
     parts = _restore(scene, plan, store).parts
     return Watched(
         {name: choose_places(element) for name, element in parts.superelements.items()},
-        {modes.pose.name: len(modes.frequencies_hz) for modes in results.modal},
+        {modes.pose.name: modes.below + len(modes.frequencies_hz) for modes in results.modal},
         results.frf,
     )
 

@@ -51,7 +51,7 @@ def list_mode_pictures(summary: RunSummary, view: MachineView) -> list[Picture]:
     """The modes of each pose."""
     return [
         mode_picture(
-            f"mode_{file_stem(modes['pose_name'])}_{index + 1:02d}",
+            f"mode_{file_stem(modes['pose_name'])}_{modes.get('modes_below', 0) + index + 1:02d}",
             view,
             view.poses[modes["pose_name"]],
             index,

@@ -218,6 +218,10 @@ def error_words(modes: FrequencyErrors) -> list[str]:
     """What is not in the errors of a pose's frequencies, and where there are none."""
     shares = modes.get("error_share", [])[modes["rigid_count"] :]
     words = []
+    if below := modes.get("modes_below", 0):
+        words.append(
+            f"{below} mode{'s' if below > 1 else ''} below the window of frequencies: not listed"
+        )
     if modes.get("interface_spread_hz"):
         words.append("interfaces: lowest and highest with every interface averaging or rigid")
     if modes.get("error_left_out"):

@@ -625,11 +625,12 @@ class ModeRow:
 
 
 def list_modes(modes: ModesSummary) -> list[ModeRow]:
-    """The modes of a pose, from the lowest."""
+    """The modes of a pose, from the lowest or from the first in a window of frequencies."""
+    below = modes.get("modes_below", 0)
     spreads = modes.get("interface_spread_hz") or [None] * len(modes["frequencies_hz"])
     return [
         ModeRow(
-            number=place + 1,
+            number=below + place + 1,
             rigid=place < modes["rigid_count"],
             hz=hz,
             error_hz=modes["error_hz"][place],

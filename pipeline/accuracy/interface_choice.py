@@ -188,10 +188,10 @@ def _doubt(joints: list[GluedJoint], state: RunState) -> dict[str, ShapeChoice]:
     for answer in state.answers:
         if isinstance(answer, PoseModes):
             model = couple_pose(state.parts, answer.pose)
-            modes = keep_lowest(model.all_modes, count=len(answer.frequencies_hz))
+            modes = keep_lowest(model.all_modes, count=answer.below + len(answer.frequencies_hz))
             place = f" in pose {answer.pose.name}" if several else ""
             for end, doubts in doubt_frequencies(state.parts, model.coupled, modes).items():
-                for mode in range(modes.rigid_count, len(doubts)):
+                for mode in range(max(modes.rigid_count, answer.below), len(doubts)):
                     hz = float(modes.frequencies_hz[mode])
                     number = f"frequency {mode + 1} ({hz:.4g} Hz){place}"
                     shares.setdefault(number, {})[end] = float(doubts[mode]) / hz

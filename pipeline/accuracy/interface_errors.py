@@ -274,25 +274,26 @@ def _judge_modes(
     lost: list[str],
     words: str,
 ) -> PoseModes:
-    count = len(answer.frequencies_hz)
+    count = answer.below + len(answer.frequencies_hz)
     plain = machines.watch(None, answer.pose, count)
     better = {kind: machines.watch(kind, answer.pose, count) for kind in (STRONG, WEAK)}
     found = {kind: compare_modes(plain, modes, count=count) for kind, modes in better.items()}
     errors = list(answer.errors)
     damped, ratios = list(answer.damped_error_hz), list(answer.damping_error)
-    for mode in range(answer.rigid_count, count):
+    for mode in range(answer.rigid_count, len(answer.frequencies_hz)):
+        number = answer.below + mode
         hz = float(answer.frequencies_hz[mode])
-        changes = {kind: float(each.changes_hz[mode]) for kind, each in found.items()}
+        changes = {kind: float(each.changes_hz[number]) for kind, each in found.items()}
         if np.isnan(list(changes.values())).any():
             own, size = Estimate({INTERFACE: None}), None
-            lost.append(f"{mode + 1} ({hz:.4g} Hz){words}")
+            lost.append(f"{number + 1} ({hz:.4g} Hz){words}")
         else:
             size = float(np.abs(list(changes.values())).max())
-            partner = found[STRONG].partners[mode]
+            partner = found[STRONG].partners[number]
             shape = better[STRONG].modes.shapes[:, [partner]]
             parts = machines.split(answer.pose, shape, size)
             own = Estimate({INTERFACE: size}, (), {INTERFACE: parts})
-            shares[f"frequency {mode + 1} ({hz:.4g} Hz){words}"] = {
+            shares[f"frequency {number + 1} ({hz:.4g} Hz){words}"] = {
                 name: part / hz for name, part in parts.items()
             }
         errors[mode] = combine_estimates([errors[mode], own])

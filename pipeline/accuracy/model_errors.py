@@ -285,7 +285,7 @@ def _judge_modes(
     """Modes with what the models of bodies leave out in their ±; adds to the changes and to the
     words about modes that are missing.
     """
-    count, posed = len(answer.frequencies_hz), machines.at(answer.pose)
+    count, posed = answer.below + len(answer.frequencies_hz), machines.at(answer.pose)
     place = f" in pose {answer.pose.name}" if several else ""
     plain = machines.watch(posed.plain, (), count)
     better = machines.watch(posed.better, machines.bodies.components, count)
@@ -300,14 +300,15 @@ def _judge_modes(
     known = posed.better.estimate_mode_errors(kept)
     errors = list(answer.errors)
     damped, ratios = list(answer.damped_error_hz), list(answer.damping_error)
-    for mode in range(answer.rigid_count, count):
-        hz, change = float(answer.frequencies_hz[mode]), float(together.changes_hz[mode])
-        singles = {name: float(found[mode]) for name, found in alone.items()}
-        changes[f"frequency {mode + 1}{place}"] = _relative(change, singles, hz)
+    for mode in range(answer.rigid_count, len(answer.frequencies_hz)):
+        number = answer.below + mode
+        hz, change = float(answer.frequencies_hz[mode]), float(together.changes_hz[number])
+        singles = {name: float(found[number]) for name, found in alone.items()}
+        changes[f"frequency {number + 1}{place}"] = _relative(change, singles, hz)
         if np.isnan(change):
             errors[mode] = Estimate({MODEL: None}, known[0].left_out)
         else:
-            errors[mode] = _add_model(known[together.partners[mode]], change, singles)
+            errors[mode] = _add_model(known[together.partners[number]], change, singles)
         if mode < len(damped):
             own = damped[mode]
             damped[mode] = None if own is None or np.isnan(change) else own + abs(change)

@@ -269,7 +269,9 @@ class _Trials:
         self._poses = [modes.pose for modes in state.modal]
         models = {pose.name: self._couple({}, pose.name) for pose in self._poses}
         self._modes = {
-            modes.pose.name: self._watch(models[modes.pose.name], {}, len(modes.frequencies_hz))
+            modes.pose.name: self._watch(
+                models[modes.pose.name], {}, modes.below + len(modes.frequencies_hz)
+            )
             for modes in state.modal
         }
 
@@ -280,14 +282,14 @@ class _Trials:
         models: dict[str, CoupledPose] = {}
         found: dict[str, float] = {}
         for modes in self._state.modal:
-            pose, count = modes.pose.name, len(modes.frequencies_hz)
+            pose, count = modes.pose.name, modes.below + len(modes.frequencies_hz)
             models[pose] = self._couple(choice, pose)
             place = f" in pose {pose}" if len(self._state.modal) > 1 else ""
             compared = compare_modes(
                 self._modes[pose], self._watch(models[pose], choice, count), count=count
             )
-            for mode in range(modes.rigid_count, count):
-                share = -compared.changes_hz[mode] / modes.frequencies_hz[mode]
+            for mode in range(max(modes.rigid_count, modes.below), count):
+                share = -compared.changes_hz[mode] / modes.frequencies_hz[mode - modes.below]
                 # a mode among them that finite elements do not have is as wrong as one that lacks
                 lost = bool(compared.missing) or not np.isfinite(share)
                 found[f"frequency {mode + 1}{place}"] = np.inf if lost else float(share)

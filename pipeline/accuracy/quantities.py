@@ -140,8 +140,8 @@ def _list_frequencies(state: RunState) -> Iterator[Quantity]:
             if modes.errors[index].shares.get(REDUCTION, 0.0) is None:
                 parts |= {(name, REDUCTION): np.inf for name in _short_of(state, hz)}
             yield Quantity(
-                f"frequency {index + 1}{place}",
-                f"frequency {index + 1} ({hz:.4g} Hz){place}",
+                f"frequency {modes.below + index + 1}{place}",
+                f"frequency {modes.below + index + 1} ({hz:.4g} Hz){place}",
                 hz,
                 parts,
                 _two_sided(modes.errors[index], hz),

@@ -45,6 +45,7 @@ class FrequencyErrors(TypedDict):
     rigid_count: int
     error_share: list[dict[str, float | None]]
     error_left_out: list[str]
+    modes_below: NotRequired[int]
     interface_spread_hz: NotRequired[list[tuple[float, float] | None]]
 
 

@@ -55,6 +55,8 @@ class PoseModes(Answer):
         placements: Frame of each component in the machine in this pose.
         spread_hz: Lowest and highest frequency of each mode with every interface averaging and
             rigid [Hz]; None where it has no partner, empty where none was requested.
+        below: How many modes lie below the window of frequencies, rigid-body modes among them; the
+            first one listed is number ``below + 1``.
     """
 
     pose: Pose
@@ -72,6 +74,7 @@ class PoseModes(Answer):
     pose_units: dict[str, str] = field(default_factory=dict)
     placements: dict[str, Frame] = field(default_factory=dict)
     spread_hz: tuple[tuple[float, float] | None, ...] = ()
+    below: int = 0
     units: ClassVar[dict[str, str]] = {
         r"modal/.*/names": "",
         r"modal/.*/frequencies_hz": "Hz",
@@ -119,6 +122,8 @@ class PoseModes(Answer):
         }
         if self.spread_hz:
             summary["interface_spread_hz"] = list(self.spread_hz)
+        if self.below:
+            summary["modes_below"] = self.below
         return summary
 
     def fill(self, file: h5py.File) -> None:
@@ -126,7 +131,7 @@ class PoseModes(Answer):
         group = file.create_group(f"modal/{self.pose.name}")
         group["frequencies_hz"] = check_finite("natural frequencies", self.frequencies_hz)
         group["shapes"] = self.shapes
-        group.attrs["rigid_count"] = self.rigid_count
+        group.attrs["rigid_count"], group.attrs["below"] = self.rigid_count, self.below
         group["names"] = np.char.encode(np.array(self.mode_names, dtype=str), "utf-8")
         pose, units = group.create_group("pose"), group.create_group("pose_units")
         for axis, position in self.pose.positions.items():

@@ -29,7 +29,7 @@ def _list_modes(results: Results) -> list[Mapping[str, object]]:
     return [
         {
             "pose": pose,
-            "mode": number + 1,
+            "mode": modes.below + number + 1,
             "frequency_hz": float(modes.frequencies_hz[number]),
             "error_hz": modes.error_hz[number],
             "damping_ratio": modes.damping_ratio[number],

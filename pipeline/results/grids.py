@@ -81,7 +81,7 @@ def mode_numbers(
 
 
 def surface_grid(
-    view: MachineView, pose: str, component: str, numbers: Mapping[str, AnyArray]
+    view: MachineView, pose: str, component: str, numbers: Mapping[str, AnyArray], below: int = 0
 ) -> Grid:
     """Surface of a component in a pose [m] with its displacements.
 
@@ -90,11 +90,12 @@ def surface_grid(
         pose: Which one.
         component: Which one.
         numbers: Of the modes of the pose, as ``mode_numbers`` makes them; empty without modes.
+        below: How many modes lie below the first of them.
     """
     seen, skin = view.poses[pose], view.skins[component]
     frame = seen.placements[component]
     shifts = {
-        mode_array(index): seen.shifts[component][index]
+        mode_array(below + index): seen.shifts[component][index]
         for index in range(len(numbers.get(FREQUENCIES, ())))
     } | {push_array(push): parts[component] for push, parts in seen.pushes.items()}
     body = np.full(len(skin.points), list(view.skins).index(component), dtype=np.int32)

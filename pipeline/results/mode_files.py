@@ -62,12 +62,15 @@ def write_mode_files(folder: Path, modal: Sequence[ModesSummary], view: MachineV
                 if modes is None
                 else mode_numbers(modes["frequencies_hz"], modes["damping_ratio"])
             )
-            bodies = [surface_grid(view, name, component, numbers) for component in view.skins]
+            below = 0 if modes is None else modes.get("modes_below", 0)
+            bodies = [
+                surface_grid(view, name, component, numbers, below) for component in view.skins
+            ]
             contents[f"{stem}.vtu"] = encode_grid(merge_grids(bodies))
         if modes is not None:
             count = len(modes["frequencies_hz"])
             contents |= {
-                f"{stem}_{index + 1:02d}.glb": encode_glb(view, pose, modes, index)
+                f"{stem}_{below + index + 1:02d}.glb": encode_glb(view, pose, modes, index)
                 for index in range(count)
             }
     return replace_outputs(folder, MODES_FOLDER, with_collection(contents))

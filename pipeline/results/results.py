@@ -151,5 +151,6 @@ class Results:
         found = pick_name("component", component, self.view.skins)
         name = pick_name("pose", pose, self.view.poses)
         volume = self.volumes and self.volumes(name, found)
-        grid = volume or surface_grid(self.view, name, found, pose_numbers(self.modal, name))
+        below = self.modes[name].below if name in self.modes else 0
+        grid = volume or surface_grid(self.view, name, found, pose_numbers(self.modal, name), below)
         return importlib.import_module(MESH_MODULE).make_mesh(grid)

@@ -193,7 +193,7 @@ def shift_skins(
         superelement, placement = coupled.layout.superelements[name], coupled.placements[name]
         own = turn_dofs(superelement, placement) @ stacked[coupled.offsets[name]]
         moved = skin_recovery(superelement, skin) @ own
-        shifts = moved.T.reshape(stacked.shape[1], -1, 3) @ placement.rotation.T
+        shifts = moved.T.reshape(stacked.shape[1], len(moved) // 3, 3) @ placement.rotation.T
         found[name] = shifts.astype(np.float32)
     return found
 

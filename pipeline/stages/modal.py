@@ -107,8 +107,44 @@ def solve_pose_modes(model: PoseModel, request: ModalRequest) -> Solved[PoseMode
         shapes=model.expand(result.shapes),
         placements=dict(model.placements),
     )
-    return Solved(
-        modes, (*damping.warnings, *((warn_of_free_motions(unexpected),) if unexpected else ()))
+    warnings = [*damping.warnings, *((warn_of_free_motions(unexpected),) if unexpected else ())]
+    if request.from_hz:
+        below = int(np.searchsorted(result.frequencies_hz, request.from_hz))
+        below = max(below, modes.rigid_count)
+        if below == count:
+            warnings.append(_tell_neighbours(request, model.all_modes, below))
+        modes = _leave_out_lower(modes, below)
+    return Solved(modes, tuple(warnings))
+
+
+def _leave_out_lower(modes: PoseModes, below: int) -> PoseModes:
+    """The modes from a number on, which keep their numbers."""
+    return dataclasses.replace(
+        modes,
+        frequencies_hz=modes.frequencies_hz[below:],
+        rigid_count=0,
+        errors=modes.errors[below:],
+        damping_ratio=modes.damping_ratio[below:],
+        damped_hz=modes.damped_hz[below:],
+        damped_error_hz=modes.damped_error_hz[below:],
+        damping_error=modes.damping_error[below:],
+        mode_names=modes.mode_names[below:],
+        energy_share=modes.energy_share[below:],
+        kinetic_share=modes.kinetic_share[below:],
+        shapes=modes.shapes[:, below:],
+        below=below,
+    )
+
+
+def _tell_neighbours(request: ModalRequest, every: ModalResult, below: int) -> str:
+    """Which modes lie next to a window of frequencies without any."""
+    near = [
+        f"mode {number + 1} is at {0.0 if number < every.rigid_count else every.frequencies_hz[number]:.4g} Hz"
+        for number in (below - 1, below)
+        if 0 <= number < len(every.frequencies_hz)
+    ]
+    return (
+        f"no mode lies between {request.from_hz:g} and {request.up_to_hz:g} Hz: {', '.join(near)}"
     )
 
 
@@ -240,13 +276,13 @@ def run_spread_stage(state: RunState, stage: Stage) -> Outcome:
     for number, modes in enumerate(state.answers):
         if not isinstance(modes, PoseModes):
             continue
-        count = len(modes.frequencies_hz)
+        count = modes.below + len(modes.frequencies_hz)
         reference = _solve(state, modes.pose, own, count, places)
         sets = [
             _solve(state, modes.pose, elements, int(BEYOND * count) + 1, places)
             for elements in extremes
         ]
-        spans = _find_spans(reference, sets)
+        spans = _find_spans(reference, sets)[modes.below :]
         state.answers[number] = dataclasses.replace(modes, spread_hz=spans)
         found = max(
             [

@@ -170,7 +170,7 @@ def _find_mesh(state: RunState, name: str) -> _Mesh | None:
 def _pose_grid(state: RunState, pose: str, name: str, found: _Mesh) -> Grid:
     modes = next((modes for modes in state.modal if modes.pose.name == pose), None)
     motions, frame = state.motions[pose], state.views[pose].placements[name]
-    shapes = [] if modes is None else list(modes.shapes.T)
+    shapes, below = ([], 0) if modes is None else (list(modes.shapes.T), modes.below)
     stacked = np.column_stack([*shapes, *motions.motions.values()])
     own = found.basis @ (
         turn_dofs(state.reduced[name].superelement, frame) @ stacked[motions.offsets[name]]
@@ -186,7 +186,7 @@ def _pose_grid(state: RunState, pose: str, name: str, found: _Mesh) -> Grid:
     def title(column: int, quantity: Quantity) -> str:
         count = len(shapes)
         if column < count:
-            return mode_array(column, quantity)
+            return mode_array(below + column, quantity)
         return push_array(list(motions.motions)[column - count], quantity)
 
     for column in range(stacked.shape[1]):

@@ -181,6 +181,7 @@ NOTES = {
     "Static.at": "points; default: all of them",
     "Static.poses": "default: all of them",
     "Modal.count": "number of modes; default: 6, or all up to `up_to`",
+    "Modal.from": "lowest frequency of a window that ends at `up_to`; modes below keep their numbers and are not listed",
     "Modal.up_to": "all up to this frequency",
     "Modal.spread": "solve again with all interfaces rigid and with all averaging: gives a range for each frequency",
     "Modal.poses": "default: all of them",

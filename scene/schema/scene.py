@@ -123,11 +123,14 @@ class StaticTable(RequestTable):
 
 
 class ModalTable(RequestTable):
-    """Natural frequencies and modes; six of them unless `count` or `up_to` is given."""
+    """Natural frequencies and modes; six of them unless `count` or `up_to` is given; `from` and
+    `up_to` are a window of frequencies.
+    """
 
     model_config = not_both("count", "up_to")
 
     count: Count | None = None
+    start: Annotated[Frequency, Field(alias="from")] = 0.0
     up_to: PositiveFrequency | None = None
     poses: Names | None = None
     spread: Flag = False
@@ -136,6 +139,12 @@ class ModalTable(RequestTable):
     def _check(self) -> Self:
         if self.count is not None and self.up_to is not None:
             raise problem("gives both count and up_to; keep one")
+        if self.start and self.up_to is None:
+            raise problem('a window of frequencies ends somewhere; write up_to = "500 Hz" as well')
+        if self.up_to is not None and self.start >= self.up_to:
+            raise problem(
+                f"begins at {self.start:g} Hz and ends at {self.up_to:g} Hz; write a lower `from`"
+            )
         return self
 
 
