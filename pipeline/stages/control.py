@@ -11,16 +11,20 @@ import numpy as np
 from headstock.pipeline.answers.control import ClosedLoopDrive, ClosedLoopPole, ControlAnswer
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
-from headstock.pipeline.stages.run_state import Outcome, RunState
+from headstock.pipeline.stages.run_state import (
+    Outcome,
+    PoseModel,
+    RunState,
+    pose_model,
+    pose_name,
+)
 from headstock.reduction.coupling.coupling import CoupledMachine
-from headstock.reduction.coupling.drives import place_drives, release_motors
-from headstock.reduction.motions.mode_naming import name_modes
 from headstock.solvers.control.drive_loops import close_loops, find_velocity_lag
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.margins import find_margins
 from headstock.solvers.control.stability import LoopPoles, find_loop_poles, require_stable
 from headstock.solvers.errors import UnstableControlError
-from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
+from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.second_order import SecondOrderSystem
 
 MARGIN_REACH = 4.0  # margins are looked for up to so many times the highest requested pole
@@ -37,20 +41,32 @@ class DrivenMachine:
         trains: Its drives.
     """
 
-    released: CoupledMachine
+    released: PoseModel
     modes: ModalResult
     system: SecondOrderSystem
     trains: tuple[DriveTrain, ...]
 
+    @property
+    def coupled(self) -> CoupledMachine:
+        """The released machine of superelements.
 
-def drive_machine(state: RunState, coupled: CoupledMachine) -> DrivenMachine:
-    """Place the drives of a scene in the pose of a coupled machine and let their motors go."""
-    trains = place_drives(coupled, state.scene.machine, state.scene.drives.values())
-    released = release_motors(coupled, trains)
-    modes = solve_modal(released.system)
-    for message in warn_of_no_damping(state.scene, released.system):
+        Raises:
+            ValueError: It is a lumped mechanism.
+        """
+        if self.released.coupled is None:
+            raise ValueError("a lumped mechanism has no superelements")
+        return self.released.coupled
+
+
+def drive_machine(state: RunState, model: PoseModel) -> DrivenMachine:
+    """Place the drives of a scene in the pose of a machine and let their motors go."""
+    released = model.release(state.scene.drives.values())
+    bare, modes = released.model.system, released.model.all_modes
+    for message in warn_of_no_damping(state.scene, bare):
         state.warn(message)
-    return DrivenMachine(released, modes, damp_system(state.scene, released.system, modes), trains)
+    return DrivenMachine(
+        released.model, modes, damp_system(state.scene, bare, modes), released.trains
+    )
 
 
 def run_control_stage(state: RunState, stage: Stage) -> Outcome:
@@ -59,12 +75,10 @@ def run_control_stage(state: RunState, stage: Stage) -> Outcome:
     """
     if not state.is_root:
         return Outcome()
-    request, coupled, pose = state.scene.analyses.control, state.coupled, stage.pose
-    if request is None or coupled is None or pose is None:
-        raise ValueError(
-            "a control stage needs a coupled machine in a pose and an analysis in the scene"
-        )
-    driven = drive_machine(state, coupled)
+    request, pose = state.scene.analyses.control, pose_name(stage)
+    if request is None:
+        raise ValueError("a control stage needs an analysis in the scene")
+    driven = drive_machine(state, pose_model(state))
     trains = driven.trains
     loop = close_loops(driven.system, trains)
     poles = find_loop_poles(loop)
@@ -112,7 +126,7 @@ def _list_poles(
         shapes=modes.shapes[:, :wanted],
         residuals=modes.residuals[:wanted],
     )
-    names = name_modes(driven.released, kept).names
+    names = driven.released.name_modes(kept).names
     listed = []
     for index in shown:
         mode, pole = poles.modes[index], poles.poles[index]

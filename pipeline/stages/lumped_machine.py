@@ -2,27 +2,31 @@
 placed in a pose.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame, compose_frames, rigid_transfer, rotate_dofs
+from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.guide_errors import ErrorProfile, ProfileError
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.mechanisms.exechon import COMPLIANCES, LEGS, LENGTHS
+from headstock.reduction.coupling.drives import find_moved_mass, make_rigid_train
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import LegSprings, SceneMechanism
+from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.errors import ModelError
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
 from headstock.solvers.mechanisms.modes import SmallMotions, linearise_poses, marker_motion
+from headstock.solvers.second_order import SecondOrderSystem
 
 SPRING_PARTS = ("joint", "drive", "screw")
 
 
 @dataclass(frozen=True, eq=False)
 class PlacedMechanism:
-    """A lumped mechanism in a pose, drives locked.
+    """A lumped mechanism in a pose; its drives are locked unless they were let go.
 
     Attributes:
         model: Bodies, springs and closures.
@@ -135,6 +139,7 @@ def place_mechanism(
     *,
     superelements: Mapping[str, Superelement],
     own: Mapping[str, Frame],
+    released: Sequence[str] = (),
 ) -> PlacedMechanism:
     """A lumped mechanism in a pose.
 
@@ -144,10 +149,11 @@ def place_mechanism(
         state: ``(n,)`` closed state.
         superelements: By component; those that are not carried stand still in the machine frame.
         own: Frame of each component on its mark.
+        released: Driven coordinates that are free to move.
     """
     if mechanism.springs is None:
         raise ValueError("a lumped mechanism needs springs")
-    motions = linearise_poses(model, state)
+    motions = linearise_poses(model, state, released)
     placement, mounting = motions.kinematics.placement, mechanism.mounted.mounting
     placements: dict[str, Frame] = {}
     moving: dict[str, FloatArray] = {}
@@ -167,6 +173,41 @@ def place_mechanism(
     return PlacedMechanism(
         model, mechanism.springs, state, motions, superelements, placements, moving
     )
+
+
+def place_leg_drives(
+    placed: PlacedMechanism, system: SecondOrderSystem, drives: Iterable[Drive], *, beta: float
+) -> tuple[DriveTrain, ...]:
+    """Drives of legs that are free to grow; a motor stands on the part of its leg that does not
+    slide, and a linear scale reads the leg's length up to its joint at the platform.
+
+    Args:
+        placed: With the driven coordinates released.
+        system: Its equations of motion.
+        drives: Each of a leg.
+        beta: Viscous damping over stiffness of couplings [s].
+    """
+    motions, springs = placed.motions, placed.model.springs
+    markers = placed.model.mechanism.markers
+    unit, drives = np.eye(len(motions.stiffness)), tuple(drives)
+    slides = unit[[len(springs.labels) + motions.released.index(drive.axis) for drive in drives]]
+    found = []
+    for drive, slide, mass in zip(drives, slides, find_moved_mass(system, slides), strict=True):
+        leg = LENGTHS.index(drive.axis)
+        along = motions.kinematics.placement.rotations[markers.index(LEGS[leg])][:, 2]
+        turned = along @ marker_motion(placed.model, motions, LEGS[leg])[3:]
+        found.append(
+            make_rigid_train(
+                drive,
+                slide=slide,
+                scale=slide + unit[2 * leg + 1],
+                # a right-hand screw that turns with its housing pulls the nut back
+                stator=-drive.lead / (2.0 * np.pi) * turned,
+                moved_mass=float(mass),
+                beta=beta,
+            )
+        )
+    return tuple(found)
 
 
 def spring_shares(placed: PlacedMechanism, stretch: FloatArray) -> dict[str, float]:

@@ -4,12 +4,13 @@ it.
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, Frame
+from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.geometry.parts.skins import Skin
@@ -26,10 +27,18 @@ from headstock.pipeline.results.views import (
     view_pose,
 )
 from headstock.pipeline.stages.estimates import estimate_compliance_errors, estimate_mode_errors
-from headstock.pipeline.stages.run_state import MachineParts, Outcome, RunState, Solved, pose_name
+from headstock.pipeline.stages.run_state import (
+    MachineParts,
+    Outcome,
+    Released,
+    RunState,
+    Solved,
+    pose_name,
+)
 from headstock.pipeline.storage.content_keys import thinned_skin_key
 from headstock.pipeline.storage.store import read_entry, write_entry
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.drives import free_legs, place_drives, release_motors
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.reduction.motions.body_motions import (
     FreeMotion,
@@ -179,6 +188,19 @@ class CoupledPose:
             for motion in motions
             if not motion.bodies or not all(components[name].free for name in motion.bodies)
         )
+
+    def release(self, drives: Collection[Drive]) -> Released:
+        """The same machine with its motors let go, and their drives; legs that a motor moves without
+        compliance slide freely.
+        """
+        machine, coupled = self.parts.scene.machine, self.coupled
+        if machine.mechanism is not None:
+            machine = free_legs(coupled, machine, drives)
+            gravity = self.parts.plan.gravity
+            coupled = couple(self.parts.superelements, machine, self.pose, gravity=gravity)
+        trains = place_drives(coupled, machine, drives)
+        released = dataclasses.replace(self, coupled=release_motors(coupled, trains))
+        return Released(released, trains)
 
     def view(self) -> PoseView:
         """What is drawn of the pose without motions."""

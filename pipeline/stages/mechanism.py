@@ -2,12 +2,13 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, Frame, rigid_map
+from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
@@ -21,17 +22,26 @@ from headstock.pipeline.stages.lumped_machine import (
     PlacedMechanism,
     build_compliant_mechanism,
     leg_offsets,
+    place_leg_drives,
     place_mechanism,
     spring_shares,
 )
 from headstock.pipeline.stages.machine import add_view
-from headstock.pipeline.stages.run_state import MachineParts, Outcome, RunState, Solved, pose_name
+from headstock.pipeline.stages.run_state import (
+    MachineParts,
+    Outcome,
+    Released,
+    RunState,
+    Solved,
+    pose_name,
+)
 from headstock.reduction.coupling.channels import GRAVITY
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.reduction.motions.mode_naming import NamedModes
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import SceneMechanism
 from headstock.scene.schema.effects import GRAVITY_STIFFENING
+from headstock.solvers.control.drive_trains import DriveTrain, free_motors
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
@@ -53,6 +63,7 @@ class LumpedPose:
     parts: MachineParts
     pose: Pose
     placed: PlacedMechanism
+    motors: tuple[DriveTrain, ...] = ()
 
     @property
     def coupled(self) -> None:
@@ -60,7 +71,11 @@ class LumpedPose:
 
     @functools.cached_property
     def system(self) -> SecondOrderSystem:
-        """Its equations of motion in the compliant coordinates."""
+        """Its equations of motion in the compliant coordinates, and those of motors let go."""
+        return free_motors(self._bare_system, self.motors) if self.motors else self._bare_system
+
+    @functools.cached_property
+    def _bare_system(self) -> SecondOrderSystem:
         machine, placed = self.parts.scene.machine, self.placed
         system = pose_system(
             placed.model,
@@ -74,6 +89,20 @@ class LumpedPose:
         return dataclasses.replace(
             system, damping=rayleigh.alpha * system.mass + rayleigh.beta * springs
         )
+
+    def release(self, drives: Collection[Drive]) -> Released:
+        """The same machine with the motors of its legs let go, and their drives."""
+        free = place_pose(
+            self.parts,
+            self.pose,
+            self.placed.model,
+            self.placed.superelements,
+            released=[drive.axis for drive in drives],
+        )
+        trains = place_leg_drives(
+            free.placed, free.system, drives, beta=self.parts.scene.machine.rayleigh.beta
+        )
+        return Released(dataclasses.replace(free, motors=trains), trains)
 
     @functools.cached_property
     def all_modes(self) -> ModalResult:
@@ -240,6 +269,7 @@ def place_pose(
     pose: Pose,
     model: CompliantMechanism,
     superelements: Mapping[str, Superelement],
+    released: Sequence[str] = (),
 ) -> LumpedPose:
     """Close the loops of a lumped mechanism in a pose and make small motions about it.
 
@@ -248,6 +278,7 @@ def place_pose(
         pose: Of the tool.
         model: From :func:`build_mechanism`.
         superelements: By component; rigid.
+        released: Lengths of legs that are free to grow.
 
     Raises:
         PoseError: The mechanism does not reach the pose.
@@ -255,9 +286,10 @@ def place_pose(
     mechanism = scene_mechanism(parts)
     own = {name: component.placement for name, component in parts.plan.components.items()}
     closed = solve_pose(mechanism, pose.positions)
-    return LumpedPose(
-        parts, pose, place_mechanism(mechanism, model, closed, superelements=superelements, own=own)
+    placed = place_mechanism(
+        mechanism, model, closed, superelements=superelements, own=own, released=released
     )
+    return LumpedPose(parts, pose, placed)
 
 
 def run_place_stage(state: RunState, stage: Stage) -> Outcome:

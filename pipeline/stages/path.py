@@ -20,9 +20,9 @@ from headstock.pipeline.answers.path import FollowedPoses, PathCurves, PathResul
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import MODE_MARGIN, path_band
 from headstock.pipeline.stages.control import drive_machine
-from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
+from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import Outcome, RunState
-from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.drives import place_drives
 from headstock.reduction.coupling.error_travel import offset_loads
 from headstock.reduction.coupling.path_loads import (
@@ -101,7 +101,7 @@ def _pushed_channels(request: PathRequest) -> tuple[Channel, ...]:
 def _close_path(
     state: RunState,
     request: PathRequest,
-    coupled: CoupledMachine,
+    posed: CoupledPose,
     low_frequency_limit_hz: float,
     *,
     reach: float | None = None,
@@ -111,14 +111,14 @@ def _close_path(
     Args:
         state: Of the run.
         request: The path.
-        coupled: The machine in the pose.
+        posed: The machine in the pose.
         low_frequency_limit_hz: Below it poles are rigid-body motion [Hz].
         reach: Modes up to so many times the band are states; None for the usual number.
 
     Raises:
         UnstableControlError: A pole grows.
     """
-    driven = drive_machine(state, coupled)
+    driven = drive_machine(state, posed)
     require_stable(driven.system, driven.trains)
     channels = friction_channels(driven.trains)
     cut = request.cut
@@ -335,7 +335,7 @@ def _disturb_loop(
     shortest = math.inf
     if errors is not None:
         shortest, channels = errors.travel.shortest, errors.travel.channels
-        rows = offset_loads(driven.released.joint_springs, errors.travel.directions)
+        rows = offset_loads(driven.coupled.joint_springs, errors.travel.directions)
         own = {channel: rows[:, number] for number, channel in enumerate(channels)}
         system = dataclasses.replace(system, inputs={**system.inputs, **own})
     rippling = [drive for drive in state.scene.drives.values() if drive.ripple]
@@ -459,12 +459,14 @@ def _drive_moves(state: RunState, request: PathRequest, model: PathModel) -> Sol
     return SolvedMoves(found, kept, poses)
 
 
-def _couple_at(state: RunState, request: PathRequest, position: float) -> CoupledMachine:
-    return couple(state.parts.superelements, state.scene.machine, request.path.pose_at(position))
+def _couple_at(state: RunState, request: PathRequest, position: float) -> CoupledPose:
+    pose = request.path.pose_at(position)
+    coupled = couple(state.parts.superelements, state.scene.machine, pose)
+    return CoupledPose(state.parts, pose, coupled)
 
 
 def _close_along(
-    state: RunState, request: PathRequest, middle: CoupledMachine, low_frequency_limit_hz: float
+    state: RunState, request: PathRequest, middle: CoupledPose, low_frequency_limit_hz: float
 ) -> VaryingLoop:
     """The closed loops of a scene's drives as the pose changes, judged in every pose in which the
     machine is coupled.
@@ -474,8 +476,8 @@ def _close_along(
     """
     machine, scene = state.scene.machine, state.scene
     directions = travel_directions(machine, request.path)
-    trains = place_drives(middle, machine, scene.drives.values())
-    travels = find_rigid_travels(middle, trains, directions, axis_shares(request))
+    trains = place_drives(middle.coupled, machine, scene.drives.values())
+    travels = find_rigid_travels(middle.coupled, trains, directions, axis_shares(request))
     channels = loop_channels(
         trains,
         path=PATH_INPUT,
@@ -495,9 +497,9 @@ def _close_along(
                 frequency_hz=error.frequency_hz,
             ) from error
         system = add_driven_path_input(
-            driven.system, driven.released, driven.trains, directions, travels
+            driven.system, driven.coupled, driven.trains, directions, travels
         )
-        return stack_driven_modes(system, driven.modes, driven.released, driven.trains)
+        return stack_driven_modes(system, driven.modes, driven.coupled, driven.trains)
 
     return VaryingLoop(
         plant=sample_plant(place, request.path.length, channels),

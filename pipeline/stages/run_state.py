@@ -1,7 +1,7 @@
 """The state of a run: what its stages have made so far and hand on."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from headstock.geometry.errors import lacks_memory, out_of_memory, printable
 from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Component, Load, Support
 from headstock.geometry.parts.skins import Skin
@@ -27,6 +28,7 @@ from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.motions.mode_naming import NamedModes
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import Scene
+from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.ranks import SharedFailure
 from headstock.solvers.second_order import Channel, SecondOrderSystem
@@ -88,6 +90,14 @@ class Solved[T]:
     failures: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, eq=False)
+class Released:
+    """A machine in a pose with its motors let go, and its drives."""
+
+    model: "PoseModel"
+    trains: tuple[DriveTrain, ...]
+
+
 class PoseModel(Protocol):
     """What analyses ask of a machine in a pose, coupled of superelements or a lumped mechanism.
 
@@ -145,6 +155,9 @@ class PoseModel(Protocol):
 
     def solve_point(self, name: str) -> Solved[PointCompliance]:
         """Static compliance at a point, its budget and its errors."""
+
+    def release(self, drives: Collection[Drive]) -> Released:
+        """The same machine with the motors of drives let go: they are coordinates of its system."""
 
     def view(self) -> PoseView:
         """What is drawn of the pose without motions."""

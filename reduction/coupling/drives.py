@@ -4,19 +4,30 @@ machine with free motors.
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import Drive
-from headstock.geometry.machine.joints import Joint
+from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.machine.drives import AxisControl, Drive
+from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine
+from headstock.geometry.mechanisms.exechon import LENGTHS
+from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import motion_rows
 from headstock.reduction.coupling.joint_springs import PlacedJoint
-from headstock.solvers.control.drive_trains import DriveTrain, count_coordinates, free_motors
+from headstock.solvers.control.drive_trains import (
+    DriveTrain,
+    count_coordinates,
+    free_motors,
+    is_rigid,
+)
 from headstock.solvers.errors import ModelError
+from headstock.solvers.second_order import SecondOrderSystem
+
+ALONG = 1e-9  # how far an axis of a joint may be off its leg
 
 
 def place_drives(
@@ -25,7 +36,8 @@ def place_drives(
     """Every drive in the pose in which a machine is coupled.
 
     Args:
-        coupled: The machine coupled in a pose.
+        coupled: The machine coupled in a pose; legs that a motor moves without compliance are free
+            to slide (:func:`free_legs`).
         machine: The same machine as described, with joints and axes.
         drives: Each names its joint and its controller.
 
@@ -34,7 +46,42 @@ def place_drives(
             drive.
     """
     springs = {spring.name: spring for spring in coupled.joint_springs}
-    return tuple(_place_drive(coupled, machine, drive, springs[drive.joint]) for drive in drives)
+    drives = tuple(drives)
+    slides = [_find_slide(coupled, machine, drive, springs[drive.joint]) for drive in drives]
+    masses = _moved_masses(coupled, machine, drives, slides)
+    return tuple(
+        _place_drive(coupled, machine, drive, springs[drive.joint], slide=slide, moved_mass=mass)
+        for drive, slide, mass in zip(drives, slides, masses, strict=True)
+    )
+
+
+def free_legs(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]) -> Machine:
+    """A machine in which the legs of its mechanism slide freely where a drive holds them rigidly.
+
+    Args:
+        coupled: The machine in a pose.
+        machine: The same as described.
+        drives: Each names its joint.
+
+    Raises:
+        ModelError: A joint neither holds its leg along itself nor is a ball screw.
+    """
+    springs = {spring.name: spring for spring in coupled.joint_springs}
+    joints = dict(machine.joints)
+    for drive in drives:
+        joint = joints[drive.joint]
+        if drive.axis in machine.axes or joint.kind == "ball_screw":
+            continue
+        slide = _find_slide(coupled, machine, drive, springs[drive.joint])
+        if slide.row not in joint.fixed:
+            raise ModelError(
+                f"drive {drive.name}: its joint {drive.joint} neither holds the leg along itself nor is a ball screw; "
+                f'write "rigid" for {DOF_NAMES[slide.row]}, or drive a joint of kind = "ball_screw"'
+            )
+        joints[drive.joint] = dataclasses.replace(
+            joint, fixed=tuple(row for row in joint.fixed if row != slide.row)
+        )
+    return dataclasses.replace(machine, joints=joints)
 
 
 def release_motors(coupled: CoupledMachine, trains: tuple[DriveTrain, ...]) -> CoupledMachine:
@@ -47,6 +94,8 @@ def release_motors(coupled: CoupledMachine, trains: tuple[DriveTrain, ...]) -> C
     springs = {spring.name: _pad_spring(spring, added) for spring in coupled.joint_springs}
     ends = np.cumsum(counts) - 1
     for train, last in zip(trains, ends, strict=True):
+        if is_rigid(train):
+            continue
         spring = springs[train.joint]
         rows = spring.rows.copy()
         rows[0, size + last] = -np.sign(_thread_row(spring)[:size] @ train.stretch)
@@ -63,39 +112,145 @@ def release_motors(coupled: CoupledMachine, trains: tuple[DriveTrain, ...]) -> C
     )
 
 
-def _place_drive(
-    coupled: CoupledMachine, machine: Machine, drive: Drive, spring: PlacedJoint
+def make_rigid_train(
+    drive: Drive,
+    *,
+    slide: FloatArray,
+    scale: FloatArray,
+    stator: FloatArray,
+    moved_mass: float,
+    beta: float = 0.0,
 ) -> DriveTrain:
-    joint, axis = machine.joints[drive.joint], machine.axes[drive.axis]
+    """A drive whose motor moves what it drives without any compliance, but for its coupling.
+
+    Args:
+        drive: As described.
+        slide: ``(n,)`` motion that it drives, free in the system.
+        scale: ``(n,)`` what its linear scale reads.
+        stator: ``(n,)`` turn of the motor's housing as travel.
+        moved_mass: What the motor accelerates beside itself and its screw [kg].
+        beta: Viscous damping over stiffness of its coupling [s].
+    """
+    pitch = drive.lead / (2.0 * math.pi)
+    return DriveTrain(
+        name=drive.name,
+        axis=drive.axis,
+        joint=drive.joint,
+        control=_feed_inertia(drive, moved_mass),
+        stretch=slide,
+        stiffness=math.inf,
+        thread=math.inf,
+        slide=slide,
+        scale=scale,
+        stator=stator,
+        motor_mass=drive.motor_inertia / pitch**2,
+        screw_mass=drive.screw_inertia / pitch**2,
+        coupling=drive.coupling / pitch**2,
+        friction=drive.friction,
+        cycle=drive.cycle,
+        beta=beta,
+    )
+
+
+def find_moved_mass(system: SecondOrderSystem, slides: FloatArray) -> FloatArray:
+    """What each of several free motions accelerates [kg] ``(d,)`` while the others are held and the
+    machine follows as its springs ask.
+
+    Args:
+        system: In which these motions are free.
+        slides: ``(d, n)`` motions.
+    """
+    count, size = slides.shape
+    level = float(np.abs(system.stiffness).max())
+    whole = np.zeros((size + count, size + count))
+    whole[:size, :size] = system.stiffness
+    whole[size:, :size], whole[:size, size:] = level * slides, level * slides.T
+    right = np.zeros((size + count, count))
+    right[size:] = level * np.eye(count)
+    moved = np.linalg.solve(whole, right)[:size]
+    return np.asarray(np.einsum("ik,ij,jk->k", moved, system.mass, moved))
+
+
+@dataclass(frozen=True, eq=False)
+class _Slide:
+    """What a drive moves across its joint.
+
+    Attributes:
+        row: Dof of the joint along the travel.
+        sign: Turns the relative motion of the joint's ends, second less first, into travel.
+        motion: ``(n,)`` travel.
+        scale: ``(n,)`` what a linear scale reads of it.
+        housing: End that carries the motor.
+        thread: Sign of a turn of the housing about the joint's axis as travel; threads are
+            right-handed.
+    """
+
+    row: int
+    sign: float
+    motion: FloatArray
+    scale: FloatArray
+    housing: JointEnd
+    thread: float
+
+
+def _moved_masses(
+    coupled: CoupledMachine, machine: Machine, drives: Sequence[Drive], slides: Sequence[_Slide]
+) -> list[float]:
+    """What each motor accelerates beside itself and its screw [kg]: all an axis carries, or what
+    moves with a leg.
+    """
+    carried = coupled.layout.superelements
+    legs = [slide.motion for drive, slide in zip(drives, slides, strict=True) if drive.axis not in machine.axes]
+    of_legs = iter(find_moved_mass(coupled.system, np.array(legs)) if legs else ())
+    return [
+        sum(carried[name].mass_kg for name in machine.axes[drive.axis].moves)
+        if drive.axis in machine.axes
+        else float(next(of_legs))
+        for drive in drives
+    ]
+
+
+def _place_drive(
+    coupled: CoupledMachine,
+    machine: Machine,
+    drive: Drive,
+    spring: PlacedJoint,
+    *,
+    slide: _Slide,
+    moved_mass: float,
+) -> DriveTrain:
+    joint = machine.joints[drive.joint]
+    pitch = drive.lead / (2.0 * math.pi)
+    turned = motion_rows(coupled.layout, slide.housing, spring.frame.origin)[3:]
+    stator = slide.thread * pitch * (spring.frame.rotation[:, slide.row] @ turned @ coupled.basis)
+    if joint.kind != "ball_screw":
+        return make_rigid_train(
+            drive,
+            slide=slide.motion,
+            scale=slide.scale,
+            stator=stator,
+            moved_mass=moved_mass,
+            beta=machine.rayleigh.beta,
+        )
     stiffness = float(spring.stiffness[0, 0])
     if 0 in spring.fixed or not stiffness > 0.0:
         raise ModelError(
             f"drive {drive.name}: its joint {drive.joint} has no axial stiffness through which a motor could push; "
             'write stiffness = { axial = "100 N/um" }'
         )
-    sign = _travel_sign(joint, axis.moves, float(spring.frame.rotation[:, 0] @ axis.direction))
-    pitch = drive.lead / (2.0 * math.pi)
-    housing = motion_rows(coupled.layout, joint.ends[1], spring.frame.origin)[3:]
-    slide = sign * spring.rows[0]
     # a coupling of the joint's own is part of its stiffness already
     own = math.inf if joint.screw is None else joint.screw.coupling
     return DriveTrain(
         name=drive.name,
         axis=drive.axis,
         joint=drive.joint,
-        control=dataclasses.replace(
-            drive.control,
-            acceleration_feed_forward=drive.acceleration_share
-            * _axis_inertia(coupled, drive, axis.moves, pitch),
-        ),
-        stretch=sign * _thread_row(spring),
+        control=_feed_inertia(drive, moved_mass),
+        stretch=slide.sign * _thread_row(spring),
         stiffness=stiffness,
         thread=1.0 / (1.0 / stiffness - (pitch**2 / own if math.isfinite(own) else 0.0)),
-        slide=slide,
-        scale=slide
-        if drive.scale is None
-        else _scale_row(coupled, machine, drive.scale, drive.axis),
-        stator=sign * pitch * (spring.frame.rotation[:, 0] @ housing @ coupled.basis),
+        slide=slide.motion,
+        scale=slide.scale,
+        stator=stator,
         motor_mass=drive.motor_inertia / pitch**2,
         damping=float(joint.damping[0, 0]),
         beta=machine.rayleigh.beta,
@@ -104,6 +259,86 @@ def _place_drive(
         coupling=min(own, drive.coupling) / pitch**2,
         friction=drive.friction,
         cycle=drive.cycle,
+    )
+
+
+def _find_slide(
+    coupled: CoupledMachine, machine: Machine, drive: Drive, spring: PlacedJoint
+) -> _Slide:
+    joint = machine.joints[drive.joint]
+    if machine.mechanism is not None and drive.axis not in machine.axes:
+        return _find_leg_slide(coupled, machine, machine.mechanism, drive, spring)
+    axis = machine.axes[drive.axis]
+    sign = _travel_sign(joint, axis.moves, float(spring.frame.rotation[:, 0] @ axis.direction))
+    motion = sign * spring.rows[0]
+    return _Slide(
+        row=0,
+        sign=sign,
+        motion=motion,
+        scale=motion
+        if drive.scale is None
+        else _scale_row(coupled, machine, drive.scale, drive.axis),
+        housing=joint.ends[1],
+        thread=sign,
+    )
+
+
+def _find_leg_slide(
+    coupled: CoupledMachine,
+    machine: Machine,
+    mechanism: ToolMechanism,
+    drive: Drive,
+    spring: PlacedJoint,
+) -> _Slide:
+    """A leg that grows; its motor stands on the part that does not slide, and a linear scale reads
+    the length up to the joint of the platform.
+    """
+    joint, leg = machine.joints[drive.joint], LENGTHS.index(drive.axis) + 1
+    standing, sliding = (
+        next(end for end in joint.ends if mechanism.carries.get(end.component or "") == marker)
+        for marker in (f"leg_{leg}", f"tip_{leg}")
+    )
+    name = standing.component or ""
+    carrier = coupled.placements[name].rotation @ machine.components[name].placement.rotation.T
+    along = carrier[:, 2]
+    shares = spring.frame.rotation.T @ along
+    row = int(np.argmax(np.abs(shares)))
+    if abs(shares[row]) < 1.0 - ALONG:
+        raise ModelError(
+            f"drive {drive.name}: no axis of its joint {drive.joint} lies along {drive.axis}; give the joint the axes of its leg"
+        )
+    sign = float(np.sign(shares[row])) * (1.0 if joint.ends[1] is sliding else -1.0)
+    motion = sign * spring.rows[row]
+    return _Slide(
+        row=row,
+        sign=sign,
+        motion=motion,
+        scale=_length_row(coupled, machine, mechanism, leg, standing, spring.frame.origin) @ along,
+        housing=standing,
+        # a right-hand screw that turns with its housing pulls the nut back
+        thread=-float(np.sign(shares[row])),
+    )
+
+
+def _length_row(
+    coupled: CoupledMachine,
+    machine: Machine,
+    mechanism: ToolMechanism,
+    leg: int,
+    standing: JointEnd,
+    base: FloatArray,
+) -> FloatArray:
+    """Motion ``(n, 3)`` of a leg's joint at the platform against the leg's base."""
+    frames = {spring.name: spring.frame for spring in coupled.joint_springs}
+    for joint in machine.joints.values():
+        carried = {mechanism.carries.get(end.component or ""): end for end in joint.ends}
+        if f"tip_{leg}" in carried and "platform" in carried:
+            tip = frames[joint.name].origin
+            rows = motion_rows(coupled.layout, carried["platform"], tip)[:3]
+            rows = rows - motion_rows(coupled.layout, standing, base)[:3]
+            return np.asarray((rows @ coupled.basis).T)
+    raise ModelError(
+        f"leg {leg}: no joint between its tip and the platform, so a scale has no length to read; join them"
     )
 
 
@@ -120,14 +355,15 @@ def _travel_sign(joint: Joint, moves: tuple[str, ...], along: float) -> float:
     return float(np.sign(along)) * (1.0 if second_moves else -1.0)
 
 
-def _axis_inertia(
-    coupled: CoupledMachine, drive: Drive, moves: tuple[str, ...], pitch: float
-) -> float:
-    """What the motor accelerates [kg]: everything the axis carries, its own inertia and the
-    screw's.
+def _feed_inertia(drive: Drive, moved_mass: float) -> AxisControl:
+    """The controller with its acceleration feed-forward [kg]: what the motor moves, its own inertia
+    and the screw's.
     """
-    carried = sum(coupled.layout.superelements[name].mass_kg for name in moves)
-    return carried + (drive.motor_inertia + drive.screw_inertia) / pitch**2
+    pitch = drive.lead / (2.0 * math.pi)
+    whole = moved_mass + (drive.motor_inertia + drive.screw_inertia) / pitch**2
+    return dataclasses.replace(
+        drive.control, acceleration_feed_forward=drive.acceleration_share * whole
+    )
 
 
 def _scale_row(coupled: CoupledMachine, machine: Machine, point: str, axis: str) -> FloatArray:
@@ -144,4 +380,4 @@ def _scale_row(coupled: CoupledMachine, machine: Machine, point: str, axis: str)
 
 
 def _pad_spring(spring: PlacedJoint, added: int) -> PlacedJoint:
-    return dataclasses.replace(spring, rows=np.hstack([spring.rows, np.zeros((6, added))]))
+    return dataclasses.replace(spring, rows=np.hstack([spring.rows, np.zeros((len(spring.rows), added))]))

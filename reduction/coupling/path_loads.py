@@ -12,7 +12,7 @@ from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.control.drive_trains import (
     MOTOR,
     DriveTrain,
-    count_coordinates,
+    find_turns,
     measured_channel,
 )
 from headstock.solvers.errors import ModelError
@@ -194,13 +194,10 @@ def stack_driven_modes(
 def _turning_masses(trains: Sequence[DriveTrain], total: int) -> list[tuple[FloatArray, float]]:
     """Turn in space ``(total,)`` of each motor and each screw, and its mass [kg]."""
     found = []
-    place = total - sum(count_coordinates(train) for train in trains)
-    for train in trains:
-        count = count_coordinates(train)
+    for train, turns in zip(trains, find_turns(trains, total), strict=True):
         stator = np.concatenate([train.stator, np.zeros(total - len(train.stator))])
-        for offset, mass in ((0, train.motor_mass), (count - 1, train.screw_mass)):
-            row = stator.copy()
-            row[place + offset] += 1.0
-            found.append((row, mass))
-        place += count
+        found += [
+            (turns.motor + stator, train.motor_mass),
+            (turns.screw + stator, train.screw_mass),
+        ]
     return found

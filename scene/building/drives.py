@@ -5,13 +5,13 @@ effects and their control.
 import math
 
 from headstock.geometry.machine.drives import AxisControl, Drive, GuideFriction, TorqueRipple
+from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.scene.building.draft import Draft, check_name
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import DAMPING
 from headstock.scene.requests import ControlRequest, PathCut
 from headstock.scene.schema.drives import DriveTable, FrictionTable
-from headstock.scene.schema.joints import JointTable
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, MillingCut
@@ -65,12 +65,93 @@ def find_screws(name: str, table: DriveTable, scene: SceneTable) -> list[str]:
     return screws if table.joint is None else [joint for joint in screws if joint == table.joint]
 
 
+def find_leg_joints(name: str, table: DriveTable, scene: SceneTable) -> list[str]:
+    """Joints across which the leg of a drive slides in a machine of components, ball screws where
+    there are any, or the one the drive names.
+
+    Args:
+        name: Of the drive.
+        table: Its table.
+        scene: With a mechanism.
+    """
+    if scene.mechanism is None:
+        return []
+    number = LENGTHS.index(driven_axis(name, table)) + 1
+    sides = [set(scene.mechanism.carries.get(side, ())) for side in (f"leg_{number}", f"tip_{number}")]
+    found = [
+        joint
+        for joint, own in scene.joints.items()
+        if all(any(end.component in side for end in own.between) for side in sides)
+    ]
+    if table.joint is not None:
+        return [joint for joint in found if joint == table.joint]
+    screws = [joint for joint in found if scene.joints[joint].kind == "ball_screw"]
+    return screws or found
+
+
+def _drives_leg(name: str, table: DriveTable, scene: SceneTable) -> bool:
+    return scene.mechanism is not None and driven_axis(name, table) in LENGTHS
+
+
+def _check_leg(name: str, table: DriveTable, scene: SceneTable, findings: Findings) -> str | None:
+    """What is wrong with the drive of a leg; the joint it acts across, or the leg itself."""
+    key: KeyPath = ("drives", name)
+    leg = driven_axis(name, table)
+    if table.scale is not None:
+        findings.add(
+            (*key, "scale"),
+            f"the scale of a leg reads the length of the leg; remove it, and keep encoder = {table.encoder!r}",
+        )
+    if scene.is_lumped:
+        if table.joint is not None:
+            findings.add(
+                (*key, "joint"), f"the lumped leg {leg} is driven itself, not a joint; remove it"
+            )
+        _check_leg_lead(key, table, scene, findings)
+        return leg
+    joints = find_leg_joints(name, table, scene)
+    if len(joints) != 1:
+        others = find_leg_joints(name, table.model_copy(update={"joint": None}), scene)
+        wrong = f"joint {table.joint!r:.80} does not let {leg} slide" if table.joint else ""
+        text = wrong or f"{'several joints let' if joints else 'no joint lets'} {leg} slide"
+        remedy = (
+            f"; write joint = {' or '.join(repr(other) for other in others)}"
+            if others
+            else f"; add one between what leg_{leg[1:]} and what tip_{leg[1:]} carry"
+        )
+        findings.add((*key, "joint") if table.joint else key, text + remedy)
+        return None
+    if scene.joints[joints[0]].kind == "ball_screw":
+        _check_screw(key, table, joints[0], scene, findings)
+    else:
+        _check_leg_lead(key, table, scene, findings)
+    return joints[0]
+
+
+def _check_leg_lead(
+    key: KeyPath, table: DriveTable, scene: SceneTable, findings: Findings
+) -> None:
+    given = scene.mechanism is not None and scene.mechanism.screw_lead is not None
+    _check_lead(key, table, "the mechanism gives screw_lead" if given else "", findings)
+
+
+def _check_lead(key: KeyPath, table: DriveTable, given: str, findings: Findings) -> None:
+    """Report a lead that is missing, or that something else gives as well."""
+    if not given and table.lead is None:
+        findings.add(key, "'lead' is missing; write it, such as lead = \"10 mm\"")
+    if given and table.lead is not None:
+        findings.add((*key, "lead"), f"{given}; remove it here")
+
+
 def _check_joint(name: str, table: DriveTable, scene: SceneTable, findings: Findings) -> str | None:
     key: KeyPath = ("drives", name)
     axis_name = driven_axis(name, table)
     axis = scene.axes.get(axis_name)
     if axis is None:
-        hint = suggest_names(axis_name, scene.axes, what="axes")
+        if _drives_leg(name, table, scene):
+            return _check_leg(name, table, scene, findings)
+        known = [*scene.axes, *(LENGTHS if scene.mechanism is not None else ())]
+        hint = suggest_names(axis_name, known, what="axes")
         place = (*key, "axis") if table.axis is not None else key
         findings.add(place, f"unknown axis {axis_name[:80]!r}; {hint}")
         return None
@@ -96,24 +177,26 @@ def _check_joint(name: str, table: DriveTable, scene: SceneTable, findings: Find
         )
         findings.add((*key, "joint") if table.joint else key, text + remedy)
         return None
-    _check_screw(key, table, screws[0], scene.joints[screws[0]], findings)
+    _check_screw(key, table, screws[0], scene, findings)
     return screws[0]
 
 
 def _check_screw(
-    key: KeyPath, table: DriveTable, name: str, joint: JointTable, findings: Findings
+    key: KeyPath, table: DriveTable, name: str, scene: SceneTable, findings: Findings
 ) -> None:
+    joint = scene.joints[name]
     if joint.stiffness.get("axial") == "rigid":
         findings.add(
             ("joints", name, "stiffness", "axial"),
             f'transmits the force of drive {key[1]}, so it cannot be rigid; write a stiffness such as axial = "100 N/um"',
         )
     screw = joint.screw
-    given = None if screw is None else screw.lead
-    if given is None and table.lead is None:
-        findings.add(key, "'lead' is missing; write it, such as lead = \"10 mm\"")
-    if given is not None and table.lead is not None:
-        findings.add((*key, "lead"), f"joint {name} gives the lead of its screw; remove it here")
+    if screw is not None and screw.lead is not None:
+        _check_lead(key, table, f"joint {name} gives the lead of its screw", findings)
+    elif _drives_leg(str(key[1]), table, scene):
+        _check_leg_lead(key, table, scene, findings)
+    else:
+        _check_lead(key, table, "", findings)
     if screw is not None and screw.coupling is not None and table.coupling is not None:
         findings.add(
             (*key, "coupling"), f"joint {name} gives the coupling of its screw; remove it here"
@@ -214,11 +297,6 @@ def _check_analysis(scene: SceneTable, findings: Findings) -> None:
             ("analyses", "control"),
             "drives are not controlled; write [effects] drive_control = true",
         )
-    if scene.is_lumped:
-        findings.add(
-            ("analyses", "control"),
-            "a lumped mechanism has legs, not axes with drives; remove this analysis",
-        )
     _check_sampling(scene, request.up_to, "control", "up_to", findings)
 
 
@@ -272,9 +350,7 @@ def build_path_cut(scene: SceneTable) -> PathCut | None:
 
 
 def _build_drive(name: str, table: DriveTable, scene: SceneTable, on: set[str]) -> Drive:
-    (joint,) = find_screws(name, table, scene)
-    screw = scene.joints[joint].screw
-    lead = table.lead or (screw.lead if screw is not None and screw.lead is not None else 0.0)
+    joint, lead = _find_transmission(name, table, scene)
     return Drive(
         name=name,
         axis=driven_axis(name, table),
@@ -295,6 +371,19 @@ def _build_drive(name: str, table: DriveTable, scene: SceneTable, on: set[str]) 
             for wave in (table.torque_ripple or () if TORQUE_RIPPLE in on else ())
         ),
     )
+
+
+def _find_transmission(name: str, table: DriveTable, scene: SceneTable) -> tuple[str, float]:
+    """Joint of a drive, none of a lumped leg, and its lead [m]."""
+    if _drives_leg(name, table, scene) and scene.mechanism is not None:
+        found = [""] if scene.is_lumped else find_leg_joints(name, table, scene)
+        known = scene.mechanism.screw_lead
+    else:
+        found, known = find_screws(name, table, scene), None
+    (joint,) = found
+    screw = scene.joints[joint].screw if joint else None
+    own = None if screw is None else screw.lead
+    return joint, table.lead or own or known or 0.0
 
 
 def _build_control(table: DriveTable, lead: float) -> AxisControl:

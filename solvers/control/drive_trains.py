@@ -5,6 +5,7 @@ drive forces.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,7 +28,9 @@ class DriveTrain:
         control: Its controller.
         stretch: ``(n,)`` motion of the nut along the axis, as the thread sees it, with the motor
             locked.
-        stiffness: Of that, as it is in the system with the motor locked [N/m].
+        stiffness: Of that, as it is in the system with the motor locked [N/m]; infinite where the
+            motor moves the nut without any compliance: the system is then one in which the nut is
+            free to move.
         thread: The same without the coupling, where that has a part in it [N/m].
         slide: ``(n,)`` motion along the axis across the guide; also what the joint's damper sees.
         scale: ``(n,)`` motion that the linear scale reads.
@@ -68,7 +71,8 @@ def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> Seco
 
     A coordinate is the relative turn of rotor and housing, so that a drive force on it is a torque
     between both. A screw turns by itself where its inertia counts and its coupling gives way; a
-    coupling without such a screw is in series with the thread.
+    coupling without such a screw is in series with the thread. A motor that moves the nut without
+    any compliance has no coordinate of its own: it turns as the nut moves.
 
     Args:
         system: Symmetric, with the springs of the drives in it as they are with the motors locked.
@@ -76,42 +80,76 @@ def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> Seco
 
     Source: Altintas, Verl, Brecher, Uriarte and Pritschow (2011), section 3.
     """
-    size = len(system.mass)
-    own = [2 if _turns_alone(train) else 1 for train in trains]
-    total = size + sum(own)
+    total = len(system.mass) + sum(map(count_coordinates, trains))
     mass, stiffness = _pad(system.mass, total), _pad(system.stiffness, total)
     damping = None if system.damping is None else _pad(system.damping, total)
     hysteretic = None if system.hysteretic is None else _pad(system.hysteretic, total)
     inputs = {channel: _pad_row(row, total) for channel, row in system.inputs.items()}
     outputs = {channel: _pad_row(row, total) for channel, row in system.outputs.items()}
     labels = list(system.labels)
-    for train, count, place in zip(trains, own, size + np.cumsum([0, *own[:-1]]), strict=True):
-        motor, screw = np.eye(total)[place], np.eye(total)[place + count - 1]
+    for train, turns in zip(trains, find_turns(trains, total), strict=True):
+        motor, screw = turns.motor, turns.screw
         stretch, stator = _pad_row(train.stretch, total), _pad_row(train.stator, total)
         slide, scale = _pad_row(train.slide, total), _pad_row(train.scale, total)
-        locked, spring = train.stiffness, _thread_stiffness(train)
-        freed = _join(stretch, screw, spring) + (spring - locked) * np.outer(stretch, stretch)
-        if count == 2:
+        freed = np.zeros((total, total))
+        if turns.apart:
             freed += train.coupling * np.outer(motor - screw, motor - screw)
+        if not is_rigid(train):
+            locked, spring = train.stiffness, _thread_stiffness(train)
+            freed += _join(stretch, screw, spring) + (spring - locked) * np.outer(stretch, stretch)
+            if damping is not None:
+                damping += _join(slide, screw, train.damping)
+            if hysteretic is not None:
+                loss = train.loss * spring / locked
+                hysteretic += _join(stretch, screw, loss)
+                hysteretic += (loss - train.loss) * np.outer(stretch, stretch)
         stiffness += freed
+        if damping is not None:
+            damping += train.beta * freed
         mass += train.motor_mass * np.outer(motor + stator, motor + stator)
         if train.screw_mass:
             mass += train.screw_mass * np.outer(screw + stator, screw + stator)
-        if damping is not None:
-            damping += _join(slide, screw, train.damping) + train.beta * freed
-        if hysteretic is not None:
-            loss = train.loss * spring / locked
-            hysteretic += _join(stretch, screw, loss) + (loss - train.loss) * np.outer(
-                stretch, stretch
-            )
         inputs |= {(train.name, FORCE): motor, (train.name, SLIDE): slide}
         outputs |= {
             (train.name, MOTOR): motor,
             (train.name, SCALE): scale,
             (train.name, SLIDE): slide,
         }
-        labels += [f"{train.name} motor"] + [f"{train.name} screw"] * (count - 1)
+        labels += [f"{train.name} motor", f"{train.name} screw"][: count_coordinates(train)]
     return SecondOrderSystem(mass, damping, stiffness, inputs, outputs, tuple(labels), hysteretic)
+
+
+class Turns(NamedTuple):
+    """How motor and screw of a drive turn against the motor's housing, as travel along the axis.
+
+    Attributes:
+        motor: ``(n,)``.
+        screw: ``(n,)``.
+        apart: Whether a coupling lets both turn by themselves.
+    """
+
+    motor: FloatArray
+    screw: FloatArray
+    apart: bool
+
+
+def find_turns(trains: Sequence[DriveTrain], total: int) -> list[Turns]:
+    """Turns of every drive in a system with free motors.
+
+    Args:
+        trains: As the motors were let go.
+        total: Coordinates ``n`` of that system, those of motors and screws at its end.
+    """
+    found = []
+    place = total - sum(map(count_coordinates, trains))
+    for train in trains:
+        count = count_coordinates(train)
+        own = [*np.eye(total)[place : place + count]]
+        if is_rigid(train):
+            own.append(_pad_row(train.slide, total))
+        found.append(Turns(own[0], own[-1], len(own) == 2))
+        place += count
+    return found
 
 
 def measured_channel(train: DriveTrain) -> Channel:
@@ -119,8 +157,15 @@ def measured_channel(train: DriveTrain) -> Channel:
     return train.name, train.control.encoder
 
 
+def is_rigid(train: DriveTrain) -> bool:
+    """Whether the nut follows the screw without any compliance."""
+    return math.isinf(train.stiffness)
+
+
 def count_coordinates(train: DriveTrain) -> int:
     """How many coordinates a drive brings."""
+    if is_rigid(train):
+        return 1 if math.isfinite(train.coupling) else 0
     return 2 if _turns_alone(train) else 1
 
 

@@ -2,13 +2,14 @@
 static compliance (eq. 15).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.mechanisms.closures import Kinematics, close_loops, evaluate_kinematics
+from headstock.geometry.mechanisms.mechanism import Mechanism
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, evaluate_dynamics
 from headstock.solvers.mechanisms.partitioning import velocity_maps
 from headstock.solvers.second_order import SecondOrderSystem
@@ -18,15 +19,17 @@ TINY = 1e-30
 
 @dataclass(frozen=True, eq=False)
 class SmallMotions:
-    """A mechanism at rest in poses, drives locked, linear in the compliant coordinates.
+    """A mechanism at rest in poses, linear in the compliant coordinates; drives are locked, but
+    those let go, whose coordinates follow.
 
     Attributes:
         kinematics: At the poses.
         from_compliant: ``(..., n, c)`` motion of all coordinates per compliant coordinate.
         mass: ``(..., c, c)``.
-        stiffness: ``(..., c)`` [N/m].
+        stiffness: ``(..., c)`` [N/m]; zero of drives let go.
         gravity: ``(..., c)`` generalised gravity forces [N].
         geometric: ``(..., c, c)`` stiffness from gravity [N/m]; None where it is not counted.
+        released: Driven coordinates that are let go, the last of the ``c``.
     """
 
     kinematics: Kinematics
@@ -35,6 +38,7 @@ class SmallMotions:
     stiffness: FloatArray
     gravity: FloatArray
     geometric: FloatArray | None = None
+    released: tuple[str, ...] = ()
 
     @property
     def total_stiffness(self) -> FloatArray:
@@ -59,43 +63,73 @@ class LumpedModes:
     energy: FloatArray
 
 
-def linearise_poses(model: CompliantMechanism, states: FloatArray) -> SmallMotions:
-    """Small motions about closed states ``(..., n)`` with compliant coordinates at zero."""
+def linearise_poses(
+    model: CompliantMechanism, states: FloatArray, released: Sequence[str] = ()
+) -> SmallMotions:
+    """Small motions about closed states ``(..., n)`` with compliant coordinates at zero.
+
+    Args:
+        model: The mechanism.
+        states: Closed.
+        released: Driven coordinates that are free to move.
+    """
     mechanism = model.mechanism
     kinematics = evaluate_kinematics(mechanism, states)
-    from_compliant = velocity_maps(mechanism, kinematics.closure_jacobian)[1]
+    maps = _free_maps(mechanism, kinematics, released)
     dynamics = evaluate_dynamics(model, kinematics)
-    left = np.swapaxes(from_compliant, -1, -2)
-    stiffness = model.springs.stiffness(states[..., mechanism.driven_slice])
+    left = np.swapaxes(maps, -1, -2)
+    springs = model.springs.stiffness(states[..., mechanism.driven_slice])
+    stiffness = np.concatenate(
+        [springs, np.zeros((*springs.shape[:-1], len(released)))], axis=-1
+    )
     gravity = (left @ dynamics.load[..., None])[..., 0]
-    geometric = gravity_stiffness(model, states) if model.gravity_stiffening else None
+    geometric = gravity_stiffness(model, states, released) if model.gravity_stiffening else None
     return SmallMotions(
         kinematics,
-        from_compliant,
-        left @ dynamics.mass @ from_compliant,
+        maps,
+        left @ dynamics.mass @ maps,
         stiffness,
         gravity,
         geometric,
+        tuple(released),
     )
 
 
-def gravity_stiffness(model: CompliantMechanism, states: FloatArray) -> FloatArray:
+def _free_maps(
+    mechanism: Mechanism, kinematics: Kinematics, released: Sequence[str]
+) -> FloatArray:
+    """Motion ``(..., n, c)`` of all coordinates per compliant one and per drive let go."""
+    from_driven, from_compliant = velocity_maps(mechanism, kinematics.closure_jacobian)
+    columns = [mechanism.driven.index(name) for name in released]
+    return np.concatenate([from_compliant, from_driven[..., columns]], axis=-1)
+
+
+def gravity_stiffness(
+    model: CompliantMechanism, states: FloatArray, released: Sequence[str] = ()
+) -> FloatArray:
     """Geometric stiffness ``(..., c, c)`` [N/m]: by how much gravity's generalised forces fall per
     compliant coordinate.
 
     The second derivative of the potential energy along motions that keep the loops closed, joint
     forces and all, by the complex step.
+
+    Args:
+        model: The mechanism.
+        states: ``(..., n)`` closed.
+        released: Driven coordinates that are free to move: their drives push with what carries the
+            weight.
     """
     mechanism = model.mechanism
+    free = [*mechanism.compliant, *released]
     columns = []
-    for coordinate in range(mechanism.compliant_slice.start, mechanism.compliant_slice.stop):
+    for coordinate in map(mechanism.index, free):
         moved = states.astype(complex)
         moved[..., coordinate] += 1j * TINY
         # Newton's method is exact for a step this small, after one correction
         closed = close_loops(mechanism, moved)
         kinematics = evaluate_kinematics(mechanism, closed)
         force = evaluate_dynamics(model, kinematics).load
-        maps = velocity_maps(mechanism, kinematics.closure_jacobian)[1]
+        maps = _free_maps(mechanism, kinematics, released)
         columns.append((np.swapaxes(maps, -1, -2) @ force[..., None])[..., 0].imag / TINY)
     return np.asarray(-np.stack(columns, axis=-1))
 
@@ -203,9 +237,11 @@ def pose_system(
     }
     return SecondOrderSystem(
         mass=0.5 * (motions.mass + motions.mass.T),
-        damping=model.damping,
+        damping=None
+        if model.damping is None
+        else np.pad(model.damping, (0, len(motions.released))),
         stiffness=0.5 * (motions.total_stiffness + motions.total_stiffness.T),
         inputs=rows,
         outputs=rows,
-        labels=model.springs.labels,
+        labels=(*model.springs.labels, *motions.released),
     )
