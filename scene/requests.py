@@ -62,6 +62,7 @@ class FrfRequest:
         adaptive: Add points around every resonance.
         motion: What is tabled and drawn.
         poses: All of them when empty.
+        motors: Locked, or under control.
     """
 
     inputs: tuple[Channel, ...]
@@ -73,11 +74,13 @@ class FrfRequest:
     adaptive: bool = True
     motion: Motion = "receptance"
     poses: tuple[str, ...] = ()
+    motors: Literal["locked", "controlled"] = "locked"
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""
         entries = f"{len(self.outputs)} × {len(self.inputs)} responses"
-        return f"{self.motion}, {entries} from {self.from_hz:g} to {self.to_hz:g} Hz"
+        under = ", drives under control" if self.motors == "controlled" else ""
+        return f"{self.motion}, {entries} from {self.from_hz:g} to {self.to_hz:g} Hz{under}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ error.
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,15 +59,19 @@ class DrivenMachine:
         return self.released.coupled
 
 
-def drive_machine(state: RunState, model: PoseModel) -> DrivenMachine:
-    """Place the drives of a scene in the pose of a machine and let their motors go."""
-    released = model.release(state.scene.drives.values())
+def drive_machine(model: PoseModel, warn: Callable[[str], None]) -> DrivenMachine:
+    """Place the drives of a scene in the pose of a machine and let their motors go.
+
+    Args:
+        model: The machine, motors locked.
+        warn: Called with what is to be said of it.
+    """
+    scene = model.parts.scene
+    released = model.release(scene.drives.values())
     bare, modes = released.model.system, released.model.all_modes
-    for message in warn_of_no_damping(state.scene, bare):
-        state.warn(message)
-    return DrivenMachine(
-        released.model, modes, damp_system(state.scene, bare, modes), released.trains
-    )
+    for message in warn_of_no_damping(scene, bare):
+        warn(message)
+    return DrivenMachine(released.model, modes, damp_system(scene, bare, modes), released.trains)
 
 
 def run_control_stage(state: RunState, stage: Stage) -> Outcome:
@@ -78,7 +83,7 @@ def run_control_stage(state: RunState, stage: Stage) -> Outcome:
     request, pose = state.scene.analyses.control, pose_name(stage)
     if request is None:
         raise ValueError("a control stage needs an analysis in the scene")
-    driven = drive_machine(state, pose_model(state))
+    driven = drive_machine(pose_model(state), state.warn)
     trains = driven.trains
     loop = close_loops(driven.system, trains)
     poles = find_loop_poles(loop)
@@ -104,7 +109,7 @@ def run_control_stage(state: RunState, stage: Stage) -> Outcome:
         ClosedLoopDrive(train, item, lags[train.axis] * request.speed)
         for train, item in zip(trains, margins, strict=True)
     )
-    listed = _list_poles(driven, poles, request.up_to_hz)
+    listed = list_poles(driven, poles, request.up_to_hz)
     answer = ControlAnswer(pose, request.up_to_hz, request.speed, listed, drives, verdict)
     return Outcome(
         detail=f"{len(listed)} poles, {'unstable: see below' if verdict else 'stable'}",
@@ -112,10 +117,16 @@ def run_control_stage(state: RunState, stage: Stage) -> Outcome:
     )
 
 
-def _list_poles(
+def list_poles(
     driven: DrivenMachine, poles: LoopPoles, up_to_hz: float
 ) -> tuple[ClosedLoopPole, ...]:
-    """Poles up to a frequency, oscillating or not, with what moves in them."""
+    """Poles up to a frequency, oscillating or not, and all that grow, with what moves in them.
+
+    Args:
+        driven: The machine.
+        poles: Of its closed loops.
+        up_to_hz: The frequency.
+    """
     shown = [int(i) for i in np.flatnonzero(np.abs(poles.poles) <= 2.0 * math.pi * up_to_hz)]
     shown += [index for index in poles.growing() if index not in shown]
     wanted = max((poles.modes[i] for i in shown), default=-1) + 1

@@ -13,6 +13,7 @@ from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.pipeline.answers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION
 from headstock.pipeline.answers.frf import DrivePointFigures, PoseResponse, ResponseCurves
 from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.stages.control import drive_machine, list_poles
 from headstock.pipeline.stages.estimates import name_what_is_left_out
 from headstock.pipeline.stages.machine import DAMPING, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import (
@@ -22,6 +23,7 @@ from headstock.pipeline.stages.run_state import (
     RunState,
     Solved,
     pose_model,
+    pose_name,
 )
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.estimates.frequency_errors import truncated_parts
@@ -35,6 +37,8 @@ from headstock.reduction.estimates.response_errors import (
     soften_response,
 )
 from headstock.scene.requests import FrfRequest
+from headstock.solvers.control.closed_response import ClosedResponse, prepare_closed_frf
+from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.linear.frequency_response import (
     UNDAMPED,
     FrequencyResponse,
@@ -57,6 +61,7 @@ from headstock.solvers.second_order import (
 
 NEIGHBOURHOOD = 0.2  # of a peak's frequency: lines that follow it when it moves
 NAMED_MARGIN = 1.2
+NO_ESTIMATE = "meshes and modes left out: under control they are not estimated; locked motors tell them"
 EVEN_LINES = 9  # of a response, by which runs are compared
 
 
@@ -208,15 +213,33 @@ def run_frf_stage(state: RunState, stage: Stage) -> Outcome:
     """Frequency response between the requested channels, from 0 Hz on, with what it says about cutting."""
     if not state.is_root:
         return Outcome()
-    solved = respond(pose_model(state))
+    try:
+        solved = respond(pose_model(state))
+    except UnstableControlError as error:
+        state.failures.append(f"frequency response in pose {pose_name(stage)}: {error}")
+        return Outcome(detail="unstable control: see below")
     response = solved.answer
     detail = f"{len(response.curves.frequencies_hz)} frequencies, {response.method}"
     return Outcome(detail=detail, answers=(response,), warnings=solved.warnings)
 
 
 def prepare_response(machine: PoseModel) -> FrfModel:
-    """A machine in a pose, with the damping of its scene, ready for its response."""
+    """A machine in a pose, with the damping of its scene and under control where that is asked for,
+    ready for its response.
+
+    Raises:
+        UnstableControlError: A control loop is.
+    """
     request, modes = _frf_request(machine), machine.all_modes
+    if request.motors == "controlled":
+        driven = drive_machine(machine, lambda message: None)
+        return prepare_closed_frf(
+            driven.system,
+            driven.trains,
+            inputs=request.inputs,
+            outputs=request.outputs,
+            modes=driven.modes,
+        )
     system = damp_system(machine.parts.scene, machine.system, modes)
     return prepare_frf(system, inputs=request.inputs, outputs=request.outputs, modes=modes)
 
@@ -243,10 +266,11 @@ def respond(
     request, coupled = _frf_request(machine), machine.coupled
     warnings = [*warn_of_no_damping(scene, bare)]
     model = model or prepare_response(machine)
+    controlled = isinstance(model.form, ClosedResponse)
     system = model.direct.system
     poles = find_peaks(model, request.to_hz)
     response = evaluate_frf(model, frequency_grid(request, poles))
-    damped = system.damping is not None or system.hysteretic is not None
+    damped = system.damping is not None or system.hysteretic is not None or controlled
     bounded = peaks_have_tops(poles, request.to_hz)
     if not bounded:
         warnings.append(
@@ -255,9 +279,9 @@ def respond(
         )
     figures = find_stability_figures(model, response) if bounded else ()
     estimate = None
-    if judged and coupled is not None:
+    if judged and coupled is not None and not controlled:
         estimate = estimate_response_errors(machine.parts, system, coupled, modes, response)
-    near = keep_lowest(modes, up_to_hz=NAMED_MARGIN * request.to_hz)
+    modes_hz, names = _name_peaks(machine, model, judged=judged)
     found = PoseResponse(
         curves=ResponseCurves(
             machine.pose.name,
@@ -280,15 +304,34 @@ def respond(
                 request,
                 model,
                 figures,
-                modes_hz=near.frequencies_hz,
-                names=machine.name_modes(near).names if judged else (),
+                modes_hz=modes_hz,
+                names=names,
             ),
             response,
             estimate,
         ),
-        error_left_out=() if estimate is None else estimate.left_out,
+        error_left_out=(NO_ESTIMATE,)
+        if controlled
+        else (() if estimate is None else estimate.left_out),
     )
     return Solved(found, tuple(warnings))
+
+
+def _name_peaks(
+    machine: PoseModel, model: FrfModel, *, judged: bool
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """Frequencies of the modes, or of the poles under control, around a response, and their names
+    where they are wanted.
+    """
+    limit = NAMED_MARGIN * _frf_request(machine).to_hz
+    if judged and isinstance(model.form, ClosedResponse):
+        driven = drive_machine(machine, lambda message: None)
+        listed = list_poles(driven, model.form.found, limit)
+        return np.array([pole.frequency_hz for pole in listed]), tuple(
+            pole.name for pole in listed
+        )
+    near = keep_lowest(machine.all_modes, up_to_hz=limit)
+    return near.frequencies_hz, machine.name_modes(near).names if judged else ()
 
 
 def peaks_have_tops(poles: ComplexArray, to_hz: float) -> bool:

@@ -118,7 +118,7 @@ def _close_path(
     Raises:
         UnstableControlError: A pole grows.
     """
-    driven = drive_machine(state, posed)
+    driven = drive_machine(posed, state.warn)
     require_stable(driven.system, driven.trains)
     channels = friction_channels(driven.trains)
     cut = request.cut
@@ -325,7 +325,7 @@ def _disturb_loop(
     """Deviation by errors of guides and torque ripple over a move under control, in the pose of the
     middle, from that at its beginning.
     """
-    driven = drive_machine(state, _couple_at(state, request, 0.5 * request.path.length))
+    driven = drive_machine(_couple_at(state, request, 0.5 * request.path.length), state.warn)
     if friction_channels(driven.trains):
         state.warn(
             "path analysis: errors of guides and torque ripple move the machine as if nothing rubbed; what friction does is added"
@@ -487,7 +487,7 @@ def _close_along(
     )
 
     def place(position: float) -> PosedModes:
-        driven = drive_machine(state, _couple_at(state, request, position))
+        driven = drive_machine(_couple_at(state, request, position), state.warn)
         try:
             require_stable(driven.system, driven.trains)
         except UnstableControlError as error:

@@ -50,6 +50,7 @@ def build_frf(scene: SceneTable, poses: tuple[str, ...]) -> FrfRequest | None:
         adaptive=frf.adaptive,
         motion=frf.motion,
         poses=tuple(frf.poses or poses),
+        motors=frf.motors,
     )
 
 

@@ -288,6 +288,15 @@ def _check_cut(scene: SceneTable, path: PathTable, findings: Findings) -> None:
 
 
 def _check_analysis(scene: SceneTable, findings: Findings) -> None:
+    frf = scene.analyses.frf
+    if frf is not None and frf.motors == "controlled":
+        if scene.effects.get(DRIVE_CONTROL, False) is False:
+            findings.add_for(
+                "frf",
+                ("analyses", "frf", "motors"),
+                "drives are not controlled; write [effects] drive_control = true",
+            )
+        _check_sampling(scene, frf.to, "frf", "to", findings)
     request = scene.analyses.control
     if request is None:
         return

@@ -259,6 +259,7 @@ NOTES = {
     "Frf.spacing": "of the regular grid",
     "Frf.adaptive": "adds points around every resonance, from its half-power width outwards",
     "Frf.motion": "quantity in tables and charts; `results.h5` always holds receptances",
+    "Frf.motors": "`locked`, or `controlled`: the loops of all drives are closed; with the effect `drive_control`",
     "Frf.poses": "default: all of them",
     "Joint.errors": "of the rail or screw it slides along, see [geometric errors](geometric_errors.md); used with the effect `guide_errors`",
     "Axis.errors": "error motions of the axis in machine axes, see [geometric errors](geometric_errors.md); used with the effect `guide_errors`",

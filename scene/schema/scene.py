@@ -57,6 +57,7 @@ class FrfTable(RequestTable):
     spacing: Literal["linear", "log"] = "linear"
     adaptive: Flag = True
     motion: Literal["receptance", "mobility", "accelerance"] = "receptance"
+    motors: Literal["locked", "controlled"] = "locked"
     poses: Names | None = None
 
     @model_validator(mode="after")

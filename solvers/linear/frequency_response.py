@@ -24,6 +24,7 @@ from headstock.solvers.linear.response_forms import (
     DirectResponse,
     ModalSum,
     PoleSum,
+    ResponseForm,
     sum_over_modes,
     sum_over_poles,
 )
@@ -65,7 +66,7 @@ class FrequencyResponse:
         free_body: The same shape: at 0 Hz an unbalanced load meets a motion that nothing holds.
         singular: The same shape: exactly on the pole of an undamped mode.
         method: ``modal`` sum, the same with few ``dampers`` that couple modes, ``poles`` of coupled
-            modes, or ``direct`` solves.
+            modes, ``direct`` solves, or ``closed loops`` around one of them.
     """
 
     frequencies_hz: FloatArray
@@ -84,18 +85,20 @@ class FrfModel:
     Attributes:
         inputs: Where the loads act.
         outputs: Where the motion is seen.
-        form: Sum over modes or poles, or direct solves.
+        form: Sum over modes or poles, direct solves, or loops of drives closed around one of them.
         direct: The same by direct solves.
         at_rest: ``(n_outputs, n_inputs)`` static compliance, NaN where nothing holds.
         coordinates: Modal coordinates, where the system has them.
+        method: What the form is called in results.
     """
 
     inputs: tuple[Channel, ...]
     outputs: tuple[Channel, ...]
-    form: ModalSum | DamperSum | PoleSum | DirectResponse
+    form: ResponseForm
     direct: DirectResponse
     at_rest: FloatArray
     coordinates: ModalCoordinates | None
+    method: str
 
 
 def solve_frf(
@@ -150,16 +153,18 @@ def prepare_frf(
     direct = DirectResponse(system, input_columns(system, inputs), output_rows(system, outputs))
     coordinates = to_modal_coordinates(system, inputs, outputs, modes)
     if coordinates is None:
-        return FrfModel(tuple(inputs), tuple(outputs), direct, direct, _general_rest(direct), None)
+        rest = _general_rest(direct)
+        return FrfModel(tuple(inputs), tuple(outputs), direct, direct, rest, None, METHODS[DirectResponse])
     _, moves = rigid_response(coordinates)
-    at_rest = np.where(moves, np.nan, coordinates.elastic)
+    form = _choose_form(coordinates, direct)
     return FrfModel(
-        tuple(inputs),
-        tuple(outputs),
-        _choose_form(coordinates, direct),
-        direct,
-        at_rest,
-        coordinates,
+        inputs=tuple(inputs),
+        outputs=tuple(outputs),
+        form=form,
+        direct=direct,
+        at_rest=np.where(moves, np.nan, coordinates.elastic),
+        coordinates=coordinates,
+        method=METHODS[type(form)],
     )
 
 
@@ -188,7 +193,7 @@ def evaluate_frf(model: FrfModel, frequencies_hz: FloatArray) -> FrequencyRespon
         receptance=values,
         free_body=missing & rest,
         singular=missing & ~rest,
-        method=METHODS[type(model.form)],
+        method=model.method,
     )
 
 

@@ -7,6 +7,7 @@ per frequency is slow, and right for any linear system.
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import scipy.linalg
@@ -24,6 +25,16 @@ UNSEEN = 1e-12  # a mode's share in a channel below this share of the largest on
 CONDITION_LIMIT = 1e6  # of the eigenvectors: critically damped modes have hardly two of them
 INFINITE = 16.0 * EPS
 SINGULAR_FACTOR = 16.0
+
+
+class ResponseForm(Protocol):
+    """What answers with a response at any frequency."""
+
+    def evaluate(self, omega: FloatArray) -> ComplexArray:
+        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies."""
+
+    def poles(self) -> ComplexArray:
+        """Poles at positive frequencies, and real ones [rad/s]."""
 
 
 @dataclass(frozen=True, eq=False)

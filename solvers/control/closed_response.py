@@ -1,0 +1,120 @@
+"""Frequency response of a machine under control: motions per load while the drives answer.
+
+    H = R_oi - R_of (1 + L)^-1 C R_si
+
+``R`` are receptances of the machine with free motors, from loads ``i`` and drive forces ``f`` to
+motions ``o`` and what the controllers see ``s``; ``C`` is minus the force each controller answers
+with, ``L = C R_sf``. Dead times are exact; so is structural damping.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
+from headstock.solvers.control.drive_trains import FORCE, MOTOR, DriveTrain, measured_channel
+from headstock.solvers.control.margins import control_paths
+from headstock.solvers.control.stability import (
+    LoopPoles,
+    find_loop_poles,
+    has_free_motions,
+    require_stable,
+)
+from headstock.solvers.linear.frequency_response import FrfModel, prepare_frf
+from headstock.solvers.linear.modal_analysis import ModalResult
+from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
+
+CONTROLLED = "closed loops"
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedResponse:
+    """A machine under control, ready to be asked for its response.
+
+    Attributes:
+        free: With free motors: drive forces first among its inputs, what the controllers see and
+            the motors first among its outputs.
+        trains: Its drives.
+        found: Poles of the closed loops.
+    """
+
+    free: FrfModel
+    trains: tuple[DriveTrain, ...]
+    found: LoopPoles
+
+    def evaluate(self, omega: FloatArray) -> ComplexArray:
+        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies."""
+        count = len(self.trains)
+        open_response = self.free.form.evaluate(omega)
+        seen, motors, moved = np.split(open_response, [count, 2 * count], axis=1)
+        paths = [control_paths(train.control, omega) for train in self.trains]
+        answers = np.stack(
+            [
+                path.feedback[:, None]
+                * (path.kv * seen[:, i] + 1j * omega[:, None] * motors[:, i])
+                for i, path in enumerate(paths)
+            ],
+            axis=1,
+        )
+        forces = np.linalg.solve(np.eye(count) + answers[..., :count], answers[..., count:])
+        return np.asarray(moved[..., count:] - moved[..., :count] @ forces)
+
+    def poles(self) -> ComplexArray:
+        """Poles of the closed loops [rad/s]."""
+        return self.found.poles
+
+
+def prepare_closed_frf(
+    system: SecondOrderSystem,
+    trains: Sequence[DriveTrain],
+    *,
+    inputs: Sequence[Channel],
+    outputs: Sequence[Channel],
+    modes: ModalResult | None = None,
+) -> FrfModel:
+    """Close the loops of all drives for a frequency response.
+
+    Args:
+        system: From ``free_motors``, with its damping.
+        trains: The same drives.
+        inputs: Where loads act.
+        outputs: Where motion is wanted.
+        modes: All undamped modes of the system, where they are already known.
+
+    Raises:
+        UnstableControlError: A pole grows, so that there is no steady response.
+    """
+    loop = close_loops(system, trains, inputs=inputs, outputs=outputs)
+    found = require_stable(system, trains, loop, find_loop_poles(loop))
+    free = prepare_frf(
+        system,
+        inputs=[*((train.name, FORCE) for train in trains), *inputs],
+        outputs=[
+            *(measured_channel(train) for train in trains),
+            *((train.name, MOTOR) for train in trains),
+            *outputs,
+        ],
+        modes=modes,
+    )
+    return FrfModel(
+        inputs=tuple(inputs),
+        outputs=tuple(outputs),
+        form=ClosedResponse(free, tuple(trains), found),
+        direct=free.direct,
+        at_rest=_rest(loop, len(outputs), len(inputs)),
+        coordinates=None,
+        method=CONTROLLED,
+    )
+
+
+def _rest(loop: ClosedLoop, outputs: int, inputs: int) -> FloatArray:
+    """Static compliance under control ``(n_outputs, n_inputs)``; NaN where the machine floats."""
+    if has_free_motions(loop):
+        return np.full((outputs, inputs), np.nan)
+    space = loop.space
+    loads = slice(space.b.shape[1] - inputs, None)
+    moved = scipy.linalg.solve(space.a, space.b[:, loads])
+    return np.asarray(space.d[:outputs, loads] - space.c[:outputs] @ moved)
