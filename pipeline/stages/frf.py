@@ -61,7 +61,9 @@ from headstock.solvers.second_order import (
 
 NEIGHBOURHOOD = 0.2  # of a peak's frequency: lines that follow it when it moves
 NAMED_MARGIN = 1.2
-NO_ESTIMATE = "meshes and modes left out: under control they are not estimated; locked motors tell them"
+NO_ESTIMATE = (
+    "meshes and modes left out: under control they are not estimated; locked motors tell them"
+)
 EVEN_LINES = 9  # of a response, by which runs are compared
 
 
@@ -327,9 +329,7 @@ def _name_peaks(
     if judged and isinstance(model.form, ClosedResponse):
         driven = drive_machine(machine, lambda message: None)
         listed = list_poles(driven, model.form.found, limit)
-        return np.array([pole.frequency_hz for pole in listed]), tuple(
-            pole.name for pole in listed
-        )
+        return np.array([pole.frequency_hz for pole in listed]), tuple(pole.name for pole in listed)
     near = keep_lowest(machine.all_modes, up_to_hz=limit)
     return near.frequencies_hz, machine.name_modes(near).names if judged else ()
 

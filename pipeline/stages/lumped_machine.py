@@ -199,7 +199,7 @@ def place_leg_drives(
         found.append(
             make_rigid_train(
                 drive,
-                slide=slide,
+                slide=np.asarray(slide),
                 scale=slide + unit[2 * leg + 1],
                 # a right-hand screw that turns with its housing pulls the nut back
                 stator=-drive.lead / (2.0 * np.pi) * turned,

@@ -200,7 +200,11 @@ def _moved_masses(
     moves with a leg.
     """
     carried = coupled.layout.superelements
-    legs = [slide.motion for drive, slide in zip(drives, slides, strict=True) if drive.axis not in machine.axes]
+    legs = [
+        slide.motion
+        for drive, slide in zip(drives, slides, strict=True)
+        if drive.axis not in machine.axes
+    ]
     of_legs = iter(find_moved_mass(coupled.system, np.array(legs)) if legs else ())
     return [
         sum(carried[name].mass_kg for name in machine.axes[drive.axis].moves)
@@ -380,4 +384,6 @@ def _scale_row(coupled: CoupledMachine, machine: Machine, point: str, axis: str)
 
 
 def _pad_spring(spring: PlacedJoint, added: int) -> PlacedJoint:
-    return dataclasses.replace(spring, rows=np.hstack([spring.rows, np.zeros((len(spring.rows), added))]))
+    return dataclasses.replace(
+        spring, rows=np.hstack([spring.rows, np.zeros((len(spring.rows), added))])
+    )

@@ -77,7 +77,9 @@ def find_leg_joints(name: str, table: DriveTable, scene: SceneTable) -> list[str
     if scene.mechanism is None:
         return []
     number = LENGTHS.index(driven_axis(name, table)) + 1
-    sides = [set(scene.mechanism.carries.get(side, ())) for side in (f"leg_{number}", f"tip_{number}")]
+    sides = [
+        set(scene.mechanism.carries.get(side, ())) for side in (f"leg_{number}", f"tip_{number}")
+    ]
     found = [
         joint
         for joint, own in scene.joints.items()
@@ -128,9 +130,7 @@ def _check_leg(name: str, table: DriveTable, scene: SceneTable, findings: Findin
     return joints[0]
 
 
-def _check_leg_lead(
-    key: KeyPath, table: DriveTable, scene: SceneTable, findings: Findings
-) -> None:
+def _check_leg_lead(key: KeyPath, table: DriveTable, scene: SceneTable, findings: Findings) -> None:
     given = scene.mechanism is not None and scene.mechanism.screw_lead is not None
     _check_lead(key, table, "the mechanism gives screw_lead" if given else "", findings)
 

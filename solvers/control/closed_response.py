@@ -53,8 +53,7 @@ class ClosedResponse:
         paths = [control_paths(train.control, omega) for train in self.trains]
         answers = np.stack(
             [
-                path.feedback[:, None]
-                * (path.kv * seen[:, i] + 1j * omega[:, None] * motors[:, i])
+                path.feedback[:, None] * (path.kv * seen[:, i] + 1j * omega[:, None] * motors[:, i])
                 for i, path in enumerate(paths)
             ],
             axis=1,

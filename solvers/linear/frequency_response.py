@@ -154,7 +154,9 @@ def prepare_frf(
     coordinates = to_modal_coordinates(system, inputs, outputs, modes)
     if coordinates is None:
         rest = _general_rest(direct)
-        return FrfModel(tuple(inputs), tuple(outputs), direct, direct, rest, None, METHODS[DirectResponse])
+        return FrfModel(
+            tuple(inputs), tuple(outputs), direct, direct, rest, None, METHODS[DirectResponse]
+        )
     _, moves = rigid_response(coordinates)
     form = _choose_form(coordinates, direct)
     return FrfModel(

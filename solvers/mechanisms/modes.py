@@ -79,9 +79,7 @@ def linearise_poses(
     dynamics = evaluate_dynamics(model, kinematics)
     left = np.swapaxes(maps, -1, -2)
     springs = model.springs.stiffness(states[..., mechanism.driven_slice])
-    stiffness = np.concatenate(
-        [springs, np.zeros((*springs.shape[:-1], len(released)))], axis=-1
-    )
+    stiffness = np.concatenate([springs, np.zeros((*springs.shape[:-1], len(released)))], axis=-1)
     gravity = (left @ dynamics.load[..., None])[..., 0]
     geometric = gravity_stiffness(model, states, released) if model.gravity_stiffening else None
     return SmallMotions(
@@ -95,9 +93,7 @@ def linearise_poses(
     )
 
 
-def _free_maps(
-    mechanism: Mechanism, kinematics: Kinematics, released: Sequence[str]
-) -> FloatArray:
+def _free_maps(mechanism: Mechanism, kinematics: Kinematics, released: Sequence[str]) -> FloatArray:
     """Motion ``(..., n, c)`` of all coordinates per compliant one and per drive let go."""
     from_driven, from_compliant = velocity_maps(mechanism, kinematics.closure_jacobian)
     columns = [mechanism.driven.index(name) for name in released]

@@ -1,0 +1,139 @@
+"""Drives of legs in scenes: the lumped mechanism, the same of rigid components, and legs that bend."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from common import present
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.control import ControlAnswer
+from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.scene import Scene, keep_analyses
+from headstock.solvers.second_order import ComplexArray
+
+SCENE = Path(__file__).resolve().parents[3] / "machines" / "tripteor.toml"
+FRF = (
+    'analyses.frf = { to = "250 Hz", points = 41, adaptive = false, inputs = [["tcp", "x"], ["tcp", "z"]],'
+    ' poses = ["config_2"], motors = "MOTORS" }'
+)
+POSE = 'analyses.control.poses = ["config_2"]'
+UNDAMPED = "effects.damping = false"
+STIFF = tuple(
+    f"drives.leg_{leg}.{key}"
+    for leg in (1, 2, 3)
+    # a rotor without inertia: locked ones are not known to turn with their leg
+    for key in (
+        'kv = "1e3 1/s"',
+        'velocity_gain = "1e12 N s/m"',
+        'inertia = "1e-12 kg m^2"',
+    )
+)
+
+
+def load(
+    variant: str, *settings: str, motors: str = "controlled", scene_file: Path = SCENE
+) -> Scene:
+    given = [setting.replace(" = ", "=", 1) for setting in (FRF, POSE, *settings)]
+    scene = load_scene(
+        scene_file,
+        variant=f"{variant}+controlled",
+        overrides=[setting.replace("MOTORS", motors) for setting in given],
+    )
+    return keep_analyses(scene, ["frf", "control"])
+
+
+def run(folder: Path, scene: Scene) -> Results:
+    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+
+def receptance(results: Results) -> ComplexArray:
+    return find_answers(results.answers, PoseResponse)[0].curves.receptance
+
+
+def poles(results: Results) -> ComplexArray:
+    return np.array([pole.pole for pole in find_answers(results.answers, ControlAnswer)[0].poles])
+
+
+@pytest.fixture(scope="module")
+def lumped(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    return run(tmp_path_factory.mktemp("lumped"), load("lumped"))
+
+
+def test_legs_of_rigid_components_are_controlled_like_those_of_the_lumped_mechanism(
+    lumped: Results, tmp_path: Path
+) -> None:
+    found = run(tmp_path, load("components"))
+    assert lumped.failures == found.failures == ()
+    assert len(poles(lumped)) >= 9
+    np.testing.assert_allclose(poles(found), poles(lumped), rtol=1e-6)
+    size = np.abs(receptance(lumped)).max()
+    np.testing.assert_allclose(receptance(found), receptance(lumped), atol=1e-7 * size)
+    ours, theirs = (
+        [drive.margins for drive in find_answers(each.answers, ControlAnswer)[0].drives]
+        for each in (found, lumped)
+    )
+    for one, other in zip(ours, theirs, strict=True):
+        assert one.phase_deg == pytest.approx(present(other.phase_deg), rel=1e-5)
+
+
+def test_legs_that_bend_are_controlled_like_lumped_ones_where_they_are_stiff(
+    lumped: Results, tmp_path: Path
+) -> None:
+    few = [f"components.beam_{leg}.segments.count = 3" for leg in (1, 2, 3)]
+    found = run(tmp_path, load("stiff_legs+segmented", *few))
+    np.testing.assert_allclose(poles(found), poles(lumped), rtol=1e-3)
+    size = np.abs(receptance(lumped)).max()
+    np.testing.assert_allclose(receptance(found), receptance(lumped), atol=2e-3 * size)
+
+
+@pytest.mark.parametrize("variant", ["lumped", "components"])
+def test_stiff_loops_leave_the_response_of_locked_motors(variant: str, tmp_path: Path) -> None:
+    # without damping, so that the motors' part in it does not differ, and without dead time
+    prompt = tmp_path / "prompt.toml"
+    prompt.write_text(SCENE.read_text().replace('sampling = "250 us"', ""))
+    closed = receptance(run(tmp_path, load(variant, UNDAMPED, *STIFF, scene_file=prompt)))
+    locked = receptance(run(tmp_path, load(variant, UNDAMPED, motors="locked")))
+    # a motor gives way 1e-7 as much as its leg, and the mode at 49.3 Hz magnifies that 40 times at 50 Hz
+    near = np.abs(np.linspace(0.0, 250.0, 41) - 50.0) < 1.0
+    off = np.abs(closed - locked).max(axis=(1, 2)) / np.abs(locked).max(axis=(1, 2))
+    assert off[~near].max() < 1e-6
+    assert off[near].max() < 1e-5
+
+
+def test_the_plan_says_which_legs_are_under_control() -> None:
+    reasons = {stage.kind: stage.reason for stage in plan_scene(load("lumped")).stages}
+    assert "leg_1, leg_2, leg_3" in reasons["control"]
+    assert "under control" in reasons["frf"]
+
+
+@pytest.mark.parametrize(
+    ("variant", "setting", "key", "words"),
+    [
+        ("lumped", 'drives.leg_1.axis = "q4"', "drives.leg_1.axis", "q1"),
+        ("lumped", 'drives.leg_1.joint = "slide_1"', "drives.leg_1.joint", "driven itself"),
+        ("lumped", 'drives.leg_1.lead = "5 mm"', "drives.leg_1.lead", "screw_lead"),
+        ("components", 'drives.leg_1.joint = "tip_1"', "drives.leg_1.joint", "slide_1"),
+        (
+            "lumped",
+            'drives.leg_2.scale = "tcp"; drives.leg_2.encoder = "scale"',
+            "drives.leg_2.scale",
+            "length of the leg",
+        ),
+        ("lumped", "effects.drive_control = false", "analyses.frf.motors", "drive_control"),
+    ],
+)
+def test_what_is_wrong_with_the_drive_of_a_leg_is_said_at_its_key(
+    variant: str, setting: str, key: str, words: str
+) -> None:
+    with pytest.raises(SceneError) as caught:
+        load(variant, *setting.split("; "))
+    (found,) = [problem for problem in caught.value.problems if problem.key == key]
+    assert words in found.message
