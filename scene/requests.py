@@ -122,6 +122,7 @@ class ContouringRequest:
         modes_to_hz: Modes kept of a machine of components; what is above follows at once.
         follows_pose: The machine's matrices change along the way; else those of its first straight
             cut hold.
+        cut_off: Wavelength between roughness and waviness of milled faces [m].
     """
 
     contour: SquareContour
@@ -136,6 +137,7 @@ class ContouringRequest:
     point: str | None = None
     modes_to_hz: float = math.inf
     follows_pose: bool = True
+    cut_off: float = 0.8e-3
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""

@@ -27,6 +27,9 @@ UNITS = {
     "deflection under gravity on the contour": "µm",
     "contour gap": "µm",
     "contour ripple": "µm",
+    "location error of faces": "µm",
+    "roughness Ra": "µm",
+    "waviness Wt": "µm",
     "drive forces": "N",
     "variation of drive forces": "N",
     "map of frequencies": "Hz",
@@ -38,6 +41,9 @@ EACH_ITS_OWN = {
     "dynamic stiffness",
     "settling times",
     "control poles",
+    "location error of faces",
+    "roughness Ra",
+    "waviness Wt",
     "map of frequencies",
 }
 
@@ -198,6 +204,11 @@ def _entries(summary: RunSummary) -> Iterator[_Entry]:
             yield _Entry("contour ripple", where, face["peak_to_peak_um"])
             yield _Entry("drive forces", where, face["drive_force_mean_n"])
             yield _Entry("variation of drive forces", where, face["drive_force_peak_to_peak_n"])
+        for milled in contour.get("milled_faces", []):
+            where = f"face {milled['face']}"
+            yield _Entry("location error of faces", where, [milled["location_error_um"]])
+            yield _Entry("roughness Ra", where, [milled["ra_um"]])
+            yield _Entry("waviness Wt", where, [milled["wt_um"]])
     for name, values in summary["map"]["quantities"].items() if "map" in summary else ():
         if name.endswith("_hz"):
             yield _Entry("map of frequencies", name, values)

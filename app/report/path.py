@@ -166,7 +166,7 @@ def draw_contour(found: ContourSummary, picture: Literal["gap", "drives"]) -> Ma
     def up(value: float) -> float:
         return TOP + (CONTOUR_HEIGHT - TOP - BOTTOM) * (high - value) / (high - low)
 
-    parts = [_faces(found["face_times_s"], across, times[-1])]
+    parts = [_shade_faces(found, across, times[-1])]
     for value in (low + room, 0.0, high - room):
         if low <= value <= high:
             parts.append(
@@ -210,23 +210,28 @@ def draw_contour(found: ContourSummary, picture: Literal["gap", "drives"]) -> Ma
     )
 
 
-def _faces(marks: Sequence[float], across: Callable[[float], float], last: float) -> Markup:
+def _shade_faces(found: ContourSummary, across: Callable[[float], float], last: float) -> Markup:
     parts = []
-    for face in range(4):
-        if marks[face] < last:
-            start, end = across(marks[face]), across(min(marks[face + 1], last))
-            shade = 0.07 if face % 2 == 0 else 0.0
-            parts.append(
-                Markup(
-                    '<rect x="{:.1f}" y="{}" width="{:.1f}" height="{}" fill="currentColor" opacity="{}"/>'
-                ).format(start, TOP, end - start, CONTOUR_HEIGHT - TOP - BOTTOM, shade)
+    for place, face in enumerate(found["faces"]):
+        begins, ends = face["times_s"]
+        start, end = across(begins), across(min(ends, last))
+        parts.append(
+            Markup(
+                '<rect x="{:.1f}" y="{}" width="{:.1f}" height="{}" fill="currentColor" opacity="{}"/>'
+            ).format(
+                start,
+                TOP,
+                end - start,
+                CONTOUR_HEIGHT - TOP - BOTTOM,
+                0.0 if place % 2 else 0.07,
             )
-            parts.append(
-                svg.text(
-                    (start + end) / 2,
-                    CONTOUR_HEIGHT - BOTTOM + 13,
-                    f"face {face + 1}",
-                    anchor="middle",
-                )
+        )
+        parts.append(
+            svg.text(
+                (start + end) / 2,
+                CONTOUR_HEIGHT - BOTTOM + 13,
+                f"face {face['face']}",
+                anchor="middle",
             )
+        )
     return Markup("").join(parts)

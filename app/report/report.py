@@ -26,6 +26,7 @@ from headstock.app.report.figures import (
 )
 from headstock.app.report.frf import draw_overlay, draw_response, has_more_fields
 from headstock.app.report.lobes import draw_lobes
+from headstock.app.report.milled_faces import draw_milled_faces
 from headstock.app.report.notes import judge_numbers
 from headstock.app.report.path import draw_contour, draw_path
 from headstock.app.report.transient import draw_transient
@@ -52,6 +53,7 @@ from headstock.app.texts.tables import (
     DEVIATION_COLUMNS,
     DRIVE_COLUMNS,
     DRIVE_POINT_COLUMNS,
+    FACE_COLUMNS,
     JOINT_COLUMNS,
     LINE_COLUMNS,
     LOBE_COLUMNS,
@@ -64,10 +66,12 @@ from headstock.app.texts.tables import (
     ZONE_COLUMNS,
     Column,
     ModeRow,
+    contour_words,
     encode_csv,
     list_channels,
     list_cruises,
     list_displacements,
+    list_faces,
     list_lines,
     list_lobes,
     list_lowest_lobes,
@@ -529,6 +533,9 @@ def report_environment() -> jinja2.Environment:
         "merge_families": merge_families,
         "volumetric_words": volumetric_words,
         "draw_contour": draw_contour,
+        "draw_milled_faces": draw_milled_faces,
+        "list_faces": list_faces,
+        "contour_words": contour_words,
         "draw_poles": draw_poles,
         "draw_path": draw_path,
         "draw_transient": draw_transient,
@@ -552,6 +559,7 @@ def report_environment() -> jinja2.Environment:
             "zones": ZONE_COLUMNS,
             "moved": MOVED_COLUMNS,
             "cruises": CRUISE_COLUMNS,
+            "faces": FACE_COLUMNS,
             "models": MODEL_COLUMNS,
             "joints": JOINT_COLUMNS,
             "deviations": DEVIATION_COLUMNS,

@@ -38,6 +38,7 @@ from headstock.app.texts.tables import (
     DEVIATION_COLUMNS,
     DRIVE_COLUMNS,
     DRIVE_POINT_COLUMNS,
+    FACE_COLUMNS,
     JOINT_COLUMNS,
     LINE_COLUMNS,
     LOWEST_LOBE_COLUMNS,
@@ -48,9 +49,11 @@ from headstock.app.texts.tables import (
     SQUARENESS_COLUMNS,
     ZONE_COLUMNS,
     Column,
+    contour_words,
     list_channels,
     list_cruises,
     list_displacements,
+    list_faces,
     list_lines,
     list_lowest_lobes,
     list_modes,
@@ -172,6 +175,14 @@ def print_summary(
                 "At constant feed, with errors of guides [µm or µrad]",
                 tell_rows(CRUISE_COLUMNS, cruises),
             )
+    if "contouring" in summary:
+        contour = summary["contouring"]
+        print_table(
+            console, "Faces along the contour [µm]", tell_rows(FACE_COLUMNS, list_faces(contour))
+        )
+        if words := contour_words(contour):
+            console.print(f"  {words}", markup=False)
+            console.print()
     for pose, control in summary.get("control", {}).items():
         up_to, speed = control["up_to_hz"], 60e3 * control["speed_m_per_s"]
         print_table(

@@ -7,9 +7,9 @@ from typing import NotRequired, TypedDict
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.milled_faces import MilledFace, MilledFaceSummary
 from headstock.pipeline.storage.json_texts import check_finite
 
-FACES = ("lowest x", "highest y", "highest x", "lowest y")
 UM = 1e6
 
 
@@ -18,6 +18,9 @@ class FaceSummary(TypedDict):
 
     face: int
     at: str
+    times_s: list[float]
+    outward_um: float
+    outward_peak_to_peak_um: float
     mean_um: list[float]
     peak_to_peak_um: list[float]
     drive_force_mean_n: list[float]
@@ -71,6 +74,7 @@ class ContourSummary(TypedDict):
     assumptions: list[str]
     series: SeriesSummary
     stability: NotRequired[list[StabilitySummary]]
+    milled_faces: NotRequired[list[MilledFaceSummary]]
     force_share_faster_than_steps: NotRequired[float]
 
 
@@ -79,7 +83,11 @@ class ContourFace:
     """What was found along a face of the block.
 
     Attributes:
-        number: 1 to 4.
+        number: From 1 in the order of the path.
+        at: Which face, in words.
+        times: When the cut starts, and when the next one does or this one ends [s].
+        outward: Mean of the gap away from the part [m].
+        outward_span: From peak to peak [m].
         gap_mean: ``(3,)`` of the gap [m].
         gap_span: ``(3,)`` from peak to peak [m].
         drive_mean: ``(d,)`` forces of the drives [N].
@@ -89,6 +97,10 @@ class ContourFace:
     """
 
     number: int
+    at: str
+    times: tuple[float, float]
+    outward: float
+    outward_span: float
     gap_mean: FloatArray
     gap_span: FloatArray
     drive_mean: FloatArray
@@ -105,7 +117,10 @@ class ContourFace:
         what = f"contour on face {self.number}"
         summary: FaceSummary = {
             "face": self.number,
-            "at": FACES[self.number - 1],
+            "at": self.at,
+            "times_s": list(self.times),
+            "outward_um": UM * self.outward,
+            "outward_peak_to_peak_um": UM * self.outward_span,
             "mean_um": check_finite(what, UM * self.gap_mean),
             "peak_to_peak_um": check_finite(what, UM * self.gap_span),
             "drive_force_mean_n": check_finite(what, self.drive_mean),
@@ -122,12 +137,14 @@ class FaceStability:
     """Stability of the cut in the middle of a face.
 
     Attributes:
-        number: 1 to 4.
+        number: From 1 in the order of the path.
+        at: Which face, in words.
         multiplier: Largest over a tooth period, at the depth of cut.
         limit_depth: Depth of cut at which chatter starts [m].
     """
 
     number: int
+    at: str
     multiplier: float
     limit_depth: float
 
@@ -140,7 +157,7 @@ class FaceStability:
         """As it stands in ``summary.json``."""
         return {
             "face": self.number,
-            "at": FACES[self.number - 1],
+            "at": self.at,
             "multiplier": self.multiplier,
             "stable": self.stable,
             "limit_depth_mm": 1e3 * self.limit_depth,
@@ -163,7 +180,7 @@ class ContourAnswer(Answer):
         force_mean: ``(3,)`` on the tool, machine frame [N].
         force_peak: ``(3,)`` largest magnitude on the tool [N].
         high_share: Share of the gap's root mean square above twice the highest natural frequency.
-        face_times: ``(5,)`` when the straight cuts start, and when the last one ends [s].
+        face_times: ``(f + 1,)`` when the straight cuts start, and when the last one ends [s].
         assumed: In plain words.
         times: ``(k,)`` thinned [s].
         gap: ``(k, 3)`` then [m].
@@ -171,6 +188,7 @@ class ContourAnswer(Answer):
         drive_forces: ``(k, d)`` then [N].
         torques: ``(k, d)`` of the motors then [N m]; None where they are not known.
         stability: Of each face, where it was requested.
+        milled: Profiles of the faces that were milled from end to end.
         force_loss: Share of measured forces that is faster than the steps; None without them.
     """
 
@@ -193,6 +211,7 @@ class ContourAnswer(Answer):
     drive_forces: FloatArray
     torques: FloatArray | None
     stability: tuple[FaceStability, ...] = ()
+    milled: tuple[MilledFace, ...] = ()
     force_loss: float | None = None
 
     def summarise(self) -> ContourSummary:
@@ -231,6 +250,8 @@ class ContourAnswer(Answer):
         }
         if self.stability:
             summary["stability"] = [face.summarise() for face in self.stability]
+        if self.milled:
+            summary["milled_faces"] = [face.summarise() for face in self.milled]
         if self.force_loss is not None:
             summary["force_share_faster_than_steps"] = self.force_loss
         return summary

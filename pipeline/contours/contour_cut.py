@@ -13,15 +13,14 @@ from headstock.solvers.milling.regeneration import (
     cutting_phases,
     march_regenerative,
 )
-from headstock.solvers.milling.tool_path import SmoothPath
+from headstock.solvers.milling.tool_path import ContourPlan
 from headstock.solvers.paths.linear_motion import CompliantHistory, LinearMotion, march_linear
 
 
 def cut_contour(
     request: ContouringRequest,
     motion: LinearMotion,
-    path: SmoothPath,
-    face_times: FloatArray,
+    plan: ContourPlan,
     *,
     rotation: FloatArray,
     record: ForceRecord | None,
@@ -32,8 +31,7 @@ def cut_contour(
     Args:
         request: Path, tool and cut.
         motion: The machine on its way.
-        path: Of the tool.
-        face_times: ``(5,)`` when the straight cuts start, and when the last one ends [s].
+        plan: The contour, laid out in time.
         rotation: ``(3, 3)`` from the axes of the motion to those of the machine.
         record: Measured forces in place of computed ones.
 
@@ -42,19 +40,19 @@ def cut_contour(
         ConvergenceError: The motion grows without bound.
     """
     times = motion.times
-    velocity = path.velocity(times)
+    velocity = plan.path.velocity(times)
     if request.cutting and request.regeneration and record is None:
         return march_regenerative(
             motion,
             motion.load,
-            _regenerative_cut(request, velocity, times, face_times, rotation),
+            _regenerative_cut(request, plan, velocity, times, rotation),
         )
-    force = _given_force(request, velocity, times, face_times, record) @ rotation
+    force = _given_force(request, plan, velocity, times, record) @ rotation
     return march_linear(motion, motion.load + motion.tool_load(force)), force
 
 
 def _tool_force(
-    request: ContouringRequest, velocity: FloatArray, times: FloatArray, face_times: FloatArray
+    request: ContouringRequest, plan: ContourPlan, velocity: FloatArray, times: FloatArray
 ) -> FloatArray:
     """``(n, 3)`` cutting force on the tool in the machine frame; the tool enters and leaves over
     its radius.
@@ -62,7 +60,7 @@ def _tool_force(
     feed = np.hypot(velocity[:, 0], velocity[:, 1])
     own = (
         repeated_forces(request.cut, request.steps_per_turn, feed)
-        * _engagement(request, times, face_times)[:, None]
+        * _engagement(plan, times)[:, None]
     )
     return np.asarray((own[:, None, :] @ travel_frames(velocity))[:, 0])
 
@@ -79,9 +77,9 @@ def travel_frames(velocity: FloatArray) -> FloatArray:
 
 def _regenerative_cut(
     request: ContouringRequest,
+    plan: ContourPlan,
     velocity: FloatArray,
     times: FloatArray,
-    face_times: FloatArray,
     mounting: FloatArray,
 ) -> RegenerativeCut:
     """What the teeth cut along the path, for a machine whose axes of motion are
@@ -92,33 +90,30 @@ def _regenerative_cut(
         phases=cutting_phases(request.cut, request.steps_per_turn),
         delay=request.steps_per_turn // request.cut.mill.teeth,
         feed=feed,
-        share=_engagement(request, times, face_times) * (feed > 0.0),
+        share=_engagement(plan, times) * (feed > 0.0),
         frame=travel_frames(velocity) @ mounting,
     )
 
 
 def _given_force(
     request: ContouringRequest,
+    plan: ContourPlan,
     velocity: FloatArray,
     times: FloatArray,
-    face_times: FloatArray,
     record: ForceRecord | None,
 ) -> FloatArray:
     """``(n, 3)`` force that does not depend on the motion, machine frame."""
     if not request.cutting:
         return np.zeros((len(times), 3))
     return (
-        _tool_force(request, velocity, times, face_times)
+        _tool_force(request, plan, velocity, times)
         if record is None
         else resample_forces(record, times)
     )
 
 
-def _engagement(
-    request: ContouringRequest, times: FloatArray, face_times: FloatArray
-) -> FloatArray:
-    rate = request.contour.feed / request.contour.offset
+def _engagement(plan: ContourPlan, times: FloatArray) -> FloatArray:
     return np.asarray(
-        np.clip((times - face_times[0]) * rate, 0.0, 1.0)
-        * np.clip((face_times[4] - times) * rate, 0.0, 1.0)
+        np.clip((times - plan.enters) / plan.entry, 0.0, 1.0)
+        * np.clip((plan.leaves - times) / plan.entry, 0.0, 1.0)
     )

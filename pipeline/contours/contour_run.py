@@ -7,12 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
+from headstock.solvers.milling.tool_path import ContourPlan
 from headstock.solvers.paths.linear_motion import CompliantHistory, LinearMotion
 
 SETTLING = 0.3  # left out at both ends of each face [s]
-# outward normal of each face and the way the tool goes along it
-NORMALS = ((-1.0, 0.0), (0.0, 1.0), (1.0, 0.0), (0.0, -1.0))
-TRAVELS = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +39,7 @@ class ContourRun:
             deflection under gravity, machine frame [m].
         gravity_deflection: ``(n, 3)`` static deflection under gravity [m].
         force: ``(n, 3)`` on the tool, machine frame [N].
-        face_times: ``(5,)`` when the straight cuts start, and when the last one ends [s].
+        plan: The contour, laid out in time.
         motion: The linear model.
         history: Its coordinates.
         drives: What the drives do.
@@ -54,7 +52,7 @@ class ContourRun:
     gap: FloatArray
     gravity_deflection: FloatArray
     force: FloatArray
-    face_times: FloatArray
+    plan: ContourPlan
     motion: LinearMotion
     history: CompliantHistory
     drives: ContourDrives
@@ -64,11 +62,9 @@ class ContourRun:
 
 
 def face_instants(run: ContourRun, face: int) -> FloatArray:
-    """Which steps lie on a face (0 to 3), its ends left out."""
-    return np.asarray(
-        (run.times > run.face_times[face] + SETTLING)
-        & (run.times < run.face_times[face + 1] - SETTLING)
-    )
+    """Which steps lie on a face, counted from zero, its ends left out."""
+    cut = run.plan.cuts[face]
+    return np.asarray((run.times > cut.begins + SETTLING) & (run.times < cut.ends - SETTLING))
 
 
 def high_share(run: ContourRun) -> float:
@@ -78,4 +74,5 @@ def high_share(run: ContourRun) -> float:
     flat = run.gap - run.gap.mean(axis=0)
     power = np.abs(np.fft.rfft(flat, axis=0)) ** 2
     high = np.fft.rfftfreq(len(flat), run.times[1] - run.times[0]) > 2.0 * run.highest_hz
-    return float(np.sqrt(power[high].sum(axis=0) / power.sum(axis=0)).max())
+    total = np.maximum(power.sum(axis=0), np.finfo(float).tiny)
+    return float(np.sqrt(power[high].sum(axis=0) / total).max())

@@ -9,10 +9,12 @@ import dataclasses
 
 import numpy as np
 
-from headstock.pipeline.answers.contouring import FACES, ContourAnswer, ContourFace, FaceStability
-from headstock.pipeline.contours.contour_run import ContourRun, face_instants
+from headstock.pipeline.answers.contouring import ContourAnswer, ContourFace, FaceStability
+from headstock.pipeline.answers.milled_faces import MilledFace
+from headstock.pipeline.contours.contour_run import ContourRun, face_instants, high_share
 from headstock.pipeline.contours.coupled_contour import coupled_face_dynamics, run_coupled_contour
 from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
+from headstock.pipeline.contours.milled_faces import mill_faces
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
@@ -25,6 +27,7 @@ from headstock.solvers.milling.stability import (
     limit_depth,
     milling_gains,
 )
+from headstock.solvers.milling.tool_path import plan_contour
 
 DEEPEST = 0.2  # depth of cut up to which a limit is looked for [m]
 SERIES_POINTS = 2000
@@ -38,28 +41,21 @@ CORIOLIS = "coriolis"
 MOST_LOST = 0.1  # of the rms of measured forces
 
 
-def high_share(run: ContourRun) -> float:
-    """Share of the gap's root mean square above twice the highest natural frequency, in the
-    direction where it is largest.
-    """
-    flat = run.gap - run.gap.mean(axis=0)
-    power = np.abs(np.fft.rfft(flat, axis=0)) ** 2
-    high = np.fft.rfftfreq(len(flat), run.times[1] - run.times[0]) > 2.0 * run.highest_hz
-    total = np.maximum(power.sum(axis=0), np.finfo(float).tiny)
-    return float(np.sqrt(power[high].sum(axis=0) / total).max())
-
-
-def face_stability(tip: TipDynamics, request: ContouringRequest, face: int) -> FaceStability:
+def face_stability(
+    tip: TipDynamics, request: ContouringRequest, face: int, at: str = ""
+) -> FaceStability:
     """Stability of the cut in the middle of a face: largest Floquet multiplier at the depth of cut,
     and the limit depth.
 
     Args:
         tip: The machine at the tip of the tool there.
         request: Contour, tool and cut.
-        face: Face of the square, 0 to 3 in the order of the path.
+        face: Number of the straight cut, counted from zero.
+        at: Which face it is, in words.
     """
     return FaceStability(
         face + 1,
+        at,
         cut_multiplier(tip, request, request.cut.axial_depth),
         limit_depth(lambda depth: cut_multiplier(tip, request, depth), DEEPEST),
     )
@@ -84,6 +80,7 @@ def evaluate_contour(
     run: ContourRun,
     *,
     stability: tuple[FaceStability, ...] = (),
+    milled: tuple[MilledFace, ...] = (),
     force_loss: float | None = None,
 ) -> ContourAnswer:
     """What is kept of a contour that was run.
@@ -92,6 +89,7 @@ def evaluate_contour(
         request: Path, tool and cut.
         run: Of the request.
         stability: Of each face, where it was requested.
+        milled: Profiles of its faces.
         force_loss: Share of measured forces that is faster than the steps.
     """
     some = np.unique(
@@ -105,14 +103,14 @@ def evaluate_contour(
         regeneration=request.regeneration,
         coriolis=run.coriolis,
         faces=tuple(
-            _face(run, face) for face in range(len(FACES)) if face_instants(run, face).any()
+            _face(run, face) for face in range(len(run.plan.cuts)) if face_instants(run, face).any()
         ),
         least_gravity_deflection=np.abs(run.gravity_deflection).min(axis=0),
         most_gravity_deflection=np.abs(run.gravity_deflection).max(axis=0),
         force_mean=run.force.mean(axis=0),
         force_peak=np.abs(run.force).max(axis=0),
         high_share=high_share(run),
-        face_times=run.face_times,
+        face_times=np.array([*(cut.begins for cut in run.plan.cuts), run.plan.leaves]),
         assumed=(*ASSUMED, *run.assumed),
         times=run.times[some],
         gap=run.gap[some],
@@ -120,12 +118,13 @@ def evaluate_contour(
         drive_forces=forces,
         torques=None if run.drives.torques is None else run.drives.torques(some, forces),
         stability=stability,
+        milled=milled,
         force_loss=force_loss,
     )
 
 
 def _face(run: ContourRun, face: int) -> ContourFace:
-    on = face_instants(run, face)
+    on, cut = face_instants(run, face), run.plan.cuts[face]
     gap, places = run.gap[on], np.flatnonzero(on)
     start = max(0, (len(places) - FACE_POINTS) // 2)
     some = places[start : start + FACE_POINTS]
@@ -133,6 +132,10 @@ def _face(run: ContourRun, face: int) -> ContourFace:
     torques = None if run.drives.torques is None else run.drives.torques(some, forces)
     return ContourFace(
         number=face + 1,
+        at=cut.at,
+        times=(cut.begins, cut.ends),
+        outward=float((gap @ cut.outward).mean()),
+        outward_span=float(np.ptp(gap @ cut.outward)),
         gap_mean=gap.mean(axis=0),
         gap_span=np.ptp(gap, axis=0),
         drive_mean=forces.mean(axis=0),
@@ -161,10 +164,17 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
             f"{100.0 * loss:.0f} % of the measured forces' rms is faster than the time steps resolve and is averaged out;"
             " raise steps_per_turn in [analyses.contouring] to resolve it"
         )
+    milled, reasons = mill_faces(request, run) if request.cutting else ((), ())
+    for reason in reasons:
+        state.warn(reason)
     found = evaluate_contour(
         request,
         run,
-        stability=tuple(face_stability(tip, request, face) for face, tip in enumerate(tips)),
+        stability=tuple(
+            face_stability(tip, request, face, run.plan.cuts[face].at)
+            for face, tip in enumerate(tips)
+        ),
+        milled=milled,
         force_loss=loss,
     )
     reported = ", ".join(
@@ -181,7 +191,7 @@ def _run_machine(
     """The contour on the machine of a scene, and the machine at the tip of the tool on each face
     where chips make waves.
     """
-    faces = range(len(FACES) if request.regeneration else 0)
+    faces = range(len(plan_contour(request.contour).cuts) if request.regeneration else 0)
     mechanism, placed = state.scene.mechanism, placed_mechanism(state)
     if placed is None:
         coupled = run_coupled_contour(state, request, record)

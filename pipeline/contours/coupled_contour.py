@@ -19,7 +19,7 @@ from headstock.geometry.machine.joints import Axis
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.machine.tool_travel import ToolTravel, find_tool_travel
 from headstock.pipeline.contours.contour_cut import cut_contour, travel_frames
-from headstock.pipeline.contours.contour_run import TRAVELS, ContourDrives, ContourRun
+from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
@@ -32,7 +32,7 @@ from headstock.solvers.control.friction_loop import friction_force
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.milling.path_drives import move_markers
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
-from headstock.solvers.milling.tool_path import AVERAGES, SmoothPath, square_path
+from headstock.solvers.milling.tool_path import AVERAGES, SmoothPath, plan_contour
 from headstock.solvers.paths.linear_motion import interpolate_nodes
 from headstock.solvers.paths.sampled_motion import (
     SampledMotion,
@@ -81,11 +81,9 @@ class CoupledRun(ContourRun):
 
     Attributes:
         sampled: The machine on its way.
-        face_middles: ``(4,)`` when the tool is in the middle of each face [s].
     """
 
     sampled: SampledMotion
-    face_middles: FloatArray
 
 
 def run_coupled_contour(
@@ -107,7 +105,8 @@ def run_coupled_contour(
         ForceFileError: The record does not cover it.
         ModelError: The machine is free to move.
     """
-    path, face_times = square_path(request.contour)
+    plan = plan_contour(request.contour)
+    path = plan.path
     end = min(path.span[1], until)
     step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
     times: FloatArray = np.asarray(np.arange(0.0, end, step), dtype=float)
@@ -120,13 +119,12 @@ def run_coupled_contour(
         up_to_hz=request.modes_to_hz,
     )
     place = _placer(state, way, screws)
-    middles = 0.5 * (face_times[1:] + face_times[:-1])
     if request.follows_pose:
-        bends = (*bend_times(request, face_times), path.span[1] - AVERAGES * request.contour.window)
-        breaks = [0.0, *(float(time) for time in bends if time < end), end]
+        bends = (*plan.bends, path.span[1] - AVERAGES * request.contour.window)
+        breaks = [0.0, *sorted(float(time) for time in bends if time < end), end]
         sampled = sample_motion(place, breaks, channels)
     else:
-        kept = place(float(middles[0]))
+        kept = place(plan.cuts[0].middle)
         sampled = sample_motion(lambda time: kept, [0.0, end], channels)
     _judge_steps(state, request, sampled, step)
 
@@ -134,9 +132,7 @@ def run_coupled_contour(
         return np.concatenate([np.ones((len(now), 1)), way.amounts(now)], axis=1)
 
     motion = follow_motion(sampled, times, given)
-    history, force = cut_contour(
-        request, motion, path, face_times, rotation=np.eye(3), record=record
-    )
+    history, force = cut_contour(request, motion, plan, rotation=np.eye(3), record=record)
     gravity_deflection = motion.tool_motion(
         interpolate_nodes(times, motion.nodes, motion.gravity_deflection)
     )
@@ -158,7 +154,7 @@ def run_coupled_contour(
         gap=motion.tool_motion(history.compliant) + motion.tool_rest(force) - gravity_deflection,
         gravity_deflection=gravity_deflection,
         force=force,
-        face_times=face_times,
+        plan=plan,
         motion=motion,
         history=history,
         drives=ContourDrives(tuple(screws), drive_forces, torques),
@@ -166,18 +162,6 @@ def run_coupled_contour(
         coriolis=False,
         assumed=(IDEAL, *assumed),
         sampled=sampled,
-        face_middles=middles,
-    )
-
-
-def bend_times(request: ContouringRequest, face_times: FloatArray) -> FloatArray:
-    """``(7,)`` times at which the tool has sped up, and enters and leaves the arcs around the
-    corners [s].
-    """
-    arc = 0.5 * math.pi * request.contour.offset / request.contour.feed
-    starts = face_times[1:4]
-    return np.concatenate(
-        [[AVERAGES * request.contour.window], np.stack([starts - arc, starts], axis=1).ravel()]
     )
 
 
@@ -210,10 +194,11 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
     Args:
         run: Of the contour.
         request: Contour, tool and cut.
-        face: Face of the square, 0 to 3 in the order of the path.
+        face: Number of the straight cut, counted from zero.
     """
-    now = run.sampled.at(run.face_middles[face : face + 1])
-    frame: FloatArray = travel_frames(np.array([[*TRAVELS[face], 0.0]]))[0]
+    cut = run.plan.cuts[face]
+    now = run.sampled.at(np.array([cut.middle]))
+    frame: FloatArray = travel_frames(cut.travel[None])[0]
     tip = frame @ now.outputs[0, :3]
     rest = frame @ now.residual[0, :3, :3] @ frame.T
     # of unit mass, flexible as what is left out: shapes are its square root times the frequency

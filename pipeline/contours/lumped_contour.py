@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
 from headstock.pipeline.contours.contour_cut import cut_contour, travel_frames
-from headstock.pipeline.contours.contour_run import NORMALS, TRAVELS, ContourDrives, ContourRun
+from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
 from headstock.scene.reading.forces import ForceRecord
 from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import SceneMechanism
@@ -29,7 +29,7 @@ from headstock.solvers.milling.contouring import (
 )
 from headstock.solvers.milling.path_drives import PathDrive, follow_path
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
-from headstock.solvers.milling.tool_path import square_path
+from headstock.solvers.milling.tool_path import plan_contour
 from headstock.solvers.paths.linear_motion import CompliantHistory, interpolate_nodes
 
 NODE_SPACING = 4e-3
@@ -58,7 +58,8 @@ def run_lumped_contour(
         PoseError: The path cannot be followed.
         ForceFileError: The record does not cover it.
     """
-    path, face_times = square_path(request.contour)
+    plan = plan_contour(request.contour)
+    path = plan.path
     end = min(path.span[1], until)
     step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
     times: FloatArray = np.asarray(np.arange(0.0, end, step), dtype=float)
@@ -69,7 +70,7 @@ def run_lumped_contour(
     turn = mechanism.mounted.mounting.rotation
     ratios = np.array(request.damping_ratios or (0.0,))
     motion = linear_motion(model, drive, times, ratios)
-    history, force = cut_contour(request, motion, path, face_times, rotation=turn, record=record)
+    history, force = cut_contour(request, motion, plan, rotation=turn, record=record)
     moved = motion.tool_motion(history.compliant)
     if request.model == "nonlinear":
         history = refine_motion(model, drive, motion, force, history)
@@ -85,7 +86,7 @@ def run_lumped_contour(
         gap=moved @ turn.T - gravity_deflection,
         gravity_deflection=gravity_deflection,
         force=force @ turn.T,
-        face_times=face_times,
+        plan=plan,
         motion=motion,
         history=history,
         drives=_leg_drives(mechanism, model, drive, times, history, force),
@@ -131,24 +132,18 @@ def lumped_face_dynamics(
         mechanism: Of the scene.
         model: Its bodies and springs.
         request: Contour and damping ratios.
-        face: Face of the square, 0 to 3 in the order of the path.
+        face: Number of the straight cut, counted from zero.
 
     Raises:
         PoseError: The tool cannot get there.
     """
-    contour = request.contour
-    reach = 0.5 * contour.side + contour.offset
-    x, y = (
-        center + reach * normal
-        for center, normal in zip(contour.center, NORMALS[face], strict=True)
-    )
-    state = solve_tool_pose(mechanism.mounted, np.array([x, y, contour.height]), mechanism.tool)
+    cut = plan_contour(request.contour).cuts[face]
+    place = cut.start + 0.5 * cut.length * cut.travel + request.contour.offset * cut.outward
+    state = solve_tool_pose(mechanism.mounted, place, mechanism.tool)
     motions = linearise_poses(model, state)
     damping = modal_damping(
         motions, solve_pose_modes(motions), np.array(request.damping_ratios or (0.0,))
     )
-    frame: FloatArray = (
-        travel_frames(np.array([[*TRAVELS[face], 0.0]]))[0] @ mechanism.mounted.mounting.rotation
-    )
+    frame: FloatArray = travel_frames(cut.travel[None])[0] @ mechanism.mounted.mounting.rotation
     tip = frame @ marker_motion(model, motions, model.tool)[:3]
     return tip_dynamics(motions.mass, damping, np.diag(motions.stiffness), forced=tip, seen=tip[:2])

@@ -18,7 +18,7 @@ from headstock.scene.schema.effects import CONTOUR_EFFECTS
 from headstock.scene.schema.mechanism import ContouringTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, MillingCut
-from headstock.solvers.milling.tool_path import SquareContour, square_path
+from headstock.solvers.milling.tool_path import SquareContour, plan_contour
 
 KEY: KeyPath = ("analyses", "contouring")
 FORCE_SUFFIXES = (".csv",)
@@ -67,6 +67,7 @@ def build_contouring(
         point=_tool_point(scene, table),
         modes_to_hz=table.modes_to or PASSINGS * table.spindle / (2.0 * math.pi) * mill.teeth,
         follows_pose=table.pose_model == "pose_dependent",
+        cut_off=table.cut_off,
     )
 
 
@@ -122,7 +123,7 @@ def check_contour_reach(scene: Scene, findings: Findings) -> None:
     request = scene.analyses.contouring or scene.on_request.contouring
     if request is None or scene.mechanism is not None:
         return
-    path, _ = square_path(request.contour)
+    path = plan_contour(request.contour).path
     machine, point = scene.machine, scene.machine.points[request.point or ""]
     try:
         travel = find_tool_travel(machine, point)

@@ -132,6 +132,7 @@ class ContouringTable(RequestTable):
     point: Text | None = None
     modes_to: PositiveFrequency | None = None
     pose_model: Literal["pose_dependent", "frozen"] = "pose_dependent"
+    cut_off: PositiveLength = 0.8e-3
 
 
 MOST_SPEEDS = 5000

@@ -8,8 +8,11 @@ limit the jerk, and positions, speeds and accelerations belong together to the l
 is differenced numerically. Points in the plane are complex numbers inside.
 """
 
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +20,10 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 
 AVERAGES = 3
+BLOCK_FACES = ("lowest x", "highest y", "highest x", "lowest y")
+SHORTEST_FACE = 5e-3  # of a straight cut that is evaluated [m]
+STRAIGHT_BACK = math.radians(175.0)
+TOUCHING = 1e-9  # of lengths [m]
 # antiderivatives grow with the cube of time and are differenced at the scale of milliseconds:
 # doubles would leave nanometres
 ComplexArray = NDArray[np.complexfloating]
@@ -151,51 +158,242 @@ class SquareContour:
     window: float
 
 
-def square_path(contour: SquareContour) -> tuple[SmoothPath, FloatArray]:
-    """The path of the tool's centre, and ``(5,)`` times at which the straight cuts along faces 1 to
-    4 start and the last one ends.
+@dataclass(frozen=True)
+class PolylineContour:
+    """A line of corners that the tool's centre follows, the part on its right.
 
-    Face 1 is at the lowest x and cut towards +y, then face 2 at the highest y, face 3 at the
-    highest x, face 4 at the lowest y. Times are those before smoothing; each moving average delays
-    by half its length.
+    Attributes:
+        points: ``(x, y)`` of its corners in the machine frame [m].
+        feeds: Feed rate to each corner but the first [m/s].
+        radius: Of the arcs around its corners; zero for sharp ones, which the averages round [m].
+        height: Of the tool point above the table [m].
+        offset: Tool radius: the finished part lies so far to the right of the line [m].
+        lead: Way before the part begins and after it ends [m].
+        window: Length of each of the three moving averages [s].
     """
-    half, radius, feed = 0.5 * contour.side, contour.offset, contour.feed
-    center = complex(*contour.center)
-    starts, rate, face_times = [-math.inf], [1.0], list[float]()
-    poly, swing = list[list[complex]](), list[complex]()
-    corner = center + complex(-half, -half)
-    direction = 1j
-    here = corner + radius * 1j * direction - contour.lead * direction
-    poly.append([here, 0.0])
-    swing.append(0.0)
-    now = 0.0
 
-    def add(duration: float, coefficients: list[complex], amplitude: complex, speed: float) -> None:
-        nonlocal now
-        starts.append(now)
-        poly.append(coefficients)
-        swing.append(amplitude)
-        rate.append(speed)
-        now += duration
+    points: tuple[tuple[float, float], ...]
+    feeds: tuple[float, ...]
+    radius: float
+    height: float
+    offset: float
+    lead: float
+    window: float
 
-    for face in range(4):
-        lead = (contour.lead if face == 0 else 0.0) + (contour.lead if face == 3 else 0.0)
-        face_times.append(now + (contour.lead / feed if face == 0 else 0.0))
-        add((contour.side + lead) / feed, [here, feed * direction], 0.0, 1.0)
-        here += (contour.side + lead) * direction
-        if face == 3:
-            face_times.append(now - contour.lead / feed)
-            break
-        arm = radius * 1j * direction
-        add(0.5 * math.pi * radius / feed, [here - arm, 0.0], arm, -feed / radius)
-        here, direction = here - arm + arm * -1j, direction * -1j
-    add(0.0, [here, 0.0], 0.0, 1.0)
-    # a finite start keeps antiderivatives small
-    times = np.array([-AVERAGES * contour.window - 1e-3, *starts[1:]])
-    raw = PiecewisePath(
-        times, np.array(poly, dtype=_WIDE), np.array(swing, dtype=_WIDE), np.array(rate)
+
+@dataclass(frozen=True, eq=False)
+class StraightCut:
+    """A straight cut of a contour, and the face of the part that it leaves.
+
+    Attributes:
+        at: Which face, in words.
+        start: ``(3,)`` where the face starts, at the height of the tool point, machine frame [m].
+        travel: ``(3,)`` unit vector in which the tool goes along it.
+        length: [m].
+        feed: [m/s].
+        begins: When the cut starts [s].
+        ends: When the next straight cut starts, or this one ends if it is the last [s].
+    """
+
+    at: str
+    start: FloatArray
+    travel: FloatArray
+    length: float
+    feed: float
+    begins: float
+    ends: float
+
+    @property
+    def outward(self) -> FloatArray:
+        """``(3,)`` unit vector away from the part."""
+        return np.array([-self.travel[1], self.travel[0], 0.0])
+
+    @property
+    def middle(self) -> float:
+        """Time half-way between its start and its end [s]."""
+        return 0.5 * (self.begins + self.ends)
+
+
+@dataclass(frozen=True, eq=False)
+class ContourPlan:
+    """A contour laid out in time.
+
+    Attributes:
+        path: Of the tool's centre.
+        cuts: Its straight cuts in their order.
+        bends: When the tool has sped up, and when it enters and leaves arcs and corners, rising
+            [s].
+        enters: When the tool meets the part [s].
+        leaves: When it has left it [s].
+        entry: How long it takes to enter, or to leave [s].
+    """
+
+    path: SmoothPath
+    cuts: tuple[StraightCut, ...]
+    bends: FloatArray
+    enters: float
+    leaves: float
+    entry: float
+
+
+def plan_contour(contour: SquareContour | PolylineContour) -> ContourPlan:
+    """Lay a contour out in time. Times are those before smoothing; each moving average delays by
+    half its length.
+
+    Face 1 of a block is at the lowest x and cut towards +y, then face 2 at the highest y, face 3 at
+    the highest x, face 4 at the lowest y.
+
+    Raises:
+        ValueError: An arc around a corner does not fit, or the line turns back on itself.
+    """
+    if isinstance(contour, PolylineContour):
+        return _lay_out(contour, ())
+    reach, (x, y) = 0.5 * contour.side + contour.offset, contour.center
+    first = 0.5 * contour.side + contour.lead
+    corners = ((-reach, -first), (-reach, reach), (reach, reach), (reach, -reach), (-first, -reach))
+    line = PolylineContour(
+        points=tuple((x + right, y + up) for right, up in corners),
+        feeds=4 * (contour.feed,),
+        radius=contour.offset,
+        height=contour.height,
+        offset=contour.offset,
+        lead=contour.lead,
+        window=contour.window,
     )
-    delay = 0.5 * AVERAGES * contour.window
-    return SmoothPath(raw, contour.window, contour.height, (0.0, now + 2.0 * delay)), np.array(
-        face_times
-    ) + delay
+    return _lay_out(line, BLOCK_FACES)
+
+
+def _lay_out(line: PolylineContour, names: Sequence[str]) -> ContourPlan:
+    """Straight lines and arcs in turn, each a piece of the path."""
+    corners, travels, lengths, turns = _measure_corners(line)
+    # so far from a corner the arc around it begins and ends
+    cut_off = np.array([0.0, *(line.radius * np.tan(0.5 * np.abs(turns))), 0.0])
+    straight = lengths - cut_off[1:] - cut_off[:-1]
+    if (straight < -TOUCHING).any():
+        place = int(np.argmin(straight))
+        raise ValueError(
+            f"arcs of {1e3 * line.radius:g} mm do not fit between points {place + 1} and {place + 2}, {1e3 * lengths[place]:.4g} mm apart"
+        )
+    begins = corners[:-1] + cut_off[:-1] * travels
+    pieces, places = list[_Piece](), list[int]()
+    for number, (here, travel, feed) in enumerate(zip(begins, travels, line.feeds, strict=True)):
+        way = max(0.0, float(straight[number]))
+        places.append(len(pieces))
+        pieces.append(_Piece(way / feed, here, feed * travel))
+        if number < len(turns) and turns[number] != 0.0 and line.radius > 0.0:
+            turn = float(turns[number])
+            rate = math.copysign(min(line.feeds[number : number + 2]) / line.radius, turn)
+            # from the centre of the arc to where it starts
+            arm = -1j * math.copysign(line.radius, turn) * travel
+            pieces.append(_Piece(turn / rate, here + way * travel - arm, 0.0, arm, rate))
+    times = np.array([0.0, *itertools.accumulate(piece.duration for piece in pieces)])
+    delay, end = 0.5 * AVERAGES * line.window, float(times[-1])
+    return ContourPlan(
+        path=SmoothPath(
+            _join_pieces(pieces, times, corners, line.window),
+            line.window,
+            line.height,
+            (0.0, end + 2.0 * delay),
+        ),
+        cuts=_straight_cuts(line, names, times[places] + delay),
+        bends=np.unique([2.0 * delay, *(times[1:-1] + delay)]),
+        enters=line.lead / line.feeds[0] + delay,
+        leaves=end - line.lead / line.feeds[-1] + delay,
+        entry=line.offset / line.feeds[0],
+    )
+
+
+class _Piece(NamedTuple):
+    """A line or an arc of a path: its duration [s] and its terms."""
+
+    duration: float
+    here: complex
+    speed: complex
+    swing: complex = 0.0
+    rate: float = 1.0
+
+
+def _measure_corners(
+    line: PolylineContour,
+) -> tuple[ComplexArray, ComplexArray, FloatArray, FloatArray]:
+    """Corners, unit vectors and lengths between them, and angles by which the travel turns."""
+    corners = np.array([complex(*point) for point in line.points])
+    ways = np.diff(corners)
+    lengths = np.abs(ways)
+    if not (lengths > TOUCHING).all():
+        place = int(np.argmin(lengths)) + 1
+        raise ValueError(f"points {place} and {place + 1} are in the same place")
+    travels = ways / lengths
+    turns = np.angle(travels[1:] / travels[:-1])
+    if (np.abs(turns) > STRAIGHT_BACK).any():
+        raise ValueError(
+            f"the line turns back on itself at point {int(np.argmax(np.abs(turns))) + 2}"
+        )
+    for place in (0, -1):
+        if lengths[place] <= line.lead:
+            raise ValueError(
+                f"the {'first' if place == 0 else 'last'} line is {1e3 * lengths[place]:.4g} mm long, no more than the lead of {1e3 * line.lead:g} mm"
+            )
+    return corners, travels, lengths, turns
+
+
+def _join_pieces(
+    pieces: Sequence[_Piece], times: FloatArray, corners: ComplexArray, window: float
+) -> PiecewisePath:
+    """At rest before the first piece and after the last."""
+    # a finite start keeps antiderivatives small
+    still = _Piece(0.0, corners[0], 0.0), _Piece(0.0, corners[-1], 0.0)
+    rows = [still[0], *pieces, still[1]]
+    return PiecewisePath(
+        starts=np.array([-AVERAGES * window - 1e-3, *times]),
+        poly=np.array([[row.here, row.speed] for row in rows], dtype=_WIDE),
+        swing=np.array([row.swing for row in rows], dtype=complex),
+        rate=np.array([row.rate for row in rows]),
+    )
+
+
+def _straight_cuts(
+    line: PolylineContour, names: Sequence[str], starts: FloatArray
+) -> tuple[StraightCut, ...]:
+    """Straight lines whose face is long enough to be evaluated, without the way before and after
+    the part.
+
+    Args:
+        line: Corners of the tool's centre.
+        names: Of the faces; none for those of a line.
+        starts: ``(s,)`` when straight lines start [s].
+    """
+    corners, travels, lengths, turns = _measure_corners(line)
+    half = np.tan(0.5 * np.abs(turns))
+    arcs = np.array([0.0, *(line.radius * half), 0.0])
+    # a face ends where it meets the next one of the part, or where the arc begins
+    meets = np.where(turns < 0.0, max(line.radius, line.offset), line.radius) * half
+    before, after = (
+        np.array([line.lead, *meets]) - arcs[:-1],
+        np.array([*meets, line.lead]) - arcs[1:],
+    )
+    last, found = len(travels) - 1, list[StraightCut]()
+    for number, (travel, feed) in enumerate(zip(travels, line.feeds, strict=True)):
+        straight = lengths[number] - arcs[number] - arcs[number + 1]
+        length = float(straight - before[number] - after[number])
+        if length < SHORTEST_FACE:
+            continue
+        way = arcs[number] + before[number] - 1j * line.offset
+        start = corners[number] + way * travel
+        leaves = starts[number] + (straight - after[number]) / feed
+        found.append(
+            StraightCut(
+                at=names[number] if names else _tell_line(line.points[number : number + 2]),
+                start=np.array([start.real, start.imag, line.height]),
+                travel=np.array([travel.real, travel.imag, 0.0]),
+                length=length,
+                feed=feed,
+                begins=float(starts[number] + before[number] / feed),
+                ends=float(leaves if number == last else starts[number + 1]),
+            )
+        )
+    return tuple(found)
+
+
+def _tell_line(ends: Sequence[tuple[float, float]]) -> str:
+    return " to ".join(f"({1e3 * x:.4g}, {1e3 * y:.4g})" for x, y in ends) + " mm"

@@ -6,7 +6,7 @@ import pytest
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.milling.contouring import linear_motion
 from headstock.solvers.milling.path_drives import PathDrive, follow_path, smooth_samples
-from headstock.solvers.milling.tool_path import SquareContour, square_path
+from headstock.solvers.milling.tool_path import SquareContour, plan_contour
 from headstock.solvers.paths.linear_motion import march_linear
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
@@ -22,7 +22,7 @@ def machine() -> Tripteor:
 
 @pytest.fixture(scope="module")
 def clean(machine: Tripteor) -> PathDrive:
-    path, _ = square_path(CONTOUR)
+    path = plan_contour(CONTOUR).path
     nodes = np.linspace(0.0, SPAN, 151, dtype=np.float64)
     return follow_path(machine.scene.mounted, nodes, path.at(nodes), machine.scene.tool)
 

@@ -11,7 +11,7 @@ from headstock.solvers.mechanisms.motion import ConstrainedMotion, project_start
 from headstock.solvers.mechanisms.partitioning import Drive
 from headstock.solvers.milling.contouring import linear_motion
 from headstock.solvers.milling.path_drives import follow_path
-from headstock.solvers.milling.tool_path import SquareContour, square_path
+from headstock.solvers.milling.tool_path import SquareContour, plan_contour
 from headstock.solvers.paths.linear_motion import march_linear
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
@@ -76,7 +76,7 @@ def test_a_start_too_far_from_the_closures_is_refused(machine: Tripteor) -> None
 def test_a_jump_of_the_force_swings_to_twice_its_static_answer_and_no_further(
     machine: Tripteor,
 ) -> None:
-    path, _ = square_path(SquareContour(0.2, (0.0, 0.0), 0.2, 0.01, 0.02, 5.0 / 60.0, 0.01))
+    path = plan_contour(SquareContour(0.2, (0.0, 0.0), 0.2, 0.01, 0.02, 5.0 / 60.0, 0.01)).path
     nodes = np.linspace(0.0, 0.1, 26, dtype=np.float64)
     drive = follow_path(machine.scene.mounted, nodes, path.at(nodes), machine.scene.tool)
     times = np.arange(0.0, 0.1, 5e-5, dtype=np.float64)

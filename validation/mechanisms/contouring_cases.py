@@ -16,6 +16,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.contours.contour_run import ContourRun, face_instants
 from headstock.pipeline.contours.contouring import cut_multiplier, face_stability, high_share
 from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
+from headstock.pipeline.contours.milled_faces import mill_faces
 from headstock.scene.building.loader import load_scene
 from headstock.scene.requests import ContouringRequest
 from headstock.solvers.milling.forces import CUTTING_MATERIALS
@@ -72,6 +73,7 @@ def check_contouring(comm: MPI.Comm) -> list[ValidationRow]:
         seconds = time.process_time() - begun
         rows += _face_rows(case, material, run)
         rows += _leg_rows(case, material, tripteor, run)
+        rows += _profile_rows(case, material, run)
         rows.append(
             judge_bound(
                 case,
@@ -207,6 +209,31 @@ def _face_rows(case: str, material: str, run: ContourRun) -> list[ValidationRow]
     note = "the paper does not tell which way x points"
     rows.append(show(case, f"{material}: face 3 over face 1, x reversed", 1.0 / ratio, "-", note))
     return rows
+
+
+def _profile_rows(case: str, material: str, run: ContourRun) -> list[ValidationRow]:
+    """Profiles of faces 1 and 3, of which figure 7 of the paper shows measured ones without numbers
+    in its text.
+    """
+    faces, _ = mill_faces(contour_request(material), run)
+    first, third = (face for face in faces if face.number in (1, 3))
+    rows = []
+    for face in (first, third):
+        found, gap = face.parameters, run.gap[face_instants(run, face.number - 1)]
+        outward = float((gap @ run.plan.cuts[face.number - 1].outward).mean())
+        note = f"Ra {1e6 * found.ra:.3f}, Wt {1e6 * found.wt:.3f}, mark at start {1e6 * face.marks[0]:.2f} µm; the paper: marks and about 10 µm"
+        rows.append(
+            judge(
+                case,
+                f"{material}: location error of face {face.number}, cusps left out",
+                1e6 * (found.location - face.cusp / 3.0),
+                Target(1e6 * outward, "um", 0.02, "mean gap"),
+                note,
+            )
+        )
+    note = "the paper: vibration on face 3, seen and measured"
+    ratio = first.parameters.wt / third.parameters.wt
+    return [*rows, judge_bound(case, f"{material}: Wt of face 1 over face 3", ratio, 1.0, note)]
 
 
 def _step_row(case: str, tripteor: Tripteor, model: str, until: float) -> ValidationRow:

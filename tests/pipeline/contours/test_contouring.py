@@ -7,12 +7,16 @@ import dataclasses
 import numpy as np
 import pytest
 
+from headstock.app.report.milled_faces import draw_milled_faces
 from headstock.app.report.path import draw_contour
-from headstock.app.texts.tables import _contour_table
+from headstock.app.texts.tables import _contour_table, _profile_tables, contour_words, list_faces
 from headstock.geometry.errors import PoseError
 from headstock.pipeline.contours.contouring import evaluate_contour
 from headstock.pipeline.contours.lumped_contour import run_lumped_contour
+from headstock.pipeline.contours.milled_faces import mill_faces
 from headstock.scene.reading.forces import ForceFileError, ForceRecord
+from headstock.solvers.mechanisms.modes import linearise_poses, tool_compliance
+from headstock.solvers.milling.path_drives import follow_path
 from headstock.validation.mechanisms.contouring_cases import contour_request
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
@@ -65,6 +69,33 @@ def test_the_summary_tells_faces_assumptions_and_drive_forces(machine: Tripteor)
     )
     for picture in ("gap", "drives"):
         assert str(draw_contour(found, picture)).count("<polyline") == 3
+
+
+def test_a_steady_force_leaves_a_face_where_the_static_compliance_says(machine: Tripteor) -> None:
+    request = contour_request("al7075-t6")
+    small = dataclasses.replace(request.contour, side=0.02)
+    request = dataclasses.replace(request, contour=small, damping_ratios=(0.5,))
+    push = np.array([-200.0, 150.0, 50.0])
+    record = ForceRecord(np.array([0.0, 1.0]), np.stack([push, push]))
+    run = run_lumped_contour(machine.scene, machine.model, request, record=record, until=0.6)
+    faces, reasons = mill_faces(request, run)
+    assert [face.number for face in faces] == [1], reasons
+    middle = run.plan.cuts[0].begins + 0.12 + np.array([-1e-3, 0.0])
+    states = follow_path(
+        machine.scene.mounted, middle, run.plan.path.at(middle), machine.scene.tool
+    ).states
+    compliance = tool_compliance(machine.model, linearise_poses(machine.model, states))
+    turn = machine.scene.mounted.mounting.rotation
+    moved = turn @ compliance[1, :3, :3] @ turn.T @ push
+    face, outward = faces[0], run.plan.cuts[0].outward
+    assert face.parameters.location - face.cusp / 3.0 == pytest.approx(moved @ outward, rel=5e-4)
+    answer = evaluate_contour(request, run, milled=faces).summarise()
+    rows = list_faces(answer)
+    assert [row.face for row in rows] == [1] and rows[0].gap is None
+    assert "cut-off of 0.8 mm" in str(contour_words(answer))
+    assert str(draw_milled_faces(answer["milled_faces"])).count("<polyline") == 2
+    names = [table.name for table in _profile_tables(answer["milled_faces"][0])]
+    assert names == ["profile_face_1", "profile_detail_face_1"]
 
 
 def test_a_block_out_of_reach_is_refused(machine: Tripteor) -> None:

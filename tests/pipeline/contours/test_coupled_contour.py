@@ -22,6 +22,7 @@ from headstock.pipeline.contours.coupled_contour import (
     run_coupled_contour,
 )
 from headstock.pipeline.contours.lumped_contour import run_lumped_contour
+from headstock.pipeline.contours.milled_faces import mill_faces
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.storage.store import Store
@@ -122,7 +123,7 @@ def test_a_slow_cut_bends_the_machine_as_its_compliance_says(tmp_path: Path) -> 
     state = build_state(tmp_path, MILL)
     found = run(state, 0.8)
     on = (found.times > 0.45) & (found.times < 0.7)
-    middle = float(found.face_middles[0])
+    middle = found.plan.cuts[0].middle
     now = found.sampled.at(np.array([middle]))
     compliance = now.outputs[0, :3] @ np.linalg.solve(now.stiffness[0], now.outputs[0, :3].T)
     compliance = compliance + now.residual[0, :3, :3]
@@ -131,6 +132,22 @@ def test_a_slow_cut_bends_the_machine_as_its_compliance_says(tmp_path: Path) -> 
     # the screws hold the tool against the cut: the ram's pushes along y, both along x
     drives = found.drives.forces(np.flatnonzero(on)).mean(axis=0)
     assert drives == pytest.approx(-found.force[on].mean(axis=0)[:2], rel=5e-3)
+    # the face is where the tool is as its teeth pass, and a third of a cusp further out
+    request = request_of(state)
+    (face,), _ = mill_faces(request, found)
+    low, high = (
+        found.plan.cuts[0].begins + place / request.contour.feed for place in face.evaluated
+    )
+    twist = 2.0 * face.height * np.tan(request.cut.mill.helix) / request.cut.mill.diameter
+    passes = (
+        np.arange(4000) * request.cut.tooth_period + (0.5 * np.pi + twist) / request.cut.spindle
+    )
+    passes = passes[(passes > low) & (passes < high)]
+    outward = found.gap @ found.plan.cuts[0].outward
+    located = np.interp(passes, found.times, outward).mean() + face.cusp / 3.0
+    assert face.parameters.location == pytest.approx(located, abs=2e-3 * face.cusp)
+    assert face.parameters.location > 1e-6
+    assert face.by_height[2][1] == pytest.approx(face.parameters.location, abs=2e-2 * face.cusp)
 
 
 def test_modes_left_out_follow_at_once(tmp_path: Path) -> None:
@@ -186,8 +203,25 @@ def test_stiff_legs_move_as_the_lumped_mechanism(tmp_path: Path) -> None:
             run_lumped_contour(tripteor.scene, model, request, until=until),
         )
 
-    legs, lumped = both(0.4)
+    small = (
+        'analyses.contouring.side="16 mm"',
+        'analyses.contouring.lead="10 mm"',
+        'analyses.contouring.at=["0 mm","60 mm","200 mm"]',
+    )
+    legs, lumped = both(0.4, *small)
     assert np.abs(legs.gap - lumped.gap).max() < 1e-3 * np.abs(lumped.gap).max()
+    request = request_of(build_state(tmp_path, TRIPTEOR, variant="lumped", settings=small))
+    (mine,), reasons = mill_faces(request, legs)
+    (other,), _ = mill_faces(request, lumped)
+    assert [reason.split(":")[0] for reason in reasons] == [
+        f"face {number} has no profile" for number in (2, 3, 4)
+    ]
+    size = np.abs(other.waviness).max()
+    assert size > 5e-6
+    assert np.abs(mine.waviness - other.waviness).max() < 1e-3 * size
+    for name in ("location", "ra", "rz", "wt", "pt"):
+        found, expected = (getattr(face.parameters, name) for face in (mine, other))
+        assert found == pytest.approx(expected, abs=1e-3 * size)
     # undamped: of the damping of modes screws carry no part, and in balance of all bodies it is
     legs, lumped = both(0.12, "effects.damping=false")
     some = np.arange(0, len(lumped.times), 50)

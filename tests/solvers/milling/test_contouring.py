@@ -21,7 +21,7 @@ from headstock.solvers.milling.contouring import (
     tool_gaps,
 )
 from headstock.solvers.milling.path_drives import PathDrive, follow_path, smooth_samples
-from headstock.solvers.milling.tool_path import SmoothPath, SquareContour, square_path
+from headstock.solvers.milling.tool_path import SmoothPath, SquareContour, plan_contour
 from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
@@ -36,7 +36,7 @@ def machine() -> Tripteor:
 
 @cache
 def path_drive() -> tuple[SmoothPath, PathDrive]:
-    path, _ = square_path(CONTOUR)
+    path = plan_contour(CONTOUR).path
     nodes = np.linspace(0.0, 0.4, 101, dtype=np.float64)
     return path, follow_path(machine().scene.mounted, nodes, path.at(nodes), machine().scene.tool)
 
@@ -150,7 +150,7 @@ def test_regeneration_without_delay_does_nothing_and_a_strong_one_grows() -> Non
 
 def test_a_path_out_of_reach_is_refused_at_its_time() -> None:
     far = replace(CONTOUR, center=(0.9, 0.0))
-    path, _ = square_path(far)
+    path = plan_contour(far).path
     nodes = np.linspace(0.0, 0.4, 101, dtype=np.float64)
     with pytest.raises((JointLimitError, UnreachablePoseError), match=r"t = 0 s"):
         follow_path(machine().scene.mounted, nodes, path.at(nodes), machine().scene.tool)

@@ -18,7 +18,7 @@ def run_start(material: str, until: float) -> ContourRun:
 
 def test_the_tool_is_pushed_off_face_1_by_about_ten_micrometres_and_hardly_ripples() -> None:
     run = run_start("al7075-t6", 1.0)
-    cutting = run.times > run.face_times[0] + 0.4
+    cutting = run.times > run.plan.enters + 0.4
     gap = 1e6 * run.gap[cutting, 0]
     assert 5.0 < -gap.mean() < 20.0
     assert np.ptp(gap) < 1.5

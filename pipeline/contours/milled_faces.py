@@ -1,0 +1,128 @@
+"""The faces that a contour leaves: the profile of each, from the motion of the tool."""
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.milled_faces import MilledFace
+from headstock.pipeline.contours.contour_run import SETTLING, ContourRun
+from headstock.scene.requests import ContouringRequest
+from headstock.solvers.errors import ModelError
+from headstock.solvers.milling.forces import MillingCut
+from headstock.solvers.milling.milled_faces import (
+    SAMPLES_PER_CUSP,
+    ToolMotion,
+    measure_profile,
+    mill_profile,
+    waviness_profile,
+)
+from headstock.solvers.milling.tool_path import StraightCut
+
+MOST_SAMPLES = 400_000
+MOST_LEFT_OUT = 0.2  # of a face, at either end
+CELLS = 1000
+DETAIL = 2e-3  # length of the piece that is kept sample by sample [m]
+BEYOND = 0.5  # so much of the tool's radius is looked at beyond the ends of a face
+DEPTH_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # heights at which the location error is told
+SPARSE = 8  # of every so many samples its mean is taken
+MARKS_APART = 1.5  # waves are so many times as long as the marks of teeth
+
+
+def mill_faces(
+    request: ContouringRequest, run: ContourRun
+) -> tuple[tuple[MilledFace, ...], tuple[str, ...]]:
+    """The profile of each face that was milled from end to end, and why others have none.
+
+    Args:
+        request: Tool, cut and cut-off.
+        run: The contour that was run.
+    """
+    found, reasons = list[MilledFace](), list[str]()
+    for number, cut in enumerate(run.plan.cuts, 1):
+        if run.times[-1] < cut.begins + cut.length / cut.feed:
+            reasons.append(f"face {number} has no profile: the tool did not reach its end")
+            continue
+        try:
+            found.append(_mill_face(request, run, number, cut))
+        except ModelError as error:
+            reasons.append(f"face {number} has no profile: {error}")
+    return tuple(found), tuple(reasons)
+
+
+def _mill_face(
+    request: ContouringRequest, run: ContourRun, number: int, cut: StraightCut
+) -> MilledFace:
+    milling, per_tooth = request.cut, cut.feed * request.cut.tooth_period
+    motion = beside_face(request, run, cut)
+    ends = BEYOND * 0.5 * min(milling.mill.diameter, cut.length)
+    first = max(0.0, float(motion.along[0]) + ends)
+    last = min(cut.length, float(motion.along[-1]) - ends)
+    spacing = max(per_tooth / SAMPLES_PER_CUSP, cut.length / MOST_SAMPLES)
+    places: FloatArray = np.asarray(np.arange(first, last, spacing))
+    left_out = min(SETTLING * cut.feed, MOST_LEFT_OUT * cut.length)
+    inside = slice(
+        *np.searchsorted(places, [max(first, left_out), min(last, cut.length - left_out)]).tolist()
+    )
+    height = 0.5 * milling.axial_depth
+    middle = mill_profile(milling.mill, milling.spindle, motion, places, height)
+    mean_line = waviness_profile(middle, spacing, request.cut_off)
+    cells = np.linspace(0, len(places), min(CELLS, len(places)) + 1).astype(np.intp)[:-1]
+    center = len(places) // 2
+    near = slice(center, center + round(min(DETAIL, 0.2 * cut.length) / spacing))
+    parameters = measure_profile(
+        middle, spacing, request.cut_off, inside, MARKS_APART * _mark_distance(milling, cut.feed)
+    )
+    off_mean = np.abs(mean_line - parameters.location)
+    return MilledFace(
+        number=number,
+        at=cut.at,
+        length=cut.length,
+        evaluated=(float(places[inside][0]), float(places[inside][-1])),
+        cut_off=request.cut_off,
+        height=height,
+        per_tooth=per_tooth,
+        cusp=per_tooth**2 / (4.0 * milling.mill.diameter),
+        parameters=parameters,
+        marks=(float(off_mean[: inside.start].max()), float(off_mean[inside.stop :].max())),
+        by_height=tuple(
+            (
+                share * milling.axial_depth,
+                float(
+                    mill_profile(
+                        milling.mill,
+                        milling.spindle,
+                        motion,
+                        places[inside][::SPARSE],
+                        share * milling.axial_depth,
+                    ).mean()
+                ),
+            )
+            for share in DEPTH_SHARES
+        ),
+        places=places[cells],
+        lowest=np.minimum.reduceat(middle, cells),
+        highest=np.maximum.reduceat(middle, cells),
+        waviness=mean_line[cells],
+        detail_places=places[near],
+        detail=middle[near],
+    )
+
+
+def beside_face(request: ContouringRequest, run: ContourRun, cut: StraightCut) -> ToolMotion:
+    """The axis of the tool along a face and a little beyond: where the rigid machine leads it, and
+    its gap.
+
+    Args:
+        request: Of the contour.
+        run: Of it.
+        cut: The straight cut that leaves the face.
+    """
+    beyond = BEYOND * 0.5 * request.cut.mill.diameter / cut.feed
+    begins, ends = cut.begins - beyond, cut.begins + cut.length / cut.feed + beyond
+    on = slice(*np.searchsorted(run.times, [begins, ends]).tolist())
+    moved = run.plan.path.at(run.times[on]).position + run.gap[on] - cut.start
+    return ToolMotion(run.times[on], moved @ cut.travel, moved @ cut.outward)
+
+
+def _mark_distance(cut: MillingCut, feed: float) -> float:
+    """Distance of the marks of teeth that repeat: with runout every turn of the tool differs."""
+    return feed * cut.tooth_period * (cut.mill.teeth if cut.mill.runout else 1)
