@@ -50,7 +50,13 @@ def _half_span(face: MilledFaceSummary) -> float:
 def _draw_whole(face: MilledFaceSummary, top: float, half: float) -> Markup:
     profile, middle = face["profile"], face["location_error_um"]
     places, low, high, line = (
-        np.array(profile[name]) for name in ("at_mm", "lowest_um", "highest_um", "waviness_um")
+        np.array(values)
+        for values in (
+            profile["at_mm"],
+            profile["lowest_um"],
+            profile["highest_um"],
+            profile["waviness_um"],
+        )
     )
     across, up = _scales(WHOLE, (0.0, face["length_mm"]), top, middle, HEADROOM * half)
     begin, end = (across(place) for place in face["evaluated_mm"])
@@ -82,7 +88,7 @@ def _draw_whole(face: MilledFaceSummary, top: float, half: float) -> Markup:
 
 
 def _draw_piece(face: MilledFaceSummary, top: float, half: float) -> Markup:
-    places, heights = (np.array(face["detail"][name]) for name in ("at_mm", "height_um"))
+    places, heights = np.array(face["detail"]["at_mm"]), np.array(face["detail"]["height_um"])
     middle = 0.5 * float(heights.max() + heights.min())
     span = float(places[0]), float(places[-1])
     across, up = _scales(PIECE, span, top, middle, MOST_ROUGH * half)

@@ -180,8 +180,8 @@ def print_summary(
         print_table(
             console, "Faces along the contour [µm]", tell_rows(FACE_COLUMNS, list_faces(contour))
         )
-        if words := contour_words(contour):
-            console.print(f"  {words}", markup=False)
+        if measured := contour_words(contour):
+            console.print(f"  {measured}", markup=False)
             console.print()
     for pose, control in summary.get("control", {}).items():
         up_to, speed = control["up_to_hz"], 60e3 * control["speed_m_per_s"]

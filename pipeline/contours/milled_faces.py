@@ -53,15 +53,14 @@ def _mill_face(
 ) -> MilledFace:
     milling, per_tooth = request.cut, cut.feed * request.cut.tooth_period
     motion = beside_face(request, run, cut)
-    ends = BEYOND * 0.5 * min(milling.mill.diameter, cut.length)
-    first = max(0.0, float(motion.along[0]) + ends)
-    last = min(cut.length, float(motion.along[-1]) - ends)
+    beyond = 0.5 * BEYOND * min(milling.mill.diameter, cut.length)
+    first = max(0.0, float(motion.along[0]) + beyond)
+    last = min(cut.length, float(motion.along[-1]) - beyond)
     spacing = max(per_tooth / SAMPLES_PER_CUSP, cut.length / MOST_SAMPLES)
     places: FloatArray = np.asarray(np.arange(first, last, spacing))
     left_out = min(SETTLING * cut.feed, MOST_LEFT_OUT * cut.length)
-    inside = slice(
-        *np.searchsorted(places, [max(first, left_out), min(last, cut.length - left_out)]).tolist()
-    )
+    ends = np.searchsorted(places, [max(first, left_out), min(last, cut.length - left_out)])
+    inside = slice(int(ends[0]), int(ends[1]))
     height = 0.5 * milling.axial_depth
     middle = mill_profile(milling.mill, milling.spindle, motion, places, height)
     mean_line = waviness_profile(middle, spacing, request.cut_off)
@@ -118,7 +117,8 @@ def beside_face(request: ContouringRequest, run: ContourRun, cut: StraightCut) -
     """
     beyond = BEYOND * 0.5 * request.cut.mill.diameter / cut.feed
     begins, ends = cut.begins - beyond, cut.begins + cut.length / cut.feed + beyond
-    on = slice(*np.searchsorted(run.times, [begins, ends]).tolist())
+    steps = np.searchsorted(run.times, [begins, ends])
+    on = slice(int(steps[0]), int(steps[1]))
     moved = run.plan.path.at(run.times[on]).position + run.gap[on] - cut.start
     return ToolMotion(run.times[on], moved @ cut.travel, moved @ cut.outward)
 

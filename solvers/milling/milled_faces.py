@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.interpolate
 import scipy.ndimage
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
@@ -107,7 +108,8 @@ def mill_profile(
     parts = []
     for start in range(0, len(positions), CHUNK):
         wanted = positions[start : start + CHUNK]
-        near = slice(*np.searchsorted(places, [wanted[0] - radius, wanted[-1] + radius]).tolist())
+        first, last = np.searchsorted(places, [wanted[0] - radius, wanted[-1] + radius])
+        near = slice(int(first), int(last))
         teeth_near = ToothPasses(
             places[near],
             passes[near],
@@ -183,7 +185,7 @@ def _lowest_edges(
 
 def _tooth_passes(
     mill: EndMill, spindle: float, times: FloatArray, height: float
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, NDArray[np.intp]]:
     """Times ``(k,)`` at which teeth point at the face, and which teeth ``(k,)``."""
     # theta = -spindle t - lag + twist is -pi/2 then; the lag of tooth j is 2 pi j / teeth
     pitch = 2.0 * np.pi / mill.teeth
@@ -191,7 +193,7 @@ def _tooth_passes(
     first = int(np.ceil((spindle * times[0] - start) / pitch))
     last = int(np.floor((spindle * times[-1] - start) / pitch))
     numbers = np.arange(first, last + 1)
-    return (start + pitch * numbers) / spindle, -numbers % mill.teeth
+    return np.asarray((start + pitch * numbers) / spindle), np.asarray(-numbers % mill.teeth)
 
 
 def _edge_heights(
@@ -258,7 +260,7 @@ def measure_profile(
         )
     roughness = heights - waviness
     sections = roughness[: count * section].reshape(count, section)
-    places = np.arange(len(heights)) * spacing
+    places: FloatArray = np.asarray(np.arange(len(heights)) * spacing)
     wavelength, wave = _strongest_wave(_remove_line(places, heights), spacing, shortest_wave)
     return ProfileParameters(
         location=float(heights.mean()),

@@ -279,13 +279,13 @@ def _lay_out(line: PolylineContour, names: Sequence[str]) -> ContourPlan:
     for number, (here, travel, feed) in enumerate(zip(begins, travels, line.feeds, strict=True)):
         way = max(0.0, float(straight[number]))
         places.append(len(pieces))
-        pieces.append(_Piece(way / feed, here, feed * travel))
+        pieces.append(_Piece(way / feed, complex(here), complex(feed * travel)))
         if number < len(turns) and turns[number] != 0.0 and line.radius > 0.0:
             turn = float(turns[number])
             rate = math.copysign(min(line.feeds[number : number + 2]) / line.radius, turn)
             # from the centre of the arc to where it starts
-            arm = -1j * math.copysign(line.radius, turn) * travel
-            pieces.append(_Piece(turn / rate, here + way * travel - arm, 0.0, arm, rate))
+            arm = complex(-1j * math.copysign(line.radius, turn) * travel)
+            pieces.append(_Piece(turn / rate, complex(here + way * travel) - arm, 0.0, arm, rate))
     times = np.array([0.0, *itertools.accumulate(piece.duration for piece in pieces)])
     delay, end = 0.5 * AVERAGES * line.window, float(times[-1])
     return ContourPlan(

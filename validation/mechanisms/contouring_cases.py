@@ -13,8 +13,8 @@ import scipy.special
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.contours.contour_run import ContourRun, face_instants
-from headstock.pipeline.contours.contouring import cut_multiplier, face_stability, high_share
+from headstock.pipeline.contours.contour_run import ContourRun, face_instants, high_share
+from headstock.pipeline.contours.contouring import cut_multiplier, face_stability
 from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
 from headstock.pipeline.contours.milled_faces import mill_faces
 from headstock.scene.building.loader import load_scene

@@ -37,7 +37,9 @@ def test_feed_is_kept_on_faces_and_the_block_stays_on_the_right() -> None:
     path, markers = plan.path, [cut.begins for cut in plan.cuts]
     center = np.array([*CONTOUR.center, CONTOUR.height])
     for face in range(4):
-        points = path.at(np.linspace(markers[face] + 0.1, plan.cuts[face].ends - 0.3, 50))
+        points = path.at(
+            np.linspace(markers[face] + 0.1, plan.cuts[face].ends - 0.3, 50, dtype=np.float64)
+        )
         assert np.allclose(
             np.linalg.norm(points.velocity, axis=1), CONTOUR.feed, rtol=1e-11, atol=0.0
         )
