@@ -123,6 +123,7 @@ class Sections(TypedDict, total=False):
     materials: Entries
     components: Entries
     joints: Entries
+    chains: Entries
     points: Entries
     axes: Entries
     supports: Entries

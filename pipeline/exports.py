@@ -14,7 +14,7 @@ import scipy.io
 from mpi4py import MPI
 
 from headstock.geometry.parts.components import Component
-from headstock.geometry.parts.solids import SuperelementFile
+from headstock.geometry.parts.solids import PointMass, SuperelementFile
 from headstock.meshing.formats import find_format
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.components import load_or_make_mesh
@@ -215,7 +215,7 @@ def export_mesh(
     shaped = [
         name
         for name, part in plan.components.items()
-        if not isinstance(part.solid, SuperelementFile)
+        if not isinstance(part.solid, SuperelementFile | PointMass)
     ]
     if component is None and len(shaped) == 1:
         (component,) = shaped

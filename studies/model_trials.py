@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from headstock.geometry.parts.components import Component, Fidelity
-from headstock.geometry.parts.solids import MeshFile, SuperelementFile
+from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
 from headstock.meshing.components.meshing import automatic_size
 from headstock.pipeline.planning.plan import Plan
 from headstock.scene.scene import Scene
@@ -97,7 +97,7 @@ def list_model_trials(
 def _group_equals(scene: Scene) -> list[tuple[str, ...]]:
     groups: list[tuple[str, ...]] = []
     for name, part in scene.machine.components.items():
-        if isinstance(part.solid, SuperelementFile):
+        if isinstance(part.solid, SuperelementFile | PointMass):
             continue
         for place, group in enumerate(groups):
             if are_alike(scene.machine.components[group[0]], part):

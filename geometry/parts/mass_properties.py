@@ -20,7 +20,7 @@ from headstock.geometry.parts.patches import (
     planar_boxes,
     rect_union,
 )
-from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Tube
+from headstock.geometry.parts.solids import Box, HollowColumn, Plate, PointMass, Tube
 
 AreaMoment = tuple[float, FloatArray]
 
@@ -59,6 +59,10 @@ def closed_form_properties(component: Component) -> SolidProperties | None:
     kernel is needed.
     """
     solid = component.solid
+    if isinstance(solid, PointMass):
+        centers: dict[str, FloatArray] = {name: np.zeros(3) for name in component.interfaces}
+        inertia = np.diag(solid.inertia) / solid.mass
+        return SolidProperties(1.0, np.zeros(3), inertia, dict.fromkeys(centers, 1.0), centers)
     if isinstance(solid, Tube):
         whole = tube_properties(solid)
     elif isinstance(solid, Box | Plate) or (

@@ -8,21 +8,27 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.patches import planar_boxes
 from headstock.geometry.parts.skins import IntArray, Skin, join_skins, sharp_edges
-from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
+from headstock.geometry.parts.solids import Box, HollowColumn, Plate, PointMass, Solid, Tube
 
 SIDES = 48
+DRAWN_DENSITY = 7850.0  # of the cube that stands for a point mass [kg/m^3]: steel
 # corners of a box in binary order of x y z; outward
 BOX_QUADS = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
 Source = Literal["solid", "inertia"]
 
 
 def solid_skin(solid: Solid) -> Skin | None:
-    """What is seen of a parametric solid from outside; None for solids that are read from files."""
+    """What is seen of a parametric solid from outside, of a point mass a steel cube of its mass; None
+    for solids that are read from files.
+    """
     if isinstance(solid, Tube):
         return _tube_skin(solid)
     if isinstance(solid, Box | HollowColumn):
         x, y, z = solid.size
         return box_skin(np.array([-x / 2, -y / 2, 0.0]), np.array([x / 2, y / 2, z]))
+    if isinstance(solid, PointMass):
+        half = 0.5 * (solid.mass / DRAWN_DENSITY) ** (1.0 / 3.0)
+        return box_skin(np.full(3, -half), np.full(3, half))
     if isinstance(solid, Plate):
         return join_skins(
             [box_skin(low, high) for sign, low, high in planar_boxes(solid) if sign > 0.0]

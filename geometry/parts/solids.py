@@ -103,4 +103,21 @@ class SuperelementFile:
     path: Path
 
 
-Solid = Box | Tube | Plate | HollowColumn | StepFile | MeshFile | SuperelementFile
+@dataclass(frozen=True)
+class PointMass:
+    """A rigid body without a shape, its centre of mass at the origin; its one face is ``center``.
+
+    Attributes:
+        mass: [kg].
+        inertia: About the component's x, y and z axes, which are principal ones [kg m^2]; a body
+            without any does not feel rotations.
+    """
+
+    mass: float
+    inertia: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+CENTER_FACE = "center"
+Solid = Box | Tube | Plate | HollowColumn | StepFile | MeshFile | SuperelementFile | PointMass
+# solids that are not made of their dimensions
+Imported = StepFile | MeshFile | SuperelementFile | PointMass

@@ -18,7 +18,9 @@ from headstock.geometry.parts.solid_checks import find_solid_faults
 from headstock.geometry.parts.solids import (
     Box,
     HollowColumn,
+    Imported,
     MeshFile,
+    PointMass,
     StepFile,
     SuperelementFile,
     Tube,
@@ -217,7 +219,7 @@ def estimate_mesh(
         MeshError: A STEP file cannot be read, or a patch does not exist.
     """
     solid = component.solid
-    if isinstance(solid, MeshFile | SuperelementFile) or component.mesh.cells == "hex":
+    if isinstance(solid, MeshFile | SuperelementFile | PointMass) or component.mesh.cells == "hex":
         return MeshEstimate(
             _count_hex_cells(component, supports, loads)
             if component.mesh.cells == "hex"
@@ -300,7 +302,7 @@ def estimate_cells(component: Component) -> int:
 def element_size(component: Component) -> float:
     """Element size of a parametric solid [m]: as requested, or by the sizing rule, to 12 digits."""
     solid = component.solid
-    if isinstance(solid, MeshFile | StepFile | SuperelementFile):
+    if isinstance(solid, Imported):
         raise ValueError("only parametric solids have a size rule of their own")
     if component.mesh.size is not None:
         return round_length(component.mesh.size)
@@ -411,7 +413,7 @@ def _shape_job(
     settings.
     """
     solid = component.solid
-    if isinstance(solid, MeshFile | SuperelementFile):
+    if isinstance(solid, MeshFile | SuperelementFile | PointMass):
         raise MeshError(f"component {component.name!r}: a {type(solid).__name__} has no CAD shape")
     scale = (
         STEP_UNIT
@@ -492,7 +494,7 @@ def _has_plane_faces_only(component: Component) -> bool:
 
 def _planned_cells(component: Component) -> int:
     solid = component.solid
-    if isinstance(solid, MeshFile | StepFile | SuperelementFile):
+    if isinstance(solid, Imported):
         raise ValueError("only parametric solids can be estimated without reading a file")
     size = element_size(component)
     if component.mesh.cells == "hex" and isinstance(solid, Box):
@@ -570,7 +572,7 @@ def _check_imprint(component: Component, name: str, patch: Patch) -> None:
     if not patch.size or not min(patch.size) > 0.0:
         raise MeshError(f"{what}: a {patch.shape} needs a size above zero, not {patch.size}")
     solid = component.solid
-    if isinstance(solid, MeshFile | StepFile | SuperelementFile):
+    if isinstance(solid, Imported):
         return
     if min(patch.size) < LINE_LIKE * largest_extent(solid):
         raise MeshError(

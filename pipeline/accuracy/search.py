@@ -14,7 +14,7 @@ from typing import Protocol
 from mpi4py import MPI
 
 from headstock.geometry.parts.components import Component
-from headstock.geometry.parts.solids import SuperelementFile
+from headstock.geometry.parts.solids import PointMass, SuperelementFile
 from headstock.pipeline.accuracy.interface_choice import ShapeChoice, choose_shapes, give_chosen
 from headstock.pipeline.accuracy.model_errors import BetterBodies
 from headstock.pipeline.accuracy.models import ModelChoice, choose_models
@@ -156,7 +156,7 @@ def _is_ours(scene: Scene, name: str) -> bool:
     seen = {one.component for one in machine.supports.values()} | {
         one.component for one in machine.probes.values()
     }
-    if scene.is_lumped or isinstance(part.solid, SuperelementFile) or name in seen:
+    if scene.is_lumped or isinstance(part.solid, SuperelementFile | PointMass) or name in seen:
         return False
     if any(item.flexible for item in part.interfaces.values()):
         return False

@@ -14,7 +14,14 @@ from headstock.geometry.parts.components import (
     MeshSettings,
 )
 from headstock.geometry.parts.mass_properties import solid_volume
-from headstock.geometry.parts.solids import Box, MeshFile, StepFile, SuperelementFile, Tube
+from headstock.geometry.parts.solids import (
+    Box,
+    MeshFile,
+    PointMass,
+    StepFile,
+    SuperelementFile,
+    Tube,
+)
 from headstock.meshing.components.meshing import automatic_size, count_hexes
 from headstock.meshing.sizing import (
     DEFAULT_CELLS,
@@ -272,7 +279,7 @@ def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
             grade_mesh(component, _round(COARSER_THAN_RULE * automatic_size(component)), accuracy),
             step,
         )
-    if isinstance(solid, MeshFile | SuperelementFile):
+    if isinstance(solid, MeshFile | SuperelementFile | PointMass):
         raise ValueError("the mesh of a file is not ours to choose")
     thinnest = thinnest_feature(solid)
     size = _round(min(START_SHARE * thinnest, largest_extent(solid) / FEWEST_ALONG))

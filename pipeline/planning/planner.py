@@ -16,7 +16,7 @@ import numpy as np
 
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Component, Fidelity, ReductionSettings
-from headstock.geometry.parts.solids import MeshFile, SuperelementFile
+from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
 from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
 from headstock.pipeline.planning.budgets import (
     COUPLINGS_PER_SECOND,
@@ -187,7 +187,7 @@ def _spread_stages(components: Mapping[str, Component], modal: ModalRequest | No
 def is_simple(component: Component) -> bool:
     """Whether a body is rigid or segmented, so that finite elements would show more of it."""
     return component.fidelity in ("rigid", "segmented") and not isinstance(
-        component.solid, SuperelementFile
+        component.solid, SuperelementFile | PointMass
     )
 
 
@@ -368,6 +368,8 @@ def _component_stages(
     name, solid = component.name, component.solid
     if isinstance(solid, SuperelementFile):
         return (Stage("load", name, f"its matrices are imported from {solid.path.name}"),)
+    if isinstance(solid, PointMass):
+        return (Stage("rigid", name, "a point mass", estimated_dofs=6),)
     if component.fidelity == "rigid":
         return (Stage("rigid", name, "rigid: mass properties, no mesh", estimated_dofs=6),)
     if component.fidelity == "elastic":

@@ -8,6 +8,7 @@ import numpy as np
 from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, rigid_transfer
 from headstock.geometry.parts.components import Component, Load
 from headstock.geometry.parts.mass_properties import SolidProperties
+from headstock.geometry.parts.solids import PointMass
 from headstock.reduction.rails import (
     Rail,
     control_point_motion,
@@ -53,7 +54,7 @@ def reduce_rigid(
         },
         stiffness=np.zeros((6, 6)),
         mass=mass,
-        constraints=np.zeros((0, 6)),
+        constraints=_unfelt_rotations(component, inertia),
         modal_frequencies_hz=np.zeros(0),
         cutoff_hz=np.inf,
         full_dofs=6,
@@ -70,6 +71,15 @@ def reduce_rigid(
     )
     check_superelement(superelement)
     return superelement
+
+
+def _unfelt_rotations(component: Component, inertia: FloatArray) -> FloatArray:
+    """Rows ``(m, 6)`` of the rotations that a point mass without inertia does not feel: fixed unless
+    a joint acts on them.
+    """
+    if not isinstance(component.solid, PointMass):
+        return np.zeros((0, 6))
+    return np.asarray(np.eye(6)[3:][inertia.diagonal() == 0.0])
 
 
 def _rigid_rails(

@@ -50,6 +50,7 @@ from headstock.solvers.second_order import SecondOrderSystem
 
 LOCAL_SHARE = 0.99
 FREE_ROTATION_TOLERANCE = 1e-12
+UNSEEN_LEVEL = 1e-9  # of the largest singular value of what joints see of free rotations
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,8 +227,9 @@ def _constraint_rows(
     """Rows ``(m, n_all)`` that must vanish, and where each comes from. Shared interfaces first:
     joints count as redundant.
 
-    A dof of an interface that its component does not feel (the rotation of a line about itself) is
-    fixed only if no joint touches it: otherwise it follows what it is joined to.
+    A dof of an interface that its component does not feel (the rotation of a line about itself, of a
+    point mass about any axis) is fixed only if no joint acts on it: otherwise it follows what it is
+    joined to.
     """
     rows: list[FloatArray] = [np.zeros((0, layout.size))]
     sources: list[str] = []
@@ -240,12 +242,8 @@ def _constraint_rows(
     for name, superelement in layout.superelements.items():
         effective, free_rotations = split_constraints(superelement)
         turn = turn_dofs(superelement, layout.placements[name])
-        touched = np.any(
-            np.abs(joined[:, layout.offsets[name]] @ (free_rotations @ turn).T)
-            > FREE_ROTATION_TOLERANCE,
-            axis=0,
-        )
-        own = np.vstack([effective, free_rotations[~touched]]) @ turn
+        seen = joined[:, layout.offsets[name]] @ (free_rotations @ turn).T
+        own = np.vstack([effective, _find_unseen(seen) @ free_rotations]) @ turn
         block = np.zeros((len(own), layout.size))
         block[:, layout.offsets[name]] = own
         rows.append(block)
@@ -255,6 +253,27 @@ def _constraint_rows(
         sources += [f"joint {spring.name}"] * len(spring.fixed)
     sources += [f"joint {name}" for name in shapes.joints]
     return np.vstack([*rows, shapes.rows]), tuple(sources)
+
+
+def _find_unseen(seen: FloatArray) -> FloatArray:
+    """Orthonormal combinations ``(m, k)`` of free rotations that no joint acts on.
+
+    Args:
+        seen: ``(joint rows, k)`` what each row that acts sees of each free rotation.
+    """
+    count = seen.shape[1]
+    sizes = np.abs(seen).max(axis=1, initial=0.0)
+    acting = seen[sizes > FREE_ROTATION_TOLERANCE] / sizes[sizes > FREE_ROTATION_TOLERANCE, None]
+    # those that nothing touches stay as they are
+    touched = np.flatnonzero(np.any(acting != 0.0, axis=0))
+    unseen = np.delete(np.eye(count), touched, axis=0)
+    if not len(touched):
+        return unseen
+    _, levels, combinations = np.linalg.svd(acting[:, touched])
+    rank = int((levels > UNSEEN_LEVEL * levels[0]).sum())
+    between = np.zeros((len(touched) - rank, count))
+    between[:, touched] = combinations[rank:]
+    return np.vstack([unseen, between])
 
 
 def _label_coordinates(layout: DofLayout, basis: FloatArray) -> tuple[str, ...]:

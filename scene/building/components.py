@@ -26,10 +26,13 @@ from headstock.geometry.parts.mass_properties import solid_volume
 from headstock.geometry.parts.patches import OVERHANG_TOLERANCE
 from headstock.geometry.parts.prismatic_bars import patch_span, prismatic_bar
 from headstock.geometry.parts.solids import (
+    CENTER_FACE,
     Box,
     HollowColumn,
+    Imported,
     MeshFile,
     Plate,
+    PointMass,
     Solid,
     StepFile,
     SuperelementFile,
@@ -114,6 +117,8 @@ def build_solid(table: SolidTable, folder: Path) -> Solid:
         return SuperelementFile(
             resolve_file(folder, table.superelement, FILE_SUFFIXES["superelement"])
         )
+    if table.point_mass is not None:
+        return PointMass(table.point_mass, _three(table.inertia or [0.0, 0.0, 0.0]))
     return Box(_three(table.box or []))
 
 
@@ -268,7 +273,7 @@ def build_component(
             table.reduction.solver,
         ),
         segments=SegmentSettings(table.segments.count, table.segments.along),
-        mass=table.mass,
+        mass=table.mass if table.solid.point_mass is None else table.solid.point_mass,
         free=free or table.free,
         rayleigh=RayleighDamping()
         if table.rayleigh is None
@@ -298,6 +303,8 @@ def _three(values: list[float]) -> tuple[float, float, float]:
 
 def face_names(solid: Solid) -> tuple[str, ...]:
     """Face names a solid answers to, besides ``face:N`` and ``set:NAME``."""
+    if isinstance(solid, PointMass):
+        return (CENTER_FACE,)
     if isinstance(solid, Tube):
         return (
             ("z-", "z+", "outer", "inner") if solid.inner_diameter > 0.0 else ("z-", "z+", "outer")
@@ -310,6 +317,8 @@ def find_face_fault(face: str, solid: Solid) -> str:
     known = list(face_names(solid))
     if face in known:
         return ""
+    if isinstance(solid, PointMass):
+        return f"{face[:80]!r} is not a face of a point mass, which has one: {CENTER_FACE}"
     prefix, colon, rest = face.partition(":")
     if colon and prefix == "face":
         return (
@@ -359,6 +368,7 @@ def kind_of(solid: Solid) -> str:
         "HollowColumn": "column",
         "StepFile": "STEP solid",
         "MeshFile": "mesh",
+        "PointMass": "point mass",
     }
     return words.get(type(solid).__name__, "superelement")
 
@@ -441,7 +451,7 @@ def check_components(draft: Draft, findings: Findings) -> None:
         key: KeyPath = ("components", name)
         if table.material is not None:
             check_name((*key, "material"), table.material, "materials", draft, findings)
-        elif table.solid.superelement is None:
+        elif table.solid.superelement is None and table.solid.point_mass is None:
             known = suggest_names("", draft.sections.get("materials", ()), what="materials")
             findings.add((*key, "material"), f"'material' is missing; {known}")
         if name == GROUND:
@@ -466,6 +476,13 @@ def _check_solid(key: KeyPath, table: ComponentTable, solid: Solid, findings: Fi
         if table.mass is not None:
             findings.add((*key, "mass"), "a superelement file brings its own mass; remove mass")
         return
+    if isinstance(solid, PointMass):
+        for name in ("mass", "material"):
+            if getattr(table, name) is not None:
+                findings.add((*key, name), f"a point mass has its mass in solid; remove {name}")
+        if table.fidelity != "rigid":
+            findings.add((*key, "fidelity"), "a point mass is always rigid; remove fidelity")
+            return
     for interface, entry in table.interfaces.items():
         if entry.flexible and (len(entry.patch_tables()) > 1 or entry.face in ("outer", "inner")):
             findings.add(
@@ -485,7 +502,7 @@ def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyP
     """What is wrong with how an elastic component is to be meshed: the key below it and what to
     write.
     """
-    if table.fidelity != "elastic" or table.solid.superelement is not None:
+    if table.fidelity != "elastic" or not _has_shape(table):
         return
     mesh = table.mesh
     if isinstance(solid, MeshFile):
@@ -541,7 +558,7 @@ def find_dense_patch(table: ComponentTable, patch: Patch, solid: Solid) -> str:
     """
     if table.fidelity != "elastic" or table.mesh.cells == "hex" or table.mesh.growth is not None:
         return ""
-    if isinstance(solid, MeshFile | StepFile | SuperelementFile):
+    if isinstance(solid, Imported):
         return ""
     across = table.mesh.across_patches
     size = table.mesh.size or default_size(
@@ -573,9 +590,13 @@ def _find_rimless(table: ComponentTable) -> Iterator[tuple[KeyPath, str]]:
         yield ("mesh", "growth"), f"there is no patch from whose rim elements could grow; {remedy}"
 
 
+def _has_shape(table: ComponentTable) -> bool:
+    return table.solid.superelement is None and table.solid.point_mass is None
+
+
 def find_segment_faults(table: ComponentTable, solid: Solid) -> list[tuple[KeyPath, str]]:
     """Why a segmented component cannot be one: the key below it and what to write."""
-    if table.fidelity != "segmented" or table.solid.superelement is not None:
+    if table.fidelity != "segmented" or not _has_shape(table):
         return []
     try:
         bar = prismatic_bar(solid, table.segments.along)
@@ -595,7 +616,7 @@ def find_polynomial_faults(table: ComponentTable, solid: Solid) -> list[tuple[Ke
     """Why the displacements of a component cannot be polynomials: the key below it and what to
     write.
     """
-    if table.fidelity != "polynomial" or table.solid.superelement is not None:
+    if table.fidelity != "polynomial" or not _has_shape(table):
         return []
     try:
         prismatic_bar(solid)

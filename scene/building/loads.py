@@ -102,6 +102,9 @@ def check_probes(draft: Draft, findings: Findings) -> None:
 
 def find_load_fault(load: LoadTable, component: ComponentTable | None) -> str:
     """Why a load cannot act on its component; empty when it can."""
+    if component is not None and component.solid.point_mass is not None:
+        surface = load.kind in ("pressure", "traction")
+        return "a point mass has no surface; write a force at its center" if surface else ""
     if (
         component is None
         or component.solid.superelement is not None

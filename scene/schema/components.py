@@ -15,6 +15,7 @@ from headstock.scene.schema.types import (
     Length,
     LossFactor,
     Name,
+    NotNegativeInertia,
     NotNegativeLength,
     NotNegativeRate,
     NotNegativeTime,
@@ -142,12 +143,13 @@ class ColumnTable(StrictTable):
         return self
 
 
-SOLID_KINDS = ("box", "tube", "plate", "column", "step", "mesh", "superelement")
+ROUNDING = 1e-9
+SOLID_KINDS = ("box", "tube", "plate", "column", "step", "mesh", "superelement", "point_mass")
 
 
 class SolidTable(StrictTable):
-    """Exactly one of box, tube, plate, column, step, mesh, superelement; `solid` goes with step,
-    `unit` with mesh.
+    """Exactly one of box, tube, plate, column, step, mesh, superelement, point_mass; `solid` goes
+    with step, `unit` with mesh, `inertia` with point_mass.
     """
 
     model_config = one_of(*SOLID_KINDS)
@@ -159,6 +161,8 @@ class SolidTable(StrictTable):
     step: Text | None = None
     mesh: Text | None = None
     superelement: Text | None = None
+    point_mass: PositiveMass | None = None
+    inertia: Annotated[list[NotNegativeInertia], Field(min_length=3, max_length=3)] | None = None
     solid: Count | Text | None = None
     unit: PositiveLength | None = None
 
@@ -181,6 +185,14 @@ class SolidTable(StrictTable):
             raise problem(
                 '`unit` is the length unit of a mesh file; write solid = { mesh = "part.inp", unit = "1 mm" }'
             )
+        if self.inertia is not None:
+            if self.point_mass is None:
+                raise problem("`inertia` goes with point_mass; other solids bring their own")
+            low, middle, high = sorted(self.inertia)
+            if high > (low + middle) * (1.0 + ROUNDING):
+                raise problem(
+                    f"its largest moment of inertia, {high:g} kg m^2, is more than the sum of the others; no body has such"
+                )
         return self
 
 

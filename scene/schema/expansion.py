@@ -11,11 +11,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
+from headstock.geometry.parts.solids import CENTER_FACE
 from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, show_key, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import LENGTH, UnitError, parse_quantity
 from headstock.scene.schema.catalogue import fill_joints
+from headstock.scene.schema.chains import expand_chains
 from headstock.scene.schema.parameters import calculate_tables
 
 PLACES, CARRIAGES, EACH = "places", "carriages", "each"
@@ -39,6 +41,7 @@ def expand_scene(raw: TomlTable, findings: Findings) -> TomlTable:
             full[section] = _expand_entries(entries, (section,), findings)
     if isinstance(each_joint := full.get("joints"), dict):
         full["joints"] = fill_joints(each_joint, findings)
+    expand_chains(full, findings)
     components, axes = full.get("components"), full.get("axes")
     if isinstance(components, dict):
         full["components"] = {
@@ -104,7 +107,16 @@ def _expand_axis(axis: TomlValue, joints: TomlTable) -> TomlValue:
 
 
 def _expand_component(entry: TomlValue, key: KeyPath, findings: Findings) -> TomlValue:
-    if not isinstance(entry, dict) or not isinstance(interfaces := entry.get("interfaces"), dict):
+    if not isinstance(entry, dict):
+        return entry
+    if isinstance(solid := entry.get("solid"), dict) and "point_mass" in solid:
+        # what every point mass has, so that nothing else need know of it
+        own: TomlTable = {"fidelity": "rigid", "interfaces": {}}
+        entry = own | entry
+        if isinstance(given := entry["interfaces"], dict):
+            center: TomlTable = {CENTER_FACE: {"face": CENTER_FACE}}
+            entry = entry | {"interfaces": center | given}
+    if not isinstance(interfaces := entry.get("interfaces"), dict):
         return entry
     return entry | {"interfaces": _expand_entries(interfaces, (*key, "interfaces"), findings)}
 

@@ -13,6 +13,7 @@ from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.toml_text import write_toml
 from headstock.scene.reading.units import show_value
 from headstock.scene.schema.expansion import EACH, place_names, split_dotted
+from headstock.scene.schema.chains import list_members
 from headstock.scene.schema.parameters import MACHINE_SECTIONS, PARAMETERS
 from headstock.scene.schema.scene import MAX_INCLUDED, IncludeTable
 from headstock.scene.schema.validation import validate_tables
@@ -28,6 +29,8 @@ _REFERENCES = {
     ("joints", "between"): "components",
     ("joints", "screw", "floating_end"): "components",
     ("joints", "screw", "second_end"): "components",
+    ("chains", "from"): "components",
+    ("chains", "to"): "components",
     ("points", "tool"): "components",
     ("points", "work"): "components",
     ("axes", "joints"): "joints",
@@ -213,6 +216,8 @@ class _Names:
                 *table,
                 *(f"{name}_{place}" for name in table for place in place_names(table[name])),
             }
+        for section, names in list_members(tables).items():
+            self._own.setdefault(section, set()).update(names)
 
     def renamed_entry(self, section: str, name: str, value: TomlValue) -> TomlValue:
         """An entry with the prefix before every name in it that is the file's own."""

@@ -27,6 +27,7 @@ MACHINE_SECTIONS = (
     "materials",
     "components",
     "joints",
+    "chains",
     "points",
     "axes",
     "supports",

@@ -7,6 +7,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from headstock.scene.reading.units import ACCELERATION, RATE, TIME, show_value
 from headstock.scene.schema.axes import AxisTable, PointTable, PoseTable
+from headstock.scene.schema.chains import ChainTable
 from headstock.scene.schema.components import ComponentTable, MaterialTable, OrientationTable
 from headstock.scene.schema.drives import ControlTable, DriveTable
 from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
@@ -312,6 +313,7 @@ class SceneTable(StrictTable):
     materials: dict[Name, MaterialTable] = {}
     components: dict[Name, ComponentTable] = {}
     joints: dict[Name, JointTable] = {}
+    chains: dict[Name, ChainTable] = {}
     points: dict[Name, PointTable] = {}
     axes: dict[Name, AxisTable] = {}
     supports: dict[Name, SupportTable] = {}

@@ -297,6 +297,18 @@ PositiveInertia = Annotated[
     _POSITIVE,
     describe_quantity(units.INERTIA, sign="positive"),
 ]
+NotNegativeInertia = Annotated[
+    float,
+    BeforeValidator(_read_float(units.INERTIA)),
+    _NOT_NEGATIVE,
+    describe_quantity(units.INERTIA, sign="not negative"),
+]
+NotNegativeDamping = Annotated[
+    float,
+    BeforeValidator(_read_float(units.DAMPING)),
+    _NOT_NEGATIVE,
+    describe_quantity(units.DAMPING, sign="not negative"),
+]
 PositiveRate = Annotated[
     float,
     BeforeValidator(_read_float(units.RATE)),
