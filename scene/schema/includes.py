@@ -12,8 +12,8 @@ from headstock.scene.reading.findings import Findings, Origin
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.toml_text import write_toml
 from headstock.scene.reading.units import show_value
-from headstock.scene.schema.expansion import EACH, place_names, split_dotted
 from headstock.scene.schema.chains import list_members
+from headstock.scene.schema.expansion import EACH, place_names, split_dotted
 from headstock.scene.schema.parameters import MACHINE_SECTIONS, PARAMETERS
 from headstock.scene.schema.scene import MAX_INCLUDED, IncludeTable
 from headstock.scene.schema.validation import validate_tables
