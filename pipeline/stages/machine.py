@@ -196,8 +196,13 @@ class CoupledPose:
         machine, coupled = self.parts.scene.machine, self.coupled
         if machine.mechanism is not None:
             machine = free_legs(coupled, machine, drives)
-            gravity = self.parts.plan.gravity
-            coupled = couple(self.parts.superelements, machine, self.pose, gravity=gravity)
+            coupled = couple(
+                self.parts.superelements,
+                machine,
+                self.pose,
+                gravity=self.parts.plan.gravity,
+                geometric=coupled.geometric,
+            )
         trains = place_drives(coupled, machine, drives)
         released = dataclasses.replace(self, coupled=release_motors(coupled, trains))
         return Released(released, trains)

@@ -70,6 +70,8 @@ class CoupledMachine:
         warnings: For the user.
         errors: What the errors of guides and drives do, together the load ``guide_errors``; None
             without any.
+        geometric: ``(n_all, n_all)`` stiffness of the machine's weight in stacked dofs, which the
+            system has; None where it does not count.
     """
 
     system: SecondOrderSystem
@@ -82,6 +84,7 @@ class CoupledMachine:
     redundant_constraints: int
     warnings: tuple[str, ...]
     errors: ErrorLoads | None = None
+    geometric: FloatArray | None = None
 
     @property
     def offsets(self) -> dict[str, slice]:
@@ -101,6 +104,7 @@ def couple(
     *,
     gravity: FloatArray | None = None,
     memo: CouplingMemo | None = None,
+    geometric: FloatArray | None = None,
 ) -> CoupledMachine:
     """Place the superelements in a pose and tie them together at the joints.
 
@@ -116,6 +120,8 @@ def couple(
         gravity: ``(3,)`` acceleration in machine axes [m/s^2] to make a load ``gravity`` of, or
             None.
         memo: What the poses of a sweep share; the result is the same without.
+        geometric: ``(n_all, n_all)`` geometric stiffness of a machine in the same pose that stands
+            by itself, where this one is held by its drives; None to find it here.
 
     Raises:
         ModelError: A joint, point or load names what does not exist, or a joint matrix is not
@@ -176,16 +182,19 @@ def couple(
         ),
     )
     if machine.gravity_stiffening:
-        geometric = find_gravity_stiffness(
-            system,
-            machine,
-            layout,
-            matrices,
-            springs=springs,
-            constraints=constraints,
-            basis=basis,
+        if geometric is None:
+            geometric = find_gravity_stiffness(
+                system,
+                machine,
+                layout,
+                matrices,
+                springs=springs,
+                constraints=constraints,
+                basis=basis,
+            )
+        system = dataclasses.replace(
+            system, stiffness=system.stiffness + basis.T @ geometric @ basis
         )
-        system = dataclasses.replace(system, stiffness=system.stiffness + geometric)
     return CoupledMachine(
         system=system,
         basis=basis,
@@ -201,6 +210,7 @@ def couple(
         + _floating_warnings(floating, machine)
         + (warn_of_stress(machine, layout) if machine.gravity_stiffening else ()),
         errors=errors,
+        geometric=geometric if machine.gravity_stiffening else None,
     )
 
 

@@ -22,12 +22,14 @@ from headstock.geometry.machine.machine import Machine
 from headstock.geometry.mechanisms.kinematics import skew_matrices
 from headstock.reduction.coupling.channels import GRAVITY, machine_loads
 from headstock.reduction.coupling.dof_layout import DofLayout, motion_rows, turn_dofs
-from headstock.reduction.coupling.joint_springs import PlacedJoint
+from headstock.reduction.coupling.joint_springs import PlacedJoint, leading_end
 from headstock.reduction.coupling.matrices import ComponentMatrices
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.static_response import solve_balanced
 from headstock.solvers.second_order import SecondOrderSystem
+
+SLIDING = ("linear_guide", "prismatic")
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +81,7 @@ def find_gravity_stiffness(
     constraints: FloatArray,
     basis: FloatArray,
 ) -> FloatArray:
-    """Geometric stiffness ``(n, n)`` in free coordinates [N/m].
+    """Geometric stiffness ``(n_all, n_all)`` in stacked dofs [N/m].
 
     Args:
         system: The machine without it.
@@ -134,8 +136,7 @@ def find_gravity_stiffness(
         if machine.components[name].fidelity == "segmented":
             contacts += _segment_contacts(name, layout, inner[name])
     whole = extra + sum((_second_order(contact) for contact in contacts), np.zeros_like(extra))
-    reduced = basis.T @ whole @ basis
-    return np.asarray(0.5 * (reduced + reduced.T))
+    return np.asarray(0.5 * (whole + whole.T))
 
 
 def warn_of_stress(machine: Machine, layout: DofLayout) -> tuple[str, ...]:
@@ -191,13 +192,17 @@ def _joint_contact(
 ) -> _Contact:
     joint, axes, point = machine.joints[spring.name], spring.frame.rotation, spring.frame.origin
     first, second = (motion_rows(layout, end, point, joint.length)[3:] for end in joint.ends)
-    leads_first = joint.ends[0].component is not None
+    # the force acts at a point of the leading end; where that slides, the way it goes is a line of
+    # the other, and the force keeps its direction in the axes of that line
+    leads_first = leading_end(joint, layout) is joint.ends[0]
+    slides = joint.kind in SLIDING or joint.length is not None
+    framed_first = leads_first != slides
     return _Contact(
         point=point,
         force=axes @ forces[:3],
         moment=axes @ forces[3:],
         shift=axes @ spring.rows[:3],
-        frame=first if leads_first else second,
+        frame=first if framed_first else second,
         first=first,
         second=second,
         bodies=(_end_body(joint.ends[0], point, bodies), _end_body(joint.ends[1], point, bodies)),

@@ -297,7 +297,7 @@ def _joint_frame(joint: Joint, machine: Machine, layout: DofLayout) -> Frame:
     Of a universal joint the first axis stays with the first end and the second with the second end,
     as those of a cross do.
     """
-    end = _leading_end(joint, layout)
+    end = leading_end(joint, layout)
     point = joint.point
     if end.component is None:
         if point is None:
@@ -339,9 +339,16 @@ def _turn_of(end: JointEnd, machine: Machine, layout: DofLayout) -> FloatArray:
     )
 
 
-def _leading_end(joint: Joint, layout: DofLayout) -> JointEnd:
+def leading_end(joint: Joint, layout: DofLayout) -> JointEnd:
     """The end whose body carries the joint point: on a rail it is the carriage that does, not the
     rail.
+
+    Args:
+        joint: The joint.
+        layout: Of the machine.
+
+    Raises:
+        ModelError: Both ends are ground, or there is not one carriage on one rail.
     """
     ends = [end for end in joint.ends if end.component is not None]
     if not ends:

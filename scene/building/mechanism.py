@@ -216,8 +216,3 @@ def _check_stiffening(scene: SceneTable, findings: Findings) -> None:
     key = ("effects", GRAVITY_STIFFENING)
     if not scene.effects.get("gravity"):
         findings.add(key, "needs gravity; write [effects] gravity = true as well")
-    if scene.effects.get("drive_control") and not scene.is_lumped:
-        findings.add(
-            key,
-            "is about a machine with locked motors: under control an axis travels, and its weight with it; remove this or drive_control",
-        )

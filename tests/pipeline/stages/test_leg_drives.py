@@ -136,3 +136,16 @@ def test_what_is_wrong_with_the_drive_of_a_leg_is_said_at_its_key(
         load(variant, *setting.split("; "))
     (found,) = [problem for problem in caught.value.problems if problem.key == key]
     assert words in found.message
+
+
+def test_the_weight_of_released_legs_stiffens_the_components_as_the_lumped_mechanism(
+    tmp_path: Path,
+) -> None:
+    """There by the complex step with the legs free to grow, here by the forces of locked joints."""
+    stiffened = "effects.gravity_stiffening = true"
+    moved = []
+    for variant in ("lumped", "components"):
+        plain, found = (poles(run(tmp_path, load(variant, *more))) for more in ((), (stiffened,)))
+        moved.append(found - plain)
+    assert np.abs(moved[0]).max() > 1e-3
+    np.testing.assert_allclose(moved[1], moved[0], atol=1e-3 * np.abs(moved[0]).max())

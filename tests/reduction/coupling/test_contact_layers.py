@@ -10,11 +10,13 @@ from scipy.optimize import brentq
 
 from common import make_box, make_component
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
+from headstock.geometry.machine.drives import AxisControl, Drive
 from headstock.geometry.machine.joints import ContactLayer, Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.parts.components import Component, Material
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.drives import make_rigid_train, release_motors
 from headstock.reduction.motions.compliance_budget import strain_energies
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
@@ -174,3 +176,21 @@ def test_energies_of_the_layer_are_those_of_the_joint() -> None:
 def test_without_shapes_nothing_says_how_large_the_layer_is() -> None:
     with pytest.raises(ModelError, match="deformation shapes"):
         join(half("lower", "rigid", 0), half("upper", "rigid", 0), ContactLayer(1e12, 1e12))
+
+
+def test_motors_are_let_go_beside_a_layer() -> None:
+    lower, upper = half("lower", "rigid", 12), half("upper", "rigid", 12)
+    coupled = join(lower, upper, ContactLayer(1e14, 1e11))
+    row: FloatArray = coupled.system.outputs["upper.cut", "z"]
+    train = make_rigid_train(
+        Drive("Z", "Z", "glue", 1e-3, 0.01, AxisControl(50.0, 1e4)),
+        slide=row,
+        scale=row,
+        stator=np.zeros(len(row)),
+        moved_mass=1.0,
+    )
+    stiff = dataclasses.replace(train, coupling=1e7)
+    released = release_motors(coupled, (stiff,))
+    rows = released.joint_springs[0].rows
+    assert rows.shape == (len(coupled.joint_springs[0].rows), len(released.system.mass))
+    assert not rows[:, -1].any()

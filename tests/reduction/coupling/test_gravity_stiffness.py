@@ -15,8 +15,12 @@ from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.drives import place_drives, release_motors
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import keep_analyses
+from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.drive_trains import DriveTrain
+from headstock.solvers.control.stability import find_loop_poles
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
 
@@ -172,3 +176,96 @@ def test_a_machine_that_falls_has_no_balance(tmp_path: Path) -> None:
     text = HEAD + PIN.replace('"revolute"', '"prismatic"').replace('"y"', '"z"')
     with pytest.raises(ModelError, match="gravity moves what no joint holds"):
         couple_text(tmp_path, text)
+
+
+DRIVEN = """
+[joints.way]
+between = CARRIED
+kind = WAY
+axis = "x"
+[joints.screw]
+between = CARRIED
+kind = "ball_screw"
+axis = "x"
+stiffness = { axial = "2 N/um" }
+[axes.X]
+joints = ["way", "screw"]
+direction = "x"
+[drives.X]
+inertia = "2e-4 kg m^2"
+lead = "10 mm"
+kv = "20 1/s"
+velocity_gain = "500 N s/m"
+"""
+CART = """
+[components.cart]
+solid = { box = ["200 mm", "200 mm", "100 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "500 mm"]
+fidelity = "rigid"
+interfaces = { top = { face = "z+" }, low = { face = "z-" } }
+"""
+CONTROLLED = HEAD.replace("gravity = true\n", "gravity = true\ndrive_control = true\n")
+
+
+def release_text(folder: Path, text: str) -> tuple[CoupledMachine, tuple[DriveTrain, ...]]:
+    coupled = couple_text(folder, text)
+    scene = load_scene(folder / "scene.toml")
+    trains = place_drives(coupled, scene.machine, scene.drives.values())
+    return release_motors(coupled, trains), trains
+
+
+def test_a_pendulum_on_a_controlled_axis_has_the_poles_of_its_equations_of_motion(
+    tmp_path: Path,
+) -> None:
+    way = DRIVEN.replace("CARRIED", '["cart.top", "ground"]').replace("WAY", '"prismatic"')
+    pin = PIN.replace('"ground"', '"cart.low"')
+    released, trains = release_text(tmp_path, CONTROLLED + CART + pin + way)
+    found = find_loop_poles(close_loops(released.system, trains)).poles
+    (mass, inertia), cart = bar(0.5), 7850.0 * 0.2 * 0.2 * 0.1
+    motor, k, kp, kv = 2e-4 / (0.01 / (2.0 * math.pi)) ** 2, 2e6, 500.0, 20.0
+    # motor, cart, angle; a P-P cascade is a damper and a spring at the motor
+    lever = mass * 0.25
+    m = np.array([[motor, 0, 0], [0, cart + mass, lever], [0, lever, inertia + lever * 0.25]])
+    c = np.diag([kp, 0.0, 0.0])
+    stiffness = np.array([[k + kp * kv, -k, 0], [-k, k, 0], [0, 0, lever * G]])
+    inverse = np.linalg.inv(m)
+    first_order = np.block([[np.zeros((3, 3)), np.eye(3)], [-inverse @ stiffness, -inverse @ c]])
+    expected = np.linalg.eigvals(first_order)
+    assert len(found) >= 3
+    for pole in found:
+        assert np.abs(expected - pole).min() < 1e-8 * abs(pole)
+
+
+@pytest.mark.parametrize("first", ["cart", "bar"])
+def test_the_weight_of_a_free_axis_travels_over_a_base_that_tilts(
+    tmp_path: Path, first: str
+) -> None:
+    """Second order of ``V = g (M h cos t + m (H cos t - d sin t + c cos p))``: ``t`` of the base,
+    ``p`` of the cart, ``d`` of the travel along the line that lies in the end named second.
+    """
+    ends = '["cart.low", "bar.top"]' if first == "cart" else '["bar.top", "cart.low"]'
+    springs = (
+        'stiffness = { lateral = "200 N/um", normal = "300 N/um", roll = "1e6 N m/rad",'
+        ' pitch = "1e6 N m/rad", yaw = "1e6 N m/rad" }'
+    )
+    way = DRIVEN.replace("CARRIED", ends).replace("WAY", f'"linear_guide"\n{springs}', 1)
+    geometric = []
+    for switch in ("true", "false"):
+        text = CONTROLLED.replace("stiffening = true", f"stiffening = {switch}") + CART + POST + way
+        released, _ = release_text(tmp_path, text)
+        geometric.append(released)
+    plain = geometric[1].system
+    change = geometric[0].system.stiffness - plain.stiffness
+    rows = [("cart.low", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")] + [("bar.top", "ry")]
+    seen = np.array([*(plain.outputs[row] for row in rows), plain.outputs["X", "motor"]])
+    motions = np.linalg.inv(seen)
+    # travel, tilt of the base, tilt of the cart: the joint's point goes along H t + d
+    picked = motions[:, [0, 6, 4]] @ np.array([[1.0, 0.5, 0.0], [0, 1, 0], [0, 0, 1]])
+    (mass, _), cart = bar(0.5), 7850.0 * 0.2 * 0.2 * 0.1
+    line = 1 if first == "cart" else 2
+    expected = np.diag([0.0, -mass * G * 0.25 - cart * G * 0.5, -cart * G * 0.05])
+    expected[0, line] = expected[line, 0] = -cart * G
+    found = picked.T @ change @ picked
+    # the guide sags by 1 um under the weight, which the sketch leaves out
+    np.testing.assert_allclose(found, expected, atol=1e-5 * cart * G)
