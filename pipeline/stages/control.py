@@ -28,6 +28,7 @@ from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.second_order import SecondOrderSystem
 
+ROUNDOFF = 1e-12  # of a stiffness that weight and anchors are taken off
 MARGIN_REACH = 4.0  # margins are looked for up to so many times the highest requested pole
 
 
@@ -71,7 +72,17 @@ def drive_machine(model: PoseModel, warn: Callable[[str], None]) -> DrivenMachin
     bare, modes = released.model.system, released.model.all_modes
     for message in warn_of_no_damping(scene, bare):
         warn(message)
-    return DrivenMachine(released.model, modes, damp_system(scene, bare, modes), released.trains)
+    if released.weight is None:
+        damped = damp_system(scene, bare, modes)
+        return DrivenMachine(released.model, modes, damped, released.trains)
+    # modal damping is that of the modes without weight, and none of the motors' travels, which are
+    # the lowest modes
+    left = bare.stiffness - released.weight
+    left[np.abs(left) <= ROUNDOFF * np.abs(bare.stiffness)] = 0.0
+    plain = dataclasses.replace(bare, stiffness=left)
+    damped = dataclasses.replace(damp_system(scene, plain), stiffness=bare.stiffness)
+    modes = dataclasses.replace(modes, rigid_count=len(released.trains))
+    return DrivenMachine(released.model, modes, damped, released.trains)
 
 
 def run_control_stage(state: RunState, stage: Stage) -> Outcome:

@@ -38,7 +38,13 @@ from headstock.pipeline.stages.run_state import (
 from headstock.pipeline.storage.content_keys import thinned_skin_key
 from headstock.pipeline.storage.store import read_entry, write_entry
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.coupling.drives import free_legs, place_drives, release_motors
+from headstock.reduction.coupling.drives import (
+    anchor_motors,
+    find_weight_stiffness,
+    free_legs,
+    place_drives,
+    release_motors,
+)
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.reduction.motions.body_motions import (
     FreeMotion,
@@ -204,8 +210,15 @@ class CoupledPose:
                 geometric=coupled.geometric,
             )
         trains = place_drives(coupled, machine, drives)
+        if coupled.geometric is not None:
+            masses = [part.mass_kg for part in self.parts.superelements.values()]
+            trains = anchor_motors(trains, masses, machine.gravity)
         released = dataclasses.replace(self, coupled=release_motors(coupled, trains))
-        return Released(released, trains)
+        weight = None
+        if coupled.geometric is not None:
+            geometric = coupled.basis.T @ coupled.geometric @ coupled.basis
+            weight = find_weight_stiffness(released.system, trains, geometric)
+        return Released(released, trains, weight)
 
     def view(self) -> PoseView:
         """What is drawn of the pose without motions."""

@@ -36,6 +36,7 @@ from headstock.pipeline.stages.run_state import (
     pose_name,
 )
 from headstock.reduction.coupling.channels import GRAVITY
+from headstock.reduction.coupling.drives import anchor_motors, find_weight_stiffness
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.reduction.motions.mode_naming import NamedModes
 from headstock.reduction.superelement import Superelement
@@ -102,7 +103,12 @@ class LumpedPose:
         trains = place_leg_drives(
             free.placed, free.system, drives, beta=self.parts.scene.machine.rayleigh.beta
         )
-        return Released(dataclasses.replace(free, motors=trains), trains)
+        model, geometric = self.placed.model, free.placed.motions.geometric
+        if geometric is None:
+            return Released(dataclasses.replace(free, motors=trains), trains)
+        trains = anchor_motors(trains, [body.mass for body in model.bodies], model.gravity)
+        released = dataclasses.replace(free, motors=trains)
+        return Released(released, trains, find_weight_stiffness(released.system, trains, geometric))
 
     @functools.cached_property
     def all_modes(self) -> ModalResult:

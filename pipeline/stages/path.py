@@ -23,7 +23,6 @@ from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import couple
-from headstock.reduction.coupling.drives import place_drives
 from headstock.reduction.coupling.error_travel import offset_loads
 from headstock.reduction.coupling.path_loads import (
     PATH_INPUT,
@@ -474,9 +473,9 @@ def _close_along(
     Raises:
         UnstableControlError: A pole grows in one of them.
     """
-    machine, scene = state.scene.machine, state.scene
+    machine = state.scene.machine
     directions = travel_directions(machine, request.path)
-    trains = place_drives(middle.coupled, machine, scene.drives.values())
+    trains = middle.release(state.scene.drives.values()).trains
     travels = find_rigid_travels(middle.coupled, trains, directions, axis_shares(request))
     channels = loop_channels(
         trains,

@@ -92,10 +92,18 @@ class Solved[T]:
 
 @dataclass(frozen=True, eq=False)
 class Released:
-    """A machine in a pose with its motors let go, and its drives."""
+    """A machine in a pose with its motors let go.
+
+    Attributes:
+        model: The machine.
+        trains: Its drives.
+        weight: ``(n, n)`` what weight and the anchors of motors add to its stiffness [N/m]; None
+            where weight does not count.
+    """
 
     model: "PoseModel"
     trains: tuple[DriveTrain, ...]
+    weight: FloatArray | None = None
 
 
 class PoseModel(Protocol):

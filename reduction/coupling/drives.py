@@ -19,6 +19,7 @@ from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import motion_rows
 from headstock.reduction.coupling.joint_springs import PlacedJoint
 from headstock.solvers.control.drive_trains import (
+    MOTOR,
     DriveTrain,
     count_coordinates,
     free_motors,
@@ -27,6 +28,7 @@ from headstock.solvers.control.drive_trains import (
 from headstock.solvers.errors import ModelError
 from headstock.solvers.second_order import SecondOrderSystem
 
+ANCHOR = 100.0  # stiffness of anchored motors over the weight of the machine [1/m]
 ALONG = 1e-9  # how far an axis of a joint may be off its leg
 
 
@@ -150,6 +152,39 @@ def make_rigid_train(
         cycle=drive.cycle,
         beta=beta,
     )
+
+
+def anchor_motors(
+    trains: Iterable[DriveTrain], masses: Iterable[float], gravity: Iterable[float]
+) -> tuple[DriveTrain, ...]:
+    """Drives whose motors are anchored while their loops are open, so that a machine whose weight
+    counts in its stiffness does not fall.
+
+    Args:
+        trains: The drives.
+        masses: Of all bodies [kg].
+        gravity: ``(3,)`` [m/s^2].
+    """
+    spring = ANCHOR * sum(masses) * math.hypot(*gravity)
+    return tuple(dataclasses.replace(train, anchor=spring) for train in trains)
+
+
+def find_weight_stiffness(
+    system: SecondOrderSystem, trains: Iterable[DriveTrain], geometric: FloatArray
+) -> FloatArray:
+    """What weight and the anchors of motors add to a stiffness ``(n, n)`` [N/m].
+
+    Args:
+        system: From ``free_motors``, with anchors.
+        trains: Its drives.
+        geometric: ``(k, k)`` geometric stiffness in its first coordinates.
+    """
+    found = np.zeros_like(system.stiffness)
+    found[: len(geometric), : len(geometric)] = geometric
+    for train in trains:
+        motor = system.outputs[train.name, MOTOR]
+        found += train.anchor * np.outer(motor, motor)
+    return found
 
 
 def find_moved_mass(system: SecondOrderSystem, slides: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ import scipy.linalg
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.drive_trains import FORCE, MOTOR, DriveTrain, measured_channel
-from headstock.solvers.control.margins import control_paths
+from headstock.solvers.control.margins import control_paths, take_off_anchors
 from headstock.solvers.control.stability import (
     LoopPoles,
     find_loop_poles,
@@ -48,7 +48,7 @@ class ClosedResponse:
     def evaluate(self, omega: FloatArray) -> ComplexArray:
         """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies."""
         count = len(self.trains)
-        open_response = self.free.form.evaluate(omega)
+        open_response = take_off_anchors(self.free.form.evaluate(omega), self.trains)
         seen, motors, moved = np.split(open_response, [count, 2 * count], axis=1)
         paths = [control_paths(train.control, omega) for train in self.trains]
         answers = np.stack(

@@ -10,6 +10,7 @@ one cycle of computing and half a cycle of hold. At constant speed a controlled 
 set point by a constant.
 """
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -107,6 +108,7 @@ def open_plant(
 def close_plant(plant: StateSpace, trains: Sequence[DriveTrain]) -> ClosedLoop:
     """Close the loops of all drives around a plant made for them."""
     trains = tuple(trains)
+    plant = _take_off_anchors(plant, trains)
     inputs, outputs = plant.inputs[len(trains) :], plant.outputs[: -3 * len(trains)]
     control = stack_blocks([make_controller(train.control) for train in trains])
     return ClosedLoop(
@@ -117,6 +119,28 @@ def close_plant(plant: StateSpace, trains: Sequence[DriveTrain]) -> ClosedLoop:
             [_motor_rates(plant, trains, len(outputs)), np.zeros((len(trains), len(control.a)))]
         ),
         plant=plant,
+    )
+
+
+def _take_off_anchors(plant: StateSpace, trains: tuple[DriveTrain, ...]) -> StateSpace:
+    """The plant without the springs that anchor its motors: forces ``k x`` of motors that move by
+    ``x``.
+    """
+    springs = np.diag([train.anchor for train in trains])
+    if not springs.any():
+        return plant
+    count = len(trains)
+    forces, motors = slice(0, count), slice(-2 * count, -count)
+    # x = c q + d (k x + u) of the motors, where modes left out act at once
+    gain = springs @ np.linalg.inv(np.eye(count) - plant.d[motors, forces] @ springs)
+    by_state, by_load = gain @ plant.c[motors], gain @ plant.d[motors]
+    return dataclasses.replace(
+        plant,
+        a=plant.a + plant.b[:, forces] @ by_state,
+        b=plant.b + plant.b[:, forces] @ by_load,
+        c=plant.c + plant.d[:, forces] @ by_state,
+        d=plant.d + plant.d[:, forces] @ by_load,
+        pairs=None,
     )
 
 

@@ -59,6 +59,7 @@ class DriveTrain:
     damping: float = 0.0
     loss: float = 0.0
     beta: float = 0.0
+    anchor: float = 0.0
     screw_mass: float = 0.0
     coupling: float = math.inf
     friction: GuideFriction | None = None
@@ -103,7 +104,7 @@ def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> Seco
                 loss = train.loss * spring / locked
                 hysteretic += _join(stretch, screw, loss)
                 hysteretic += (loss - train.loss) * np.outer(stretch, stretch)
-        stiffness += freed
+        stiffness += freed + train.anchor * np.outer(motor, motor)
         if damping is not None:
             damping += train.beta * freed
         mass += train.motor_mass * np.outer(motor + stator, motor + stator)

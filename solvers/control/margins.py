@@ -70,7 +70,8 @@ def find_margins(
     frequencies = _grid(to_hz, around_hz)
     forces = [(train.name, FORCE) for train in trains]
     seen = [measured_channel(train) for train in trains] + [(train.name, MOTOR) for train in trains]
-    found = evaluate_frf(prepare_frf(system, inputs=forces, outputs=seen), frequencies).receptance
+    anchored = evaluate_frf(prepare_frf(system, inputs=forces, outputs=seen), frequencies)
+    found = take_off_anchors(anchored.receptance, trains)
     omega, count = 2.0 * np.pi * frequencies, len(trains)
     paths = [control_paths(train.control, omega) for train in trains]
     # force each controller answers a unit drive force with, sign turned: L(i, j)
@@ -87,6 +88,23 @@ def find_margins(
         _judge(train.name, frequencies, _open_loop(loops, number), np.abs(follow[:, number]))
         for number, train in enumerate(trains)
     )
+
+
+def take_off_anchors(receptance: ComplexArray, trains: Sequence[DriveTrain]) -> ComplexArray:
+    """Receptances ``(n_freq, n_outputs, n_inputs)`` without the springs that anchor motors.
+
+    Args:
+        receptance: Drive forces first among its inputs; what the controllers see, then the motors,
+            first among its outputs.
+        trains: The drives.
+    """
+    springs = np.diag([train.anchor for train in trains])
+    if not springs.any():
+        return receptance
+    count = len(trains)
+    motors = receptance[:, count : 2 * count]
+    pushed = np.linalg.solve(np.eye(count) - springs @ motors[..., :count], springs @ motors)
+    return np.asarray(receptance + receptance[..., :count] @ pushed)
 
 
 class ControlPaths(NamedTuple):
