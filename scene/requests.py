@@ -10,7 +10,7 @@ from headstock.geometry.machine.machine import MachinePath
 from headstock.solvers.linear.load_history import LoadHistory
 from headstock.solvers.milling.forces import CuttingCoefficients, EndMill, MillingCut
 from headstock.solvers.milling.tool_dynamics import ToolMode
-from headstock.solvers.milling.tool_path import SquareContour
+from headstock.solvers.milling.tool_path import PolylineContour, SquareContour, describe_contour
 from headstock.solvers.paths.response import LowPass
 from headstock.solvers.paths.set_points import SetPoint
 from headstock.solvers.second_order import Channel, Motion
@@ -122,10 +122,12 @@ class ContouringRequest:
         modes_to_hz: Modes kept of a machine of components; what is above follows at once.
         follows_pose: The machine's matrices change along the way; else those of its first straight
             cut hold.
+        traces: File of measured positions of axes or legs; None for the computed path.
+        traces_knots: Distance of the knots of the spline through them [s].
         cut_off: Wavelength between roughness and waviness of milled faces [m].
     """
 
-    contour: SquareContour
+    contour: SquareContour | PolylineContour
     cut: MillingCut
     model: Literal["linear", "nonlinear"]
     steps_per_turn: int
@@ -137,6 +139,8 @@ class ContouringRequest:
     point: str | None = None
     modes_to_hz: float = math.inf
     follows_pose: bool = True
+    traces: Path | None = None
+    traces_knots: float = 0.01
     cut_off: float = 0.8e-3
 
     def describe(self) -> str:
@@ -150,7 +154,9 @@ class ContouringRequest:
             source = "no cutting force: not named in [effects]"
         elif self.regeneration:
             source += ", chips as thick as the last teeth left them"
-        return f"tool gap around a block of {1e3 * self.contour.side:g} mm, {self.model}, {source}"
+        if self.traces is not None:
+            source += f", drives as in {self.traces.name}"
+        return f"tool gap {describe_contour(self.contour)}, {self.model}, {source}"
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.milled_faces import MilledFace, MilledFaceSummary
 from headstock.pipeline.storage.json_texts import check_finite
+from headstock.solvers.milling.tool_path import TraceFit
 
 UM = 1e6
 
@@ -55,6 +56,13 @@ class SeriesSummary(TypedDict):
     motor_torque_nm: NotRequired[list[list[float]]]
 
 
+class TraceSummary(TypedDict):
+    """How measured positions were followed."""
+
+    residual_rms_um: float
+    off_path_um: float
+
+
 class ContourSummary(TypedDict):
     """The entry ``contouring``."""
 
@@ -76,6 +84,7 @@ class ContourSummary(TypedDict):
     stability: NotRequired[list[StabilitySummary]]
     milled_faces: NotRequired[list[MilledFaceSummary]]
     force_share_faster_than_steps: NotRequired[float]
+    traces: NotRequired[TraceSummary]
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +197,8 @@ class ContourAnswer(Answer):
         drive_forces: ``(k, d)`` then [N].
         torques: ``(k, d)`` of the motors then [N m]; None where they are not known.
         stability: Of each face, where it was requested.
+        compares_faces: Faces 1 and 3 are opposite ones of a block.
+        fit: How measured positions were followed; None for the computed path.
         milled: Profiles of the faces that were milled from end to end.
         force_loss: Share of measured forces that is faster than the steps; None without them.
     """
@@ -213,6 +224,8 @@ class ContourAnswer(Answer):
     stability: tuple[FaceStability, ...] = ()
     milled: tuple[MilledFace, ...] = ()
     force_loss: float | None = None
+    compares_faces: bool = True
+    fit: TraceFit | None = None
 
     def summarise(self) -> ContourSummary:
         """As it stands in ``summary.json``.
@@ -252,11 +265,18 @@ class ContourAnswer(Answer):
             summary["stability"] = [face.summarise() for face in self.stability]
         if self.milled:
             summary["milled_faces"] = [face.summarise() for face in self.milled]
+        if self.fit is not None:
+            summary["traces"] = {
+                "residual_rms_um": UM * self.fit.residual,
+                "off_path_um": UM * self.fit.off_path,
+            }
         if self.force_loss is not None:
             summary["force_share_faster_than_steps"] = self.force_loss
         return summary
 
     def _face_ratio(self) -> dict[str, float | None]:
+        if not self.compares_faces:
+            return {}
         means = {face.number: float(face.gap_mean[0]) for face in self.faces}
         near, far = means.get(1), means.get(3)
         ratio = abs(far / near) if near and far else None

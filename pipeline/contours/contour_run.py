@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.milling.tool_path import ContourPlan
+from headstock.solvers.milling.tool_path import ContourPlan, TraceFit
 from headstock.solvers.paths.linear_motion import CompliantHistory, LinearMotion
 
 SETTLING = 0.3  # left out at both ends of each face [s]
@@ -40,6 +40,7 @@ class ContourRun:
         gravity_deflection: ``(n, 3)`` static deflection under gravity [m].
         force: ``(n, 3)`` on the tool, machine frame [N].
         plan: The contour, laid out in time.
+        fit: How a spline went through measured positions; None for the computed path.
         motion: The linear model.
         history: Its coordinates.
         drives: What the drives do.
@@ -53,6 +54,7 @@ class ContourRun:
     gravity_deflection: FloatArray
     force: FloatArray
     plan: ContourPlan
+    fit: TraceFit | None
     motion: LinearMotion
     history: CompliantHistory
     drives: ContourDrives

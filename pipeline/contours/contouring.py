@@ -27,17 +27,19 @@ from headstock.solvers.milling.stability import (
     limit_depth,
     milling_gains,
 )
-from headstock.solvers.milling.tool_path import plan_contour
+from headstock.solvers.milling.tool_path import SquareContour, TraceFit, plan_contour
 
 DEEPEST = 0.2  # depth of cut up to which a limit is looked for [m]
 SERIES_POINTS = 2000
 FACE_POINTS = 8192  # of each face, in a row, for the forces of its drives
+OF_BLOCKS = "faces 1 and 3 are those at the lowest and the highest x; which way x points is assumed, so the ratio is reported for both"
 ASSUMED = (
-    "faces 1 and 3 are those at the lowest and the highest x; which way x points is assumed, so the ratio is reported for both",
-    "the tool turns clockwise seen from above and leaves the block on its right: climb milling",
+    "the tool turns clockwise seen from above and leaves the part on its right: climb milling",
     "the static deflection under gravity is subtracted from the gap",
 )
 CORIOLIS = "coriolis"
+FAR_OFF = 1e-3  # of a measured path off the planned one [m]
+MUCH_LEFT = 5e-6  # of measured positions beside the spline [m]
 MOST_LOST = 0.1  # of the rms of measured forces
 
 
@@ -95,7 +97,7 @@ def evaluate_contour(
     some = np.unique(
         np.linspace(0, len(run.times) - 1, min(SERIES_POINTS, len(run.times))).astype(np.intp)
     )
-    forces = run.drives.forces(some)
+    forces, block = run.drives.forces(some), isinstance(request.contour, SquareContour)
     return ContourAnswer(
         model=request.model,
         material=request.material,
@@ -111,7 +113,9 @@ def evaluate_contour(
         force_peak=np.abs(run.force).max(axis=0),
         high_share=high_share(run),
         face_times=np.array([*(cut.begins for cut in run.plan.cuts), run.plan.leaves]),
-        assumed=(*ASSUMED, *run.assumed),
+        assumed=(*([OF_BLOCKS] if block else []), *ASSUMED, *run.assumed),
+        compares_faces=block,
+        fit=run.fit,
         times=run.times[some],
         gap=run.gap[some],
         drives=run.drives.names,
@@ -164,6 +168,8 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
             f"{100.0 * loss:.0f} % of the measured forces' rms is faster than the time steps resolve and is averaged out;"
             " raise steps_per_turn in [analyses.contouring] to resolve it"
         )
+    if run.fit is not None:
+        _judge_traces(state, run.fit)
     milled, reasons = mill_faces(request, run) if request.cutting else ((), ())
     for reason in reasons:
         state.warn(reason)
@@ -183,6 +189,19 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
         if face.number in (1, 3)
     )
     return Outcome(detail=f"{len(run.times)} steps, gap along x on {reported}", answers=(found,))
+
+
+def _judge_traces(state: RunState, fit: TraceFit) -> None:
+    if fit.off_path > FAR_OFF:
+        state.warn(
+            f"measured positions lead the tool up to {1e3 * fit.off_path:.3g} mm off its planned path, on which the cut and the faces are based; does"
+            " the time of traces in [analyses.contouring] start with the path?"
+        )
+    if fit.residual > MUCH_LEFT:
+        state.warn(
+            f"the spline through measured positions leaves {1e6 * fit.residual:.3g} µm (root mean square); where that is no noise, write a shorter"
+            " traces_knots in [analyses.contouring]"
+        )
 
 
 def _run_machine(

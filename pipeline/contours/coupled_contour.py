@@ -18,8 +18,10 @@ from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.joints import Axis
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.machine.tool_travel import ToolTravel, find_tool_travel
+from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.pipeline.contours.contour_cut import cut_contour, travel_frames
 from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
+from headstock.pipeline.contours.traced_path import plan_request
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
@@ -30,9 +32,9 @@ from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.control.friction_loop import friction_force
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.milling.path_drives import move_markers
+from headstock.solvers.milling.path_drives import find_tool_positions, move_markers
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
-from headstock.solvers.milling.tool_path import AVERAGES, SmoothPath, plan_contour
+from headstock.solvers.milling.tool_path import AVERAGES, PathPoints, ToolPath
 from headstock.solvers.paths.linear_motion import interpolate_nodes
 from headstock.solvers.paths.sampled_motion import (
     SampledMotion,
@@ -105,7 +107,7 @@ def run_coupled_contour(
         ForceFileError: The record does not cover it.
         ModelError: The machine is free to move.
     """
-    plan = plan_contour(request.contour)
+    plan, fit = plan_request(request, *_trace_tool(state, request))
     path = plan.path
     end = min(path.span[1], until)
     step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
@@ -155,6 +157,7 @@ def run_coupled_contour(
         gravity_deflection=gravity_deflection,
         force=force,
         plan=plan,
+        fit=fit,
         motion=motion,
         history=history,
         drives=ContourDrives(tuple(screws), drive_forces, torques),
@@ -267,14 +270,26 @@ def _screw_rows(
     return found
 
 
-def _plan_way(state: RunState, request: ContouringRequest, path: SmoothPath) -> RigidWay:
+def _trace_tool(
+    state: RunState, request: ContouringRequest
+) -> tuple[tuple[str, ...], Callable[[FloatArray, PathPoints], FloatArray]]:
+    """What is measured of a machine's motion, and where it leads the tool."""
+    mechanism, machine = state.scene.mechanism, state.scene.machine
+    if mechanism is not None:
+        mounted, tool = mechanism.mounted, mechanism.tool
+        return LENGTHS, lambda lengths, near: find_tool_positions(mounted, lengths, near, tool)
+    travel = find_tool_travel(machine, machine.points[request.point or ""])
+    return travel.axes, lambda positions, near: positions @ travel.directions.T
+
+
+def _plan_way(state: RunState, request: ContouringRequest, path: ToolPath) -> RigidWay:
     mechanism, machine = state.scene.mechanism, state.scene.machine
     if mechanism is not None:
         return _mechanism_way(state, mechanism, path, find_screws(machine))
     return _axes_way(machine, find_tool_travel(machine, machine.points[request.point or ""]), path)
 
 
-def _axes_way(machine: Machine, travel: ToolTravel, path: SmoothPath) -> RigidWay:
+def _axes_way(machine: Machine, travel: ToolTravel, path: ToolPath) -> RigidWay:
     """Linear axes that follow a path."""
     channels = tuple((name, "acceleration") for name in travel.axes)
     directions = {
@@ -310,7 +325,7 @@ def _axes_way(machine: Machine, travel: ToolTravel, path: SmoothPath) -> RigidWa
 def _mechanism_way(
     state: RunState,
     mechanism: SceneMechanism,
-    path: SmoothPath,
+    path: ToolPath,
     screws: Mapping[str, tuple[str, Axis | None]],
 ) -> RigidWay:
     """A mechanism that leads its tool along a path without turning it."""

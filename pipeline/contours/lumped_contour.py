@@ -11,6 +11,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
 from headstock.pipeline.contours.contour_cut import cut_contour, travel_frames
 from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
+from headstock.pipeline.contours.traced_path import plan_request
 from headstock.scene.reading.forces import ForceRecord
 from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import SceneMechanism
@@ -27,7 +28,7 @@ from headstock.solvers.milling.contouring import (
     refine_motion,
     tool_gaps,
 )
-from headstock.solvers.milling.path_drives import PathDrive, follow_path
+from headstock.solvers.milling.path_drives import PathDrive, find_tool_positions, follow_path
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.solvers.paths.linear_motion import CompliantHistory, interpolate_nodes
@@ -58,7 +59,11 @@ def run_lumped_contour(
         PoseError: The path cannot be followed.
         ForceFileError: The record does not cover it.
     """
-    plan = plan_contour(request.contour)
+    plan, fit = plan_request(
+        request,
+        LENGTHS,
+        lambda lengths, near: find_tool_positions(mechanism.mounted, lengths, near, mechanism.tool),
+    )
     path = plan.path
     end = min(path.span[1], until)
     step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
@@ -87,6 +92,7 @@ def run_lumped_contour(
         gravity_deflection=gravity_deflection,
         force=force @ turn.T,
         plan=plan,
+        fit=fit,
         motion=motion,
         history=history,
         drives=_leg_drives(mechanism, model, drive, times, history, force),

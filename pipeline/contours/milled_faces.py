@@ -18,7 +18,8 @@ from headstock.solvers.milling.milled_faces import (
 from headstock.solvers.milling.tool_path import StraightCut
 
 MOST_SAMPLES = 400_000
-MOST_LEFT_OUT = 0.2  # of a face, at either end
+MOST_LEFT_OUT = 0.2  # of a face, at either end; twice that where the tool enters or leaves
+ENTRIES = 1.5  # radii of the tool over which it enters and settles
 CELLS = 1000
 DETAIL = 2e-3  # length of the piece that is kept sample by sample [m]
 BEYOND = 0.5  # so much of the tool's radius is looked at beyond the ends of a face
@@ -58,8 +59,8 @@ def _mill_face(
     last = min(cut.length, float(motion.along[-1]) - beyond)
     spacing = max(per_tooth / SAMPLES_PER_CUSP, cut.length / MOST_SAMPLES)
     places: FloatArray = np.asarray(np.arange(first, last, spacing))
-    left_out = min(SETTLING * cut.feed, MOST_LEFT_OUT * cut.length)
-    ends = np.searchsorted(places, [max(first, left_out), min(last, cut.length - left_out)])
+    before, after = _left_out(request, run, cut)
+    ends = np.searchsorted(places, [max(first, before), min(last, cut.length - after)])
     inside = slice(int(ends[0]), int(ends[1]))
     height = 0.5 * milling.axial_depth
     middle = mill_profile(milling.mill, milling.spindle, motion, places, height)
@@ -104,6 +105,19 @@ def _mill_face(
         detail_places=places[near],
         detail=middle[near],
     )
+
+
+def _left_out(request: ContouringRequest, run: ContourRun, cut: StraightCut) -> tuple[float, float]:
+    """How much of a face is not evaluated at its start and at its end: more where the tool enters
+    or leaves the part [m].
+    """
+    usual = min(SETTLING * cut.feed, MOST_LEFT_OUT * cut.length)
+    entry = min(
+        max(usual, ENTRIES * 0.5 * request.cut.mill.diameter), 2.0 * MOST_LEFT_OUT * cut.length
+    )
+    enters = cut.begins <= run.plan.enters < cut.begins + cut.length / cut.feed
+    leaves = cut.begins < run.plan.leaves <= cut.begins + cut.length / cut.feed + run.plan.entry
+    return entry if enters else usual, entry if leaves else usual
 
 
 def beside_face(request: ContouringRequest, run: ContourRun, cut: StraightCut) -> ToolMotion:

@@ -49,6 +49,7 @@ from headstock.scene.requests import (
     PathRequest,
 )
 from headstock.scene.scene import Scene
+from headstock.solvers.milling.tool_path import plan_contour
 
 # Craig-Bampton frequencies of a column with two rigid faces are right within 0.6 % when modes reach
 # 3 times the wanted range (1.5 % at 2 times): Craig and Bampton (1968), checked by `validate
@@ -499,7 +500,7 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
 
 def contour_steps(request: ContouringRequest) -> float:
     """Time steps of a contour, roughly."""
-    seconds = 4.0 * request.contour.side / request.contour.feed
+    seconds = plan_contour(request.contour).path.span[1]
     return seconds * request.cut.spindle / (2.0 * math.pi) * request.steps_per_turn
 
 

@@ -55,7 +55,7 @@ FILE_KEYS = [
     split_key(key)
     for key in (
         *(f"components.*.solid.{kind}" for kind in ("step", "mesh", "superelement")),
-        "analyses.contouring.forces",
+        *(f"analyses.contouring.{name}" for name in ("forces", "polyline_file", "traces")),
     )
 ]
 

@@ -5,25 +5,35 @@ from pathlib import Path
 
 import numpy as np
 
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import Pose, find_limit_fault
 from headstock.geometry.machine.tool_travel import find_tool_travel
+from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.scene.building.draft import Draft, check_name
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings
+from headstock.scene.reading.forces import ForceFileError
 from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.tool_positions import read_corners, read_positions
 from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import Scene
 from headstock.scene.schema.effects import CONTOUR_EFFECTS
 from headstock.scene.schema.mechanism import ContouringTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, MillingCut
-from headstock.solvers.milling.tool_path import SquareContour, plan_contour
+from headstock.solvers.milling.tool_path import (
+    SHORTEST_FACE,
+    PolylineContour,
+    SquareContour,
+    plan_contour,
+)
 
 KEY: KeyPath = ("analyses", "contouring")
 FORCE_SUFFIXES = (".csv",)
 PASSINGS = 2.0  # modes are kept up to so many times the frequency at which teeth pass
 LOOKS = 200  # places along a contour at which axes are compared with their limits
+ONE_HEIGHT = 1e-9  # of corners [m]
 
 
 def build_contouring(
@@ -37,7 +47,8 @@ def build_contouring(
         damping_ratios: Of the first, second, ... mode, the last for all others.
 
     Raises:
-        ValueError: The file of measured forces is missing or out of bounds.
+        ValueError: A file is missing or out of bounds, or the corners of a line are no contour.
+        ForceFileError: The file of corners cannot be used.
     """
     table = scene.analyses.contouring
     if table is None:
@@ -47,21 +58,15 @@ def build_contouring(
     name: str = table.material or "al7075-t6"
     coefficients = CUTTING_MATERIALS[name]
     return ContouringRequest(
-        contour=SquareContour(
-            side=table.side,
-            center=(table.at[0], table.at[1]),
-            height=table.at[2],
-            offset=0.5 * table.mill.diameter,
-            lead=table.lead,
-            feed=table.feed,
-            window=table.averaging,
-        ),
+        contour=_build_contour(table, folder),
         cut=MillingCut(mill, coefficients, table.spindle, table.axial_depth, table.radial_depth),
         model=table.model,
         steps_per_turn=table.steps_per_turn,
         damping_ratios=damping_ratios,
         material=table.material,
-        forces=None if table.forces is None else resolve_file(folder, table.forces, FORCE_SUFFIXES),
+        forces=_find_file(folder, table.forces),
+        traces=_find_file(folder, table.traces),
+        traces_knots=table.traces_knots,
         cutting=bool(scene.effects.get("cutting_force", False)),
         regeneration=bool(scene.effects.get("regeneration", False)),
         point=_tool_point(scene, table),
@@ -69,6 +74,71 @@ def build_contouring(
         follows_pose=table.pose_model == "pose_dependent",
         cut_off=table.cut_off,
     )
+
+
+def _find_file(folder: Path, name: str | None) -> Path | None:
+    return None if name is None else resolve_file(folder, name, FORCE_SUFFIXES)
+
+
+def _build_contour(table: ContouringTable, folder: Path) -> SquareContour | PolylineContour:
+    """The way of the tool: around a block, or along a line.
+
+    Raises:
+        ValueError: Corners are not at one height, or the file is missing or out of bounds.
+        ForceFileError: The file of corners cannot be used.
+    """
+    offset = 0.5 * table.mill.diameter
+    if table.side is not None and table.at is not None:
+        return SquareContour(
+            side=table.side,
+            center=(table.at[0], table.at[1]),
+            height=table.at[2],
+            offset=offset,
+            lead=table.lead,
+            feed=table.feed,
+            window=table.averaging,
+        )
+    path, feeds = _find_file(folder, table.polyline_file), None
+    if path is None:
+        corners = np.array(table.polyline, dtype=float)
+    else:
+        corners, feeds = read_corners(path)
+    heights = corners[:, 2]
+    if np.ptp(heights) > ONE_HEIGHT:
+        raise ValueError(
+            f"the corners lie between {1e3 * heights.min():g} and {1e3 * heights.max():g} mm; a contour lies at one height"
+        )
+    rates = np.full(len(corners), table.feed) if feeds is None else feeds
+    return PolylineContour(
+        points=tuple((x, y) for x, y in corners[:, :2].tolist()),
+        feeds=tuple(rates[1:].tolist()),
+        radius=table.corner_radius,
+        height=float(heights[0]),
+        offset=offset,
+        lead=table.lead,
+        window=table.averaging,
+    )
+
+
+def _check_way(table: ContouringTable, folder: Path, findings: Findings) -> None:
+    """Report a contour that cannot be laid out."""
+    key = "side" if table.side is not None else "polyline"
+    key = key if table.polyline_file is None else "polyline_file"
+    if table.side is not None and table.corner_radius:
+        findings.add(
+            (*KEY, "corner_radius"),
+            "is of a polyline; around the corners of a block the radius is that of the tool",
+        )
+    try:
+        plan = plan_contour(_build_contour(table, folder))
+    except (ValueError, ForceFileError) as error:
+        findings.add((*KEY, key), str(error))
+        return
+    if not plan.cuts:
+        findings.add(
+            (*KEY, key),
+            f"has no straight cut of {1e3 * SHORTEST_FACE:g} mm beside the leads; a face is at least so long",
+        )
 
 
 def check_contouring(draft: Draft, findings: Findings) -> None:
@@ -109,11 +179,12 @@ def check_contouring(draft: Draft, findings: Findings) -> None:
             (*KEY, "radial_depth"),
             "is more than the radius of the tool; take less, or a larger tool",
         )
-    if table.forces is not None:
+    _check_way(table, draft.folder, findings)
+    for name, written in (("forces", table.forces), ("traces", table.traces)):
         try:
-            resolve_file(draft.folder, table.forces, FORCE_SUFFIXES)
+            _find_file(draft.folder, written)
         except ValueError as error:
-            findings.add((*KEY, "forces"), str(error))
+            findings.add((*KEY, name), str(error))
 
 
 def check_contour_reach(scene: Scene, findings: Findings) -> None:
@@ -121,9 +192,12 @@ def check_contour_reach(scene: Scene, findings: Findings) -> None:
     loops.
     """
     request = scene.analyses.contouring or scene.on_request.contouring
-    if request is None or scene.mechanism is not None:
+    if request is None:
         return
     path = plan_contour(request.contour).path
+    if scene.mechanism is not None:
+        _check_traces(request, LENGTHS, path.span[1], findings)
+        return
     machine, point = scene.machine, scene.machine.points[request.point or ""]
     try:
         travel = find_tool_travel(machine, point)
@@ -131,8 +205,11 @@ def check_contour_reach(scene: Scene, findings: Findings) -> None:
             path.at(np.linspace(*path.span, LOOKS, dtype=np.float64)).position
         )
     except ValueError as error:
-        findings.add((*KEY, "at"), f"cannot be followed: {error}")
+        key = "at" if isinstance(request.contour, SquareContour) else "polyline"
+        findings.add((*KEY, key), f"cannot be followed: {error}")
         return
+    measured = _check_traces(request, travel.axes, path.span[1], findings)
+    places = places if measured is None else measured
     for number, name in enumerate(travel.axes):
         low, high = machine.axes[name].limits
         for place in (float(places[:, number].min()), float(places[:, number].max())):
@@ -146,6 +223,32 @@ def check_contour_reach(scene: Scene, findings: Findings) -> None:
         pose = Pose("on the contour", dict(zip(travel.axes, places[row].tolist(), strict=True)))
         for fault in find_overhangs(machine, pose).values():
             findings.add(KEY, fault)
+
+
+def _check_traces(
+    request: ContouringRequest, names: tuple[str, ...], end: float, findings: Findings
+) -> FloatArray | None:
+    """Positions ``(n, k)`` that were measured on a contour, if any; what is wrong is reported.
+
+    Args:
+        request: Of the contour.
+        names: Of the axes or legs.
+        end: When the path ends [s].
+        findings: Receives what is wrong.
+    """
+    if request.traces is None:
+        return None
+    try:
+        record = read_positions(request.traces, names)
+    except ForceFileError as error:
+        findings.add((*KEY, "traces"), str(error))
+        return None
+    if record.times[0] > 0.0 or record.times[-1] < end:
+        findings.add(
+            (*KEY, "traces"),
+            f"holds {record.times[0]:g} to {record.times[-1]:g} s, and the path takes 0 to {end:.6g} s; its time starts with the path",
+        )
+    return record.positions
 
 
 def _tool_point(scene: SceneTable, table: ContouringTable) -> str | None:

@@ -53,10 +53,27 @@ def read_columns(path: Path, headings: Sequence[str]) -> FloatArray:
         ForceFileError: A column is missing, an entry is no finite number, times do not rise, or
             samples are missing; says where.
     """
+    values = read_numbers(path, headings)
+    _check_times(path, values[:, 0])
+    return values
+
+
+def read_numbers(path: Path, headings: Sequence[str]) -> FloatArray:
+    """Read columns ``(n, k)`` of a CSV file.
+
+    Args:
+        path: Of the file.
+        headings: Names of the columns in its first line, whatever their order there, without
+            capitals.
+
+    Raises:
+        ForceFileError: A column is missing, an entry is no finite number, or there are fewer than
+            two rows; says where.
+    """
     try:
         if path.stat().st_size > MOST_BYTES:
             raise ForceFileError(
-                f"{path} has {path.stat().st_size / 1e6:.0f} MB; a force file may have {MOST_BYTES / 1e6:.0f} MB"
+                f"{path} has {path.stat().st_size / 1e6:.0f} MB; a record may have {MOST_BYTES / 1e6:.0f} MB"
             )
         with path.open(newline="", encoding="utf-8-sig") as stream:
             values = _read_values(path, csv.reader(stream), headings)
@@ -64,8 +81,20 @@ def read_columns(path: Path, headings: Sequence[str]) -> FloatArray:
         raise ForceFileError(f"{path} cannot be read: {error}") from error
     if len(values) < 2:
         raise ForceFileError(f"{path} holds {len(values)} samples; at least two are needed")
-    _check_times(path, values[:, 0])
     return values
+
+
+def read_headings(path: Path) -> list[str]:
+    """Names of the columns of a CSV file, without units and capitals.
+
+    Raises:
+        ForceFileError: It cannot be read.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            return _plain_names(next(csv.reader(stream), []))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ForceFileError(f"{path} cannot be read: {error}") from error
 
 
 def resample_forces(record: ForceRecord, times: FloatArray) -> FloatArray:
@@ -128,13 +157,17 @@ def _read_values(path: Path, rows: Iterator[list[str]], headings: Sequence[str])
 
 
 def _find_columns(path: Path, written: list[str], headings: Sequence[str]) -> list[int]:
-    found = [heading.strip().lower().split("[")[0].strip() for heading in written]
+    found = _plain_names(written)
     missing = [name for name in headings if name not in found]
     if missing:
         raise ForceFileError(
             f"{path}:1 has no column {', '.join(missing)}; the first line names the columns: {','.join(headings)}"
         )
     return [found.index(name) for name in headings]
+
+
+def _plain_names(written: Sequence[str]) -> list[str]:
+    return [heading.strip().lower().split("[")[0].strip() for heading in written]
 
 
 def _read_row(path: Path, number: int, row: list[str], columns: list[int]) -> list[float]:

@@ -217,6 +217,12 @@ NOTES = {
     "Family.analyses": "as in the study",
     "Scene.mechanism": "a closed-loop mechanism; poses and sweeps then describe the tool: `X Y Z` is its point, `A B` are its rotations about x, y",
     "Contouring.side": "of the finished block",
+    "Contouring.polyline": "in place of a block: corners that the tool's centre follows, at one height, the part on its right, in the places of `at`",
+    "Contouring.polyline_file": "the same from a CSV file with the columns `x,y,z` in m, and `feed` to each corner in m/s if it differs",
+    "Contouring.corner_radius": "of arcs around the corners of a polyline; sharp ones are rounded by the averages",
+    "Contouring.traces": "measured positions that the drives follow in place of the computed path: CSV with the columns `time` in s and in m `q1,q2,q3`"
+    " of the legs of a mechanism or the names of the axes; its time starts with the path",
+    "Contouring.traces_knots": "distance of the knots of the spline through measured positions; noise between them is left out",
     "Contouring.at": "centre of the block, and height of the tool point: in the machine frame of a mechanism; of axes, how far the tool stands"
     " from its work, counted from its position with all axes at zero, as a program has it",
     "Contouring.feed": "feed rate",

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from headstock.scene.reading.tool_positions import MOST_CORNERS
 from headstock.scene.reading.units import ANGULAR_SPEED
 from headstock.scene.schema.components import Rotations
 from headstock.scene.schema.guide_errors import ProfileTable
@@ -114,10 +115,15 @@ class MillTable(StrictTable):
 
 
 class ContouringTable(RequestTable):
-    """A square block milled around from outside, clockwise seen from above (climb milling)."""
+    """A square block milled around from outside, clockwise seen from above (climb milling), or a
+    line of corners that the tool's centre follows.
+    """
 
-    side: PositiveLength
-    at: Position
+    side: PositiveLength | None = None
+    at: Position | None = None
+    polyline: Annotated[list[Position], Field(min_length=2, max_length=MOST_CORNERS)] | None = None
+    polyline_file: Text | None = None
+    corner_radius: NotNegativeLength = 0.0
     feed: PositiveSpeed
     spindle: PositiveAngularSpeed
     mill: MillTable
@@ -125,6 +131,8 @@ class ContouringTable(RequestTable):
     radial_depth: PositiveLength
     material: Literal["al7075-t6", "al7075-t6-dry", "al6061-t6"] | None = None
     forces: Text | None = None
+    traces: Text | None = None
+    traces_knots: PositiveTime = 0.01
     lead: Length = 0.02
     averaging: PositiveTime = 0.01
     model: Literal["linear", "nonlinear"] = "linear"
@@ -133,6 +141,25 @@ class ContouringTable(RequestTable):
     modes_to: PositiveFrequency | None = None
     pose_model: Literal["pose_dependent", "frozen"] = "pose_dependent"
     cut_off: PositiveLength = 0.8e-3
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        written = [
+            name
+            for name in ("side", "polyline", "polyline_file")
+            if getattr(self, name) is not None
+        ]
+        if len(written) != 1:
+            raise problem(
+                f"gives {' and '.join(written) or 'no way for the tool'}; write either a block, side and at, or polyline, or polyline_file"
+            )
+        if (self.side is None) != (self.at is None):
+            raise problem(
+                "has at, the centre of a block, without side"
+                if self.side is None
+                else "has side without at, the centre of the block and the height of the tool point"
+            )
+        return self
 
 
 MOST_SPEEDS = 5000

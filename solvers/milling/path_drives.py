@@ -17,6 +17,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import closure_bias, evaluate_kinematics
 from headstock.geometry.mechanisms.exechon import (
     LARGEST_CONDITION,
+    LENGTHS,
     MountedExechon,
     PoseSurvey,
     name_limit_faults,
@@ -30,6 +31,8 @@ from headstock.solvers.milling.tool_path import PathPoints
 # change of a coordinate between nodes, beyond what its rate explains, that means another assembly
 BRANCH_JUMP = 0.2
 FEWEST_SAMPLES_PER_KNOT = 3
+MOST_ITERATIONS = 30
+SAME_LENGTH = 1e-12  # of legs [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +157,51 @@ def follow_path(
         [found.states[:, driven], found.rates[:, driven], found.growth[:, driven]], axis=1
     )
     return PathDrive(times, found.states, scipy.interpolate.BPoly.from_derivatives(times, nodes))
+
+
+def find_tool_positions(
+    machine: MountedExechon, lengths: FloatArray, near: PathPoints, direction: FloatArray
+) -> FloatArray:
+    """Tool points ``(k, 3)`` at which the legs have given lengths, the tool not turned; machine
+    frame [m].
+
+    Newton's method with the derivative where the tool is supposed to be, which measured legs leave
+    by millimetres at most.
+
+    Args:
+        machine: The mounted mechanism.
+        lengths: ``(k, 3)`` of the legs [m].
+        near: Where the tool is supposed to be.
+        direction: ``(3,)`` of the tool, machine frame.
+
+    Raises:
+        PoseError: A supposed point cannot be reached.
+        ModelError: Legs of these lengths lead the tool too far off.
+    """
+    legs = [machine.mechanism.index(name) for name in LENGTHS]
+    still = np.zeros_like(near.position)
+    columns = []
+    for axis in range(3):
+        velocity = still.copy()
+        velocity[:, axis] = 1.0
+        moved = move_markers(
+            machine,
+            np.arange(float(len(still))),
+            PathPoints(near.position, velocity, still),
+            direction,
+        )
+        columns.append(moved.rates[:, legs])
+    inverse = np.linalg.inv(np.stack(columns, axis=-1))
+    found = near.position.copy()
+    for _ in range(MOST_ITERATIONS):
+        off = survey_tool_poses(machine, found, direction).states[:, legs] - lengths
+        found -= (inverse @ off[..., None])[..., 0]
+        if np.abs(off).max() < SAME_LENGTH:
+            return found
+    raise ModelError(
+        f"legs of the measured lengths lead the tool off its planned path by so much that it is not found: legs differ by up to"
+        f" {1e3 * float(np.nanmax(np.abs(off))):.3g} mm; does the time of the record start with the path?"
+    )
 
 
 def smooth_samples(

@@ -12,9 +12,10 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
+import scipy.interpolate
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
@@ -133,6 +134,57 @@ class SmoothPath:
         return np.asarray(total / window**AVERAGES)
 
 
+class ToolPath(Protocol):
+    """A path in time, smooth enough to be accelerated along."""
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """When it starts and ends [s]."""
+
+    def at(self, times: FloatArray) -> PathPoints:
+        """Positions, velocities and accelerations at times ``(n,)``."""
+
+    def velocity(self, times: FloatArray) -> FloatArray:
+        """``(n, 3)`` velocities alone."""
+
+
+@dataclass(frozen=True, eq=False)
+class TracedPath:
+    """A path that was measured.
+
+    Attributes:
+        law: Its positions ``(3,)`` over time, with continuous second derivative.
+        span: When it starts and ends [s].
+    """
+
+    law: scipy.interpolate.BSpline
+    span: tuple[float, float]
+
+    def at(self, times: FloatArray) -> PathPoints:
+        """Positions, velocities and accelerations at times ``(n,)``; at rest before and after."""
+        position, velocity, acceleration = (
+            np.asarray(self.law(np.clip(times, *self.span), nu=order)) for order in range(3)
+        )
+        return PathPoints(position, velocity, acceleration)
+
+    def velocity(self, times: FloatArray) -> FloatArray:
+        """``(n, 3)`` velocities alone."""
+        return np.asarray(self.law(np.clip(times, *self.span), nu=1))
+
+
+@dataclass(frozen=True)
+class TraceFit:
+    """How a spline went through measured positions.
+
+    Attributes:
+        residual: Root mean square of what it left, in the positions of the tool [m].
+        off_path: Largest distance of the tool from its planned path, while it cuts [m].
+    """
+
+    residual: float
+    off_path: float
+
+
 @dataclass(frozen=True)
 class SquareContour:
     """A square block milled around from outside, clockwise seen from above, so that it lies on the
@@ -228,12 +280,20 @@ class ContourPlan:
         entry: How long it takes to enter, or to leave [s].
     """
 
-    path: SmoothPath
+    path: ToolPath
     cuts: tuple[StraightCut, ...]
     bends: FloatArray
     enters: float
     leaves: float
     entry: float
+
+
+def describe_contour(contour: SquareContour | PolylineContour) -> str:
+    """Where the tool goes, in a few words."""
+    if isinstance(contour, SquareContour):
+        return f"around a block of {1e3 * contour.side:g} mm"
+    length = sum(math.dist(*ends) for ends in itertools.pairwise(contour.points))
+    return f"along a line of {len(contour.points)} corners, {1e3 * length:.4g} mm"
 
 
 def plan_contour(contour: SquareContour | PolylineContour) -> ContourPlan:

@@ -14,7 +14,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath, Pose, travel_directions
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.contours.contour_run import ContourRun
-from headstock.pipeline.contours.contouring import cut_multiplier, face_stability
+from headstock.pipeline.contours.contouring import cut_multiplier, evaluate_contour, face_stability
 from headstock.pipeline.contours.coupled_contour import (
     CoupledRun,
     coupled_face_dynamics,
@@ -36,6 +36,7 @@ from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import keep_analyses
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.milling.tool_path import plan_contour
 from headstock.solvers.paths.linear_motion import march_linear
 from headstock.solvers.paths.response import PathModel, sample_times
 from headstock.solvers.paths.sampled_motion import follow_motion, sample_motion
@@ -229,6 +230,56 @@ def test_stiff_legs_move_as_the_lumped_mechanism(tmp_path: Path) -> None:
     assert np.abs(legs.drives.forces(some) - forces).max() < 2e-3 * np.abs(forces).max()
 
 
+def write_rows(path: Path, heading: str, rows: FloatArray) -> None:
+    lines = (",".join(repr(value) for value in row) for row in rows.tolist())
+    path.write_text("\n".join([heading, *lines]) + "\n")
+
+
+BLOCK = 'side = "40 mm"\nat = ["20 mm", "0 mm", "0 mm"]\n'
+CORNERS = ((-10, -40, 0), (-10, 30, 0), (50, 30, 0), (50, -30, 0), (-20, -30, 0))
+
+
+def test_corners_and_measured_axes_from_files_mill_the_block_as_its_table_does(
+    tmp_path: Path,
+) -> None:
+    text = MILL.read_text()
+    assert BLOCK in text
+    block = build_state(tmp_path, MILL, settings=('analyses.contouring.lead="20 mm"',))
+    expected = run(block, 0.5)
+    line = 'polyline_file = "corners.csv"\ncorner_radius = "10 mm"\ntraces = "axes.csv"\ntraces_knots = "4 ms"\n'
+    scene = tmp_path / "line.toml"
+    scene.write_text(text.replace(BLOCK, line))
+    write_rows(tmp_path / "corners.csv", "x [m],y [m],z [m]", 1e-3 * np.array(CORNERS, dtype=float))
+    times: FloatArray = np.asarray(np.arange(-1e-3, expected.plan.path.span[1] + 2e-3, 5e-4))
+    places = expected.plan.path.at(times).position[:, :2]
+    write_rows(tmp_path / "axes.csv", "time [s],Y,X", np.column_stack([times, places[:, ::-1]]))
+    state = build_state(tmp_path, scene)
+    found = run(state, 0.5)
+    assert found.fit is not None
+    assert found.fit.residual < 1e-8 and found.fit.off_path < 1e-8
+    # the spline rounds the start from rest, and what it stirs up decays
+    on = found.times > 0.35
+    assert np.abs(found.gap - expected.gap)[on].max() < 1e-3 * np.abs(expected.gap[on]).max()
+    answer = evaluate_contour(request_of(state), found).summarise()
+    assert answer["face_3_over_face_1"] == {} and answer["traces"]["off_path_um"] < 0.01
+    planned = dataclasses.replace(request_of(state), traces=None)
+    assert plan_contour(planned.contour).path.at(times).position == pytest.approx(
+        expected.plan.path.at(times).position, abs=1e-11
+    )
+    for name, wrong, message in (
+        ("axes.csv", "time,X\n0,0\n9,0\n", "no column y"),
+        ("axes.csv", "time,X,Y\n0,0,0\n1,0,0\n", "path takes 0 to"),
+        ("corners.csv", "x,y,z\n0,0,0\n0,0.1,0.001\n", "at one height"),
+        ("corners.csv", "x,y,z,feed\n0,0,0,0\n0,0.1,0,0\n", "feed rate"),
+        ("corners.csv", "x,y,z\n0,0,0\n0,0.041,0\n", "no straight cut"),
+    ):
+        (tmp_path / name).write_text(wrong)
+        with pytest.raises(SceneError, match=message):
+            load_scene(scene)
+        if name == "axes.csv":
+            write_rows(tmp_path / name, "time,Y,X", np.column_stack([times, places[:, ::-1]]))
+
+
 def test_a_motor_turns_itself_and_its_screw() -> None:
     drive = load_scene(Path(TRIPTEOR).parent / "three_axis.toml", variant="controlled+R").drives[
         "X"
@@ -249,6 +300,12 @@ def test_a_motor_turns_itself_and_its_screw() -> None:
         ('analyses.contouring.model="nonlinear"', "only a lumped mechanism"),
         ('analyses.contouring.point="tpc"', "tcp"),
         ("effects.coriolis=true", "is zero here"),
+        (
+            'analyses.contouring.polyline=[["0 mm","0 mm","0 mm"],["1 m","0 mm","0 mm"]]',
+            "write either",
+        ),
+        ('analyses.contouring.corner_radius="1 mm"', "is of a polyline"),
+        ('analyses.contouring.traces="missing.csv"', "missing.csv"),
     ],
 )
 def test_what_cannot_be_followed_is_refused_with_its_remedy(settings: str, expected: str) -> None:

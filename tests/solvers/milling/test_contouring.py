@@ -9,6 +9,7 @@ import pytest
 from headstock.geometry.errors import JointLimitError, UnreachablePoseError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import close_loops
+from headstock.geometry.mechanisms.exechon import LENGTHS, survey_tool_poses
 from headstock.geometry.mechanisms.kinematics import place_markers
 from headstock.solvers.errors import ConvergenceError, ModelError
 from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_motion
@@ -20,7 +21,12 @@ from headstock.solvers.milling.contouring import (
     refine_motion,
     tool_gaps,
 )
-from headstock.solvers.milling.path_drives import PathDrive, follow_path, smooth_samples
+from headstock.solvers.milling.path_drives import (
+    PathDrive,
+    find_tool_positions,
+    follow_path,
+    smooth_samples,
+)
 from headstock.solvers.milling.tool_path import SmoothPath, SquareContour, plan_contour
 from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
@@ -66,6 +72,27 @@ def test_drives_lead_the_tool_along_the_path() -> None:
     placed = place_markers(mechanism, close_loops(mechanism, states)).positions[:, tool]
     mounting = machine().scene.mounted.mounting
     assert np.abs(mounting.origin + placed @ mounting.rotation.T - points.position).max() < 2e-8
+
+
+def test_measured_leg_lengths_lead_the_tool_where_closed_loops_put_it() -> None:
+    path, drive = path_drive()
+    machine_ = machine().scene.mounted
+    mechanism, times = machine().model.mechanism, np.linspace(0.01, 0.39, 40, dtype=np.float64)
+    legs = [mechanism.index(name) for name in LENGTHS]
+    # longer and shorter than planned by tenths of a millimetre
+    lengths = drive.rigid_states(times)[:, legs] + 3e-4 * np.sin(
+        np.outer(times, [70.0, 90.0, 110.0])
+    )
+    found = find_tool_positions(machine_, lengths, path.at(times), machine().scene.tool)
+    assert np.abs(found - path.at(times).position).max() > 1e-4
+    states = survey_tool_poses(machine_, found, machine().scene.tool).states
+    states[:, legs] = lengths
+    closed = place_markers(mechanism, close_loops(mechanism, states))
+    tool = closed.positions[:, mechanism.markers.index("tcp")]
+    mounting = machine_.mounting
+    assert np.abs(mounting.origin + tool @ mounting.rotation.T - found).max() < 1e-11
+    with pytest.raises(ModelError, match="start with the path"):
+        find_tool_positions(machine_, lengths + 5.0, path.at(times), machine().scene.tool)
 
 
 def test_all_steps_at_once_are_the_steps_one_by_one() -> None:

@@ -1,7 +1,14 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
-from headstock.solvers.milling.tool_path import SquareContour, plan_contour
+from headstock.solvers.milling.tool_path import (
+    PolylineContour,
+    SquareContour,
+    describe_contour,
+    plan_contour,
+)
 
 CONTOUR = SquareContour(
     side=0.2, center=(0.05, -0.02), height=0.2, offset=0.01, lead=0.02, feed=5.0 / 60.0, window=0.01
@@ -58,3 +65,80 @@ def test_averages_cut_corners_by_as_much_as_they_shrink_a_circle() -> None:
     half = 0.5 * CONTOUR.window * CONTOUR.feed / CONTOUR.offset
     assert np.allclose(found, CONTOUR.offset * (np.sin(half) / half) ** 3, atol=1e-11)
     assert plan.leaves == pytest.approx(path.span[1] - 0.015 - 0.02 / CONTOUR.feed)
+
+
+LINE = PolylineContour(
+    points=((0.0, 0.0), (0.0, 0.1), (0.08, 0.1), (0.08, 0.16), (0.2, 0.1)),
+    feeds=(0.05, 0.1, 0.1, 0.05),
+    radius=0.0,
+    height=0.05,
+    offset=0.008,
+    lead=0.015,
+    window=0.004,
+)
+
+
+def test_averages_cut_a_sharp_corner_by_the_mean_size_of_their_delay() -> None:
+    plan = plan_contour(LINE)
+    # second corner, the same feed before and after: 13/32 of a window is the mean of |sum of three|
+    corner = plan.bends[2]
+    found = plan.path.at(np.array([corner])).position[0]
+    shift = 0.5 * 13.0 / 32.0 * LINE.window * 0.1
+    assert found == pytest.approx([0.08 - shift, 0.1 + shift, 0.05], abs=1e-12)
+    speeds = np.linalg.norm(
+        plan.path.velocity(np.array([0.5, plan.bends[1] + 0.3, plan.bends[3] + 0.5])), axis=1
+    )
+    assert speeds == pytest.approx([0.05, 0.1, 0.05], abs=1e-12)
+
+
+def test_faces_of_a_line_end_at_the_corners_of_the_part() -> None:
+    plan = plan_contour(LINE)
+    assert [cut.at.split(" to ")[0] for cut in plan.cuts] == [
+        "(0, 0)",
+        "(0, 100)",
+        "(80, 100)",
+        "(80, 160)",
+    ]
+    ends = [(cut.start, cut.start + cut.length * cut.travel) for cut in plan.cuts]
+    # the part is on the right: the first corner is one of the part, the second one a nook
+    assert ends[0][0] == pytest.approx([0.008, 0.015, 0.05])
+    assert ends[0][1] == pytest.approx([0.008, 0.092, 0.05])
+    assert ends[1][0] == pytest.approx([0.008, 0.092, 0.05])
+    assert ends[1][1] == pytest.approx([0.08, 0.092, 0.05])
+    assert ends[2][0] == pytest.approx([0.088, 0.1, 0.05])
+    # lines at a distance of the radius meet where one face ends and the next one starts
+    assert ends[2][1] == pytest.approx(ends[3][0])
+    assert plan.cuts[0].begins == pytest.approx(plan.enters)
+    times = plan.cuts[3].begins + np.array([0.0, 0.5])
+    beside = (plan.path.at(times).position - plan.cuts[3].start) @ plan.cuts[3].outward
+    assert beside == pytest.approx([0.008, 0.008], abs=1e-11)
+
+
+def test_arcs_around_the_corners_of_a_line_are_tangents() -> None:
+    plan = plan_contour(dataclasses.replace(LINE, radius=0.004, window=1e-3))
+    times = np.linspace(0.1, plan.path.span[1] - 0.1, 20_001, dtype=np.float64)
+    points = plan.path.at(times)
+    # no kink: along an arc the travel turns by speed over radius
+    turned = np.abs(np.diff(np.unwrap(np.arctan2(points.velocity[:, 1], points.velocity[:, 0]))))
+    assert turned.max() < 1.01 * 0.1 / 0.004 * (times[1] - times[0])
+    total = np.array([np.pi / 2, np.pi / 2, np.pi / 2 + np.arctan(0.5)]).sum()
+    assert turned.sum() == pytest.approx(total, rel=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"radius": 0.08}, "do not fit between points 3 and 4"),
+        ({"lead": 0.1}, "no more than the lead"),
+        ({"points": ((0.0, 0.0), (0.0, 0.1), (0.0, 0.1), (0.1, 0.1), (0.2, 0.1))}, "same place"),
+        ({"points": ((0.0, 0.0), (0.0, 0.1), (0.0, 0.02), (0.1, 0.1), (0.2, 0.1))}, "turns back"),
+    ],
+)
+def test_a_line_that_is_no_contour_is_refused(change: dict[str, object], expected: str) -> None:
+    with pytest.raises(ValueError, match=expected):
+        plan_contour(dataclasses.replace(LINE, **change))  # type: ignore[arg-type]
+
+
+def test_a_contour_says_where_the_tool_goes() -> None:
+    assert describe_contour(CONTOUR) == "around a block of 200 mm"
+    assert describe_contour(LINE) == "along a line of 5 corners, 374.2 mm"

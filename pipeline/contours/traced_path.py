@@ -1,0 +1,62 @@
+"""The path that measured positions of axes or legs lead the tool along."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.scene.reading.forces import ForceFileError
+from headstock.scene.reading.tool_positions import read_positions
+from headstock.scene.requests import ContouringRequest
+from headstock.solvers.milling.path_drives import smooth_samples
+from headstock.solvers.milling.tool_path import (
+    ContourPlan,
+    PathPoints,
+    TracedPath,
+    TraceFit,
+    plan_contour,
+)
+
+
+def plan_request(
+    request: ContouringRequest,
+    names: tuple[str, ...],
+    find_tool: Callable[[FloatArray, PathPoints], FloatArray],
+) -> tuple[ContourPlan, TraceFit | None]:
+    """The contour of a request, laid out in time; its path as measured where there are traces.
+
+    Args:
+        request: Of the contour.
+        names: Of the axes or legs.
+        find_tool: Points ``(n, 3)`` of the tool at positions ``(n, k)`` of these, near those of the
+            planned path.
+
+    Raises:
+        ForceFileError: The traces cannot be read or do not cover the path.
+        ModelError: There are too few samples between knots.
+        PoseError: A mechanism cannot follow the path.
+    """
+    plan = plan_contour(request.contour)
+    if request.traces is None:
+        return plan, None
+    record, end = read_positions(request.traces, names), plan.path.span[1]
+    if record.times[0] > 0.0 or record.times[-1] < end:
+        raise ForceFileError(
+            f"{request.traces}: positions were measured from {record.times[0]:g} to {record.times[-1]:g} s, and 0 to {end:.6g} s are needed"
+        )
+    within = (record.times >= 0.0) & (record.times <= end)
+    # the samples next to both ends as well: the spline reaches over the path
+    within[:-1] |= within[1:]
+    within[1:] |= within[:-1]
+    times = record.times[within]
+    planned = plan.path.at(times)
+    places = find_tool(record.positions[within], planned)
+    law = smooth_samples(times, places, request.traces_knots)
+    residual = np.linalg.norm(places - law(times), axis=1)
+    cutting = (times > plan.enters) & (times < plan.leaves)
+    off = np.linalg.norm(law(times[cutting]) - planned.position[cutting], axis=1)
+    return (
+        dataclasses.replace(plan, path=TracedPath(law, (0.0, end))),
+        TraceFit(float(np.sqrt((residual**2).mean())), float(off.max(initial=0.0))),
+    )
