@@ -110,8 +110,8 @@ def _build_contour(table: ContouringTable, folder: Path) -> SquareContour | Poly
         )
     rates = np.full(len(corners), table.feed) if feeds is None else feeds
     return PolylineContour(
-        points=tuple((x, y) for x, y in corners[:, :2].tolist()),
-        feeds=tuple(rates[1:].tolist()),
+        points=tuple((float(x), float(y)) for x, y, _ in corners),
+        feeds=tuple(float(rate) for rate in rates[1:]),
         radius=table.corner_radius,
         height=float(heights[0]),
         offset=offset,

@@ -186,7 +186,7 @@ def find_tool_positions(
         velocity[:, axis] = 1.0
         moved = move_markers(
             machine,
-            np.arange(float(len(still))),
+            np.arange(len(still), dtype=np.float64),
             PathPoints(near.position, velocity, still),
             direction,
         )

@@ -3,6 +3,7 @@ tell.
 """
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +16,10 @@ from headstock.pipeline.contours.contouring import evaluate_contour
 from headstock.pipeline.contours.lumped_contour import run_lumped_contour
 from headstock.pipeline.contours.milled_faces import mill_faces
 from headstock.scene.reading.forces import ForceFileError, ForceRecord
+from headstock.scene.requests import ContouringRequest
 from headstock.solvers.mechanisms.modes import linearise_poses, tool_compliance
 from headstock.solvers.milling.path_drives import follow_path
+from headstock.solvers.milling.tool_path import SquareContour
 from headstock.validation.mechanisms.contouring_cases import contour_request
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
@@ -28,6 +31,11 @@ SHORT = 1.2
 @pytest.fixture(scope="module")
 def machine() -> Tripteor:
     return load_tripteor()
+
+
+def changed_block(request: ContouringRequest, **changes: Any) -> SquareContour:
+    assert isinstance(request.contour, SquareContour)
+    return dataclasses.replace(request.contour, **changes)
 
 
 def test_measured_forces_that_are_the_computed_ones_give_the_same_motion(machine: Tripteor) -> None:
@@ -73,14 +81,16 @@ def test_the_summary_tells_faces_assumptions_and_drive_forces(machine: Tripteor)
 
 def test_a_steady_force_leaves_a_face_where_the_static_compliance_says(machine: Tripteor) -> None:
     request = contour_request("al7075-t6")
-    small = dataclasses.replace(request.contour, side=0.02)
-    request = dataclasses.replace(request, contour=small, damping_ratios=(0.5,))
+    request = dataclasses.replace(
+        request, contour=changed_block(request, side=0.02), damping_ratios=(0.5,)
+    )
     push = np.array([-200.0, 150.0, 50.0])
     record = ForceRecord(np.array([0.0, 1.0]), np.stack([push, push]))
     run = run_lumped_contour(machine.scene, machine.model, request, record=record, until=0.6)
     faces, reasons = mill_faces(request, run)
     assert [face.number for face in faces] == [1], reasons
-    middle = run.plan.cuts[0].begins + 0.12 + np.array([-1e-3, 0.0])
+    reached = run.plan.cuts[0].begins + float(np.mean(faces[0].evaluated)) / run.plan.cuts[0].feed
+    middle = np.array([reached - 1e-3, reached])
     states = follow_path(
         machine.scene.mounted, middle, run.plan.path.at(middle), machine.scene.tool
     ).states
@@ -100,9 +110,7 @@ def test_a_steady_force_leaves_a_face_where_the_static_compliance_says(machine: 
 
 def test_a_block_out_of_reach_is_refused(machine: Tripteor) -> None:
     request = contour_request("al7075-t6")
-    far = dataclasses.replace(
-        request, contour=dataclasses.replace(request.contour, center=(1.2, 0.0))
-    )
+    far = dataclasses.replace(request, contour=changed_block(request, center=(1.2, 0.0)))
     with pytest.raises(PoseError, match="t ="):
         run_lumped_contour(machine.scene, machine.model, far, until=0.1)
 

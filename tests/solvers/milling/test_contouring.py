@@ -27,7 +27,7 @@ from headstock.solvers.milling.path_drives import (
     follow_path,
     smooth_samples,
 )
-from headstock.solvers.milling.tool_path import SmoothPath, SquareContour, plan_contour
+from headstock.solvers.milling.tool_path import SquareContour, ToolPath, plan_contour
 from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
@@ -41,7 +41,7 @@ def machine() -> Tripteor:
 
 
 @cache
-def path_drive() -> tuple[SmoothPath, PathDrive]:
+def path_drive() -> tuple[ToolPath, PathDrive]:
     path = plan_contour(CONTOUR).path
     nodes = np.linspace(0.0, 0.4, 101, dtype=np.float64)
     return path, follow_path(machine().scene.mounted, nodes, path.at(nodes), machine().scene.tool)
