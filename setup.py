@@ -24,6 +24,8 @@ setup(
             for layer in LAYERS
             for name in (layer, *(f"{layer}.{room}" for room in find_packages(layer)))
         ),
+        "headstock.environment",  # the launcher, for the program of an installed package
     ],
-    package_dir={"headstock": "api"} | {f"headstock.{layer}": layer for layer in LAYERS},
+    package_dir={"headstock": "api"}
+    | {f"headstock.{folder}": folder for folder in (*LAYERS, "environment")},
 )

@@ -31,8 +31,13 @@ fill_pip_group() {
         return
     fi
     say "installing the packages of environment/${requirements##*/} (once)"
-    if ! (run_inside "$python" -m pip install --quiet --require-hashes --no-deps --no-build-isolation --disable-pip-version-check \
-        --target "$growing" -r "$requirements" "$@") >"$log" 2>&1; then
+    if [ -n "${as_environment:-}" ]; then
+        (run_inside "$python" -m venv --system-site-packages --without-pip "$growing") >"$log" 2>&1 || { rm -rf -- "$growing"; return 1; }
+    else
+        set -- --target "$growing" "$@"
+    fi
+    if ! (run_inside "$python" -m pip ${as_environment:+--python "$growing/bin/python3"} install --quiet --require-hashes --no-deps \
+        --no-build-isolation --disable-pip-version-check -r "$requirements" "$@") >"$log" 2>&1; then
         rm -rf -- "$growing"
         return 1
     fi
@@ -49,6 +54,19 @@ require_pip_group() {
         say "pip could not install environment/$1.txt; the whole log is $log"
         return 1
     fi
+}
+
+# A newer dolfinx with its own PETSc, SLEPc and MPI, in place of the environment's: its loader finds MPI only in an environment of its
+# own, which takes all else from the one it was made of.
+require_dolfinx() {
+    as_environment=1
+    if require_pip_group "$1"; then installed_well=yes; else installed_well=; fi
+    as_environment=
+    [ -n "$installed_well" ] || return 1
+    # not where it would hide the standard library or what is found before
+    PYTHONPATH=${PYTHONPATH%":$group_folder"}
+    python=$group_folder/bin/python3
+    export LD_LIBRARY_PATH="$group_folder/lib"
 }
 
 # The packages of pictures.txt, for every command. Without a registry the program goes on and has no stills; the next try is

@@ -16,8 +16,8 @@ ranks_asked_for() {
     echo "$asked"
 }
 
-# An mpirun of the caller's or a srun --mpi=pmix started this as one of several.
-is_rank() { [ -n "${OMPI_COMM_WORLD_SIZE:-}${PMIX_RANK:-}" ]; }
+# An mpirun of the caller's (Open MPI's or MPICH's) or a srun --mpi=pmix started this as one of several.
+is_rank() { [ -n "${OMPI_COMM_WORLD_SIZE:-}${PMIX_RANK:-}" ] || [ -n "${PMI_SIZE:-}" ]; }
 
 # Whether the other ranks run on other nodes, too.
 spans_nodes() {
@@ -83,6 +83,14 @@ mpirun_of() {
     if [ -n "$root" ] || [ -x "$beside" ]; then echo "$beside"; else echo mpirun; fi
 }
 
+# is_open_mpi MPIRUN: whether it is Open MPI's; that of the private root is, that of dolfinx-new.txt is MPICH's.
+is_open_mpi() {
+    [ -z "$dolfinx" ] || return 1
+    [ -z "$root" ] || return 0
+    case $("$1" --version 2>/dev/null) in *"Open MPI"* | *PRRTE* | *prte*) return 0 ;; esac
+    return 1
+}
+
 # OpenBLAS knows CPUs by their number and takes slow kernels for one that is newer than itself. Where the CPU has AVX-512 and
 # OpenBLAS did not see it, name the kernels for it. Asked once per CPU and environment.
 blas_kernels() {
@@ -119,7 +127,9 @@ export_settings() {
         inner_path=/usr/local/bin:/usr/bin:/bin:/usr/sbin:/sbin
         PYTHONPATH=
     fi
-    export PYTHONPATH="$project/.typing${PYTHONPATH:+:$PYTHONPATH}"
+    # an installed package is found without
+    if [ -z "$installed" ]; then PYTHONPATH=$project/.typing${PYTHONPATH:+:$PYTHONPATH}; fi
+    export PYTHONPATH="${PYTHONPATH:-}"
     unset PYTHONDONTWRITEBYTECODE
     # without a display VTK looks for one first, and says so
     if [ -z "${DISPLAY:-}" ]; then export VTK_DEFAULT_OPENGL_WINDOW="${VTK_DEFAULT_OPENGL_WINDOW:-vtkEGLRenderWindow}"; fi

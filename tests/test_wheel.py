@@ -1,107 +1,159 @@
-"""The distribution: every room is in the wheel, and a scene runs from it."""
+"""The distribution: what the release check builds holds what it is to hold, a scene runs from it,
+and its program sets what the launcher of a checkout sets.
+"""
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import release_check
 
 ROOT = Path(__file__).resolve().parent.parent
-PARTS = (
-    "pyproject.toml",
-    "setup.py",
-    "MANIFEST.in",
-    "README.md",
-    "LICENSE",
-    "CHANGELOG.md",
-    "CITATION.cff",
-)
-ASSETS = {".py", ".pyi", ".toml", ".yaml", ".html", ".css", ".js"}
-# `api` is the package itself
-LAYERS = [
-    "api",
-    *(
-        link.name
-        for link in (ROOT / ".typing" / "headstock").iterdir()
-        if (ROOT / link.name).is_dir()
-    ),
-]
 COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
+# what decides about threads, MPI, PETSc and drawing; a rank has more of the kind, of its own
+SETTINGS = re.compile(r"(OMP|OPENBLAS|OMPI_MCA|OMPI_ALLOW|PETSC|UCX|VTK)_\w+")
+START = "from headstock.app.start import main; main()"
 
 
-def build_wheel(folder: Path) -> Path:
-    """The wheel of this tree, built from a copy: setuptools leaves folders beside what it
-    builds.
-    """
-    for layer in LAYERS:
-        shutil.copytree(
-            ROOT / layer, folder / "tree" / layer, ignore=shutil.ignore_patterns("__pycache__")
-        )
-    for name in PARTS:
-        shutil.copy(ROOT / name, folder / "tree" / name)
-    command = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "--no-build-isolation",
-        "--no-deps",
-        "--no-index",
-        "-q",
-        "-w",
-        str(folder),
-        ".",
-    ]
-    subprocess.run(command, cwd=folder / "tree", check=True, capture_output=True, text=True)
-    (wheel,) = folder.glob("*.whl")
-    return wheel
+class Built(NamedTuple):
+    """The archives of this tree, and the wheel unpacked."""
+
+    files: list[str]
+    wheel: Path
+    sdist: Path
+    rebuilt: Path
+    packages: Path
 
 
-def run(folder: Path, packages: Path, name: str) -> list[float]:
-    """Frequencies that the program in a folder of packages finds."""
-    command = [
-        sys.executable,
-        "-P",
-        "-m",
-        "headstock.app.command_line",
-        "run",
-        "scene.toml",
-        "-o",
-        name,
-    ]
-    subprocess.run(
-        command,
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Built:
+    if not (ROOT / ".git").exists():
+        pytest.skip("only git knows what belongs into archives")
+    folder = tmp_path_factory.mktemp("archives")
+    files = release_check.tracked_files(ROOT)
+    wheel, sdist, rebuilt = release_check.build_archives(ROOT, files, folder)
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder / "installed")
+    return Built(files, wheel, sdist, rebuilt, folder / "installed")
+
+
+def call(built: Built, folder: Path, *words: str, **variables: str) -> str:
+    """What the program of the unpacked wheel prints."""
+    # threads too are the launcher's to choose
+    inherited = {name: text for name, text in os.environ.items() if not SETTINGS.fullmatch(name)}
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", START, *words],
         cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(packages)},
+        env=inherited | {"PYTHONPATH": str(built.packages)} | variables,
         check=True,
         capture_output=True,
         text=True,
     )
-    summary = json.loads((folder / name / "summary.json").read_text())
-    (pose,) = summary["modal"]
-    found: list[float] = pose["frequencies_hz"]
-    return found
+    return done.stdout
 
 
-def test_a_scene_runs_from_the_wheel_which_holds_every_module_and_asset(tmp_path: Path) -> None:
-    wheel, installed = build_wheel(tmp_path), tmp_path / "installed"
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(installed)
-    # the rest of app/report/viewer is what its script was packed from
-    files = {
-        path.relative_to(ROOT if layer != "api" else ROOT / layer)
-        for layer in LAYERS
-        for path in (ROOT / layer).rglob("*")
-        if path.suffix in ASSETS or path.name == "py.typed"
-    }
-    assert {path for path in files if not (installed / "headstock" / path).is_file()} == set()
+def launch(folder: Path, *words: str, **variables: str) -> str:
+    """What the launcher of this checkout prints, with this Python."""
+    inherited = {name: text for name, text in os.environ.items() if not SETTINGS.fullmatch(name)}
+    done = subprocess.run(
+        [ROOT / "headstock", *words],
+        cwd=folder,
+        env=inherited | {"HEADSTOCK_PYTHON": sys.executable} | variables,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    return done.stdout
 
-    (tmp_path / "scene.toml").write_text(COLUMN.read_text() + "[analyses.modal]\ncount = 3\n")
-    frequencies = [
-        run(tmp_path, path, name)
-        for path, name in ((installed, "wheel"), (ROOT / ".typing", "checkout"))
+
+def test_this_checkout_passes_and_its_archives_hold_what_belongs_there_and_no_more(
+    built: Built,
+) -> None:
+    rows = [
+        *release_check.check_tree(ROOT, built.files),
+        release_check.check_wheel(ROOT, built.files, built.wheel),
+        release_check.check_sdist(built.files, built.sdist),
+        release_check.check_rebuilt(built.wheel, built.rebuilt),
     ]
+    assert [row.wrong for row in rows] == [()] * 7
+    # and a file more or less is told
+    less = [name for name in built.files if name != "app/report/report.css"]
+    assert release_check.check_wheel(ROOT, less, built.wheel).wrong == (
+        f"{built.wheel.name} holds headstock/app/report/report.css",
+    )
+    more = [*built.files, "tests/test_new.py"]
+    assert release_check.check_sdist(more, built.sdist).wrong == (
+        f"{built.sdist.name} lacks tests/test_new.py",
+    )
+
+
+def test_a_scene_runs_from_the_wheel_with_the_numbers_of_the_checkout(
+    built: Built, tmp_path: Path
+) -> None:
+    (tmp_path / "scene.toml").write_text(COLUMN.read_text() + "[analyses.modal]\ncount = 3\n")
+    call(built, tmp_path, "run", "scene.toml", "-o", "wheel")
+    launch(tmp_path, "run", "scene.toml", "-o", "checkout")
+    frequencies = []
+    for name in ("wheel", "checkout"):
+        (pose,) = json.loads((tmp_path / name / "summary.json").read_text())["modal"]
+        frequencies.append(pose["frequencies_hz"])
     assert frequencies[0] == frequencies[1]
     assert len(frequencies[0]) == 3
+
+
+def test_the_program_of_the_wheel_sets_what_the_launcher_of_a_checkout_sets(
+    built: Built, tmp_path: Path
+) -> None:
+    code = "import json, os; print(json.dumps(dict(os.environ)))"
+    # the number of free cores may change from one call to the next
+    settings = [
+        {
+            name: text
+            for name, text in json.loads(printed).items()
+            if SETTINGS.fullmatch(name) and name != "PETSC_DIR"
+        }
+        for printed in (
+            call(built, tmp_path, "python", "-c", code, HEADSTOCK_THREADS="2"),
+            launch(tmp_path, "python", "-c", code, HEADSTOCK_THREADS="2"),
+        )
+    ]
+    assert settings[0] == settings[1]
+    assert {"OMP_NUM_THREADS", "OMPI_MCA_btl", "OMPI_MCA_pml", "PETSC_OPTIONS"} <= set(settings[0])
+
+
+def test_ranks_of_the_program_of_the_wheel_are_started_as_those_of_a_checkout(
+    built: Built, tmp_path: Path
+) -> None:
+    words = [
+        printed.splitlines()
+        for printed in (
+            call(built, tmp_path, "run", "x.toml", "--ranks", "2", HEADSTOCK_DRY_RUN="1"),
+            launch(tmp_path, "run", "x.toml", "--ranks", "2", HEADSTOCK_DRY_RUN="1"),
+        )
+    ]
+    assert words[0][2:] == words[1][2:]
+    assert any("mpirun" in word for word in words[0])
+    assert words[0][1] == str(built.packages / "headstock/environment/start_ranks.sh")
+
+
+def test_an_unpacked_source_archive_runs(built: Built, tmp_path: Path) -> None:
+    shutil.unpack_archive(built.sdist, tmp_path, filter="data")
+    (tree,) = tmp_path.iterdir()
+    done = subprocess.run(
+        [tree / "headstock", "--version"],
+        env=os.environ | {"HEADSTOCK_PYTHON": sys.executable, "PYTHONPATH": ""},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.startswith("headstock 0.")
+    linked = {path.name for path in (tree / ".typing" / "headstock").iterdir()}
+    assert linked == {path.name for path in (ROOT / ".typing" / "headstock").iterdir()}

@@ -43,13 +43,13 @@ class Check:
 
 @dataclass(frozen=True)
 class Question:
-    """Code whose last printed line says what is there; ``expected`` must begin it, ``remedy`` says
-    what to do otherwise. ``modules`` are the packages that it imports because the program does.
+    """Code whose last printed line says what is there; ``expected``, or one of several, must begin
+    it, ``remedy`` says what to do otherwise. ``modules`` are the packages that it imports because the program does.
     """
 
     name: str
     code: str
-    expected: str = ""
+    expected: str | tuple[str, ...] = ""
     remedy: str = PACKAGES
     needed: bool = True
     modules: tuple[str, ...] = ()
@@ -72,13 +72,13 @@ LIBRARIES = (
     Question(
         "dolfinx",
         "import basix, dolfinx, ffcx, ufl; print(dolfinx.__version__)",
-        "0.9",
-        "the code runs on dolfinx 0.9 only: " + PACKAGES,
+        ("0.9", "0.11"),
+        "the code was tried on dolfinx 0.9 and 0.11: " + PACKAGES,
         modules=("basix", "dolfinx", "ffcx", "ufl"),
     ),
     Question(
         "PETSc",
-        "from petsc4py import PETSc; import numpy; v = PETSc.Sys.getVersion(); "
+        "import numpy; from petsc4py import PETSc; v = PETSc.Sys.getVersion(); "
         "print('real' if PETSc.ScalarType is numpy.float64 else PETSc.ScalarType.__name__, 'scalars,', '.'.join(map(str, v)))",
         "real",
         "PETSc must have real double scalars: on Debian python3-petsc4py-real",
@@ -86,7 +86,7 @@ LIBRARIES = (
     ),
     Question(
         "MUMPS",
-        "from petsc4py import PETSc; m = PETSc.Mat().createAIJ([1, 1]); m.setUp(); m[0, 0] = 2.0; m.assemble(); "
+        "import numpy; from petsc4py import PETSc; m = PETSc.Mat().createAIJ([1, 1]); m.setUp(); m[0, 0] = 2.0; m.assemble(); "
         "pc = PETSc.PC().create(); pc.setOperators(m); pc.setType('cholesky'); pc.setFactorSolverType('mumps'); pc.setUp(); "
         "print('factorises')",
         "factorises",
@@ -94,12 +94,12 @@ LIBRARIES = (
     ),
     Question(
         "SLEPc",
-        "from slepc4py import SLEPc; print('.'.join(map(str, SLEPc.Sys.getVersion())))",
+        "import numpy; from slepc4py import SLEPc; print('.'.join(map(str, SLEPc.Sys.getVersion())))",
         modules=("slepc4py",),
     ),
     Question(
         "MPI library",
-        "from mpi4py import MPI; print(MPI.Get_library_version().split(',')[0].strip())",
+        "from mpi4py import MPI; print(MPI.Get_library_version().splitlines()[0].split(',')[0].strip())",
         modules=("mpi4py",),
     ),
     Question("gmsh", "import gmsh; print(gmsh.__version__)", modules=("gmsh",)),
@@ -259,10 +259,12 @@ def check_ranks() -> Check:
     if mpirun is None:
         return Check("MPI, 2 ranks", "no mpirun", "missing", remedy)
     code = "from mpi4py import MPI; s = MPI.COMM_WORLD.allreduce(1); MPI.COMM_WORLD.rank or print(s, 'ranks answer')"
+    # other makers let ranks share cores without being told
+    shared = ["--oversubscribe"] if "open-mpi" in run_child([mpirun, "--version"])[1] else []
     exit_code, answer = run_child(
         [
             mpirun,
-            "--oversubscribe",
+            *shared,
             "--bind-to",
             "none",
             "-n",

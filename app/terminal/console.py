@@ -31,7 +31,7 @@ def is_terminal(stream: TextIO) -> bool:
     """Whether somebody looks at a stream; mpirun gives every rank a terminal of its own, wherever
     its own output goes.
     """
-    return stream.isatty() and "OMPI_COMM_WORLD_SIZE" not in os.environ
+    return stream.isatty() and not {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"} & set(os.environ)
 
 
 def make_console(*, stderr: bool = False) -> Console:

@@ -104,7 +104,8 @@ def hand_over(code: int) -> int:
     verdict = os.environ.get(VERDICT)
     if verdict is None:
         return code
-    if os.environ.get("OMPI_COMM_WORLD_RANK", "0") == "0":
+    rank = os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0"))
+    if rank == "0":
         with open(verdict, "w", encoding="ascii") as file:  # noqa: PTH123 (no pathlib at start-up)
             file.write(f"{code}\n")
     return 0

@@ -39,6 +39,10 @@ from headstock.scene.scene import Scene, list_analyses
 SIGNIFICANT_DIGITS = 12
 MESH_LIBRARIES = ("gmsh", "meshio", "numpy", "vtk")
 REDUCTION_LIBRARIES = ("fenics-dolfinx", "petsc4py", "slepc4py", "gmsh", "numpy", "scipy")
+# a build from pip that holds these and says nothing of their versions, which are then those of other
+# builds that it hides
+DOLFINX_BUILD = "dolfinx-solver-real"
+BUILT_TOGETHER = ("fenics-dolfinx", "petsc4py", "slepc4py")
 PACKAGES = (
     headstock.geometry,
     headstock.meshing,
@@ -276,10 +280,16 @@ def _solid_content(component: Component) -> Solid | dict[str, JsonValue]:
 
 
 def _library_version(name: str) -> str:
+    if name in BUILT_TOGETHER and (build := _find_version(DOLFINX_BUILD)):
+        return f"{DOLFINX_BUILD} {build}"
+    return _find_version(name) or "unknown"
+
+
+def _find_version(name: str) -> str | None:
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
-        return "unknown"
+        return None
 
 
 def file_digests(folder: Path, raw: TomlTable) -> Iterator[tuple[str, str]]:

@@ -10,13 +10,13 @@ import numpy as np
 import scipy.sparse
 import ufl
 from dolfinx import fem, la
-from dolfinx.io import gmshio
 from mpi4py import MPI
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
+from headstock.solvers.elastic.compat import create_mesh, gmsh_cell_order
 from headstock.solvers.elastic.corner_level import CornerLevel, interpolate_corners
 from headstock.solvers.elastic.form_cache import compile_form
 from headstock.solvers.errors import AccuracyError
@@ -234,19 +234,17 @@ def _distribute_mesh(
     element = basix.ufl.element("Lagrange", shape, geometry_order, shape=(3,))
     if mesh is None:
         nothing = np.zeros((0, element.basix_element.dim), dtype=np.int64)
-        return dolfinx.mesh.create_mesh(comm, nothing, np.zeros((0, 3)), element)
+        return create_mesh(comm, nothing, np.zeros((0, 3)), element)
     points, cells = mesh.points, mesh.cells[:, _cell_order(facts.kind)]
     if geometry_order == 1:
         corners, numbers = np.unique(cells[:, : CORNERS[shape]], return_inverse=True)
         points, cells = points[corners], numbers.reshape(len(cells), -1)
-    return dolfinx.mesh.create_mesh(comm, cells.astype(np.int64), points, element)
+    return create_mesh(comm, cells.astype(np.int64), points, element)
 
 
 def _cell_order(kind: CellKind) -> NDArray[np.int32]:
     """Place in gmsh's order of each node of a cell in dolfinx's."""
-    shape, _ = CELL_TYPES[kind]
-    cell_type = dolfinx.cpp.mesh.to_type(shape)
-    return np.asarray(gmshio.cell_perm_array(cell_type, int(kind[3:])))
+    return gmsh_cell_order(CELL_TYPES[kind][0], int(kind[3:]))
 
 
 def _assemble_stiffness(

@@ -3,13 +3,12 @@
 from dataclasses import dataclass
 
 import basix
-import dolfinx
 import numpy as np
-from dolfinx.io import gmshio
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
+from headstock.solvers.elastic.compat import gmsh_cell_order
 from headstock.solvers.elastic.elasticity import CELL_TYPES
 from headstock.solvers.errors import ModelError
 
@@ -76,10 +75,7 @@ class _Element:
         self._element = basix.create_element(
             basix.ElementFamily.P, basix.CellType[shape], order, basix.LagrangeVariant.equispaced
         )
-        permutation = np.asarray(
-            gmshio.cell_perm_array(dolfinx.cpp.mesh.to_type(shape), mesh.cells.shape[1])
-        )
-        self.cells: IntArray = mesh.cells[:, permutation]
+        self.cells: IntArray = mesh.cells[:, gmsh_cell_order(shape, mesh.cells.shape[1])]
         self.corners = basix.geometry(basix.CellType[shape])
         self.nodes = np.asarray(self._element.points)
         self.simplex = shape == "tetrahedron"

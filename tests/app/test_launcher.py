@@ -3,6 +3,7 @@ private root.
 """
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -227,6 +228,39 @@ def test_ranks_are_started_by_mpirun_inside_the_root(host: Host, ranks: list[str
         "headstock.app.command_line",
     ]
     assert words[start + 12 :] == ["run", "x.toml", *ranks]
+
+
+def test_ranks_of_another_mpi_than_open_mpi_get_no_words_that_it_does_not_know(
+    tmp_path: Path,
+) -> None:
+    folder = clone(tmp_path / "clone")
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "python3").symlink_to(sys.executable)
+    for answer, extra in (("HYDRA build details:", []), ("(Open MPI) 5.0.7", ["--oversubscribe"])):
+        mpirun = tmp_path / "bin" / "mpirun"
+        mpirun.write_text(f"#!/bin/sh\necho 'mpirun {answer}'\n")
+        mpirun.chmod(0o755)
+        done = direct(
+            *(folder, "run", "x.toml", "--ranks", "2"),
+            HEADSTOCK_PYTHON=str(tmp_path / "bin" / "python3"),
+            HEADSTOCK_DRY_RUN="1",
+        )
+        words = done.stdout.splitlines()
+        start = words.index(str(mpirun))
+        assert words[start + 1 : start + len(extra) + 5] == [*extra, "--bind-to", "none", "-n", "2"]
+
+
+def test_with_a_newer_dolfinx_the_python_of_its_own_environment_computes(host: Host) -> None:
+    for option in (["--with", "dolfinx-new"], ["--with=dolfinx-new"]):
+        words = dry(host, *option, "run", "x.toml", "--ranks", "2")
+        python = words[words.index("-m") - 2]
+        assert re.search(r"/headstock/pip-dolfinx-new-\w{12}/bin/python3$", python)
+        assert words[-4:] == ["run", "x.toml", "--ranks", "2"]
+        assert str(Path(python).with_name("mpirun")) in words
+        assert "--oversubscribe" not in words
+    done = run([ROOT / "headstock", "--with", "dolfinx-old", "run", "x.toml"], host.environment())
+    assert done.returncode == 1
+    assert "write --with dolfinx-new before a command" in done.stderr
 
 
 def test_ranks_of_a_job_on_a_cluster_are_left_to_the_job(host: Host) -> None:
@@ -976,24 +1010,6 @@ def test_where_the_users_cache_cannot_be_written_a_folder_of_their_own_takes_its
     done = direct(folder, "exec", "true", cwd=tmp_path, **variables)
     assert done.returncode == 1
     assert "name a folder with XDG_CACHE_HOME" in done.stderr
-
-
-def test_every_pip_package_is_pinned_to_a_version_and_its_hashes() -> None:
-    lists = {path for path in (ROOT / "environment").glob("*.txt") if path.name != "packages.txt"}
-    assert {path.stem for path in lists} >= {"pictures", "lint", "tests", "benchmarks"}
-    for path in lists:
-        lines = [
-            line
-            for line in path.read_text().replace("\\\n", " ").splitlines()
-            if line and not line.startswith("#")
-        ]
-        assert lines, path
-        for line in lines:
-            package, *hashes = line.split()
-            assert "==" in package
-            assert hashes and all(
-                word.startswith("--hash=sha256:") and len(word) == 78 for word in hashes
-            )
 
 
 def test_a_link_to_the_launcher_runs_the_clone_it_points_to(tmp_path: Path) -> None:
