@@ -124,6 +124,7 @@ class ContouringRequest:
             cut hold.
         traces: File of measured positions of axes or legs; None for the computed path.
         traces_knots: Distance of the knots of the spline through them [s].
+        tool_modes: Lumped modes of spindle and tool, from the machine to the tip.
         cut_off: Wavelength between roughness and waviness of milled faces [m].
     """
 
@@ -141,6 +142,7 @@ class ContouringRequest:
     follows_pose: bool = True
     traces: Path | None = None
     traces_knots: float = 0.01
+    tool_modes: tuple[ToolMode, ...] = ()
     cut_off: float = 0.8e-3
 
     def describe(self) -> str:
@@ -156,6 +158,8 @@ class ContouringRequest:
             source += ", chips as thick as the last teeth left them"
         if self.traces is not None:
             source += f", drives as in {self.traces.name}"
+        if self.tool_modes:
+            source += f", {len(self.tool_modes)} mode(s) of spindle and tool"
         return f"tool gap {describe_contour(self.contour)}, {self.model}, {source}"
 
 

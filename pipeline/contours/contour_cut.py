@@ -2,6 +2,10 @@
 teeth left them.
 """
 
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
@@ -13,8 +17,32 @@ from headstock.solvers.milling.regeneration import (
     cutting_phases,
     march_regenerative,
 )
+from headstock.solvers.milling.tool_dynamics import ToolMode, mount_modes
 from headstock.solvers.milling.tool_path import ContourPlan
-from headstock.solvers.paths.linear_motion import CompliantHistory, LinearMotion, march_linear
+from headstock.solvers.paths.linear_motion import (
+    CompliantHistory,
+    LinearMotion,
+    chunk_slices,
+    march_linear,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class CutMotion:
+    """A machine that has cut a contour, in the axes of its motion.
+
+    Attributes:
+        history: Its coordinates.
+        tip: ``(n, 3)`` motion of the tip of the tool, of all motions that are kept [m].
+        force: ``(n, 3)`` on the tip [N].
+        carried: ``(n, 3)`` on the machine, where it is not that on the tip: less what accelerates
+            the modes of the tool [N].
+    """
+
+    history: CompliantHistory
+    tip: FloatArray
+    force: FloatArray
+    carried: FloatArray
 
 
 def cut_contour(
@@ -24,9 +52,8 @@ def cut_contour(
     *,
     rotation: FloatArray,
     record: ForceRecord | None,
-) -> tuple[CompliantHistory, FloatArray]:
-    """The motion of a machine on its way, and the ``(n, 3)`` force on the tool, in the axes of the
-    motion [N].
+) -> CutMotion:
+    """The motion of a machine on its way, with the modes of its tool.
 
     Args:
         request: Path, tool and cut.
@@ -39,16 +66,66 @@ def cut_contour(
         ForceFileError: The record does not cover the way.
         ConvergenceError: The motion grows without bound.
     """
-    times = motion.times
+    times, size = motion.times, motion.mass.shape[-1]
     velocity = plan.path.velocity(times)
+    modes = turned_modes(request.tool_modes, rotation)
+    tipped = _mount_tool(motion, plan, modes, rotation) if modes else motion
     if request.cutting and request.regeneration and record is None:
-        return march_regenerative(
-            motion,
-            motion.load,
-            _regenerative_cut(request, plan, velocity, times, rotation),
+        history, force = march_regenerative(
+            tipped, tipped.load, _regenerative_cut(request, plan, velocity, times, rotation)
         )
-    force = _given_force(request, plan, velocity, times, record) @ rotation
-    return march_linear(motion, motion.load + motion.tool_load(force)), force
+    else:
+        force = _given_force(request, plan, velocity, times, record) @ rotation
+        history = march_linear(tipped, tipped.load + tipped.tool_load(force))
+    carried, after = force, history.compliant.shape[1]
+    for mode in reversed(modes):
+        # in its directions spring and damper pass on what its mass leaves
+        own = slice(after - mode.directions.shape[1], after)
+        passed = mode.stiffness * history.compliant[:, own] + mode.damper * history.rate[:, own]
+        carried = carried @ (np.eye(3) - mode.projector) + passed @ mode.directions.T
+        after = own.start
+    kept = slice(0, size)
+    return CutMotion(
+        CompliantHistory(
+            history.compliant[:, kept], history.rate[:, kept], history.acceleration[:, kept]
+        ),
+        tipped.tool_motion(history.compliant),
+        force,
+        carried,
+    )
+
+
+def turned_modes(modes: Sequence[ToolMode], rotation: FloatArray) -> tuple[ToolMode, ...]:
+    """Modes of a tool in other axes.
+
+    Args:
+        modes: In the axes of the machine.
+        rotation: ``(3, 3)`` from the other axes to those of the machine.
+    """
+    return tuple(
+        dataclasses.replace(mode, directions=rotation.T @ mode.directions) for mode in modes
+    )
+
+
+def _mount_tool(
+    motion: LinearMotion, plan: ContourPlan, modes: Sequence[ToolMode], rotation: FloatArray
+) -> LinearMotion:
+    """A machine with the modes of its tool; their weight is left out as gravity is of the gap."""
+    found = mount_modes(motion.mass, motion.damping, motion.stiffness, motion.tool, modes)
+    extra = found.mass.shape[-1] - motion.mass.shape[-1]
+    load = np.pad(motion.load, ((0, 0), (0, extra)))
+    for part in chunk_slices(len(motion.times)):
+        pull = plan.path.at(motion.times[part]).acceleration @ rotation
+        load[part] -= (motion.between(found.weighed, part) @ pull[..., None])[..., 0]
+    return dataclasses.replace(
+        motion,
+        mass=found.mass,
+        damping=found.damping,
+        stiffness=found.stiffness,
+        tool=found.tip,
+        gravity_deflection=np.pad(motion.gravity_deflection, ((0, 0), (0, extra))),
+        load=load,
+    )
 
 
 def _tool_force(

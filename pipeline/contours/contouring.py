@@ -12,7 +12,11 @@ import numpy as np
 from headstock.pipeline.answers.contouring import ContourAnswer, ContourFace, FaceStability
 from headstock.pipeline.answers.milled_faces import MilledFace
 from headstock.pipeline.contours.contour_run import ContourRun, face_instants, high_share
-from headstock.pipeline.contours.coupled_contour import coupled_face_dynamics, run_coupled_contour
+from headstock.pipeline.contours.coupled_contour import (
+    STEPS_PER_SWING,
+    coupled_face_dynamics,
+    run_coupled_contour,
+)
 from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
 from headstock.pipeline.contours.milled_faces import mill_faces
 from headstock.pipeline.planning.plan import Stage
@@ -170,6 +174,12 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
         )
     if run.fit is not None:
         _judge_traces(state, run.fit)
+    for mode in request.tool_modes:
+        if (steps := 1.0 / (mode.hz * float(run.times[1] - run.times[0]))) < STEPS_PER_SWING:
+            state.warn(
+                f"mode {mode.name} of the tool, {mode.hz:.0f} Hz, has {steps:.0f} time steps per swing; write a larger steps_per_turn in"
+                " [analyses.contouring]"
+            )
     milled, reasons = mill_faces(request, run) if request.cutting else ((), ())
     for reason in reasons:
         state.warn(reason)

@@ -19,7 +19,7 @@ from headstock.geometry.machine.joints import Axis
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.machine.tool_travel import ToolTravel, find_tool_travel
 from headstock.geometry.mechanisms.exechon import LENGTHS
-from headstock.pipeline.contours.contour_cut import cut_contour, travel_frames
+from headstock.pipeline.contours.contour_cut import cut_contour, travel_frames, turned_modes
 from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
 from headstock.pipeline.contours.traced_path import plan_request
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
@@ -34,6 +34,7 @@ from headstock.solvers.control.friction_loop import friction_force
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.milling.path_drives import find_tool_positions, move_markers
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
+from headstock.solvers.milling.tool_dynamics import mount_modes
 from headstock.solvers.milling.tool_path import AVERAGES, PathPoints, ToolPath
 from headstock.solvers.paths.linear_motion import interpolate_nodes
 from headstock.solvers.paths.sampled_motion import (
@@ -134,7 +135,8 @@ def run_coupled_contour(
         return np.concatenate([np.ones((len(now), 1)), way.amounts(now)], axis=1)
 
     motion = follow_motion(sampled, times, given)
-    history, force = cut_contour(request, motion, plan, rotation=np.eye(3), record=record)
+    cut = cut_contour(request, motion, plan, rotation=np.eye(3), record=record)
+    history = cut.history
     gravity_deflection = motion.tool_motion(
         interpolate_nodes(times, motion.nodes, motion.gravity_deflection)
     )
@@ -144,7 +146,7 @@ def run_coupled_contour(
             sampled,
             times[some],
             coordinates=history.compliant[some],
-            force=force[some],
+            force=cut.carried[some],
             given=given(times[some]),
         )
         # a drive at the base of a leg also carries the leg, and pushes against what its tip feels
@@ -153,9 +155,9 @@ def run_coupled_contour(
     torques, assumed = _motor_torques(state, tuple(screws), way, times)
     return CoupledRun(
         times=times,
-        gap=motion.tool_motion(history.compliant) + motion.tool_rest(force) - gravity_deflection,
+        gap=cut.tip + motion.tool_rest(cut.force) - gravity_deflection,
         gravity_deflection=gravity_deflection,
-        force=force,
+        force=cut.force,
         plan=plan,
         fit=fit,
         motion=motion,
@@ -214,8 +216,16 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
         2.0 * RESIDUAL_DAMPING * omega * np.eye(kept + 3),
     )
     stiffness[:kept, :kept], damping[:kept, :kept] = now.stiffness[0], now.damping[0]
-    shapes = np.concatenate([tip, extra], axis=1)
-    return tip_dynamics(np.eye(kept + 3), damping, stiffness, forced=shapes, seen=shapes[:2])
+    found = mount_modes(
+        np.eye(kept + 3),
+        damping,
+        stiffness,
+        np.concatenate([tip, extra], axis=1),
+        turned_modes(request.tool_modes, frame.T),
+    )
+    return tip_dynamics(
+        found.mass, found.damping, found.stiffness, forced=found.tip, seen=found.tip[:2]
+    )
 
 
 def _placer(

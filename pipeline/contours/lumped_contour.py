@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
-from headstock.pipeline.contours.contour_cut import cut_contour, travel_frames
+from headstock.pipeline.contours.contour_cut import cut_contour, travel_frames, turned_modes
 from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
 from headstock.pipeline.contours.traced_path import plan_request
 from headstock.scene.reading.forces import ForceRecord
@@ -30,6 +30,7 @@ from headstock.solvers.milling.contouring import (
 )
 from headstock.solvers.milling.path_drives import PathDrive, find_tool_positions, follow_path
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
+from headstock.solvers.milling.tool_dynamics import mount_modes
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.solvers.paths.linear_motion import CompliantHistory, interpolate_nodes
 
@@ -75,10 +76,10 @@ def run_lumped_contour(
     turn = mechanism.mounted.mounting.rotation
     ratios = np.array(request.damping_ratios or (0.0,))
     motion = linear_motion(model, drive, times, ratios)
-    history, force = cut_contour(request, motion, plan, rotation=turn, record=record)
-    moved = motion.tool_motion(history.compliant)
+    cut = cut_contour(request, motion, plan, rotation=turn, record=record)
+    history, moved = cut.history, cut.tip
     if request.model == "nonlinear":
-        history = refine_motion(model, drive, motion, force, history)
+        history = refine_motion(model, drive, motion, cut.force, history)
         moved = tool_gaps(model, drive, times, history.compliant)
     gravity_deflection = (
         motion.tool_motion(interpolate_nodes(times, motion.nodes, motion.gravity_deflection))
@@ -90,12 +91,12 @@ def run_lumped_contour(
         times=times,
         gap=moved @ turn.T - gravity_deflection,
         gravity_deflection=gravity_deflection,
-        force=force @ turn.T,
+        force=cut.force @ turn.T,
         plan=plan,
         fit=fit,
         motion=motion,
         history=history,
-        drives=_leg_drives(mechanism, model, drive, times, history, force),
+        drives=_leg_drives(mechanism, model, drive, times, history, cut.carried),
         highest_hz=highest,
         coriolis=model.velocity_terms,
         assumed=(TORQUE,) if mechanism.screw_lead else (),
@@ -150,6 +151,14 @@ def lumped_face_dynamics(
     damping = modal_damping(
         motions, solve_pose_modes(motions), np.array(request.damping_ratios or (0.0,))
     )
-    frame: FloatArray = travel_frames(cut.travel[None])[0] @ mechanism.mounted.mounting.rotation
-    tip = frame @ marker_motion(model, motions, model.tool)[:3]
-    return tip_dynamics(motions.mass, damping, np.diag(motions.stiffness), forced=tip, seen=tip[:2])
+    turn = mechanism.mounted.mounting.rotation
+    frame: FloatArray = travel_frames(cut.travel[None])[0] @ turn
+    found = mount_modes(
+        motions.mass,
+        damping,
+        np.diag(motions.stiffness),
+        marker_motion(model, motions, model.tool)[:3],
+        turned_modes(request.tool_modes, turn),
+    )
+    tip = frame @ found.tip
+    return tip_dynamics(found.mass, found.damping, found.stiffness, forced=tip, seen=tip[:2])

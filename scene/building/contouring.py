@@ -11,6 +11,7 @@ from headstock.geometry.machine.machine import Pose, find_limit_fault
 from headstock.geometry.machine.tool_travel import find_tool_travel
 from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.scene.building.draft import Draft, check_name
+from headstock.scene.building.lobes import build_tool_mode
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.forces import ForceFileError
@@ -33,6 +34,7 @@ KEY: KeyPath = ("analyses", "contouring")
 FORCE_SUFFIXES = (".csv",)
 PASSINGS = 2.0  # modes are kept up to so many times the frequency at which teeth pass
 LOOKS = 200  # places along a contour at which axes are compared with their limits
+UP = (0.0, 0.0, 1.0)  # along the tool
 ONE_HEIGHT = 1e-9  # of corners [m]
 
 
@@ -67,6 +69,7 @@ def build_contouring(
         forces=_find_file(folder, table.forces),
         traces=_find_file(folder, table.traces),
         traces_knots=table.traces_knots,
+        tool_modes=tuple(build_tool_mode(mode, UP) for mode in table.tool_modes),
         cutting=bool(scene.effects.get("cutting_force", False)),
         regeneration=bool(scene.effects.get("regeneration", False)),
         point=_tool_point(scene, table),
@@ -179,6 +182,8 @@ def check_contouring(draft: Draft, findings: Findings) -> None:
             (*KEY, "radial_depth"),
             "is more than the radius of the tool; take less, or a larger tool",
         )
+    if table.tool_modes and table.model != "linear":
+        findings.add((*KEY, "tool_modes"), 'need the linear model; write model = "linear"')
     _check_way(table, draft.folder, findings)
     for name, written in (("forces", table.forces), ("traces", table.traces)):
         try:

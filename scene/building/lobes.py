@@ -9,7 +9,7 @@ from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.requests import LobesRequest
-from headstock.scene.schema.mechanism import LobesTable, ToolModeTable
+from headstock.scene.schema.mechanism import ToolModeTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill
 from headstock.solvers.milling.tool_dynamics import ToolMode, across_axis
@@ -47,7 +47,7 @@ def build_lobes(scene: SceneTable, poses: tuple[str, ...], folder: Path) -> Lobe
         up=table.up,
         up_to_hz=table.up_to,
         deepest=table.deepest,
-        tool_modes=tuple(_build_mode(mode, table) for mode in table.tool_modes),
+        tool_modes=tuple(build_tool_mode(mode, table.up) for mode in table.tool_modes),
         tool_receptance=None
         if table.tool_receptance is None
         else resolve_file(folder, table.tool_receptance, SUFFIXES),
@@ -57,10 +57,15 @@ def build_lobes(scene: SceneTable, poses: tuple[str, ...], folder: Path) -> Lobe
     )
 
 
-def _build_mode(table: ToolModeTable, lobes: LobesTable) -> ToolMode:
-    """A mode in its direction, or in both across the tool."""
+def build_tool_mode(table: ToolModeTable, up: tuple[float, float, float]) -> ToolMode:
+    """A mode in its direction, or in both across the tool.
+
+    Args:
+        table: Of the mode.
+        up: Direction along the tool.
+    """
     if table.direction is None:
-        directions = across_axis(np.array(lobes.up))
+        directions = across_axis(np.array(up))
     else:
         along = np.array(table.direction)
         directions = (along / np.linalg.norm(along))[:, None]

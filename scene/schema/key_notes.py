@@ -238,6 +238,7 @@ NOTES = {
     "Contouring.modes_to": "modes of a machine of components kept in time, twice the frequency at which teeth pass unless written; those above"
     " follow at once",
     "Contouring.pose_model": "`pose_dependent`: matrices of a machine of components change along the way; `frozen`: those of the middle of face 1",
+    "Contouring.tool_modes": "lumped modes of spindle and tool as those of `[analyses.lobes]`, across the z axis unless they have a direction",
     "Contouring.cut_off": "wavelength between roughness and waviness of the milled faces (Gaussian filter of ISO 16610-21)",
     "Mill.helix": "helix angle; a positive one pulls the tool down",
     "Mill.runout": "distance of the tool axis from the spindle axis",

@@ -114,6 +114,16 @@ class MillTable(StrictTable):
     runout: NotNegativeLength = 0.0
 
 
+class ToolModeTable(StrictTable):
+    """A lumped mode of spindle or tool: a mass on a spring on what stands before it."""
+
+    name: Name
+    frequency: PositiveFrequency
+    damping: DampingShare
+    stiffness: PositiveStiffness
+    direction: Direction | None = None
+
+
 class ContouringTable(RequestTable):
     """A square block milled around from outside, clockwise seen from above (climb milling), or a
     line of corners that the tool's centre follows.
@@ -140,6 +150,7 @@ class ContouringTable(RequestTable):
     point: Text | None = None
     modes_to: PositiveFrequency | None = None
     pose_model: Literal["pose_dependent", "frozen"] = "pose_dependent"
+    tool_modes: Annotated[list[ToolModeTable], Field(max_length=12)] = []
     cut_off: PositiveLength = 0.8e-3
 
     @model_validator(mode="after")
@@ -203,16 +214,6 @@ Speeds = Annotated[
         }
     ),
 ]
-
-
-class ToolModeTable(StrictTable):
-    """A lumped mode of spindle or tool: a mass on a spring on what stands before it."""
-
-    name: Name
-    frequency: PositiveFrequency
-    damping: DampingShare
-    stiffness: PositiveStiffness
-    direction: Direction | None = None
 
 
 class LobesTable(RequestTable):

@@ -9,6 +9,7 @@ on a spring on what stands before it: its frequency is that on a rigid base.
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -138,6 +139,64 @@ def _passed_force(
     return np.asarray(across @ stiff @ across.T @ meeting + axis)
 
 
+class TippedMachine(NamedTuple):
+    """A machine with lumped modes at its tool, in its own ``c`` coordinates and then the deflections
+    of each mode.
+
+    Attributes:
+        mass: ``(..., c + d, c + d)``.
+        damping: ``(..., c + d, c + d)``.
+        stiffness: ``(..., c + d, c + d)``.
+        tip: ``(..., 3, c + d)`` motion of the tip.
+        weighed: ``(..., c + d, 3)`` load by an acceleration of the tool's place, its sign reversed.
+    """
+
+    mass: FloatArray
+    damping: FloatArray
+    stiffness: FloatArray
+    tip: FloatArray
+    weighed: FloatArray
+
+
+def mount_modes(
+    mass: FloatArray,
+    damping: FloatArray,
+    stiffness: FloatArray,
+    tool: FloatArray,
+    modes: Sequence[ToolMode],
+) -> TippedMachine:
+    """A machine with lumped modes at its tool, each on what stands before it.
+
+    Args:
+        mass: ``(..., c, c)`` of the machine.
+        damping: ``(..., c, c)``.
+        stiffness: ``(..., c, c)``.
+        tool: ``(..., 3, c)`` motion of the tool's place.
+        modes: In their order from machine to tip; their directions in the axes of ``tool``.
+    """
+    weighed = np.zeros_like(np.swapaxes(tool, -1, -2))
+    for mode in modes:
+        count = mode.directions.shape[1]
+        tool = np.concatenate(
+            [tool, np.broadcast_to(mode.directions, (*tool.shape[:-1], count))], axis=-1
+        )
+        # the mass moves with the tip in the directions of the mode
+        moved = mode.mass * np.swapaxes(tool, -1, -2) @ mode.projector
+        mass = _widen(mass, np.zeros((count, count))) + moved @ tool
+        damping = _widen(damping, mode.damper * np.eye(count))
+        stiffness = _widen(stiffness, mode.stiffness * np.eye(count))
+        still = np.zeros((*weighed.shape[:-2], count, 3))
+        weighed = np.concatenate([weighed, still], axis=-2) + moved
+    return TippedMachine(mass, damping, stiffness, tool, weighed)
+
+
+def _widen(matrix: FloatArray, corner: FloatArray) -> FloatArray:
+    size, count = matrix.shape[-1], len(corner)
+    found = np.zeros((*matrix.shape[:-2], size + count, size + count))
+    found[..., :size, :size], found[..., size:, size:] = matrix, corner
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class TipMotion:
     """Where the motion of a tip comes from.
@@ -189,34 +248,30 @@ def attach_tool_modes(
         point: Where the first mode stands.
         modes: From machine to tip.
     """
-    rows = np.array([system.outputs[point, axis] for axis in TRANSLATIONS])
-    loads = np.array([system.inputs[point, axis] for axis in TRANSLATIONS])
-    labels = list(system.labels)
-    matrices = [
+    none = np.zeros_like(system.mass)
+    found = mount_modes(
         system.mass,
+        none if system.damping is None else system.damping,
         system.stiffness,
-        np.zeros_like(system.mass) if system.damping is None else system.damping,
-        np.zeros_like(system.mass) if system.hysteretic is None else system.hysteretic,
+        np.array([system.outputs[point, axis] for axis in TRANSLATIONS]),
+        modes,
+    )
+    extra = np.concatenate([mode.directions for mode in modes], axis=1)
+    loads = np.array([system.inputs[point, axis] for axis in TRANSLATIONS])
+    loads = np.concatenate([loads, extra], axis=1)
+    hysteretic = system.hysteretic
+    if hysteretic is not None:
+        hysteretic = _widen(hysteretic, np.zeros((extra.shape[1], extra.shape[1])))
+    labels = [
+        f"{mode.name}.{number}" for mode in modes for number in range(mode.directions.shape[1])
     ]
-    for mode in modes:
-        size, more = len(matrices[0]), mode.directions.shape[1]
-        matrices = [np.pad(matrix, (0, more)) for matrix in matrices]
-        rows = np.concatenate([rows, mode.directions], axis=1)
-        loads = np.concatenate([loads, mode.directions], axis=1)
-        moved, pushed = mode.directions.T @ rows, mode.directions.T @ loads
-        matrices[0] = matrices[0] + mode.mass * pushed.T @ moved
-        own = np.arange(size, size + more)
-        matrices[1][own, own] += mode.stiffness
-        matrices[2][own, own] += mode.damper
-        labels += [f"{mode.name}.{number}" for number in range(more)]
-    mass, stiffness, damping, hysteretic = matrices
     return dataclasses.replace(
         system,
-        mass=mass,
-        stiffness=stiffness,
-        damping=damping if damping.any() else None,
-        hysteretic=hysteretic if hysteretic.any() else None,
+        mass=found.mass,
+        stiffness=found.stiffness,
+        damping=found.damping if found.damping.any() else None,
+        hysteretic=hysteretic,
         inputs={(point, axis): loads[row] for row, axis in enumerate(TRANSLATIONS)},
-        outputs={(point, axis): rows[row] for row, axis in enumerate(TRANSLATIONS)},
-        labels=tuple(labels),
+        outputs={(point, axis): found.tip[row] for row, axis in enumerate(TRANSLATIONS)},
+        labels=(*system.labels, *labels),
     )

@@ -19,6 +19,7 @@ from headstock.scene.reading.forces import ForceFileError, ForceRecord
 from headstock.scene.requests import ContouringRequest
 from headstock.solvers.mechanisms.modes import linearise_poses, tool_compliance
 from headstock.solvers.milling.path_drives import follow_path
+from headstock.solvers.milling.tool_dynamics import ToolMode
 from headstock.solvers.milling.tool_path import SquareContour
 from headstock.validation.mechanisms.contouring_cases import contour_request
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
@@ -82,7 +83,10 @@ def test_the_summary_tells_faces_assumptions_and_drive_forces(machine: Tripteor)
 def test_a_steady_force_leaves_a_face_where_the_static_compliance_says(machine: Tripteor) -> None:
     request = contour_request("al7075-t6")
     request = dataclasses.replace(
-        request, contour=changed_block(request, side=0.02), damping_ratios=(0.5,)
+        request,
+        contour=changed_block(request, side=0.02),
+        damping_ratios=(0.5,),
+        tool_modes=(ToolMode("spindle", 800.0, 0.2, 2e7, np.eye(3)[:, :2]),),
     )
     push = np.array([-200.0, 150.0, 50.0])
     record = ForceRecord(np.array([0.0, 1.0]), np.stack([push, push]))
@@ -96,7 +100,7 @@ def test_a_steady_force_leaves_a_face_where_the_static_compliance_says(machine: 
     ).states
     compliance = tool_compliance(machine.model, linearise_poses(machine.model, states))
     turn = machine.scene.mounted.mounting.rotation
-    moved = turn @ compliance[1, :3, :3] @ turn.T @ push
+    moved = turn @ compliance[1, :3, :3] @ turn.T @ push + [*push[:2] / 2e7, 0.0]
     face, outward = faces[0], run.plan.cuts[0].outward
     assert face.parameters.location - face.cusp / 3.0 == pytest.approx(moved @ outward, rel=5e-4)
     answer = evaluate_contour(request, run, milled=faces).summarise()
