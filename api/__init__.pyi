@@ -165,10 +165,11 @@ class Support(Noun, schema=loads.SupportTable):
         self, *,
         face: str | None = ...,
         at: str | None = ...,
+        edge: Sequence[str] | None = ...,
         disk: _Table | None = ...,
         rect: _Table | None = ...,
         strip: _Table | None = ...,
-        fix: Sequence[Literal['x', 'y', 'z']],
+        fix: Sequence[Literal['x', 'y', 'z', 'normal'] | _Numbers],
     ) -> None: ...
 
 class Tube(Noun, schema=components.SolidTable):

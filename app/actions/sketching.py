@@ -14,7 +14,7 @@ from headstock.app.terminal.console import add_row, counted, make_console, make_
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import GROUND
 from headstock.geometry.machine.machine import Pose, position_units, show_position
-from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.components import Component, show_fixed
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.pipeline.preview.rigid_view import SupportView, view_rigid
 from headstock.pipeline.results.views import JointView, MachineView, PoseView
@@ -198,7 +198,7 @@ def _print_tables(
     if supports:
         table = make_table("support", "component", "fixed", "at mm")
         for name, support in supports.items():
-            fixed = " ".join(machine.supports[name].directions)
+            fixed = " ".join(map(show_fixed, machine.supports[name].directions))
             at = "; ".join(_in_mm(place) for place in support.places)
             add_row(table, name, machine.supports[name].component, fixed, at)
         print_table(console, "Supports", table)
@@ -235,7 +235,7 @@ def _list_machine(
         "supports": {
             name: {
                 "component": scene.machine.supports[name].component,
-                "fixed": list(scene.machine.supports[name].directions),
+                "fixed": [show_fixed(each) for each in scene.machine.supports[name].directions],
                 "at_m": support.places.tolist(),
             }
             for name, support in supports.items()

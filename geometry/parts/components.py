@@ -194,21 +194,42 @@ class SegmentSettings:
     along: Literal["x", "y", "z"] | None = None
 
 
+NORMAL = "normal"
+SUPPORT_GROUP, EDGE_GROUP = "support:", "|edge"
+# of a component: ``x``, ``y``, ``z``, a unit vector, or ``normal`` to the face at every point
+FixedDirection = str | tuple[float, float, float]
+
+
 @dataclass(frozen=True)
 class Support:
-    """Pointwise support of whole patches of one component.
+    """Pointwise support of whole patches of one component, or of the edge where two meet.
 
     Attributes:
         name: Name in the scene.
         component: Component name.
         patches: Supported area.
-        directions: Fixed displacement directions in the component's axes, a subset of ``x y z``.
+        directions: Fixed displacement directions in the component's axes.
+        edge: With these, the support is the edge where the patches meet them; empty for an area.
     """
 
     name: str
     component: str
     patches: tuple[Patch, ...]
-    directions: tuple[str, ...]
+    directions: tuple[FixedDirection, ...]
+    edge: tuple[Patch, ...] = ()
+
+    @property
+    def groups(self) -> dict[str, tuple[Patch, ...]]:
+        """Its patches by the name of their group in a mesh."""
+        area = f"{SUPPORT_GROUP}{self.name}"
+        return {area: self.patches} | ({f"{area}{EDGE_GROUP}": self.edge} if self.edge else {})
+
+
+def show_fixed(direction: FixedDirection) -> str:
+    """A fixed direction as a scene has it."""
+    if isinstance(direction, str):
+        return direction
+    return f"[{', '.join(f'{number:.4g}' for number in direction)}]"
 
 
 @dataclass(frozen=True)

@@ -351,7 +351,8 @@ def patch_groups(
         loads: Of the machine; those on other components are left out.
     """
     groups: Groups = {name: interface.patches for name, interface in component.interfaces.items()}
-    groups |= {f"support:{s.name}": s.patches for s in supports if s.component == component.name}
+    for support in supports:
+        groups |= support.groups if support.component == component.name else {}
     groups |= {
         f"load:{load.name}": load.patches
         for load in loads

@@ -10,7 +10,13 @@ import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray, Frame
 from headstock.geometry.machine.machine import Pose, place_components
-from headstock.geometry.parts.components import Component, Interface, Support
+from headstock.geometry.parts.components import (
+    NORMAL,
+    Component,
+    FixedDirection,
+    Interface,
+    Support,
+)
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.meshing.components.skins import unmeshed_skin
 from headstock.pipeline.results.views import MachineView, component_skin, place_view
@@ -80,23 +86,50 @@ def _with_supports(component: Component, scene: Scene) -> Component:
         name: Interface(name, (patch,))
         for support in scene.machine.supports.values()
         if support.component == component.name
-        for name, patch in zip(_patch_names(support), support.patches, strict=True)
+        for name, patch in zip(
+            _patch_names(support), (*support.patches, *support.edge), strict=True
+        )
     }
     return dataclasses.replace(component, interfaces={**component.interfaces, **extra})
 
 
 def _patch_names(support: Support) -> list[str]:
-    return [f"support:{support.name}:{number}" for number in range(len(support.patches))]
+    return [
+        f"support:{support.name}:{number}" for number in range(len(support.patches + support.edge))
+    ]
 
 
 def _view_support(support: Support, body: Superelement, placement: Frame) -> SupportView:
     middles = np.array([body.interface_maps[name].frame.origin for name in _patch_names(support)])
-    columns = [DIRECTIONS.index(direction) for direction in support.directions]
-    outward = np.where((middles.mean(axis=0) - body.center_of_mass)[columns] > 0.0, 1.0, -1.0)
+    if support.edge:
+        middles = _edge_middle(support, middles)
+    outward = middles.mean(axis=0) - body.center_of_mass
+    directions = np.array([_show_direction(each, support, outward) for each in support.directions])
+    signs = np.where(directions @ outward > 0.0, 1.0, -1.0)
     return SupportView(
         placement.origin + middles @ placement.rotation.T,
-        (placement.rotation[:, columns] * outward).T,
+        (signs[:, None] * directions) @ placement.rotation.T,
     )
+
+
+def _show_direction(direction: FixedDirection, support: Support, outward: FloatArray) -> FloatArray:
+    """Unit vector of a fixed direction; a normal that only a mesh knows points away from the body."""
+    if not isinstance(direction, str):
+        return np.array(direction)
+    axis = support.patches[0].face[0] if direction == NORMAL else direction
+    if axis in DIRECTIONS and (direction != NORMAL or support.patches[0].face[1:] in ("-", "+")):
+        return np.asarray(np.eye(3)[DIRECTIONS.index(axis)])
+    return np.asarray(outward / (np.linalg.norm(outward) or 1.0))
+
+
+def _edge_middle(support: Support, middles: FloatArray) -> FloatArray:
+    """Middle ``(1, 3)`` of an edge between flat faces, from those of its faces."""
+    middle: FloatArray = np.array([middles[:, axis].mean() for axis in range(3)])
+    for number, patch in enumerate((*support.patches, *support.edge)):
+        if patch.face[0] in DIRECTIONS and patch.face[1:] in ("-", "+"):
+            axis = DIRECTIONS.index(patch.face[0])
+            middle[axis] = middles[number, axis]
+    return middle.reshape(1, 3)
 
 
 def _rigid_body(component: Component) -> Superelement:

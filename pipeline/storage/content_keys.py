@@ -24,6 +24,7 @@ import headstock.scene
 import headstock.solvers
 from headstock.geometry.parts.components import (
     DEFAULT_EIGENSOLVER,
+    SUPPORT_GROUP,
     Component,
     Load,
     Support,
@@ -83,7 +84,11 @@ def mesh_key(component: Component, supports: Sequence[Support], loads: Sequence[
                 name: (interface.patches, interface.allow_singular)
                 for name, interface in component.interfaces.items()
             },
-            "supports": {support.name: support.patches for support in supports},
+            "supports": {
+                name.removeprefix(SUPPORT_GROUP): patches
+                for support in supports
+                for name, patches in support.groups.items()
+            },
             "loads": {load.name: load.patches for load in loads if load.patches},
         }
     )
@@ -173,7 +178,9 @@ def superelement_key(
                 name: (interface.coupling, interface.rail, *filter(None, [interface.flexible]))
                 for name, interface in component.interfaces.items()
             },
-            "supports": {support.name: sorted(support.directions) for support in supports},
+            "supports": {
+                support.name: sorted(map(str, support.directions)) for support in supports
+            },
             "loads": {
                 load.name: (load.kind, load.magnitude) for load in loads if load.kind != "force"
             },

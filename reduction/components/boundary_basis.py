@@ -16,6 +16,7 @@ from headstock.geometry.parts.patches import Outline, in_plane_axes, patch_outli
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.components.interface_patches import MeshPatch, measure_patch
 from headstock.reduction.components.rail_fits import RailFit, fit_rail
+from headstock.reduction.components.supports import HeldPoints, hold_points
 from headstock.reduction.patch_shapes import (
     PatchShapes,
     count_shapes,
@@ -88,8 +89,8 @@ class BoundaryBasis:
         size: Number of boundary dofs.
         shapes: ``(3 n_points, size)`` sparse-in-spirit: mesh dofs, values, and boundary dofs of
             rigid patches.
-        fixed: Mesh dofs in rigid patches or supports, rising.
-        supported: Mesh dofs fixed by supports, rising.
+        fixed: Mesh dofs in rigid patches or supports along axes, rising.
+        held: What supports fix.
         constraints: ``(m, size)`` orthonormal rows that must vanish: shared nodes and
             undetermined rotations.
         warnings: What was merged, dropped or disabled.
@@ -101,7 +102,7 @@ class BoundaryBasis:
     size: int
     shapes: tuple[tuple[IntArray, FloatArray, IntArray], ...]
     fixed: IntArray
-    supported: IntArray
+    held: HeldPoints
     constraints: FloatArray
     warnings: tuple[str, ...]
 
@@ -118,7 +119,7 @@ def build_boundary_basis(
 
     Args:
         component: With its interfaces.
-        mesh: Its mesh, with a patch per interface and a patch ``support:NAME`` per support.
+        mesh: Its mesh, with a patch per interface and the groups of patches of each support.
         supports: Those of this component; each fixes some directions of the points of its patch.
 
     Raises:
@@ -128,11 +129,10 @@ def build_boundary_basis(
     nodes, interface_maps = _merge_interfaces(component, mesh, warnings)
     size = 6 * len(nodes) + _rail_dofs(component)
     size += sum(one.count for one in {node.shapes for node in nodes} if one is not None)
+    held = hold_points(component, mesh, supports)
+    warnings += held.warnings
     supported = np.zeros(3 * len(mesh.points), dtype=bool)
-    for support in supports:
-        points = np.unique(mesh.patches[f"support:{support.name}"])
-        for direction in support.directions:
-            supported[3 * points + "xyz".index(direction)] = True
+    supported[held.dofs] = True
     fixed, rows, shapes = supported.copy(), [], []
     first_owner: dict[int, _PointOwner] = {}
     for number, node in enumerate(nodes):
@@ -170,7 +170,7 @@ def build_boundary_basis(
         size,
         tuple(shapes),
         np.flatnonzero(fixed),
-        np.flatnonzero(supported),
+        held,
         constraints,
         tuple(warnings),
     )

@@ -13,6 +13,7 @@ from headstock.meshing.component_mesh import IntArray
 from headstock.reduction.components.boundary_basis import BoundaryBasis
 from headstock.reduction.components.interface_patches import MeshPatch
 from headstock.reduction.components.nodal_loads import scatter_rows
+from headstock.reduction.components.supports import HeldPoints
 from headstock.reduction.rails import control_point_motion
 from headstock.solvers.elastic.constrained_solver import (
     ConstrainedSolver,
@@ -72,8 +73,8 @@ class MeanConstraints:
         self.loose_frame: Frame | None = None
         self.body_motions: FloatArray | None = None
         self.fixed: FloatArray = np.zeros((0, 6))
-        supported = find_dofs(operators, basis.supported)
-        middle, free = free_combinations(operators, supported)
+        supported = find_dofs(operators, basis.held.dofs)
+        middle, free = free_combinations(operators, supported, basis.held.turned_motions)
         if not basis.nodes and not basis.rails and free.shape[1]:
             # a body that nothing holds in some motion: the mass-weighted mean of those motions is
             # the boundary node, so psi is rigid and phi free of them
@@ -85,13 +86,17 @@ class MeanConstraints:
                 mean.fixed,
             )
             self.node_frames = (self.loose_frame,)
+        if len(basis.held.nodes):
+            # the points of supports in turned directions: each a mean of its own, which vanishes
+            columns.append(_scatter_turned(basis.held, operators))
+            selectors.append(np.zeros((count, len(basis.held.nodes))))
         full = np.hstack(columns) if columns else np.zeros((operators.owned_dofs, 0))
         self.boundary_size = count
         fixed = find_dofs(operators, basis.fixed)
         self.full = full
         self.select = np.hstack(selectors).T if selectors else np.zeros((0, count))
         self.range, dependent = _split_range(np.where(fixed[:, None], 0.0, full), operators.comm)
-        self.columns = full @ self.range
+        self.columns = full @ self.range if dependent.shape[1] else full
         self.dependent = dependent
 
 
@@ -143,6 +148,17 @@ def local_dofs(operators: ElasticOperators) -> IntArray:
 def find_dofs(operators: ElasticOperators, dofs: IntArray) -> BoolArray:
     """Which rows of this rank ``(3 n_owned,)`` are among some mesh dofs."""
     return np.isin(local_dofs(operators), dofs)
+
+
+def _scatter_turned(held: HeldPoints, operators: ElasticOperators) -> FloatArray:
+    """Column ``(3 n_owned, m)`` per point and turned direction that a support holds."""
+    found = np.zeros((len(operators.nodes), 3, len(held.nodes)))
+    order = np.argsort(operators.nodes)
+    places = np.searchsorted(operators.nodes, held.nodes, sorter=order)
+    own = order[np.minimum(places, len(order) - 1)] if len(order) else np.zeros(0, dtype=int)
+    here = np.flatnonzero(operators.nodes[own] == held.nodes) if len(order) else own
+    found[own[here], :, here] = held.directions[here]
+    return found.reshape(-1, len(held.nodes))
 
 
 def _scatter(operator: FloatArray, patch: MeshPatch, operators: ElasticOperators) -> FloatArray:
@@ -197,8 +213,8 @@ def _rigid_part(
     and the unit of each dof ``(n_b,)``.
     """
     operators = solver.operators
-    supported = find_dofs(operators, basis.supported)
-    center, free = free_combinations(operators, supported)
+    supported = find_dofs(operators, basis.held.dofs)
+    center, free = free_combinations(operators, supported, basis.held.turned_motions)
     rows = [rigid_transfer(center, frame.origin) for frame in means.node_frames]
     rows += [
         control_point_motion(control_point.point, control_point.axis, center)

@@ -8,7 +8,15 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Component, Load, Material, SolverMethod, Support
+from headstock.geometry.parts.components import (
+    EDGE_GROUP,
+    SUPPORT_GROUP,
+    Component,
+    Load,
+    Material,
+    SolverMethod,
+    Support,
+)
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.meshing.elements.surface import MeshSurface, extract_surface, match_facets
 from headstock.reduction.components.boundary_basis import build_boundary_basis
@@ -179,7 +187,7 @@ def reduce_operators(
             comm,
             mesh,
             lambda whole: without_rigid_stiffness(
-                result, whole.points, basis.supported, scale=operators.stiffness_scale
+                result, whole.points, basis.held, scale=operators.stiffness_scale
             ),
         ),
         recovery=recovery,
@@ -269,7 +277,11 @@ def _rim_weights(component: Component, mesh: ComponentMesh, surface: MeshSurface
     stiff, even = [], []
     for name, facets in mesh.patches.items():
         interface = component.interfaces.get(name)
-        if name.startswith("support:") or (
+        if name.endswith(EDGE_GROUP):
+            continue
+        if (edge := mesh.patches.get(f"{name}{EDGE_GROUP}")) is not None:
+            stiff.append(np.intersect1d(facets, edge))
+        elif name.startswith(SUPPORT_GROUP) or (
             interface is not None and interface.rail is None and interface.coupling == "rigid"
         ):
             stiff.append(facets)

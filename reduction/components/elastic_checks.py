@@ -6,8 +6,9 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.parts.components import Component
-from headstock.meshing.component_mesh import ComponentMesh, IntArray
+from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.elements.topology import EDGES, cell_family
+from headstock.reduction.components.supports import HeldPoints
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions, rotation_dofs
 from headstock.solvers.errors import AccuracyError, ModelError
@@ -20,7 +21,7 @@ LINEAR = ("tet4", "hex8")
 
 
 def without_rigid_stiffness(
-    element: Superelement, points: FloatArray, supported: IntArray, *, scale: float
+    element: Superelement, points: FloatArray, held: HeldPoints, *, scale: float
 ) -> FloatArray:
     """The stiffness ``(n, n)`` of a superelement with its free rigid motions exactly in its null
     space.
@@ -31,7 +32,7 @@ def without_rigid_stiffness(
     Args:
         element: Superelement as projected.
         points: ``(n_points, 3)`` mesh points [m].
-        supported: Mesh dofs that supports fix.
+        held: What supports fix.
         scale: Largest entry of the stiffness it was reduced from [N/m].
 
     Raises:
@@ -41,7 +42,7 @@ def without_rigid_stiffness(
     """
     boundary = element.boundary_size
     length = float(np.linalg.norm(np.ptp(points, axis=0)))
-    free = _free_combinations(points, supported, length)
+    free = _free_combinations(points, held, length)
     if not boundary or not free.shape[1]:
         return element.stiffness
     units = np.ones(boundary)
@@ -70,11 +71,13 @@ def without_rigid_stiffness(
     return result
 
 
-def _free_combinations(points: FloatArray, supported: IntArray, length: float) -> FloatArray:
-    """Combinations ``(6, k)`` of the rigid motions about the mean point that move no supported
-    dof.
+def _free_combinations(points: FloatArray, held: HeldPoints, length: float) -> FloatArray:
+    """Combinations ``(6, k)`` of the rigid motions about the mean point that supports do not
+    prevent.
     """
-    rows = rigid_map(points, points.mean(axis=0))[supported] * np.repeat([1.0, 1.0 / length], 3)
+    middle = points.mean(axis=0)
+    prevented = np.vstack([rigid_map(points, middle)[held.dofs], held.turned_motions(middle)])
+    rows = prevented * np.repeat([1.0, 1.0 / length], 3)
     if not len(rows):
         return np.eye(6)
     values, vectors = np.linalg.eigh(rows.T @ rows)

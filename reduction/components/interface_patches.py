@@ -114,6 +114,21 @@ def measure_patch(mesh: ComponentMesh, name: str) -> MeshPatch:
     return MeshPatch(name, nodes, points, weights, normals, area, centroid, len(facets))
 
 
+def nodal_normals(mesh: ComponentMesh, name: str) -> tuple[IntArray, FloatArray]:
+    """Sorted mesh points ``(n,)`` of a patch group and its outward unit normals ``(n, 3)`` at them,
+    those of facets that meet averaged.
+    """
+    facets = mesh.patches[name]
+    nodes, local = np.unique(facets, return_inverse=True)
+    local = local.reshape(facets.shape)
+    places, shapes = _FACET_NODES[facets.shape[1]]
+    tangents = np.einsum("qkd,fkx->fqdx", shapes(np.array(places))[1], mesh.points[nodes][local])
+    normal = np.cross(tangents[:, :, 0], tangents[:, :, 1])
+    normals = np.zeros((len(nodes), 3))
+    np.add.at(normals, local, normal / np.linalg.norm(normal, axis=2, keepdims=True))
+    return nodes, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
 def _facet_rule(size: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Shape functions ``(q, n)``, their gradients ``(q, n, 2)`` and weights ``(q,)`` for a facet in
     gmsh node order.
@@ -182,3 +197,13 @@ def _quad9(points: FloatArray) -> tuple[FloatArray, FloatArray]:
         values.append(vx * vy)
         gradients.append(np.stack([dx * vy, vx * dy], axis=1))
     return np.stack(values, axis=1), np.stack(gradients, axis=1)
+
+
+_CORNERS = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+# by number of nodes: where they are, and the shape functions
+_FACET_NODES = {
+    3: (((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), _tri3),
+    6: (((0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.5, 0.0), (0.5, 0.5), (0.0, 0.5)), _tri6),
+    4: (_CORNERS, _quad4),
+    9: ((*_CORNERS, (0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, 0.0)), _quad9),
+}

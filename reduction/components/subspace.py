@@ -85,7 +85,7 @@ def project_component(
         mass_kg=total,
         center_of_mass=center,
         inertia=inertia,
-        supported=len(basis.supported) > 0,
+        supported=bool(basis.held),
         warnings=basis.warnings,
         control_points=basis.control_points,
         rails=free_rails(basis.rails, 6 * len(basis.nodes), size),

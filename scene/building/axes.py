@@ -236,7 +236,7 @@ def _edges(scene: SceneTable) -> dict[str, Edge]:
             first, second = (end.component or GROUND for end in table.between)
             edges[name] = (first, second)
     for name, support in scene.supports.items():
-        edges[f"supports.{name}"] = ((support.face or support.at or "").partition(".")[0], GROUND)
+        edges[f"supports.{name}"] = (support.owner, GROUND)
     return edges
 
 

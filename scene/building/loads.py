@@ -20,8 +20,14 @@ def build_support(name: str, table: SupportTable, components: dict[str, Componen
         table: Its table.
         components: Every component of the machine by name.
     """
-    component, _, _ = (table.at or table.face or "").partition(".")
-    return Support(name, component, _build_area(table, components), tuple(table.fix))
+    component = table.owner
+    if table.edge is None:
+        return Support(name, component, _build_area(table, components), tuple(table.fix))
+    first, second = (
+        build_patch(PatchTable(face=face.partition(".")[2]), components[component].solid)
+        for face in table.edge
+    )
+    return Support(name, component, (first,), tuple(table.fix), (second,))
 
 
 def build_load(name: str, table: LoadTable, components: dict[str, Component]) -> Load:
@@ -60,7 +66,15 @@ def check_supports(draft: Draft, findings: Findings) -> None:
     """Report supports on unknown areas, and on components that are not meshed."""
     for name, table in draft.table.supports.items():
         _check_area(("supports", name), table, draft, findings)
-        owner = (table.face or table.at or "").partition(".")[0]
+        for number, face in enumerate(table.edge or ()):
+            _check_face(
+                ("supports", name, "edge", number),
+                table.owner,
+                PatchTable(face=face.partition(".")[2]),
+                draft,
+                findings,
+            )
+        owner = table.owner
         if owner in draft.table.components and not _is_meshed(draft.table.components[owner]):
             findings.add(
                 ("supports", name),
@@ -145,9 +159,13 @@ def _check_area(
         component, _, interface = table.at.partition(".")
         check_end((*key, "at"), JointEnd(component, interface), draft, findings)
     elif table.face is not None:
-        component = table.face.partition(".")[0]
-        check_name((*key, "face"), component, "components", draft, findings)
-        if component in draft.solids and (
-            fault := find_patch_fault(_read_patch(table), draft.solids[component])
-        ):
-            findings.add((*key, "face"), fault)
+        owner = table.face.partition(".")[0]
+        _check_face((*key, "face"), owner, _read_patch(table), draft, findings)
+
+
+def _check_face(
+    key: KeyPath, component: str, patch: PatchTable, draft: Draft, findings: Findings
+) -> None:
+    check_name(key, component, "components", draft, findings)
+    if component in draft.solids and (fault := find_patch_fault(patch, draft.solids[component])):
+        findings.add(key, fault)

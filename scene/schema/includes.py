@@ -38,6 +38,7 @@ _REFERENCES = {
     ("axes", "moves"): "components",
     ("supports", "at"): "components",
     ("supports", "face"): "components",
+    ("supports", "edge"): "components",
     ("loads", "at"): "components",
     ("loads", "face"): "components",
     ("loads", "component"): "components",

@@ -2,38 +2,86 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
+from headstock.geometry.parts.components import NORMAL
+from headstock.scene.reading.units import show_value
 from headstock.scene.schema.components import DiskTable, RectTable, StripTable
 from headstock.scene.schema.types import (
+    THREE_NUMBERS,
     Acceleration,
     Force,
+    JsonForm,
     Moment,
     Position,
     Pressure,
     StrictTable,
     Text,
     problem,
+    read_direction,
 )
 
 
+def _read_fixed(value: object) -> object:
+    if isinstance(value, str) and value in ("x", "y", "z", NORMAL):
+        return value
+    if not isinstance(value, list):
+        raise problem(
+            f"{show_value(value)} is no direction that can be fixed; write x, y, z, {NORMAL}, or three plain numbers such as [1, 1, 0]"
+        )
+    return read_direction(value)
+
+
+# of the component: x, y, z, a vector, or normal to the face at every point
+Fixed = Annotated[
+    str | tuple[float, float, float],
+    BeforeValidator(_read_fixed),
+    JsonForm(
+        {
+            "description": f"x, y, z, {NORMAL} or three plain numbers",
+            "examples": ["x", NORMAL, [1, 1, 0]],
+            "anyOf": [{"enum": ["x", "y", "z", NORMAL]}, THREE_NUMBERS],
+        }
+    ),
+]
+
+
 class SupportTable(StrictTable):
-    """Pointwise support of a face (`component.face`) or of an interface's patches (`at =
-    component.interface`).
+    """Pointwise support of a face (`component.face`), of an interface's patches (`at =
+    component.interface`), or of the edge between two faces.
     """
 
     face: Text | None = None
     at: Text | None = None
+    edge: Annotated[list[Text], Field(min_length=2, max_length=2)] | None = None
     disk: DiskTable | None = None
     rect: RectTable | None = None
     strip: StripTable | None = None
-    fix: Annotated[list[Literal["x", "y", "z"]], Field(min_length=1, max_length=3)]
+    fix: Annotated[list[Fixed], Field(min_length=1, max_length=3)]
+
+    @property
+    def owner(self) -> str:
+        """The component it holds."""
+        return (self.edge[0] if self.edge else self.face or self.at or "").partition(".")[0]
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        check_area(self.face, self.at, (self.disk, self.rect, self.strip))
         if len(set(self.fix)) < len(self.fix):
             raise problem("names a direction twice in fix")
+        shapes = (self.disk, self.rect, self.strip)
+        if self.edge is None:
+            check_area(self.face, self.at, shapes)
+            return self
+        for face in self.edge:
+            check_area(face, None, shapes)
+        if self.face is not None or self.at is not None or any(shapes):
+            raise problem("an edge is where two whole faces meet; remove face, at and shapes")
+        if len({face.partition(".")[0] for face in self.edge}) > 1:
+            raise problem(
+                'an edge lies between two faces of one component; write edge = ["plate.z-", "plate.x-"]'
+            )
+        if NORMAL in self.fix:
+            raise problem("an edge has no one normal; write directions such as x or [1, 0, 1]")
         return self
 
 

@@ -38,7 +38,7 @@ from headstock.scene.reading.units import (
 MAX_COUNT = 10_000_000
 MAX_RIBS = 200
 MAX_POSES = 1000
-_THREE_NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
+THREE_NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}")
 _DIRECTION = re.compile(r"([+-]?)([xyz])")
 
@@ -540,7 +540,12 @@ Names = Annotated[
 ]
 
 
-def _read_direction(value: object) -> tuple[float, float, float]:
+def read_direction(value: object) -> tuple[float, float, float]:
+    """A unit vector from a letter with or without a sign, or from three numbers.
+
+    Raises:
+        PydanticCustomError: It is none.
+    """
     if isinstance(value, str) and (match := _DIRECTION.fullmatch(value)):
         sign = -1.0 if match[1] == "-" else 1.0
         x, y, z = (sign if letter == match[2] else 0.0 for letter in "xyz")
@@ -569,14 +574,14 @@ def show_direction(vector: Iterable[float]) -> str:
 
 Direction = Annotated[
     tuple[float, float, float],
-    BeforeValidator(_read_direction),
+    BeforeValidator(read_direction),
     JsonForm(
         {
             "description": "x, -z ... or three plain numbers",
             "examples": ["x", "-z", [1, 0, 0]],
             "anyOf": [
                 {"enum": [f"{sign}{letter}" for sign in ("", "+", "-") for letter in "xyz"]},
-                _THREE_NUMBERS,
+                THREE_NUMBERS,
             ],
         }
     ),

@@ -2,6 +2,7 @@
 one factorisation or by iteration.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
 
@@ -303,16 +304,28 @@ def rigid_motions(operators: ElasticOperators) -> FloatArray:
 
 
 def free_combinations(
-    operators: ElasticOperators, fixed: BoolArray
+    operators: ElasticOperators,
+    fixed: BoolArray,
+    turned: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Point ``(3,)`` and combinations ``(6, k)`` of the rigid motions about it that move no fixed
     dof.
+
+    Args:
+        operators: Nodes of this rank.
+        fixed: ``(3 n_owned,)`` dofs that do not move.
+        turned: Rows ``(m, 6)`` that must vanish, too, of unit rigid motions about a point, alike on
+            all ranks; None for none.
     """
     center, units = scale_motions(operators)
     motions = rigid_motions(operators)
     blocked = sum_over_ranks(operators.comm, motions[fixed].T @ motions[fixed])
+    count = int(operators.comm.allreduce(int(fixed.sum())))
+    if turned is not None:
+        rows = turned(center) * units
+        blocked, count = blocked + rows.T @ rows, count + len(rows)
     values, vectors = np.linalg.eigh(blocked)
-    free = values <= RIGID_TOLERANCE * max(float(operators.comm.allreduce(int(fixed.sum()))), 1.0)
+    free = values <= RIGID_TOLERANCE * max(float(count), 1.0)
     return center, units[:, None] * vectors[:, free]
 
 
