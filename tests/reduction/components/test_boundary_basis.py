@@ -25,12 +25,12 @@ def test_rigid_patches_hold_their_points_and_means_hold_none(mesh: ComponentMesh
     fixed = np.isin(np.arange(mesh.points.size), basis.fixed).reshape(-1, 3)
     np.testing.assert_array_equal(fixed.all(axis=1), mesh.points[:, 2] < 1e-12)
     np.testing.assert_array_equal(fixed.any(axis=1), fixed.all(axis=1))
-    assert not len(basis.supported)
+    assert not len(basis.held.dofs)
 
 
 def test_a_support_fixes_its_directions_alone(mesh: ComponentMesh) -> None:
     basis = build_boundary_basis(make_component({"tip": "average"}), mesh, (support("plane", "x"),))
-    fixed = np.isin(np.arange(mesh.points.size), basis.supported).reshape(-1, 3)
+    fixed = np.isin(np.arange(mesh.points.size), basis.held.dofs).reshape(-1, 3)
     np.testing.assert_array_equal(fixed[:, 0], mesh.points[:, 0] < 1e-12)
     assert not fixed[:, 1:].any()
 
