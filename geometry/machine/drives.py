@@ -4,6 +4,10 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+
 Encoder = Literal["motor", "scale"]
 
 
@@ -102,3 +106,16 @@ class Drive:
     cycle: float = 0.0
     acceleration_share: float = 0.0
     ripple: tuple[TorqueRipple, ...] = ()
+
+
+def ripple_force(drive: Drive, positions: FloatArray) -> FloatArray:
+    """Force along the axis ``(n,)`` by the ripple of a motor's torque at positions of the axis [N].
+
+    Args:
+        drive: With its ripple.
+        positions: ``(n,)`` [m].
+    """
+    turns, found = positions / drive.lead, np.zeros_like(positions)
+    for wave in drive.ripple:
+        found += wave.torque * np.sin(2.0 * math.pi * wave.per_turn * turns + wave.phase)
+    return np.asarray(2.0 * math.pi / drive.lead * found)

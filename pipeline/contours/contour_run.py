@@ -10,6 +10,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.milling.tool_path import ContourPlan, TraceFit
 from headstock.solvers.paths.linear_motion import CompliantHistory, LinearMotion
 
+CORIOLIS = "coriolis"
 SETTLING = 0.3  # left out at both ends of each face [s]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from headstock.pipeline.answers.contouring import ContourAnswer, ContourFace, FaceStability
 from headstock.pipeline.answers.milled_faces import MilledFace
-from headstock.pipeline.contours.contour_run import ContourRun, face_instants, high_share
+from headstock.pipeline.contours.contour_run import CORIOLIS, ContourRun, face_instants, high_share
 from headstock.pipeline.contours.coupled_contour import (
     STEPS_PER_SWING,
     coupled_face_dynamics,
@@ -41,7 +41,6 @@ ASSUMED = (
     "the tool turns clockwise seen from above and leaves the part on its right: climb milling",
     "the static deflection under gravity is subtracted from the gap",
 )
-CORIOLIS = "coriolis"
 FAR_OFF = 1e-3  # of a measured path off the planned one [m]
 MUCH_LEFT = 5e-6  # of measured positions beside the spline [m]
 MOST_LOST = 0.1  # of the rms of measured forces
@@ -233,5 +232,6 @@ def _run_machine(
     model = dataclasses.replace(
         placed.model, velocity_terms=CORIOLIS in state.scene.effects, gravity_stiffening=False
     )
-    run = run_lumped_contour(mechanism, model, request, record=record)
+    drives = tuple(state.scene.drives.values())
+    run = run_lumped_contour(mechanism, model, request, record=record, drives=drives)
     return run, tuple(lumped_face_dynamics(mechanism, model, request, face) for face in faces)

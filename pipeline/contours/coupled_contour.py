@@ -7,7 +7,7 @@ travels as its set points say, and its inertia is a load. Motors follow their se
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,16 +20,22 @@ from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.machine.tool_travel import ToolTravel, find_tool_travel
 from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.pipeline.contours.contour_cut import cut_contour, travel_frames, turned_modes
-from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
+from headstock.pipeline.contours.contour_drives import controlled_drives, drive_assumptions
+from headstock.pipeline.contours.contour_run import CORIOLIS, ContourDrives, ContourRun
 from headstock.pipeline.contours.traced_path import plan_request
+from headstock.pipeline.contours.way_motors import close_way, plan_motors
+from headstock.pipeline.contours.traced_path import plan_request
+from headstock.pipeline.contours.way_motors import close_way, plan_motors
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.drives import find_scales
 from headstock.reduction.coupling.matrices import CouplingMemo
 from headstock.reduction.coupling.path_loads import body_loads, inertia_load, stack_modes
 from headstock.scene.reading.forces import ForceRecord
 from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import SceneMechanism
+from headstock.solvers.control.drive_trains import SCALE
 from headstock.solvers.control.friction_loop import friction_force
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.milling.path_drives import find_tool_positions, move_markers
@@ -115,13 +121,15 @@ def run_coupled_contour(
     times: FloatArray = np.asarray(np.arange(0.0, end, step), dtype=float)
     way = _plan_way(state, request, path)
     screws = find_screws(state.scene.machine)
+    motors = plan_motors(state, request, path, way.amounts)
+    scales = () if motors is None else tuple((drive.name, SCALE) for drive in motors.drives)
     tool = tuple((request.point or "", direction) for direction in DIRECTIONS)
     channels = PlantChannels(
         inputs=(*tool, GRAVITY_LOAD, *way.channels),
-        outputs=(*tool, *((name, FORCE) for name in screws)),
+        outputs=(*tool, *((name, FORCE) for name in screws), *scales),
         up_to_hz=request.modes_to_hz,
     )
-    place = _placer(state, way, screws)
+    place = _placer(state, way, screws, () if motors is None else motors.drives)
     if request.follows_pose:
         bends = (*plan.bends, path.span[1] - AVERAGES * request.contour.window)
         breaks = [0.0, *sorted(float(time) for time in bends if time < end), end]
@@ -135,6 +143,10 @@ def run_coupled_contour(
         return np.concatenate([np.ones((len(now), 1)), way.amounts(now)], axis=1)
 
     motion = follow_motion(sampled, times, given)
+    servo = None
+    if motors is not None:
+        servo = close_way(motors, sampled, motion, scales=len(tool) + len(screws))
+        motion = servo.motion
     cut = cut_contour(request, motion, plan, rotation=np.eye(3), record=record)
     history = cut.history
     gravity_deflection = motion.tool_motion(
@@ -152,7 +164,12 @@ def run_coupled_contour(
         # a drive at the base of a leg also carries the leg, and pushes against what its tip feels
         return pushed if way.leg_forces is None else way.leg_forces(times[some]) - pushed
 
-    torques, assumed = _motor_torques(state, tuple(screws), way, times)
+    if servo is None or motors is None:
+        torques, assumed = _motor_torques(state, tuple(screws), way, times)
+        drives, assumed = ContourDrives(tuple(screws), drive_forces, torques), (IDEAL, *assumed)
+    else:
+        drives = controlled_drives(servo, motors.drives, history)
+        assumed = drive_assumptions(motors.drives)
     return CoupledRun(
         times=times,
         gap=cut.tip + motion.tool_rest(cut.force) - gravity_deflection,
@@ -162,12 +179,17 @@ def run_coupled_contour(
         fit=fit,
         motion=motion,
         history=history,
-        drives=ContourDrives(tuple(screws), drive_forces, torques),
+        drives=drives,
         highest_hz=sampled.highest_hz,
-        coriolis=False,
-        assumed=(IDEAL, *assumed),
+        coriolis=has_coriolis(state),
+        assumed=assumed,
         sampled=sampled,
     )
+
+
+def has_coriolis(state: RunState) -> bool:
+    """Whether the speeds of a mechanism accelerate it: its bodies turn, those of linear axes do not."""
+    return CORIOLIS in state.scene.effects and state.scene.mechanism is not None
 
 
 def find_screws(machine: Machine) -> dict[str, tuple[str, Axis | None]]:
@@ -229,7 +251,10 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
 
 
 def _placer(
-    state: RunState, way: RigidWay, screws: Mapping[str, tuple[str, Axis | None]]
+    state: RunState,
+    way: RigidWay,
+    screws: Mapping[str, tuple[str, Axis | None]],
+    drives: Sequence[Drive],
 ) -> Callable[[float], PosedModes]:
     """The machine at a time of the way: coupled, damped as the scene says, with every channel."""
     parts, memo, undamped = state.parts, CouplingMemo(), False
@@ -258,7 +283,16 @@ def _placer(
         system = dataclasses.replace(
             system,
             inputs={**system.inputs, GRAVITY_LOAD: weight, **way.loads(coupled)},
-            outputs={**system.outputs, **_screw_rows(coupled, screws)},
+            outputs={
+                **system.outputs,
+                **_screw_rows(coupled, screws),
+                **{
+                    (drive.name, SCALE): row
+                    for drive, row in zip(
+                        drives, find_scales(coupled, state.scene.machine, drives), strict=True
+                    )
+                },
+            },
         )
         return stack_modes(system, modes, coupled)
 
@@ -348,7 +382,9 @@ def _mechanism_way(
         return Pose(f"t = {time:.4g} s", {"X": x, "Y": y, "Z": z})
 
     def amounts(times: FloatArray) -> FloatArray:
-        moved = move_markers(mounted, times, path.at(times), mechanism.tool)
+        moved = move_markers(
+            mounted, times, path.at(times), mechanism.tool, velocity_terms=has_coriolis(state)
+        )
         columns, turn = [], mounted.mounting.rotation
         for name, marker in carried.items():
             place = mounted.mechanism.markers.index(marker)
@@ -479,8 +515,4 @@ def _judge_steps(
         state.warn(
             f"the highest mode of the contour, {sampled.highest_hz:.0f} Hz, has {1.0 / (sampled.highest_hz * step):.0f} time steps per swing;"
             f" write steps_per_turn = {24 * needed} in [analyses.contouring], or a lower modes_to"
-        )
-    if "coriolis" in state.scene.effects:
-        state.warn(
-            "coriolis acts along the contour of a lumped mechanism only; it is left out here"
         )

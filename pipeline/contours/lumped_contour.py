@@ -3,13 +3,20 @@ the full equations; and the mechanism at the tip of its tool.
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.drives import Drive
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
 from headstock.pipeline.contours.contour_cut import cut_contour, travel_frames, turned_modes
+from headstock.pipeline.contours.contour_drives import (
+    close_drives,
+    controlled_drives,
+    drive_assumptions,
+)
 from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
 from headstock.pipeline.contours.traced_path import plan_request
 from headstock.scene.reading.forces import ForceRecord
@@ -33,6 +40,7 @@ from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
 from headstock.solvers.milling.tool_dynamics import mount_modes
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.solvers.paths.linear_motion import CompliantHistory, interpolate_nodes
+from headstock.solvers.paths.servo_motion import ServoMotion
 
 NODE_SPACING = 4e-3
 LEGS = ("leg 1", "leg 2", "leg 3")
@@ -46,6 +54,7 @@ def run_lumped_contour(
     *,
     record: ForceRecord | None = None,
     until: float = math.inf,
+    drives: Sequence[Drive] = (),
 ) -> ContourRun:
     """Run a contour.
 
@@ -55,6 +64,7 @@ def run_lumped_contour(
         request: Path, tool and cut.
         record: Measured forces in place of computed ones; its time starts with the path.
         until: Stop at this time [s].
+        drives: Legs under control; the motors of the others follow their set points.
 
     Raises:
         PoseError: The path cannot be followed.
@@ -75,7 +85,8 @@ def run_lumped_contour(
     drive = follow_path(mechanism.mounted, nodes, path.at(nodes), mechanism.tool)
     turn = mechanism.mounted.mounting.rotation
     ratios = np.array(request.damping_ratios or (0.0,))
-    motion = linear_motion(model, drive, times, ratios)
+    servo = _close_legs(model, drive, times, ratios, drives) if drives else None
+    motion = linear_motion(model, drive, times, ratios) if servo is None else servo.motion
     cut = cut_contour(request, motion, plan, rotation=turn, record=record)
     history, moved = cut.history, cut.tip
     if request.model == "nonlinear":
@@ -96,10 +107,43 @@ def run_lumped_contour(
         fit=fit,
         motion=motion,
         history=history,
-        drives=_leg_drives(mechanism, model, drive, times, history, cut.carried),
+        drives=_leg_drives(mechanism, model, drive, times, history, cut.carried)
+        if servo is None
+        else controlled_drives(servo, drives, history),
         highest_hz=highest,
         coriolis=model.velocity_terms,
-        assumed=(TORQUE,) if mechanism.screw_lead else (),
+        assumed=drive_assumptions(drives)
+        if drives
+        else ((TORQUE,) if mechanism.screw_lead else ()),
+    )
+
+
+def _close_legs(
+    model: CompliantMechanism,
+    drive: PathDrive,
+    times: FloatArray,
+    ratios: FloatArray,
+    drives: Sequence[Drive],
+) -> ServoMotion:
+    """The linear model with the loops of its legs closed."""
+    legs = [each.axis for each in drives]
+    free = linear_motion(model, drive, times, ratios, legs)
+    columns = [model.mechanism.driven.index(name) for name in legs]
+    now = drive.at(times)
+    size = free.mass.shape[-1]
+    scales = np.zeros((len(legs), size))
+    for row, name in enumerate(legs):
+        # a scale reads the leg up to its joint at the platform, its spring along itself included
+        scales[row, [2 * LENGTHS.index(name) + 1, size - len(legs) + row]] = 1.0
+    weights = linearise_poses(model, drive.rigid_states(free.nodes), legs).gravity
+    return close_drives(
+        free,
+        drives,
+        positions=now.position[:, columns],
+        speeds=now.speed[:, columns],
+        accelerations=now.acceleration[:, columns],
+        gravity=weights,
+        scales=np.broadcast_to(scales, (len(free.nodes), *scales.shape)),
     )
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
-from headstock.geometry.machine.drives import Drive
+from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.geometry.machine.machine import Machine, travel_directions
 from headstock.pipeline.answers.path import FollowedPoses, PathCurves, PathResult, PathRun
 from headstock.pipeline.planning.plan import Stage
@@ -343,7 +343,7 @@ def _disturb_loop(
     def loads(times: FloatArray) -> FloatArray:
         way = sample_move(move, times).positions
         parts = [] if errors is None else [errors.offsets(move, times)]
-        return np.hstack([*parts, *(ripple_force(drive, request, way) for drive in rippling)])
+        return np.hstack([*parts, *(_path_ripple(drive, request, way) for drive in rippling)])
 
     loop = close_loops(
         system,
@@ -362,28 +362,14 @@ def _disturb_loop(
     )
 
 
-def ripple_force(drive: Drive, request: PathRequest, way: FloatArray) -> FloatArray:
-    """Force ``(n, 1)`` along the axis of a drive by the ripple of its motor's torque [N], from that
-    at the beginning.
-
-    Args:
-        drive: With its ripple.
-        request: The path.
-        way: ``(n,)`` along it [m].
+def _path_ripple(drive: Drive, request: PathRequest, way: FloatArray) -> FloatArray:
+    """Force ``(n, 1)`` of a drive along ``(n,)`` places of a path by the ripple of its torque, from
+    that at the beginning [N].
     """
     start = request.path.start.positions.get(drive.axis, 0.0)
     share = axis_shares(request).get(drive.axis, 0.0)
-
-    def torque(places: FloatArray) -> FloatArray:
-        turns = (start + share * places) / drive.lead
-        waves = [
-            wave.torque * np.sin(2.0 * math.pi * wave.per_turn * turns + wave.phase)
-            for wave in drive.ripple
-        ]
-        return np.asarray(np.sum(waves, axis=0))
-
-    change = torque(way) - torque(np.zeros(1))
-    return np.asarray(2.0 * math.pi / drive.lead * change[:, None])
+    found = ripple_force(drive, start + share * way)
+    return (found - ripple_force(drive, np.array([start])))[:, None]
 
 
 def shortest_ripple(drives: Sequence[Drive], request: PathRequest) -> float:

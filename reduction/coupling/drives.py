@@ -57,6 +57,20 @@ def place_drives(
     )
 
 
+def find_scales(
+    coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]
+) -> list[FloatArray]:
+    """What the linear scale of each drive reads with locked motors ``(n,)``.
+
+    Args:
+        coupled: The machine coupled in a pose.
+        machine: The same machine as described.
+        drives: Each names its joint.
+    """
+    springs = {spring.name: spring for spring in coupled.joint_springs}
+    return [_find_slide(coupled, machine, drive, springs[drive.joint]).scale for drive in drives]
+
+
 def free_legs(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]) -> Machine:
     """A machine in which the legs of its mechanism slide freely where a drive holds them rigidly.
 

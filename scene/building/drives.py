@@ -230,10 +230,10 @@ def _check_path(scene: SceneTable, findings: Findings) -> None:
     """Under control every axis that a path moves needs a drive."""
     path = scene.analyses.path
     if path is None:
-        if scene.effects.get(FRICTION, False) is not False:
+        if scene.effects.get(FRICTION, False) is not False and scene.analyses.contouring is None:
             findings.add(
                 ("effects", FRICTION),
-                "friction acts in time-domain analyses only, and the scene has none; add [analyses.path]",
+                "friction acts in time-domain analyses only, and the scene has none; add [analyses.path] or [analyses.contouring]",
             )
         return
     _check_cut(scene, path, findings)

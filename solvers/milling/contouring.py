@@ -9,6 +9,8 @@ derivative: every sweep evaluates the full equations at all instants together an
 model for the rest that is left.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
@@ -44,7 +46,11 @@ CONVERGED = 1e-12  # last correction of a compliant coordinate [m]
 
 
 def linear_motion(
-    model: CompliantMechanism, drive: PathDrive, times: FloatArray, ratios: FloatArray
+    model: CompliantMechanism,
+    drive: PathDrive,
+    times: FloatArray,
+    ratios: FloatArray,
+    released: Sequence[str] = (),
 ) -> LinearMotion:
     """The linear model along a path.
 
@@ -53,24 +59,31 @@ def linear_motion(
         drive: What its drives do.
         times: ``(n,)`` even steps [s].
         ratios: Damping ratio of the first, second, ... mode, the last for all others; modes are
-            those of each pose.
+            those of each pose, with locked motors.
+        released: Driven coordinates whose motors are free: coordinates of the model behind the
+            compliant ones.
     """
     nodes = even_nodes(times, NODE_SPACING)
     states = drive.rigid_states(nodes)
-    motions = linearise_poses(model, states)
-    damping = modal_damping(motions, solve_pose_modes(motions), ratios)
+    locked = linearise_poses(model, states)
+    motions = linearise_poses(model, states, released) if released else locked
+    damping = modal_damping(locked, solve_pose_modes(locked), ratios)
+    extra = (0, len(released))
     load_nodes = even_nodes(times, LOAD_SPACING)
     rigid = np.concatenate(
-        [_rigid_load(model, drive, load_nodes[part]) for part in chunk_slices(len(load_nodes))]
+        [
+            _rigid_load(model, drive, load_nodes[part], released)
+            for part in chunk_slices(len(load_nodes))
+        ]
     )
     return LinearMotion(
         times=times,
         nodes=nodes,
         mass=motions.mass,
-        damping=damping,
+        damping=np.pad(damping, ((0, 0), extra, extra)),
         stiffness=motions.stiffness[..., None] * np.eye(motions.stiffness.shape[-1]),
         tool=marker_motion(model, motions, model.tool)[:, :3],
-        gravity_deflection=motions.gravity / motions.stiffness,
+        gravity_deflection=np.pad(locked.gravity / locked.stiffness, ((0, 0), extra)),
         load=interpolate_nodes(times, load_nodes, rigid),
     )
 
@@ -177,12 +190,20 @@ def drive_forces(
     return np.concatenate(found)
 
 
-def _rigid_load(model: CompliantMechanism, drive: PathDrive, times: FloatArray) -> FloatArray:
+def _rigid_load(
+    model: CompliantMechanism, drive: PathDrive, times: FloatArray, released: Sequence[str]
+) -> FloatArray:
+    """Load ``(n, c + d)`` of the rigid motion; on motors that are free what it takes of their
+    drives, with the sign turned.
+    """
     none = np.zeros((len(times), len(model.mechanism.compliant)))
     force = np.zeros((len(times), 3))
-    return _evaluate(
+    found = _evaluate(
         model, drive.at(times), drive.rigid_states(times), compliant=none, rate=none, force=force
-    ).load
+    )
+    taken = driven_forces(model, found, none, force)
+    columns = [model.mechanism.driven.index(name) for name in released]
+    return np.concatenate([found.load, -taken[:, columns]], axis=1)
 
 
 def _unbalanced(

@@ -23,9 +23,9 @@ from headstock.geometry.mechanisms.exechon import (
     name_limit_faults,
     survey_tool_poses,
 )
-from headstock.geometry.mechanisms.kinematics import marker_bias
+from headstock.geometry.mechanisms.kinematics import Bias, marker_bias
 from headstock.solvers.errors import ModelError
-from headstock.solvers.mechanisms.partitioning import Drive
+from headstock.solvers.mechanisms.partitioning import Drive, velocity_maps
 from headstock.solvers.milling.tool_path import PathPoints
 
 # change of a coordinate between nodes, beyond what its rate explains, that means another assembly
@@ -87,7 +87,12 @@ class MarkerMotion:
 
 
 def move_markers(
-    machine: MountedExechon, times: FloatArray, path: PathPoints, direction: FloatArray
+    machine: MountedExechon,
+    times: FloatArray,
+    path: PathPoints,
+    direction: FloatArray,
+    *,
+    velocity_terms: bool = True,
 ) -> MarkerMotion:
     """The rigid mechanism as its tool goes along a path without turning.
 
@@ -96,6 +101,8 @@ def move_markers(
         times: ``(k,)`` [s].
         path: The path at these times, machine frame.
         direction: ``(3,)`` of the tool, machine frame.
+        velocity_terms: Whether markers are accelerated by speeds, too; without them they do not
+            turn at any speed, and answer to the accelerations of the drives alone.
 
     Raises:
         PoseError: A point is out of reach, singular or beyond a joint's limits; says when.
@@ -124,6 +131,11 @@ def move_markers(
         matrix, (-closure_bias(mechanism, kinematics.placement, bias), pull, twist)
     )
     own = growth[:, None, :, None]
+    if not velocity_terms:
+        drives = growth[:, mechanism.driven_slice, None]
+        own = (velocity_maps(mechanism, kinematics.closure_jacobian)[0] @ drives)[:, None]
+        none = np.zeros_like(bias.omega)
+        bias = Bias(omega=none, velocity=bias.velocity, alpha=none, acceleration=none)
     return MarkerMotion(
         states=survey.states,
         rates=rates,

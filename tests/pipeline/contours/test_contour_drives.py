@@ -1,0 +1,212 @@
+"""Drives under control along contours: stiff loops are locked motors, machines of components follow the
+lumped mechanism, and axes deviate as the closed loop in absolute coordinates.
+"""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.drives import AxisControl, Drive, TorqueRipple, ripple_force
+from headstock.meshing.components.meshing import describe_component
+from headstock.pipeline.contours import coupled_contour, lumped_contour, way_motors
+from headstock.pipeline.contours.coupled_contour import CoupledRun, run_coupled_contour
+from headstock.pipeline.contours.lumped_contour import run_lumped_contour
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.stages.control import drive_machine
+from headstock.pipeline.stages.machine import couple_pose
+from headstock.pipeline.stages.run_state import ReducedComponent, RunState
+from headstock.pipeline.storage.store import Store
+from headstock.reduction.components.rigid import reduce_rigid
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.requests import ContouringRequest
+from headstock.scene.scene import Scene, keep_analyses
+from headstock.solvers.control.drive_loops import close_loops, set_channels
+from headstock.solvers.linear.time_response import solve_stepped_response
+from headstock.solvers.milling import contouring
+from headstock.solvers.milling.tool_path import plan_contour
+from headstock.solvers.paths import sampled_motion
+from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
+from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
+
+pytestmark = pytest.mark.slow
+
+MILL = Path(__file__).parents[2] / "data" / "mill.toml"
+UNTIL = 0.12
+
+
+@pytest.fixture(scope="module")
+def tripteor() -> Tripteor:
+    return load_tripteor()
+
+
+def load_prompt(folder: Path, variant: str, *settings: str) -> Scene:
+    """The Tripteor with controllers without dead time: fewer states."""
+    path = folder / "prompt.toml"
+    path.write_text(Path(TRIPTEOR).read_text().replace('sampling = "250 us"', ""))
+    scene = load_scene(path, variant=variant, overrides=settings)
+    return keep_analyses(scene, ["contouring"])
+
+
+def request_of(scene: Scene) -> ContouringRequest:
+    assert scene.analyses.contouring is not None
+    return scene.analyses.contouring
+
+
+def build_state(folder: Path, scene: Scene) -> RunState:
+    plan = plan_scene(scene)
+    reduced = {
+        name: ReducedComponent(reduce_rigid(part, describe_component(part)))
+        for name, part in plan.components.items()
+    }
+    return RunState(scene, plan, MPI.COMM_SELF, Store(folder / "store"), reduced=reduced)
+
+
+def run_contour(state: RunState, until: float) -> CoupledRun:
+    return run_coupled_contour(state, request_of(state.scene), until=until)
+
+
+def test_stiff_loops_follow_the_contour_as_locked_motors_do(
+    tripteor: Tripteor, tmp_path: Path
+) -> None:
+    scene = load_prompt(tmp_path, "lumped+controlled")
+    stiff = [
+        dataclasses.replace(
+            drive,
+            control=dataclasses.replace(drive.control, position_gain=1e3, velocity_gain=1e10),
+        )
+        for drive in scene.drives.values()
+    ]
+    locked, found = (
+        run_lumped_contour(
+            tripteor.scene, tripteor.model, request_of(scene), until=UNTIL, drives=drives
+        )
+        for drives in ((), stiff)
+    )
+    size = np.abs(locked.gap).max()
+    assert np.abs(found.gap - locked.gap).max() < 1e-4 * size
+    some = np.arange(0, len(locked.times), 20)
+    forces = locked.drives.forces(some)
+    assert np.abs(found.drives.forces(some) - forces).max() < 2e-3 * np.abs(forces).max()
+
+
+def test_legs_of_components_are_driven_along_the_contour_as_lumped_ones(
+    tripteor: Tripteor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # matrices are linear between nodes, in modes here and in springs there
+    for module in (contouring, sampled_motion):
+        monkeypatch.setattr(module, "NODE_SPACING", 5e-3)
+    for module in (contouring, sampled_motion, way_motors):
+        monkeypatch.setattr(module, "LOAD_SPACING", 2e-4)
+    monkeypatch.setattr(lumped_contour, "NODE_SPACING", 1e-3)
+    rubbing = "effects.friction=true"
+    scene = load_prompt(tmp_path, "lumped+controlled", rubbing)
+    drives = tuple(scene.drives.values())
+    lumped = run_lumped_contour(
+        tripteor.scene, tripteor.model, request_of(scene), until=UNTIL, drives=drives
+    )
+    found = run_contour(
+        build_state(tmp_path, load_prompt(tmp_path, "components+controlled", rubbing)), UNTIL
+    )
+    assert np.abs(lumped.gap).max() > 1e-5
+    assert np.abs(found.gap - lumped.gap).max() < 1e-3 * np.abs(lumped.gap).max()
+    some = np.arange(0, len(lumped.times), 20)
+    for what in ("forces", "torques"):
+        theirs, ours = (
+            run.drives.forces(some)
+            if what == "forces" or run.drives.torques is None
+            else run.drives.torques(some, np.zeros(0))
+            for run in (lumped, found)
+        )
+        assert np.abs(ours - theirs).max() < 1e-3 * np.abs(theirs).max()
+    assert any("loops of the drives are closed" in text for text in found.assumed)
+
+
+DRIVE = (
+    'inertia = "1e-3 kg m^2", lead = "10 mm", kv = "40 1/s", velocity_gain = "5e4 N s/m", integral_time = "20 ms",'
+    ' feed_forward = { velocity = "90 %" }'
+)
+
+
+@pytest.mark.parametrize("scale", ["", ', encoder = "scale"', ', encoder = "scale", scale = "tcp"'])
+def test_axes_leave_the_contour_as_the_closed_loop_in_absolute_coordinates(
+    scale: str, tmp_path: Path
+) -> None:
+    settings = [
+        "effects.drive_control=true",
+        "effects.cutting_force=false",
+        'analyses.contouring.pose_model="frozen"',
+        'analyses.contouring.modes_to="50 kHz"',
+        *(f"drives.{axis}={{ {DRIVE}{scale} }}" for axis in "XY"),
+    ]
+    scene = keep_analyses(load_scene(MILL, overrides=settings), ["contouring"])
+    state, request = build_state(tmp_path, scene), request_of(scene)
+    run = run_contour(state, 0.25)
+    plan = plan_contour(request.contour)
+    way = coupled_contour._plan_way(state, request, plan.path)
+    driven = drive_machine(
+        couple_pose(state.parts, way.pose_at(plan.cuts[0].middle)), lambda message: None
+    )
+    tool = [(request.point or "", dof) for dof in "xyz"]
+    space = close_loops(driven.system, driven.trains, outputs=tool).space
+    points = plan.path.at(run.times)
+    travel = {"X": 0, "Y": 1}
+    columns = {
+        kind: values - (values[0] if kind == "position" else 0.0)
+        for kind, values in (
+            ("position", points.position),
+            ("velocity", points.velocity),
+            ("acceleration", points.acceleration),
+        )
+    }
+    given = np.stack(
+        [columns[kind][:, travel[axis]] for axis, kind in set_channels(driven.trains)], axis=1
+    )
+    steps = np.stack([given[:-1], given[1:]], axis=1)
+    moved = solve_stepped_response(space, run.times, steps).outputs[:, :3]
+    expected = moved - columns["position"]
+    size = np.abs(expected).max()
+    assert size > 1e-5
+    assert np.abs(run.gap - run.gap[0] - expected).max() < 2e-3 * size
+
+
+def test_coriolis_forces_act_on_legs_of_components_as_on_lumped_ones(
+    tripteor: Tripteor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (contouring, sampled_motion):
+        monkeypatch.setattr(module, "NODE_SPACING", 5e-3)
+        monkeypatch.setattr(module, "LOAD_SPACING", 2e-4)
+    monkeypatch.setattr(lumped_contour, "NODE_SPACING", 1e-3)
+    gaps: dict[str, list[FloatArray]] = {}
+    for switch in ("true", "false"):
+        scene = load_prompt(tmp_path, "components", f"effects.coriolis={switch}")
+        found = run_contour(build_state(tmp_path, scene), UNTIL)
+        assert found.coriolis is (switch == "true")
+        model = dataclasses.replace(tripteor.model, velocity_terms=switch == "true")
+        lumped = run_lumped_contour(tripteor.scene, model, request_of(scene), until=UNTIL)
+        gaps.setdefault("components", []).append(found.gap)
+        gaps.setdefault("lumped", []).append(lumped.gap)
+    theirs, ours = (gaps[name][0] - gaps[name][1] for name in ("lumped", "components"))
+    size = np.abs(theirs).max()
+    assert size > 1e-9
+    assert np.abs(ours - theirs).max() < 2e-2 * size
+
+
+def test_the_nonlinear_model_says_that_it_takes_ideal_motors(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="follow their set points"):
+        load_prompt(tmp_path, "lumped+controlled", 'analyses.contouring.model="nonlinear"')
+
+
+def test_torque_ripple_pushes_once_a_turn() -> None:
+    drive = Drive(
+        "X", "X", "screw", 1e-3, 0.01, AxisControl(40.0, 1e4), ripple=(TorqueRipple(0.02, 1),)
+    )
+    places: FloatArray = np.asarray(np.linspace(0.0, 0.01, 5), dtype=float)
+    force = 0.02 * 2.0 * np.pi / 0.01
+    np.testing.assert_allclose(
+        ripple_force(drive, places), force * np.array([0, 1, 0, -1, 0]), atol=1e-12
+    )

@@ -1,0 +1,169 @@
+"""Motors as coordinates along a path against the closed loop in state space, stepped exactly."""
+
+import math
+
+import numpy as np
+import pytest
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.drives import AxisControl, Encoder
+from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.drive_trains import DriveTrain
+from headstock.solvers.linear.time_response import solve_stepped_response
+from headstock.solvers.paths.linear_motion import LinearMotion, march_linear
+from headstock.solvers.paths.servo_motion import close_motors
+from headstock.solvers.second_order import Channel, SecondOrderSystem
+
+TABLE, SLIDE, SPRING, DAMPER = 200.0, 90.0, 5e7, 8e3
+TIP, MOTOR = ("tip", "z"), ("leg", "force")
+WHOLE = 0.3  # seconds
+
+
+def make_plant() -> SecondOrderSystem:
+    """A table on a spring before a slide that a motor moves: spring's stretch, then the slide."""
+    mass = np.array([[TABLE, TABLE], [TABLE, TABLE + SLIDE]])
+    tip: FloatArray = np.array([1.0, 1.0])
+    slide: FloatArray = np.array([0.0, 1.0])
+    rows: dict[Channel, FloatArray] = {TIP: tip, MOTOR: slide, ("leg", "motor"): slide}
+    rows |= {("leg", "scale"): tip, ("leg", "slide"): slide}
+    return SecondOrderSystem(
+        mass, np.diag([DAMPER, 0.0]), np.diag([SPRING, 0.0]), rows, rows, ("spring", "slide")
+    )
+
+
+def set_points(times: FloatArray) -> FloatArray:
+    """Position, speed and acceleration ``(3, n)`` of a move of 10 mm that starts and ends smoothly."""
+    rate = math.pi / (0.6 * WHOLE)
+    phase = np.minimum(times, 0.6 * WHOLE) * rate
+    size = 0.01 / math.pi
+    return np.array(
+        [
+            size * (phase - 0.5 * np.sin(2.0 * phase)),
+            size * rate * (1.0 - np.cos(2.0 * phase)),
+            2.0 * size * rate**2 * np.sin(2.0 * phase),
+        ]
+    )
+
+
+def push(times: FloatArray) -> FloatArray:
+    """Force on the table [N]."""
+    return np.asarray(
+        400.0 * np.sin(2.0 * math.pi * 35.0 * times) * np.minimum(1.0, 10.0 * times), dtype=float
+    )
+
+
+def deviate(control: AxisControl, step: float) -> tuple[FloatArray, FloatArray]:
+    """Deviation of the tip and force of the drive by generalised-α steps."""
+    times: FloatArray = np.asarray(np.arange(0.0, WHOLE, step), dtype=float)
+    plant, nodes = make_plant(), np.array([0.0, WHOLE])
+    tip = np.zeros((2, 3, 2))
+    tip[:, 2] = plant.outputs[TIP]
+    twice = (2, 2, 2)
+    _, speeds, accelerations = set_points(times)
+    free = LinearMotion(
+        times=times,
+        nodes=nodes,
+        mass=np.broadcast_to(plant.mass, twice),
+        damping=np.broadcast_to(np.diag([DAMPER, 0.0]), twice),
+        stiffness=np.broadcast_to(plant.stiffness, twice),
+        tool=tip,
+        gravity_deflection=np.zeros((2, 2)),
+        # the rigid machine is accelerated as the set point says
+        load=-accelerations[:, None] * plant.mass[:, 1],
+    )
+    servo = close_motors(
+        free,
+        [control],
+        speeds=speeds[:, None],
+        accelerations=accelerations[:, None],
+        gravity=np.zeros((2, 2)),
+        scales=np.broadcast_to(plant.outputs["leg", "scale"], (2, 1, 2)),
+    )
+    force = np.zeros((len(times), 3))
+    force[:, 2] = push(times)
+    history = march_linear(servo.motion, servo.motion.load + servo.motion.tool_load(force))
+    return servo.motion.tool_motion(history.compliant)[:, 2], servo.forces(history)[:, 0]
+
+
+def deviate_exactly(control: AxisControl, step: float) -> tuple[FloatArray, FloatArray]:
+    """The same of the closed loop in absolute coordinates, by matrix exponentials."""
+    times: FloatArray = np.asarray(np.arange(0.0, WHOLE, step), dtype=float)
+    plant = make_plant()
+    row = plant.outputs["leg", "slide"]
+    train = DriveTrain(
+        name="leg",
+        axis="leg",
+        joint="",
+        control=control,
+        stretch=row,
+        stiffness=math.inf,
+        thread=math.inf,
+        slide=row,
+        scale=plant.outputs["leg", "scale"],
+        stator=np.zeros(2),
+        motor_mass=0.0,
+    )
+    loop = close_loops(plant, [train], inputs=[TIP], outputs=[TIP])
+    given = np.vstack([set_points(times), push(times)]).T
+    steps = np.stack([given[:-1], given[1:]], axis=1)
+    found = solve_stepped_response(loop.space, times, steps).outputs
+    return found[:, 0] - given[:, 0], found[:, -1]
+
+
+@pytest.mark.parametrize("encoder", ["motor", "scale"])
+def test_a_move_and_a_force_deviate_as_the_closed_loop_in_absolute_coordinates(
+    encoder: Encoder,
+) -> None:
+    control = AxisControl(
+        40.0,
+        3e4,
+        integral_time=0.02,
+        velocity_feed_forward=0.9,
+        acceleration_feed_forward=250.0,
+        dead_time=3.75e-4,
+        current_lag=5e-4,
+        encoder=encoder,
+    )
+    misses = []
+    for step in (2e-4, 1e-4):
+        own, exact = deviate(control, step), deviate_exactly(control, step)
+        misses.append(
+            [
+                float(np.abs(ours - theirs).max() / np.abs(theirs).max())
+                for ours, theirs in zip(own, exact, strict=True)
+            ]
+        )
+    assert max(misses[1]) < 2e-3
+    # second order in the step
+    for coarse, fine in zip(*misses, strict=True):
+        assert 3.0 < coarse / fine < 5.0
+
+
+def test_a_controller_without_integral_sags_under_weight() -> None:
+    control = AxisControl(40.0, 3e4)
+    plant = make_plant()
+    weight = -9.81 * plant.mass[:, 1]
+    times: FloatArray = np.asarray(np.linspace(0.0, 0.01, 101), dtype=float)
+    free = LinearMotion(
+        times=times,
+        nodes=times[[0, -1]],
+        mass=np.broadcast_to(plant.mass, (2, 2, 2)),
+        damping=np.zeros((2, 2, 2)),
+        stiffness=np.broadcast_to(plant.stiffness, (2, 2, 2)),
+        tool=np.zeros((2, 3, 2)),
+        gravity_deflection=np.zeros((2, 2)),
+        load=np.broadcast_to(weight, (len(times), 2)),
+    )
+    rest = np.zeros((len(times), 1))
+    servo = close_motors(
+        free,
+        [control],
+        speeds=rest,
+        accelerations=rest,
+        gravity=np.broadcast_to(weight, (2, 2)),
+        scales=np.zeros((2, 1, 2)),
+    )
+    sag = [-9.81 * TABLE / SPRING, -9.81 * (TABLE + SLIDE) / (3e4 * 40.0)]
+    np.testing.assert_allclose(servo.motion.gravity_deflection[0], sag, rtol=1e-9)
+    held = march_linear(servo.motion, servo.motion.load)
+    np.testing.assert_allclose(servo.forces(held), 9.81 * (TABLE + SLIDE), rtol=1e-9)
