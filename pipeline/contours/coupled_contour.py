@@ -24,8 +24,6 @@ from headstock.pipeline.contours.contour_drives import controlled_drives, drive_
 from headstock.pipeline.contours.contour_run import CORIOLIS, ContourDrives, ContourRun
 from headstock.pipeline.contours.traced_path import plan_request
 from headstock.pipeline.contours.way_motors import close_way, plan_motors
-from headstock.pipeline.contours.traced_path import plan_request
-from headstock.pipeline.contours.way_motors import close_way, plan_motors
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
