@@ -132,6 +132,9 @@ class Load(Noun, schema=loads.LoadTable):
         traction: _Numbers | None = ...,
         pressure: Quantity | None = ...,
         body: _Numbers | None = ...,
+        joint: str | None = ...,
+        displacement: _Numbers | None = ...,
+        rotation: _Numbers | None = ...,
     ) -> None: ...
 
 class Material(Noun, schema=components.MaterialTable):

@@ -51,6 +51,22 @@ class Probe:
 
 
 @dataclass(frozen=True)
+class JointDisplacement:
+    """A displacement that a joint is given: its ground moves and takes along what is joined to it;
+    without ground, its second end moves relative to the first.
+
+    Attributes:
+        name: Name in the scene.
+        joint: Of the machine.
+        motion: Translation of the joint's point and rotation about it, machine axes [m, rad].
+    """
+
+    name: str
+    joint: str
+    motion: tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
 class Pose:
     """Axis positions [m, rad] by axis name; axes not named stand at zero."""
 
@@ -70,6 +86,7 @@ class Machine:
         axes: By name, in the order in which the scene lists them.
         supports: By name.
         loads: By name.
+        displacements: Prescribed displacements by name.
         probes: By name.
         gravity: Acceleration of gravity in the machine frame [m/s^2].
         gravity_stiffening: Whether small motions include the geometric stiffness due to gravity.
@@ -86,6 +103,7 @@ class Machine:
     axes: dict[str, Axis] = field(default_factory=dict)
     supports: dict[str, Support] = field(default_factory=dict)
     loads: dict[str, Load] = field(default_factory=dict)
+    displacements: dict[str, JointDisplacement] = field(default_factory=dict)
     probes: dict[str, Probe] = field(default_factory=dict)
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)
     gravity_stiffening: bool = False
@@ -234,8 +252,23 @@ def orient_machine(machine: Machine, frame: Frame) -> Machine:
         )
         for name, load in machine.loads.items()
     }
+    displacements = {
+        name: dataclasses.replace(
+            given,
+            motion=(
+                *(rotation @ given.motion[:3]).tolist(),
+                *(rotation @ given.motion[3:]).tolist(),
+            ),
+        )
+        for name, given in machine.displacements.items()
+    }
     return dataclasses.replace(
-        machine, components=components, joints=joints, axes=axes, loads=loads
+        machine,
+        components=components,
+        joints=joints,
+        axes=axes,
+        loads=loads,
+        displacements=displacements,
     )
 
 

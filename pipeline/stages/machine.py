@@ -45,7 +45,6 @@ from headstock.reduction.coupling.drives import (
     place_drives,
     release_motors,
 )
-from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.reduction.motions.body_motions import (
     FreeMotion,
     find_free_motions,
@@ -56,7 +55,7 @@ from headstock.reduction.motions.body_motions import (
 )
 from headstock.reduction.motions.compliance_budget import find_weakest_link, point_budget
 from headstock.reduction.motions.mode_naming import NamedModes, name_modes
-from headstock.reduction.motions.tool_deviation import fixed_offset
+from headstock.reduction.motions.tool_deviation import fixed_offsets
 from headstock.scene.scene import Scene
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import add_modal_damping
@@ -180,9 +179,10 @@ class CoupledPose:
         rows = np.array([coupled.system.outputs[name, dof] for dof in DOF_NAMES])
         known = found.determines(rows)[:, None] & found.balanced
         moved = np.where(known, rows @ found.displacements, np.nan)
-        offset = fixed_offset(coupled, self.parts.scene.machine, name)
+        offsets = fixed_offsets(coupled, self.parts.scene.machine, name)
+        offsets[ALL_LOADS] = np.sum([np.zeros(6), *offsets.values()], axis=0)
         return {
-            load: moved[:, number] + (offset if load in (ALL_LOADS, GUIDE_ERRORS) else 0.0)
+            load: moved[:, number] + offsets.get(load, 0.0)
             for number, load in enumerate((ALL_LOADS, *coupled.loads))
         }, ()
 

@@ -79,8 +79,7 @@ def run_recover_stage(state: RunState, stage: Stage) -> Outcome:
     try:
         total = np.sum(list(state.coupled.loads.values()), axis=0)
         stacked = state.coupled.basis @ solve_machine_static(state.coupled, total).displacements
-        if state.coupled.errors is not None:
-            stacked = stacked + state.coupled.errors.offset(state.coupled.layout.size)
+        stacked = stacked + state.coupled.offset
     except ModelError as error:
         return Outcome(
             detail="refused: see below", failures=(f"probes in pose {stage.pose}: {error}",)

@@ -1,6 +1,7 @@
 """Superelements and joints of a machine in one pose, coupled to one second-order system."""
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -24,6 +25,7 @@ from headstock.reduction.coupling.gravity_stiffness import find_gravity_stiffnes
 from headstock.reduction.coupling.guide_errors import (
     GUIDE_ERRORS,
     ErrorLoads,
+    find_displacements,
     find_offsets,
     find_places,
     has_errors,
@@ -70,6 +72,7 @@ class CoupledMachine:
         warnings: For the user.
         errors: What the errors of guides and drives do, together the load ``guide_errors``; None
             without any.
+        displaced: What prescribed displacements do, each a load of its name; None without any.
         geometric: ``(n_all, n_all)`` stiffness of the machine's weight in stacked dofs, which the
             system has; None where it does not count.
     """
@@ -85,6 +88,16 @@ class CoupledMachine:
     warnings: tuple[str, ...]
     errors: ErrorLoads | None = None
     geometric: FloatArray | None = None
+    displaced: ErrorLoads | None = None
+
+    @property
+    def offset(self) -> FloatArray:
+        """Motion ``(n_all,)`` of the stacked dofs by fixed directions that all loads together
+        displace, at zero free coordinates.
+        """
+        size = self.layout.size
+        known = [each for each in (self.errors, self.displaced) if each is not None]
+        return np.asarray(np.sum([np.zeros(size), *(each.offset(size) for each in known)], axis=0))
 
     @property
     def offsets(self) -> dict[str, slice]:
@@ -147,20 +160,26 @@ def couple(
     )
     channels = machine_channels(layout, machine, basis, memo.channels)
     loads = machine_loads(layout, machine, matrices, basis, gravity)
-    errors = None
+    displace = functools.partial(
+        solve_error_loads,
+        springs=springs,
+        reduced=reduced,
+        constraints=constraints,
+        first_fixed=len(constraints)
+        - len(shapes.rows)
+        - sum(len(spring.fixed) for spring in springs),
+        layout=layout,
+        matrices=matrices,
+        basis=basis,
+    )
+    errors = displaced = None
     if has_errors(machine):
-        fixed = sum(len(spring.fixed) for spring in springs)
-        errors = solve_error_loads(
-            find_offsets(machine, find_places(machine, pose.positions, layout, springs)),
-            springs=springs,
-            reduced=reduced,
-            constraints=constraints,
-            first_fixed=len(constraints) - len(shapes.rows) - fixed,
-            layout=layout,
-            matrices=matrices,
-            basis=basis,
-        )
+        places = find_places(machine, pose.positions, layout, springs)
+        errors = displace(find_offsets(machine, places))
         loads[GUIDE_ERRORS] = errors.load
+    if machine.displacements:
+        displaced = displace(find_displacements(machine, springs))
+        loads |= displaced.loads
     system = SecondOrderSystem(
         mass=sum_mass(layout, matrices, basis, memo),
         damping=sum_damping(layout, matrices, basis, reduced),
@@ -210,6 +229,7 @@ def couple(
         + _floating_warnings(floating, machine)
         + (warn_of_stress(machine, layout) if machine.gravity_stiffening else ()),
         errors=errors,
+        displaced=displaced,
         geometric=geometric if machine.gravity_stiffening else None,
     )
 

@@ -125,6 +125,7 @@ def release_motors(coupled: CoupledMachine, trains: tuple[DriveTrain, ...]) -> C
             name: np.concatenate([load, np.zeros(added)]) for name, load in coupled.loads.items()
         },
         errors=None,
+        displaced=None,
     )
 
 

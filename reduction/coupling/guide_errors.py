@@ -168,6 +168,26 @@ def find_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str, F
     }
 
 
+def find_displacements(
+    machine: Machine, springs: Sequence[PlacedJoint]
+) -> dict[str, dict[str, FloatArray]]:
+    """Offsets ``(6,)`` in joint axes of prescribed displacements by name and joint: what the second
+    end does relative to the first.
+
+    Args:
+        machine: With its displacements.
+        springs: Every joint as placed.
+    """
+    frames = {spring.name: spring.frame for spring in springs}
+    found = {}
+    for name, given in machine.displacements.items():
+        own = rotate_dofs(frames[given.joint].rotation.T) @ np.array(given.motion)
+        # what is joined to a ground that moves follows it
+        follows = machine.joints[given.joint].ends[1].component is not None
+        found[name] = {given.joint: own if follows else -own}
+    return found
+
+
 def solve_error_loads(
     offsets: Mapping[str, Mapping[str, FloatArray]],
     *,

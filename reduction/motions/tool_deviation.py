@@ -40,20 +40,24 @@ class ToolDeviation:
         return np.asarray(np.sum([np.zeros(6), *self.sources.values()], axis=0))
 
 
-def fixed_offset(coupled: CoupledMachine, machine: Machine, name: str) -> FloatArray:
-    """Motion ``(6,)`` of a point or an interface that errors of fixed directions make, at zero free
-    coordinates.
+def fixed_offsets(coupled: CoupledMachine, machine: Machine, name: str) -> dict[str, FloatArray]:
+    """Motion ``(6,)`` of a point or an interface that each load makes by fixed directions that it
+    displaces, at zero free coordinates; no entry of a load that displaces none.
 
     Args:
         coupled: The machine in a pose.
         machine: With the point.
         name: A point, or ``component.interface``.
     """
-    if coupled.errors is None or not coupled.errors.offsets:
-        return np.zeros(6)
-    return np.asarray(
-        _channel_rows(coupled, machine, name) @ coupled.errors.offset(coupled.layout.size)
-    )
+    offsets: dict[str, FloatArray] = {}
+    if coupled.errors is not None and coupled.errors.offsets:
+        offsets[GUIDE_ERRORS] = coupled.errors.offset(coupled.layout.size)
+    if coupled.displaced is not None:
+        offsets |= coupled.displaced.offsets
+    if not offsets:
+        return {}
+    rows = _channel_rows(coupled, machine, name)
+    return {load: np.asarray(rows @ moved) for load, moved in offsets.items()}
 
 
 def _channel_rows(coupled: CoupledMachine, machine: Machine, name: str) -> FloatArray:

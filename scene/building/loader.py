@@ -48,6 +48,7 @@ from headstock.scene.building.guide_errors import (
 )
 from headstock.scene.building.joints import build_joint, check_joints, couple_bearings
 from headstock.scene.building.loads import (
+    build_displacement,
     build_load,
     build_support,
     check_loads,
@@ -368,7 +369,16 @@ def build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
         points={key: Point(key, table.tool, table.work) for key, table in scene.points.items()},
         axes={key: _build_axis(key, scene, joints, supports) for key in scene.axes},
         supports=supports,
-        loads={key: build_load(key, table, components) for key, table in scene.loads.items()},
+        loads={
+            key: build_load(key, table, components)
+            for key, table in scene.loads.items()
+            if table.joint is None
+        },
+        displacements={
+            key: build_displacement(key, table)
+            for key, table in scene.loads.items()
+            if table.joint is not None
+        },
         probes={
             key: Probe(key, table.component, (table.at[0], table.at[1], table.at[2]))
             for key, table in scene.probes.items()

@@ -2,14 +2,20 @@
 with them.
 """
 
+import math
+
 from headstock.geometry.machine.joints import JointEnd
+from headstock.geometry.machine.machine import JointDisplacement
 from headstock.geometry.parts.components import Component, Load, Patch, Support
 from headstock.scene.building.components import build_patch, find_patch_fault
 from headstock.scene.building.draft import Draft, check_end, check_name
+from headstock.scene.building.joints import KINDS
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.schema.components import ComponentTable, PatchTable
 from headstock.scene.schema.loads import LoadTable, SupportTable
+
+SMALL_ROTATION = 0.02  # [rad]: beyond, 1 - cos exceeds 2e-4
 
 
 def build_support(name: str, table: SupportTable, components: dict[str, Component]) -> Support:
@@ -50,6 +56,18 @@ def build_load(name: str, table: LoadTable, components: dict[str, Component]) ->
     return Load(name, component, "traction", patches, vector=tuple(table.traction or ()))
 
 
+def build_displacement(name: str, table: LoadTable) -> JointDisplacement:
+    """The displacement a faultless table stands for.
+
+    Args:
+        name: Of the load.
+        table: Its table.
+    """
+    x, y, z = table.displacement or (0.0, 0.0, 0.0)
+    rx, ry, rz = table.rotation or (0.0, 0.0, 0.0)
+    return JointDisplacement(name, table.joint or "", (x, y, z, rx, ry, rz))
+
+
 def check_points(draft: Draft, findings: Findings) -> None:
     """Report points whose ends are unknown or the same."""
     for name, point in draft.table.points.items():
@@ -85,12 +103,38 @@ def check_supports(draft: Draft, findings: Findings) -> None:
 def check_loads(draft: Draft, findings: Findings) -> None:
     """Report loads on unknown areas and components, and pressures without a mesh to act on."""
     for name, table in draft.table.loads.items():
+        if table.joint is not None:
+            _check_displacement(("loads", name), table, draft, findings)
+            continue
         _check_area(("loads", name), table, draft, findings)
         if table.component is not None:
             check_name(("loads", name, "component"), table.component, "components", draft, findings)
         owner = (table.face or table.at or "").partition(".")[0]
         if fault := find_load_fault(table, draft.table.components.get(owner)):
             findings.add(("loads", name, "pressure"), fault)
+
+
+def _check_displacement(key: KeyPath, table: LoadTable, draft: Draft, findings: Findings) -> None:
+    check_name((*key, "joint"), table.joint or "", "joints", draft, findings)
+    joint = draft.table.joints.get(table.joint or "")
+    if joint is None:
+        return
+    if not (joint.stiffness or joint.stiffness_per_area or KINDS[joint.kind].fixed):
+        findings.add(
+            (*key, "joint"),
+            f"{table.joint} neither fixes a direction nor has a stiffness, so nothing follows it; name another joint",
+        )
+    turning = max(map(abs, table.rotation or [0.0]))
+    if turning > SMALL_ROTATION:
+        findings.add(
+            (*key, "rotation"),
+            f"is {math.degrees(turning):.3g} deg, and deflections are linear; write at most {math.degrees(SMALL_ROTATION):.2g} deg",
+        )
+    if draft.table.analyses.volumetric is not None:
+        findings.add(
+            key,
+            "a volumetric map takes forces, gravity and errors of guides; put the displacement in a variant without it",
+        )
 
 
 def check_probes(draft: Draft, findings: Findings) -> None:

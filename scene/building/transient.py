@@ -111,6 +111,12 @@ def _check_load(key: KeyPath, load: TimedLoadTable, draft: Draft, findings: Find
                 findings.add((*key, "load"), "needs gravity; write [effects] gravity = true")
             return
         check_name((*key, "load"), load.load or "", "loads", draft, findings)
+        named = draft.table.loads.get(load.load or "")
+        if named is not None and named.joint is not None:
+            findings.add(
+                (*key, "load"),
+                "is a displacement, which is a static load only; write a force over time",
+            )
         return
     name, direction = load.at
     check_channel((*key, "at"), name, draft, findings)

@@ -42,6 +42,7 @@ _REFERENCES = {
     ("loads", "at"): "components",
     ("loads", "face"): "components",
     ("loads", "component"): "components",
+    ("loads", "joint"): "joints",
     ("probes", "component"): "components",
     ("drives", "axis"): "axes",
     ("drives", "joint"): "joints",

@@ -10,8 +10,10 @@ from headstock.scene.schema.components import DiskTable, RectTable, StripTable
 from headstock.scene.schema.types import (
     THREE_NUMBERS,
     Acceleration,
+    Angle,
     Force,
     JsonForm,
+    Length,
     Moment,
     Position,
     Pressure,
@@ -86,8 +88,8 @@ class SupportTable(StrictTable):
 
 
 class LoadTable(StrictTable):
-    """A static load: force and moment at an interface, traction or pressure on an area, or a body
-    acceleration field.
+    """A static load: force and moment at an interface, traction or pressure on an area, a body
+    acceleration field, or a displacement and rotation that a joint is given.
     """
 
     at: Text | None = None
@@ -101,10 +103,15 @@ class LoadTable(StrictTable):
     traction: Annotated[list[Pressure], Field(min_length=3, max_length=3)] | None = None
     pressure: Pressure | None = None
     body: Annotated[list[Acceleration], Field(min_length=3, max_length=3)] | None = None
+    joint: Text | None = None
+    displacement: Annotated[list[Length], Field(min_length=3, max_length=3)] | None = None
+    rotation: Annotated[list[Angle], Field(min_length=3, max_length=3)] | None = None
 
     @property
-    def kind(self) -> Literal["traction", "pressure", "body", "force"]:
+    def kind(self) -> Literal["traction", "pressure", "body", "force", "displacement"]:
         """What kind of load was written."""
+        if self.joint is not None:
+            return "displacement"
         if self.traction is not None:
             return "traction"
         if self.pressure is not None:
@@ -119,9 +126,18 @@ class LoadTable(StrictTable):
             self.traction is not None,
             self.pressure is not None,
             self.body is not None,
+            self.displacement is not None or self.rotation is not None,
         ]
         if sum(kinds) != 1:
-            raise problem("needs exactly one of force (with moment), traction, pressure, body")
+            raise problem(
+                "needs exactly one of force (with moment), traction, pressure, body, displacement (with rotation)"
+            )
+        if self.joint is not None or kinds[-1]:
+            if self.joint is None or not kinds[-1] or self.face or self.at or self.component:
+                raise problem(
+                    'a displacement is given to a joint; write joint = "foot", displacement = ["0 um", "0 um", "-20 um"]'
+                )
+            return self
         if point_load and self.at is None:
             raise problem(
                 'a force or moment acts at an interface; write at = "component.interface"'

@@ -1,0 +1,154 @@
+"""Displacements and rotations that joints are given: beams on supports that move, against closed
+forms and against the compliance of the same beam.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+
+LENGTH, STIFFNESS = 0.4, 2e5
+BEAM = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.beam]
+solid = { box = ["10 mm", "10 mm", "400 mm"] }
+material = "steel"
+fidelity = "segmented"
+segments = { count = 8 }
+interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
+[joints.wall]
+between = ["ground", "beam.foot"]
+kind = "rigid"
+[joints.prop]
+between = ["beam.tip", "ground"]
+kind = "spring"
+stiffness = { x = "0.2 N/um" }
+[points]
+tip = { tool = "beam.tip", work = "ground" }
+[loads.turn]
+joint = "wall"
+rotation = ["0 rad", "1 mrad", "0 rad"]
+[loads.lift]
+joint = "prop"
+displacement = ["50 um", "7 um", "0 um"]
+[analyses.static]
+"""
+
+
+def compute(folder: Path, text: str, *settings: str) -> Results:
+    path = folder / "scene.toml"
+    path.write_text(text)
+    scene = load_scene(path, overrides=settings)
+    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+
+def at_tip(results: Results) -> PointCompliance:
+    (answer,) = find_answers(results.answers, StaticAnswer)
+    return answer.points["tip"]
+
+
+def displaced(results: Results) -> dict[str, FloatArray]:
+    """Motion of the point by load."""
+    point = at_tip(results)
+    assert point.displacement is not None
+    return {"all": point.displacement, **point.displacements}
+
+
+def tip_compliance() -> float:
+    """Of a cantilever by Timoshenko [m/N]; its shear area is 5/6 of the section."""
+    inertia, shear = 0.01**4 / 12.0, 210e9 / 2.6 * 0.01**2 * 5.0 / 6.0
+    return LENGTH**3 / (3.0 * 210e9 * inertia) + LENGTH / shear
+
+
+def test_a_propped_cantilever_follows_its_wall_and_its_prop(tmp_path: Path) -> None:
+    found = displaced(compute(tmp_path, BEAM))
+    give = STIFFNESS * tip_compliance()
+    turned, lifted = 1e-3 * LENGTH / (1.0 + give), 50e-6 * give / (1.0 + give)
+    # the segments bend as a Timoshenko beam does, to their own order
+    assert found["turn"][0] == pytest.approx(turned, rel=2e-3)
+    assert found["lift"][0] == pytest.approx(lifted, rel=2e-3)
+    # nothing of the prop acts along y
+    assert abs(found["lift"][1]) < 1e-15
+    np.testing.assert_allclose(found["all"], found["turn"] + found["lift"], rtol=1e-12)
+    # the same from the compliance of the beam itself, without its closed form
+    free = BEAM.partition("[loads.turn]")[0] + "[analyses.static]\n"
+    own = at_tip(compute(tmp_path, free, 'joints.prop.stiffness.x="1e-9 N/um"')).compliance[0, 0]
+    share = STIFFNESS * own / (1.0 + STIFFNESS * own)
+    assert found["lift"][0] == pytest.approx(50e-6 * share, rel=1e-7)
+
+
+def test_both_ends_of_a_fixed_beam_may_be_displaced(tmp_path: Path) -> None:
+    """What is fixed to ground goes where its ground goes, whichever end is named first; the middle
+    of a fixed beam goes half of the way, and 1/8 of its length times the turn of an end.
+    """
+    upper = """[components.upper]
+solid = { box = ["10 mm", "10 mm", "400 mm"] }
+material = "steel"
+fidelity = "segmented"
+segments = { count = 8 }
+at = ["0 mm", "0 mm", "400 mm"]
+interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
+[joints.middle]
+between = ["beam.tip", "upper.foot"]
+kind = "rigid"
+[joints.wall]"""
+    prop = 'between = ["beam.tip", "ground"]\nkind = "spring"\nstiffness = { x = "0.2 N/um" }'
+    text = BEAM.replace("[joints.wall]", upper)
+    text = text.replace(prop, 'between = ["upper.tip", "ground"]\nkind = "rigid"')
+    found = displaced(compute(tmp_path, text))
+    np.testing.assert_allclose(found["lift"][:3], [25e-6, 3.5e-6, 0.0], atol=1e-12)
+    assert found["turn"][0] == pytest.approx(1e-3 * 2.0 * LENGTH / 8.0, rel=1e-9)
+
+
+def test_parts_of_a_machine_may_be_pushed_apart(tmp_path: Path) -> None:
+    """A joint without ground: its second end relative to the first, in machine axes whatever its
+    own.
+    """
+    block = """[components.head]
+solid = { point_mass = "1 kg", inertia = ["1 kg m^2", "1 kg m^2", "1 kg m^2"] }
+at = ["0 mm", "0 mm", "450 mm"]
+[joints.flange]
+between = ["beam.tip", "head.center"]
+kind = "bolted"
+axis = "x"
+stiffness = { shear = "300 N/um", normal = "300 N/um", tilt = "1e5 N m/rad", torsion = "1e5 N m/rad" }
+[joints.wall]"""
+    text = BEAM.replace("[joints.wall]", block).replace('joint = "prop"', 'joint = "flange"')
+    text = text.replace('tool = "beam.tip"', 'tool = "head.center"')
+    found = displaced(compute(tmp_path, text, 'joints.prop.stiffness={ z = "1 N/m" }'))
+    # springs that carry nothing take all of it
+    np.testing.assert_allclose(found["lift"][:3], [50e-6, 7e-6, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ('loads.turn.joint="wal"', "unknown joint 'wal'"),
+        ('loads.turn.rotation=["0 rad", "3 deg", "0 rad"]', "deflections are linear"),
+        ('loads.turn.displacement=["0 m", "3 deg", "0 m"]', "is an angle, not a length"),
+        ('loads.turn.force=["1 N", "0 N", "0 N"]', "needs exactly one of force"),
+        ('loads.turn={ rotation = ["0 rad", "0 rad", "0 rad"] }', "is given to a joint"),
+        (
+            'analyses.transient={ duration = "1 s", loads.a = { shape = "step", load = "turn" } }',
+            "is a displacement, which is a static load only",
+        ),
+    ],
+)
+def test_what_cannot_be_displaced_is_refused(tmp_path: Path, setting: str, words: str) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(BEAM)
+    with pytest.raises(SceneError, match=words):
+        load_scene(path, overrides=(setting,))
