@@ -1,4 +1,4 @@
-"""What the next digit of accuracy costs: the cost studies of four machines and two STEP parts, and
+"""What the next digit of accuracy costs: the cost studies of four machines and six STEP parts, and
 the page of the documentation that shows them.
 
     ./headstock exec python3 benchmarks/next_digit.py [--only WORD] [--repeats N] [--folder DIR] [--page]
@@ -12,6 +12,7 @@ import argparse
 import json
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -20,6 +21,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from step_scenes import write_scene
 
 PROJECT = Path(__file__).resolve().parents[1]
 PAGE, PICTURES = PROJECT / "docs" / "next_digit.md", PROJECT / "docs" / "images"
@@ -59,7 +62,7 @@ class Case:
     Attributes:
         name: Of its folder and its drawing.
         title: On the page.
-        scene: File, from the root of the project.
+        scene: File, from the root of the project; empty for a part of `step_scenes.py`.
         settings: ``key=value`` of the scene that are other than in the file.
         timed: The automatic choice is timed by ranks and threads.
         variant: Of the scene, for that.
@@ -71,6 +74,11 @@ class Case:
     settings: tuple[str, ...] = ()
     timed: bool = True
     variant: str = ""
+
+
+def _own_part(name: str, title: str) -> Case:
+    """A part that is built here, and its scene."""
+    return Case(f"step_{name}", f"{title}: four frequencies and three compliances", "", timed=False)
 
 
 CASES = (
@@ -115,6 +123,10 @@ CASES = (
         "Bracket from STEP: four frequencies and three compliances",
         "tests/data/support.toml",
     ),
+    _own_part("angle", "Angle with a gusset"),
+    _own_part("housing", "Housing with ribs and bearing seats"),
+    _own_part("elbow", "Cast quarter bend of a pipe"),
+    _own_part("bolt_plate", "Plate with 96 bores"),
 )
 # threads and ranks of one run of the automatic choice for 1 %
 TEAMS = ((1, 1), (1, 2), (2, 1))
@@ -142,7 +154,8 @@ def main() -> int:
 def _study(case: Case, folder: Path, repeats: int) -> None:
     """Compute the points of a study that are not finished."""
     given = [f"--set={setting}" for setting in case.settings]
-    words = [case.scene, "cost", "--repeats", str(repeats), "-o", str(folder / case.name)]
+    scene = case.scene or str(write_scene(case.name.removeprefix("step_"), folder / "parts"))
+    words = [scene, "cost", "--repeats", str(repeats), "-o", str(folder / case.name)]
     variables = {**os.environ, "HEADSTOCK_THREADS": "1"}
     _note_machine(folder)
     subprocess.run(
@@ -337,7 +350,8 @@ def _teams(folder: Path) -> list[str]:
 
 def _other_models(study: dict[str, Any]) -> list[str]:
     """What the study says of other models."""
-    return [line for line in study.get("digits", []) if "another model" in line]
+    lines = [line for line in study.get("digits", []) if "another model" in line]
+    return [re.sub(r"away in (\S+):", r"away in `\1`:", line) for line in lines]
 
 
 if __name__ == "__main__":

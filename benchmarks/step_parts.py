@@ -28,7 +28,7 @@ def write_part(name: str, path: Path) -> Path:
     return path
 
 
-def build_bracket() -> Solid:
+def build_angle() -> Solid:
     """A 160 x 100 x 120 angle with a gusset, fillets of 3 to 12 and six bores."""
     foot, wall, gusset = (
         _box(0, 0, 0, 160, 100, 16),
@@ -164,7 +164,7 @@ def build_casting() -> Solid:
 
 
 PARTS: dict[str, Callable[[], Solid]] = {
-    "bracket": build_bracket,
+    "angle": build_angle,
     "housing": build_housing,
     "elbow": build_elbow,
     "bolt_plate": build_bolt_plate,

@@ -30,7 +30,7 @@ from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
 from headstock.reduction.estimates.model_errors import WatchedModes, compare_modes, watch_modes
 from headstock.reduction.motions.body_fields import choose_places, place_motion
-from headstock.reduction.motions.compliance_budget import point_budget
+from headstock.reduction.motions.compliance_budget import point_compliance
 from headstock.solvers.errors import ModelError
 
 SEGMENT_COUNTS = (4, 8, 16)
@@ -297,7 +297,7 @@ class _Trials:
             model = models.get(answer.pose) or self._couple(choice, answer.pose)
             place = f" in pose {answer.pose}" if len(self._state.static) > 1 else ""
             for name, point in answer.points.items():
-                compliance = point_budget(model.coupled, name).compliance
+                compliance = point_compliance(model.coupled, name)
                 for axis, direction in enumerate(DIRECTIONS):
                     before, after = point.compliance[axis, axis], compliance[axis, axis]
                     if before > 0.0:

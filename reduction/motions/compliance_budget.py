@@ -260,10 +260,15 @@ def _add_stiffness(total: FloatArray, coupled: CoupledMachine, name: str) -> Non
 
 def _roundoff(coupled: CoupledMachine, displacement: FloatArray) -> float:
     """What rounding leaves of the strain energy [J] of a displacement ``(n,)``: in a long slender
-    machine parts move far and strain little.
+    machine parts move far and strain little, and a compact body of thin segments is stiff for how
+    far it is carried along.
     """
     size = np.abs(displacement)
-    return ROUNDOFF * float(size @ absolute_product(coupled.system.stiffness, size))
+    energy = float(size @ absolute_product(coupled.system.stiffness, size))
+    for name, stiffness in coupled.matrices.stiffnesses.items():
+        moved = np.abs(coupled.basis[coupled.offsets[name]] @ displacement)
+        energy += float(moved @ absolute_product(stiffness, moved))
+    return ROUNDOFF * energy
 
 
 def _shares(
