@@ -31,12 +31,12 @@ from headstock.pipeline.answers.estimates import DISCRETISATION, LEFT_OUT, show_
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import AccuracyGoal, Scene
 
-AIM = 0.9  # share of the accuracy that the next round aims at
+AIM = 0.8  # share of the accuracy that the next round aims at: one that misses by little costs more
 ERROR_STEP = 0.8  # by which the error of an owner is thought to fall at a time
 # errors fall with about the second power of the mesh size; processor time grows with its third
 COST_POWER = 1.5
 LEAST_SECONDS = 0.05  # of a component
-LEAST_RATIO = 0.35  # of an error: what the largest step of a mesh brings in one round
+LEAST_RATIO = 1e-3  # of an error, over all rounds to come
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,8 +171,9 @@ def _wanted_ratios(
     """By what factor the errors of owners must fall so that every number is likely to be right, at
     the least cost: always the step that takes most of the worst number for its processor time.
 
-    Equal components are refined alike, so that one superelement serves them all. Where a part has no
-    bound, nobody knows how far it must fall: its factor is 0.
+    What a mesh cannot reach in one step it goes on to in the next round: the others are not refined
+    in its place. Equal components are refined alike, so that one superelement serves them all. Where
+    a part has no bound, nobody knows how far it must fall: its factor is 0.
 
     Args:
         quantities: With the errors that count.

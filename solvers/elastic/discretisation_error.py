@@ -50,7 +50,7 @@ SINGLE_SAFETY = 1.8
 WIDE, WIDEST = 3.0, 3.0
 # Single hexahedra across a bar, as thick as this share of their longest side: their stresses look
 # smooth whatever they miss
-THICK = 0.9
+THICK = 0.625
 UNSEEN_SHARE = 0.5  # of the volume
 
 
