@@ -71,7 +71,7 @@ def list_quantities(state: RunState) -> list[Quantity]:
     return [*_list_frequencies(state), *_list_compliances(state)]
 
 
-def count_safely(quantities: list[Quantity], factors: Factors) -> list[Quantity]:
+def count_safely(quantities: Sequence[Quantity], factors: Factors) -> list[Quantity]:
     """The same with their errors as they are to be counted.
 
     Args:
@@ -103,27 +103,6 @@ def learnt_factors(factors: Factors) -> dict[str, float]:
     return {name: factor for name, factor in largest.items() if factor != 1.0}
 
 
-def weigh_components(
-    quantities: Sequence[Quantity], factors: Mapping[str, float]
-) -> list[Quantity]:
-    """The same with the mesh errors of components multiplied.
-
-    Args:
-        quantities: With errors as estimated.
-        factors: Component to what rounds taught of its estimates; 1 for others.
-    """
-    return [
-        dataclasses.replace(
-            quantity,
-            parts={
-                (name, source): part * (factors.get(name, 1.0) if source == DISCRETISATION else 1.0)
-                for (name, source), part in quantity.parts.items()
-            },
-        )
-        for quantity in quantities
-    ]
-
-
 def worst_quantity(quantities: list[Quantity]) -> Quantity | None:
     """The one with the largest relative error; None where nothing has an error."""
     known = [quantity for quantity in quantities if quantity.parts]
@@ -136,7 +115,7 @@ def _list_frequencies(state: RunState) -> Iterator[Quantity]:
         place = f" in pose {modes.pose.name}" if poses else ""
         for index in range(modes.rigid_count, len(modes.frequencies_hz)):
             hz = float(modes.frequencies_hz[index])
-            parts = _relative_parts(modes.errors[index], hz)
+            parts = _relative_parts(modes.errors[index], hz) | _unseen_parts(state, modes.errors[index])
             if modes.errors[index].shares.get(REDUCTION, 0.0) is None:
                 parts |= {(name, REDUCTION): np.inf for name in _short_of(state, hz)}
             yield Quantity(
@@ -156,7 +135,7 @@ def _list_compliances(state: RunState) -> Iterator[Quantity]:
                 value = float(point.compliance[axis, axis])
                 if value > 0.0:
                     what = f"{direction} compliance at {name}{f' in pose {answer.pose}' if poses else ''}"
-                    parts = _relative_parts(error, value)
+                    parts = _relative_parts(error, value) | _unseen_parts(state, error)
                     yield Quantity(what, what, value, parts, _two_sided(error, value))
 
 
@@ -172,6 +151,18 @@ def _relative_parts(error: Estimate, value: float) -> dict[Owner, float]:
             if size > 0.0:
                 found[owner] = found.get(owner, 0.0) + size / covering / value
     return found
+
+
+def _unseen_parts(state: RunState, error: Estimate) -> dict[Owner, float]:
+    """Meshes whose error nobody can tell: rows of single elements."""
+    if error.shares.get(DISCRETISATION, 0.0) is not None:
+        return {}
+    return {
+        (name, DISCRETISATION): np.inf
+        for name, part in state.reduced.items()
+        if part.superelement.errors.missing_energy is not None
+        and not part.superelement.errors.missing_energy.any()
+    }
 
 
 def _two_sided(error: Estimate, value: float) -> float:

@@ -19,10 +19,9 @@ from headstock.pipeline.accuracy.interface_choice import ShapeChoice, choose_sha
 from headstock.pipeline.accuracy.model_errors import BetterBodies
 from headstock.pipeline.accuracy.models import ModelChoice, choose_models
 from headstock.pipeline.accuracy.quantities import (
+    Quantity,
     count_safely,
     learnt_factors,
-    list_quantities,
-    weigh_components,
 )
 from headstock.pipeline.accuracy.remembered import (
     Judged,
@@ -177,6 +176,7 @@ class _Refined:
         scene: With their last settings.
         state: Of the last round, complete on rank 0; its estimates as they are.
         rounds: What is told of each.
+        quantities: Numbers of the last round, with the errors that count.
         mesh_factors: Component to what the rounds taught that its estimates are worth.
         failure: Why the accuracy was not reached; empty when it was.
     """
@@ -184,6 +184,7 @@ class _Refined:
     scene: Scene
     state: RunState
     rounds: tuple[AccuracyRound, ...]
+    quantities: Sequence[Quantity]
     mesh_factors: Mapping[str, float]
     failure: str
 
@@ -262,7 +263,9 @@ def _refine_in_rounds(scene: Scene, run_round: RunRound, note: Note) -> _Refined
             for name, change in (verdict.round.changes or {}).items():
                 note(Stage("refine", name, verdict.round.reason), change, Cost())
         current, state = verdict.scene, run_round(verdict.scene, plan)
-    return _Refined(current, state, tuple(rounds), learnt_factors(history.factors), failure)
+    counted = count_safely(history.quantities, history.factors)
+    factors = learnt_factors(history.factors)
+    return _Refined(current, state, tuple(rounds), counted, factors, failure)
 
 
 def _choose_bodies(scene: Scene, refined: _Refined, note: Note) -> ModelChoice | None:
@@ -406,9 +409,8 @@ def _choose_models(
     refined: _Refined, ours: Sequence[str], accuracy: float, note: Note
 ) -> ModelChoice:
     """The cheapest models within an accuracy, on rank 0."""
-    estimated = weigh_components(list_quantities(refined.state), refined.mesh_factors)
     with measure() as cost:
-        found = choose_models(refined.state, ours, count_safely(estimated, {}), accuracy)
+        found = choose_models(refined.state, ours, refined.quantities, accuracy)
     note(
         Stage("models", None, "the cheapest models within the accuracy"),
         f"{found.worst} within {show_share(found.error)}",

@@ -31,7 +31,7 @@ from headstock.meshing.sizing import (
     largest_extent,
     thinnest_feature,
 )
-from headstock.solvers.elastic.discretisation_error import THICK
+from headstock.solvers.elastic.discretisation_error import STOUT
 
 # Just below the thickness: two hexes across, of which recovery sees the error of torsion (one hex
 # across: a quarter of it).
@@ -43,7 +43,7 @@ COARSE_ACCURACY = 0.03
 FEWEST_ALONG = 3
 MOST_ACROSS = 40
 # hexes between the edges of small patches, for accuracies of one percent and more
-ROUGH_ACCURACY, ROUGH_ACROSS, MOST_ROUGH_HEXES = 0.01, 2, 600
+ROUGH_ACCURACY, ROUGH_ACROSS, MOST_ROUGH_HEXES = 0.01, 2, 400
 # along the longest side: for an accuracy, and for a finer one, from which a second round is needed
 ROUGH_ALONG, FINE_ALONG, FINE_ACCURACY = 7, 8, 0.03
 PATCHES_ADD = 2.0  # hexes that patches may add by their grid lines before tetrahedra pay
@@ -323,7 +323,7 @@ def _not_single(size: float, thinnest: float) -> float:
     """A size that leaves no row of single hexes that are about as thick as long, of which nobody can
     tell the error.
     """
-    return START_SHARE * thinnest if thinnest <= size < thinnest / THICK else size
+    return START_SHARE * thinnest if thinnest <= size < thinnest / STOUT else size
 
 
 def grade_mesh(component: Component, size: float, accuracy: float) -> MeshSettings:

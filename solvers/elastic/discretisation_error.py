@@ -45,12 +45,15 @@ SAFETY: dict[tuple[Family, int], float] = {
     ("hex", 2): 1.4,
 }
 SINGLE_SAFETY = 1.8
+# Single hexahedra nearly as thick as long, this share of their longest side: estimates of torsion
+# come out at a third
+STOUT, STOUT_SAFETY = 0.625, 3.0
 # Flat tetrahedra in walls that they are several times wider than: estimates fall with their width
 # over the thickness
 WIDE, WIDEST = 3.0, 3.0
 # Single hexahedra across a bar, as thick as this share of their longest side: their stresses look
 # smooth whatever they miss
-THICK = 0.625
+THICK = 0.9
 UNSEEN_SHARE = 0.5  # of the volume
 
 
@@ -91,9 +94,10 @@ def mesh_safety(mesh: ComponentMesh, surface: MeshSurface) -> float:
     base = SAFETY[cell_family(mesh.kind), cell_order(mesh.kind)]
     if cell_family(mesh.kind) == "hex":
         spans, single = _find_single_spans(mesh)
-        volumes = spans.prod(axis=1)
-        alone = float(volumes[single.any(axis=1)].sum()) > UNSEEN_SHARE * float(volumes.sum())
-        return SINGLE_SAFETY if alone else base
+        stout = single & (spans >= STOUT * spans.max(axis=1, keepdims=True))
+        if _fill_most(spans, stout.any(axis=1)):
+            return STOUT_SAFETY
+        return SINGLE_SAFETY if _fill_most(spans, single.any(axis=1)) else base
     areas, _ = facet_moments(mesh.points, surface.facets)
     # an even triangle of a side has 0.43 times its square
     width, thickness = np.sqrt(2.3 * areas.mean()), 2.0 * mesh.quality.volume / areas.sum()
@@ -114,7 +118,15 @@ def sees_errors(mesh: ComponentMesh) -> bool:
     thick = (single & (spans >= THICK * spans.max(axis=1, keepdims=True))).any(axis=1) | (
         single.sum(axis=1) >= 4
     )
-    return float(spans.prod(axis=1)[thick].sum()) <= UNSEEN_SHARE * float(spans.prod(axis=1).sum())
+    return not _fill_most(spans, thick)
+
+
+def _fill_most(spans: FloatArray, chosen: NDArray[np.bool_]) -> bool:
+    """Whether chosen hexahedra ``(n,)`` fill more of the volume than may go unseen, by their lengths
+    ``(n, 6)``.
+    """
+    volumes = spans.prod(axis=1)
+    return float(volumes[chosen].sum()) > UNSEEN_SHARE * float(volumes.sum())
 
 
 def _find_single_spans(mesh: ComponentMesh) -> tuple[FloatArray, NDArray[np.bool_]]:

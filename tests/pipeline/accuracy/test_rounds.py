@@ -8,7 +8,7 @@ import pytest
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.accuracy.quantities import Owner, Quantity
-from headstock.pipeline.accuracy.rounds import AIM, LEAST_RATIO, _wanted_ratios
+from headstock.pipeline.accuracy.rounds import AIM, _wanted_ratios
 from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
@@ -59,9 +59,10 @@ def test_equal_bodies_are_refined_alike() -> None:
     assert ratios[MESH["left"]] == ratios[MESH["right"]] < 1.0
 
 
-def test_no_body_is_refined_further_than_one_round_can() -> None:
-    ratios = _wanted_ratios([number(0.9, 0.1)], 0.01, PARTS, EQUAL)
-    assert min(ratios.values()) > 0.7 * LEAST_RATIO
+def test_a_body_that_needs_several_rounds_is_not_helped_by_refining_the_others() -> None:
+    ratios = _wanted_ratios([number(0.2, 0.002)], 0.03, PARTS, EQUAL)
+    assert set(ratios) == {MESH["base"]}
+    assert ratios[MESH["base"]] < 0.2
 
 
 def test_a_part_without_a_bound_is_refined_whatever_it_costs() -> None:
