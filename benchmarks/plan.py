@@ -1,7 +1,7 @@
 """Dofs and processor time that ``plan`` foresees, beside those of a run with an empty store.
 
     ./headstock exec python3 benchmarks/plan.py machines/cantilever.toml machines/three_axis.toml@CE
-    ... ./headstock exec python3 benchmarks/plan.py --meshes bracket housing elbow bolt_plate bed
+    ... ./headstock exec python3 benchmarks/plan.py --meshes angle housing elbow bolt_plate bed
     part.step ...
 
 A scene may be followed by ``@`` and a variant. A STEP file, or the name of a part of

@@ -48,7 +48,7 @@ def test_every_number_is_expected_to_be_right() -> None:
 
 
 def test_of_bodies_that_make_as_much_of_the_error_the_cheaper_one_is_refined() -> None:
-    even = number(0.017, 0.017)
+    even = number(0.0155, 0.0155)
     cheap = _wanted_ratios([even], 0.03, PARTS, {**EQUAL, "base": 20.0})
     assert set(cheap) == {MESH["left"], MESH["right"]}
     assert set(_wanted_ratios([even], 0.03, PARTS, {**EQUAL, "left": 20.0})) == {MESH["base"]}
