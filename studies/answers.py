@@ -17,6 +17,8 @@ UNITS = {
     "displacement under loads": "µm",
     "dynamic stiffness": "N/µm",
     "lines of frequency responses": "m/N",
+    "limit depth of cut": "mm",
+    "frequency of chatter": "Hz",
     "volumetric error": "µm",
     "path deviation": "µm",
     "peaks over time": "µm",
@@ -39,6 +41,8 @@ UNITS = {
 EACH_ITS_OWN = {
     "frequencies",
     "dynamic stiffness",
+    "limit depth of cut",
+    "frequency of chatter",
     "settling times",
     "control poles",
     "location error of faces",
@@ -182,6 +186,12 @@ def _entries(summary: RunSummary) -> Iterator[_Entry]:
                 yield _Entry("peaks over time", where, [moved["peak"]])
                 yield _Entry("rest positions", where, [moved["final"]])
                 yield _Entry("settling times", where, [moved["settling_s"]])
+    for pose, lobes in summary.get("lobes", {}).items():
+        for direction in lobes["directions"]:
+            if (lowest := direction["lowest"]) is not None:
+                where = f"{direction['name']} in pose {pose}"
+                yield _Entry("limit depth of cut", where, [lowest["limit_depth_mm"]])
+                yield _Entry("frequency of chatter", where, [lowest["chatter_hz"]])
     for name, volume in summary.get("volumetric", {}).items():
         ranges = volume["ranges"]["total"]
         yield _Entry("volumetric error", name, [ranges[symbol] for symbol in ("EX", "EY", "EZ")])

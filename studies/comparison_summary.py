@@ -128,6 +128,7 @@ class VerdictSummary(TypedDict):
 class VariantSummary(FrequencyErrors):
     """A column of a comparison; lists have an item per mode that was asked for. ``mac`` is that of
     the reference's wanted modes (rows) with all modes of the variant; empty of the reference.
+    ``others`` are answers of other analyses, by answer and entry.
     """
 
     variant: str | None
@@ -143,6 +144,7 @@ class VariantSummary(FrequencyErrors):
     mac: list[list[float]]
     static: dict[str, VariantPointSummary]
     frf: list[EntrySummary]
+    others: dict[str, dict[str, list[float | None]]]
     effort: EffortSummary
     failures: list[str]
 
@@ -237,6 +239,13 @@ def _summarise_variant(solution: VariantSolution, comparison: Comparison) -> Var
             for name, budget in solution.points.items()
         },
         "frf": [_summarise_entry(entry) for entry in comparison.entries.get(choice.name, ())],
+        "others": {
+            answer: {
+                where: [float(value) if np.isfinite(value) else None for value in values]
+                for where, values in entries.items()
+            }
+            for answer, entries in solution.others.items()
+        },
         "effort": summarise_effort(solution.effort),
         "failures": list(solution.failures),
     }

@@ -4,13 +4,15 @@ compliances, with the time of each step.
 
 import dataclasses
 import importlib
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from mpi4py import MPI
 
-from headstock.geometry.frames import DIRECTIONS
+from headstock.geometry.errors import HeadstockError
+from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.answers.estimates import Estimate
@@ -19,7 +21,8 @@ from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure
 from headstock.pipeline.results.results import ComponentFacts
-from headstock.pipeline.runner import gather_facts
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.runner import gather_facts, run_scene
 from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.estimates import estimate_compliance_errors, estimate_mode_errors
 from headstock.pipeline.stages.frf import prepare_response, respond
@@ -38,18 +41,19 @@ from headstock.reduction.motions.mode_naming import NamedModes, name_modes
 from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import Problem, SceneError
-from headstock.scene.requests import ModalRequest
+from headstock.scene.requests import Analyses, ModalRequest
 from headstock.scene.scene import Scene, deforming_parts
 from headstock.scene.schema.overrides import AS_WRITTEN
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.frequency_response import FrfModel
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.ranks import make_on_root
+from headstock.studies.answers import list_answers
 from headstock.studies.shared_runs import plan_run, share_runs
 
 # modes are looked for further up than the scene asks, since a partner may lie beyond its limit
 REACH = 1.5
-STEPS = ("load", "components", "couple", "modes", "static", "frf")
+STEPS = ("load", "components", "couple", "modes", "static", "frf", "others")
 FIDELITIES: tuple[Fidelity, ...] = ("rigid", "segmented", "elastic")
 
 
@@ -131,6 +135,8 @@ class VariantSolution:
         point_errors: Point to direction to an estimate [m/N] of the compliance along it.
         response: Frequency response as a run finds it; None where none is asked for.
         frf: The same machine, ready to be asked at other frequencies.
+        others: Answer to entry to its numbers, of all other analyses of the scene, in all the poses
+            that it asks for; in the units of :data:`headstock.studies.answers.UNITS`.
         failures: Analyses that were refused, with the reason.
     """
 
@@ -148,6 +154,7 @@ class VariantSolution:
     point_errors: dict[str, dict[str, Estimate]] = field(default_factory=dict)
     response: PoseResponse | None = None
     frf: FrfModel | None = None
+    others: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
     failures: tuple[str, ...] = ()
 
 
@@ -182,11 +189,14 @@ def solve_variant(
         return None
     stands = choose_pose(scene, pose)
     try:
-        return _answer(state, choice, stands, _add_steps(effort, {"load": loading}), superelements)
+        solution = _answer(
+            state, choice, stands, _add_steps(effort, {"load": loading}), superelements
+        )
     except ModelError as error:
         if choice.fidelity is None and not choice.unasked:
             raise
         raise FidelityError(str(error)) from error
+    return _with_others(solution, scene, store)
 
 
 def share_variants[T](
@@ -288,9 +298,6 @@ def name_uncompared(scene: Scene) -> tuple[str, ...]:
             "no frequency responses are compared: the scene has no [analyses.frf]; "
             f'add inputs = ["{point}"], to = "500 Hz" there, and damping in [effects]'
         )
-    others = [name for name in ("map", "path", "control") if getattr(asked, name) is not None]
-    if others:
-        found.append(f"not compared: {', '.join(others)}; run computes them for one model")
     return tuple(found)
 
 
@@ -412,6 +419,29 @@ def _with_response(solution: VariantSolution, state: RunState, pose: Pose) -> Va
         response=respond(machine, model=model).answer,
         frf=model,
         effort=_add_steps(solution.effort, {"frf": cost}),
+    )
+
+
+def _with_others(solution: VariantSolution, scene: Scene, store: Store) -> VariantSolution:
+    """What a run finds beside modes, compliances and responses: paths, contours, lobes, maps, loads
+    over time, control, volumetric errors.
+    """
+    analyses = dataclasses.replace(scene.analyses, static=None, modal=None, frf=None)
+    if analyses == Analyses():
+        return solution
+    alone = dataclasses.replace(
+        scene, analyses=analyses, accuracy=None, model_errors=False, interface_errors=False
+    )
+    try:
+        with measure() as cost, tempfile.TemporaryDirectory(prefix="headstock-compare-") as folder:
+            found = run_scene(alone, Path(folder), comm=MPI.COMM_SELF, store=store)
+    except HeadstockError as error:
+        return dataclasses.replace(solution, failures=(*solution.failures, str(error)))
+    return dataclasses.replace(
+        solution,
+        others=list_answers(summarise(found)),
+        failures=(*solution.failures, *found.failures),
+        effort=_add_steps(solution.effort, {"others": cost}),
     )
 
 

@@ -29,6 +29,7 @@ from headstock.app.texts.model_answers import (
     cannot_words,
     cost_rows,
     nearest_mac,
+    other_sections,
     response_sections,
     share_rows,
     show_change,
@@ -72,7 +73,7 @@ def print_comparison(summary: ComparisonSummary) -> None:
         _add_modes(rows)
     for point in list_points(summary):
         _add_point(rows, point)
-    for section in response_sections(summary, drive_points=True):
+    for section in (*response_sections(summary, drive_points=True), *other_sections(summary)):
         rows.table.add_section()
         rows.add_head(section.title)
         rows.add_rows(section.rows)

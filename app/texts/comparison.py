@@ -10,6 +10,7 @@ from headstock.app.texts.tables import PlainTable, encode_csv, tabulate_response
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
+from headstock.studies.answers import UNITS
 from headstock.studies.comparison_summary import (
     CellSummary,
     ComparisonSummary,
@@ -25,6 +26,7 @@ STEP_NAMES = {
     "modes": "modes",
     "static": "compliances",
     "frf": "responses",
+    "others": "other analyses",
 }
 
 
@@ -108,7 +110,9 @@ def read_compliance(
 
 
 def comparison_csv(summary: ComparisonSummary) -> dict[str, bytes]:
-    """File stem to CSV: modes, compliances and variants, unrounded."""
+    """File stem to CSV: modes, compliances, variants and, where there are any, numbers of other
+    analyses, unrounded.
+    """
     names = list(summary["variants"])
     labels = ("number in {}", "{} [Hz]", "{} ± [Hz]", "{} deviation", "{} MAC")
     modes = PlainTable(
@@ -169,7 +173,39 @@ def comparison_csv(summary: ComparisonSummary) -> dict[str, bytes]:
             for name, variant in summary["variants"].items()
         ),
     )
-    return {table.name: encode_csv(table) for table in (modes, compliances, costs)}
+    others = _tabulate_others(summary)
+    tables = (modes, compliances, costs, *([others] if others.rows else []))
+    return {table.name: encode_csv(table) for table in tables}
+
+
+def _tabulate_others(summary: ComparisonSummary) -> PlainTable:
+    """A row per number of the other analyses."""
+    found = {name: variant["others"] for name, variant in summary["variants"].items()}
+    sizes: dict[tuple[str, str], int] = {}
+    for answers in found.values():
+        for answer, entries in answers.items():
+            for where, numbers in entries.items():
+                sizes[answer, where] = max(len(numbers), sizes.get((answer, where), 0))
+
+    def number(name: str, answer: str, where: str, place: int) -> float | None:
+        numbers = found[name].get(answer, {}).get(where, [])
+        return numbers[place] if place < len(numbers) else None
+
+    return PlainTable(
+        "others",
+        ("answer", "unit", "entry", "number", *found),
+        tuple(
+            (
+                answer,
+                UNITS[answer],
+                where,
+                place + 1,
+                *(number(name, answer, where, place) for name in found),
+            )
+            for (answer, where), size in sizes.items()
+            for place in range(size)
+        ),
+    )
 
 
 def tabulate_lines(lines: Mapping[str, ResponseCurves]) -> PlainTable:

@@ -12,6 +12,7 @@ from headstock.app.texts.tables import sort_shares
 from headstock.geometry.frames import DIRECTIONS
 from headstock.reduction.motions.body_motions import name_families
 from headstock.solvers.second_order import Channel
+from headstock.studies.answers import ROUNDING, UNITS
 from headstock.studies.comparison_summary import (
     ComparisonSummary,
     EntrySummary,
@@ -26,6 +27,7 @@ MISSING = "–"
 NAMED_SHARE = 0.1  # of a compliance: less is not worth a row
 PEAKS_SHOWN = 3
 MODES_NAMED = 3
+MOST_SHOWN = 3  # numbers of an entry
 DEFORMING = (
     "bend",
     "twist",
@@ -206,6 +208,57 @@ def _response_section(
     return ModelSection(
         f"Response {name_entry(output, given)} [{unit}]", tuple(each for each in rows if each.cells)
     )
+
+
+def other_sections(summary: ComparisonSummary) -> list[ModelSection]:
+    """A section per answer of analyses other than modes, compliances and responses.
+
+    Args:
+        summary: Of a comparison.
+    """
+    sections = []
+    for answer, unit in UNITS.items():
+        found = {
+            name: variant["others"][answer]
+            for name, variant in summary["variants"].items()
+            if answer in variant["others"]
+        }
+        own = found.get(summary["reference"], {})
+        rows = [
+            ModelRow(
+                where,
+                {
+                    name: _other_cell(entries[where], own.get(where))
+                    for name, entries in found.items()
+                    if where in entries
+                },
+            )
+            for where in dict.fromkeys(where for entries in found.values() for where in entries)
+        ]
+        if rows:
+            sections.append(ModelSection(f"{answer[0].upper()}{answer[1:]} [{unit}]", tuple(rows)))
+    return sections
+
+
+def _other_cell(
+    numbers: Sequence[float | None], reference: Sequence[float | None] | None
+) -> ModelCell:
+    """Numbers of an entry, of many the least and the largest; and by how much the largest differs from
+    that of the reference.
+    """
+    known = [value for value in numbers if value is not None]
+    if not known:
+        return ModelCell(MISSING)
+    first = max((value for value in reference or () if value is not None), key=abs, default=None)
+    change = show_change(max(known, key=abs), first)
+    if len(numbers) > MOST_SHOWN:
+        return ModelCell(f"{show_digits(min(known), 4)} .. {show_digits(max(known), 4)}", change)
+    least = ROUNDING * max(map(abs, known))
+    shown = [
+        MISSING if value is None else show_digits(0.0 if abs(value) < least else value, 4)
+        for value in numbers
+    ]
+    return ModelCell(", ".join(shown), change)
 
 
 def cost_rows(summary: ComparisonSummary) -> list[ModelRow]:

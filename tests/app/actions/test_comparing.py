@@ -16,6 +16,7 @@ from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.geometry.parts.components import Component
 from headstock.reduction.components import elastic as elastic_reduction
 from headstock.reduction.superelement import Superelement
+from headstock.studies.answers import list_answers
 
 SCENE = """
 name = "A bar on springs"
@@ -45,6 +46,14 @@ tcp = { tool = "bar.tip", work = "ground" }
 at = "tcp"
 [analyses.modal]
 count = 6
+"""
+
+LOBES = """
+[analyses.lobes]
+mill = { diameter = "20 mm", teeth = 4 }
+radial_depth = "5 mm"
+material = "al7075-t6"
+speeds = ["3000 rpm", "15000 rpm", 20]
 """
 
 
@@ -99,6 +108,37 @@ def test_one_table_tells_modes_compliances_weak_links_dofs_and_seconds(
     assert {path.name for path in out.iterdir()} >= {
         "compare.html", "compare.json", "modes.csv", "compliances.csv", "variants.csv", "frequencies.png", "compliances.png",
     }  # fmt: skip
+
+
+def test_other_analyses_are_compared_as_run_finds_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+    scene, out = tmp_path / "mill.toml", tmp_path / "out"
+    mill = (Path(__file__).parents[2] / "data" / "mill.toml").read_text()
+    scene.write_text(
+        mill.replace('side = "40 mm"', 'side = "12 mm"')
+        + LOBES
+        + '[variants.soft]\n"joints.x_screw.stiffness.axial" = "75 N/um"\n'
+    )
+    assert main(["compare", str(scene), "-o", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "Limit depth of cut [mm]" in printed and "Location error of faces [µm]" in printed
+    variants = json.loads((out / "compare.json").read_text())["variants"]
+    assert main(["run", str(scene), "-o", str(tmp_path / "run"), "--variant", "soft"]) == 0
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    found = list_answers(summary)
+    soft = variants["soft"]["others"]
+    assert {"limit depth of cut", "location error of faces", "roughness Ra"} <= set(soft)
+    for answer, entries in soft.items():
+        for where, numbers in entries.items():
+            assert numbers == pytest.approx(found[answer][where].tolist(), rel=1e-9), answer
+    # along y the screw of X says nothing of where a face lies
+    stiff = variants["as written"]["others"]["location error of faces"]
+    assert soft["location error of faces"]["face 1"] > [1.1 * stiff["face 1"][0]]
+    with (out / "others.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {"limit depth of cut", "drive forces"} <= {row["answer"] for row in rows}
 
 
 def test_csv_and_page_hold_the_unrounded_numbers_of_the_json(scene: Path, tmp_path: Path) -> None:
