@@ -95,9 +95,9 @@ def mesh_safety(mesh: ComponentMesh, surface: MeshSurface) -> float:
     if cell_family(mesh.kind) == "hex":
         spans, single = _find_single_spans(mesh)
         stout = single & (spans >= STOUT * spans.max(axis=1, keepdims=True))
-        if _fill_most(spans, stout.any(axis=1)):
+        if _fill_most(spans, stout):
             return STOUT_SAFETY
-        return SINGLE_SAFETY if _fill_most(spans, single.any(axis=1)) else base
+        return SINGLE_SAFETY if _fill_most(spans, single) else base
     areas, _ = facet_moments(mesh.points, surface.facets)
     # an even triangle of a side has 0.43 times its square
     width, thickness = np.sqrt(2.3 * areas.mean()), 2.0 * mesh.quality.volume / areas.sum()
@@ -115,18 +115,19 @@ def sees_errors(mesh: ComponentMesh) -> bool:
     if cell_family(mesh.kind) == "tet":
         return True
     spans, single = _find_single_spans(mesh)
-    thick = (single & (spans >= THICK * spans.max(axis=1, keepdims=True))).any(axis=1) | (
-        single.sum(axis=1) >= 4
+    thick = single & (
+        (spans >= THICK * spans.max(axis=1, keepdims=True))
+        | (single.sum(axis=1, keepdims=True) >= 4)
     )
     return not _fill_most(spans, thick)
 
 
 def _fill_most(spans: FloatArray, chosen: NDArray[np.bool_]) -> bool:
-    """Whether chosen hexahedra ``(n,)`` fill more of the volume than may go unseen, by their lengths
-    ``(n, 6)``.
+    """Whether hexahedra that are chosen by one of their faces ``(n, 6)`` fill more of the volume than
+    may go unseen, by their lengths ``(n, 6)``.
     """
     volumes = spans.prod(axis=1)
-    return float(volumes[chosen].sum()) > UNSEEN_SHARE * float(volumes.sum())
+    return float(volumes[chosen.any(axis=1)].sum()) > UNSEEN_SHARE * float(volumes.sum())
 
 
 def _find_single_spans(mesh: ComponentMesh) -> tuple[FloatArray, NDArray[np.bool_]]:
