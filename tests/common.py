@@ -37,10 +37,16 @@ STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 Choice = str | Callable[[FloatArray], BoolArray]
 
 
-def run_on_ranks(ranks: int, folder: Path, *program: str) -> subprocess.CompletedProcess[str]:
-    """A Python program on so many ranks, with a store of their own, started as the launcher does."""
+def rank_words(ranks: int) -> list[str]:
+    """How MPI starts Python on so many ranks, which share cores: MPICH lets them without being told."""
     mpirun = shutil.which("mpirun")
     assert mpirun is not None
+    shared = ["--oversubscribe"] if "Open MPI" in MPI.Get_library_version() else []
+    return [mpirun, *shared, "--bind-to", "none", "-n", str(ranks), sys.executable]
+
+
+def run_on_ranks(ranks: int, folder: Path, *program: str) -> subprocess.CompletedProcess[str]:
+    """A Python program on so many ranks, with a store of their own, started as the launcher does."""
     start = Path(__file__).parents[1] / "environment" / "start_ranks.sh"
     variables = {
         **os.environ,
@@ -51,13 +57,7 @@ def run_on_ranks(ranks: int, folder: Path, *program: str) -> subprocess.Complete
     command = [
         "/bin/sh",
         str(start),
-        mpirun,
-        "--oversubscribe",
-        "--bind-to",
-        "none",
-        "-n",
-        str(ranks),
-        sys.executable,
+        *rank_words(ranks),
         "-P",
         *program,
     ]

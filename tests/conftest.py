@@ -68,7 +68,7 @@ def kinds_of(path: Path) -> frozenset[str]:
     signs = {
         "fem": uses_elements(path),
         "process": bool(imports & {"subprocess", "multiprocessing"}),
-        "mpi": "mpirun" in path.read_text(),
+        "mpi": any(word in path.read_text() for word in ("mpirun", "run_on_ranks", "rank_words")),
         "faults": path.is_relative_to(ROOT / "tests" / "faults"),
         "documents": path.name in DOCUMENTS,
     }

@@ -1,9 +1,7 @@
 """Several ranks give what one gives, and one failing rank ends them all."""
 
 import json
-import shutil
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -11,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from common import run_on_ranks
+from common import rank_words, run_on_ranks
 
 SCENE = """
 name = "A column on springs"
@@ -85,16 +83,8 @@ def test_what_is_wrong_with_a_scene_is_said_once_and_without_a_report_of_a_crash
 ) -> None:
     scene_file.write_text(SCENE.replace('material = "steel"', 'material = "stel"'))
     start = Path(__file__).parents[2] / "environment" / "start_ranks.sh"
-    mpirun = shutil.which("mpirun")
-    assert mpirun is not None
     ranks = [
-        mpirun,
-        "--oversubscribe",
-        "--bind-to",
-        "none",
-        "-n",
-        "2",
-        sys.executable,
+        *rank_words(2),
         "-P",
         "-m",
         "mpi4py",

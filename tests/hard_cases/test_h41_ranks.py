@@ -3,14 +3,13 @@ nothing changes its order.
 """
 
 import os
-import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from common import rank_words
 from headstock.geometry.frames import FloatArray
 
 SCENE = """
@@ -97,9 +96,6 @@ if comm.rank == 0:
 
 
 def solve_on(ranks: int, folder: Path) -> dict[str, FloatArray]:
-    mpirun = shutil.which("mpirun")
-    if mpirun is None:
-        pytest.skip("there is no mpirun here")
     scene, out = folder / "scene.toml", folder / f"out{ranks}"
     scene.write_text(SCENE)
     variables = {
@@ -109,13 +105,7 @@ def solve_on(ranks: int, folder: Path) -> dict[str, FloatArray]:
         "HEADSTOCK_SPLIT_DOFS": "0",
     }
     command = [
-        mpirun,
-        "--oversubscribe",
-        "--bind-to",
-        "none",
-        "-n",
-        str(ranks),
-        sys.executable,
+        *rank_words(ranks),
         "-P",
         "-c",
         PROGRAM,

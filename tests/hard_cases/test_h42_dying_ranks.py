@@ -3,14 +3,13 @@ finished pose is lost.
 """
 
 import os
-import shutil
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 
+from common import rank_words
 from headstock.scene.building.loader import load_scene
 from headstock.studies.sweeps.files import SWEEP_FILE
 from headstock.studies.sweeps.journals import FOLDER
@@ -40,18 +39,9 @@ FAULTS = {
 
 
 def sweep_on_two_ranks(folder: Path, program: str) -> subprocess.CompletedProcess[str]:
-    mpirun = shutil.which("mpirun")
-    if mpirun is None:
-        pytest.skip("there is no mpirun here")
     variables = {**os.environ, "HEADSTOCK_STORE": str(folder / "store"), "OMP_NUM_THREADS": "1"}
     command = [
-        mpirun,
-        "--oversubscribe",
-        "--bind-to",
-        "none",
-        "-n",
-        "2",
-        sys.executable,
+        *rank_words(2),
         "-P",
         "-c",
         program,

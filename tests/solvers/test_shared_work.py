@@ -7,7 +7,6 @@ import fcntl
 import itertools
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import TypedDict
 import pytest
 from mpi4py import MPI
 
+from common import rank_words
 from headstock.geometry.errors import HeadstockError
 from headstock.solvers import shared_work
 from headstock.solvers.ranks import Node
@@ -78,10 +78,7 @@ def share_on_ranks(
     nodes: int = 1,
     folder: Path = Path(),
 ) -> Shared:
-    mpirun = shutil.which("mpirun")
-    assert mpirun is not None
-    words = [mpirun, "--oversubscribe", "--bind-to", "none", "-n", str(ranks), sys.executable]
-    words += ["-P", "-m", "mpi4py", "-c", PROGRAM, str(folder)]
+    words = [*rank_words(ranks), "-P", "-m", "mpi4py", "-c", PROGRAM, str(folder)]
     request = json.dumps([seconds, memory_mb, failing, nodes])
     done = subprocess.run([*words, request], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
