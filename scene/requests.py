@@ -15,6 +15,8 @@ from headstock.solvers.paths.response import LowPass
 from headstock.solvers.paths.set_points import SetPoint
 from headstock.solvers.second_order import Channel, Motion
 
+LOAD = "load"  # direction of an input that is a load of the scene
+
 
 @dataclass(frozen=True)
 class StaticRequest:
@@ -53,7 +55,8 @@ class FrfRequest:
     """Frequency response between input and output channels, in named poses.
 
     Attributes:
-        inputs: Where loads act: ``(point or component.interface, direction)``.
+        inputs: Where loads act: ``(point or component.interface, direction)``, or a load of the
+            scene as ``(name, LOAD)``.
         outputs: Where motion is wanted.
         from_hz: Lowest frequency [Hz].
         to_hz: Highest frequency [Hz].

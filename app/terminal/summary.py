@@ -156,11 +156,17 @@ def print_summary(
         print_table(console, f"Natural modes in pose {_describe_pose(modes)}", _mode_table(modes))
         _print_error_shares(console, modes)
     for pose, response in summary.get("frf", {}).items():
-        print_table(
-            console,
-            f"Frequency response in pose {pose}",
-            tell_rows(DRIVE_POINT_COLUMNS, list_channels(response)),
-        )
+        driven = list_channels(response)
+        if driven:
+            print_table(
+                console,
+                f"Frequency response in pose {pose}",
+                tell_rows(DRIVE_POINT_COLUMNS, driven),
+            )
+        else:
+            console.print(
+                f"Frequency response in pose {pose}: curves in tables/ and the report", markup=False
+            )
         for words in response_error_words(response):
             console.print(f"  {words}", markup=False)
     if "path" in summary:

@@ -10,6 +10,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves
+from headstock.scene.requests import LOAD
 from headstock.solvers.second_order import Channel, ComplexArray, Motion, name_channel
 
 MOST_FIELDS = 6  # rows and columns of a grid beyond this cannot be read
@@ -27,10 +28,20 @@ def response_unit(motion: Motion, output: Channel, given: Channel) -> tuple[str,
         output: Point and direction of the motion.
         given: Point and direction of the load.
     """
-    turns, moment = output[1].startswith("r"), given[1].startswith("r")
-    if motion == "receptance" and not turns and not moment:
-        return "µm/kN", 1e9
-    return f"{'rad' if turns else 'm'}{RATES[motion]} per {'N m' if moment else 'N'}", 1.0
+    if motion == "receptance" and not output[1].startswith("r"):
+        if given[1] == LOAD:
+            return "µm", 1e6
+        if not given[1].startswith("r"):
+            return "µm/kN", 1e9
+    return response_unit_si(motion, output, given), 1.0
+
+
+def response_unit_si(motion: Motion, output: Channel, given: Channel) -> str:
+    """Unit of an entry in SI; that of a load is the motion that the whole load makes."""
+    moved = f"{'rad' if output[1].startswith('r') else 'm'}{RATES[motion]}"
+    if given[1] == LOAD:
+        return moved
+    return f"{moved} per {'N m' if given[1].startswith('r') else 'N'}"
 
 
 def name_entry(output: Channel, given: Channel) -> str:

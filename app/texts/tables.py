@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from headstock.app.texts.bounded_values import bound_size, show_damping, show_digits
-from headstock.app.texts.curves import RATES, name_entry
+from headstock.app.texts.curves import name_entry, response_unit_si
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.accuracy import BodyModelSummary
@@ -1104,7 +1104,7 @@ def tabulate_response(curves: ResponseCurves) -> PlainTable:
     headings, columns = ["frequency [Hz]"], [curves.frequencies_hz]
     for row, output in enumerate(curves.outputs):
         for column, given in enumerate(curves.inputs):
-            unit = f"{'rad' if output[1].startswith('r') else 'm'}{RATES[curves.motion]} per {'N m' if given[1].startswith('r') else 'N'}"
+            unit = response_unit_si(curves.motion, output, given)
             headings += [f"{part} {name_entry(output, given)} [{unit}]" for part in ("Re", "Im")]
             columns += [
                 np.array(part, dtype=float)

@@ -189,7 +189,7 @@ class PoseResponse(Answer):
     units: ClassVar[dict[str, str]] = {
         r"frf/.*/(inputs|outputs)": "",
         r"frf/.*/frequencies_hz": "Hz",
-        r"frf/.*/(receptance|error|error_share/.*)": "SI: m or rad per N or N m, by outputs and inputs",
+        r"frf/.*/(receptance|error|error_share/.*)": "SI: m or rad per N, N m or whole load, by outputs and inputs",
     }
 
     def summarise(self) -> ResponseSummary:

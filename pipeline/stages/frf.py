@@ -5,6 +5,7 @@ Only rank 0 has anything to do.
 """
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +37,7 @@ from headstock.reduction.estimates.response_errors import (
     project_response,
     soften_response,
 )
-from headstock.scene.requests import FrfRequest
+from headstock.scene.requests import LOAD, FrfRequest
 from headstock.solvers.control.closed_response import ClosedResponse, prepare_closed_frf
 from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.linear.frequency_response import (
@@ -53,6 +54,7 @@ from headstock.solvers.linear.frequency_response import (
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates, count_modes, keep_modes
 from headstock.solvers.second_order import (
+    Channel,
     ComplexArray,
     SecondOrderSystem,
     input_columns,
@@ -127,7 +129,23 @@ def estimate_response_errors(
         float(response.frequencies_hz.max()),
     )
     errors = bound_response_errors(space, response.frequencies_hz)
-    return ResponseEstimate(errors, space, name_what_is_left_out(parts, coupled).left_out)
+    left_out = name_what_is_left_out(parts, coupled).left_out
+    return ResponseEstimate(errors, space, (*left_out, *_name_direct_loads(parts, response)))
+
+
+def _name_direct_loads(parts: MachineParts, response: FrequencyResponse) -> tuple[str, ...]:
+    """Loads that excite modes which a component leaves out: the bounds know forces at interfaces
+    alone, which do not.
+    """
+    loads = parts.scene.machine.loads
+    inside = [
+        name
+        for name, dof in response.inputs
+        if dof == LOAD
+        and loads[name].kind != "force"
+        and parts.plan.components[loads[name].component].fidelity not in ("rigid", "segmented")
+    ]
+    return (f"modes left out that {', '.join(inside)} would excite directly",) if inside else ()
 
 
 def add_figure_errors(
@@ -236,14 +254,29 @@ def prepare_response(machine: PoseModel) -> FrfModel:
     if request.motors == "controlled":
         driven = drive_machine(machine, lambda message: None)
         return prepare_closed_frf(
-            driven.system,
+            add_load_inputs(driven.system, driven.released.loads, request.inputs),
             driven.trains,
             inputs=request.inputs,
             outputs=request.outputs,
             modes=driven.modes,
         )
     system = damp_system(machine.parts.scene, machine.system, modes)
+    system = add_load_inputs(system, machine.loads, request.inputs)
     return prepare_frf(system, inputs=request.inputs, outputs=request.outputs, modes=modes)
+
+
+def add_load_inputs(
+    system: SecondOrderSystem, loads: Mapping[str, FloatArray], inputs: Sequence[Channel]
+) -> SecondOrderSystem:
+    """The system with those of its inputs that are loads of the scene.
+
+    Args:
+        system: Of a machine.
+        loads: Generalised load ``(n,)`` of each by name.
+        inputs: All that are wanted.
+    """
+    named = {(name, dof): loads[name] for name, dof in inputs if dof == LOAD}
+    return dataclasses.replace(system, inputs=system.inputs | named) if named else system
 
 
 def _frf_request(machine: PoseModel) -> FrfRequest:

@@ -14,7 +14,7 @@ from headstock.pipeline.answers.transient import TRUNCATION, TransientAnswer, Tr
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState, Solved, pose_model
-from headstock.scene.requests import TimedLoad, TransientRequest
+from headstock.scene.requests import LOAD, TimedLoad, TransientRequest
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.load_history import LoadHistory, SteppedLoads, step_loads
 from headstock.solvers.linear.modal_analysis import keep_lowest
@@ -32,7 +32,6 @@ from headstock.solvers.linear.transient import (
 )
 from headstock.solvers.second_order import Channel, SecondOrderSystem, name_channel
 
-STATIC_LOAD = "static load"  # direction of inputs that are loads of the scene
 START: Channel = ("initial velocity", "momentum")
 # modes whose damping couples them are all solved for up to here; of more, those in BEYOND times the
 # range tell what the others add
@@ -162,7 +161,7 @@ def _add_inputs(machine: PoseModel, request: TransientRequest) -> SecondOrderSys
 
 
 def _input_of(load: TimedLoad) -> Channel:
-    return (load.target, STATIC_LOAD) if isinstance(load.target, str) else load.target
+    return (load.target, LOAD) if isinstance(load.target, str) else load.target
 
 
 def _solve(

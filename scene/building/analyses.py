@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from headstock.geometry.frames import DIRECTIONS
 from headstock.scene.building.draft import Draft, check_channel, check_name, check_pose_names
 from headstock.scene.reading.findings import Findings
-from headstock.scene.requests import FrfRequest, ModalRequest, StaticRequest
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.requests import LOAD, FrfRequest, ModalRequest, StaticRequest
 from headstock.scene.schema.effects import find_effect_fault
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.second_order import Channel
@@ -39,10 +40,12 @@ def build_frf(scene: SceneTable, poses: tuple[str, ...]) -> FrfRequest | None:
     frf = scene.analyses.frf
     if frf is None:
         return None
-    inputs = build_channels(frf.inputs or [(name, "") for name in scene.points])
+    every = [(name, "") for name in scene.points]
+    inputs = build_channels([(n, LOAD if n in scene.loads else d) for n, d in frf.inputs or every])
+    moved = tuple(channel for channel in inputs if channel[1] != LOAD)
     return FrfRequest(
         inputs=inputs,
-        outputs=build_channels(frf.outputs) if frf.outputs else inputs,
+        outputs=build_channels(frf.outputs) if frf.outputs else moved or build_channels(every),
         to_hz=frf.to,
         from_hz=frf.start,
         points=frf.points,
@@ -68,8 +71,12 @@ def check_requests(draft: Draft, findings: Findings) -> None:
     for key, channels in (
         (("inputs", analyses.frf.inputs), ("outputs", analyses.frf.outputs)) if analyses.frf else ()
     ):
-        for index, (name, _) in enumerate(channels or ()):
-            check_channel(("analyses", "frf", key, index), name, draft, findings)
+        for index, (name, direction) in enumerate(channels or ()):
+            place = ("analyses", "frf", key, index)
+            if key == "inputs" and name in draft.sections.get("loads", ()):
+                _check_load_input(place, name, direction, draft, findings)
+            else:
+                check_channel(place, name, draft, findings)
     for name, table in (
         ("static", analyses.static),
         ("modal", analyses.modal),
@@ -82,6 +89,22 @@ def check_requests(draft: Draft, findings: Findings) -> None:
     for name, value in draft.table.effects.items():
         if fault := find_effect_fault(name, value):
             findings.add(("effects", name), fault)
+
+
+def _check_load_input(
+    key: KeyPath, name: str, direction: str, draft: Draft, findings: Findings
+) -> None:
+    load = draft.table.loads.get(name)
+    if name in draft.table.points:
+        findings.add(key, f"{name} is a point and a load; rename one of them")
+    elif direction:
+        findings.add(key, f'a load has its direction; write "{name}" alone')
+    elif load is not None and load.joint is not None:
+        findings.add(key, "is a displacement, which is a static load only; write a force or moment")
+    if draft.table.analyses.frf is not None and not (
+        draft.table.points or draft.table.analyses.frf.outputs
+    ):
+        findings.add(key, 'there is no output for it; write outputs = [["tcp", "z"]], or [points]')
 
 
 def check_subjects(draft: Draft, findings: Findings) -> None:

@@ -271,8 +271,8 @@ NOTES = {
     "Springs.screw": "Young's modulus times cross-section of the screw; divided by its free length it is the stiffness",
     "Springs.screw_offset": "free length of the screw less the length of the leg",
     "Frf.inputs": "where loads act: `[[\"tcp\", \"x\"]]`, a point or `component.interface` and one of `x y z rx ry rz`; a name alone "
-    "means x, y and z; default: all points",
-    "Frf.outputs": "where motion is computed, written as `inputs`; default: the inputs",
+    "means x, y and z; or a load of `[loads]`, as large as it is there; default: all points",
+    "Frf.outputs": "where motion is computed, points and interfaces as in `inputs`; default: the inputs, for loads all points",
     "Frf.from": "lowest frequency; the value at 0 Hz is the static compliance",
     "Frf.to": "highest frequency; fixed-interface modes are kept up to twelve times this",
     "Frf.points": "number of frequencies of the regular grid",

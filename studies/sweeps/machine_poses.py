@@ -21,7 +21,7 @@ from headstock.reduction.coupling.matrices import CouplingMemo
 from headstock.reduction.motions.body_motions import join_names, split_number
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.superelement import Superelement
-from headstock.scene.requests import ModalRequest
+from headstock.scene.requests import LOAD, ModalRequest
 from headstock.solvers.linear.modal_analysis import solve_lowest_modes
 from headstock.studies.sweeps.journals import FIGURES, PoseResult
 
@@ -54,7 +54,7 @@ def share_machine(parts: MachineParts, superelements: Mapping[str, Superelement]
     channels = {
         *(() if lobes is None else (lobes.at,)),
         *(() if static is None else static.at),
-        *(name for name, _ in (() if frf is None else frf.inputs + frf.outputs)),
+        *(name for name, dof in (() if frf is None else frf.inputs + frf.outputs) if dof != LOAD),
     }
     return MachinePoses(parts, superelements, CouplingMemo(channels))
 
