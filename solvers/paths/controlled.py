@@ -69,6 +69,8 @@ class _Motion:
         speed: X_v: at constant speed.
         pull: X_a: at constant acceleration.
         inputs: ``(n, 3)`` columns of position, speed and acceleration along the path.
+        direct: ``(n_outputs, 3)`` what they do to the outputs at once, through drive forces and the
+            flexibility of modes left out.
         low_frequency: ``(n, n)`` projector on the low-frequency poles.
     """
 
@@ -76,6 +78,7 @@ class _Motion:
     speed: FloatArray
     pull: FloatArray
     inputs: FloatArray
+    direct: FloatArray
     low_frequency: FloatArray
 
 
@@ -115,10 +118,11 @@ def solve_controlled_path(
     )
     low_frequency = rows @ motion.low_frequency
     direct = np.zeros((2 * count, b.shape[1]))
+    direct[:count, 0] = motion.direct[:, 2]
     direct[:count, 1:] = space.d[:count, first : first + own.shape[1]]
     c = np.vstack(
         [
-            np.hstack([rows, -path.travel[:, None], np.zeros((count, 1))]),
+            np.hstack([rows, motion.direct[:, :2] - np.outer(path.travel, [1.0, 0.0])]),
             np.hstack(
                 [
                     low_frequency,
@@ -216,20 +220,22 @@ def _split(path: ControlledPath) -> _Motion:
         raise ModelError(
             "the machine floats, so nothing holds it against accelerating axes; join it to ground by a mount"
         )
-    kinds = [
-        space.b[:, number] * path.shares.get(axis, 0.0)
-        for number, (axis, _) in enumerate(set_channels(path.loop.trains))
-    ]
-    inputs = np.column_stack([np.sum(kinds[kind::3], axis=0) for kind in range(3)])
+    sets = set_channels(path.loop.trains)
+    shares = np.array([path.shares.get(axis, 0.0) for axis, _ in sets])
+    given, direct = (
+        np.column_stack([(part[:, : len(sets)] * shares)[:, kind::3].sum(axis=1) for kind in range(3)])
+        for part in (space.b, space.d[: len(path.travel)])
+    )
     factors = scipy.linalg.lu_factor(space.a)
-    place = scipy.linalg.lu_solve(factors, -inputs[:, 0])
-    speed = scipy.linalg.lu_solve(factors, place - inputs[:, 1])
-    pull = scipy.linalg.lu_solve(factors, speed - inputs[:, 2])
+    place = scipy.linalg.lu_solve(factors, -given[:, 0])
+    speed = scipy.linalg.lu_solve(factors, place - given[:, 1])
+    pull = scipy.linalg.lu_solve(factors, speed - given[:, 2])
     return _Motion(
         place,
         speed,
         pull,
-        inputs,
+        given,
+        direct,
         project_slow(space.a, 2.0 * np.pi * path.low_frequency_limit_hz),
     )
 
@@ -240,8 +246,9 @@ def _follow(
     """What speed and acceleration hold ``(n, n_outputs)``."""
     rows = path.loop.space.c[: len(path.travel)]
     now = sample_move(move, samples)
-    pull = rows @ (motion.pull - motion.low_frequency @ motion.pull)
-    return np.asarray(np.outer(now.speeds, rows @ motion.speed) + np.outer(now.accelerations, pull))
+    speed = rows @ motion.speed + motion.direct[:, 1]
+    pull = rows @ (motion.pull - motion.low_frequency @ motion.pull) + motion.direct[:, 2]
+    return np.asarray(np.outer(now.speeds, speed) + np.outer(now.accelerations, pull))
 
 
 def project_slow(a: FloatArray, limit: float) -> FloatArray:
