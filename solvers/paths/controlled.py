@@ -223,7 +223,9 @@ def _split(path: ControlledPath) -> _Motion:
     sets = set_channels(path.loop.trains)
     shares = np.array([path.shares.get(axis, 0.0) for axis, _ in sets])
     given, direct = (
-        np.column_stack([(part[:, : len(sets)] * shares)[:, kind::3].sum(axis=1) for kind in range(3)])
+        np.column_stack(
+            [(part[:, : len(sets)] * shares)[:, kind::3].sum(axis=1) for kind in range(3)]
+        )
         for part in (space.b, space.d[: len(path.travel)])
     )
     factors = scipy.linalg.lu_factor(space.a)

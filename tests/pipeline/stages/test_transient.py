@@ -221,6 +221,56 @@ def test_the_lumped_tripteor_moves_as_direct_integration_says(tmp_path: Path) ->
     assert all(error.shares[TRUNCATION] is not None for error in answer.errors)
 
 
+KNOCK = (
+    'duration = "4 ms", up_to = "50 kHz", sampling = "100 kHz", loads = { bump = { at = ["tcp", "x"], '
+    'shape = "half_sine", size = "1 N", time = "2 ms" } }'
+)
+
+
+def follow_knock(scene: Scene, folder: Path) -> None:
+    """Compare the motion under a knock with direct integration of all dofs of the reduced machine."""
+    model = posed_model(scene, folder, next(iter(scene.poses)))
+    answer = respond_in_time(model, judged=False).answer
+    times = answer.curves.times[::20]
+    exact = integrate(model, model.system.inputs["tcp", "x"], times)
+    expected = model.system.outputs["tcp", "x"] @ exact
+    found = answer.curves.displacements[::20, answer.curves.outputs.index(("tcp", "x"))]
+    assert np.abs(expected).max() > 0.0
+    assert np.allclose(found, expected, rtol=0.0, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.fem
+@pytest.mark.slow
+def test_a_rod_of_finite_elements_moves_as_direct_integration_says(tmp_path: Path) -> None:
+    meshed = 'fidelity = "elastic"\nmesh = { size = "50 mm", cells = "hex" }\nreduction.modes = 3'
+    text = ROD.replace('fidelity = "polynomial"', meshed)
+    text = text[: text.index("[analyses.transient]")]
+    follow_knock(write_scene(tmp_path, text, f"[analyses]\ntransient = {{ {KNOCK} }}"), tmp_path)
+
+
+@pytest.mark.fem
+@pytest.mark.trials
+def test_legs_of_finite_elements_move_as_direct_integration_says(tmp_path: Path) -> None:
+    coarse = [
+        f"components.beam_{leg}.{key}"
+        for leg in (1, 2, 3)
+        for key in (
+            'mesh={ size = "200 mm", order = 1, allow_locking = true }',
+            "reduction.modes=2",
+        )
+    ]
+    scene = load_scene(
+        ROOT / "machines" / "tripteor.toml",
+        variant="elastic_legs",
+        overrides=[
+            f"analyses={{ transient = {{ {KNOCK} }} }}",
+            "effects={ damping = { modal = 0.02 } }",
+            *coarse,
+        ],
+    )
+    follow_knock(scene, tmp_path)
+
+
 def test_a_released_load_starts_at_its_static_displacement_and_swings_back(tmp_path: Path) -> None:
     scene = column_scene(
         tmp_path,
