@@ -224,8 +224,8 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
     cut = run.plan.cuts[face]
     now = run.sampled.at(np.array([cut.middle]))
     frame: FloatArray = travel_frames(cut.travel[None])[0]
-    tip = frame @ now.outputs[0, :3]
-    rest = frame @ now.residual[0, :3, :3] @ frame.T
+    tip = frame @ now.rows[0, :3]
+    rest = frame @ now.direct[0, :3, :3] @ frame.T
     # of unit mass, flexible as what is left out: shapes are its square root times the frequency
     omega = RESIDUAL_REACH * 2.0 * np.pi * max(run.highest_hz, request.modes_to_hz)
     values, vectors = np.linalg.eigh(0.5 * (rest + rest.T))

@@ -16,7 +16,6 @@ from scipy.interpolate import CubicSpline
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
-from headstock.solvers.linear.modal_coordinates import keep_modes
 from headstock.solvers.paths.linear_motion import (
     LinearMotion,
     chunk_slices,
@@ -29,12 +28,14 @@ from headstock.solvers.paths.varying_system import (
     PlantChannels,
     PosedModes,
     PoseModes,
+    SampledPlant,
     compare_transports,
     count_kept_modes,
     invert_sizes,
     largest_entries,
     look_at_pose,
     transport_modes,
+    turn_plant,
 )
 
 MOST_SAMPLES = 400
@@ -45,26 +46,7 @@ TOOL = slice(0, 3)  # inputs and outputs begin with those of the tool
 GIVEN = slice(3, None)  # then come loads that the way gives, gravity first, and forces of drives
 NODE_SPACING = 0.02
 LOAD_SPACING = 1e-3
-FIELDS = ("stiffness", "damping", "inputs", "outputs", "residual")
-
-
-@dataclass(frozen=True, eq=False)
-class PoseMatrices:
-    """A machine at ``(...)`` times in ``m`` modes of unit mass.
-
-    Attributes:
-        stiffness: ``(..., m, m)``.
-        damping: ``(..., m, m)`` viscous.
-        inputs: ``(..., m, r)`` per unit of each input.
-        outputs: ``(..., p, m)`` at each output.
-        residual: ``(..., p, r)`` static outputs per unit input of all modes left out.
-    """
-
-    stiffness: FloatArray
-    damping: FloatArray
-    inputs: FloatArray
-    outputs: FloatArray
-    residual: FloatArray
+FIELDS = ("stiffness", "damping", "loads", "rows", "direct")
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +55,7 @@ class SampledMotion:
 
     Attributes:
         breaks: ``(b,)`` times at which pieces of the way meet, its ends among them [s].
-        pieces: Of each piece, field of :class:`PoseMatrices` to its spline over time.
+        pieces: Of each piece, field of :class:`SampledPlant` to its spline over time.
         poses: How many poses were taken.
         modes: How many modes are kept.
         error: Largest error of splines through the others at the poses added last; of splines
@@ -90,7 +72,7 @@ class SampledMotion:
     highest_hz: float
     next_hz: float
 
-    def at(self, times: FloatArray, *names: str) -> PoseMatrices:
+    def at(self, times: FloatArray, *names: str) -> SampledPlant:
         """The matrices at times ``(n,)`` [s]; of fields that are not named nothing.
 
         Args:
@@ -111,7 +93,7 @@ class SampledMotion:
                 found[places == piece] = splines[name](inside[places == piece])
             return found
 
-        return PoseMatrices(*(find(name) for name in FIELDS))
+        return SampledPlant(*(find(name) for name in FIELDS))
 
 
 def sample_motion(
@@ -160,7 +142,7 @@ def sample_motion(
         poses = {time: seen[time] for time in sorted(wanted)}
         kept, next_hz = count_kept_modes(poses, channels.up_to_hz)
         turns = transport_modes(poses, kept)
-        matrices = {time: _turn(pose, turns[time]) for time, pose in poses.items()}
+        matrices = {time: turn_plant(pose, turns[time]) for time, pose in poses.items()}
         misses = [_miss(grid, fine, matrices) for grid, fine in zip(grids, finer, strict=True)]
         wide = {piece for piece, miss in enumerate(misses) if miss > MISS_TOLERANCE}
         if not wide:
@@ -184,20 +166,7 @@ def _halve(grid: Sequence[float]) -> list[float]:
     return [float(time) for time in np.linspace(grid[0], grid[-1], 2 * len(grid) - 1)]
 
 
-def _turn(pose: PoseModes, turn: FloatArray) -> PoseMatrices:
-    found = keep_modes(pose.coordinates, len(turn))
-    damping = np.zeros(turn.shape) if found.viscous is None else found.viscous
-    # modes q = T q': T^T Omega^2 T is full where close modes mix, and smooth along the way
-    return PoseMatrices(
-        stiffness=turn.T @ (found.eigenvalues[:, None] * turn),
-        damping=turn.T @ damping @ turn,
-        inputs=turn.T @ found.inputs,
-        outputs=found.outputs @ turn,
-        residual=found.residual,
-    )
-
-
-def _join(grid: Sequence[float], matrices: Mapping[float, PoseMatrices]) -> dict[str, CubicSpline]:
+def _join(grid: Sequence[float], matrices: Mapping[float, SampledPlant]) -> dict[str, CubicSpline]:
     return {
         name: CubicSpline(grid, np.array([getattr(matrices[time], name) for time in grid]))
         for name in FIELDS
@@ -205,7 +174,7 @@ def _join(grid: Sequence[float], matrices: Mapping[float, PoseMatrices]) -> dict
 
 
 def _miss(
-    grid: Sequence[float], finer: Sequence[float], matrices: Mapping[float, PoseMatrices]
+    grid: Sequence[float], finer: Sequence[float], matrices: Mapping[float, SampledPlant]
 ) -> float:
     """How far splines through poses of a grid miss those half-way, each field by its own size."""
     splines = _join(grid, matrices)
@@ -213,15 +182,15 @@ def _miss(
     for time in finer[1::2]:
         pose = matrices[time]
         root = np.sqrt(np.maximum(pose.stiffness.diagonal(), (2.0 * np.pi * LEAST_HZ) ** 2))
-        # what all modes together answer statically: residuals are judged by it
-        whole = np.abs(pose.outputs / root**2) @ np.abs(pose.inputs) + np.abs(pose.residual)
-        sizes = np.abs(pose.inputs).max(axis=0, initial=0.0)
+        # what all modes together answer statically: what is left out is judged by it
+        whole = np.abs(pose.rows / root**2) @ np.abs(pose.loads) + np.abs(pose.direct)
+        sizes = np.abs(pose.loads).max(axis=0, initial=0.0)
         weights = {
             "stiffness": 1.0 / np.outer(root, root),
             "damping": 1.0 / np.sqrt(np.outer(root, root)),
-            "inputs": 1.0 / np.maximum(sizes, ROUNDOFF * sizes.max(initial=1.0)),
-            "outputs": invert_sizes(largest_entries(pose.outputs)),
-            "residual": invert_sizes(largest_entries(whole)),
+            "loads": 1.0 / np.maximum(sizes, ROUNDOFF * sizes.max(initial=1.0)),
+            "rows": invert_sizes(largest_entries(pose.rows)),
+            "direct": invert_sizes(largest_entries(whole)),
         }
         for name, weight in weights.items():
             change = np.abs(weight * (splines[name](time) - getattr(pose, name)))
@@ -245,10 +214,10 @@ def follow_motion(
     loads, rests = [], []
     for part in chunk_slices(len(load_nodes)):
         now, amounts = load_nodes[part], given(load_nodes[part])[..., None]
-        finer = sampled.at(now, "inputs", "residual")
-        loads.append((finer.inputs[:, :, GIVEN] @ amounts)[..., 0])
+        finer = sampled.at(now, "loads", "direct")
+        loads.append((finer.loads[:, :, GIVEN] @ amounts)[..., 0])
         # gravity alone is no deviation: what it adds by the modes left out is taken off again
-        beyond = finer.residual[:, TOOL, GIVEN]
+        beyond = finer.direct[:, TOOL, GIVEN]
         rests.append((beyond[:, :, 1:] @ amounts[:, 1:])[..., 0])
     weight = given(nodes)[:, 0]
     return LinearMotion(
@@ -257,14 +226,14 @@ def follow_motion(
         mass=np.broadcast_to(np.eye(sampled.modes), found.stiffness.shape),
         damping=found.damping,
         stiffness=found.stiffness,
-        tool=found.outputs[:, TOOL],
+        tool=found.rows[:, TOOL],
         gravity_deflection=np.asarray(
             np.linalg.solve(
-                found.stiffness, (found.inputs[:, :, GIVEN.start] * weight[:, None])[..., None]
+                found.stiffness, (found.loads[:, :, GIVEN.start] * weight[:, None])[..., None]
             )[..., 0]
         ),
         load=interpolate_nodes(times, load_nodes, np.concatenate(loads)),
-        flexibility=found.residual[:, TOOL, TOOL],
+        flexibility=found.direct[:, TOOL, TOOL],
         rest=interpolate_nodes(times, load_nodes, np.concatenate(rests)),
     )
 
@@ -288,10 +257,10 @@ def follow_drives(
     """
     parts = []
     for part in chunk_slices(len(times)):
-        found = sampled.at(times[part], "outputs", "residual")
+        found = sampled.at(times[part], "rows", "direct")
         loads = np.concatenate([force[part], given[part]], axis=1)
         parts.append(
-            (found.outputs[:, GIVEN] @ coordinates[part][..., None])[..., 0]
-            + (found.residual[:, GIVEN] @ loads[..., None])[..., 0]
+            (found.rows[:, GIVEN] @ coordinates[part][..., None])[..., 0]
+            + (found.direct[:, GIVEN] @ loads[..., None])[..., 0]
         )
     return np.concatenate(parts)

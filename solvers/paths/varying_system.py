@@ -118,7 +118,8 @@ class SampledPose:
 
 @dataclass(frozen=True, eq=False)
 class SampledPlant:
-    """The system at a position of the path between any loads and motions, likewise.
+    """The system at a position of the path between any loads and motions, likewise; or at ``n`` of
+    them, the first axis of every field.
 
     Attributes:
         stiffness: ``(m, m)``.
@@ -237,7 +238,7 @@ def sample_plant(
         ModelError: A damper acts on a dof without mass.
         AccuracyError: The greatest number of sampled poses does not suffice.
     """
-    return _sample(place, length, channels, _turn_plant, SampledPlant)
+    return _sample(place, length, channels, turn_plant, SampledPlant)
 
 
 def _sample[S: PoseSample](
@@ -380,7 +381,14 @@ def _turn_pose(pose: PoseModes, turn: FloatArray, model: PathModel) -> SampledPo
     )
 
 
-def _turn_plant(pose: PoseModes, turn: FloatArray) -> SampledPlant:
+def turn_plant(pose: PoseModes, turn: FloatArray) -> SampledPlant:
+    """The matrices of a pose in modes that were carried along a path.
+
+    Args:
+        pose: Its modes.
+        turn: ``(m, m)`` modes are this times the carried ones: where close modes mix, the stiffness
+            is full, and smooth along the path.
+    """
     kept = len(turn)
     found = keep_modes(pose.coordinates, kept - pose.coordinates.rigid_count)
     flexible = slice(found.rigid_count, None)
