@@ -115,7 +115,9 @@ def _list_frequencies(state: RunState) -> Iterator[Quantity]:
         place = f" in pose {modes.pose.name}" if poses else ""
         for index in range(modes.rigid_count, len(modes.frequencies_hz)):
             hz = float(modes.frequencies_hz[index])
-            parts = _relative_parts(modes.errors[index], hz) | _unseen_parts(state, modes.errors[index])
+            parts = _relative_parts(modes.errors[index], hz) | _unseen_parts(
+                state, modes.errors[index]
+            )
             if modes.errors[index].shares.get(REDUCTION, 0.0) is None:
                 parts |= {(name, REDUCTION): np.inf for name in _short_of(state, hz)}
             yield Quantity(

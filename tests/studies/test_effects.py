@@ -108,7 +108,7 @@ def test_every_effect_is_tried_and_the_strongest_comes_first(tmp_path: Path) -> 
     assert gravity.changes[0].present is not None and gravity.changes[0].present < -50.0
     assert (
         trials["coriolis"].largest == 0.0
-        and "describe one in [drives.NAME]" in trials["friction"].obstacle
+        and "write it in [drives.NAME]" in trials["torque_ripple"].obstacle
     )
     ranked = [trial.effect for trial in rank_trials(list(trials.values()))]
     assert ranked[0] == "gravity" and trials[ranked[-1]].obstacle
