@@ -113,11 +113,11 @@ def close_way(
         scales: The first of these outputs.
     """
     now = motors.at(motion.nodes)
-    found = sampled.at(motion.nodes, "inputs", "outputs")
+    found = sampled.at(motion.nodes, "loads", "rows")
     modes, count = sampled.modes, len(motors.drives)
     kept, own = slice(0, modes), slice(modes, modes + count)
     # the load of an acceleration is what the travel's inertia takes of the modes
-    coupling = -found.inputs[:, :, GIVEN][:, :, 1:] @ now.channels
+    coupling = -found.loads[:, :, GIVEN][:, :, 1:] @ now.channels
     mass = np.zeros((len(motion.nodes), modes + count, modes + count))
     mass[:, kept, kept], mass[:, own, own] = motion.mass, now.mass
     mass[:, kept, own], mass[:, own, kept] = coupling, np.swapaxes(coupling, 1, 2)
@@ -129,7 +129,7 @@ def close_way(
         return interpolate_nodes(motion.times, load_nodes, np.concatenate(values))
 
     pulled = between([each.weight - each.inertia for each in finer])
-    weight = np.concatenate([found.inputs[:, :, GIVEN.start], now.weight], axis=1)
+    weight = np.concatenate([found.loads[:, :, GIVEN.start], now.weight], axis=1)
     unit = np.broadcast_to(np.eye(count), (len(motion.nodes), count, count))
     return close_drives(
         dataclasses.replace(
@@ -145,7 +145,7 @@ def close_way(
         speeds=between([each.speeds for each in finer]),
         accelerations=between([each.accelerations for each in finer]),
         gravity=weight,
-        scales=np.concatenate([found.outputs[:, scales:], unit], axis=2),
+        scales=np.concatenate([found.rows[:, scales:], unit], axis=2),
     )
 
 

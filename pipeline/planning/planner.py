@@ -139,10 +139,11 @@ def plan_scene(
         )
     if scene.analyses.contouring is not None:
         steps = contour_steps(scene.analyses.contouring)
-        what = scene.analyses.contouring.describe()
+        what = scene.analyses.contouring.describe() + _name_drives(scene)
         stages.append(Stage("contour", None, what, estimated_seconds=steps / STEPS_PER_SECOND))
     if scene.analyses.path is not None:
-        stages.append(Stage("path", None, scene.analyses.path.describe()))
+        what = scene.analyses.path.describe() + _name_drives(scene)
+        stages.append(Stage("path", None, what))
     if scene.analyses.volumetric is not None:
         count = math.prod(len(values) for _, values in scene.analyses.volumetric.axes)
         what = scene.analyses.volumetric.describe()
@@ -170,6 +171,11 @@ def plan_scene(
             *_interface_warnings(components, scene),
         ),
     )
+
+
+def _name_drives(scene: Scene) -> str:
+    """Whose loops are closed along a way, behind what is done there; empty with ideal motors."""
+    return f", {', '.join(scene.drives)} under control" if scene.drives else ""
 
 
 def _spread_stages(components: Mapping[str, Component], modal: ModalRequest | None) -> list[Stage]:

@@ -28,7 +28,7 @@ from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.second_order import SecondOrderSystem
 
-ROUNDOFF = 1e-12  # of a stiffness that weight and anchors are taken off
+ROUNDOFF = 1e-12  # of a stiffness that weight and anchors are taken off, and of a lag
 MARGIN_REACH = 4.0  # margins are looked for up to so many times the highest requested pole
 
 
@@ -117,7 +117,7 @@ def run_control_stage(state: RunState, stage: Stage) -> Outcome:
         for axis in dict.fromkeys(train.axis for train in trains)
     }
     drives = tuple(
-        ClosedLoopDrive(train, item, lags[train.axis] * request.speed)
+        ClosedLoopDrive(train, item, _round_lag(train, lags[train.axis]) * request.speed)
         for train, item in zip(trains, margins, strict=True)
     )
     listed = list_poles(driven, poles, request.up_to_hz)
@@ -126,6 +126,11 @@ def run_control_stage(state: RunState, stage: Stage) -> Outcome:
         detail=f"{len(listed)} poles, {'unstable: see below' if verdict else 'stable'}",
         answers=(answer,),
     )
+
+
+def _round_lag(train: DriveTrain, lag: float) -> float:
+    """Lag per speed [s]; zero where feed-forward leaves roundoff of what it takes off."""
+    return lag if abs(lag) * train.control.position_gain > ROUNDOFF else 0.0
 
 
 def list_poles(

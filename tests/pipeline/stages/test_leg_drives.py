@@ -72,6 +72,9 @@ def test_legs_of_rigid_components_are_controlled_like_those_of_the_lumped_mechan
 ) -> None:
     found = run(tmp_path, load("components"))
     assert lumped.failures == found.failures == ()
+    # velocity feed-forward takes the whole lag off
+    (answer,) = find_answers(lumped.answers, ControlAnswer)
+    assert [drive.velocity_lag for drive in answer.drives] == [0.0, 0.0, 0.0]
     assert len(poles(lumped)) >= 9
     np.testing.assert_allclose(poles(found), poles(lumped), rtol=1e-6)
     size = np.abs(receptance(lumped)).max()
@@ -111,6 +114,9 @@ def test_the_plan_says_which_legs_are_under_control() -> None:
     reasons = {stage.kind: stage.reason for stage in plan_scene(load("lumped")).stages}
     assert "leg_1, leg_2, leg_3" in reasons["control"]
     assert "under control" in reasons["frf"]
+    milled = load_scene(SCENE, variant="lumped+controlled")
+    reasons = {stage.kind: stage.reason for stage in plan_scene(milled).stages}
+    assert "leg_1, leg_2, leg_3 under control" in reasons["contour"]
 
 
 @pytest.mark.parametrize(
