@@ -876,7 +876,7 @@ FACE_COLUMNS: tuple[Column[FaceRow], ...] = (
     Column(
         lambda row: None if row.gap is None else row.gap["outward_peak_to_peak_um"],
         "gap peak to peak [um]",
-        screen=">peak to peak",
+        screen=">ripple",
         report="peak to peak [µm]",
         digits=3,
     ),
