@@ -12,7 +12,8 @@ from headstock.app.terminal.guard import find_home, hand_over, prepare_streams
 PROGRAM = "headstock"
 PROGRAM_HELP = """A FEM-based virtual machine tool: from one scene file to a machine's stiffness and modes.
 
-`headstock test [pytest arguments]` runs the tests.
+`headstock python SCRIPT` runs Python with `import headstock`, `headstock notebook` JupyterLab; a checkout also has ./headstock test, docs, exec and
+release-check (its first lines say what they do).
 
 Exit codes: 0 done, 1 a computation failed (named error), 2 bad input.
 """

@@ -4,6 +4,6 @@ set -eu
 project=$(dirname -- "$(readlink -f -- "$0")")
 project=$(cd -- "$project/.." && pwd -P)
 export HEADSTOCK_COMMAND=headstock
-installed=installed
+installed=installed launcher=$project/environment/installed.sh
 [ -n "${HEADSTOCK_PYTHON:-}" ] || { echo "headstock: start this with headstock, which names its Python" >&2; exit 1; }
 . "$project/environment/launcher.sh"

@@ -1,5 +1,5 @@
-# The launcher, sourced by ../headstock with project and installed (empty) set, and by installed.sh, where the project is the
-# installed package.
+# The launcher, sourced by ../headstock and by installed.sh, which set: project, this checkout or the installed package; installed, empty in
+# a checkout; launcher, the file that starts this again.
 
 dry_run=${HEADSTOCK_DRY_RUN:-}
 

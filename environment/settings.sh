@@ -37,7 +37,7 @@ ranks on them (srun --mpi=list does not name pmix): ask for one node with --node
     nodes=$SLURM_JOB_NUM_NODES
     [ "$nodes" -le "$ranks" ] || nodes=$ranks
     set -- srun --mpi=pmix --nodes="$nodes" --ntasks="$ranks" --cpus-per-task="${SLURM_CPUS_PER_TASK:-1}" --cpu-bind=none --export=ALL \
-        --kill-on-bad-exit=1 "$project/headstock" "$@"
+        --kill-on-bad-exit=1 "$launcher" "$@"
     if [ -n "$dry_run" ]; then printf '%s\n' "$@"; exit 0; fi
     exec "$@"
 }

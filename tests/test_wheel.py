@@ -141,6 +141,16 @@ def test_ranks_of_the_program_of_the_wheel_are_started_as_those_of_a_checkout(
     ]
     assert words[0][2:] == words[1][2:]
     assert any("mpirun" in word for word in words[0])
+
+    (tmp_path / "srun").touch(mode=0o755)
+    nodes = {
+        "PATH": f"{tmp_path}:{os.environ['PATH']}",
+        "SLURM_JOB_NUM_NODES": "2",
+        "HEADSTOCK_DRY_RUN": "1",
+    }
+    started = call(built, tmp_path, "run", "x.toml", "--ranks", "2", **nodes).splitlines()
+    launcher = Path(started[started.index("run") - 1])
+    assert launcher == built.packages / "headstock/environment/installed.sh"
     assert words[0][1] == str(built.packages / "headstock/environment/start_ranks.sh")
 
 
