@@ -55,6 +55,8 @@ STAGE_SECONDS = {
     "write": 0.05,
 }
 STEPS_PER_SECOND = 3e4  # of a contour
+# a contour whose drives are under control takes so many times as long
+CONTROLLED_COST = 7.0
 POSES_PER_SECOND = 7e3  # of a map
 COUPLINGS_PER_SECOND = 60.0  # of a volumetric map
 MOST_GUESSED_MODES = 300

@@ -19,6 +19,7 @@ from headstock.geometry.parts.components import Component, Fidelity, ReductionSe
 from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
 from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
 from headstock.pipeline.planning.budgets import (
+    CONTROLLED_COST,
     COUPLINGS_PER_SECOND,
     POSES_PER_SECOND,
     STAGE_SECONDS,
@@ -139,6 +140,7 @@ def plan_scene(
         )
     if scene.analyses.contouring is not None:
         steps = contour_steps(scene.analyses.contouring)
+        steps *= CONTROLLED_COST if scene.drives else 1.0
         what = scene.analyses.contouring.describe() + _name_drives(scene)
         stages.append(Stage("contour", None, what, estimated_seconds=steps / STEPS_PER_SECOND))
     if scene.analyses.path is not None:
