@@ -192,5 +192,5 @@ def _given_force(
 def _engagement(plan: ContourPlan, times: FloatArray) -> FloatArray:
     return np.asarray(
         np.clip((times - plan.enters) / plan.entry, 0.0, 1.0)
-        * np.clip((plan.leaves - times) / plan.entry, 0.0, 1.0)
+        * np.clip((plan.leaves - times) / plan.exit, 0.0, 1.0)
     )

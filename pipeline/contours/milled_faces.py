@@ -116,7 +116,7 @@ def _left_out(request: ContouringRequest, run: ContourRun, cut: StraightCut) -> 
         max(usual, ENTRIES * 0.5 * request.cut.mill.diameter), 2.0 * MOST_LEFT_OUT * cut.length
     )
     enters = cut.begins <= run.plan.enters < cut.begins + cut.length / cut.feed
-    leaves = cut.begins < run.plan.leaves <= cut.begins + cut.length / cut.feed + run.plan.entry
+    leaves = cut.begins < run.plan.leaves <= cut.begins + cut.length / cut.feed + run.plan.exit
     return entry if enters else usual, entry if leaves else usual
 
 

@@ -205,7 +205,8 @@ def check_contour_reach(scene: Scene, findings: Findings) -> None:
     request = scene.analyses.contouring or scene.on_request.contouring
     if request is None:
         return
-    path = plan_contour(request.contour).path
+    plan = plan_contour(request.contour)
+    path = plan.path
     if scene.mechanism is not None:
         _check_traces(request, LENGTHS, path.span[1], findings)
         return
@@ -213,7 +214,7 @@ def check_contour_reach(scene: Scene, findings: Findings) -> None:
     try:
         travel = find_tool_travel(machine, point)
         places = travel.axis_positions(
-            path.at(np.linspace(*path.span, LOOKS, dtype=np.float64)).position
+            path.at(np.array([*np.linspace(*path.span, LOOKS), *plan.bends])).position
         )
     except ValueError as error:
         key = "at" if isinstance(request.contour, SquareContour) else "polyline"

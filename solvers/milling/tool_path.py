@@ -277,7 +277,8 @@ class ContourPlan:
             [s].
         enters: When the tool meets the part [s].
         leaves: When it has left it [s].
-        entry: How long it takes to enter, or to leave [s].
+        entry: How long it takes to enter [s].
+        exit: How long it takes to leave [s].
     """
 
     path: ToolPath
@@ -286,6 +287,7 @@ class ContourPlan:
     enters: float
     leaves: float
     entry: float
+    exit: float
 
 
 def describe_contour(contour: SquareContour | PolylineContour) -> str:
@@ -360,6 +362,7 @@ def _lay_out(line: PolylineContour, names: Sequence[str]) -> ContourPlan:
         enters=line.lead / line.feeds[0] + delay,
         leaves=end - line.lead / line.feeds[-1] + delay,
         entry=line.offset / line.feeds[0],
+        exit=line.offset / line.feeds[-1],
     )
 
 
