@@ -471,16 +471,18 @@ def _describe_tool(request: LobesRequest) -> str:
 
 
 def _warn_of_checks(machine: PoseModel, found: tuple[DirectionLobes, ...]) -> list[str]:
-    """What checks did not confirm."""
-    warnings = []
-    for own in found:
-        failed = [check for check in own.checks if not check.confirmed]
-        if failed:
-            off = [float(own.depths[check.place] / check.depth - 1.0) for check in failed]
-            worst = max(off, key=abs)
-            warnings.append(
-                f"lobes in pose {machine.pose.name}, travel {name_direction(own.direction)}: {len(failed)} of {len(own.checks)} checked"
-                f" limits are off, by up to {100.0 * worst:+.0f} %; bisection has replaced these, others may be off as much:"
-                " write checked = 1 in [analyses.lobes] to check every speed"
-            )
-    return warnings
+    """What checks did not confirm, in all directions of travel."""
+    failed = [
+        (float(own.depths[check.place] / check.depth - 1.0), name_direction(own.direction))
+        for own in found
+        for check in own.checks
+        if not check.confirmed
+    ]
+    if not failed:
+        return []
+    worst, travel = max(failed, key=lambda each: abs(each[0]))
+    return [
+        f"lobes in pose {machine.pose.name}: {len(failed)} of {sum(len(own.checks) for own in found)} checked limits are off, by up to"
+        f" {100.0 * worst:+.0f} % (travel {travel}); bisection has replaced these, others may be off as much: write checked = 1 in"
+        " [analyses.lobes] to check every speed"
+    ]
