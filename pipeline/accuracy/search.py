@@ -120,7 +120,7 @@ def start_scene(scene: Scene) -> Scene:
 
 def _start_scene(scene: Scene, accuracy: float) -> Scene:
     """Where one body makes all of the error, its mesh begins finer than among several, of which most
-    need it coarse; rounds teach how fine it must be.
+    need it coarse, and never rough; rounds teach how fine it must be.
     """
     goal = _goal(scene).to
     modes_to = _modes_to(scene.analyses, goal)
@@ -138,7 +138,7 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
             part,
             max(accuracy, START_ACCURACY if one else COARSE_ACCURACY),
             modes_to,
-            rough_for=goal if goal >= ROUGH_ACCURACY else None,
+            rough_for=goal if goal >= ROUGH_ACCURACY and not one else None,
         )
         if is_chosen(part)
         else part
