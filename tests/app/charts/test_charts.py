@@ -155,7 +155,7 @@ def make_comparison() -> ComparisonSummary:
             "error_share": {"x": {"discretisation": 0.12}},
         }
         seconds = dict.fromkeys(
-            ("load", "components", "couple", "modes", "static", "frf", "total"), 1.0
+            ("load", "components", "couple", "modes", "static", "frf", "others", "total"), 1.0
         )
         effort = {"seconds": seconds, "cpu_seconds": seconds, "elastic_components": 0}
         errors = {
@@ -166,7 +166,7 @@ def make_comparison() -> ComparisonSummary:
         }
         effort |= {"from_store": 0, "peak_rss_mb": 100.0}
         return (
-            {"static": {"tcp": point}, "frf": [], "mac": [], "failures": [], "effort": effort}
+            {"static": {"tcp": point}, "frf": [], "others": {}, "mac": [], "failures": [], "effort": effort}
             | dict.fromkeys(("full_dofs", "reduced_dofs", "coupled_dofs"), 6)
             | errors
         )
