@@ -117,10 +117,11 @@ def fixed_by(mesh: ComponentMesh, supports: Sequence[Support]) -> BoolArray:
     """Dofs ``(n_points, 3)`` that supports hold, from the patch groups of a mesh."""
     fixed = np.zeros((len(mesh.points), 3), dtype=bool)
     for support in supports:
-        directions = ["xyz".index(direction) for direction in support.directions]
         nodes = np.unique(mesh.patches[f"support:{support.name}"])
-        for direction in directions:
-            fixed[nodes, direction] = True
+        for direction in support.directions:
+            if not isinstance(direction, str):
+                raise TypeError("these models are fixed along the axes only")
+            fixed[nodes, "xyz".index(direction)] = True
     return fixed
 
 
