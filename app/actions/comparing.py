@@ -22,7 +22,7 @@ from headstock.app.terminal.comparison import print_comparison, print_effort, pr
 from headstock.app.terminal.console import print_remarks, warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.texts.comparison import comparison_csv, tabulate_lines
-from headstock.app.texts.tables import encode_csv
+from headstock.app.texts.tables.table import encode_csv
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.storage.json_texts import dump_summary

@@ -19,13 +19,11 @@ from headstock.app.pictures.pictures import (
 )
 from headstock.app.report.report import Stills, Worth, render_report, write_report
 from headstock.app.terminal.console import print_remarks
-from headstock.app.texts.tables import (
-    encode_csv,
-    list_tables,
-    tabulate_path,
-    tabulate_response,
-    tabulate_transient,
-)
+from headstock.app.texts.tables.frf import tabulate_response
+from headstock.app.texts.tables.path import tabulate_path
+from headstock.app.texts.tables.run import list_tables
+from headstock.app.texts.tables.table import encode_csv
+from headstock.app.texts.tables.transient import tabulate_transient
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.path import PathCurves
 from headstock.pipeline.answers.transient import TransientCurves

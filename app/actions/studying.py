@@ -27,7 +27,7 @@ from headstock.app.terminal.study import (
     print_study,
     study_csv,
 )
-from headstock.app.texts.tables import encode_csv
+from headstock.app.texts.tables.table import encode_csv
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output

@@ -26,7 +26,7 @@ from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.summary import print_stage
 from headstock.app.terminal.sweep import print_sweep, print_sweep_header
 from headstock.app.texts.sweep_quantities import tabulate_sweep
-from headstock.app.texts.tables import encode_csv
+from headstock.app.texts.tables.table import encode_csv
 from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.storage.json_texts import dump_json, dump_summary
 from headstock.pipeline.storage.outputs import (

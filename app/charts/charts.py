@@ -27,7 +27,7 @@ from headstock.app.texts.curves import (
     response_unit,
     round_ticks,
 )
-from headstock.app.texts.tables import sort_shares, static_by_pose
+from headstock.app.texts.tables.static import sort_shares, static_by_pose
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.modal import ModesSummary

@@ -47,46 +47,41 @@ from headstock.app.texts.bounded_values import (
     transient_words,
 )
 from headstock.app.texts.curves import overlaid_responses
-from headstock.app.texts.tables import (
-    COMPONENT_COLUMNS,
-    CRUISE_COLUMNS,
-    DEVIATION_COLUMNS,
-    DRIVE_COLUMNS,
-    DRIVE_POINT_COLUMNS,
-    FACE_COLUMNS,
-    JOINT_COLUMNS,
-    LINE_COLUMNS,
+from headstock.app.texts.tables.components import COMPONENT_COLUMNS, JOINT_COLUMNS, MODEL_COLUMNS
+from headstock.app.texts.tables.contouring import FACE_COLUMNS, contour_words, list_faces
+from headstock.app.texts.tables.control import DRIVE_COLUMNS, POLE_COLUMNS
+from headstock.app.texts.tables.frf import DRIVE_POINT_COLUMNS, list_channels, tabulate_response
+from headstock.app.texts.tables.lobes import (
     LOBE_COLUMNS,
     LOWEST_LOBE_COLUMNS,
-    MODEL_COLUMNS,
-    MOVED_COLUMNS,
-    POLE_COLUMNS,
-    PROBE_COLUMNS,
-    SQUARENESS_COLUMNS,
-    ZONE_COLUMNS,
-    Column,
-    ModeRow,
-    contour_words,
-    encode_csv,
-    list_channels,
-    list_cruises,
-    list_displacements,
-    list_faces,
-    list_lines,
     list_lobes,
     list_lowest_lobes,
-    list_modes,
-    list_moved,
-    list_ranges,
-    list_tables,
+)
+from headstock.app.texts.tables.modes import ModeRow, list_modes
+from headstock.app.texts.tables.path import (
+    CRUISE_COLUMNS,
+    ZONE_COLUMNS,
+    list_cruises,
     list_zones,
-    merge_families,
     path_stem,
+)
+from headstock.app.texts.tables.run import list_tables
+from headstock.app.texts.tables.static import (
+    DEVIATION_COLUMNS,
+    PROBE_COLUMNS,
+    list_displacements,
+    merge_families,
     shared_budget,
     static_by_pose,
-    tabulate_response,
     top_shares,
-    transient_stem,
+)
+from headstock.app.texts.tables.table import Column, encode_csv
+from headstock.app.texts.tables.transient import MOVED_COLUMNS, list_moved, transient_stem
+from headstock.app.texts.tables.volumetric import (
+    LINE_COLUMNS,
+    SQUARENESS_COLUMNS,
+    list_lines,
+    list_ranges,
     volumetric_words,
 )
 from headstock.geometry.frames import DIRECTIONS

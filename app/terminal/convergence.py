@@ -19,7 +19,7 @@ from headstock.app.terminal.console import (
     spaced,
 )
 from headstock.app.texts.bounded_values import show_bound, show_bounded
-from headstock.app.texts.tables import Cell, PlainTable, encode_csv
+from headstock.app.texts.tables.table import Cell, PlainTable, encode_csv
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.studies import describe_point
 from headstock.studies.parameters.convergence import (

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
-from headstock.app.texts.tables import PlainTable
+from headstock.app.texts.tables.table import PlainTable
 from headstock.validation.references.rows import verdict
 from headstock.validation.refinement.points import KINDS, RefinementPoint, ndof_within, pick_series
 from headstock.validation.refinement.references import Group, ReferenceBeam

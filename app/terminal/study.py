@@ -19,7 +19,7 @@ from headstock.app.terminal.console import (
 )
 from headstock.app.terminal.refinement import StatementListing
 from headstock.app.texts.bounded_values import show_bound, show_bounded
-from headstock.app.texts.tables import Cell, PlainTable, encode_csv
+from headstock.app.texts.tables.table import Cell, PlainTable, encode_csv
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.reading.files import TomlValue
 from headstock.scene.reading.watch_paths import MEASURED_NAMES, Watched

@@ -32,39 +32,30 @@ from headstock.app.texts.bounded_values import (
     show_span,
     transient_words,
 )
-from headstock.app.texts.tables import (
-    COMPONENT_COLUMNS,
-    CRUISE_COLUMNS,
+from headstock.app.texts.tables.components import COMPONENT_COLUMNS, JOINT_COLUMNS, MODEL_COLUMNS
+from headstock.app.texts.tables.contouring import FACE_COLUMNS, contour_words, list_faces
+from headstock.app.texts.tables.control import DRIVE_COLUMNS, POLE_COLUMNS
+from headstock.app.texts.tables.frf import DRIVE_POINT_COLUMNS, list_channels
+from headstock.app.texts.tables.lobes import LOWEST_LOBE_COLUMNS, list_lowest_lobes
+from headstock.app.texts.tables.modes import list_modes
+from headstock.app.texts.tables.path import CRUISE_COLUMNS, ZONE_COLUMNS, list_cruises, list_zones
+from headstock.app.texts.tables.static import (
     DEVIATION_COLUMNS,
-    DRIVE_COLUMNS,
-    DRIVE_POINT_COLUMNS,
-    FACE_COLUMNS,
-    JOINT_COLUMNS,
-    LINE_COLUMNS,
-    LOWEST_LOBE_COLUMNS,
-    MODEL_COLUMNS,
-    MOVED_COLUMNS,
-    POLE_COLUMNS,
     PROBE_COLUMNS,
-    SQUARENESS_COLUMNS,
-    ZONE_COLUMNS,
-    Column,
-    contour_words,
-    list_channels,
-    list_cruises,
     list_displacements,
-    list_faces,
-    list_lines,
-    list_lowest_lobes,
-    list_modes,
-    list_moved,
-    list_ranges,
-    list_zones,
     merge_families,
     shared_budget,
     sort_shares,
     static_by_pose,
     top_shares,
+)
+from headstock.app.texts.tables.table import Column
+from headstock.app.texts.tables.transient import MOVED_COLUMNS, list_moved
+from headstock.app.texts.tables.volumetric import (
+    LINE_COLUMNS,
+    SQUARENESS_COLUMNS,
+    list_lines,
+    list_ranges,
     volumetric_words,
 )
 from headstock.geometry.machine.machine import show_position

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from headstock.app.texts.bounded_values import show_bound, show_bounded, show_digits
 from headstock.app.texts.comparison import describe_store, list_points
 from headstock.app.texts.curves import name_entry, response_unit
-from headstock.app.texts.tables import sort_shares
+from headstock.app.texts.tables.static import sort_shares
 from headstock.geometry.frames import DIRECTIONS
 from headstock.reduction.motions.body_motions import name_families
 from headstock.solvers.second_order import Channel

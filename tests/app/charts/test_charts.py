@@ -166,7 +166,14 @@ def make_comparison() -> ComparisonSummary:
         }
         effort |= {"from_store": 0, "peak_rss_mb": 100.0}
         return (
-            {"static": {"tcp": point}, "frf": [], "others": {}, "mac": [], "failures": [], "effort": effort}
+            {
+                "static": {"tcp": point},
+                "frf": [],
+                "others": {},
+                "mac": [],
+                "failures": [],
+                "effort": effort,
+            }
             | dict.fromkeys(("full_dofs", "reduced_dofs", "coupled_dofs"), 6)
             | errors
         )

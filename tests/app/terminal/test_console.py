@@ -19,7 +19,8 @@ from headstock.app.texts.bounded_values import (
     show_damped,
     show_damping,
 )
-from headstock.app.texts.tables import list_tables, shared_budget
+from headstock.app.texts.tables.run import list_tables
+from headstock.app.texts.tables.static import shared_budget
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.results.summary import RunSummary
 

@@ -10,7 +10,12 @@ import pytest
 
 from headstock.app.report.milled_faces import draw_milled_faces
 from headstock.app.report.path import draw_contour
-from headstock.app.texts.tables import _contour_table, _profile_tables, contour_words, list_faces
+from headstock.app.texts.tables.contouring import (
+    contour_words,
+    list_faces,
+    tabulate_contour,
+    tabulate_profiles,
+)
 from headstock.geometry.errors import PoseError
 from headstock.pipeline.contours.contouring import evaluate_contour
 from headstock.pipeline.contours.lumped_contour import run_lumped_contour
@@ -58,7 +63,7 @@ def test_the_summary_tells_faces_assumptions_and_drive_forces(machine: Tripteor)
     assert -20.0 < found["faces"][0]["mean_um"][0] < -5.0
     assert found["face_3_over_face_1"] == {"x as assumed": None, "x reversed": None}
     assert any("which way x points" in text for text in found["assumptions"])
-    table = _contour_table(found)
+    table = tabulate_contour(found)
     assert len(table.rows) == len(found["series"]["time_s"]) == 2000 and len(table.headings) == 10
     # with a lead of 10 mm a motor turns 2 pi per 10 mm: power in is power out
     forces, torques = (
@@ -108,7 +113,7 @@ def test_a_steady_force_leaves_a_face_where_the_static_compliance_says(machine: 
     assert [row.face for row in rows] == [1] and rows[0].gap is None
     assert "cut-off of 0.8 mm" in str(contour_words(answer))
     assert str(draw_milled_faces(answer["milled_faces"])).count("<polyline") == 2
-    names = [table.name for table in _profile_tables(answer["milled_faces"][0])]
+    names = [table.name for table in tabulate_profiles(answer["milled_faces"][0])]
     assert names == ["profile_face_1", "profile_detail_face_1"]
 
 

@@ -9,7 +9,8 @@ import pytest
 from mpi4py import MPI
 
 from headstock.app.report.figures import draw_map, map_layers, map_values
-from headstock.app.texts.tables import _map_table, list_tables
+from headstock.app.texts.tables.map import tabulate_map
+from headstock.app.texts.tables.run import list_tables
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.map import map_workspace
@@ -115,7 +116,7 @@ def test_a_volume_holds_its_planes_and_is_drawn_in_layers() -> None:
     layers = map_layers(found)
     assert [layer.place for layer in layers] == [0, 2, 4] and layers[1].title == "Z = 200 mm"
     assert 'id="map_f1_hz_2"' in str(draw_map(found, "f1_hz", 2))
-    table = _map_table("map", found)
+    table = tabulate_map("map", found)
     assert table.headings[:3] == ("X", "Y", "Z") and len(table.rows) == 30
     assert (
         table.rows[7][3] == np.array(found["quantities"]["condition_number"], dtype=float)[0, 1, 2]

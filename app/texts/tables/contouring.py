@@ -1,0 +1,152 @@
+"""Rows of a contour and its milled faces."""
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+from headstock.app.texts.tables.table import Column, PlainTable
+from headstock.geometry.frames import DIRECTIONS
+from headstock.pipeline.answers.contouring import ContourSummary, FaceSummary
+from headstock.pipeline.answers.milled_faces import MilledFaceSummary
+
+type MilledKey = Literal[
+    "location_error_um", "ra_um", "rz_um", "wt_um", "pt_um", "mark_at_start_um", "mark_at_end_um"
+]
+
+LEAST_WAVE_UM = 1e-3  # that is told of a profile
+
+
+class FaceRow(NamedTuple):
+    """A face of a contour: the gap beside it, and its profile where it has one."""
+
+    face: int
+    at: str
+    gap: FaceSummary | None
+    milled: MilledFaceSummary | None
+
+
+def list_faces(found: ContourSummary) -> list[FaceRow]:
+    """Faces of a contour in the order of the path."""
+    gaps = {face["face"]: face for face in found["faces"]}
+    milled = {face["face"]: face for face in found.get("milled_faces", [])}
+    names = {number: face["at"] for number, face in (gaps | milled).items()}
+    return [
+        FaceRow(number, names[number], gaps.get(number), milled.get(number))
+        for number in sorted(names)
+    ]
+
+
+def _of_milled(key: MilledKey) -> Callable[[FaceRow], float | None]:
+    return lambda row: None if row.milled is None else row.milled[key]
+
+
+def _tell_wave(row: FaceRow) -> str | None:
+    if row.milled is None or row.milled["strongest_wave"]["amplitude_um"] < LEAST_WAVE_UM:
+        return None
+    wave = row.milled["strongest_wave"]
+    return f"{wave['length_mm']:.3g} mm, {wave['amplitude_um']:.2g} µm"
+
+
+FACE_COLUMNS: tuple[Column[FaceRow], ...] = (
+    Column(lambda row: row.face, "face", screen=">face", report="Face"),
+    Column(lambda row: row.at, "at", screen="<at", report="At"),
+    Column(
+        lambda row: None if row.gap is None else row.gap["outward_um"],
+        "mean gap outward [um]",
+        screen=">gap",
+        report="Mean gap [µm]",
+    ),
+    Column(
+        lambda row: None if row.gap is None else row.gap["outward_peak_to_peak_um"],
+        "gap peak to peak [um]",
+        screen=">ripple",
+        report="peak to peak [µm]",
+        digits=3,
+    ),
+    Column(
+        _of_milled("location_error_um"),
+        "location error [um]",
+        screen=">location",
+        report="Location error [µm]",
+    ),
+    Column(_of_milled("ra_um"), "Ra [um]", screen=">Ra", report="Ra [µm]", digits=3),
+    Column(_of_milled("rz_um"), "Rz [um]", screen=">Rz", report="Rz [µm]", digits=3),
+    Column(_of_milled("wt_um"), "Wt [um]", screen=">Wt", report="Wt [µm]", digits=3),
+    Column(_of_milled("pt_um"), "Pt [um]", report="Pt [µm]", digits=3),
+    Column(
+        _of_milled("mark_at_start_um"),
+        "mark at the start [um]",
+        screen=">at start",
+        report="Mark at start [µm]",
+        digits=3,
+    ),
+    Column(
+        _of_milled("mark_at_end_um"),
+        "mark at the end [um]",
+        screen=">at end",
+        report="at end [µm]",
+        digits=3,
+    ),
+    Column(_tell_wave, "strongest wave", report="Strongest wave"),
+)
+
+
+def contour_words(found: ContourSummary) -> str | None:
+    """How the profiles were measured; None where there is none."""
+    if not found.get("milled_faces"):
+        return None
+    face = found["milled_faces"][0]
+    low, high = face["evaluated_mm"]
+    by_height = [depth["location_error_um"] for depth in face["location_by_height"]]
+    return (
+        f"Profiles {face['height_mm']:.3g} mm above the end of the tool, ideal edges. Location error: mean, positive where material is left;"
+        f" {min(by_height):.4g} to {max(by_height):.4g} µm over the depth of face {face['face']}. Ra, Rz, Wt (ISO 21920) over {high - low:.3g} mm, line"
+        f" removed, Gaussian filter with a cut-off of {face['cut_off_mm']:.3g} mm. At start and end: mean line off the location error outside"
+        f" that length. Cusps of a rigid machine: {face['rigid_cusp_um']:.3g} µm."
+    )
+
+
+def tabulate_profiles(face: MilledFaceSummary) -> list[PlainTable]:
+    """Profile over the whole face in cells, and a short piece of it sample by sample."""
+    profile, detail = face["profile"], face["detail"]
+    return [
+        PlainTable(
+            f"profile_face_{face['face']}",
+            ("along [mm]", "lowest [um]", "highest [um]", "mean line [um]"),
+            tuple(
+                zip(
+                    profile["at_mm"],
+                    profile["lowest_um"],
+                    profile["highest_um"],
+                    profile["waviness_um"],
+                    strict=True,
+                )
+            ),
+        ),
+        PlainTable(
+            f"profile_detail_face_{face['face']}",
+            ("along [mm]", "height [um]"),
+            tuple(zip(detail["at_mm"], detail["height_um"], strict=True)),
+        ),
+    ]
+
+
+def tabulate_contour(found: ContourSummary) -> PlainTable:
+    """Gap, speeds, forces and torques over time."""
+    series, drives = found["series"], found["drives"]
+    headings = [
+        "time [s]",
+        *(f"gap {d} [um]" for d in DIRECTIONS),
+        *(f"force of {name} [N]" for name in drives),
+    ]
+    rows = [
+        (time, *gap, *forces)
+        for time, gap, forces in zip(
+            series["time_s"], series["gap_um"], series["drive_force_n"], strict=True
+        )
+    ]
+    if "motor_torque_nm" in series:
+        headings += [f"torque of the motor of {name} [Nm]" for name in drives]
+        rows = [
+            (*row, *torques) for row, torques in zip(rows, series["motor_torque_nm"], strict=True)
+        ]
+    return PlainTable("contour", tuple(headings), tuple(rows))

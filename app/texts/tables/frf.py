@@ -1,0 +1,93 @@
+"""Rows of frequency responses."""
+
+import math
+
+import numpy as np
+
+from headstock.app.texts.bounded_values import show_digits
+from headstock.app.texts.curves import name_entry, response_unit_si
+from headstock.app.texts.tables.table import Column, PlainTable, show_percent
+from headstock.pipeline.answers.frf import DrivePointSummary, ResponseCurves, ResponseSummary
+from headstock.pipeline.results.mode_files import file_stem
+
+
+def list_channels(response: ResponseSummary) -> list[DrivePointSummary]:
+    """Ports of forces: those of moments are in files only."""
+    return [channel for channel in response["drive_points"] if "static_um_per_kN" in channel]
+
+
+def _show_four(value: float) -> str:
+    return show_digits(value, 4)
+
+
+DRIVE_POINT_COLUMNS: tuple[Column[DrivePointSummary], ...] = (
+    Column(lambda row: " ".join(row["dof"]), screen="force at", report="Force and motion"),
+    Column(
+        lambda row: row["static_um_per_kN"],
+        screen=">static µm/kN",
+        report="static [µm/kN]",
+        show=_show_four,
+        missing="free",
+    ),
+    Column(
+        lambda row: row["most_negative_real_um_per_kN"],
+        screen=">min. Re µm/kN",
+        report="most negative real part [µm/kN]",
+        show=_show_four,
+        error=lambda row: row.get("most_negative_real_error_um_per_kN"),
+    ),
+    Column(
+        lambda row: row["most_negative_real_hz"], screen=">at Hz", report="at [Hz]", show=_show_four
+    ),
+    Column(
+        lambda row: row["chatter_limit_N_per_um"],
+        screen=">-1/(2 Re) N/µm",
+        report="chatter limit −1/(2 Re) [N/µm]",
+        show=_show_four,
+    ),
+    Column(
+        lambda row: row["minimum_dynamic_stiffness_N_per_um"],
+        screen=">min. N/µm",
+        report="minimum dynamic stiffness [N/µm]",
+        show=_show_four,
+    ),
+    Column(
+        lambda row: row["minimum_dynamic_stiffness_hz"],
+        screen=">at Hz",
+        report="at [Hz]",
+        show=_show_four,
+    ),
+    Column(
+        lambda row: row["minimum_dynamic_stiffness_mode"], screen="near mode", report="near mode"
+    ),
+    Column(
+        lambda row: row["truncation_share"], report="missed by a plain modal sum", show=show_percent
+    ),
+)
+
+
+def tabulate_response(curves: ResponseCurves) -> PlainTable:
+    """A row per frequency: real and imaginary part of every entry in SI, its error and the part of
+    each source; empty where there is none.
+    """
+    values, errors, shares = curves.values, curves.value_errors, curves.value_error_share
+    headings, columns = ["frequency [Hz]"], [curves.frequencies_hz]
+    for row, output in enumerate(curves.outputs):
+        for column, given in enumerate(curves.inputs):
+            unit = response_unit_si(curves.motion, output, given)
+            headings += [f"{part} {name_entry(output, given)} [{unit}]" for part in ("Re", "Im")]
+            columns += [
+                np.array(part, dtype=float)
+                for part in (values[:, row, column].real, values[:, row, column].imag)
+            ]
+            if errors is not None:
+                headings.append(f"± {name_entry(output, given)} [{unit}]")
+                columns.append(np.array(errors[:, row, column], dtype=float))
+            for source, share in shares.items():
+                headings.append(f"± {source} {name_entry(output, given)} [{unit}]")
+                columns.append(np.array(share[:, row, column], dtype=float))
+    cells = tuple(
+        tuple(None if math.isnan(value) else float(value) for value in row)
+        for row in np.column_stack(columns)
+    )
+    return PlainTable(f"frf_{file_stem(curves.pose)}", tuple(headings), cells)

@@ -1,0 +1,134 @@
+"""Rows of stability lobes."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from headstock.app.texts.tables.table import Column, PlainTable, show_percent
+from headstock.pipeline.answers.lobes import DirectionSummary, LobesSummary, LobeSummary
+from headstock.pipeline.results.mode_files import file_stem
+
+
+class LobeRow(NamedTuple):
+    """A lobe of a direction of travel in a pose."""
+
+    pose: str
+    direction: DirectionSummary
+    lobe: LobeSummary
+
+
+def list_lowest_lobes(lobes: Mapping[str, LobesSummary]) -> list[LobeRow]:
+    """The lowest limit of every pose and direction of travel."""
+    return [
+        LobeRow(pose, direction, direction["lowest"])
+        for pose, found in lobes.items()
+        for direction in found["directions"]
+        if direction["lowest"] is not None
+    ]
+
+
+def _show_speed(value: float) -> str:
+    return f"{value:.0f}"
+
+
+def _tell_best(direction: DirectionSummary) -> str | None:
+    best = direction["best_speeds"][:1]
+    return f"{best[0]['limit_depth_mm']:.3g} at {best[0]['rpm']:.0f}" if best else None
+
+
+def _tell_checks(direction: DirectionSummary) -> str:
+    if direction["checks"]:
+        confirmed = sum(check["confirmed"] for check in direction["checks"])
+        return f"{confirmed} of {len(direction['checks'])}"
+    return "bisected" if direction["bisected"] else "none"
+
+
+LOWEST_LOBE_COLUMNS: tuple[Column[LobeRow], ...] = (
+    Column(lambda row: row.pose, screen="pose", report="Pose"),
+    Column(lambda row: row.direction["name"], screen="<travel", report="Travel"),
+    Column(
+        lambda row: row.lobe["limit_depth_mm"],
+        screen=">lowest mm",
+        report="Lowest limit [mm]",
+        digits=3,
+    ),
+    Column(
+        lambda row: row.lobe["rpm"],
+        screen=">at rpm",
+        report="at [rpm]",
+        show=_show_speed,
+    ),
+    Column(
+        lambda row: row.lobe["chatter_hz"], screen=">chatter Hz", report="Chatter [Hz]", digits=4
+    ),
+    Column(lambda row: row.lobe["mode"], screen="<mode", report="Mode"),
+    Column(lambda row: row.lobe["part"], report="Part"),
+    Column(
+        lambda row: _tell_best(row.direction), screen="<best mm, rpm", report="Best [mm at rpm]"
+    ),
+    Column(lambda row: _tell_checks(row.direction), report="Limits confirmed"),
+)
+
+LOBE_COLUMNS: tuple[Column[LobeRow], ...] = (
+    Column(lambda row: row.pose, "pose"),
+    Column(lambda row: row.direction["name"], "travel", report="Travel"),
+    Column(lambda row: row.lobe["waves"], "waves", report="Waves"),
+    Column(lambda row: row.lobe["from_rpm"], "from [rpm]", report="from [rpm]", show=_show_speed),
+    Column(lambda row: row.lobe["to_rpm"], "to [rpm]", report="to [rpm]", show=_show_speed),
+    Column(
+        lambda row: row.lobe["limit_depth_mm"],
+        "lowest limit [mm]",
+        report="Lowest limit [mm]",
+        digits=3,
+    ),
+    Column(lambda row: row.lobe["rpm"], "at [rpm]", report="at [rpm]", show=_show_speed),
+    Column(lambda row: row.lobe["chatter_hz"], "chatter [Hz]", report="Chatter [Hz]"),
+    Column(lambda row: row.lobe["mode"], "mode", report="Mode"),
+    Column(lambda row: row.lobe["mode_hz"], "mode [Hz]", report="Mode [Hz]"),
+    Column(
+        lambda row: row.lobe["mode_share"], "share of the motion", report="Share", show=show_percent
+    ),
+    Column(lambda row: row.lobe["part"], "part", report="Part"),
+)
+
+
+def list_lobes(pose: str, found: LobesSummary, most: int | None = None) -> list[LobeRow]:
+    """Lobes of a pose, direction by direction, rising in speed.
+
+    Args:
+        pose: Its name.
+        found: Its lobes.
+        most: The widest so many of each direction only.
+    """
+    rows = []
+    for direction in found["directions"]:
+        lobes = direction["lobes"]
+        if most is not None and len(lobes) > most:
+            widest = sorted(lobes, key=lambda lobe: lobe["from_rpm"] - lobe["to_rpm"])[:most]
+            lobes = sorted(widest, key=lambda lobe: lobe["from_rpm"])
+        rows += [LobeRow(pose, direction, lobe) for lobe in lobes]
+    return rows
+
+
+def tabulate_limits(pose: str, found: LobesSummary) -> PlainTable:
+    """A row per direction and speed."""
+    rows = [
+        (direction["name"], *values, None if lobe is None else direction["lobes"][lobe]["mode"])
+        for direction in found["directions"]
+        for *values, lobe in zip(
+            direction["series"]["rpm"],
+            direction["series"]["limit_depth_mm"],
+            direction["series"]["zeroth_order_mm"],
+            direction["series"]["chatter_hz"],
+            direction["series"]["lobe"],
+            strict=True,
+        )
+    ]
+    headings = (
+        "travel",
+        "speed [rpm]",
+        "limit depth [mm]",
+        "zeroth order [mm]",
+        "chatter [Hz]",
+        "mode",
+    )
+    return PlainTable(f"limits_{file_stem(pose)}", headings, tuple(rows))

@@ -1,0 +1,147 @@
+"""Rows of a path analysis."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from headstock.app.texts.tables.table import Column, PlainTable, show_deviation
+from headstock.pipeline.answers.path import (
+    CruiseSummary,
+    FeedSummary,
+    PathCurves,
+    PathSummary,
+    ZoneSummary,
+    deviation_unit,
+)
+from headstock.solvers.second_order import name_channel
+
+PART_NAMES = {
+    "total": "deviation",
+    "quasi_static": "quasi-static",
+    "low_frequency": "low-frequency",
+    "dynamic": "residual vibration",
+}
+
+
+class ZoneRow(NamedTuple):
+    """What a path analysis says of an output while a ramp lasts; sizes in µm or µrad."""
+
+    run: FeedSummary
+    channel: list[str]
+    zone: str
+    found: ZoneSummary
+
+    def size(self, name: str) -> float | None:
+        """One of its sizes, by its name without the unit."""
+        return self.found[f"{name}_{deviation_unit((self.channel[0], self.channel[1]))[0]}"]
+
+
+def list_zones(path: PathSummary, output: int | None = None) -> list[ZoneRow]:
+    """Every feed, output and ramp of a path analysis; of one output where its number is given."""
+    return [
+        ZoneRow(run, shown["dof"], zone, found)
+        for run in path["feeds"]
+        for number, shown in enumerate(run["outputs"])
+        if output in (None, number)
+        for zone, found in (
+            ("accelerating", shown["accelerating"]),
+            ("decelerating", shown["decelerating"]),
+        )
+    ]
+
+
+ZONE_COLUMNS: tuple[Column[ZoneRow], ...] = (
+    Column(lambda row: row.run["name"], screen="feed", report="Feed"),
+    Column(lambda row: " ".join(row.channel), screen="<at"),
+    Column(lambda row: row.zone, screen="<zone", report="Zone"),
+    Column(lambda row: row.run["acceleration"], report="Acceleration [m/s²]", digits=3),
+    Column(lambda row: row.size("peak"), screen=">peak", report="Peak"),
+    Column(lambda row: row.found["peak_s"], screen=">at s", report="at [s]"),
+    Column(lambda row: row.size("span"), screen=">span", report="Peak to peak"),
+    Column(lambda row: row.size("quasi_static"), screen=">static", report="Quasi-static"),
+    Column(
+        lambda row: row.size("dynamic"),
+        screen=">vibration",
+        report=PART_NAMES["dynamic"].capitalize(),
+    ),
+    Column(lambda row: row.size("rms"), report="rms"),
+    Column(
+        lambda row: row.found["settling_s"],
+        screen=">settles",
+        report="below 5 % after [s]",
+        digits=3,
+        missing="never",
+    ),
+    Column(lambda row: row.size("frozen_peak"), screen=">frozen pose", report="Peak, frozen pose"),
+)
+
+
+class CruiseRow(NamedTuple):
+    """An output of a path at constant feed."""
+
+    run: FeedSummary
+    channel: Sequence[str]
+    found: CruiseSummary
+
+
+def list_cruises(path: PathSummary, output: int | None = None) -> list[CruiseRow]:
+    """Every feed and output of a path on which errors of guides act; of one output where its number
+    is given.
+    """
+    return [
+        CruiseRow(run, shown["dof"], shown["cruising"])
+        for run in path["feeds"]
+        for number, shown in enumerate(run["outputs"])
+        if output in (None, number) and "cruising" in shown
+    ]
+
+
+CRUISE_COLUMNS: tuple[Column[CruiseRow], ...] = (
+    Column(lambda row: row.run["name"], screen="feed", report="Feed"),
+    Column(lambda row: " ".join(row.channel), screen="<at"),
+    Column(
+        lambda row: row.found["variation_um"],
+        screen=">variation",
+        report="Variation",
+        show=show_deviation,
+    ),
+    Column(
+        lambda row: row.found["straightness_um"],
+        screen=">straightness",
+        report="Straightness",
+        show=show_deviation,
+    ),
+    Column(
+        lambda row: row.found["amplitude_um"],
+        screen=">wave of",
+        report="Strongest wave",
+        show=show_deviation,
+    ),
+    Column(lambda row: row.found["period_s"], screen=">period s", report="Period [s]", digits=3),
+    Column(lambda row: row.found["period_mm"], screen=">mm", report="Period [mm]", digits=3),
+)
+
+
+def path_stem(curves: PathCurves) -> str:
+    """Name of a feed's files: ``path_3000``."""
+    return f"path_{6e4 * curves.feed:g}".replace(".", "_").replace("+", "")
+
+
+def tabulate_path(curves: PathCurves) -> PlainTable:
+    """A row per sample: time, set point, and the deviation of every output with its parts."""
+    found = curves.deviation
+    headings = ["time [s]", "position [mm]", "acceleration [m/s^2]"]
+    columns = [found.times, 1e3 * curves.positions, curves.accelerations]
+    for number, channel in enumerate(curves.outputs):
+        unit, factor = deviation_unit(channel)
+        for part, words in PART_NAMES.items():
+            headings.append(f"{words} {name_channel(channel)} [{unit}]")
+            columns.append(factor * getattr(found, part)[:, number])
+        headings.append(f"deviation in the pose of the middle {name_channel(channel)} [{unit}]")
+        columns.append(factor * curves.frozen[:, number])
+    return PlainTable(
+        path_stem(curves),
+        tuple(headings),
+        tuple(tuple(float(value) for value in row) for row in np.column_stack(columns)),
+    )

@@ -1,0 +1,86 @@
+"""A table of rows, for terminal, report and CSV files."""
+
+import csv
+import io
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+type Cell = str | float | None
+
+
+@dataclass(frozen=True)
+class PlainTable:
+    """A table: the stem of its file, headings and rows; numbers unrounded."""
+
+    name: str
+    headings: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+
+
+@dataclass(frozen=True)
+class Column[Row]:
+    """A column of a table, the same for the screen, the report and files; each leaves out what has
+    no heading there.
+
+    Attributes:
+        value: Of a row, unrounded; None where there is none.
+        file: Heading in CSV files, with the unit.
+        screen: Heading on the screen, after ``>`` for numbers.
+        report: Heading in the report.
+        digits: Significant ones of a number on the screen and in the report.
+        show: Another way to write a number there.
+        missing: Written there in place of None; empty for a dash.
+        error: How far the number of a row may be off; None where nobody says, and the number is
+            then written like any other.
+    """
+
+    value: Callable[[Row], Cell]
+    file: str = ""
+    screen: str = ""
+    report: str = ""
+    digits: int = 4
+    show: Callable[[float], str] | None = None
+    missing: str = ""
+    error: Callable[[Row], float | None] | None = None
+
+
+def tabulate[Row](name: str, columns: Sequence[Column[Row]], rows: Iterable[Row]) -> PlainTable:
+    """The columns of a table that files have.
+
+    Args:
+        name: Stem of the file.
+        columns: Of the table.
+        rows: As the columns take them.
+    """
+    kept = [column for column in columns if column.file]
+    headings = tuple(column.file for column in kept)
+    return PlainTable(
+        name, headings, tuple(tuple(column.value(row) for column in kept) for row in rows)
+    )
+
+
+def show_percent(share: float) -> str:
+    """A share in per cent, to a tenth."""
+    return f"{100.0 * share:.1f} %"
+
+
+def show_deviation(value: float) -> str:
+    """A deviation in micrometres or microradians: four digits, and zero below a picometre."""
+    return "0" if abs(value) < 1e-6 else f"{value:.4g}"
+
+
+def encode_csv(table: PlainTable) -> bytes:
+    """A table as CSV (RFC 4180) in UTF-8. A text that a spreadsheet would take for a formula gets
+    an apostrophe before it.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(table.headings)
+    writer.writerows([_cell(value) for value in row] for row in table.rows)
+    return text.getvalue().encode()
+
+
+def _cell(value: Cell) -> Cell:
+    if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r"):
+        return f"'{value}"
+    return "" if value is None else value
