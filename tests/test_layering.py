@@ -80,12 +80,13 @@ ROOMS: dict[str, dict[str, set[str]]] = {
     },
     "app": {
         "texts": set(),
+        "tables": {"texts"},
         "pictures": set(),
-        "terminal": {"texts", "pictures"},
-        "charts": {"texts", "pictures"},
-        "report": {"texts", "pictures"},
-        "actions": {"texts", "pictures", "terminal", "charts", "report"},
-        "commands": {"texts", "pictures", "terminal", "charts", "report", "actions"},
+        "terminal": {"texts", "tables", "pictures"},
+        "charts": {"texts", "tables", "pictures"},
+        "report": {"texts", "tables", "pictures"},
+        "actions": {"texts", "tables", "pictures", "terminal", "charts", "report"},
+        "commands": {"texts", "tables", "pictures", "terminal", "charts", "report", "actions"},
     },
 }
 MOST_MODULES = 24  # in a folder: what is longer is no longer seen at a glance

@@ -18,11 +18,11 @@ from mpi4py import MPI
 from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.charts.comparison import draw_comparison
 from headstock.app.report.pages import render_comparison
+from headstock.app.tables.comparison import comparison_csv, tabulate_lines
+from headstock.app.tables.table import encode_csv
 from headstock.app.terminal.comparison import print_comparison, print_effort, print_variant
 from headstock.app.terminal.console import print_remarks, warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE, FAILED
-from headstock.app.texts.comparison import comparison_csv, tabulate_lines
-from headstock.app.texts.tables.table import encode_csv
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.storage.json_texts import dump_summary

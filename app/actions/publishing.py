@@ -18,12 +18,12 @@ from headstock.app.pictures.pictures import (
     stills_by_pose,
 )
 from headstock.app.report.report import Stills, Worth, render_report, write_report
+from headstock.app.tables.frf import tabulate_response
+from headstock.app.tables.path import tabulate_path
+from headstock.app.tables.run import list_tables
+from headstock.app.tables.table import encode_csv
+from headstock.app.tables.transient import tabulate_transient
 from headstock.app.terminal.console import print_remarks
-from headstock.app.texts.tables.frf import tabulate_response
-from headstock.app.texts.tables.path import tabulate_path
-from headstock.app.texts.tables.run import list_tables
-from headstock.app.texts.tables.table import encode_csv
-from headstock.app.texts.tables.transient import tabulate_transient
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.path import PathCurves
 from headstock.pipeline.answers.transient import TransientCurves

@@ -14,6 +14,7 @@ import headstock.validation
 from headstock.app.actions.running import require_ranks
 from headstock.app.charts.refinement import draw_refinement
 from headstock.app.charts.study import draw_costs, draw_study
+from headstock.app.tables.table import encode_csv
 from headstock.app.terminal.console import print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.refinement import list_statements, print_refinement, refinement_tables
@@ -27,7 +28,6 @@ from headstock.app.terminal.study import (
     print_study,
     study_csv,
 )
-from headstock.app.texts.tables.table import encode_csv
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output

@@ -16,6 +16,8 @@ from headstock.app.actions.cluster_jobs import ClusterRequest, sweep_on_slurm
 from headstock.app.actions.running import require_ranks
 from headstock.app.charts.sweep import draw_sweep
 from headstock.app.report.pages import render_sweep
+from headstock.app.tables.sweep_quantities import tabulate_sweep
+from headstock.app.tables.table import encode_csv
 from headstock.app.terminal.console import (
     counted,
     make_console,
@@ -25,8 +27,6 @@ from headstock.app.terminal.console import (
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.summary import print_stage
 from headstock.app.terminal.sweep import print_sweep, print_sweep_header
-from headstock.app.texts.sweep_quantities import tabulate_sweep
-from headstock.app.texts.tables.table import encode_csv
 from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.storage.json_texts import dump_json, dump_summary
 from headstock.pipeline.storage.outputs import (

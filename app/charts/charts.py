@@ -18,6 +18,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
+from headstock.app.tables.static import sort_shares, static_by_pose
 from headstock.app.texts.curves import (
     MOST_FIELDS,
     broken_phase,
@@ -27,7 +28,6 @@ from headstock.app.texts.curves import (
     response_unit,
     round_ticks,
 )
-from headstock.app.texts.tables.static import sort_shares, static_by_pose
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.modal import ModesSummary

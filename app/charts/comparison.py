@@ -18,8 +18,8 @@ from headstock.app.charts.charts import (
     encode_figure,
     new_figure,
 )
+from headstock.app.tables.comparison import alike_rigid_modes, list_points, row_frequencies
 from headstock.app.texts.bounded_values import show_digits
-from headstock.app.texts.comparison import alike_rigid_modes, list_points, row_frequencies
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.results.views import COLORS

@@ -3,7 +3,7 @@
 import numpy as np
 
 from headstock.app.charts.charts import INK, calm_axes, encode_figure, line_style, new_figure
-from headstock.app.texts.sweep_quantities import Quantity, list_quantities
+from headstock.app.tables.sweep_quantities import Quantity, list_quantities
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.results.views import COLORS

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from PIL import Image
 
 from headstock.app.report import svg
-from headstock.app.texts.tables.static import sort_shares
+from headstock.app.tables.static import sort_shares
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.control import ControlSummary

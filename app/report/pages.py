@@ -12,13 +12,13 @@ from markupsafe import Markup
 
 from headstock.app.report.report import STYLE, Worth, read_asset, report_environment
 from headstock.app.report.viewer_data import script_json
-from headstock.app.texts.comparison import (
+from headstock.app.tables.comparison import (
     alike_rigid_modes,
     comparison_csv,
     list_points,
     variant_error_words,
 )
-from headstock.app.texts.model_answers import (
+from headstock.app.tables.model_answers import (
     CANNOT,
     cannot_words,
     cost_rows,
@@ -29,7 +29,7 @@ from headstock.app.texts.model_answers import (
     show_change,
     verdict_words,
 )
-from headstock.app.texts.sweep_quantities import limit_words, list_quantities, sampled_error_words
+from headstock.app.tables.sweep_quantities import limit_words, list_quantities, sampled_error_words
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.studies import SweepKind

@@ -32,6 +32,43 @@ from headstock.app.report.path import draw_contour, draw_path
 from headstock.app.report.transient import draw_transient
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
 from headstock.app.report.volumetric import draw_motions, draw_volume, list_maps
+from headstock.app.tables.components import COMPONENT_COLUMNS, JOINT_COLUMNS, MODEL_COLUMNS
+from headstock.app.tables.contouring import FACE_COLUMNS, contour_words, list_faces
+from headstock.app.tables.control import DRIVE_COLUMNS, POLE_COLUMNS
+from headstock.app.tables.frf import DRIVE_POINT_COLUMNS, list_channels, tabulate_response
+from headstock.app.tables.lobes import (
+    LOBE_COLUMNS,
+    LOWEST_LOBE_COLUMNS,
+    list_lobes,
+    list_lowest_lobes,
+)
+from headstock.app.tables.modes import ModeRow, list_modes
+from headstock.app.tables.path import (
+    CRUISE_COLUMNS,
+    ZONE_COLUMNS,
+    list_cruises,
+    list_zones,
+    path_stem,
+)
+from headstock.app.tables.run import list_tables
+from headstock.app.tables.static import (
+    DEVIATION_COLUMNS,
+    PROBE_COLUMNS,
+    list_displacements,
+    merge_families,
+    shared_budget,
+    static_by_pose,
+    top_shares,
+)
+from headstock.app.tables.table import Column, encode_csv
+from headstock.app.tables.transient import MOVED_COLUMNS, list_moved, transient_stem
+from headstock.app.tables.volumetric import (
+    LINE_COLUMNS,
+    SQUARENESS_COLUMNS,
+    list_lines,
+    list_ranges,
+    volumetric_words,
+)
 from headstock.app.texts.bounded_values import (
     error_words,
     largest_shares,
@@ -47,43 +84,6 @@ from headstock.app.texts.bounded_values import (
     transient_words,
 )
 from headstock.app.texts.curves import overlaid_responses
-from headstock.app.texts.tables.components import COMPONENT_COLUMNS, JOINT_COLUMNS, MODEL_COLUMNS
-from headstock.app.texts.tables.contouring import FACE_COLUMNS, contour_words, list_faces
-from headstock.app.texts.tables.control import DRIVE_COLUMNS, POLE_COLUMNS
-from headstock.app.texts.tables.frf import DRIVE_POINT_COLUMNS, list_channels, tabulate_response
-from headstock.app.texts.tables.lobes import (
-    LOBE_COLUMNS,
-    LOWEST_LOBE_COLUMNS,
-    list_lobes,
-    list_lowest_lobes,
-)
-from headstock.app.texts.tables.modes import ModeRow, list_modes
-from headstock.app.texts.tables.path import (
-    CRUISE_COLUMNS,
-    ZONE_COLUMNS,
-    list_cruises,
-    list_zones,
-    path_stem,
-)
-from headstock.app.texts.tables.run import list_tables
-from headstock.app.texts.tables.static import (
-    DEVIATION_COLUMNS,
-    PROBE_COLUMNS,
-    list_displacements,
-    merge_families,
-    shared_budget,
-    static_by_pose,
-    top_shares,
-)
-from headstock.app.texts.tables.table import Column, encode_csv
-from headstock.app.texts.tables.transient import MOVED_COLUMNS, list_moved, transient_stem
-from headstock.app.texts.tables.volumetric import (
-    LINE_COLUMNS,
-    SQUARENESS_COLUMNS,
-    list_lines,
-    list_ranges,
-    volumetric_words,
-)
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.estimates import show_share

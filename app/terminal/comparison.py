@@ -6,14 +6,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from headstock.app.terminal.console import (
-    WIDTH_WITHOUT_TERMINAL,
-    make_console,
-    make_table,
-    print_table,
-)
-from headstock.app.texts.bounded_values import show_bound, show_bounded, show_digits
-from headstock.app.texts.comparison import (
+from headstock.app.tables.comparison import (
     STEP_NAMES,
     alike_rigid_modes,
     describe_store,
@@ -22,7 +15,7 @@ from headstock.app.texts.comparison import (
     row_frequencies,
     variant_error_words,
 )
-from headstock.app.texts.model_answers import (
+from headstock.app.tables.model_answers import (
     CANNOT,
     MISSING,
     ModelRow,
@@ -35,6 +28,13 @@ from headstock.app.texts.model_answers import (
     show_change,
     verdict_words,
 )
+from headstock.app.terminal.console import (
+    WIDTH_WITHOUT_TERMINAL,
+    make_console,
+    make_table,
+    print_table,
+)
+from headstock.app.texts.bounded_values import show_bound, show_bounded, show_digits
 from headstock.geometry.frames import DIRECTIONS
 from headstock.studies.comparison_summary import (
     ComparisonSummary,

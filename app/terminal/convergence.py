@@ -9,6 +9,7 @@ from typing import NotRequired, TypedDict
 
 from rich.console import Console
 
+from headstock.app.tables.table import Cell, PlainTable, encode_csv
 from headstock.app.terminal.console import (
     add_row,
     counted,
@@ -19,7 +20,6 @@ from headstock.app.terminal.console import (
     spaced,
 )
 from headstock.app.texts.bounded_values import show_bound, show_bounded
-from headstock.app.texts.tables.table import Cell, PlainTable, encode_csv
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.studies import describe_point
 from headstock.studies.parameters.convergence import (

@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from headstock.app.tables.table import PlainTable
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
-from headstock.app.texts.tables.table import PlainTable
 from headstock.validation.references.rows import verdict
 from headstock.validation.refinement.points import KINDS, RefinementPoint, ndof_within, pick_series
 from headstock.validation.refinement.references import Group, ReferenceBeam

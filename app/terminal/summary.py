@@ -7,6 +7,32 @@ from collections.abc import Iterable, Mapping, Sequence
 from rich.console import Console
 from rich.table import Table
 
+from headstock.app.tables.components import COMPONENT_COLUMNS, JOINT_COLUMNS, MODEL_COLUMNS
+from headstock.app.tables.contouring import FACE_COLUMNS, contour_words, list_faces
+from headstock.app.tables.control import DRIVE_COLUMNS, POLE_COLUMNS
+from headstock.app.tables.frf import DRIVE_POINT_COLUMNS, list_channels
+from headstock.app.tables.lobes import LOWEST_LOBE_COLUMNS, list_lowest_lobes
+from headstock.app.tables.modes import list_modes
+from headstock.app.tables.path import CRUISE_COLUMNS, ZONE_COLUMNS, list_cruises, list_zones
+from headstock.app.tables.static import (
+    DEVIATION_COLUMNS,
+    PROBE_COLUMNS,
+    list_displacements,
+    merge_families,
+    shared_budget,
+    sort_shares,
+    static_by_pose,
+    top_shares,
+)
+from headstock.app.tables.table import Column
+from headstock.app.tables.transient import MOVED_COLUMNS, list_moved
+from headstock.app.tables.volumetric import (
+    LINE_COLUMNS,
+    SQUARENESS_COLUMNS,
+    list_lines,
+    list_ranges,
+    volumetric_words,
+)
 from headstock.app.terminal.console import (
     add_row,
     counted,
@@ -31,32 +57,6 @@ from headstock.app.texts.bounded_values import (
     show_size,
     show_span,
     transient_words,
-)
-from headstock.app.texts.tables.components import COMPONENT_COLUMNS, JOINT_COLUMNS, MODEL_COLUMNS
-from headstock.app.texts.tables.contouring import FACE_COLUMNS, contour_words, list_faces
-from headstock.app.texts.tables.control import DRIVE_COLUMNS, POLE_COLUMNS
-from headstock.app.texts.tables.frf import DRIVE_POINT_COLUMNS, list_channels
-from headstock.app.texts.tables.lobes import LOWEST_LOBE_COLUMNS, list_lowest_lobes
-from headstock.app.texts.tables.modes import list_modes
-from headstock.app.texts.tables.path import CRUISE_COLUMNS, ZONE_COLUMNS, list_cruises, list_zones
-from headstock.app.texts.tables.static import (
-    DEVIATION_COLUMNS,
-    PROBE_COLUMNS,
-    list_displacements,
-    merge_families,
-    shared_budget,
-    sort_shares,
-    static_by_pose,
-    top_shares,
-)
-from headstock.app.texts.tables.table import Column
-from headstock.app.texts.tables.transient import MOVED_COLUMNS, list_moved
-from headstock.app.texts.tables.volumetric import (
-    LINE_COLUMNS,
-    SQUARENESS_COLUMNS,
-    list_lines,
-    list_ranges,
-    volumetric_words,
 )
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.lobes import LobesSummary

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from rich.table import Table
 
+from headstock.app.tables.sweep_quantities import limit_words, sampled_error_words
 from headstock.app.terminal.console import (
     add_row,
     counted,
@@ -16,7 +17,6 @@ from headstock.app.terminal.console import (
     print_table,
 )
 from headstock.app.texts.bounded_values import show_bound
-from headstock.app.texts.sweep_quantities import limit_words, sampled_error_words
 from headstock.geometry.frames import FloatArray
 from headstock.scene.studies import describe_positions, moving_axes
 from headstock.studies.sweeps.files import PointMapSummary, SweepSummary

@@ -17,7 +17,7 @@ from headstock.app.command_line import main
 from headstock.app.pictures import pictures
 from headstock.app.pictures.pictures import draw_machine
 from headstock.app.pictures.scenes import rest_picture
-from headstock.app.texts.tables.table import PlainTable, encode_csv
+from headstock.app.tables.table import PlainTable, encode_csv
 from headstock.geometry.frames import Frame
 from headstock.geometry.parts.solid_skins import box_skin
 from headstock.pipeline.results.files import read_summary, read_view

@@ -17,8 +17,8 @@ from headstock.app.charts.charts import draw_responses
 from headstock.app.command_line import main
 from headstock.app.report.frf import draw_response
 from headstock.app.report.report import render_report
-from headstock.app.texts.tables.frf import tabulate_response
-from headstock.app.texts.tables.table import encode_csv
+from headstock.app.tables.frf import tabulate_response
+from headstock.app.tables.table import encode_csv
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.results.files import read_curves, read_summary, read_view
 from headstock.solvers.second_order import ComplexArray

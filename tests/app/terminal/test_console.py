@@ -9,6 +9,8 @@ import pytest
 from rich.console import Console
 
 from common import sketch
+from headstock.app.tables.run import list_tables
+from headstock.app.tables.static import shared_budget
 from headstock.app.terminal.console import add_row, make_table, print_table
 from headstock.app.terminal.summary import describe_position, print_summary
 from headstock.app.texts.bounded_values import (
@@ -19,8 +21,6 @@ from headstock.app.texts.bounded_values import (
     show_damped,
     show_damping,
 )
-from headstock.app.texts.tables.run import list_tables
-from headstock.app.texts.tables.static import shared_budget
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.results.summary import RunSummary
 

@@ -8,9 +8,9 @@ import h5py
 import numpy as np
 import pytest
 
+from headstock.app.tables.frf import tabulate_response
+from headstock.app.tables.table import encode_csv
 from headstock.app.texts.bounded_values import response_error_words
-from headstock.app.texts.tables.frf import tabulate_response
-from headstock.app.texts.tables.table import encode_csv
 from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION
 from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves, fill_curves, parse_curves
 

@@ -10,7 +10,7 @@ import pytest
 
 from headstock.app.report.milled_faces import draw_milled_faces
 from headstock.app.report.path import draw_contour
-from headstock.app.texts.tables.contouring import (
+from headstock.app.tables.contouring import (
     contour_words,
     list_faces,
     tabulate_contour,

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 from headstock.app.report.report import render_report
-from headstock.app.texts.tables.frf import tabulate_response
+from headstock.app.tables.frf import tabulate_response
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse

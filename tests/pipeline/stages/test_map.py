@@ -9,8 +9,8 @@ import pytest
 from mpi4py import MPI
 
 from headstock.app.report.figures import draw_map, map_layers, map_values
-from headstock.app.texts.tables.map import tabulate_map
-from headstock.app.texts.tables.run import list_tables
+from headstock.app.tables.map import tabulate_map
+from headstock.app.tables.run import list_tables
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.map import map_workspace

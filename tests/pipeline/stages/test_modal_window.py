@@ -9,7 +9,7 @@ import pytest
 import scipy.linalg
 from mpi4py import MPI
 
-from headstock.app.texts.tables.modes import list_modes
+from headstock.app.tables.modes import list_modes
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.mode_files import write_mode_files
 from headstock.pipeline.results.results import Results

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from common import present
 from headstock.app.report.report import render_report
-from headstock.app.texts.tables.transient import tabulate_transient
+from headstock.app.tables.transient import tabulate_transient
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse

@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from headstock.app.report.report import render_report
-from headstock.app.texts.tables.run import list_tables
+from headstock.app.tables.run import list_tables
 from headstock.geometry.machine.machine import Pose
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.results.files import RESULTS_FILE

@@ -10,7 +10,7 @@ import pytest
 from mpi4py import MPI
 
 from headstock.app.charts.sweep import draw_sweep
-from headstock.app.texts.sweep_quantities import limit_words
+from headstock.app.tables.sweep_quantities import limit_words
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import PoseLobes
 from headstock.pipeline.runner import run_scene

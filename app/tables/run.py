@@ -1,17 +1,17 @@
 """Every table of a run, for its CSV files."""
 
-from headstock.app.texts.tables.components import COMPONENT_COLUMNS, JOINT_COLUMNS, MODEL_COLUMNS
-from headstock.app.texts.tables.contouring import (
+from headstock.app.tables.components import COMPONENT_COLUMNS, JOINT_COLUMNS, MODEL_COLUMNS
+from headstock.app.tables.contouring import (
     FACE_COLUMNS,
     list_faces,
     tabulate_contour,
     tabulate_profiles,
 )
-from headstock.app.texts.tables.control import POLE_COLUMNS
-from headstock.app.texts.tables.lobes import LOBE_COLUMNS, list_lobes, tabulate_limits
-from headstock.app.texts.tables.map import tabulate_map
-from headstock.app.texts.tables.modes import tabulate_modes
-from headstock.app.texts.tables.static import (
+from headstock.app.tables.control import POLE_COLUMNS
+from headstock.app.tables.lobes import LOBE_COLUMNS, list_lobes, tabulate_limits
+from headstock.app.tables.map import tabulate_map
+from headstock.app.tables.modes import tabulate_modes
+from headstock.app.tables.static import (
     DEVIATION_COLUMNS,
     PROBE_COLUMNS,
     list_displacements,
@@ -20,9 +20,9 @@ from headstock.app.texts.tables.static import (
     tabulate_compliance,
     tabulate_whole_compliance,
 )
-from headstock.app.texts.tables.table import PlainTable, tabulate
-from headstock.app.texts.tables.transient import MOVED_COLUMNS, list_moved
-from headstock.app.texts.tables.volumetric import LINE_COLUMNS, list_lines
+from headstock.app.tables.table import PlainTable, tabulate
+from headstock.app.tables.transient import MOVED_COLUMNS, list_moved
+from headstock.app.tables.volumetric import LINE_COLUMNS, list_lines
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import RunSummary
 

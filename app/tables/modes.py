@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from headstock.app.tables.table import PlainTable
 from headstock.app.texts.bounded_values import bound_size
-from headstock.app.texts.tables.table import PlainTable
 from headstock.pipeline.answers.modal import ModesSummary
 from headstock.pipeline.results.mode_files import file_stem
 

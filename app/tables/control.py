@@ -2,8 +2,8 @@
 
 from typing import Literal
 
+from headstock.app.tables.table import Cell, Column
 from headstock.app.texts.bounded_values import show_damping
-from headstock.app.texts.tables.table import Cell, Column
 from headstock.pipeline.answers.control import DriveSummary, PoleSummary
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
-from headstock.app.texts.tables.table import Column, PlainTable
+from headstock.app.tables.table import Column, PlainTable
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.contouring import ContourSummary, FaceSummary
 from headstock.pipeline.answers.milled_faces import MilledFaceSummary

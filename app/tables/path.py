@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from headstock.app.texts.tables.table import Column, PlainTable, show_deviation
+from headstock.app.tables.table import Column, PlainTable, show_deviation
 from headstock.pipeline.answers.path import (
     CruiseSummary,
     FeedSummary,

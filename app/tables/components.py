@@ -1,6 +1,6 @@
 """Rows of components, joints and models of bodies."""
 
-from headstock.app.texts.tables.table import Column, show_percent
+from headstock.app.tables.table import Column, show_percent
 from headstock.pipeline.answers.accuracy import BodyModelSummary
 from headstock.pipeline.answers.interfaces import JointShapesSummary
 from headstock.pipeline.results.summary import ComponentSummary

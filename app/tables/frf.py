@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
+from headstock.app.tables.table import Column, PlainTable, show_percent
 from headstock.app.texts.bounded_values import show_digits
 from headstock.app.texts.curves import name_entry, response_unit_si
-from headstock.app.texts.tables.table import Column, PlainTable, show_percent
 from headstock.pipeline.answers.frf import DrivePointSummary, ResponseCurves, ResponseSummary
 from headstock.pipeline.results.mode_files import file_stem
 

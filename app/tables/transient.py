@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from headstock.app.texts.tables.table import Cell, Column, PlainTable, show_percent
+from headstock.app.tables.table import Cell, Column, PlainTable, show_percent
 from headstock.pipeline.answers.path import (
     deviation_unit,
 )

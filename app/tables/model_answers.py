@@ -5,10 +5,10 @@ costs, what a simpler model is good for and what it cannot answer.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from headstock.app.tables.comparison import describe_store, list_points
+from headstock.app.tables.static import sort_shares
 from headstock.app.texts.bounded_values import show_bound, show_bounded, show_digits
-from headstock.app.texts.comparison import describe_store, list_points
 from headstock.app.texts.curves import name_entry, response_unit
-from headstock.app.texts.tables.static import sort_shares
 from headstock.geometry.frames import DIRECTIONS
 from headstock.reduction.motions.body_motions import name_families
 from headstock.solvers.second_order import Channel

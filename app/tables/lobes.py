@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from headstock.app.texts.tables.table import Column, PlainTable, show_percent
+from headstock.app.tables.table import Column, PlainTable, show_percent
 from headstock.pipeline.answers.lobes import DirectionSummary, LobesSummary, LobeSummary
 from headstock.pipeline.results.mode_files import file_stem
 

@@ -5,9 +5,9 @@ for CSV files.
 from collections.abc import Mapping
 from dataclasses import replace
 
+from headstock.app.tables.frf import tabulate_response
+from headstock.app.tables.table import PlainTable, encode_csv
 from headstock.app.texts.bounded_values import bound_size, error_words, largest_shares, show_size
-from headstock.app.texts.tables.frf import tabulate_response
-from headstock.app.texts.tables.table import PlainTable, encode_csv
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.reduction.motions.mode_naming import WHOLE_MACHINE

@@ -2,7 +2,7 @@
 
 from itertools import product
 
-from headstock.app.texts.tables.table import PlainTable
+from headstock.app.tables.table import PlainTable
 from headstock.pipeline.answers.map import Grid, GridSummary
 
 

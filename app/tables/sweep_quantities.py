@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.app.texts.tables.table import PlainTable
+from headstock.app.tables.table import PlainTable
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import show_position
 from headstock.studies.sweeps.files import SweepSummary

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from headstock.app.tables.table import Cell, Column, PlainTable, show_deviation, show_percent
 from headstock.app.texts.bounded_values import bound_size
-from headstock.app.texts.tables.table import Cell, Column, PlainTable, show_deviation, show_percent
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.static import PointSummary, ProbeSummary
 from headstock.pipeline.results.summary import RunSummary

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from headstock.app.texts.tables.static import DeviationRow
-from headstock.app.texts.tables.table import Column, show_deviation
+from headstock.app.tables.static import DeviationRow
+from headstock.app.tables.table import Column, show_deviation
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.volumetric import (
     SYMBOLS,
