@@ -91,6 +91,7 @@ def assert_same(one: Any, two: Any, *, but: tuple[str, ...] = ()) -> None:
         assert two == expected
 
 
+@pytest.mark.trials
 def test_the_starts_of_a_fit_dealt_out_to_ranks_are_those_of_one(
     scene: Path, tmp_path: Path
 ) -> None:
@@ -103,6 +104,7 @@ def test_the_starts_of_a_fit_dealt_out_to_ranks_are_those_of_one(
     assert files[0] == files[1]
 
 
+@pytest.mark.trials
 def test_the_trials_of_effects_dealt_out_to_ranks_are_those_of_one(
     scene: Path, tmp_path: Path
 ) -> None:

@@ -252,6 +252,7 @@ elements = 5000
 """
 
 
+@pytest.mark.trials
 def test_the_points_of_a_study_dealt_out_to_ranks_are_those_of_one_rank(
     scene_file: Path, tmp_path: Path
 ) -> None:
@@ -277,6 +278,7 @@ def test_the_points_of_a_study_dealt_out_to_ranks_are_those_of_one_rank(
         assert found_hz == pytest.approx(expected_hz, rel=1e-10)
 
 
+@pytest.mark.trials
 def test_a_component_that_fails_ends_all_ranks_with_the_message_of_one(
     scene_file: Path, tmp_path: Path
 ) -> None:

@@ -71,6 +71,7 @@ def frequencies(path: Path, folder: Path, size: str, *settings: str) -> list[flo
     return [float(hz) for hz in summary["modal"][0]["frequencies_hz"]]
 
 
+@pytest.mark.trials
 @pytest.mark.slow
 def test_limits_cover_a_fine_mesh_of_another_kind_and_the_needed_mesh_is_as_good_as_asked(
     scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -95,6 +96,7 @@ def test_limits_cover_a_fine_mesh_of_another_kind_and_the_needed_mesh_is_as_good
     assert max(abs(a / b - 1.0) for a, b in zip(tried, finest, strict=True)) <= 0.013
 
 
+@pytest.mark.trials
 def test_meshes_of_several_parts_shrink_together_and_limits_cover_a_finer_mesh(
     scene_file: Path, tmp_path: Path
 ) -> None:

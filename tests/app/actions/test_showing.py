@@ -264,6 +264,7 @@ def test_a_new_scene_of_a_part_checks_and_holds_a_copy_of_it(
     assert "next: 'my clone/headstock' run mine/mine.toml" in capsys.readouterr().out
 
 
+@pytest.mark.trials
 def test_suggestions_left_as_comments_are_valid_when_the_comment_signs_go(folder: Path) -> None:
     assert main(["new", "mine", "--part", str(SUPPORT)]) == 0
     path = folder / "mine" / "mine.toml"
@@ -376,6 +377,7 @@ def write_support_mesh(folder: Path, name: str) -> Path:
     return folder / name
 
 
+@pytest.mark.trials
 def test_a_part_from_a_mesh_takes_the_three_commands_of_a_step_part(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -221,6 +221,7 @@ def test_interfaces_of_different_size_are_named_and_the_run_goes_on(folder: Path
     assert summarise(found)["interface_errors"]["joints"] == {}
 
 
+@pytest.mark.trials
 def test_an_accuracy_gives_a_joint_the_shapes_it_needs(folder: Path, whole: Results) -> None:
     body = HALVES.replace("COUPLING", 'coupling = { flexible = "auto", form = "weak" }')
     head = HEAD.replace("TIP", "upper.tip").replace("interface_errors = true", 'accuracy = "4 %"')

@@ -126,6 +126,7 @@ def test_every_number_is_within_the_accuracy_and_only_what_owns_the_error_was_re
     assert summarise(results)["accuracy"]["rounds"][0]["owner"] == "column"
 
 
+@pytest.mark.trials
 def test_what_does_not_fit_the_memory_is_said_with_the_best_that_was_reached(
     tmp_path: Path,
 ) -> None:

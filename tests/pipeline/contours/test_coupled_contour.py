@@ -193,6 +193,7 @@ def check_waves(state: RunState, request: ContouringRequest, within: float) -> N
     assert growth[0.95] < 1.0 < growth[1.05]
 
 
+@pytest.mark.trials
 def test_waves_decay_below_the_limit_of_semi_discretisation_and_grow_above(tmp_path: Path) -> None:
     state = build_state(tmp_path, MILL, settings=('analyses.contouring.side="80 mm"',))
     request = dataclasses.replace(request_of(state), regeneration=True, follows_pose=False)

@@ -81,6 +81,7 @@ def test_a_block_has_the_frequencies_of_fine_finite_elements(coupling: str, with
     assert np.abs(np.diag(condensed(element)) / np.diag(condensed(meshed)) - 1.0).max() < 2 * within
 
 
+@pytest.mark.trials
 @pytest.mark.fem
 def test_the_estimate_covers_what_rigid_faces_leave_out() -> None:
     block = part(BOX, "rigid")

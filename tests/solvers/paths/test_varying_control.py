@@ -246,6 +246,7 @@ def test_a_changing_machine_follows_an_integrator_in_absolute_coordinates() -> N
     np.testing.assert_allclose(found.total[:, 0], reference, atol=2e-3 * effect)
 
 
+@pytest.mark.trials
 def test_with_friction_it_follows_that_integrator_too() -> None:
     case = Case(friction=LAW)
     times = samples(500.0)
