@@ -203,9 +203,8 @@ def _note_machine(folder: Path) -> None:
         for line in Path("/proc/cpuinfo").read_text().splitlines()
         if line.startswith("model name")
     ]
-    machine = (
-        f"{len(os.sched_getaffinity(0))} cores of {models[0] if models else platform.machine()}"
-    )
+    cores = len(os.sched_getaffinity(0))
+    machine = f"{cores} core{'s' * (cores > 1)} of {models[0] if models else platform.machine()}"
     with (folder / "machines.jsonl").open("a", encoding="utf-8") as file:
         file.write(json.dumps({"machine": machine, "load": os.getloadavg()[0]}) + "\n")
 
@@ -229,16 +228,17 @@ def _write_page(folder: Path) -> None:
         for case in CASES
         if (file := folder / case.name / "study.json").exists()
     }
-    repeats = min(study["repeats"] for study in studies.values())
+    repeats = sorted({study["repeats"] for study in studies.values()})
     text = [HEAD, f"Machine: {_describe_machines(folder)}; one BLAS thread, one rank;"]
-    text += ["one run each." if repeats == 1 else f"medians of {repeats} runs.", ""]
+    spread = " to ".join(str(count) for count in dict.fromkeys((repeats[0], repeats[-1])))
+    text += [f"medians of {spread} runs, as each heading says.", ""]
     missing = [f"`{case.name}`" for case in CASES if case not in studies]
     text += [f"Not finished: {', '.join(missing)}.", ""] if missing else []
     text += [*_automatic(studies), ""]
     text += [*_teams(folder), ""]
     for case, study in studies.items():
         text += [
-            f"## {case.title} (`{case.name}`)",
+            f"## {case.title} (`{case.name}`, {study['repeats']} run{'s' * (study['repeats'] > 1)})",
             "",
             *_picture(case, folder),
             *_cheapest(study),
