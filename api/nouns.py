@@ -1,10 +1,10 @@
 """The nouns a machine is built of in Python, each a table of the scene (docs/scene_reference.md)."""
 
 from headstock.machine import Noun
+from headstock.scene.expansion.catalogue import fill_joint
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings
 from headstock.scene.schema.axes import AxisTable, PointTable
-from headstock.scene.schema.catalogue import fill_joint
 from headstock.scene.schema.components import (
     ComponentTable,
     InterfaceTable,

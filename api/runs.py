@@ -36,10 +36,10 @@ from headstock.pipeline.storage.outputs import claim_output, remove_outputs, rep
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice, trace_content
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene, prepare_sweep
+from headstock.scene.expansion.includes import scene_content
 from headstock.scene.reading.findings import Findings, SceneError, suggest_names
 from headstock.scene.reading.toml_text import write_toml
 from headstock.scene.scene import Scene, keep_analyses, list_analyses, require_name
-from headstock.scene.schema.includes import scene_content
 from headstock.scene.studies import Study, StudyFamily
 from headstock.solvers.errors import ModelError
 from headstock.solvers.ranks import make_on_root, share_from_root

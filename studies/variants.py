@@ -40,10 +40,10 @@ from headstock.reduction.motions.compliance_budget import (
 from headstock.reduction.motions.mode_naming import NamedModes, name_modes
 from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
+from headstock.scene.expansion.overrides import AS_WRITTEN
 from headstock.scene.reading.findings import Problem, SceneError
 from headstock.scene.requests import Analyses, ModalRequest
 from headstock.scene.scene import Scene, deforming_parts
-from headstock.scene.schema.overrides import AS_WRITTEN
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.frequency_response import FrfModel
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal

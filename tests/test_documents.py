@@ -13,7 +13,7 @@ from headstock.app.actions.cataloguing import render_catalogue
 from headstock.app.actions.editor_schema import plain_schema, rules_in, targets_schema
 from headstock.app.actions.scene_reference import render_reference
 from headstock.pipeline.results.files import read_mesh, read_summary
-from headstock.scene.schema.catalogue import read_catalogue
+from headstock.scene.expansion.catalogue import read_catalogue
 from headstock.scene.schema.key_notes import NOTES
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -12,15 +12,15 @@ from headstock.app.terminal.console import add_row, make_console, make_table, pr
 from headstock.pipeline.storage.json_texts import JsonValue, dump_json
 from headstock.pipeline.storage.outputs import write_output
 from headstock.scene.building.joints import KINDS
-from headstock.scene.reading.files import TomlTable
-from headstock.scene.reading.toml_text import write_value
-from headstock.scene.schema.catalogue import (
+from headstock.scene.expansion.catalogue import (
     CATALOGUE,
     FROM,
     CatalogueEntry,
     nearest_names,
     read_catalogue,
 )
+from headstock.scene.reading.files import TomlTable
+from headstock.scene.reading.toml_text import write_value
 
 INTRODUCTION = """\
 # Catalogue of machine elements

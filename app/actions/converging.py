@@ -37,8 +37,8 @@ from headstock.pipeline.storage.outputs import (
 )
 from headstock.pipeline.storage.provenance import SceneChoice, trace_content
 from headstock.scene.building.loader import load_scene
+from headstock.scene.expansion.includes import scene_content
 from headstock.scene.scene import Scene
-from headstock.scene.schema.includes import scene_content
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.parameters.convergence import (
     Convergence,

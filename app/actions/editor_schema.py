@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from headstock.pipeline.storage.json_texts import JsonTable, JsonValue
 from headstock.scene.building.joints import KINDS
-from headstock.scene.schema.catalogue import BEARINGS, CATALOGUE, FROM, read_catalogue
+from headstock.scene.expansion.catalogue import BEARINGS, CATALOGUE, FROM, read_catalogue
 from headstock.scene.schema.key_notes import NOTES
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.types import StrictTable

@@ -28,10 +28,10 @@ from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
+from headstock.scene.expansion.overrides import VARIANT_JOINER
 from headstock.scene.reading.findings import SceneError, suggest_names
 from headstock.scene.scene import Scene
 from headstock.scene.schema.effects import EFFECT_NAMES
-from headstock.scene.schema.overrides import VARIANT_JOINER
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.answers import UNITS, Change
 from headstock.studies.effects import (

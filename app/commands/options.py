@@ -202,8 +202,8 @@ def trace_command(choice: "SceneChoice", *, ranks: int = 1, with_host: bool) -> 
         with_host: State host and command line.
     """
     from headstock.pipeline.storage.provenance import trace_content
+    from headstock.scene.expansion.includes import scene_content
     from headstock.scene.reading.findings import SceneError
-    from headstock.scene.schema.includes import scene_content
 
     if not choice.path.is_file():
         return None

@@ -208,7 +208,7 @@ def schema(
 
 
 def _list_elements() -> list[str]:
-    from headstock.scene.schema.catalogue import read_catalogue
+    from headstock.scene.expansion.catalogue import read_catalogue
 
     return list(read_catalogue())
 

@@ -9,11 +9,11 @@ from pathlib import Path
 from headstock.geometry.machine.joints import GROUND, JointEnd
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES
 from headstock.geometry.parts.solids import Solid
+from headstock.scene.expansion.overrides import split_variant
 from headstock.scene.reading.axis_paths import AxisPath
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.schema.overrides import split_variant
 from headstock.scene.schema.scene import SceneTable
 
 

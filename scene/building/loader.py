@@ -77,6 +77,15 @@ from headstock.scene.building.studies import (
 )
 from headstock.scene.building.transient import build_transient, check_transient
 from headstock.scene.building.volumetric import build_volumetric, check_volumetric
+from headstock.scene.expansion.expansion import expand_scene
+from headstock.scene.expansion.includes import INCLUDE, read_with_includes
+from headstock.scene.expansion.overrides import (
+    VARIANT_JOINER,
+    apply_settings,
+    apply_values,
+    apply_variant,
+)
+from headstock.scene.expansion.parameters import check_parameters
 from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import Analyses
@@ -88,15 +97,6 @@ from headstock.scene.schema.effects import (
     read_modal_damping,
     read_rayleigh_damping,
 )
-from headstock.scene.schema.expansion import expand_scene
-from headstock.scene.schema.includes import INCLUDE, read_with_includes
-from headstock.scene.schema.overrides import (
-    VARIANT_JOINER,
-    apply_settings,
-    apply_values,
-    apply_variant,
-)
-from headstock.scene.schema.parameters import check_parameters
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.validation import validate_tables
 

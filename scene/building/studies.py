@@ -13,13 +13,13 @@ from headstock.geometry.errors import PoseError
 from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import Machine, find_limit_fault, position_units
 from headstock.scene.building.draft import Draft, check_name, check_variant
+from headstock.scene.expansion.overrides import AS_WRITTEN, path_exists
 from headstock.scene.reading.axis_paths import AxisPath, PathFileError, read_path
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.watch_paths import parse_watch
 from headstock.scene.schema.axes import PoseTable
-from headstock.scene.schema.overrides import AS_WRITTEN, path_exists
 from headstock.scene.schema.scene import AnalysesTable, SceneTable
 from headstock.scene.schema.studies import MAX_SWEEP_POSES, FamilyTable, StudyTable, SweepTable
 from headstock.scene.studies import (

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from headstock.geometry.parts.solids import SuperelementFile
+from headstock.scene.expansion.parameters import PARAMETERS
 from headstock.scene.reading.findings import Findings, show_key
 from headstock.scene.reading.keys import (
     NUMBER,
@@ -21,7 +22,6 @@ from headstock.scene.reading.keys import (
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Dimension, Quantity
 from headstock.scene.scene import Scene
-from headstock.scene.schema.parameters import PARAMETERS
 from headstock.studies.identification.key_laws import ParameterValueError, find_laws, holds_number
 from headstock.studies.identification.schema import (
     ParameterTable,

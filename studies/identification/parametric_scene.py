@@ -29,6 +29,7 @@ from headstock.scene.building.components import (
     find_patch_fault,
 )
 from headstock.scene.building.joints import KINDS
+from headstock.scene.expansion.parameters import PARAMETERS
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import show_key
 from headstock.scene.reading.keys import NUMBER, ReadValue, read_entries, replace_numbers
@@ -36,7 +37,6 @@ from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Quantity
 from headstock.scene.scene import Scene
 from headstock.scene.schema.components import ComponentTable, MaterialTable
-from headstock.scene.schema.parameters import PARAMETERS
 from headstock.studies.identification.key_laws import KeyLaw, ParameterValueError, find_laws
 from headstock.studies.identification.matched_modes import match_modes
 from headstock.studies.identification.targets import Parameter

@@ -36,12 +36,12 @@ from headstock.pipeline.storage.content_keys import (
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
+from headstock.scene.expansion.includes import scene_content
+from headstock.scene.expansion.overrides import VARIANT_JOINER, split_variant
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Problem, SceneError
 from headstock.scene.reading.keys import read_entries
 from headstock.scene.scene import Scene, keep_analyses
-from headstock.scene.schema.includes import scene_content
-from headstock.scene.schema.overrides import VARIANT_JOINER, split_variant
 from headstock.scene.studies import REFERENCE_RUN, Study, StudyPoint, expand_study, make_point
 from headstock.solvers.errors import CompileError
 from headstock.solvers.ranks import SharedFailure, make_on_root

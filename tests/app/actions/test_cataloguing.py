@@ -8,7 +8,7 @@ import pytest
 
 from headstock.app.actions.cataloguing import paste_text
 from headstock.app.command_line import main
-from headstock.scene.schema.catalogue import CATALOGUE, FROM, read_catalogue
+from headstock.scene.expansion.catalogue import CATALOGUE, FROM, read_catalogue
 
 ENTRIES = read_catalogue()
 KEYS = {

@@ -7,17 +7,17 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 
-from headstock.scene.reading.files import TomlTable, TomlValue
-from headstock.scene.reading.findings import Findings, Origin, Problem, show_key, suggest_names
-from headstock.scene.reading.positions import KeyPath
-from headstock.scene.schema.expansion import (
+from headstock.scene.expansion.expansion import (
     EACH,
     is_repeated,
     replaced,
     split_dotted,
     written_entry,
 )
-from headstock.scene.schema.parameters import MACHINE_SECTIONS, PARAMETERS
+from headstock.scene.expansion.parameters import MACHINE_SECTIONS, PARAMETERS
+from headstock.scene.reading.files import TomlTable, TomlValue
+from headstock.scene.reading.findings import Findings, Origin, Problem, show_key, suggest_names
+from headstock.scene.reading.positions import KeyPath
 from headstock.scene.schema.validation import known_keys, unknown_key
 
 ENTRY_SECTIONS = frozenset({*MACHINE_SECTIONS, "poses", "sweeps", "studies", "variants"})

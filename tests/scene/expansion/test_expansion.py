@@ -11,10 +11,10 @@ import pytest
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import Joint
 from headstock.scene.building.loader import load_scene
+from headstock.scene.expansion.expansion import expand_scene
 from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.reading.keys import read_entries
 from headstock.scene.scene import Scene
-from headstock.scene.schema.expansion import expand_scene
 
 SHORT = """
 [parameters]

@@ -11,10 +11,10 @@ from scipy.special import ellipe, ellipk
 
 from headstock.scene.building.joints import KINDS
 from headstock.scene.building.loader import load_scene
+from headstock.scene.expansion.catalogue import CatalogueEntry, read_catalogue
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.reading.units import LENGTH, ROTATIONAL_STIFFNESS, STIFFNESS, parse_quantity
 from headstock.scene.scene import Scene
-from headstock.scene.schema.catalogue import CatalogueEntry, read_catalogue
 
 SCENE = """\
 [materials.steel]

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from headstock.geometry.parts.solids import CENTER_FACE
+from headstock.scene.expansion.catalogue import fill_joints
+from headstock.scene.expansion.chains import expand_chains
+from headstock.scene.expansion.parameters import calculate_tables
 from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, show_key, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import LENGTH, UnitError, parse_quantity
-from headstock.scene.schema.catalogue import fill_joints
-from headstock.scene.schema.chains import expand_chains
-from headstock.scene.schema.parameters import calculate_tables
 
 PLACES, CARRIAGES, EACH = "places", "carriages", "each"
 SHAPES = ("rect", "disk", "strip")

@@ -9,10 +9,10 @@ import pytest
 from headstock.machine import Machine
 from headstock.pipeline.storage.provenance import SceneChoice, trace_content
 from headstock.scene.building.loader import load_scene, read_tables
+from headstock.scene.expansion.includes import scene_content
+from headstock.scene.expansion.overrides import apply_settings
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings, SceneError
-from headstock.scene.schema.includes import scene_content
-from headstock.scene.schema.overrides import apply_settings
 from headstock.studies.parameters.runs import hash_scene
 
 PART = """
