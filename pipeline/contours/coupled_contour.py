@@ -45,6 +45,7 @@ from headstock.solvers.paths.sampled_motion import (
     SampledMotion,
     follow_drives,
     follow_motion,
+    follow_way,
     sample_motion,
 )
 from headstock.solvers.paths.varying_system import PlantChannels, PosedModes
@@ -157,10 +158,12 @@ def run_coupled_contour(
             times[some],
             coordinates=history.compliant[some],
             force=cut.carried[some],
-            given=given(times[some]),
+            given=follow_way(given, times[some]),
         )
+        if way.leg_forces is None:
+            return pushed
         # a drive at the base of a leg also carries the leg, and pushes against what its tip feels
-        return pushed if way.leg_forces is None else way.leg_forces(times[some]) - pushed
+        return follow_way(way.leg_forces, times[some]) - pushed
 
     if servo is None or motors is None:
         torques, assumed = _motor_torques(state, tuple(screws), way, times)

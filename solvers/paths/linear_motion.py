@@ -164,7 +164,8 @@ class AlphaSteps:
         self._ahead, self.reach = scheme_matrices(scheme, float(motion.times[1] - motion.times[0]))
         place = (motion.times - motion.nodes[0]) / (motion.nodes[1] - motion.nodes[0])
         left = np.clip(place.astype(np.intp), 0, len(motion.nodes) - 2)
-        self._left, self._share = left.tolist(), (place - left).tolist()
+        self._left: list[int] = left.tolist()
+        self._share: list[float] = (place - left).tolist()
         self._interval = -1
         self._pull: FloatArray = np.zeros((0, 0))
         self._inverses: list[FloatArray] = []
@@ -202,13 +203,13 @@ class AlphaSteps:
         drift, size = self._ahead @ state, len(load)
         share = self._visit(number)
         pulled = self._pull @ drift[:2].ravel()
-        left = load - pulled[:size] - share * pulled[size:]
+        left: FloatArray = load - pulled[:size] - share * pulled[size:]
         if wave is not None:
-            left = left + wave @ (drift[0] - (0.0 if past is None else past))
+            left = np.asarray(left + wave @ (drift[0] - (0.0 if past is None else past)))
         own = self.respond(number, left)
         if wave is not None:
             softer = self.respond(number, self.reach[0] * wave)
-            own = np.linalg.solve(np.eye(size) - softer, own)
+            own = np.asarray(np.linalg.solve(np.eye(size) - softer, own))
         return np.asarray(drift + self.reach[:, None] * own)
 
     def respond(self, number: int, load: FloatArray) -> FloatArray:

@@ -327,6 +327,16 @@ def follow_motion(
     )
 
 
+def follow_way(given: Callable[[FloatArray], FloatArray], times: FloatArray) -> FloatArray:
+    """Values ``(n, r)`` at times ``(n,)`` of what is as smooth as the rigid motion: linear between
+    the nodes of its loads, where these are fewer [s].
+    """
+    nodes = even_nodes(times, LOAD_SPACING)
+    return (
+        given(times) if len(nodes) >= len(times) else interpolate_nodes(times, nodes, given(nodes))
+    )
+
+
 def follow_drives(
     sampled: SampledMotion,
     times: FloatArray,
