@@ -99,6 +99,7 @@ from headstock.scene.schema.effects import (
 )
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.validation import validate_tables
+from headstock.solvers.mechanisms.modes import PoseDamping
 
 # These need entries that passed the schema, whatever else is wrong.
 CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
@@ -323,13 +324,14 @@ def _compares_interfaces(table: SceneTable) -> bool:
 
 
 def _build_analyses(table: SceneTable, poses: tuple[str, ...], folder: Path) -> Analyses:
+    damping = table.effects.get("damping", False)
     return Analyses(
         static=build_static(table, poses),
         modal=build_modal(table, poses),
         frf=build_frf(table, poses),
         map=build_map(table),
         contouring=build_contouring(
-            table, folder, read_modal_damping(table.effects.get("damping", False))
+            table, folder, PoseDamping(read_modal_damping(damping), read_rayleigh_damping(damping))
         ),
         path=build_path_request(table),
         control=build_control(table, poses),
