@@ -63,7 +63,11 @@ from headstock.scene.building.mechanism import (
     check_mechanism,
     check_reach,
 )
-from headstock.scene.building.path import build_path_request, check_path, check_path_carriages
+from headstock.scene.building.path import (
+    build_path_request,
+    check_path,
+    check_path_carriages,
+)
 from headstock.scene.building.plausibility import check_mode_counts, check_mounts, check_numbers
 from headstock.scene.building.rails import check_carriages, check_rails, choose_control_points
 from headstock.scene.building.studies import (
