@@ -30,7 +30,7 @@ MATERIALS = (
 )
 FIXED = tuple(range(6))
 PRODUCT, PRODUCT_KIND = 48, "product STEP"  # the seed of a bracket of a real product
-BRACKET = Path(__file__).resolve().parents[1] / "tests" / "data" / "support.step"
+BRACKET = Path(__file__).resolve().parents[2] / "tests" / "data" / "support.step"
 # seeds of hexahedra between the edges of patches, as searches for an accuracy begin with
 FIRST_HEX = 1000
 WALLS = 2.2  # thicknesses of a wall: flat tetrahedra that are wider than about three are stiff
