@@ -178,7 +178,7 @@ def export_superelement(
     made = make_superelements(state, only=[component])
     text = ""
     if state.is_root:
-        superelement = made[component]
+        superelement = dataclasses.replace(made[component], probes={})
         write_superelement(path, superelement, origin)
         text = f"{path}: {component}, {superelement.full_dofs} -> {len(superelement.labels)} dofs"
     return str(share_from_root(comm, text))

@@ -38,6 +38,7 @@ from headstock.pipeline.stages.map import run_map_stage
 from headstock.pipeline.stages.mechanism import run_place_stage
 from headstock.pipeline.stages.modal import run_modal_stage, run_spread_stage
 from headstock.pipeline.stages.path import run_path_stage
+from headstock.pipeline.stages.probes import run_recover_stage
 from headstock.pipeline.stages.run_state import (
     Announcer,
     Observer,
@@ -47,7 +48,7 @@ from headstock.pipeline.stages.run_state import (
     run_stage,
 )
 from headstock.pipeline.stages.shared_components import make_superelements
-from headstock.pipeline.stages.static import run_recover_stage, run_static_stage
+from headstock.pipeline.stages.static import run_static_stage
 from headstock.pipeline.stages.transient import run_transient_stage
 from headstock.pipeline.stages.volume_files import volume_grid, write_volumes
 from headstock.pipeline.stages.volumetric import run_volumetric_stage
@@ -274,14 +275,8 @@ def _run_rounds(scene: Scene, rounds: _StageRunner) -> RunState:
     state = search.state
     rest = search.scene.analyses != state.scene.analyses
     rest = rest or scene.model_errors or scene.interface_errors
-    if rest or scene.machine.probes:
-        # probes need the mesh, which comes from the store
-        plan = plan_scene(search.scene)
-        state = (
-            rounds.run(search.scene, plan, mesh_factors=search.mesh_factors)
-            if scene.machine.probes
-            else rounds.run(search.scene, plan, state.reduced)
-        )
+    if rest:
+        state = rounds.run(search.scene, plan_scene(search.scene), state.reduced)
     if not scene.model_errors:
         _judge_chosen(scene, state, search, rounds)
     state.answers.append(search.answer)

@@ -15,6 +15,8 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Load
 from headstock.reduction.superelement import (
+    ProbeLoad,
+    ProbeRows,
     Recovery,
     StaticLoad,
     Superelement,
@@ -154,6 +156,7 @@ def trim_superelement(
         modal_frequencies_hz=element.modal_frequencies_hz[:count],
         cutoff_hz=cutoff,
         loads={name: _trim_load(element, load, kept) for name, load in loads.items()},
+        probes={name: _trim_probe(element, probe, kept) for name, probe in element.probes.items()},
         rails={
             name: dataclasses.replace(rail, control=rail.control[:, :kept])
             for name, rail in element.rails.items()
@@ -199,11 +202,70 @@ def _trim_load(element: Superelement, load: StaticLoad, kept: int) -> StaticLoad
     """A load on the leading dofs; the static response of the modes that go is no longer in the
     reduced model.
     """
+    missing = None if load.missing is None else load.missing[:kept]
     if load.particular is None or element.recovery is None:
-        return StaticLoad(load.vector[:kept], load.particular)
-    amplitudes = load.vector[kept:] / element.stiffness.diagonal()[kept:]
+        return StaticLoad(load.vector[:kept], load.particular, missing)
+    amplitudes = _resting_amplitudes(element, load.vector, kept)
     returned = element.recovery.basis[:, kept:] @ amplitudes
-    return StaticLoad(load.vector[:kept], load.particular + returned.reshape(load.particular.shape))
+    if missing is not None and element.errors.missing_energy is not None:
+        missing = missing + element.errors.missing_energy[:kept, kept:] @ amplitudes
+    return StaticLoad(
+        load.vector[:kept], load.particular + returned.reshape(load.particular.shape), missing
+    )
+
+
+def _resting_amplitudes(element: Superelement, loads: FloatArray, kept: int) -> FloatArray:
+    """Static amplitudes ``(n - kept, ...)`` of the modes that go under loads ``(n, ...)``."""
+    return np.asarray((loads[kept:].T / element.stiffness.diagonal()[kept:]).T)
+
+
+def _trim_probe(element: Superelement, probe: ProbeRows, kept: int) -> ProbeRows:
+    """What is seen with the leading dofs; the modes that go return to the static responses, both to
+    loads and of the probe.
+    """
+    energy = element.errors.missing_energy
+    own = _resting_amplitudes(element, probe.values.T, kept)
+    missing = None
+    if probe.missing is not None and energy is not None:
+        missing = probe.missing[:, :kept] + own[:, :3].T @ energy[kept:, :kept]
+    return ProbeRows(
+        values=probe.values[:, :kept],
+        inertia=probe.inertia + own.T @ element.mass[kept:, : element.boundary_size],
+        smoothing=None if probe.smoothing is None else probe.smoothing[..., :kept],
+        missing=missing,
+        loads={
+            name: _trim_probe_load(element, probe, load, element.loads[name], kept)
+            for name, load in probe.loads.items()
+        },
+        strain_reach=probe.strain_reach,
+        singular=probe.singular,
+    )
+
+
+def _trim_probe_load(
+    element: Superelement, probe: ProbeRows, seen: ProbeLoad, load: StaticLoad, kept: int
+) -> ProbeLoad:
+    amplitudes = _resting_amplitudes(element, load.vector, kept)
+    own, energy = (
+        _resting_amplitudes(element, probe.values[:3].T, kept),
+        element.errors.missing_energy,
+    )
+    smoothing, missing = seen.smoothing, None
+    if smoothing is not None and probe.smoothing is not None:
+        smoothing = smoothing + probe.smoothing[..., kept:] @ amplitudes
+    if (
+        seen.missing is not None
+        and probe.missing is not None
+        and load.missing is not None
+        and energy is not None
+    ):
+        # both errors gain that of the modes that go
+        missing = (
+            seen.missing
+            + probe.missing[:, kept:] @ amplitudes
+            + own.T @ (load.missing[kept:] + energy[kept:, kept:] @ amplitudes)
+        )
+    return ProbeLoad(seen.values + probe.values[:, kept:] @ amplitudes, smoothing, missing)
 
 
 def _add_to_truncation(element: Superelement, kept: int, cutoff_hz: float) -> Truncation | None:

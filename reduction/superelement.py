@@ -87,10 +87,60 @@ class StaticLoad:
         vector: ``(n,)`` reduced load [N, N m; modal].
         particular: ``(3 n_points,)`` displacement under the load with boundary and modal dofs fixed
             [m]: what the reduced dofs cannot show; None when nothing is to be recovered.
+        missing: ``(n,)`` energy products of its discretisation error with those of the dofs [J per
+            unit]; None where nobody knows.
     """
 
     vector: FloatArray
     particular: FloatArray | None = None
+    missing: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ProbeLoad:
+    """What a static load does at a probe with boundary and modal dofs fixed: what the reduced dofs
+    cannot show.
+
+    Attributes:
+        values: ``(9,)`` displacement and stress.
+        smoothing: ``(s, 6)`` what recovery changes in that stress and around; None where nobody
+            knows.
+        missing: ``(3,)`` energy products of the discretisation errors; None where nobody knows.
+    """
+
+    values: FloatArray
+    smoothing: FloatArray | None = None
+    missing: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ProbeRows:
+    """What is seen at a probe in a superelement: displacement x y z [m] and stress xx yy zz xy xz yz
+    [Pa], component axes.
+
+    Attributes:
+        values: ``(9, n)`` per dof.
+        inertia: ``(9, n_b)`` that the modes left out add at rest per acceleration of the boundary
+            dofs, times -1; zero without mass.
+        smoothing: ``(s, 6, n)`` what recovery changes in the stresses at the probe and at the nodes
+            of its cells; the root of the sum of squares over the first axis is the size of a
+            change. None where nobody knows.
+        missing: ``(3, n)`` energy products of the discretisation errors of the dofs with those of
+            the response to unit forces at the probe with boundary and modal dofs fixed; None where
+            nobody knows.
+        loads: By load of the superelement.
+        strain_reach: Size of its cells over Young's modulus: what an error of the stress moves
+            across them [m/Pa].
+        singular: What makes the stress there grow with every finer mesh; empty for nothing.
+    """
+
+    values: FloatArray
+    inertia: FloatArray
+    smoothing: FloatArray | None = None
+    missing: FloatArray | None = None
+    strain_reach: float = 0.0
+    loads: dict[str, ProbeLoad] = field(default_factory=dict)
+    singular: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +225,7 @@ class Superelement:
         control_points: Control points of elastic rails, which have dofs of their own.
         rails: Interfaces that carriages slide along, by name.
         errors: What the modes left out and the mesh make of its matrices.
+        probes: What is seen at places inside it, by name.
     """
 
     name: str
@@ -200,6 +251,7 @@ class Superelement:
     control_points: tuple[ControlPoint, ...] = field(default=(), metadata={STORED_AS: "stations"})
     rails: dict[str, Rail] = field(default_factory=dict)
     errors: ErrorEstimates = field(default_factory=ErrorEstimates)
+    probes: dict[str, ProbeRows] = field(default_factory=dict)
 
     @property
     def node_size(self) -> int:

@@ -1,14 +1,13 @@
 """What is to be computed of a machine: one request per kind of analysis."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath
 from headstock.solvers.linear.load_history import LoadHistory
-from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling.forces import CuttingCoefficients, EndMill, MillingCut
 from headstock.solvers.milling.tool_dynamics import ToolMode
 from headstock.solvers.milling.tool_path import PolylineContour, SquareContour, describe_contour
@@ -59,6 +58,7 @@ class FrfRequest:
         inputs: Where loads act: ``(point or component.interface, direction)``, or a load of the
             scene as ``(name, LOAD)``.
         outputs: Where motion is wanted.
+        probes: Where displacement and stress are wanted.
         from_hz: Lowest frequency [Hz].
         to_hz: Highest frequency [Hz].
         points: Of the even grid.
@@ -67,11 +67,13 @@ class FrfRequest:
         motion: What is tabled and drawn.
         poses: All of them when empty.
         motors: Locked, or under control.
+        fields_at: Frequencies at which volume meshes get displacement and stress [Hz].
     """
 
     inputs: tuple[Channel, ...]
     outputs: tuple[Channel, ...]
     to_hz: float
+    probes: tuple[str, ...] = ()
     from_hz: float = 0.0
     points: int = 401
     spacing: Literal["linear", "log"] = "linear"
@@ -79,12 +81,14 @@ class FrfRequest:
     motion: Motion = "receptance"
     poses: tuple[str, ...] = ()
     motors: Literal["locked", "controlled"] = "locked"
+    fields_at: tuple[float, ...] = ()
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""
         entries = f"{len(self.outputs)} × {len(self.inputs)} responses"
         under = ", drives under control" if self.motors == "controlled" else ""
-        return f"{self.motion}, {entries} from {self.from_hz:g} to {self.to_hz:g} Hz{under}"
+        inside = f", displacement and stress at {', '.join(self.probes)}" if self.probes else ""
+        return f"{self.motion}, {entries} from {self.from_hz:g} to {self.to_hz:g} Hz{under}{inside}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +121,7 @@ class ContouringRequest:
         cut: Tool, material and engagement.
         model: ``linear`` along the path, or the full equations.
         steps_per_turn: Time steps per turn of the spindle.
-        damping: Of a lumped mechanism.
+        damping_ratios: Of the first, second, ... mode, the last for all others; empty for none.
         material: Name of the work material; None with measured forces.
         forces: File of measured forces; None for computed ones.
         cutting: Whether the tool cuts; otherwise it goes its way in air.
@@ -136,7 +140,7 @@ class ContouringRequest:
     cut: MillingCut
     model: Literal["linear", "nonlinear"]
     steps_per_turn: int
-    damping: PoseDamping = field(default_factory=PoseDamping)
+    damping_ratios: tuple[float, ...] = ()
     material: str | None = None
     forces: Path | None = None
     cutting: bool = True

@@ -15,6 +15,7 @@ from headstock.validation.coverage.cases import (
     check_hex_coverage,
     cover_new_parts,
 )
+from headstock.validation.coverage.probe_cases import check_probes, check_probes_smoke
 from headstock.validation.machines.accuracy_cases import (
     check_beam_accuracy,
     check_machine_accuracy,
@@ -310,6 +311,14 @@ CASES: tuple[Case, ...] = (
         on_root(check_hex_coverage),
         on_request=True,
     ),
+    Case(
+        "probes",
+        "estimates",
+        "how often ± covers the truth at probes, over 49 parts",
+        on_root(check_probes),
+        on_request=True,
+    ),
+    Case("probes-smoke", "estimates", "the same on one part", on_root(check_probes_smoke)),
     Case("coverage-smoke", "estimates", "the same on two parts", on_root(check_coverage_smoke)),
     Case(
         "model-estimates",

@@ -20,6 +20,7 @@ from headstock.app.pictures.pictures import (
 from headstock.app.report.report import Stills, Worth, render_report, write_report
 from headstock.app.tables.frf import tabulate_response
 from headstock.app.tables.path import tabulate_path
+from headstock.app.tables.probes import tabulate_probes
 from headstock.app.tables.run import list_tables
 from headstock.app.tables.table import encode_csv
 from headstock.app.tables.transient import tabulate_transient
@@ -190,6 +191,7 @@ def _write_tables(
     tables = [
         *list_tables(summary),
         *map(tabulate_response, curves),
+        *(tabulate_probes(each) for each in curves if each.probes),
         *map(tabulate_path, paths),
         *map(tabulate_transient, histories),
     ]

@@ -24,7 +24,10 @@ from headstock.app.texts.curves import (
 )
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves
+from headstock.pipeline.answers.probes import MEGA, probe_units
 from headstock.pipeline.results.views import COLORS
+from headstock.solvers.second_order import name_channel
+from headstock.solvers.stresses import STRESS_NAMES
 
 PAGE_WIDTH, SMALLEST_CELL, LARGEST_CELL = 1150, 300, 720
 LEFT, RIGHT, TITLE, SIZE_HEIGHT, GAP, PHASE_HEIGHT, FOOT = 46, 24, 22, 130, 10, 44, 24
@@ -65,7 +68,17 @@ class _Cell:
 
 def draw_response(curves: ResponseCurves, identity: str) -> Markup:
     """The Bode plots of a pose as one SVG, with the numbers behind it for the cursor."""
-    cells, columns = _lay_out(curves)
+    return _draw_grid(curves, *_lay_out(curves), identity)
+
+
+def draw_probes(curves: ResponseCurves, identity: str) -> Markup:
+    """Largest equivalent stress over a cycle at every probe of a pose, under every load, over the
+    phase of its largest component; one SVG with the numbers behind it for the cursor.
+    """
+    return _draw_grid(curves, *_lay_out_probes(curves), identity)
+
+
+def _draw_grid(curves: ResponseCurves, cells: list[_Cell], columns: int, identity: str) -> Markup:
     width, height = columns * cells[0].width, _cell_height() * (len(cells) // columns)
     parts = [_draw_cell(curves, cell) for cell in cells]
     parts.append(Markup('<g class="cursor" visibility="hidden"></g>'))
@@ -116,6 +129,36 @@ def _picture(parts: Sequence[Markup], identity: str, width: float, height: float
     return svg.picture(
         parts, identity=identity, kind="response", width=width, height=height, widest=widest
     )
+
+
+def _lay_out_probes(curves: ResponseCurves) -> tuple[list[_Cell], int]:
+    probes, inputs = curves.probes[:MOST_FIELDS], curves.inputs[:MOST_FIELDS]
+    width = min(LARGEST_CELL, max(SMALLEST_CELL, PAGE_WIDTH / len(inputs)))
+    cells = []
+    for row, probe in enumerate(probes):
+        error = probe.von_mises_error
+        for column, given in enumerate(inputs):
+            unit, _, per = probe_units(given)
+            factor = per * MEGA
+            size = factor * probe.von_mises[:, column]
+            low, high = magnitude_range(size)
+            largest = int(np.nanargmax(np.nanmax(np.abs(probe.stress[:, :, column]), axis=0)))
+            own = np.full(size.shape, np.nan) if error is None else factor * error[:, column]
+            cells.append(
+                _Cell(
+                    f"{probe.name} / {name_channel(given)}, phase of {STRESS_NAMES[largest]}",
+                    unit,
+                    CURVE,
+                    size,
+                    broken_phase(probe.stress[:, largest, column]),
+                    own,
+                    (column * width, row * _cell_height()),
+                    width,
+                    low,
+                    high,
+                )
+            )
+    return cells, len(inputs)
 
 
 def has_more_fields(curves: ResponseCurves) -> bool:

@@ -4,6 +4,7 @@ draw.
 
 import base64
 import functools
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,7 +25,7 @@ from headstock.app.report.figures import (
     map_layers,
     percent,
 )
-from headstock.app.report.frf import draw_overlay, draw_response, has_more_fields
+from headstock.app.report.frf import draw_overlay, draw_probes, draw_response, has_more_fields
 from headstock.app.report.lobes import draw_lobes
 from headstock.app.report.milled_faces import draw_milled_faces
 from headstock.app.report.notes import judge_numbers
@@ -50,17 +51,23 @@ from headstock.app.tables.path import (
     list_zones,
     path_stem,
 )
+from headstock.app.tables.probes import (
+    PROBE_MOTION_COLUMNS,
+    PROBE_PEAK_COLUMNS,
+    PROBE_STRESS_COLUMNS,
+    list_probe_peaks,
+    tabulate_probes,
+)
 from headstock.app.tables.run import list_tables
 from headstock.app.tables.static import (
     DEVIATION_COLUMNS,
-    PROBE_COLUMNS,
     list_displacements,
     merge_families,
     shared_budget,
     static_by_pose,
     top_shares,
 )
-from headstock.app.tables.table import Column, drop_noise, encode_csv, find_scales, find_unit
+from headstock.app.tables.table import Column, encode_csv
 from headstock.app.tables.transient import MOVED_COLUMNS, list_moved, transient_stem
 from headstock.app.tables.volumetric import (
     LINE_COLUMNS,
@@ -184,6 +191,7 @@ def render_report(
     colors = component_colors(view)
     static = static_by_pose(summary)
     tables = [*list_tables(summary), *map(tabulate_response, curves)]
+    tables += [tabulate_probes(each) for each in curves if each.probes]
     machine = encode_machine(view, _captions(summary, view, static))
     return (
         report_environment()
@@ -217,27 +225,17 @@ def render_report(
     )
 
 
-def show_number(
-    value: float | None, digits: int = 4, missing: str = "–", scale: float = 0.0
-) -> Markup:
+def show_number(value: float | None, digits: int = 4, missing: str = "–") -> Markup:
     """A number to so many significant digits, with its full value beside it for machines.
 
     Args:
         value: None where there is none.
         digits: Significant ones.
         missing: Shown without a value.
-        scale: Size of the numbers beside it, of which it may be the roundoff.
     """
     if value is None:
         return Markup('<span class="missing">{}</span>').format(missing)
-    return _data(value, format_number(drop_noise(value, scale), digits))
-
-
-def _find_largest(rows: Iterable[Mapping[str, Sequence[float]]], *keys: str) -> float:
-    """The largest magnitude among lists of numbers in the same unit: the scale of their roundoff."""
-    return max(
-        (abs(value) for row in rows for key in keys for value in row.get(key, ())), default=0.0
-    )
+    return _data(value, format_number(value, digits))
 
 
 def format_number(value: float, digits: int = 4) -> str:
@@ -275,13 +273,13 @@ def draw_rows[Row](
         for column in columns
         if column.report and (column.missing or any(column.value(row) is not None for row in rows))
     ]
-    scales, body, numeric = find_scales(shown, rows), [], [False] * len(shown)
+    body, numeric = [], [False] * len(shown)
     for row in rows:
         cells = []
         for place, column in enumerate(shown):
             value = column.value(row)
             numeric[place] |= isinstance(value, int | float)
-            cells.append(_row_cell(column, row, scales.get(find_unit(column), 0.0)))
+            cells.append(_row_cell(column, row))
         if colors is not None:
             dot = Markup('<td class="name"><span class="dot" style="background:{}"></span> {}</td>')
             cells[0] = dot.format(
@@ -298,7 +296,7 @@ def draw_rows[Row](
     return table.format(identity, Markup("").join(heads), Markup("").join(body))
 
 
-def _row_cell[Row](column: Column[Row], row: Row, scale: float) -> Markup:
+def _row_cell[Row](column: Column[Row], row: Row) -> Markup:
     value, error = column.value(row), None if column.error is None else column.error(row)
     if isinstance(value, str):
         return Markup("<td>{}</td>").format(value)
@@ -310,7 +308,7 @@ def _row_cell[Row](column: Column[Row], row: Row, scale: float) -> Markup:
             _data(value, _typeset(column.show(value)))
         )
     return Markup('<td class="number">{}</td>').format(
-        show_number(value, column.digits, column.missing or "–", scale)
+        show_number(value, column.digits, column.missing or "–")
     )
 
 
@@ -326,7 +324,7 @@ def _bound(error: float | None, value: float | None) -> Markup:
 
 def _beside(error: float | None, text: str) -> Markup:
     """What stands behind a value, as written; nothing where there is nothing to say."""
-    if error is None or not text:
+    if error is None or not math.isfinite(error) or not text:
         return Markup('<span class="missing">{}</span>').format(text)
     return Markup('± <data class="bound" value="{}">{}</data>').format(
         repr(error), _typeset(text.removeprefix("± "))
@@ -491,7 +489,6 @@ def report_environment() -> jinja2.Environment:
     )
     filters: dict[str, Any] = {
         "number": show_number,
-        "largest": _find_largest,
         "bound": _bound,
         "bounded": _bounded,
         "mode_rows": list_modes,
@@ -526,6 +523,8 @@ def report_environment() -> jinja2.Environment:
         "draw_stack": draw_stack,
         "draw_frequencies": draw_frequencies,
         "draw_response": draw_response,
+        "draw_probes": draw_probes,
+        "list_probe_peaks": list_probe_peaks,
         "has_more_fields": has_more_fields,
         "draw_overlay": draw_overlay,
         "overlaid_responses": overlaid_responses,
@@ -558,7 +557,9 @@ def report_environment() -> jinja2.Environment:
         "list_cruises": list_cruises,
         "columns": {
             "components": COMPONENT_COLUMNS,
-            "probes": PROBE_COLUMNS,
+            "probe_motions": PROBE_MOTION_COLUMNS,
+            "probe_stresses": PROBE_STRESS_COLUMNS,
+            "probe_peaks": PROBE_PEAK_COLUMNS,
             "poles": POLE_COLUMNS,
             "drives": DRIVE_COLUMNS,
             "ports": DRIVE_POINT_COLUMNS,

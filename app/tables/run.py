@@ -11,9 +11,9 @@ from headstock.app.tables.control import POLE_COLUMNS
 from headstock.app.tables.lobes import LOBE_COLUMNS, list_lobes, tabulate_limits
 from headstock.app.tables.map import tabulate_map
 from headstock.app.tables.modes import tabulate_modes
+from headstock.app.tables.probes import PROBE_COLUMNS, PROBE_PEAK_COLUMNS, list_probe_peaks
 from headstock.app.tables.static import (
     DEVIATION_COLUMNS,
-    PROBE_COLUMNS,
     list_displacements,
     static_by_pose,
     tabulate_budget,
@@ -46,6 +46,9 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
     tables += [tabulate_modes(modes) for modes in summary["modal"]]
     for pose, probes in summary.get("probes", {}).items():
         tables.append(tabulate(f"probes_{file_stem(pose)}", PROBE_COLUMNS, probes.items()))
+    for pose, response in summary.get("frf", {}).items():
+        if peaks := list_probe_peaks(response):
+            tables.append(tabulate(f"probe_peaks_{file_stem(pose)}", PROBE_PEAK_COLUMNS, peaks))
     if "model_errors" in summary:
         bodies = summary["model_errors"]["bodies"]
         tables.append(tabulate("model_errors", MODEL_COLUMNS, bodies.items()))

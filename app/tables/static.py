@@ -3,28 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from headstock.app.tables.table import Cell, Column, PlainTable, show_deviation, show_percent
+from headstock.app.tables.table import Cell, Column, PlainTable, show_deviation
 from headstock.app.texts.bounded_values import bound_size
 from headstock.geometry.frames import DIRECTIONS
-from headstock.pipeline.answers.static import PointSummary, ProbeSummary
+from headstock.pipeline.answers.static import PointSummary
 from headstock.pipeline.results.summary import RunSummary
 from headstock.reduction.motions.body_motions import name_families
-
-
-def _moved(axis: int) -> Column[tuple[str, ProbeSummary]]:
-    d = DIRECTIONS[axis]
-    return Column(
-        lambda row: row[1]["displacement_um"][axis],
-        f"displacement {d} [um]",
-        f">{d} µm",
-        f"{d} [µm]",
-    )
-
-
-def _stressed(pair: str) -> Column[tuple[str, ProbeSummary]]:
-    return Column(
-        lambda row: row[1]["stress_mpa"][pair], f"stress {pair} [MPa]", report=f"{pair} [MPa]"
-    )
 
 
 @dataclass(frozen=True)
@@ -65,24 +49,6 @@ def list_displacements(point: PointSummary) -> list[DeviationRow]:
     ]
     total = DeviationRow("all together", point["displacement"])
     return [*rows, total] if len(rows) != 1 else rows
-
-
-PROBE_COLUMNS: tuple[Column[tuple[str, ProbeSummary]], ...] = (
-    Column(lambda row: row[0], "probe", "probe", "Probe"),
-    Column(lambda row: row[1]["component"], "component", "in", "Component"),
-    *(_moved(axis) for axis in range(3)),
-    *(_stressed(pair) for pair in ("xx", "yy", "zz", "xy", "xz", "yz")),
-    Column(
-        lambda row: row[1]["von_mises_mpa"], "von Mises [MPa]", ">von Mises MPa", "von Mises [MPa]"
-    ),
-    Column(
-        lambda row: row[1]["stress_jump"],
-        "stress jump",
-        ">stress jump",
-        "Jump between elements",
-        show=show_percent,
-    ),
-)
 
 
 def static_by_pose(summary: RunSummary) -> dict[str, dict[str, PointSummary]]:

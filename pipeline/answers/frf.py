@@ -12,6 +12,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.estimates import REDUCTION
+from headstock.pipeline.answers.probes import ProbeCurves, ProbeCurvesSummary, parse_probe_curves
 from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
 from headstock.solvers.linear.frequency_response import convert_receptance
 from headstock.solvers.second_order import Channel, ComplexArray, Motion, name_channel
@@ -71,6 +72,7 @@ class ResponseSummary(TypedDict):
     error: dict[str, LineErrors | float | None] | None
     error_left_out: list[str]
     drive_points: list[DrivePointSummary]
+    probes: NotRequired[dict[str, ProbeCurvesSummary]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +126,7 @@ class ResponseCurves:
         spacing: Of the frequency axis.
         error_share: Source of error to how far the receptance may be off by it ``(n, n_outputs,
             n_inputs)`` [m/N, ...]; NaN where there is no bound, empty where none was sought.
+        probes: Displacement and stress inside components.
     """
 
     pose: str
@@ -134,6 +137,7 @@ class ResponseCurves:
     motion: Motion = "receptance"
     spacing: Spacing = "linear"
     error_share: Mapping[str, FloatArray] = field(default_factory=dict)
+    probes: tuple[ProbeCurves, ...] = ()
 
     @property
     def error(self) -> FloatArray | None:
@@ -189,13 +193,15 @@ class PoseResponse(Answer):
     units: ClassVar[dict[str, str]] = {
         r"frf/.*/(inputs|outputs)": "",
         r"frf/.*/frequencies_hz": "Hz",
+        r"frf/.*/probes/.*/displacement(_error_share/.*)?": "m per N, N m or whole load, by directions and inputs",
+        r"frf/.*/probes/.*/(stress|von_mises)(_error_share/.*)?": "Pa per N, N m or whole load",
         r"frf/.*/(receptance|error|error_share/.*)": "SI: m or rad per N, N m or whole load, by outputs and inputs",
     }
 
     def summarise(self) -> ResponseSummary:
         """As it stands in ``summary.json``; the curves are in ``results.h5`` and ``tables/``."""
         curves = self.curves
-        return {
+        summary: ResponseSummary = {
             "inputs": [list(channel) for channel in curves.inputs],
             "outputs": [list(channel) for channel in curves.outputs],
             "from_hz": float(curves.frequencies_hz[0]),
@@ -210,6 +216,9 @@ class PoseResponse(Answer):
             "error_left_out": list(self.error_left_out),
             "drive_points": [_summarise_drive_point(figures) for figures in self.figures],
         }
+        if curves.probes:
+            summary["probes"] = {probe.name: probe.summarise() for probe in curves.probes}
+        return summary
 
     def fill(self, file: h5py.File) -> None:
         """Write the curves."""
@@ -229,6 +238,8 @@ def fill_curves(group: h5py.Group, curves: ResponseCurves) -> None:
         group[name] = np.char.encode(
             np.array([name_channel(channel) for channel in channels]), "utf-8"
         )
+    for probe in curves.probes:
+        probe.fill(group.create_group(f"probes/{probe.name}"))
 
 
 def parse_curves(pose: str, group: h5py.Group) -> ResponseCurves:
@@ -237,21 +248,26 @@ def parse_curves(pose: str, group: h5py.Group) -> ResponseCurves:
     Raises:
         KeyError: A part is missing.
     """
-    inputs, outputs = (
-        tuple(split_channel(text.decode()) for text in group[name][:])
-        for name in ("inputs", "outputs")
-    )
-    given = group.attrs
+    inputs, outputs = (_parse_channels(group, name) for name in ("inputs", "outputs"))
+    given, lines = group.attrs, group["frequencies_hz"][:]
     return ResponseCurves(
         pose,
         inputs,
         outputs,
-        group["frequencies_hz"][:],
+        lines,
         group["receptance"][:],
         given["motion"],
         given["spacing"],
         _parse_errors(group),
+        tuple(
+            parse_probe_curves(name, own, inputs, lines)
+            for name, own in group.get("probes", {}).items()
+        ),
     )
+
+
+def _parse_channels(group: h5py.Group, name: str) -> tuple[Channel, ...]:
+    return tuple(split_channel(text.decode()) for text in group[name][:])
 
 
 def _parse_errors(group: h5py.Group) -> dict[str, FloatArray]:

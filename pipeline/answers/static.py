@@ -1,6 +1,4 @@
-"""Static answers as results, compliances at points and responses at probes: the types, and how they
-read in both files.
-"""
+"""Static compliances at points as results: the types, and how they read in both files."""
 
 from dataclasses import dataclass, field
 from typing import ClassVar, NotRequired, TypedDict
@@ -31,16 +29,6 @@ class PointSummary(TypedDict):
     error_left_out: list[str]
     displacement: NotRequired[list[float | None]]
     displacements: NotRequired[dict[str, list[float | None]]]  # by load
-
-
-class ProbeSummary(TypedDict):
-    """The entry of a probe in ``probes``; stresses by ``xx``, ``xy`` and so on."""
-
-    component: str
-    displacement_um: list[float]
-    stress_mpa: dict[str, float]
-    von_mises_mpa: float
-    stress_jump: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,45 +100,6 @@ class StaticAnswer(Answer):
                 group[f"displacements/{load}"] = values
 
 
-@dataclass(frozen=True, eq=False)
-class ProbeResponse:
-    """Response of a component to all static loads together at a probe, in machine axes.
-
-    Attributes:
-        component: Its name.
-        displacement: ``(3,)`` [m].
-        stress: ``(3, 3)`` [Pa].
-        jump: Largest difference between the stresses of the cells that meet there over their
-            largest entry.
-    """
-
-    component: str
-    displacement: FloatArray
-    stress: FloatArray
-    jump: float
-
-
-@dataclass(frozen=True, eq=False)
-class ProbeAnswer(Answer):
-    """Responses at all probes in one pose.
-
-    Attributes:
-        pose: Its name.
-        probes: By name.
-    """
-
-    pose: str
-    probes: dict[str, ProbeResponse]
-
-    def summarise(self) -> dict[str, ProbeSummary]:
-        """Its probes as they stand in ``summary.json``.
-
-        Raises:
-            AccuracyError: A response is not a finite number.
-        """
-        return {name: _summarise_probe(name, probe) for name, probe in self.probes.items()}
-
-
 def _summarise_point(name: str, point: PointCompliance) -> PointSummary:
     what, free = f"static compliance at {name}", bool(point.free_motions)
     summary: PointSummary = {
@@ -186,23 +135,3 @@ def _summarise_point(name: str, point: PointCompliance) -> PointSummary:
             for load, moved in point.displacements.items()
         }
     return summary
-
-
-def _summarise_probe(name: str, probe: ProbeResponse) -> ProbeSummary:
-    what = f"response at probe {name}"
-    deviator = probe.stress - np.trace(probe.stress) / 3.0 * np.eye(3)
-    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
-    return {
-        "component": probe.component,
-        "displacement_um": check_finite(what, probe.displacement * 1e6),
-        "stress_mpa": {
-            "xyz"[i] + "xyz"[j]: size
-            for (i, j), size in zip(
-                pairs,
-                check_finite(what, [probe.stress[pair] * 1e-6 for pair in pairs]),
-                strict=True,
-            )
-        },
-        "von_mises_mpa": float(np.sqrt(1.5 * (deviator**2).sum()) * 1e-6),
-        "stress_jump": probe.jump,
-    }

@@ -486,8 +486,10 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
         stages.append(
             Stage("static", None, f"compliance at {', '.join(static.at)}", pose=pose.name)
         )
-    if static is not None and scene.machine.probes and _is_requested(pose.name, static.poses):
-        wanted = f"displacement and stress at {', '.join(scene.machine.probes)}"
+    machine = scene.machine
+    loaded = machine.loads or machine.displacements or {GRAVITY, "guide_errors"} & {*scene.effects}
+    if static is not None and machine.probes and loaded and _is_requested(pose.name, static.poses):
+        wanted = f"displacement and stress at {', '.join(machine.probes)}"
         stages.append(Stage("recover", None, wanted, pose=pose.name))
     if modal is not None and _is_requested(pose.name, modal.poses):
         stages.append(Stage("modal", None, modal.describe(), pose=pose.name))

@@ -17,17 +17,26 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
+from headstock.geometry.frames import DOF_NAMES
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.results.views import MachineView
+from headstock.solvers.second_order import Channel, name_channel
 
 AnyArray = NDArray[Any]
 Quantity = Literal["shape", "strain energy density", "stress", "von Mises stress"]
+Part = Literal["", " Re", " Im"]  # of complex amplitudes
 # units of a mode, whose modal mass is one, and of a response to a unit force
 UNITS: dict[Quantity, tuple[str, str]] = {
     "shape": ("m/sqrt(kg)", "m/N"),
     "strain energy density": ("J/(kg m^3)", "J/(m^3 N^2)"),
     "stress": ("Pa/sqrt(kg)", "Pa/N"),
     "von Mises stress": ("Pa/sqrt(kg)", "Pa/N"),
+}
+# units of a response per unit of a force and of a moment, and under a whole load of the scene
+HARMONIC_UNITS: dict[Quantity, tuple[str, str, str]] = {
+    "shape": ("m/N", "m/(N m)", "m"),
+    "stress": ("Pa/N", "Pa/(N m)", "Pa"),
+    "von Mises stress": ("Pa/N", "Pa/(N m)", "Pa"),
 }
 COMPONENT, VOLUME = "component", "volume [m^3]"
 FREQUENCIES, DAMPING = "frequencies [Hz]", "damping ratios [1]"
@@ -66,6 +75,15 @@ def mode_array(index: int, quantity: Quantity = "shape") -> str:
 def push_array(push: str, quantity: Quantity = "shape") -> str:
     """Name of an array of the response to a unit force, ``POINT DIRECTION``."""
     return f"static {push} {quantity} [{UNITS[quantity][1]}]"
+
+
+def harmonic_array(given: Channel, hz: float, quantity: Quantity, part: Part = "") -> str:
+    """Name of an array of the response to a harmonic input; of stresses and displacements the part
+    in phase with it and the one a quarter of a cycle before it.
+    """
+    kind = 2 if given[1] not in DOF_NAMES else int(given[1].startswith("r"))
+    unit = HARMONIC_UNITS[quantity][kind]
+    return f"frf {given[0] if kind == 2 else name_channel(given)} at {hz:g} Hz {quantity}{part} [{unit}]"
 
 
 def mode_numbers(

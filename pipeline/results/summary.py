@@ -19,7 +19,8 @@ from headstock.pipeline.answers.map import MapSummary, WorkspaceMap
 from headstock.pipeline.answers.mechanism import MechanismPose, MechanismSummary
 from headstock.pipeline.answers.modal import ModesSummary, PoseModes
 from headstock.pipeline.answers.path import PathResult, PathSummary
-from headstock.pipeline.answers.static import PointSummary, ProbeAnswer, ProbeSummary, StaticAnswer
+from headstock.pipeline.answers.probes import ProbeAnswer, ProbeSummary
+from headstock.pipeline.answers.static import PointSummary, StaticAnswer
 from headstock.pipeline.answers.transient import TransientAnswer, TransientSummary
 from headstock.pipeline.answers.volumetric import VolumetricAnswer, VolumetricSummary
 from headstock.pipeline.planning.plan import StageKind, StageRecord

@@ -27,6 +27,7 @@ from headstock.pipeline.stages.run_state import (
     ReducedComponent,
     RunState,
     component_loads,
+    component_probes,
     component_supports,
 )
 from headstock.pipeline.storage.content_keys import mesh_key, skin_key, superelement_key
@@ -145,8 +146,6 @@ def _run_mesh_stage(state: RunState, stage: Stage) -> Outcome:
         if not load_reduced(state, component):
             mesh, outcome = load_or_make_mesh(state, component)
             state.meshes[component.name] = mesh
-        if any(probe.component == component.name for probe in state.scene.machine.probes.values()):
-            state.probe_meshes[component.name] = mesh or load_or_make_mesh(state, component)[0]
         return mesh is not None, outcome
 
     meshed, outcome = make_on_root(state.comm, find_mesh)
@@ -171,7 +170,13 @@ def _run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
     elastic = importlib.import_module(ELASTIC_MODULE)
     request = _reduction_request(state, component)
     superelement: Superelement = elastic.reduce_elastic(
-        solved, mesh, supports, loads, comm=state.comm, request=request
+        solved,
+        mesh,
+        supports,
+        loads,
+        comm=state.comm,
+        request=request,
+        probes=component_probes(state, component),
     )
 
     def keep() -> Outcome:
@@ -267,7 +272,9 @@ def _run_load_stage(state: RunState, stage: Stage) -> Outcome:
     if state.is_root:
         component = _component(state, stage)
         superelement = dataclasses.replace(
-            read_superelement(cast(SuperelementFile, component.solid).path), name=component.name
+            read_superelement(cast(SuperelementFile, component.solid).path),
+            name=component.name,
+            probes={},
         )
         check_superelement(superelement, rounding=FILE_ROUNDING)
         state.reduced[component.name] = ReducedComponent(superelement)
@@ -319,7 +326,7 @@ def stored_request(state: RunState, component: Component) -> StoredRequest:
     supports, loads = component_supports(state, component), component_loads(state, component)
     request = _reduction_request(state, component)
     return StoredRequest(
-        key=superelement_key(component, supports, loads),
+        key=superelement_key(component, supports, loads, component_probes(state, component)),
         reduction=request,
         mass=needs_mass(component, loads, request),
         verify=component.reduction.verify,

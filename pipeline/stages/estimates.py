@@ -63,9 +63,9 @@ def estimate_mode_errors(
     if not meshes:
         return tuple(unknown)
     sources = (
-        _estimate_parts(DISCRETISATION, meshes, count),
-        _estimate_parts(CURVED_FACES, faces, count),
-        _estimate_parts(LEFT_OUT, frequency_feature_errors(coupled, modes), count),
+        estimate_parts(DISCRETISATION, meshes, count),
+        estimate_parts(CURVED_FACES, faces, count),
+        estimate_parts(LEFT_OUT, frequency_feature_errors(coupled, modes), count),
         _estimate_reduction(coupled, modes),
         unknown,
     )
@@ -84,11 +84,11 @@ def estimate_compliance_errors(
         displacements: ``(n, 6)`` responses to unit loads at the point.
     """
     energies = compliance_mesh_errors(coupled, displacements)
-    meshes = _estimate_parts(
+    meshes = estimate_parts(
         DISCRETISATION, {name: np.diag(energy) for name, energy in energies.items()}, 6
     )
-    faces = _estimate_parts(CURVED_FACES, compliance_shape_errors(coupled, displacements), 6)
-    features = _estimate_parts(LEFT_OUT, compliance_feature_errors(coupled, displacements), 6)
+    faces = estimate_parts(CURVED_FACES, compliance_shape_errors(coupled, displacements), 6)
+    features = estimate_parts(LEFT_OUT, compliance_feature_errors(coupled, displacements), 6)
     doubts = doubt_compliances(parts, coupled, displacements[:, :3])
     soft = np.einsum(
         "im,ij,jm->m", displacements[:, :3], coupled.system.stiffness, displacements[:, :3]
@@ -136,7 +136,7 @@ def doubt_compliances(
     return doubted_energies(coupled, displacements, squares, *_coupled_areas(parts))
 
 
-def _estimate_parts(source: str, found: Mapping[str, FloatArray], count: int) -> list[Estimate]:
+def estimate_parts(source: str, found: Mapping[str, FloatArray], count: int) -> list[Estimate]:
     """One estimate per number, from ``(count,)`` parts of each component; None where one of them is
     not known.
     """

@@ -13,20 +13,31 @@ import numpy as np
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.pipeline.answers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION
 from headstock.pipeline.answers.frf import DrivePointFigures, PoseResponse, ResponseCurves
+from headstock.pipeline.answers.probes import ProbeCurves
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.control import drive_machine, list_poles
 from headstock.pipeline.stages.estimates import name_what_is_left_out
 from headstock.pipeline.stages.machine import DAMPING, damp_system, warn_of_no_damping
+from headstock.pipeline.stages.probes import (
+    judged_channels,
+    material_factors,
+    trace_probes,
+    warn_of_singular,
+    watched_rows,
+)
 from headstock.pipeline.stages.run_state import (
+    HarmonicMotion,
     MachineParts,
     Outcome,
     PoseModel,
+    PoseMotions,
     RunState,
     Solved,
     pose_model,
     pose_name,
 )
 from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.coupling.probes import PlacedProbe, component_factors, place_probe
 from headstock.reduction.estimates.frequency_errors import truncated_parts
 from headstock.reduction.estimates.mesh_errors import meshed_parts
 from headstock.reduction.estimates.response_errors import (
@@ -39,6 +50,7 @@ from headstock.reduction.estimates.response_errors import (
 )
 from headstock.scene.requests import LOAD, FrfRequest
 from headstock.solvers.control.closed_response import ClosedResponse, prepare_closed_frf
+from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.linear.frequency_response import (
     UNDAMPED,
@@ -234,10 +246,14 @@ def run_frf_stage(state: RunState, stage: Stage) -> Outcome:
     if not state.is_root:
         return Outcome()
     try:
-        solved = respond(pose_model(state))
+        machine = pose_model(state)
+        solved, harmonic = respond(machine), find_harmonic_motions(machine)
     except UnstableControlError as error:
         state.failures.append(f"frequency response in pose {pose_name(stage)}: {error}")
         return Outcome(detail="unstable control: see below")
+    if harmonic:
+        known = state.motions.get(machine.pose.name, PoseMotions(machine.offsets))
+        state.motions[machine.pose.name] = dataclasses.replace(known, harmonic=harmonic)
     response = solved.answer
     detail = f"{len(response.curves.frequencies_hz)} frequencies, {response.method}"
     return Outcome(detail=detail, answers=(response,), warnings=solved.warnings)
@@ -250,19 +266,96 @@ def prepare_response(machine: PoseModel) -> FrfModel:
     Raises:
         UnstableControlError: A control loop is.
     """
+    return _load_machine(machine).prepare(_frf_request(machine).outputs)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedMachine:
+    """A machine in a pose with its damping and the loads of a request.
+
+    Attributes:
+        system: Its equations of motion; with motors let go under control.
+        coupled: Of superelements; None of a lumped mechanism.
+        modes: All undamped modes of the system.
+        inputs: Of the request.
+        trains: Its drives, whose loops are closed; None where motors are locked.
+    """
+
+    system: SecondOrderSystem
+    coupled: CoupledMachine | None
+    modes: ModalResult
+    inputs: tuple[Channel, ...]
+    trains: tuple[DriveTrain, ...] | None = None
+
+    def prepare(
+        self, outputs: Sequence[Channel], rows: Mapping[Channel, FloatArray] | None = None
+    ) -> FrfModel:
+        """Ready for its response at outputs, with further rows ``(n,)`` of them.
+
+        Raises:
+            UnstableControlError: A control loop is.
+        """
+        system = dataclasses.replace(self.system, outputs=self.system.outputs | {**(rows or {})})
+        if self.trains is None:
+            return prepare_frf(system, inputs=self.inputs, outputs=outputs, modes=self.modes)
+        return prepare_closed_frf(
+            system, self.trains, inputs=self.inputs, outputs=outputs, modes=self.modes
+        )
+
+
+def _load_machine(machine: PoseModel) -> LoadedMachine:
     request, modes = _frf_request(machine), machine.all_modes
     if request.motors == "controlled":
         driven = drive_machine(machine, lambda message: None)
-        return prepare_closed_frf(
-            add_load_inputs(driven.system, driven.released.loads, request.inputs),
-            driven.trains,
-            inputs=request.inputs,
-            outputs=request.outputs,
-            modes=driven.modes,
-        )
+        system = add_load_inputs(driven.system, driven.released.loads, request.inputs)
+        coupled = driven.released.coupled
+        return LoadedMachine(system, coupled, driven.modes, request.inputs, driven.trains)
     system = damp_system(machine.parts.scene, machine.system, modes)
     system = add_load_inputs(system, machine.loads, request.inputs)
-    return prepare_frf(system, inputs=request.inputs, outputs=request.outputs, modes=modes)
+    return LoadedMachine(system, machine.coupled, modes, request.inputs)
+
+
+def _place_probes(
+    parts: MachineParts, loaded: LoadedMachine, names: Sequence[str]
+) -> dict[str, PlacedProbe]:
+    """Probes of a machine in the coordinates of its response; none of a lumped mechanism."""
+    coupled, own = loaded.coupled, parts.scene.machine
+    if coupled is None:
+        return {}
+    return {name: place_probe(coupled, own, own.probes[name], parts.plan.gravity) for name in names}
+
+
+def find_harmonic_motions(machine: PoseModel) -> tuple[HarmonicMotion, ...]:
+    """Motions of all superelement dofs at the frequencies of a request, under each of its inputs;
+    none of a lumped mechanism.
+
+    Raises:
+        UnstableControlError: A control loop is.
+    """
+    request, parts = _frf_request(machine), machine.parts
+    loaded = _load_machine(machine)
+    if loaded.coupled is None or not request.fields_at:
+        return ()
+    rows = {
+        ("coordinate", str(number)): np.asarray(row)
+        for number, row in enumerate(np.eye(len(loaded.system.labels)))
+    }
+    response = evaluate_frf(loaded.prepare(list(rows), rows), np.array(request.fields_at))
+    own, coupled = parts.scene.machine, loaded.coupled
+    loads = {name: component_factors(coupled, own, name, None) for name in parts.plan.components}
+    found = []
+    for line, hz in enumerate(request.fields_at):
+        omega = np.array(2.0 * np.pi * hz)
+        lossy = {name: complex(material_factors(parts, name, omega)[0]) for name in loads}
+        for column, given in enumerate(request.inputs):
+            inside = {
+                name: factors[given[0]]
+                for name, factors in loads.items()
+                if given[1] == LOAD and given[0] in factors
+            }
+            motion = coupled.basis @ response.receptance[line, :, column]
+            found.append(HarmonicMotion(given, hz, motion, inside, lossy))
+    return tuple(found)
 
 
 def add_load_inputs(
@@ -300,7 +393,8 @@ def respond(
     scene, bare, modes = machine.parts.scene, machine.system, machine.all_modes
     request, coupled = _frf_request(machine), machine.coupled
     warnings = [*warn_of_no_damping(scene, bare)]
-    model = model or prepare_response(machine)
+    loaded = _load_machine(machine)
+    model = model or loaded.prepare(request.outputs)
     controlled = isinstance(model.form, ClosedResponse)
     system = model.direct.system
     poles = find_peaks(model, request.to_hz)
@@ -313,9 +407,29 @@ def respond(
             "write [effects] damping = true and give joints or materials damping, or damping = { modal = 0.02 }"
         )
     figures = find_stability_figures(model, response) if bounded else ()
-    estimate = None
+    estimate, placed = None, {}
+    if judged:
+        placed = _place_probes(machine.parts, loaded, request.probes)
+    rows = watched_rows(placed)
     if judged and coupled is not None and not controlled:
-        estimate = estimate_response_errors(machine.parts, system, coupled, modes, response)
+        estimate = estimate_response_errors(
+            machine.parts,
+            dataclasses.replace(system, outputs=system.outputs | rows),
+            coupled,
+            modes,
+            dataclasses.replace(response, outputs=(*response.outputs, *judged_channels(placed))),
+        )
+    shares = {} if estimate is None else estimate.shares
+    count = len(response.outputs)
+    traced: tuple[ProbeCurves, ...] = ()
+    if placed:
+        watched = loaded.prepare(list(rows), rows)
+        traced = trace_probes(
+            machine.parts,
+            placed,
+            evaluate_frf(watched, response.frequencies_hz),
+            {source: size[:, count:] for source, size in shares.items()},
+        )
     modes_hz, names = _name_peaks(machine, model, judged=judged)
     found = PoseResponse(
         curves=ResponseCurves(
@@ -326,7 +440,8 @@ def respond(
             response.receptance,
             request.motion,
             request.spacing,
-            {} if estimate is None else estimate.shares,
+            {source: size[:, :count] for source, size in shares.items()},
+            traced,
         ),
         method=response.method,
         damped=damped,
@@ -349,6 +464,7 @@ def respond(
         if controlled
         else (() if estimate is None else estimate.left_out),
     )
+    warnings += [warn_of_singular(name, probe.singular) for name, probe in placed.items()]
     return Solved(found, tuple(warnings))
 
 

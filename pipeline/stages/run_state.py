@@ -10,7 +10,7 @@ from mpi4py import MPI
 from headstock.geometry.errors import lacks_memory, out_of_memory, printable
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.drives import Drive
-from headstock.geometry.machine.machine import Pose
+from headstock.geometry.machine.machine import Pose, Probe
 from headstock.geometry.parts.components import Component, Load, Support
 from headstock.geometry.parts.skins import Skin
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
@@ -31,7 +31,7 @@ from headstock.scene.scene import Scene
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.ranks import SharedFailure
-from headstock.solvers.second_order import Channel, SecondOrderSystem
+from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +46,25 @@ class ReducedComponent:
 
 
 @dataclass(frozen=True, eq=False)
+class HarmonicMotion:
+    """Motion of a coupled machine under a harmonic load, complex amplitudes.
+
+    Attributes:
+        given: Input at which it acts with unit size, or as a whole load of the scene.
+        hz: Its frequency [Hz].
+        motion: ``(n_all,)`` of all superelement dofs.
+        inside: Component to how much of each unit load of its superelement acts in it.
+        lossy: Component to its complex modulus over its modulus.
+    """
+
+    given: Channel
+    hz: float
+    motion: ComplexArray
+    inside: Mapping[str, Mapping[str, float]]
+    lossy: Mapping[str, complex]
+
+
+@dataclass(frozen=True, eq=False)
 class PoseMotions:
     """Motions of a coupled machine in a pose: of all superelement dofs, and which of them are each
     component's.
@@ -53,10 +72,12 @@ class PoseMotions:
     Attributes:
         offsets: Component to its rows.
         motions: ``"POINT DIRECTION"`` to ``(n_all,)`` motion under a unit force there [m/N, rad/N].
+        harmonic: Motions under harmonic loads.
     """
 
     offsets: dict[str, slice]
     motions: dict[str, FloatArray] = field(default_factory=dict)
+    harmonic: tuple[HarmonicMotion, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +212,6 @@ class RunState:
     reduced: dict[str, ReducedComponent] = field(default_factory=dict)
     read: dict[object, ReducedComponent] = field(default_factory=dict)
     model: PoseModel | None = None
-    probe_meshes: dict[str, ComponentMesh] = field(default_factory=dict)
     skins: dict[str, Skin] = field(default_factory=dict)
     views: dict[str, PoseView] = field(default_factory=dict)
     motions: dict[str, PoseMotions] = field(default_factory=dict)
@@ -367,4 +387,11 @@ def component_loads(state: RunState, component: Component) -> tuple[Load, ...]:
     """Loads on a component."""
     return tuple(
         load for load in state.scene.machine.loads.values() if load.component == component.name
+    )
+
+
+def component_probes(state: RunState, component: Component) -> tuple[Probe, ...]:
+    """Probes in a component."""
+    return tuple(
+        probe for probe in state.scene.machine.probes.values() if probe.component == component.name
     )

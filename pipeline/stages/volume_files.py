@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
 from headstock.meshing.elements.topology import CORNERS, cell_family, cell_order
@@ -18,8 +18,10 @@ from headstock.pipeline.results.grids import (
     AnyArray,
     CellBlock,
     Grid,
+    Part,
     Quantity,
     encode_grid,
+    harmonic_array,
     merge_grids,
     mode_array,
     pose_numbers,
@@ -27,14 +29,18 @@ from headstock.pipeline.results.grids import (
 )
 from headstock.pipeline.results.mode_files import VOLUME_FOLDER, file_stem, with_collection
 from headstock.pipeline.stages.components import stored_mesh
-from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.stages.run_state import PoseMotions, RunState
 from headstock.pipeline.storage.outputs import replace_outputs
 from headstock.reduction.coupling.dof_layout import turn_dofs
+from headstock.solvers.second_order import ComplexArray
+from headstock.solvers.stresses import largest_von_mises, pack_tensor, true_stresses
 
 # loaded only where volumes are requested: it needs the element library
 STRESS_MODULE = "headstock.solvers.elastic.patch_recovery"
 PLACES_AT_ONCE = 40_000
-SHEAR_PAIRS = ((1, 2), (0, 2), (0, 1))  # as in the stress module
+# what complex amplitudes are written of, and their parts
+TRACED: tuple[Quantity, Quantity] = ("shape", "stress")
+PARTS: tuple[Part, ...] = (" Re", " Im")
 # order in which ParaView reads and labels the six numbers of a symmetric tensor
 SYMMETRIC = ([0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2])
 VTK_KINDS: dict[CellKind, int] = {"tet4": 10, "tet10": 24, "hex8": 12, "hex20": 25, "hex27": 29}
@@ -114,6 +120,8 @@ def volume_grid(state: RunState, pose: str, component: str) -> Grid | None:
     Over points: mode shapes and responses to unit forces. Over cells, of each of them: mean density
     of strain energy, whose sum over ``volume`` is the strain energy of the component, and in the
     middle of the cell the stress (xx, yy, zz, xy, yz, xz in machine axes) and the equivalent stress.
+    Of harmonic loads: complex displacements and stresses, and the largest equivalent stress over a
+    cycle.
 
     Args:
         state: Of a finished run, on rank 0.
@@ -124,36 +132,6 @@ def volume_grid(state: RunState, pose: str, component: str) -> Grid | None:
         return None
     mesh = _find_mesh(state, component)
     return None if mesh is None else _pose_grid(state, pose, component, mesh)
-
-
-def true_stresses(material: Material, scaled: AnyArray) -> AnyArray:
-    """Stress tensors ``(..., 3, 3)`` [Pa] of scaled stresses ``(..., 6)``, half of whose square is
-    the density of strain energy.
-
-    Args:
-        material: Isotropic.
-        scaled: As ``stress_operators`` makes them: the deviator over sqrt(2 G) and the pressure on
-            the diagonal, shear yz, xz, xy over sqrt(G).
-    """
-    shear = material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio))
-    bulk = material.youngs_modulus / (3.0 * (1.0 - 2.0 * material.poisson_ratio))
-    mean = scaled[..., :3].mean(axis=-1, keepdims=True)
-    found = np.zeros((*scaled.shape[:-1], 3, 3))
-    for position, (row, column) in enumerate(SHEAR_PAIRS):
-        found[..., row, column] = found[..., column, row] = (
-            np.sqrt(shear) * scaled[..., 3 + position]
-        )
-    # a pressure p stands as p / sqrt(3 K) at each of the three places
-    diagonal = np.sqrt(2.0 * shear) * (scaled[..., :3] - mean) + np.sqrt(3.0 * bulk) * mean
-    for axis in range(3):
-        found[..., axis, axis] = diagonal[..., axis]
-    return found
-
-
-def von_mises(stress: AnyArray) -> AnyArray:
-    """Equivalent stress ``(...)`` [Pa] of stress tensors ``(..., 3, 3)`` [Pa]."""
-    deviator = stress - np.eye(3) * (np.trace(stress, axis1=-2, axis2=-1) / 3.0)[..., None, None]
-    return np.asarray(np.sqrt(1.5 * (deviator**2).sum(axis=(-2, -1))))
 
 
 def _find_mesh(state: RunState, name: str) -> _Mesh | None:
@@ -171,11 +149,14 @@ def _pose_grid(state: RunState, pose: str, name: str, found: _Mesh) -> Grid:
     modes = next((modes for modes in state.modal if modes.pose.name == pose), None)
     motions, frame = state.motions[pose], state.views[pose].placements[name]
     shapes, below = ([], 0) if modes is None else (list(modes.shapes.T), modes.below)
-    stacked = np.column_stack([*shapes, *motions.motions.values()])
+    size = max(rows.stop for rows in motions.offsets.values())
+    stacked = np.column_stack([np.zeros((size, 0)), *shapes, *motions.motions.values()])
     own = found.basis @ (
         turn_dofs(state.reduced[name].superelement, frame) @ stacked[motions.offsets[name]]
     )
-    mesh = found.mesh
+    mesh, real = found.mesh, own.shape[1]
+    swings = _harmonic_fields(state, motions, name, frame, found)
+    own = np.hstack([own, swings.real, swings.imag])
     moved = np.einsum("ij,njk->nik", frame.rotation, own.reshape(len(mesh.points), 3, -1))
     cells = _strain_cells(mesh, state.plan.components[name].material, own)
     stresses = np.einsum("ai,ckij,bj->ckab", frame.rotation, cells.stresses, frame.rotation)
@@ -195,12 +176,15 @@ def _pose_grid(state: RunState, pose: str, name: str, found: _Mesh) -> Grid:
         numbers: dict[Quantity, AnyArray] = {
             "strain energy density": cells.densities[:, column],
             "stress": stress[:, *SYMMETRIC],
-            "von Mises stress": von_mises(stress),
+            "von Mises stress": largest_von_mises(pack_tensor(stress)),
         }
         over_cells |= {
             title(column, quantity): values.astype(np.float32)
             for quantity, values in numbers.items()
         }
+    swung = _harmonic_arrays(motions, name, moved[:, :, real:], stresses[:, real:])
+    over_points |= swung[0]
+    over_cells |= swung[1]
     return Grid(
         mesh.points @ frame.rotation.T + frame.origin,
         (CellBlock(VTK_KINDS[mesh.kind], mesh.cells[:, VTK_ORDER[mesh.kind]]),),
@@ -208,6 +192,53 @@ def _pose_grid(state: RunState, pose: str, name: str, found: _Mesh) -> Grid:
         over_cells,
         pose_numbers(state.modal, pose),
     )
+
+
+def _harmonic_fields(
+    state: RunState, motions: PoseMotions, name: str, frame: Frame, found: _Mesh
+) -> ComplexArray:
+    """Displacement ``(3 n_points, k)`` of a component's mesh under harmonic loads, in its own axes;
+    loads inside it move it as at rest beyond what its reduced dofs show.
+    """
+    element = state.reduced[name].superelement
+    fields = np.zeros((len(found.basis), len(motions.harmonic)), dtype=complex)
+    for number, swing in enumerate(motions.harmonic):
+        turned = turn_dofs(element, frame) @ swing.motion[motions.offsets[name]]
+        fields[:, number] = found.basis @ turned
+        for key, factor in swing.inside.get(name, {}).items():
+            particular = element.loads[key].particular
+            if particular is not None:
+                fields[:, number] += factor / swing.lossy[name] * particular.ravel()
+    return fields
+
+
+def _harmonic_arrays(
+    motions: PoseMotions, name: str, moved: FloatArray, stresses: FloatArray
+) -> tuple[dict[str, AnyArray], dict[str, AnyArray]]:
+    """Arrays over points and over cells of ``k`` harmonic loads.
+
+    Args:
+        motions: Of the pose.
+        name: Of the component.
+        moved: ``(n_points, 3, 2 k)`` real parts of all displacements, then imaginary ones.
+        stresses: ``(n_cells, 2 k, 3, 3)`` as the modulus alone makes them of these.
+    """
+    over_points: dict[str, AnyArray] = {}
+    over_cells: dict[str, AnyArray] = {}
+    count = len(motions.harmonic)
+    for number, swing in enumerate(motions.harmonic):
+        shape = moved[:, :, number], moved[:, :, count + number]
+        strained = stresses[:, number] + 1j * stresses[:, count + number]
+        stress = swing.lossy[name] * strained
+        peak = harmonic_array(swing.given, swing.hz, "von Mises stress")
+        over_cells[peak] = largest_von_mises(pack_tensor(stress)).astype(np.float32)
+        for part, displaced, tensor in zip(PARTS, shape, (stress.real, stress.imag), strict=True):
+            point_name, cell_name = (
+                harmonic_array(swing.given, swing.hz, quantity, part) for quantity in TRACED
+            )
+            over_points[point_name] = displaced.astype(np.float32)
+            over_cells[cell_name] = tensor[:, *SYMMETRIC].astype(np.float32)
+    return over_points, over_cells
 
 
 def _strain_cells(mesh: ComponentMesh, material: Material, displacement: FloatArray) -> _Strained:

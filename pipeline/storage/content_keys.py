@@ -22,6 +22,7 @@ import headstock.pipeline
 import headstock.reduction
 import headstock.scene
 import headstock.solvers
+from headstock.geometry.machine.machine import Probe
 from headstock.geometry.parts.components import (
     DEFAULT_EIGENSOLVER,
     SUPPORT_GROUP,
@@ -144,7 +145,10 @@ def thinned_skin_key(skin: Skin, *, largest: int, pixel: float) -> str:
 
 
 def superelement_key(
-    component: Component, supports: Sequence[Support], loads: Sequence[Load]
+    component: Component,
+    supports: Sequence[Support],
+    loads: Sequence[Load],
+    probes: Sequence[Probe] = (),
 ) -> str:
     """Key of the superelements of an elastic component, or one of polynomials: its mesh settings,
     material, couplings, supports and loads.
@@ -157,6 +161,7 @@ def superelement_key(
         supports: On this component.
         loads: On this component; of tractions and body loads only the place counts, as a
             superelement holds their unit loads.
+        probes: In this component.
     """
     material = component.material
     return _digest(
@@ -184,6 +189,8 @@ def superelement_key(
             "loads": {
                 load.name: (load.kind, load.magnitude) for load in loads if load.kind != "force"
             },
+            # only where there are some: what was stored before stays good
+            **({"probes": {one.name: one.position for one in probes}} if probes else {}),
         }
     )
 

@@ -320,6 +320,7 @@ def _check_shapes(path: str, superelement: Superelement) -> None:
         expected["recovery/basis"] = (recovery.basis, (3 * len(recovery.points), size))
     for name, load in superelement.loads.items():
         expected[f"loads/{name}"] = (load.vector, (size,))
+        expected[f"loads/{name}/missing"] = (load.missing, (size,))
         if load.particular is not None:
             expected[f"loads/{name}/particular"] = (
                 load.particular,

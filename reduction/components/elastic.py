@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Probe
 from headstock.geometry.parts.components import (
     EDGE_GROUP,
     SUPPORT_GROUP,
@@ -36,6 +37,13 @@ from headstock.reduction.components.fixed_interface_modes import (
     verify_mode_count,
 )
 from headstock.reduction.components.nodal_loads import assemble_loads, make_of_mesh
+from headstock.reduction.components.probes import (
+    ProbePlace,
+    find_probe_places,
+    gather_probes,
+    read_smoothing,
+    watch_dofs,
+)
 from headstock.reduction.components.solver_choice import choose_method, predict_factor_entries
 from headstock.reduction.components.subspace import ReductionSpace, project_component
 from headstock.reduction.requests import ReductionRequest, mode_target, needs_mass
@@ -68,6 +76,7 @@ def reduce_elastic(
     *,
     comm: MPI.Comm,
     request: ReductionRequest | None = None,
+    probes: Sequence[Probe] = (),
 ) -> Superelement:
     """Craig-Bampton superelement of a component.
 
@@ -78,13 +87,15 @@ def reduce_elastic(
         loads: Static loads on this component.
         comm: Communicator; collective.
         request: What to deliver; by default the component's own reduction settings with mass.
+        probes: Places where displacement and stress are wanted; those in other components are left
+            out.
 
     Returns:
         The superelement, equal on every rank but for the recovery basis, which rank 0 alone holds.
 
     Raises:
-        ModelError: An interface is degenerate, a rigid motion is left free, or first-order elements
-            would lock grossly.
+        ModelError: An interface is degenerate, a rigid motion is left free, first-order elements
+            would lock grossly, or a probe lies outside.
         ConvergenceError: A factorisation, solve or mode search failed.
         AccuracyError: The operators fail their checks.
         SharedFailure: On several ranks, all of which know it; its cause is one of these.
@@ -101,7 +112,9 @@ def reduce_elastic(
         operators = assemble_elasticity(
             mesh, material, comm=comm, with_mass=with_mass, with_corners=method == "iterative"
         )
-        return reduce_operators(component, mesh, operators, supports, loads, request=request)
+        return reduce_operators(
+            component, mesh, operators, supports, loads, request=request, probes=probes
+        )
     except SharedFailure as failure:
         if isinstance(failure.__cause__, ELASTIC_ERRORS):
             raise SharedFailure from _name_component(component, failure.__cause__)
@@ -136,6 +149,7 @@ def reduce_operators(
     loads: Sequence[Load],
     *,
     request: ReductionRequest,
+    probes: Sequence[Probe] = (),
 ) -> Superelement:
     """Superelement of a meshed elastic component, see ``reduce_elastic``, from operators that are
     already assembled.
@@ -147,6 +161,7 @@ def reduce_operators(
         supports: Supports of this component.
         loads: Static loads; those on other components are left out.
         request: How many modes, and whether gravity, recovery and error estimates.
+        probes: Those on other components are left out.
 
     Raises:
         ModelError, ConvergenceError, AccuracyError: As ``reduce_elastic``.
@@ -155,6 +170,10 @@ def reduce_operators(
     remarks = make_of_mesh(comm, mesh, functools.partial(judge_element_order, component))
     basis = make_of_mesh(comm, mesh, lambda whole: build_boundary_basis(component, whole, supports))
     means = MeanConstraints(basis, operators)
+    own = [probe for probe in probes if probe.component == component.name]
+    places = make_of_mesh(
+        comm, mesh, lambda whole: find_probe_places(component, whole, supports, own)
+    )
     method: SolverMethod = "direct" if operators.corners is None else "iterative"
     fixed = find_dofs(operators, basis.fixed)
     with ConstrainedSolver(operators, fixed, means.columns, method=method) as solver:
@@ -167,20 +186,34 @@ def reduce_operators(
         result = project_component(component, solver, ReductionSpace(basis, means, psi, modes))
         vectors = assemble_loads(component, mesh, operators, loads, gravity=request.gravity)
         reduced, particular = _reduce_loads(vectors, solver, psi, modes)
+        watched = watch_dofs(solver, places, (psi, modes.shapes), modes.eigenvalues, particular)
         truncation = measure_truncation(solver, psi, modes) if request.modes is not None else None
         residual = max(solver.largest_residual, modes.residual)
     warnings, errors = remarks + result.warnings, ErrorEstimates()
-    recovery = None
+    recovery, beside, smoothing = None, None, None
+    size = len(result.stiffness)
     if request.recovery:
-        fields = _order_fields(operators, np.hstack([psi, modes.shapes]))
+        # errors of loads and of unit responses count where something is seen inside
+        further = [particular, watched.moved] if places else []
+        fields = _order_fields(operators, np.hstack([psi, modes.shapes, *further]))
+        seen = request.errors and make_of_mesh(comm, mesh, sees_errors)
         if request.errors:
-            seen = make_of_mesh(comm, mesh, sees_errors)
-            errors = _estimate_errors(component, mesh, operators, result, fields if seen else None)
+            errors, beside = _estimate_errors(
+                component, mesh, operators, result, fields if seen else None
+            )
             if not seen:
                 warnings += (
                     "its mesh is a row of single elements, whose errors cannot be estimated; write a smaller mesh size",
                 )
-        recovery = _gather_recovery(mesh, fields)
+        gathered = _gather_field(fields)
+        if gathered is not None and mesh is not None:
+            recovery = Recovery(np.ascontiguousarray(gathered[:, :size]), mesh.points)
+        if seen and places:
+            smoothing = make_of_mesh(
+                comm,
+                mesh,
+                lambda whole: _smooth_probes(component, whole, result, places, gathered),
+            )
     return dataclasses.replace(
         result,
         stiffness=make_of_mesh(
@@ -196,11 +229,39 @@ def reduce_operators(
         warnings=warnings,
         loads={
             name: StaticLoad(
-                reduced[:, column], _gather_field(_order_fields(operators, particular[:, [column]]))
+                reduced[:, column],
+                _gather_field(_order_fields(operators, particular[:, [column]])),
+                beside[column, :size] if beside is not None and places else None,
             )
             for column, name in enumerate(vectors)
         },
+        probes=gather_probes(
+            places,
+            watched,
+            list(vectors),
+            smoothing,
+            None if beside is None else beside[len(vectors) :, : size + len(vectors)],
+        ),
     )
+
+
+def _smooth_probes(
+    component: Component,
+    mesh: ComponentMesh,
+    element: Superelement,
+    places: Mapping[str, ProbePlace],
+    fields: FloatArray | None,
+) -> dict[str, FloatArray]:
+    """What recovery changes in the stresses that probes see of dofs and loads, on rank 0."""
+    if fields is None:
+        raise ValueError("rank 0 has no fields")
+    probes = 3 * len(places)
+    found = read_smoothing(mesh, component.material, places, fields[:, : fields.shape[1] - probes])
+    size, strained = len(element.stiffness), _strained_motions(element)
+    return {
+        name: np.concatenate([rows[..., :size] @ strained, rows[..., size:]], axis=-1)
+        for name, rows in found.items()
+    }
 
 
 def _estimate_errors(
@@ -209,12 +270,13 @@ def _estimate_errors(
     operators: ElasticOperators,
     element: Superelement,
     fields: RowBlocks | None,
-) -> ErrorEstimates:
-    """What its mesh makes of the displacement fields of a superelement's dofs; zeros stand for what
-    nobody knows, where there are no fields.
+) -> tuple[ErrorEstimates, FloatArray | None]:
+    """What its mesh makes of the displacement fields of a superelement's dofs, and energy products
+    of the errors of further fields with those of all; zeros stand for what nobody knows, where there
+    are no fields.
     """
     if fields is None:
-        return ErrorEstimates(missing_energy=np.zeros(element.stiffness.shape))
+        return ErrorEstimates(missing_energy=np.zeros(element.stiffness.shape)), None
 
     comm, weights, safety = operators.comm, None, 0.0
     if mesh is not None:
@@ -222,24 +284,32 @@ def _estimate_errors(
         weights, safety = _rim_weights(component, mesh, surface), mesh_safety(mesh, surface)
     material = make_of_mesh(comm, mesh, functools.partial(scaled_material, component))
     found = estimate_split_errors(mesh, material, operators, fields, weights)
+    strained, size = _strained_motions(element), len(element.stiffness)
+    beside = found.missing_energy[size:].copy()
+    beside[:, :size] = beside[:, :size] @ strained
+
+    def of_dofs(change: FloatArray) -> FloatArray:
+        return np.asarray(strained @ change[:size, :size] @ strained)
+
+    return ErrorEstimates(
+        missing_energy=of_dofs(found.missing_energy),
+        mesh_safety=comm.bcast(safety),
+        shape_stiffness=None if found.shape is None else of_dofs(found.shape.stiffness),
+        shape_mass=None if found.shape is None else found.shape.mass[:size, :size],
+        left_out_stiffness=None if found.left_out is None else of_dofs(found.left_out.stiffness),
+        left_out_mass=None if found.left_out is None else found.left_out.mass[:size, :size],
+    ), beside
+
+
+def _strained_motions(element: Superelement) -> FloatArray:
+    """Projector ``(n, n)`` to motions of the dofs without rigid ones, which miss no energy: what
+    rounding leaves of it would look large beside that of a soft mount.
+    """
     strained = np.eye(len(element.stiffness))
     if not element.supported:
-        # rigid motions miss no energy: what rounding leaves of it would look large beside that of a
-        # soft mount
         rigid = np.linalg.qr(rigid_motions(element, element.center_of_mass))[0]
         strained -= rigid @ rigid.T
-    return ErrorEstimates(
-        missing_energy=strained @ found.missing_energy @ strained,
-        mesh_safety=comm.bcast(safety),
-        shape_stiffness=None
-        if found.shape is None
-        else strained @ found.shape.stiffness @ strained,
-        shape_mass=None if found.shape is None else found.shape.mass,
-        left_out_stiffness=None
-        if found.left_out is None
-        else strained @ found.left_out.stiffness @ strained,
-        left_out_mass=None if found.left_out is None else found.left_out.mass,
-    )
+    return strained
 
 
 def find_cell_errors(
@@ -340,11 +410,3 @@ def _gather_field(fields: RowBlocks) -> FloatArray | None:
     """``(3 n_points, k)`` on rank 0."""
     gathered = fields.gather()
     return None if gathered is None else gathered.reshape(3 * len(gathered), gathered.shape[2])
-
-
-def _gather_recovery(mesh: ComponentMesh | None, fields: RowBlocks) -> Recovery | None:
-    """How mesh points move, on rank 0."""
-    gathered = _gather_field(fields)
-    return (
-        None if gathered is None or mesh is None else Recovery(basis=gathered, points=mesh.points)
-    )

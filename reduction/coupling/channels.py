@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Machine, Point
 from headstock.geometry.parts.components import Load
@@ -119,8 +119,19 @@ def load_factors(layout: DofLayout, load: Load) -> dict[str, float]:
         return {}
     if load.kind == "pressure":
         return {load.name: 1.0}
-    own = layout.placements[load.component].rotation.T @ np.asarray(load.vector, dtype=float)
-    return {f"{load.name}:{axis}": float(value) for axis, value in zip(AXES, own, strict=True)}
+    return _by_axis(load.name, layout.placements[load.component], np.asarray(load.vector))
+
+
+def gravity_factors(placement: Frame, gravity: FloatArray) -> dict[str, float]:
+    """How much of each unit of gravity of a superelement an acceleration ``(3,)`` in machine axes
+    [m/s^2] takes.
+    """
+    return _by_axis(GRAVITY, placement, gravity)
+
+
+def _by_axis(name: str, placement: Frame, vector: FloatArray) -> dict[str, float]:
+    own = placement.rotation.T @ np.asarray(vector, dtype=float)
+    return {f"{name}:{axis}": float(value) for axis, value in zip(AXES, own, strict=True)}
 
 
 def _stacked_load(layout: DofLayout, load: Load) -> FloatArray:
@@ -164,11 +175,7 @@ def _weight(
     """
     superelement, placement = layout.superelements[name], layout.placements[name]
     own = placement.rotation.T @ gravity
-    weight = _combine(
-        layout,
-        name,
-        {f"{GRAVITY}:{axis}": float(value) for axis, value in zip(AXES, own, strict=True)},
-    )
+    weight = _combine(layout, name, gravity_factors(placement, gravity))
     if weight is not None:
         return weight
     if superelement.mass_kg > 0.0 and (superelement.supported or not superelement.mass.any()):

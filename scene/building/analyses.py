@@ -43,9 +43,12 @@ def build_frf(scene: SceneTable, poses: tuple[str, ...]) -> FrfRequest | None:
     every = [(name, "") for name in scene.points]
     inputs = build_channels([(n, LOAD if n in scene.loads else d) for n, d in frf.inputs or every])
     moved = tuple(channel for channel in inputs if channel[1] != LOAD)
+    outputs = [one for one in frf.outputs or () if one[0] not in scene.probes]
+    inside = [name for name, _ in frf.outputs or () if name in scene.probes]
     return FrfRequest(
         inputs=inputs,
-        outputs=build_channels(frf.outputs) if frf.outputs else moved or build_channels(every),
+        outputs=build_channels(outputs) if outputs else moved or build_channels(every),
+        probes=tuple(dict.fromkeys(inside if frf.outputs else scene.probes)),
         to_hz=frf.to,
         from_hz=frf.start,
         points=frf.points,
@@ -54,6 +57,7 @@ def build_frf(scene: SceneTable, poses: tuple[str, ...]) -> FrfRequest | None:
         motion=frf.motion,
         poses=tuple(frf.poses or poses),
         motors=frf.motors,
+        fields_at=tuple(dict.fromkeys(frf.fields_at)),
     )
 
 
@@ -75,6 +79,8 @@ def check_requests(draft: Draft, findings: Findings) -> None:
             place = ("analyses", "frf", key, index)
             if key == "inputs" and name in draft.sections.get("loads", ()):
                 _check_load_input(place, name, direction, draft, findings)
+            elif key == "outputs" and name in draft.sections.get("probes", ()):
+                _check_probe_output(place, name, direction, draft, findings)
             else:
                 check_channel(place, name, draft, findings)
     for name, table in (
@@ -101,10 +107,26 @@ def _check_load_input(
         findings.add(key, f'a load has its direction; write "{name}" alone')
     elif load is not None and load.joint is not None:
         findings.add(key, "is a displacement, which is a static load only; write a force or moment")
-    if draft.table.analyses.frf is not None and not (
-        draft.table.points or draft.table.analyses.frf.outputs
-    ):
-        findings.add(key, 'there is no output for it; write outputs = [["tcp", "z"]], or [points]')
+    frf = draft.table.analyses.frf
+    outputs = [
+        one for one, _ in (frf.outputs or () if frf else ()) if one not in draft.table.probes
+    ]
+    if frf is not None and not (draft.table.points or outputs):
+        findings.add(
+            key,
+            'there is no output for it at a point or an interface; write outputs = [["tcp", "z"]], or [points]',
+        )
+
+
+def _check_probe_output(
+    key: KeyPath, name: str, direction: str, draft: Draft, findings: Findings
+) -> None:
+    if name in draft.table.points:
+        findings.add(key, f"{name} is a point and a probe; rename one of them")
+    elif direction:
+        findings.add(
+            key, f'a probe shows displacement and stress in all directions; write "{name}" alone'
+        )
 
 
 def check_subjects(draft: Draft, findings: Findings) -> None:

@@ -7,7 +7,7 @@ import math
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import JointDisplacement
 from headstock.geometry.parts.components import Component, Load, Patch, Support
-from headstock.scene.building.components import build_patch, find_patch_fault
+from headstock.scene.building.components import bounding_box, build_patch, find_patch_fault
 from headstock.scene.building.draft import Draft, check_end, check_name
 from headstock.scene.building.joints import KINDS
 from headstock.scene.reading.findings import Findings
@@ -16,6 +16,7 @@ from headstock.scene.schema.components import ComponentTable, PatchTable
 from headstock.scene.schema.loads import LoadTable, SupportTable
 
 SMALL_ROTATION = 0.02  # [rad]: beyond, 1 - cos exceeds 2e-4
+OUTSIDE = 1e-9  # [m]: rounding of a place on a face
 
 
 def build_support(name: str, table: SupportTable, components: dict[str, Component]) -> Support:
@@ -150,9 +151,26 @@ def check_probes(draft: Draft, findings: Findings) -> None:
                 ("probes", name),
                 f"{probe.component} is not meshed, so there is no stress in it; make it elastic",
             )
-    if scene.probes and scene.analyses.static is None:
-        findings.add(("probes",), "probes show the response to static loads; add [analyses.static]")
-    if scene.probes and not scene.loads and not scene.effects.get("gravity"):
+        solid = draft.solids.get(probe.component)
+        box = None if solid is None else bounding_box(solid)
+        if box is not None and not all(
+            low - OUTSIDE <= place <= high + OUTSIDE
+            for place, (low, high) in zip(probe.at, box, strict=True)
+        ):
+            ends = ", ".join(f"{1e3 * low:g} to {1e3 * high:g} mm" for low, high in box)
+            findings.add(
+                ("probes", name, "at"),
+                f"lies outside {probe.component}, which reaches over x, y, z from {ends} in its own frame",
+            )
+    static, frf = scene.analyses.static, scene.analyses.frf
+    if not scene.probes or frf is not None:
+        return
+    if static is None:
+        findings.add(
+            ("probes",),
+            "probes show the response to static or harmonic loads; add [analyses.static] or [analyses.frf]",
+        )
+    if not scene.loads and not scene.effects.get("gravity"):
         findings.add(
             ("probes",), "nothing loads the machine; add [loads.NAME] or the effect gravity"
         )

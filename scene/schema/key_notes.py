@@ -272,7 +272,8 @@ NOTES = {
     "Springs.screw_offset": "free length of the screw less the length of the leg",
     "Frf.inputs": "where loads act: `[[\"tcp\", \"x\"]]`, a point or `component.interface` and one of `x y z rx ry rz`; a name alone "
     "means x, y and z; or a load of `[loads]`, as large as it is there; default: all points",
-    "Frf.outputs": "where motion is computed, points and interfaces as in `inputs`; default: the inputs, for loads all points",
+    "Frf.outputs": "where motion is computed, points and interfaces as in `inputs`, and probes by name; default: the inputs, for loads "
+    "all points, and all probes",
     "Frf.from": "lowest frequency; the value at 0 Hz is the static compliance",
     "Frf.to": "highest frequency; fixed-interface modes are kept up to twelve times this",
     "Frf.points": "number of frequencies of the regular grid",
@@ -280,6 +281,7 @@ NOTES = {
     "Frf.adaptive": "adds points around every resonance, from its half-power width outwards",
     "Frf.motion": "quantity in tables and charts; `results.h5` always holds receptances",
     "Frf.motors": "`locked`, or `controlled`: the loops of all drives are closed; with the effect `drive_control`",
+    "Frf.fields_at": "frequencies at which `run --volume` writes displacement and stress of elastic components under every input",
     "Frf.poses": "default: all of them",
     "Joint.errors": "of the rail or screw it slides along, see [geometric errors](geometric_errors.md); used with the effect `guide_errors`",
     "Axis.errors": "error motions of the axis in machine axes, see [geometric errors](geometric_errors.md); used with the effect `guide_errors`",
@@ -353,7 +355,7 @@ NOTES = {
     "Scene.axes": "machine axes by name",
     "Scene.supports": "faces whose nodes are fixed, by name",
     "Scene.loads": "static loads by name",
-    "Scene.probes": "points at which the stress of the static response is reported, by name",
+    "Scene.probes": "points at which displacement and stress are reported, by name",
     "Scene.studies": "parameters that `headstock study` varies, see [studies](studies.md)",
     "Scene.analyses": "what is computed",
     "Scene.orientation": "position and orientation of the whole machine",

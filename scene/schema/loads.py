@@ -156,7 +156,7 @@ class LoadTable(StrictTable):
 
 class ProbeTable(StrictTable):
     """A place on an elastic component, in its own frame, where displacement and stress under the
-    static loads are wanted.
+    loads are wanted.
     """
 
     component: Text

@@ -59,10 +59,16 @@ class FrfTable(RequestTable):
     adaptive: Flag = True
     motion: Literal["receptance", "mobility", "accelerance"] = "receptance"
     motors: Literal["locked", "controlled"] = "locked"
+    fields_at: tuple[PositiveFrequency, ...] = ()
     poses: Names | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        beyond = [hz for hz in self.fields_at if hz > self.to]
+        if beyond:
+            raise problem(
+                f"`fields_at` has {beyond[0]:g} Hz, beyond `to` = {self.to:g} Hz, up to which modes are kept; write a higher `to`"
+            )
         if self.start >= self.to:
             raise problem(
                 f"begins at {self.start:g} Hz and ends at {self.to:g} Hz; write a lower `from`"

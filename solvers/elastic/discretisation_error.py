@@ -2,6 +2,7 @@
 from them.
 """
 
+import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -25,11 +26,13 @@ from headstock.solvers.elastic.patch_recovery import (
     BLOCK_VALUES,
     COMPONENTS,
     StressArray,
+    corner_patches,
     gauss_places,
     local_motions,
     recover_stresses,
     stress_operators,
 )
+from headstock.solvers.stresses import pack_tensor, true_stresses
 
 # places where stresses are better than elsewhere in a cell, and rules for the square of what
 # recovery changes
@@ -220,6 +223,48 @@ def estimate_cell_errors(
         squares = np.square(rows, dtype=float).reshape(len(cells), -1, displacement.shape[1])
         found[cells] = squares.sum(axis=1)
     return found
+
+
+def cut_neighbourhood(mesh: ComponentMesh, cells: IntArray) -> tuple[ComponentMesh, IntArray]:
+    """The part of a mesh that recovery at the nodes of some cells needs, those cells first, and the
+    mesh points that it has.
+
+    Args:
+        mesh: The component's mesh.
+        cells: ``(c,)``.
+    """
+    samples, _ = gauss_places(
+        mesh.kind, SAMPLE_DEGREES[cell_family(mesh.kind), cell_order(mesh.kind)]
+    )
+    around = corner_patches(mesh, len(samples)).around(cells)
+    kept = np.concatenate([cells, np.setdiff1d(around, cells)])
+    points: IntArray = np.unique(mesh.cells[kept])
+    part = dataclasses.replace(
+        mesh,
+        points=mesh.points[points],
+        cells=np.searchsorted(points, mesh.cells[kept]),
+        patches={},
+        gaps=None,
+        missing=None,
+    )
+    return part, points
+
+
+def recover_at_nodes(
+    part: ComponentMesh, material: Material, displacement: FloatArray, counted: int
+) -> FloatArray:
+    """Recovered stresses ``(n_points, 6, k)`` xx yy zz xy xz yz [Pa] of displacement fields at the
+    nodes of the leading cells; of no meaning at the others.
+
+    Args:
+        part: Those cells and their neighbours, as ``cut_neighbourhood`` finds them.
+        material: Of the component.
+        displacement: ``(3 n_points, k)`` of the part's points [m].
+        counted: Number of those cells.
+    """
+    _, smooth = _recover(part, material, displacement, counted)
+    scaled = smooth.reshape(len(part.points), COMPONENTS, -1).swapaxes(1, 2).astype(float)
+    return pack_tensor(true_stresses(material, scaled)).swapaxes(1, 2)
 
 
 def _recover(

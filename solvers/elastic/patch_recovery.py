@@ -25,10 +25,10 @@ from headstock.meshing.elements.topology import (
     shape_functions,
     shape_gradients,
 )
+from headstock.solvers.stresses import SHEAR_PAIRS
 
 # single precision: errors of stresses are wanted, and they are far larger than its rounding
 StressArray = NDArray[np.float32]
-SHEAR_PAIRS = ((1, 2), (0, 2), (0, 1))
 COMPONENTS = 6
 # A fit to hardly more samples than coefficients swings between them: a column of single tetrahedra
 # came out fifteen times too bad with half as many again, and right with three times as many.

@@ -1,4 +1,6 @@
-"""Displacement and stress at points of a component from the displacements of its mesh points."""
+"""What is seen at a point of a component: displacement and stress, from the displacements of its
+mesh points.
+"""
 
 from dataclasses import dataclass
 
@@ -11,6 +13,7 @@ from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.solvers.elastic.compat import gmsh_cell_order
 from headstock.solvers.elastic.elasticity import CELL_TYPES
 from headstock.solvers.errors import ModelError
+from headstock.solvers.stresses import PAIRS
 
 NODE_TOLERANCE = 1e-6
 INSIDE_TOLERANCE = 1e-6
@@ -19,26 +22,34 @@ CANDIDATE_CELLS = 40
 
 
 @dataclass(frozen=True, eq=False)
-class PointResponse:
-    """Recovered response at points.
+class PointRows:
+    """What is seen at a point of a mesh: displacement x y z and stress xx yy zz xy xz yz, from the
+    displacements of some mesh points.
 
     Attributes:
-        displacement: ``(n, 3)`` [m].
-        stress: ``(n, 3, 3)`` Cauchy stress [Pa].
-        jump: ``(n,)`` largest difference between the stresses of the cells that meet at the point
-            over their largest entry: a measure of the discretisation error there (zero inside a
-            cell).
+        nodes: ``(m,)`` those mesh points.
+        rows: ``(9, 3 m)`` [1, Pa/m].
+        cells: ``(c,)`` cells that meet at the point.
+        shares: ``(m,)`` of a continuous field of nodal values, the value at the point.
     """
 
-    displacement: FloatArray
-    stress: FloatArray
-    jump: FloatArray
+    nodes: IntArray
+    rows: FloatArray
+    cells: IntArray
+    shares: FloatArray
+
+    def apply(self, displacement: FloatArray) -> FloatArray:
+        """Displacement and stress ``(9, k)`` under displacements ``(3 n_points, k)`` of mesh points."""
+        moved = displacement.reshape(-1, 3, displacement.shape[1])[self.nodes]
+        return np.asarray(self.rows @ moved.reshape(-1, displacement.shape[1]))
+
+    def read(self, smooth: FloatArray) -> FloatArray:
+        """A continuous field at the point, from its values ``(m, ...)`` at the nodes."""
+        return np.asarray(np.tensordot(self.shares, smooth, axes=1))
 
 
-def recover_at_points(
-    mesh: ComponentMesh, material: Material, displacement: FloatArray, points: FloatArray
-) -> PointResponse:
-    """Displacement and stress at points of a component.
+def find_point_rows(mesh: ComponentMesh, material: Material, point: FloatArray) -> PointRows:
+    """What is seen at a point of a component.
 
     At a mesh point the stresses of all cells that meet there are averaged; elsewhere the cell that
     holds the point is evaluated.
@@ -46,25 +57,48 @@ def recover_at_points(
     Args:
         mesh: The component's mesh.
         material: Its material.
-        displacement: ``(n_points, 3)`` or ``(3 n_points,)`` displacement of the mesh points [m].
-        points: ``(n, 3)`` in the component's frame [m].
+        point: ``(3,)`` in the component's frame [m].
 
     Raises:
-        ModelError: A point lies outside the mesh.
+        ModelError: The point lies outside the mesh.
 
     Source: Hinton and Campbell (1974) for nodal averaging.
     """
-    field = np.asarray(displacement, dtype=float).reshape(-1, 3)
     element = _Element(mesh)
-    moved, stresses, jumps = [], [], []
-    for point in np.atleast_2d(points):
-        values, tensors = _evaluate(element, mesh, material, field, point)
-        mean = tensors.mean(axis=0)
-        scale = max(float(np.abs(tensors).max()), np.finfo(float).tiny)
-        moved.append(values)
-        stresses.append(mean)
-        jumps.append(float(np.abs(tensors - mean).max()) / scale)
-    return PointResponse(np.array(moved), np.array(stresses), np.array(jumps))
+    distances = np.linalg.norm(mesh.points - point, axis=1)
+    nearest = int(np.argmin(distances))
+    extent = float(np.ptp(mesh.points, axis=0).max())
+    if distances[nearest] < NODE_TOLERANCE * extent:
+        cells, positions = np.nonzero(element.cells == nearest)
+        places = element.nodes[positions]
+    else:
+        found, place = _locate(element, mesh, point)
+        cells, places = np.array([found]), place[None]
+    nodes, slots = np.unique(element.cells[cells], return_inverse=True)
+    rows, shares = np.zeros((9, len(nodes), 3)), np.zeros(len(nodes))
+    for cell, place, slot in zip(cells, places, slots.reshape(len(cells), -1), strict=True):
+        values, gradients = element.tabulate(place)
+        slopes = gradients @ np.linalg.inv(mesh.points[element.cells[cell]].T @ gradients)
+        shares[slot] += values / len(cells)
+        rows[:, slot] += _cell_rows(values, slopes, material) / len(cells)
+    return PointRows(nodes, rows.reshape(9, -1), cells, shares)
+
+
+def _cell_rows(values: FloatArray, slopes: FloatArray, material: Material) -> FloatArray:
+    """Displacement and stress ``(9, n_nodes, 3)`` per displacement of a cell's nodes, from values
+    ``(n_nodes,)`` and derivatives ``(n_nodes, 3)`` of their shape functions.
+    """
+    shear = material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio))
+    lame = 2.0 * shear * material.poisson_ratio / (1.0 - 2.0 * material.poisson_ratio)
+    rows = np.zeros((9, len(values), 3))
+    for axis in range(3):
+        rows[axis, :, axis] = values
+        rows[3 + axis] = lame * slopes
+        rows[3 + axis, :, axis] += 2.0 * shear * slopes[:, axis]
+    for row, (first, second) in enumerate(PAIRS[3:], start=6):
+        rows[row, :, first] = shear * slopes[:, second]
+        rows[row, :, second] = shear * slopes[:, first]
+    return rows
 
 
 class _Element:
@@ -95,26 +129,6 @@ class _Element:
         )
 
 
-def _evaluate(
-    element: _Element, mesh: ComponentMesh, material: Material, field: FloatArray, point: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    distances = np.linalg.norm(mesh.points - point, axis=1)
-    nearest = int(np.argmin(distances))
-    extent = float(np.ptp(mesh.points, axis=0).max())
-    if distances[nearest] < NODE_TOLERANCE * extent:
-        cells, positions = np.nonzero(element.cells == nearest)
-        tensors = [
-            _stress(element, mesh, material, field, int(cell), element.nodes[position])
-            for cell, position in zip(cells, positions, strict=True)
-        ]
-        return field[nearest], np.array(tensors)
-    cell, place = _locate(element, mesh, point)
-    values, _ = element.tabulate(place)
-    return values @ field[element.cells[cell]], _stress(
-        element, mesh, material, field, cell, place
-    )[None]
-
-
 def _locate(element: _Element, mesh: ComponentMesh, point: FloatArray) -> tuple[int, FloatArray]:
     centers = mesh.points[mesh.cells].mean(axis=1)
     for cell in np.argsort(np.linalg.norm(centers - point, axis=1))[:CANDIDATE_CELLS]:
@@ -131,21 +145,3 @@ def _locate(element: _Element, mesh: ComponentMesh, point: FloatArray) -> tuple[
     raise ModelError(
         f"the point ({', '.join(f'{value:.6g}' for value in point)}) m lies outside the component's mesh"
     )
-
-
-def _stress(
-    element: _Element,
-    mesh: ComponentMesh,
-    material: Material,
-    field: FloatArray,
-    cell: int,
-    place: FloatArray,
-) -> FloatArray:
-    _, gradients = element.tabulate(place)
-    nodes = element.cells[cell]
-    slopes = gradients @ np.linalg.inv(mesh.points[nodes].T @ gradients)
-    strain = field[nodes].T @ slopes
-    strain = 0.5 * (strain + strain.T)
-    shear = material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio))
-    lame = 2.0 * shear * material.poisson_ratio / (1.0 - 2.0 * material.poisson_ratio)
-    return np.asarray(2.0 * shear * strain + lame * np.trace(strain) * np.eye(3))

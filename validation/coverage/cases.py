@@ -7,9 +7,10 @@ What stands behind ± on one part of the suite, beside the truth from a far fine
 import dataclasses
 import hashlib
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
@@ -50,6 +51,9 @@ from headstock.solvers.linear.mode_pairing import ModeSet, pair_modes
 from headstock.solvers.second_order import Channel, ComplexArray, input_columns, output_rows
 from headstock.validation.coverage.parts import FIRST_HEX, PRODUCT, CoveragePart, draw_part
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 # modes of a judged mesh, and of the true one among which theirs are sought
 WATCHED, PARTNERS = (
@@ -131,20 +135,36 @@ def cover_part(seed: int) -> PartCoverage:
     """The numbers of a seed, from the store where they are there: a suite that was stopped goes
     on.
     """
+    return keep_measured(seed, measure_part, PartCoverage, (Path(__file__),))
+
+
+def keep_measured[Measured: "DataclassInstance"](
+    seed: int,
+    measure: Callable[[CoveragePart], Measured],
+    kind: type[Measured],
+    files: Sequence[Path],
+) -> Measured:
+    """What is measured of the part of a seed, from the store where it is there.
+
+    Args:
+        seed: Of the part.
+        measure: What to do with it.
+        kind: Of the result.
+        files: The code of the measurement, beside that of the program.
+    """
     store = Store(default_store_root())
     packages = (headstock.geometry, headstock.meshing, headstock.solvers, headstock.reduction)
-    files = (Path(__file__), Path(__file__).with_name("parts.py"))
     words = [
         *(code_fingerprint(package) for package in packages),
-        *(file.read_text() for file in files),
+        *(file.read_text() for file in (*files, Path(__file__).with_name("parts.py"))),
         str(seed),
     ]
     key = hashlib.sha256("\0".join(words).encode()).hexdigest()
-    known = read_entry(store, key, PartCoverage).value
+    known = read_entry(store, key, kind).value
     if known is not None:
         return known
     with tempfile.TemporaryDirectory(prefix="headstock-coverage-") as folder:
-        found = measure_part(draw_part(seed, Path(folder)))
+        found = measure(draw_part(seed, Path(folder)))
     write_entry(store, key, found)
     return found
 

@@ -61,7 +61,6 @@ def test_bending_stress_and_tip_deflection_follow_beam_theory(tmp_path: Path) ->
     assert probe["stress_mpa"]["zz"] == pytest.approx(-bending * 1e-6, rel=0.01)
     deflection = line * LENGTH**4 / (8 * YOUNG * inertia)
     assert summary["static"]["tcp"]["displacement"][0] == pytest.approx(deflection, rel=0.01)
-    assert probe["stress_jump"] < 0.05
 
 
 def test_a_turned_component_shows_the_same_stress_in_turned_axes(tmp_path: Path) -> None:

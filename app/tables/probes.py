@@ -1,0 +1,167 @@
+"""Rows of displacement and stress at probes, under static loads and over frequency."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.app.tables.table import Column, PlainTable
+from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.pipeline.answers.frf import ResponseCurves, ResponseSummary
+from headstock.pipeline.answers.probes import (
+    ProbeCurves,
+    ProbePeakSummary,
+    ProbeSummary,
+    probe_units,
+)
+from headstock.pipeline.results.mode_files import file_stem
+from headstock.solvers.second_order import ComplexArray, name_channel
+from headstock.solvers.stresses import STRESS_NAMES
+
+
+def _open(error: float | None) -> float:
+    """An error that nobody knows as NaN, which is shown as such."""
+    return math.nan if error is None else error
+
+
+def _moved(axis: int) -> Column[tuple[str, ProbeSummary]]:
+    d = DIRECTIONS[axis]
+    return Column(
+        lambda row: row[1]["displacement_um"][axis],
+        f"displacement {d} [um]",
+        f">{d} µm",
+        f"{d} [µm]",
+        error=lambda row: _open(row[1]["displacement_error_um"][axis]),
+    )
+
+
+def _stressed(pair: str) -> Column[tuple[str, ProbeSummary]]:
+    return Column(
+        lambda row: row[1]["stress_mpa"][pair],
+        f"stress {pair} [MPa]",
+        report=f"{pair} [MPa]",
+        error=lambda row: _open(row[1]["stress_error_mpa"][pair]),
+    )
+
+
+def _moved_error(axis: int) -> Column[tuple[str, ProbeSummary]]:
+    return Column(
+        lambda row: row[1]["displacement_error_um"][axis], f"± displacement {DIRECTIONS[axis]} [um]"
+    )
+
+
+def _stress_error(pair: str) -> Column[tuple[str, ProbeSummary]]:
+    return Column(lambda row: row[1]["stress_error_mpa"][pair], f"± stress {pair} [MPa]")
+
+
+_NAMES: tuple[Column[tuple[str, ProbeSummary]], ...] = (
+    Column(lambda row: row[0], "probe", "probe", "Probe"),
+    Column(lambda row: row[1]["component"], "component", "in", "Component"),
+)
+_MOVED = tuple(_moved(axis) for axis in range(3))
+_STRESSED = tuple(_stressed(pair) for pair in STRESS_NAMES)
+_MISES: Column[tuple[str, ProbeSummary]] = Column(
+    lambda row: row[1]["von_mises_mpa"],
+    "von Mises [MPa]",
+    ">von Mises MPa",
+    "von Mises [MPa]",
+    error=lambda row: _open(row[1]["von_mises_error_mpa"]),
+)
+# in the report two tables, so that six stresses with their errors fit
+PROBE_MOTION_COLUMNS = (*_NAMES, *_MOVED, _MISES)
+PROBE_STRESS_COLUMNS = (*_NAMES, *_STRESSED)
+PROBE_COLUMNS = (
+    *_NAMES,
+    *(bound for axis in range(3) for bound in (_MOVED[axis], _moved_error(axis))),
+    *(
+        bound
+        for column, pair in zip(_STRESSED, STRESS_NAMES, strict=True)
+        for bound in (column, _stress_error(pair))
+    ),
+    _MISES,
+    Column[tuple[str, ProbeSummary]](
+        lambda row: row[1]["von_mises_error_mpa"], "± von Mises [MPa]"
+    ),
+)
+
+
+@dataclass(frozen=True)
+class ProbePeakRow:
+    """The largest equivalent stress at a probe under an input."""
+
+    probe: str
+    component: str
+    peak: ProbePeakSummary
+
+
+def list_probe_peaks(response: ResponseSummary) -> list[ProbePeakRow]:
+    """Every probe of a frequency response under every input."""
+    return [
+        ProbePeakRow(name, probe["component"], peak)
+        for name, probe in response.get("probes", {}).items()
+        for peak in probe["inputs"]
+    ]
+
+
+PROBE_PEAK_COLUMNS: tuple[Column[ProbePeakRow], ...] = (
+    Column(lambda row: row.probe, "probe", "probe", "Probe"),
+    Column(lambda row: row.component, "component", "in", "Component"),
+    Column(lambda row: " ".join(row.peak["input"]), "load", "load", "Load"),
+    Column(
+        lambda row: row.peak["static_von_mises"],
+        "von Mises at rest",
+        ">von Mises at rest",
+        "von Mises at rest",
+    ),
+    Column(
+        lambda row: row.peak["peak_von_mises"],
+        "largest von Mises",
+        ">largest",
+        "largest over a cycle",
+        error=lambda row: _open(row.peak["peak_von_mises_error"]),
+    ),
+    Column(lambda row: row.peak["peak_von_mises_error"], "± largest von Mises"),
+    Column(lambda row: row.peak["peak_hz"], "at [Hz]", ">at Hz", "at [Hz]"),
+    Column(lambda row: row.peak["unit"], "unit", "unit", "Unit"),
+)
+
+
+def tabulate_probes(curves: ResponseCurves) -> PlainTable:
+    """A row per frequency: largest equivalent stress over a cycle with its error, and real and
+    imaginary part of displacement and stress, at every probe under every input; SI.
+    """
+    headings, columns = ["frequency [Hz]"], [curves.frequencies_hz]
+    for probe in curves.probes:
+        for heading, values in _list_columns(probe):
+            headings.append(heading)
+            columns.append(values)
+    cells = tuple(
+        tuple(None if math.isnan(value) else float(value) for value in row)
+        for row in np.column_stack(columns)
+    )
+    return PlainTable(f"probes_frf_{file_stem(curves.pose)}", tuple(headings), cells)
+
+
+def _list_columns(probe: ProbeCurves) -> Iterator[tuple[str, FloatArray]]:
+    for column, given in enumerate(probe.inputs):
+        stress, moved, _ = probe_units(given)
+        pascal, metre = stress.replace("MPa/kN", "MPa/N"), moved.replace("µm/kN", "µm/N")
+        pascal, metre = pascal.replace("MPa", "Pa"), metre.replace("µm", "m")
+        where = f"{probe.name} / {name_channel(given)}"
+        yield f"von Mises {where} [{pascal}]", probe.von_mises[:, column]
+        if probe.von_mises_error is not None:
+            yield f"± von Mises {where} [{pascal}]", probe.von_mises_error[:, column]
+        for row, name in enumerate(STRESS_NAMES):
+            for part, values in _parts(probe.stress[:, row, column]):
+                yield f"{part} stress {name} {where} [{pascal}]", values
+        for row, name in enumerate(DIRECTIONS):
+            for part, values in _parts(probe.displacement[:, row, column]):
+                yield f"{part} displacement {name} {where} [{metre}]", values
+
+
+def _parts(values: ComplexArray) -> tuple[tuple[str, FloatArray], ...]:
+    return (
+        ("Re", np.asarray(values.real, dtype=float)),
+        ("Im", np.asarray(values.imag, dtype=float)),
+    )

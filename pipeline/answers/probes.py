@@ -1,0 +1,301 @@
+"""Displacement and stress at probes as results, under static loads and over frequency: the types, and
+how they read in ``summary.json`` and ``results.h5``.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar, TypedDict
+
+import h5py
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.estimates import Estimate
+from headstock.pipeline.storage.json_texts import check_finite
+from headstock.solvers.second_order import Channel, ComplexArray
+from headstock.solvers.stresses import STRESS_NAMES, largest_von_mises
+
+MICRO, MEGA = 1e6, 1e-6  # from m to µm, from Pa to MPa
+KILO = 1e3  # per N to per kN
+ROUNDING = 1e-12
+
+
+class ProbeSummary(TypedDict):
+    """The entry of a probe in ``probes``; stresses by ``xx``, ``xy`` and so on."""
+
+    component: str
+    displacement_um: list[float]
+    displacement_error_um: list[float | None]
+    stress_mpa: dict[str, float]
+    stress_error_mpa: dict[str, float | None]
+    von_mises_mpa: float
+    von_mises_error_mpa: float | None
+    singular: str
+    error_left_out: list[str]
+
+
+class ProbePeakSummary(TypedDict):
+    """The entry of an input at a probe in ``probes`` of a frequency response: equivalent stresses are
+    the largest over a cycle, and the stress at their peak is real and imaginary part by ``xx``, ``xy``
+    and so on.
+    """
+
+    input: list[str]
+    unit: str
+    static_von_mises: float | None
+    peak_von_mises: float | None
+    peak_von_mises_error: float | None
+    peak_von_mises_error_share: dict[str, float | None]
+    peak_hz: float | None
+    peak_stress: dict[str, list[float]]
+    displacement_unit: str
+    peak_displacement: list[float]
+
+
+class ProbeCurvesSummary(TypedDict):
+    """The entry of a probe in ``probes`` of a frequency response."""
+
+    component: str
+    singular: str
+    inputs: list[ProbePeakSummary]
+
+
+@dataclass(frozen=True, eq=False)
+class ProbeResponse:
+    """Response of a component to all static loads together at a probe, in machine axes.
+
+    Attributes:
+        component: Its name.
+        displacement: ``(3,)`` [m].
+        stress: ``(6,)`` xx yy zz xy xz yz [Pa].
+        displacement_errors: Along x, y, z [m].
+        stress_errors: Of the six numbers [Pa].
+        von_mises_error: Of the equivalent stress [Pa].
+        singular: What makes the stress there grow with every finer mesh; empty for nothing.
+    """
+
+    component: str
+    displacement: FloatArray
+    stress: FloatArray
+    displacement_errors: tuple[Estimate, ...]
+    stress_errors: tuple[Estimate, ...]
+    von_mises_error: Estimate
+    singular: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ProbeAnswer(Answer):
+    """Responses at all probes in one pose.
+
+    Attributes:
+        pose: Its name.
+        probes: By name.
+    """
+
+    pose: str
+    probes: dict[str, ProbeResponse]
+    units: ClassVar[dict[str, str]] = {
+        r"probes/.*/displacement(_error)?": "m",
+        r"probes/.*/stress(_error)?": "Pa",
+    }
+
+    def summarise(self) -> dict[str, ProbeSummary]:
+        """Its probes as they stand in ``summary.json``.
+
+        Raises:
+            AccuracyError: A response is not a finite number.
+        """
+        return {name: _summarise_probe(name, probe) for name, probe in self.probes.items()}
+
+    def fill(self, file: h5py.File) -> None:
+        """Write displacements and stresses, NaN for errors that nobody knows."""
+        for name, probe in self.probes.items():
+            group = file.create_group(f"probes/{self.pose}/{name}")
+            group["displacement"], group["stress"] = probe.displacement, probe.stress
+            for what, errors in (
+                ("displacement", probe.displacement_errors),
+                ("stress", probe.stress_errors),
+            ):
+                totals = [np.nan if each.total is None else each.total for each in errors]
+                group[f"{what}_error"] = np.array(totals)
+
+
+@dataclass(frozen=True, eq=False)
+class ProbeCurves:
+    """Displacement and stress at a probe over frequency, machine axes: complex amplitudes per unit
+    force or moment, or under a whole load of the scene.
+
+    Attributes:
+        name: Of the probe.
+        component: That it is in.
+        inputs: ``k`` channels at which loads act.
+        frequencies_hz: ``(n,)``.
+        displacement: ``(n, 3, k)`` [m per unit]; NaN where there is no value.
+        stress: ``(n, 6, k)`` xx yy zz xy xz yz [Pa per unit].
+        displacement_error_share: Source of error to its size ``(n, 3, k)``; empty where none was
+            sought, NaN where there is no bound.
+        stress_error_share: The same ``(n, 6, k)``.
+        von_mises_error_share: The same of the largest equivalent stress over a cycle ``(n, k)``.
+        singular: What makes the stress there grow with every finer mesh; empty for nothing.
+    """
+
+    name: str
+    component: str
+    inputs: tuple[Channel, ...]
+    frequencies_hz: FloatArray
+    displacement: ComplexArray
+    stress: ComplexArray
+    displacement_error_share: Mapping[str, FloatArray] = field(default_factory=dict)
+    stress_error_share: Mapping[str, FloatArray] = field(default_factory=dict)
+    von_mises_error_share: Mapping[str, FloatArray] = field(default_factory=dict)
+    singular: str = ""
+
+    @property
+    def von_mises(self) -> FloatArray:
+        """Largest equivalent stress over a cycle ``(n, k)`` [Pa per unit]."""
+        return largest_von_mises(self.stress.swapaxes(1, 2))
+
+    @property
+    def von_mises_error(self) -> FloatArray | None:
+        """How far it may be off by all sources together; None where none was sought."""
+        parts = list(self.von_mises_error_share.values())
+        return np.asarray(np.sum(parts, axis=0)) if parts else None
+
+    def summarise(self) -> ProbeCurvesSummary:
+        """Where the equivalent stress is largest, by input."""
+        return {
+            "component": self.component,
+            "singular": self.singular,
+            "inputs": [_summarise_peak(self, column) for column in range(len(self.inputs))],
+        }
+
+    def fill(self, group: h5py.Group) -> None:
+        """Write the curves, NaN where there is no value or bound."""
+        group.attrs["component"], group.attrs["singular"] = self.component, self.singular
+        group["displacement"], group["stress"] = self.displacement, self.stress
+        group["von_mises"] = self.von_mises
+        for what, shares in (
+            ("displacement", self.displacement_error_share),
+            ("stress", self.stress_error_share),
+            ("von_mises", self.von_mises_error_share),
+        ):
+            for source, size in shares.items():
+                group[f"{what}_error_share/{source}"] = size
+
+
+def parse_probe_curves(
+    name: str, group: h5py.Group, inputs: tuple[Channel, ...], frequencies_hz: FloatArray
+) -> ProbeCurves:
+    """Read what ``fill`` wrote.
+
+    Args:
+        name: Of the probe.
+        group: Its own.
+        inputs: Of the response.
+        frequencies_hz: Of the response.
+
+    Raises:
+        KeyError: A part is missing.
+    """
+    shares = {
+        what: {source: size[:] for source, size in group.get(f"{what}_error_share", {}).items()}
+        for what in ("displacement", "stress", "von_mises")
+    }
+    return ProbeCurves(
+        name,
+        group.attrs["component"],
+        inputs,
+        frequencies_hz,
+        group["displacement"][:],
+        group["stress"][:],
+        shares["displacement"],
+        shares["stress"],
+        shares["von_mises"],
+        group.attrs["singular"],
+    )
+
+
+def probe_units(given: Channel, load: str = "load") -> tuple[str, str, float]:
+    """Units of stress and displacement at a probe by an input, and the factor from per SI unit of the
+    load.
+
+    Args:
+        given: The input.
+        load: Direction of an input that is a load of the scene, as large as it is there.
+    """
+    if given[1] == load:
+        return "MPa", "µm", 1.0
+    if given[1].startswith("r"):
+        return "MPa/(N m)", "µm/(N m)", 1.0
+    return "MPa/kN", "µm/kN", KILO
+
+
+def _summarise_peak(curves: ProbeCurves, column: int) -> ProbePeakSummary:
+    given, mises = curves.inputs[column], curves.von_mises[:, column]
+    stress_unit, displacement_unit, per = probe_units(given)
+    known = np.flatnonzero(np.isfinite(mises))
+    summary: ProbePeakSummary = {
+        "input": list(given),
+        "unit": stress_unit,
+        "static_von_mises": None,
+        "peak_von_mises": None,
+        "peak_von_mises_error": None,
+        "peak_von_mises_error_share": {},
+        "peak_hz": None,
+        "peak_stress": {},
+        "displacement_unit": displacement_unit,
+        "peak_displacement": [],
+    }
+    if not len(known):
+        return summary
+    top, factor = int(known[np.argmax(mises[known])]), per * MEGA
+    shares = {
+        source: None if np.isnan(size[top, column]) else factor * float(size[top, column])
+        for source, size in curves.von_mises_error_share.items()
+    }
+    at_rest = curves.frequencies_hz[0] == 0.0 and np.isfinite(mises[0])
+    return summary | {
+        "static_von_mises": factor * float(mises[0]) if at_rest else None,
+        "peak_von_mises": factor * float(mises[top]),
+        "peak_von_mises_error": Estimate(shares).total,
+        "peak_von_mises_error_share": shares,
+        "peak_hz": float(curves.frequencies_hz[top]),
+        "peak_stress": {
+            name: [factor * float(value.real), factor * float(value.imag)]
+            for name, value in zip(STRESS_NAMES, curves.stress[top, :, column], strict=True)
+        },
+        "peak_displacement": [
+            per * MICRO * float(size) for size in np.abs(curves.displacement[top, :, column])
+        ],
+    }
+
+
+def _summarise_probe(name: str, probe: ProbeResponse) -> ProbeSummary:
+    what = f"response at probe {name}"
+    errors = (*probe.displacement_errors, *probe.stress_errors)
+    mises = float(largest_von_mises(probe.stress))
+    moved = _clear(probe.displacement, float(np.linalg.norm(probe.displacement)))
+    stress = _clear(probe.stress, mises)
+    return {
+        "component": probe.component,
+        "displacement_um": check_finite(what, moved * MICRO),
+        "displacement_error_um": [_scale(each, MICRO) for each in probe.displacement_errors],
+        "stress_mpa": dict(zip(STRESS_NAMES, check_finite(what, stress * MEGA), strict=True)),
+        "stress_error_mpa": dict(
+            zip(STRESS_NAMES, (_scale(each, MEGA) for each in probe.stress_errors), strict=True)
+        ),
+        "von_mises_mpa": mises * MEGA,
+        "von_mises_error_mpa": _scale(probe.von_mises_error, MEGA),
+        "singular": probe.singular,
+        "error_left_out": sorted({words for each in errors for words in each.left_out}),
+    }
+
+
+def _clear(values: FloatArray, scale: float) -> FloatArray:
+    """Zeros for what rounding leaves beside numbers of a scale."""
+    return np.where(np.abs(values) < ROUNDING * scale, 0.0, values)
+
+
+def _scale(error: Estimate, factor: float) -> float | None:
+    return None if error.total is None else factor * error.total

@@ -1,0 +1,164 @@
+"""What probes see of a coupled machine: displacement and stress in machine axes, of its free
+coordinates and of its loads.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.linalg
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Machine, Probe
+from headstock.reduction.coupling.channels import gravity_factors, load_factors
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.coupling.dof_layout import turn_dofs
+from headstock.reduction.superelement import ProbeLoad, ProbeRows
+from headstock.solvers.errors import ModelError
+from headstock.solvers.stresses import turn_stress
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedProbe:
+    """What a probe sees of a machine with ``n`` free coordinates, machine axes.
+
+    Attributes:
+        component: That it is in.
+        values: ``(9, n)`` displacement x y z [m] and stress xx yy zz xy xz yz [Pa].
+        offset: ``(9,)`` the same at zero free coordinates, by what is prescribed.
+        inertia: ``(9, n)`` that modes left out add at rest per acceleration, times -1.
+        smoothing: ``(s, 6, n)`` what recovery changes in the stresses at the probe and around, the
+            root of whose sum of squares counts; None where nobody knows.
+        missing: ``(3, n)`` energy products of the errors of unit responses with those of the
+            coordinates, times the factor that covers 95 % of true errors; None where nobody knows.
+        loads: By load of the machine, whole; its energy products times that factor.
+        limit: Square of the angular frequency from which on modes are left out [rad^2/s^2].
+        strain_reach: What an error of the stress moves across its cells [m/Pa].
+        singular: What makes the stress there grow with every finer mesh; empty for nothing.
+    """
+
+    component: str
+    values: FloatArray
+    offset: FloatArray
+    inertia: FloatArray
+    smoothing: FloatArray | None
+    missing: FloatArray | None
+    loads: Mapping[str, ProbeLoad] = field(default_factory=dict)
+    limit: float = np.inf
+    strain_reach: float = 0.0
+    singular: str = ""
+
+
+def place_probe(
+    coupled: CoupledMachine, machine: Machine, probe: Probe, gravity: FloatArray | None
+) -> PlacedProbe:
+    """What a probe sees of a coupled machine.
+
+    Args:
+        coupled: The machine in a pose.
+        machine: With its loads.
+        probe: One of its.
+        gravity: ``(3,)`` acceleration in machine axes [m/s^2]; None without.
+
+    Raises:
+        ModelError: Its component was reduced without it.
+    """
+    name = probe.component
+    superelement = coupled.layout.superelements[name]
+    if probe.name not in superelement.probes:
+        raise ModelError(f"component {name!r} was reduced without the probe {probe.name!r}")
+    rows, placement = superelement.probes[probe.name], coupled.placements[name]
+    stacked = turn_dofs(superelement, placement) @ coupled.basis[coupled.offsets[name]]
+    fixed = turn_dofs(superelement, placement) @ coupled.offset[coupled.offsets[name]]
+    turned = turn_stress(placement.rotation)
+    seen = scipy.linalg.block_diag(placement.rotation, turned)
+    errors = superelement.errors
+    return PlacedProbe(
+        component=name,
+        values=seen @ rows.values @ stacked,
+        offset=seen @ rows.values @ fixed,
+        inertia=seen @ rows.inertia @ stacked[: superelement.boundary_size],
+        smoothing=None if rows.smoothing is None else turned @ (rows.smoothing @ stacked),
+        missing=None
+        if rows.missing is None
+        else errors.mesh_safety * placement.rotation @ rows.missing @ stacked,
+        loads={
+            load: _combine(rows, factors, seen, errors.mesh_safety)
+            for load, factors in component_factors(coupled, machine, name, gravity).items()
+        },
+        limit=np.inf if errors.truncation is None else errors.truncation.limit,
+        strain_reach=rows.strain_reach,
+        singular=rows.singular,
+    )
+
+
+def component_factors(
+    coupled: CoupledMachine, machine: Machine, name: str, gravity: FloatArray | None
+) -> dict[str, dict[str, float]]:
+    """By load of the machine, how much of each unit load of a component's superelement it takes.
+
+    Args:
+        coupled: The machine in a pose.
+        machine: With its loads.
+        name: Of the component.
+        gravity: ``(3,)`` acceleration in machine axes [m/s^2]; None without.
+    """
+    known = coupled.layout.superelements[name].loads
+    found = {
+        load.name: load_factors(coupled.layout, load)
+        for load in machine.loads.values()
+        if load.component == name
+    }
+    if gravity is not None:
+        found["gravity"] = gravity_factors(coupled.placements[name], gravity)
+    return {
+        load: {key: size for key, size in own.items() if key in known}
+        for load, own in found.items()
+    }
+
+
+def _combine(
+    rows: ProbeRows, factors: Mapping[str, float], seen: FloatArray, safety: float
+) -> ProbeLoad:
+    """What is seen of unit loads that act together, machine axes."""
+    values: FloatArray = np.zeros(9)
+    smoothing: FloatArray = np.zeros(() if rows.smoothing is None else rows.smoothing.shape[:2])
+    missing: FloatArray = np.zeros(3)
+    known = rows.smoothing is not None and rows.missing is not None
+    for key, factor in factors.items():
+        load = rows.loads[key]
+        values = values + factor * load.values
+        if load.smoothing is not None and load.missing is not None:
+            smoothing = smoothing + factor * load.smoothing
+            missing = missing + factor * load.missing
+    return ProbeLoad(
+        seen @ values,
+        smoothing @ seen[3:, 3:].T if known else None,
+        safety * seen[:3, :3] @ missing if known else None,
+    )
+
+
+def missing_of_loads(
+    coupled: CoupledMachine, machine: Machine, gravity: FloatArray | None
+) -> dict[str, FloatArray]:
+    """Energy products ``(n,)`` of the discretisation errors of all static responses to loads inside
+    bodies with those of the coordinates, together; by component with such loads, as far as known.
+
+    Args:
+        coupled: The machine in a pose.
+        machine: With its loads.
+        gravity: ``(3,)`` acceleration in machine axes [m/s^2]; None without.
+    """
+    found = {}
+    for name, element in coupled.layout.superelements.items():
+        total: FloatArray = np.zeros(len(element.labels))
+        for factors in component_factors(coupled, machine, name, gravity).values():
+            for key, factor in factors.items():
+                missing = element.loads[key].missing
+                if missing is not None:
+                    total = total + factor * missing
+        if total.any():
+            turn = turn_dofs(element, coupled.placements[name])
+            own = turn @ coupled.basis[coupled.offsets[name]]
+            found[name] = element.errors.mesh_safety * own.T @ total
+    return found

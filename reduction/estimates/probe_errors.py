@@ -1,0 +1,133 @@
+"""Errors of what probes see of a coupled machine at rest, by the meshes of its components."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.coupling.probes import PlacedProbe
+from headstock.reduction.estimates.mesh_errors import (
+    SILENT_SHARE,
+    product_errors,
+    silent_energies,
+)
+from headstock.solvers.linear.static_response import solve_balanced
+from headstock.solvers.second_order import ComplexArray
+from headstock.solvers.stresses import von_mises_change
+
+SEEN, MOVED = 9, 3  # rows of a probe, and those of displacement; the others are stresses
+STRESSED = SEEN - MOVED
+# What recovery changes in a stress is multiplied by so that it covers 95 % of true errors; and the
+# share of a cell's size over which that error counts as one of the strain, which moves the probe
+# beside its dofs (`validate probes`)
+STRESS_SAFETY, MOVED_SHARE = 1.8, 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class RestErrors:
+    """Errors of displacement x y z [m] and stress xx yy zz xy xz yz [Pa] at a probe.
+
+    Attributes:
+        component: That the probe is in.
+        products: Component to ``(9,)`` what finer meshes would add by way of the coordinates, times
+            the factor of the mesh; NaN where nobody knows.
+        faces: Component to the size ``(9,)`` of what the curved faces and small features change that
+            its mesh lacks.
+        local: ``(s, 6)`` what recovery changes in the stresses, times its factor, as in
+            ``ProbeRows.smoothing``.
+        moved: Size of the displacement error within the cells of the probe [m].
+    """
+
+    component: str
+    products: Mapping[str, FloatArray]
+    faces: Mapping[str, FloatArray]
+    local: FloatArray
+    moved: float
+
+    @property
+    def meshes(self) -> dict[str, FloatArray]:
+        """Component to the sizes ``(9,)`` of the errors by its mesh."""
+        sizes = {name: np.abs(change) for name, change in self.products.items()}
+        if self.component in sizes:
+            sizes[self.component][:MOVED] += self.moved
+            sizes[self.component][MOVED:] += np.linalg.norm(self.local, axis=0)
+        return sizes
+
+
+def estimate_at_rest(
+    coupled: CoupledMachine, probe: PlacedProbe, moved: FloatArray, inside: Mapping[str, FloatArray]
+) -> RestErrors:
+    """Errors of what a probe sees of a static response.
+
+    The error of a displacement is the energy product of the errors of the response and of the
+    response to a unit force at the probe. A stress differs by what recovery changes there, and by
+    what finer meshes change in the coordinates.
+
+    Args:
+        coupled: The machine.
+        probe: Of it.
+        moved: ``(n,)`` the response.
+        inside: ``missing_of_loads`` of the machine.
+
+    Source: Prudhomme and Oden (1999) as in ``product_errors``; Zienkiewicz and Zhu (1992), Int. J.
+    Numer. Meth. Engng. 33, 1331-1364, recovered stresses.
+    """
+    duals = solve_balanced(coupled.system, probe.values.T)
+    meshes, faces = product_errors(coupled, duals.displacements, moved)
+    for name, missing in inside.items():
+        meshes[name] = meshes[name] + duals.displacements.T @ missing
+    unknown = ~duals.balanced
+    energy = float(moved @ coupled.system.stiffness @ moved)
+    if float(silent_energies(coupled, moved[:, None])[0]) > SILENT_SHARE * energy:
+        unknown[:] = True
+    local: FloatArray = np.zeros((1, STRESSED))
+    if probe.missing is None or probe.smoothing is None:
+        unknown[:] = True
+    else:
+        own, change = probe.missing @ moved, probe.smoothing @ moved
+        for load in probe.loads.values():
+            if load.missing is not None and load.smoothing is not None:
+                own, change = own + load.missing, change + load.smoothing
+        meshes[probe.component][:MOVED] += own
+        local = STRESS_SAFETY * change
+    if probe.singular:
+        unknown[MOVED:] = True
+    return RestErrors(
+        component=probe.component,
+        products={name: np.where(unknown, np.nan, change) for name, change in meshes.items()},
+        faces={name: np.abs(change) for name, change in faces.items()},
+        local=local,
+        moved=float(moved_locally(probe.strain_reach, local)),
+    )
+
+
+def moved_locally(strain_reach: float, local: ComplexArray | FloatArray) -> FloatArray:
+    """Size of the displacement error within the cells of a probe ``(...)`` [m], which energy products
+    see poorly where the probe hardly moves: that of the strain over a share of their size.
+
+    Args:
+        strain_reach: Of the probe [m/Pa].
+        local: ``(s, 6, ...)`` changes of stresses, times their factor [Pa].
+    """
+    shears = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+    squares = np.tensordot(shears, (np.abs(local) ** 2).sum(axis=0), axes=1)
+    return np.asarray(MOVED_SHARE / STRESS_SAFETY * strain_reach * np.sqrt(squares))
+
+
+def bound_von_mises(stress: FloatArray, errors: RestErrors) -> tuple[float, float]:
+    """Error of the equivalent stress by meshes, and by the curved faces and small features that they
+    lack [Pa]; NaN where nobody knows.
+
+    Args:
+        stress: ``(6,)`` [Pa].
+        errors: Of the stress.
+    """
+    here = np.linalg.norm(von_mises_change(stress, errors.local))
+    elsewhere = [von_mises_change(stress, own[MOVED:]) for own in errors.products.values()]
+    faces = [
+        von_mises_change(stress, np.copysign(size[MOVED:], stress))
+        for size in errors.faces.values()
+    ]
+    return float(here + np.sum(elsewhere)), float(np.sum(faces))

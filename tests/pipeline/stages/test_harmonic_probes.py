@@ -1,0 +1,243 @@
+"""Displacement and stress at probes under harmonic loads: a bar and a cantilever against closed forms,
+the limit at rest, what is refused, and what files hold.
+"""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from common import present
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.answers.probes import ProbeAnswer, ProbeCurves
+from headstock.pipeline.results.files import read_curves, read_summary
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+from headstock.solvers.second_order import ComplexArray
+
+pytestmark = [pytest.mark.fem, pytest.mark.process]
+
+LENGTH, WIDTH, MODULUS, DENSITY, LOSS = 0.2, 0.02, 210e9, 7850.0, 0.04
+BAR = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.0
+rho = "7850 kg/m^3"
+loss_factor = 0.04
+[components.bar]
+solid = { box = ["200 mm", "20 mm", "20 mm"] }
+material = "steel"
+mesh = { size = "10 mm", cells = "hex" }
+reduction = { modes = 24 }
+[components.bar.interfaces]
+tip = { face = "x+", coupling = "average" }
+[supports.clamp]
+face = "bar.x-"
+fix = ["x", "y", "z"]
+[loads.pull]
+face = "bar.x+"
+traction = ["1 MPa", "0 MPa", "0 MPa"]
+[loads.push]
+face = "bar.z-"
+pressure = "1 kPa"
+[probes.inside]
+component = "bar"
+at = ["-37 mm", "3 mm", "15 mm"]
+[probes.middle]
+component = "bar"
+at = ["0 mm", "0 mm", "10 mm"]
+[probes.top]
+component = "bar"
+at = ["0 mm", "0 mm", "20 mm"]
+[probes.foot]
+component = "bar"
+at = ["-100 mm", "0 mm", "20 mm"]
+[points]
+tip = { tool = "bar.tip", work = "ground" }
+[effects]
+damping = true
+[analyses.frf]
+inputs = ["pull", "push", ["tip", "x"]]
+outputs = [["tip", "x"], "middle", "inside", "top", "foot"]
+from = "1 Hz"
+to = "8000 Hz"
+points = 41
+fields_at = ["900 Hz", "6465 Hz"]
+"""
+
+
+def compute(folder: Path, *settings: str, into: str = "out") -> Results:
+    path = folder / "scene.toml"
+    path.write_text(BAR)
+    scene = load_scene(path, overrides=settings)
+    return run_scene(scene, folder / into, comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+
+def traced(results: Results) -> dict[str, ProbeCurves]:
+    (response,) = find_answers(results.answers, PoseResponse)
+    return {probe.name: probe for probe in response.curves.probes}
+
+
+def bar_under_end_load(
+    place: float, frequencies_hz: FloatArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Displacement and stress of a clamped bar under a unit stress at its end, with a complex
+    modulus: ``u'' = -k^2 u``.
+    """
+    modulus = MODULUS * (1.0 + 1j * LOSS)
+    k = 2.0 * np.pi * frequencies_hz * np.sqrt(DENSITY / modulus)
+    return (
+        np.sin(k * place) / (modulus * k * np.cos(k * LENGTH)),
+        np.cos(k * place) / np.cos(k * LENGTH),
+    )
+
+
+@pytest.fixture(scope="module")
+def bar(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Results]:
+    folder = tmp_path_factory.mktemp("bar")
+    return folder, compute(folder)
+
+
+@pytest.mark.parametrize(("name", "place"), [("inside", 0.063), ("middle", 0.1)])
+def test_stress_along_a_damped_bar_is_that_of_its_closed_form_within_its_error(
+    bar: tuple[Path, Results], name: str, place: float
+) -> None:
+    probe = traced(bar[1])[name]
+    assert probe.frequencies_hz[-1] == 8000.0 and len(probe.frequencies_hz) > 41
+    moved, stress = bar_under_end_load(place, probe.frequencies_hz)
+    area, force = WIDTH**2, probe.inputs.index(("tip", "x"))
+    for column, unit in ((probe.inputs.index(("pull", "load")), 1e6), (force, 1.0 / area)):
+        for found, exact, shares in (
+            (probe.displacement[:, 0, column], unit * moved, probe.displacement_error_share),
+            (probe.stress[:, 0, column], unit * stress, probe.stress_error_share),
+        ):
+            off = np.abs(found - exact)
+            # near the resonance at 6465 Hz the modes left out count most
+            assert (off < 0.02 * np.abs(exact)).all()
+            assert (off < 1e-5 * np.abs(exact))[probe.frequencies_hz < 200.0].all()
+            errors = np.sum([size[:, 0, column] for size in shares.values()], axis=0)
+            covered = off <= errors + 1e-6 * np.abs(exact)
+            assert covered.mean() > 0.95
+            assert np.median(errors / np.abs(exact)) < 0.01
+    mises = np.abs(unit * stress)
+    np.testing.assert_allclose(probe.von_mises[:, force], mises, rtol=0.02)
+
+
+def test_a_cantilever_at_its_resonance_has_the_bending_stress_of_its_shape(
+    bar: tuple[Path, Results],
+) -> None:
+    results = bar[1]
+    foot, middle = traced(results)["foot"], traced(results)["top"]
+    column = foot.inputs.index(("push", "load"))
+    low = foot.frequencies_hz < 1000.0
+    peak = int(np.argmax(np.abs(foot.stress[low, 0, column])))
+    hz = foot.frequencies_hz[peak]
+    inertia = WIDTH**4 / 12.0
+    root, heavy, stiff = 1.8751, DENSITY * WIDTH**2, MODULUS * inertia
+    # Euler and Bernoulli; shear and the inertia of rotation take 1.5 % of the frequency
+    slender = root**2 * np.sqrt(stiff / heavy) / LENGTH**2 / (2.0 * np.pi)
+    assert hz == pytest.approx(slender, rel=0.02)
+    weight = (np.sinh(root) - np.sin(root)) / (np.cosh(root) + np.cos(root))
+
+    def curvature(place: float) -> float:
+        x = root * place / LENGTH
+        shape = np.cosh(x) + np.cos(x) - weight * (np.sinh(x) + np.sin(x))
+        return float(shape * (root / LENGTH) ** 2)
+
+    # the shape has the mean square 1, and 2 weight / root in the mean; at resonance the loss factor
+    # alone holds it
+    mean = 2.0 * weight / root
+    amplitude = 1e3 * WIDTH * mean / (heavy * LOSS * (2.0 * np.pi * hz) ** 2)
+    for probe, place in ((foot, 0.0), (middle, 0.1)):
+        bending = MODULUS * WIDTH / 2.0 * curvature(place) * amplitude
+        assert np.abs(probe.stress[peak, 0, column]) == pytest.approx(bending, rel=0.02)
+    assert foot.singular == "the rim of support 'clamp'" and not middle.singular
+    assert np.isnan(present(foot.von_mises_error)).all()
+    assert np.isfinite(present(middle.von_mises_error)).all()
+    assert any("probe 'foot'" in message for message in results.warnings)
+
+
+def test_slow_loads_give_the_response_at_rest(bar: tuple[Path, Results]) -> None:
+    folder = bar[0]
+    results = compute(
+        folder, "effects.damping=false", 'analyses.frf.from="0.001 Hz"',
+        "analyses.frf.points=5", "analyses.frf.adaptive=false", 'analyses.static={ at = "tip" }',
+        'analyses.frf.inputs=["pull", "push"]', into="slow",
+    )  # fmt: skip
+    (rest,) = find_answers(results.answers, ProbeAnswer)
+    found = traced(results)
+    assert sorted(rest.probes) == ["foot", "inside", "middle", "top"]
+    for name, probe in rest.probes.items():
+        slow = found[name]
+        moved, stress = slow.displacement[0].sum(axis=1), slow.stress[0].sum(axis=1)
+        scale = np.abs(probe.stress).max()
+        np.testing.assert_allclose(stress.real, probe.stress, rtol=1e-9, atol=1e-9 * scale)
+        np.testing.assert_allclose(moved.real, probe.displacement, rtol=1e-9, atol=1e-20)
+        assert np.abs(stress.imag).max() == 0.0
+
+
+def test_volume_meshes_hold_the_complex_fields_of_a_damped_bar(bar: tuple[Path, Results]) -> None:
+    grid = bar[1].mesh("bar")
+    middles = grid.cell_centers().points[:, 0] + LENGTH / 2.0
+    # 24 modes; what is left out counts most at the loaded end
+    for hz, allowed in ((900.0, 2e-3), (6465.0, 0.06)):
+        _, stress = bar_under_end_load(middles, np.full(len(middles), hz))
+        moved, _ = bar_under_end_load(grid.points[:, 0] + LENGTH / 2.0, np.full(grid.n_points, hz))
+        for exact, data, name, size in (
+            (stress, grid.cell_data, f"frf pull at {hz:g} Hz stress", 1e6),
+            (moved, grid.point_data, f"frf pull at {hz:g} Hz shape", 1e6),
+        ):
+            unit = "Pa" if "stress" in name else "m"
+            found = data[f"{name} Re [{unit}]"][:, 0] + 1j * data[f"{name} Im [{unit}]"][:, 0]
+            largest = np.abs(exact).max()
+            np.testing.assert_allclose(found / size, exact, rtol=0.0, atol=allowed * largest)
+            inner = slice(None) if "shape" in name else middles < 0.15
+            assert np.abs(found / size - exact)[inner].max() < 0.4 * allowed * largest
+        cycle = grid.cell_data[f"frf tip x at {hz:g} Hz von Mises stress [Pa/N]"] * WIDTH**2
+        np.testing.assert_allclose(cycle, np.abs(stress), atol=allowed * np.abs(stress).max())
+    # at the damped resonance displacement and stress come a quarter of a cycle after the force
+    late = stress[middles < 0.1]
+    assert (np.abs(np.angle(late, deg=True) + 90.0) < 5.0).all()
+
+
+def test_files_hold_what_probes_see(bar: tuple[Path, Results]) -> None:
+    folder, results = bar
+    probe = traced(results)["middle"]
+    with h5py.File(folder / "out" / "results.h5") as file:
+        group = file["frf/reference/probes/middle"]
+        np.testing.assert_array_equal(group["stress"][:], probe.stress)
+        np.testing.assert_array_equal(group["von_mises"][:], probe.von_mises)
+        assert {"discretisation", "reduction"} <= set(group["von_mises_error_share"])
+    (curves,) = read_curves(folder / "out")
+    again = {each.name: each for each in curves.probes}["middle"]
+    np.testing.assert_array_equal(again.von_mises, probe.von_mises)
+    np.testing.assert_array_equal(again.von_mises_error, probe.von_mises_error)
+    summary = read_summary(folder / "out")["frf"]["reference"]["probes"]["middle"]
+    pull = summary["inputs"][0]
+    assert pull["input"] == ["pull", "load"] and pull["unit"] == "MPa"
+    assert pull["peak_von_mises"] == pytest.approx(1e-6 * probe.von_mises[:, 0].max())
+    assert pull["peak_hz"] == pytest.approx(6465.0, rel=0.01)
+    assert pull["peak_von_mises_error"] is not None
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ('analyses.frf.outputs=[["middle", "x"]]', 'write "middle" alone'),
+        ('points.middle={ tool = "bar.tip", work = "ground" }', "is a point and a probe"),
+        ("components.bar.fidelity=segmented", "bar is not meshed, so there is no stress in it"),
+        ('probes.middle.at=["0 m", "0 m", "1 m"]', "lies outside bar"),
+    ],
+)
+def test_what_no_probe_can_show_is_refused(tmp_path: Path, setting: str, words: str) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(BAR)
+    with pytest.raises(SceneError, match=words):
+        load_scene(path, overrides=(setting,))
