@@ -1,13 +1,14 @@
 """What is to be computed of a machine: one request per kind of analysis."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath
 from headstock.solvers.linear.load_history import LoadHistory
+from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling.forces import CuttingCoefficients, EndMill, MillingCut
 from headstock.solvers.milling.tool_dynamics import ToolMode
 from headstock.solvers.milling.tool_path import PolylineContour, SquareContour, describe_contour
@@ -121,7 +122,7 @@ class ContouringRequest:
         cut: Tool, material and engagement.
         model: ``linear`` along the path, or the full equations.
         steps_per_turn: Time steps per turn of the spindle.
-        damping_ratios: Of the first, second, ... mode, the last for all others; empty for none.
+        damping: Of a lumped mechanism.
         material: Name of the work material; None with measured forces.
         forces: File of measured forces; None for computed ones.
         cutting: Whether the tool cuts; otherwise it goes its way in air.
@@ -140,7 +141,7 @@ class ContouringRequest:
     cut: MillingCut
     model: Literal["linear", "nonlinear"]
     steps_per_turn: int
-    damping_ratios: tuple[float, ...] = ()
+    damping: PoseDamping = field(default_factory=PoseDamping)
     material: str | None = None
     forces: Path | None = None
     cutting: bool = True

@@ -67,7 +67,7 @@ from headstock.app.tables.static import (
     static_by_pose,
     top_shares,
 )
-from headstock.app.tables.table import Column, encode_csv
+from headstock.app.tables.table import Column, drop_noise, encode_csv, find_scales, find_unit
 from headstock.app.tables.transient import MOVED_COLUMNS, list_moved, transient_stem
 from headstock.app.tables.volumetric import (
     LINE_COLUMNS,
@@ -225,17 +225,27 @@ def render_report(
     )
 
 
-def show_number(value: float | None, digits: int = 4, missing: str = "–") -> Markup:
+def show_number(
+    value: float | None, digits: int = 4, missing: str = "–", scale: float = 0.0
+) -> Markup:
     """A number to so many significant digits, with its full value beside it for machines.
 
     Args:
         value: None where there is none.
         digits: Significant ones.
         missing: Shown without a value.
+        scale: Size of the numbers beside it, of which it may be the roundoff.
     """
     if value is None:
         return Markup('<span class="missing">{}</span>').format(missing)
-    return _data(value, format_number(value, digits))
+    return _data(value, format_number(drop_noise(value, scale), digits))
+
+
+def _find_largest(rows: Iterable[Mapping[str, Sequence[float]]], *keys: str) -> float:
+    """The largest magnitude among lists of numbers in the same unit: the scale of their roundoff."""
+    return max(
+        (abs(value) for row in rows for key in keys for value in row.get(key, ())), default=0.0
+    )
 
 
 def format_number(value: float, digits: int = 4) -> str:
@@ -273,13 +283,13 @@ def draw_rows[Row](
         for column in columns
         if column.report and (column.missing or any(column.value(row) is not None for row in rows))
     ]
-    body, numeric = [], [False] * len(shown)
+    scales, body, numeric = find_scales(shown, rows), [], [False] * len(shown)
     for row in rows:
         cells = []
         for place, column in enumerate(shown):
             value = column.value(row)
             numeric[place] |= isinstance(value, int | float)
-            cells.append(_row_cell(column, row))
+            cells.append(_row_cell(column, row, scales.get(find_unit(column), 0.0)))
         if colors is not None:
             dot = Markup('<td class="name"><span class="dot" style="background:{}"></span> {}</td>')
             cells[0] = dot.format(
@@ -296,7 +306,7 @@ def draw_rows[Row](
     return table.format(identity, Markup("").join(heads), Markup("").join(body))
 
 
-def _row_cell[Row](column: Column[Row], row: Row) -> Markup:
+def _row_cell[Row](column: Column[Row], row: Row, scale: float) -> Markup:
     value, error = column.value(row), None if column.error is None else column.error(row)
     if isinstance(value, str):
         return Markup("<td>{}</td>").format(value)
@@ -308,7 +318,7 @@ def _row_cell[Row](column: Column[Row], row: Row) -> Markup:
             _data(value, _typeset(column.show(value)))
         )
     return Markup('<td class="number">{}</td>').format(
-        show_number(value, column.digits, column.missing or "–")
+        show_number(value, column.digits, column.missing or "–", scale)
     )
 
 
@@ -489,6 +499,7 @@ def report_environment() -> jinja2.Environment:
     )
     filters: dict[str, Any] = {
         "number": show_number,
+        "largest": _find_largest,
         "bound": _bound,
         "bounded": _bounded,
         "mode_rows": list_modes,

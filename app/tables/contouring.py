@@ -5,7 +5,12 @@ from typing import Literal, NamedTuple
 
 from headstock.app.tables.table import Column, PlainTable
 from headstock.geometry.frames import DIRECTIONS
-from headstock.pipeline.answers.contouring import ContourSummary, FaceSummary
+from headstock.pipeline.answers.contouring import (
+    LOCKED_MOTORS,
+    ContourSummary,
+    FaceSummary,
+    StabilitySummary,
+)
 from headstock.pipeline.answers.milled_faces import MilledFaceSummary
 
 type MilledKey = Literal[
@@ -16,21 +21,25 @@ LEAST_WAVE_UM = 1e-3  # that is told of a profile
 
 
 class FaceRow(NamedTuple):
-    """A face of a contour: the gap beside it, and its profile where it has one."""
+    """A face of a contour: the gap beside it, its profile and its limit of stability where it has
+    them.
+    """
 
     face: int
     at: str
     gap: FaceSummary | None
     milled: MilledFaceSummary | None
+    stability: StabilitySummary | None
 
 
 def list_faces(found: ContourSummary) -> list[FaceRow]:
     """Faces of a contour in the order of the path."""
     gaps = {face["face"]: face for face in found["faces"]}
     milled = {face["face"]: face for face in found.get("milled_faces", [])}
+    stability = {face["face"]: face for face in found.get("stability", [])}
     names = {number: face["at"] for number, face in (gaps | milled).items()}
     return [
-        FaceRow(number, names[number], gaps.get(number), milled.get(number))
+        FaceRow(number, names[number], gaps.get(number), milled.get(number), stability.get(number))
         for number in sorted(names)
     ]
 
@@ -87,6 +96,10 @@ FACE_COLUMNS: tuple[Column[FaceRow], ...] = (
         digits=3,
     ),
     Column(_tell_wave, "strongest wave", report="Strongest wave"),
+    Column(
+        lambda row: None if row.stability is None else row.stability["limit_depth_mm"],
+        "limit depth of cut, motors locked [mm]",
+    ),
 )
 
 
@@ -103,6 +116,15 @@ def contour_words(found: ContourSummary) -> str | None:
         f" removed, Gaussian filter with a cut-off of {face['cut_off_mm']:.3g} mm. At start and end: mean line off the location error outside"
         f" that length. Cusps of a rigid machine: {face['rigid_cusp_um']:.3g} µm."
     )
+
+
+def limit_words(found: ContourSummary) -> str | None:
+    """At which depth of cut chatter starts on each face; None where nobody asked."""
+    faces = found.get("stability", [])
+    if not faces:
+        return None
+    depths = ", ".join(f"{face['limit_depth_mm']:.3g} mm on face {face['face']}" for face in faces)
+    return f"Chatter starts at a depth of cut of {depths}; {LOCKED_MOTORS}."
 
 
 def tabulate_profiles(face: MilledFaceSummary) -> list[PlainTable]:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 type Cell = str | float | None
 
+NOISE = 1e-9  # of the largest number of a table in the same unit: what is smaller is roundoff
+
 
 @dataclass(frozen=True)
 class PlainTable:
@@ -57,6 +59,31 @@ def tabulate[Row](name: str, columns: Sequence[Column[Row]], rows: Iterable[Row]
     return PlainTable(
         name, headings, tuple(tuple(column.value(row) for column in kept) for row in rows)
     )
+
+
+def find_scales[Row](columns: Sequence[Column[Row]], rows: Sequence[Row]) -> dict[str, float]:
+    """The largest number of a table in each unit, for :func:`drop_noise`.
+
+    Args:
+        columns: Of the table; one without a unit in files has no scale.
+        rows: As the columns take them.
+    """
+    found: dict[str, float] = {}
+    for column in columns:
+        values = [value for value in map(column.value, rows) if isinstance(value, int | float)]
+        if unit := find_unit(column):
+            found[unit] = max(found.get(unit, 0.0), *(abs(value) for value in values), 0.0)
+    return found
+
+
+def find_unit[Row](column: Column[Row]) -> str:
+    """Unit of a column as its heading in files has it, ``[um]``; empty for none."""
+    return column.file[column.file.rindex("[") :] if column.file.endswith("]") else ""
+
+
+def drop_noise(value: float, scale: float) -> float:
+    """A number, or zero where it is roundoff beside a scale."""
+    return 0.0 if abs(value) < NOISE * scale else value
 
 
 def show_percent(share: float) -> str:

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from headstock.app.tables.components import COMPONENT_COLUMNS, JOINT_COLUMNS, MODEL_COLUMNS
-from headstock.app.tables.contouring import FACE_COLUMNS, contour_words, list_faces
+from headstock.app.tables.contouring import FACE_COLUMNS, contour_words, limit_words, list_faces
 from headstock.app.tables.control import DRIVE_COLUMNS, POLE_COLUMNS
 from headstock.app.tables.frf import DRIVE_POINT_COLUMNS, list_channels
 from headstock.app.tables.lobes import LOWEST_LOBE_COLUMNS, list_lowest_lobes
@@ -24,7 +24,7 @@ from headstock.app.tables.static import (
     static_by_pose,
     top_shares,
 )
-from headstock.app.tables.table import Column
+from headstock.app.tables.table import Column, drop_noise, find_scales, find_unit
 from headstock.app.tables.transient import MOVED_COLUMNS, list_moved
 from headstock.app.tables.volumetric import (
     LINE_COLUMNS,
@@ -183,8 +183,8 @@ def print_summary(
         print_table(
             console, "Faces along the contour [µm]", tell_rows(FACE_COLUMNS, list_faces(contour))
         )
-        if measured := contour_words(contour):
-            console.print(f"  {measured}", markup=False)
+        for words in filter(None, (contour_words(contour), limit_words(contour))):
+            console.print(f"  {words}", markup=False)
             console.print()
     for pose, control in summary.get("control", {}).items():
         up_to, speed = control["up_to_hz"], 60e3 * control["speed_m_per_s"]
@@ -242,13 +242,16 @@ def print_summary(
 def tell_rows[Row](columns: Sequence[Column[Row]], rows: Iterable[Row]) -> Table:
     """A table on the screen, of the columns that it has there."""
     shown = [column for column in columns if column.screen]
-    table = make_table(*(column.screen for column in shown))
+    table, rows = make_table(*(column.screen for column in shown)), list(rows)
+    scales = find_scales(shown, rows)
     for row in rows:
-        add_row(table, *(_tell(column, row) for column in shown))
+        add_row(
+            table, *(_tell(column, row, scales.get(find_unit(column), 0.0)) for column in shown)
+        )
     return table
 
 
-def _tell[Row](column: Column[Row], row: Row) -> str:
+def _tell[Row](column: Column[Row], row: Row, scale: float) -> str:
     value, error = column.value(row), None if column.error is None else column.error(row)
     if isinstance(value, str):
         return value
@@ -258,7 +261,9 @@ def _tell[Row](column: Column[Row], row: Row) -> str:
         return f"{show_bounded(value, error)} {show_bound(value, error)}"
     if column.show is not None:
         return column.show(value)
-    return spaced(value) if isinstance(value, int) else f"{value:.{column.digits}g}"
+    if isinstance(value, int):
+        return spaced(value)
+    return f"{drop_noise(value, scale):.{column.digits}g}"
 
 
 def _print_point(console: Console, place: str, point: PointSummary) -> None:

@@ -12,6 +12,7 @@ from headstock.pipeline.storage.json_texts import check_finite
 from headstock.solvers.milling.tool_path import TraceFit
 
 UM = 1e6
+LOCKED_MOTORS = "limits of stability on faces are those of the machine with locked motors"
 
 
 class FaceSummary(TypedDict):
@@ -258,7 +259,7 @@ class ContourAnswer(Answer):
             "force_peak_n": check_finite(what, self.force_peak),
             "share_above_twice_the_highest_mode": self.high_share,
             "face_times_s": check_finite(what, self.face_times),
-            "assumptions": list(self.assumed),
+            "assumptions": [*self.assumed, *([LOCKED_MOTORS] if self.stability else [])],
             "series": series,
         }
         if self.stability:

@@ -226,7 +226,7 @@ def _run_machine(
         return coupled, tuple(coupled_face_dynamics(coupled, request, face) for face in faces)
     if mechanism is None:
         raise ValueError("a placed mechanism needs a mechanism in the scene")
-    if not request.damping_ratios:
+    if not request.damping:
         state.warn('the contour runs without damping: write [effects] damping = { modal = "2 %" }')
     # the linear model is one about the rigid path, the nonlinear one includes the rotation of gravity
     model = dataclasses.replace(

@@ -24,6 +24,7 @@ from headstock.pipeline.contours.contour_drives import controlled_drives, drive_
 from headstock.pipeline.contours.contour_run import CORIOLIS, ContourDrives, ContourRun
 from headstock.pipeline.contours.traced_path import plan_request
 from headstock.pipeline.contours.way_motors import close_way, plan_motors
+from headstock.pipeline.stages.carried_bodies import move_bodies
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
@@ -45,6 +46,7 @@ from headstock.solvers.paths.sampled_motion import (
     SampledMotion,
     follow_drives,
     follow_motion,
+    follow_way,
     sample_motion,
 )
 from headstock.solvers.paths.varying_system import PlantChannels, PosedModes
@@ -157,10 +159,12 @@ def run_coupled_contour(
             times[some],
             coordinates=history.compliant[some],
             force=cut.carried[some],
-            given=given(times[some]),
+            given=follow_way(given, times[some]),
         )
+        if way.leg_forces is None:
+            return pushed
         # a drive at the base of a leg also carries the leg, and pushes against what its tip feels
-        return pushed if way.leg_forces is None else way.leg_forces(times[some]) - pushed
+        return follow_way(way.leg_forces, times[some]) - pushed
 
     if servo is None or motors is None:
         torques, assumed = _motor_torques(state, tuple(screws), way, times)
@@ -380,28 +384,15 @@ def _mechanism_way(
         return Pose(f"t = {time:.4g} s", {"X": x, "Y": y, "Z": z})
 
     def amounts(times: FloatArray) -> FloatArray:
-        moved = move_markers(
-            mounted, times, path.at(times), mechanism.tool, velocity_terms=has_coriolis(state)
+        moved = move_bodies(
+            mechanism,
+            parts,
+            times,
+            path.at(times),
+            mechanism.tool,
+            velocity_terms=has_coriolis(state),
         )
-        columns, turn = [], mounted.mounting.rotation
-        for name, marker in carried.items():
-            place = mounted.mechanism.markers.index(marker)
-            body, own = parts.superelements[name], parts.plan.components[name].placement
-            rotation = moved.rotations[:, place]
-            arm = rotation @ (own.origin + own.rotation @ body.center_of_mass)
-            omega, alpha = moved.omega[:, place], moved.alpha[:, place]
-            # Euler's moment of a body that turns: as if it were accelerated faster
-            axes = rotation @ own.rotation
-            inertia = axes @ body.inertia @ np.swapaxes(axes, -1, -2)
-            moment = np.cross(omega, (inertia @ omega[..., None])[..., 0])
-            spin = alpha + np.linalg.solve(inertia, moment[..., None])[..., 0]
-            center = (
-                moved.acceleration[:, place]
-                + np.cross(alpha, arm)
-                + np.cross(omega, np.cross(omega, arm))
-            )
-            columns += [center @ turn.T, spin @ turn.T]
-        return np.concatenate(columns, axis=1)
+        return np.concatenate(list(moved.values()), axis=1)
 
     def loads(coupled: CoupledMachine) -> dict[Channel, FloatArray]:
         found: dict[Channel, FloatArray] = {}

@@ -24,9 +24,9 @@ from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import (
+    PoseDamping,
     linearise_poses,
     marker_motion,
-    modal_damping,
     solve_pose_modes,
 )
 from headstock.solvers.milling.contouring import (
@@ -84,9 +84,9 @@ def run_lumped_contour(
     )
     drive = follow_path(mechanism.mounted, nodes, path.at(nodes), mechanism.tool)
     turn = mechanism.mounted.mounting.rotation
-    ratios = np.array(request.damping_ratios or (0.0,))
-    servo = _close_legs(model, drive, times, ratios, drives) if drives else None
-    motion = linear_motion(model, drive, times, ratios) if servo is None else servo.motion
+    damping = request.damping
+    servo = _close_legs(model, drive, times, damping, drives) if drives else None
+    motion = linear_motion(model, drive, times, damping) if servo is None else servo.motion
     cut = cut_contour(request, motion, plan, rotation=turn, record=record)
     history, moved = cut.history, cut.tip
     if request.model == "nonlinear":
@@ -122,12 +122,12 @@ def _close_legs(
     model: CompliantMechanism,
     drive: PathDrive,
     times: FloatArray,
-    ratios: FloatArray,
+    damping: PoseDamping,
     drives: Sequence[Drive],
 ) -> ServoMotion:
     """The linear model with the loops of its legs closed."""
     legs = [each.axis for each in drives]
-    free = linear_motion(model, drive, times, ratios, legs)
+    free = linear_motion(model, drive, times, damping, legs)
     columns = [model.mechanism.driven.index(name) for name in legs]
     now = drive.at(times)
     size = free.mass.shape[-1]
@@ -192,14 +192,11 @@ def lumped_face_dynamics(
     place = cut.start + 0.5 * cut.length * cut.travel + request.contour.offset * cut.outward
     state = solve_tool_pose(mechanism.mounted, place, mechanism.tool)
     motions = linearise_poses(model, state)
-    damping = modal_damping(
-        motions, solve_pose_modes(motions), np.array(request.damping_ratios or (0.0,))
-    )
     turn = mechanism.mounted.mounting.rotation
     frame: FloatArray = travel_frames(cut.travel[None])[0] @ turn
     found = mount_modes(
         motions.mass,
-        damping,
+        request.damping.matrix(motions),
         np.diag(motions.stiffness),
         marker_motion(model, motions, model.tool)[:3],
         turned_modes(request.tool_modes, turn),

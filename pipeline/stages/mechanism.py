@@ -47,6 +47,7 @@ from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import pose_system
+from headstock.solvers.paths.varying_system import PosedModes
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 SWING_SHARE = 0.5  # kinetic energy of the legs from which a mode is called theirs
@@ -138,12 +139,32 @@ class LumpedPose:
         return {} if self.parts.plan.gravity is None else {GRAVITY: self.placed.motions.gravity}
 
     def momentum(self, velocities: Mapping[str, FloatArray]) -> FloatArray:
-        """Generalised momentum ``(n,)`` of components that translate."""
+        """Generalised momentum ``(n,)`` of components that translate, or whose velocity ``(6,)`` is
+        that of their centre of mass and about it.
+        """
         total = np.zeros(len(self.system.mass))
         for name, velocity in velocities.items():
-            own = self.placed.superelements[name].mass_kg * velocity
-            total += self.placed.body_motions[name][:3].T @ own
+            own = self.body_masses[name][:, : len(velocity)] @ velocity
+            total += self.placed.body_motions[name].T @ own
         return total
+
+    @functools.cached_property
+    def body_masses(self) -> dict[str, FloatArray]:
+        """Mass ``(6, 6)`` of each component about its centre of mass, machine axes."""
+        found = {}
+        for name, body in self.placed.superelements.items():
+            rotation, mass = self.placements[name].rotation, body.mass_kg * np.eye(6)
+            mass[3:, 3:] = rotation @ body.inertia @ rotation.T
+            found[name] = mass
+        return found
+
+    def stack_modes(self, system: SecondOrderSystem) -> PosedModes:
+        """A system in these coordinates with its modes in the dofs of all bodies, which are the same
+        in every pose of a path.
+        """
+        shapes, motions = self.all_modes.shapes, self.placed.body_motions
+        momenta = [self.body_masses[name] @ motions[name] @ shapes for name in motions]
+        return PosedModes(system, self.all_modes, self.expand(shapes), np.concatenate(momenta))
 
     def push(self, channel: Channel) -> FloatArray:
         """Motion of the system ``(n,)`` under a unit force in a channel."""

@@ -37,8 +37,8 @@ def add_path_input(
     Args:
         system: Of the machine, with whatever damping.
         coupled: The machine it belongs to, in the same coordinates.
-        directions: Velocity ``(3,)`` of every component that travels per unit speed along the path,
-            machine frame.
+        directions: Of every component that travels, per unit speed along the path, machine frame:
+            velocity ``(3,)``, or ``(6,)`` that of its centre of mass and how it turns.
 
     Raises:
         ModelError: A component that travels is itself fixed to the machine frame.
@@ -70,7 +70,7 @@ def rigid_travel(coupled: CoupledMachine, directions: Mapping[str, FloatArray]) 
     """
     stacked = np.zeros(coupled.layout.size)
     for name, direction in directions.items():
-        stacked[coupled.offsets[name]] = body_travel(coupled, name)[:, :3] @ direction
+        stacked[coupled.offsets[name]] = body_travel(coupled, name)[:, : len(direction)] @ direction
     return stacked
 
 

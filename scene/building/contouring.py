@@ -22,6 +22,7 @@ from headstock.scene.scene import Scene
 from headstock.scene.schema.effects import CONTOUR_EFFECTS
 from headstock.scene.schema.mechanism import ContouringTable
 from headstock.scene.schema.scene import SceneTable
+from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, MillingCut
 from headstock.solvers.milling.tool_path import (
     SHORTEST_FACE,
@@ -39,14 +40,14 @@ ONE_HEIGHT = 1e-9  # of corners [m]
 
 
 def build_contouring(
-    scene: SceneTable, folder: Path, damping_ratios: tuple[float, ...]
+    scene: SceneTable, folder: Path, damping: PoseDamping
 ) -> ContouringRequest | None:
     """The contour a scene asks for.
 
     Args:
         scene: With its tables.
         folder: Of the scene, for the file of measured forces.
-        damping_ratios: Of the first, second, ... mode, the last for all others.
+        damping: Of the whole machine.
 
     Raises:
         ValueError: A file is missing or out of bounds, or the corners of a line are no contour.
@@ -64,7 +65,7 @@ def build_contouring(
         cut=MillingCut(mill, coefficients, table.spindle, table.axial_depth, table.radial_depth),
         model=table.model,
         steps_per_turn=table.steps_per_turn,
-        damping_ratios=damping_ratios,
+        damping=damping,
         material=table.material,
         forces=_find_file(folder, table.forces),
         traces=_find_file(folder, table.traces),
@@ -173,11 +174,6 @@ def check_contouring(draft: Draft, findings: Findings) -> None:
         )
     if not scene.is_lumped:
         _check_coupled(scene, table, draft, findings)
-    elif isinstance(damping := scene.effects.get("damping"), dict) and "rayleigh" in damping:
-        findings.add(
-            ("effects", "damping"),
-            'the contour of a lumped mechanism takes damping ratios only; write damping = { modal = "2 %" }',
-        )
     cutting = bool(scene.effects.get("cutting_force"))
     if (table.material is not None and table.forces is not None) or (
         cutting and table.material is None and table.forces is None

@@ -63,7 +63,11 @@ from headstock.scene.building.mechanism import (
     check_mechanism,
     check_reach,
 )
-from headstock.scene.building.path import build_path_request, check_path, check_path_carriages
+from headstock.scene.building.path import (
+    build_path_request,
+    check_path,
+    check_path_carriages,
+)
 from headstock.scene.building.plausibility import check_mode_counts, check_mounts, check_numbers
 from headstock.scene.building.rails import check_carriages, check_rails, choose_control_points
 from headstock.scene.building.studies import (
@@ -99,6 +103,7 @@ from headstock.scene.schema.effects import (
 )
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.validation import validate_tables
+from headstock.solvers.mechanisms.modes import PoseDamping
 
 # These need entries that passed the schema, whatever else is wrong.
 CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
@@ -323,13 +328,14 @@ def _compares_interfaces(table: SceneTable) -> bool:
 
 
 def _build_analyses(table: SceneTable, poses: tuple[str, ...], folder: Path) -> Analyses:
+    damping = table.effects.get("damping", False)
     return Analyses(
         static=build_static(table, poses),
         modal=build_modal(table, poses),
         frf=build_frf(table, poses),
         map=build_map(table),
         contouring=build_contouring(
-            table, folder, read_modal_damping(table.effects.get("damping", False))
+            table, folder, PoseDamping(read_modal_damping(damping), read_rayleigh_damping(damping))
         ),
         path=build_path_request(table),
         control=build_control(table, poses),

@@ -2,14 +2,17 @@
 feeds and carriages.
 """
 
+from headstock.geometry.errors import PoseError
 from headstock.geometry.machine.carriages import find_overhangs
-from headstock.geometry.machine.machine import MachinePath, Pose
+from headstock.geometry.machine.machine import MachinePath, Pose, place_components
+from headstock.geometry.mechanisms.tool_mechanism import TOOL_POINT
 from headstock.scene.building.analyses import build_channels
 from headstock.scene.building.axes import find_position_fault
 from headstock.scene.building.draft import Draft, check_channel, check_name
 from headstock.scene.building.drives import build_drives, build_path_cut
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.units import LENGTH
 from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene
 from headstock.scene.schema.path import PathTable
@@ -63,10 +66,7 @@ def check_path(draft: Draft, findings: Findings) -> None:
             check_name((*KEY, end, axis), axis, "axes", draft, findings, "axis")
     known = len(findings.problems)
     if scene.mechanism is not None:
-        findings.add(
-            KEY, "a path moves the axes of the scene, and a mechanism has none; remove one of them"
-        )
-        return
+        _check_tool_path(scene, table, findings)
     for end, stops in (("from", table.start), ("to", table.to)):
         for axis, value in stops.items():
             if axis not in scene.axes:
@@ -85,13 +85,54 @@ def check_path(draft: Draft, findings: Findings) -> None:
         _check_moves(scene, table, findings)
 
 
+def _check_tool_path(scene: SceneTable, table: PathTable, findings: Findings) -> None:
+    """Report what a path of the tool of a mechanism cannot have."""
+    for end, stops in (("from", table.start), ("to", table.to)):
+        for axis, value in stops.items():
+            if axis not in TOOL_POINT:
+                findings.add(
+                    (*KEY, end, axis),
+                    "a path of a mechanism leads its tool along X, Y and Z; set other axes by pose",
+                )
+            elif value.dimension != LENGTH:
+                findings.add(
+                    (*KEY, end, axis),
+                    f'{axis} is measured as {LENGTH.name}; write for example "{LENGTH.example}"',
+                )
+    for effect in ("drive_control", "guide_errors"):
+        if scene.effects.get(effect):
+            findings.add_for(
+                "path",
+                ("effects", effect),
+                "acts on contours of a mechanism, not on its paths; write [analyses.contouring] with a polyline, or remove one of them",
+            )
+    if table.cut is not None:
+        findings.add(
+            (*KEY, "cut"),
+            "a mechanism mills along contours; write [analyses.contouring] with a polyline",
+        )
+    if scene.is_lumped:
+        for index, (name, _) in enumerate(table.outputs or ()):
+            if name not in scene.points:
+                findings.add(
+                    (*KEY, "outputs", index),
+                    f"{name} is no point, and the lumped model knows points only; name one",
+                )
+
+
 def check_path_carriages(scene: Scene, findings: Findings) -> None:
-    """Report every carriage that hangs over the end of its rail on the way; the way is straight, so
-    its ends tell.
+    """Report where the tool of a mechanism cannot get, and every carriage that hangs over the end of
+    its rail on the way; the way is straight, so its ends tell.
     """
     request = scene.analyses.path or scene.on_request.path
     if request is None:
         return
+    for end, share in (("from", 0.0), ("to", 0.5), ("to", 1.0)) if scene.mechanism else ():
+        try:
+            place_components(scene.machine, request.path.pose_at(share * request.path.length))
+        except PoseError as error:
+            findings.add((*KEY, end), str(error))
+            return
     for end, pose in (("from", request.path.start), ("to", request.path.end)):
         for fault in find_overhangs(scene.machine, pose).values():
             findings.add((*KEY, end), fault)

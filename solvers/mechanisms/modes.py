@@ -3,13 +3,14 @@ static compliance (eq. 15).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.mechanisms.closures import Kinematics, close_loops, evaluate_kinematics
 from headstock.geometry.mechanisms.mechanism import Mechanism
+from headstock.geometry.parts.components import RayleighDamping
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, evaluate_dynamics
 from headstock.solvers.mechanisms.partitioning import velocity_maps
 from headstock.solvers.second_order import SecondOrderSystem
@@ -202,6 +203,30 @@ def modal_damping(motions: SmallMotions, modes: LumpedModes, ratios: FloatArray)
         (spread * (4.0 * np.pi * zeta * modes.frequencies_hz)[..., None, :])
         @ np.swapaxes(spread, -1, -2)
     )
+
+
+@dataclass(frozen=True)
+class PoseDamping:
+    """What damps a lumped mechanism in any pose.
+
+    Attributes:
+        ratios: Of its first, second, ... natural mode, the last for all others; empty for none.
+        rayleigh: By its mass and its springs.
+    """
+
+    ratios: tuple[float, ...] = ()
+    rayleigh: RayleighDamping = field(default_factory=RayleighDamping)
+
+    def __bool__(self) -> bool:
+        return bool(self.ratios) or bool(self.rayleigh)
+
+    def matrix(self, motions: SmallMotions) -> FloatArray:
+        """``(..., c, c)`` of small motions about poses [N s/m]."""
+        springs = motions.stiffness[..., None] * np.eye(motions.stiffness.shape[-1])
+        found: FloatArray = self.rayleigh.alpha * motions.mass + self.rayleigh.beta * springs
+        if not self.ratios:
+            return found
+        return found + modal_damping(motions, solve_pose_modes(motions), np.array(self.ratios))
 
 
 def tool_compliance(model: CompliantMechanism, motions: SmallMotions) -> FloatArray:

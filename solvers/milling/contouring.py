@@ -17,10 +17,9 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import (
+    PoseDamping,
     linearise_poses,
     marker_motion,
-    modal_damping,
-    solve_pose_modes,
 )
 from headstock.solvers.mechanisms.partitioning import (
     Drive,
@@ -49,7 +48,7 @@ def linear_motion(
     model: CompliantMechanism,
     drive: PathDrive,
     times: FloatArray,
-    ratios: FloatArray,
+    damping: PoseDamping,
     released: Sequence[str] = (),
 ) -> LinearMotion:
     """The linear model along a path.
@@ -58,8 +57,7 @@ def linear_motion(
         model: The mechanism.
         drive: What its drives do.
         times: ``(n,)`` even steps [s].
-        ratios: Damping ratio of the first, second, ... mode, the last for all others; modes are
-            those of each pose, with locked motors.
+        damping: Of each pose, with locked motors.
         released: Driven coordinates whose motors are free: coordinates of the model behind the
             compliant ones.
     """
@@ -67,7 +65,6 @@ def linear_motion(
     states = drive.rigid_states(nodes)
     locked = linearise_poses(model, states)
     motions = linearise_poses(model, states, released) if released else locked
-    damping = modal_damping(locked, solve_pose_modes(locked), ratios)
     extra = (0, len(released))
     load_nodes = even_nodes(times, LOAD_SPACING)
     rigid = np.concatenate(
@@ -80,7 +77,7 @@ def linear_motion(
         times=times,
         nodes=nodes,
         mass=motions.mass,
-        damping=np.pad(damping, ((0, 0), extra, extra)),
+        damping=np.pad(damping.matrix(locked), ((0, 0), extra, extra)),
         stiffness=motions.stiffness[..., None] * np.eye(motions.stiffness.shape[-1]),
         tool=marker_motion(model, motions, model.tool)[:, :3],
         gravity_deflection=np.pad(locked.gravity / locked.stiffness, ((0, 0), extra)),

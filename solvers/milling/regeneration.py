@@ -16,11 +16,10 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
 from headstock.solvers.milling.forces import MillingCut, engaged, radius_differences, tooth_angles
 from headstock.solvers.paths.linear_motion import (
+    AlphaSteps,
     CompliantHistory,
     LinearMotion,
     chunk_slices,
-    scheme_matrices,
-    step_maps,
 )
 
 WAVES = 3  # teeth that are looked back
@@ -95,27 +94,22 @@ def march_regenerative(
     Returns:
         The motion and the ``(n, 3)`` force on the tool [N], axes of the motion.
     """
-    times, size = motion.times, load.shape[1]
-    method = scheme_matrices(AlphaScheme(), float(times[1] - times[0]))
-    position, reach = method.ahead[0], method.reach
-    state: FloatArray = np.zeros((4, size))
-    state[0] = np.linalg.solve(motion.stiffness[0], load[0])
-    history, force = np.empty((len(times), 4, size)), np.zeros((len(times), 3))
+    times, steps = motion.times, AlphaSteps(motion, AlphaScheme())
+    state = steps.rest(load[0])
+    history, force = np.empty((len(times), 3, load.shape[1])), np.zeros((len(times), 3))
     place = np.zeros((len(times), 3))
     rest = np.zeros((len(times), 3)) if motion.rest is None else motion.rest
     looks = cut.delay * np.arange(1, WAVES + 1)
     for part in chunk_slices(len(times)):
-        ahead, own, inverse = step_maps(motion, load, part, method)
         tool = motion.between(motion.tool, part)
         flexibility = (
             None if motion.flexibility is None else motion.between(motion.flexibility, part)
         )
-        for row in range(len(own)):
-            n = part.start + row
+        for row, n in enumerate(range(part.start, part.stop)):
             if n > 0:
                 # the chip is seen where the tool would be with the acceleration of the step before
-                trial = position @ state + reach[0] * state[2]
-                state = (ahead[row] @ state.ravel() + own[row]).reshape(4, size)
+                trial = steps.foresee(state)
+                state = steps.advance(n, state, load[n])
                 if cut.share[n] > 0.0:
                     moved = tool[row] @ trial + rest[n] - place[np.maximum(n - looks, 0)]
                     if flexibility is None:
@@ -126,8 +120,8 @@ def march_regenerative(
                         force[n] = force[n - 1]
                         for _ in range(PASSES):
                             force[n] = _cut_force(cut, n, moved + flexibility[row] @ force[n])
-                    state += np.outer(reach, inverse[row] @ (force[n] @ tool[row]))
-            history[n] = state
+                    state += np.outer(steps.reach, steps.respond(n, force[n] @ tool[row]))
+            history[n] = state[:3]
             place[n] = tool[row] @ state[0] + rest[n]
             if flexibility is not None:
                 place[n] += flexibility[row] @ force[n]

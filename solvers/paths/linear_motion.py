@@ -15,6 +15,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
 
+INVERSE_TOLERANCE = 1e-10  # of what an interpolated inverse leaves of the identity
+MOST_PARTS = 64  # of the way between two nodes
 CHUNK = 512  # states evaluated together: more would leave the cache
 
 
@@ -123,29 +125,144 @@ def march_linear(
     Raises:
         ConvergenceError: The motion grows without bound, as regeneration can make it.
     """
-    chosen, times, size = scheme or AlphaScheme(), motion.times, load.shape[1]
-    method = scheme_matrices(chosen, float(times[1] - times[0]))
-    state: FloatArray = np.zeros(4 * size)
-    state[:size] = np.linalg.solve(motion.stiffness[0], load[0])
-    history = np.empty((len(times), 4, size))
-    history[0] = state.reshape(4, size)
+    times, size = motion.times, load.shape[1]
+    steps = AlphaSteps(motion, scheme or AlphaScheme())
+    state = steps.rest(load[0])
+    history = np.empty((len(times), 3, size))
+    history[0] = state[:3]
     delay = 0 if regeneration is None else regeneration.delay
     for part in chunk_slices(len(times)):
         wave = None if regeneration is None else _wave_stiffness(motion, part, regeneration)
-        ahead, own, inverse = step_maps(motion, load, part, method, softer=wave)
-        states = history[part].reshape(-1, 4 * size)
-        for row in range(1 if part.start == 0 else 0, len(own)):
-            state = ahead[row] @ state
-            state += own[row]
-            if wave is not None:
-                past = history[max(0, part.start + row - delay), 0]
-                state -= np.outer(method.reach, inverse[row] @ (wave[row] @ past)).ravel()
-            states[row] = state
+        for number in range(max(part.start, 1), part.stop):
+            if wave is None:
+                state = steps.advance(number, state, load[number])
+            else:
+                past = history[max(0, number - delay), 0]
+                state = steps.advance(
+                    number, state, load[number], wave=wave[number - part.start], past=past
+                )
+            history[number] = state[:3]
         if not np.isfinite(state).all():
             raise ConvergenceError(
                 f"the motion grows without bound before t = {times[part.stop - 1]:.4g} s: the cut is unstable"
             )
     return CompliantHistory(history[:, 0], history[:, 1], history[:, 2])
+
+
+class AlphaSteps:
+    """Steps of the generalised-α method along a linear motion, one after the other.
+
+    A state ``(4, c)`` is position, velocity, acceleration and the auxiliary acceleration of the
+    method. Each step solves for its acceleration with ``S = M + a C + b K``, which is linear between
+    two nodes; the inverse there is a parabola through three of its places, in as many parts of the
+    interval as make that exact.
+    """
+
+    def __init__(self, motion: LinearMotion, scheme: AlphaScheme) -> None:
+        """Steps of a motion, with the parameters of the method."""
+        self._motion = motion
+        self._ahead, self.reach = scheme_matrices(scheme, float(motion.times[1] - motion.times[0]))
+        place = (motion.times - motion.nodes[0]) / (motion.nodes[1] - motion.nodes[0])
+        left = np.clip(place.astype(np.intp), 0, len(motion.nodes) - 2)
+        self._left: list[int] = left.tolist()
+        self._share: list[float] = (place - left).tolist()
+        self._interval = -1
+        self._pull: FloatArray = np.zeros((0, 0))
+        self._inverses: list[FloatArray] = []
+
+    def rest(self, load: FloatArray) -> FloatArray:
+        """The state ``(4, c)`` of static rest under a load at the first instant."""
+        state = np.zeros((4, len(load)))
+        state[0] = np.linalg.solve(self._motion.stiffness[0], load)
+        return state
+
+    def foresee(self, state: FloatArray) -> FloatArray:
+        """Positions ``(c,)`` after a step with the acceleration of a state."""
+        return np.asarray(self._ahead[0] @ state + self.reach[0] * state[2])
+
+    def advance(
+        self,
+        number: int,
+        state: FloatArray,
+        load: FloatArray,
+        *,
+        wave: FloatArray | None = None,
+        past: FloatArray | None = None,
+    ) -> FloatArray:
+        """The state ``(4, c)`` at a step from that at the step before.
+
+        Args:
+            number: Of the step.
+            state: Before it.
+            load: ``(c,)`` at it.
+            wave: ``(c, c)`` load per position of the step since an earlier one; None for none.
+            past: ``(c,)`` that position.
+        """
+        # M a + C (v + reach_v a) + K (x + reach_x a) = load, where x and v are what the old state
+        # alone leads to
+        drift, size = self._ahead @ state, len(load)
+        share = self._visit(number)
+        pulled = self._pull @ drift[:2].ravel()
+        left: FloatArray = load - pulled[:size] - share * pulled[size:]
+        if wave is not None:
+            left = np.asarray(left + wave @ (drift[0] - (0.0 if past is None else past)))
+        own = self.respond(number, left)
+        if wave is not None:
+            softer = self.respond(number, self.reach[0] * wave)
+            own = np.asarray(np.linalg.solve(np.eye(size) - softer, own))
+        return np.asarray(drift + self.reach[:, None] * own)
+
+    def respond(self, number: int, load: FloatArray) -> FloatArray:
+        """Accelerations ``(c,)`` or ``(c, k)`` that loads of the same shape at a step bring about."""
+        place = self._visit(number) * len(self._inverses)
+        part = min(int(place), len(self._inverses) - 1)
+        share, size = place - part, len(load)
+        found = self._inverses[part] @ load
+        return np.asarray(
+            found[:size] + share * (found[size : 2 * size] + share * found[2 * size :])
+        )
+
+    def _visit(self, number: int) -> float:
+        """Where a step lies between two nodes, with the matrices there made ready."""
+        if self._left[number] != self._interval:
+            self._interval = self._left[number]
+            ends = slice(self._interval, self._interval + 2)
+            mass, damping, stiffness = (
+                values[ends]
+                for values in (self._motion.mass, self._motion.damping, self._motion.stiffness)
+            )
+            pull = np.concatenate([stiffness, damping], axis=-1)
+            self._pull = np.concatenate([pull[0], pull[1] - pull[0]])
+            self._inverses = _tabulate_inverse(
+                mass + self.reach[1] * damping + self.reach[0] * stiffness
+            )
+        return self._share[number]
+
+
+def _tabulate_inverse(ends: FloatArray) -> list[FloatArray]:
+    """The inverse of a matrix that is linear from one end to the other: ``(3 c, c)`` coefficients of
+    a parabola over each of equal parts, the constant above the slope above the square.
+
+    Args:
+        ends: ``(2, c, c)``.
+    """
+    first, change, unit = ends[0], ends[1] - ends[0], np.eye(ends.shape[-1])
+    parts = 1
+    while True:
+        known = np.linalg.inv(first + np.linspace(0.0, 1.0, 2 * parts + 1)[:, None, None] * change)
+        low, middle, high = known[:-2:2], known[1:-1:2], known[2::2]
+        square = 2.0 * (low - 2.0 * middle + high)
+        slope = high - low - square
+        # a quarter of the way into the first and the last part the parabola misses most
+        places = np.array([0.25, parts - 0.75]) / parts
+        missed = [
+            unit
+            - (first + place * change) @ (low[part] + 0.25 * (slope[part] + 0.25 * square[part]))
+            for place, part in zip(places, (0, -1), strict=True)
+        ]
+        if np.abs(missed).max() < INVERSE_TOLERANCE or parts >= MOST_PARTS:
+            return list(np.concatenate([low, slope, square], axis=1))
+        parts *= 2
 
 
 class SchemeMatrices(NamedTuple):
@@ -167,47 +284,6 @@ def scheme_matrices(scheme: AlphaScheme, h: float) -> SchemeMatrices:
     velocity = unit[1] + h * ((1.0 - gamma) * unit[3] + gamma * rest)
     reach = np.array([h * h * beta * share, h * gamma * share, 1.0, share])
     return SchemeMatrices(np.array([position, velocity, np.zeros(4), rest]), reach)
-
-
-def step_maps(
-    motion: LinearMotion,
-    load: FloatArray,
-    part: slice,
-    method: SchemeMatrices,
-    *,
-    softer: FloatArray | None = None,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Some steps as maps of the state, position after velocity after acceleration after auxiliary:
-    ``new = ahead @ old + own``.
-
-    Args:
-        motion: The linear model.
-        load: ``(n, c)``.
-        part: Which steps.
-        method: From :func:`scheme_matrices`.
-        softer: ``(., c, c)`` stiffness to be taken off [N/m].
-
-    Returns:
-        ``ahead (., 4 c, 4 c)``, ``own (., 4 c)``, and ``(., c, c)`` what one more load adds to the
-        new acceleration.
-    """
-    reach, size = method.reach, load.shape[1]
-    mass, damping = motion.between(motion.mass, part), motion.between(motion.damping, part)
-    stiffness = motion.between(motion.stiffness, part)
-    if softer is not None:
-        stiffness = stiffness - softer
-    inverse = np.linalg.inv(mass + reach[1] * damping + reach[0] * stiffness)
-    drift = np.kron(method.ahead, np.eye(size))
-    # M a + C (v + reach_v a) + K (x + reach_x a) = load, where x and v are what the old state alone
-    # leads to (drift): the new acceleration is linear in the old state and the load, and so is the
-    # new state = drift + reach a
-    pulled = np.concatenate([stiffness, damping], axis=-1) @ drift[: 2 * size]
-    answer = inverse @ pulled
-    ahead = drift - (reach[:, None, None] * answer[:, None]).reshape(
-        len(answer), 4 * size, 4 * size
-    )
-    pushed = (inverse @ load[part][..., None])[..., 0]
-    return ahead, (reach[:, None] * pushed[:, None]).reshape(len(pushed), 4 * size), inverse
 
 
 def _wave_stiffness(motion: LinearMotion, part: slice, regeneration: Regeneration) -> FloatArray:

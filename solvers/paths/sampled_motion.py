@@ -5,10 +5,15 @@ The way is cut into pieces at its corners; every piece has its own splines, with
 until those half-way between are met. Modes beyond a frequency follow at once: what they add
 statically is sampled as well. Modes are carried from pose to pose as in
 :mod:`headstock.solvers.paths.varying_system`, along the whole way.
+
+Modes cross that frequency, and each other about it, so that no number of modes is the same set in
+all poses. What moves a mode and what it moves therefore fade out smoothly above that frequency, and
+its static share takes over: a mode that leaves or joins those kept does so without any.
 """
 
+import dataclasses
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,17 +28,15 @@ from headstock.solvers.paths.linear_motion import (
     interpolate_nodes,
 )
 from headstock.solvers.paths.varying_system import (
-    LEAST_HZ,
     TURN_TOLERANCE,
     PlantChannels,
     PosedModes,
     PoseModes,
     SampledPlant,
-    compare_transports,
-    count_kept_modes,
     invert_sizes,
     largest_entries,
     look_at_pose,
+    match_modes,
     transport_modes,
     turn_plant,
 )
@@ -41,6 +44,7 @@ from headstock.solvers.paths.varying_system import (
 MOST_SAMPLES = 400
 # of what splines miss half-way between poses, as a share of its size, before the last halving
 MISS_TOLERANCE = 1e-3
+FADED = 1.5  # times the frequency up to which modes are kept: there nothing is left of them
 ROUNDOFF = 1e-5  # an input so much smaller than the largest one moves nothing
 TOOL = slice(0, 3)  # inputs and outputs begin with those of the tool
 GIVEN = slice(3, None)  # then come loads that the way gives, gravity first, and forces of drives
@@ -60,8 +64,7 @@ class SampledMotion:
         modes: How many modes are kept.
         error: Largest error of splines through the others at the poses added last; of splines
             through all it is about a sixteenth.
-        highest_hz: Highest natural frequency kept, anywhere on the way.
-        next_hz: Lowest one left out; infinite where none is.
+        highest_hz: Highest natural frequency, anywhere on the way, of a mode kept by half or more.
     """
 
     breaks: FloatArray
@@ -70,7 +73,6 @@ class SampledMotion:
     modes: int
     error: float
     highest_hz: float
-    next_hz: float
 
     def at(self, times: FloatArray, *names: str) -> SampledPlant:
         """The matrices at times ``(n,)`` [s]; of fields that are not named nothing.
@@ -96,6 +98,23 @@ class SampledMotion:
         return SampledPlant(*(find(name) for name in FIELDS))
 
 
+@dataclass(frozen=True, eq=False)
+class CarriedPose:
+    """A pose in modes that were carried along the way.
+
+    Attributes:
+        pose: In its natural modes, which fade.
+        turn: ``(m, m)`` these are this times the carried ones.
+        plant: Its matrices in the carried ones.
+        shares: ``(m,)`` how much is kept of each natural mode.
+    """
+
+    pose: PoseModes
+    turn: FloatArray
+    plant: SampledPlant
+    shares: FloatArray
+
+
 def sample_motion(
     place: Callable[[float], PosedModes], breaks: Sequence[float], channels: PlantChannels
 ) -> SampledMotion:
@@ -114,7 +133,7 @@ def sample_motion(
     seen: dict[float, PoseModes] = {}
 
     def look(time: float) -> PoseModes:
-        found = look_at_pose(place(time), channels)
+        found = fade_modes(look_at_pose(place(time), channels), channels.up_to_hz)
         if found.coordinates.rigid_count:
             raise ModelError(
                 f"the machine is free to move in {found.coordinates.rigid_count} rigid-body motion(s), so a force on the tool"
@@ -136,66 +155,136 @@ def sample_motion(
         if len(wanted) > MOST_SAMPLES:
             raise AccuracyError(
                 f"{MOST_SAMPLES} poses along the contour do not suffice to follow its matrices to {MISS_TOLERANCE:g}; "
-                'modes close together change places: write a lower modes_to, or pose_model = "frozen"'
+                'write a lower modes_to, or pose_model = "frozen"'
             )
         seen |= {time: look(time) for time in wanted if time not in seen}
         poses = {time: seen[time] for time in sorted(wanted)}
-        kept, next_hz = count_kept_modes(poses, channels.up_to_hz)
+        kept, highest_hz = count_fading_modes(poses.values(), channels.up_to_hz)
         turns = transport_modes(poses, kept)
-        matrices = {time: turn_plant(pose, turns[time]) for time, pose in poses.items()}
-        misses = [_miss(grid, fine, matrices) for grid, fine in zip(grids, finer, strict=True)]
-        wide = {piece for piece, miss in enumerate(misses) if miss > MISS_TOLERANCE}
+        carried = {time: _carry(pose, turns[time], channels) for time, pose in poses.items()}
+        misses = [_miss(grid, fine, carried) for grid, fine in zip(grids, finer, strict=True)]
+        wide = {
+            piece
+            for piece, (miss, fine) in enumerate(zip(misses, finer, strict=True))
+            if miss > MISS_TOLERANCE or _swing(fine, carried) > TURN_TOLERANCE / len(spans)
+        }
         if not wide:
-            coarse = sorted({time for grid in grids for time in grid})
-            if compare_transports(poses, turns, coarse) > TURN_TOLERANCE:
-                wide = set(range(len(spans)))
-        if not wide:
-            highest = max(pose.coordinates.omega[kept - 1] for pose in poses.values())
             return SampledMotion(
                 breaks=np.array(breaks, dtype=float),
-                pieces=tuple(_join(grid, matrices) for grid in finer),
+                pieces=tuple(_join(grid, carried) for grid in finer),
                 poses=len(poses),
                 modes=kept,
                 error=max(misses),
-                highest_hz=float(highest) / (2.0 * np.pi),
-                next_hz=next_hz,
+                highest_hz=highest_hz,
             )
+
+
+def fade_modes(pose: PoseModes, up_to_hz: float) -> PoseModes:
+    """A pose whose modes beyond a frequency are moved less and less, and move less; what they lack
+    follows at once.
+
+    Args:
+        pose: With all its modes.
+        up_to_hz: Up to here they are kept as they are; from ``FADED`` times that on nothing is left
+            [Hz].
+    """
+    found = pose.coordinates
+    shares = _shares(found.omega, up_to_hz)
+    viscous = found.viscous
+    if viscous is not None:
+        # what couples modes by damping fades as they do; their own damping stays
+        own = np.diag(viscous.diagonal() * (1.0 - shares**2))
+        viscous = shares[:, None] * viscous * shares + own
+    faded = dataclasses.replace(
+        found,
+        inputs=shares[:, None] * found.inputs,
+        outputs=found.outputs * shares,
+        viscous=viscous,
+        complete=found.complete and bool((shares == 1.0).all()),
+    )
+    return dataclasses.replace(pose, coordinates=faded)
+
+
+def _shares(omega: FloatArray, up_to_hz: float) -> FloatArray:
+    """How much of what moves each mode, and of what it moves, is kept ``(m,)``: falls from one to
+    zero with continuous second derivative.
+    """
+    left = (FADED - omega / (2.0 * np.pi * up_to_hz)) / (FADED - 1.0)
+    place = np.clip(left, 0.0, 1.0)
+    return np.asarray(place**3 * (10.0 + place * (6.0 * place - 15.0)))
+
+
+def count_fading_modes(poses: Collection[PoseModes], up_to_hz: float) -> tuple[int, float]:
+    """How many modes there are that are kept or fading in some pose, and the highest frequency of
+    one that is kept by half or more [Hz].
+    """
+    shares = [(pose.coordinates.omega, _shares(pose.coordinates.omega, up_to_hz)) for pose in poses]
+    known = min(pose.motions.shape[1] for pose in poses)
+    kept = min(max(1, *(np.count_nonzero(share) for _, share in shares)), known)
+    highest = max(float(omega[share >= 0.5].max(initial=0.0)) for omega, share in shares)
+    return int(kept), highest / (2.0 * np.pi)
 
 
 def _halve(grid: Sequence[float]) -> list[float]:
     return [float(time) for time in np.linspace(grid[0], grid[-1], 2 * len(grid) - 1)]
 
 
-def _join(grid: Sequence[float], matrices: Mapping[float, SampledPlant]) -> dict[str, CubicSpline]:
+def _carry(pose: PoseModes, turn: FloatArray, channels: PlantChannels) -> CarriedPose:
+    shares = _shares(pose.coordinates.omega[: len(turn)], channels.up_to_hz)
+    return CarriedPose(pose, turn, turn_plant(pose, turn), shares)
+
+
+def _join(grid: Sequence[float], carried: Mapping[float, CarriedPose]) -> dict[str, CubicSpline]:
     return {
-        name: CubicSpline(grid, np.array([getattr(matrices[time], name) for time in grid]))
+        name: CubicSpline(grid, np.array([getattr(carried[time].plant, name) for time in grid]))
         for name in FIELDS
     }
 
 
 def _miss(
-    grid: Sequence[float], finer: Sequence[float], matrices: Mapping[float, SampledPlant]
+    grid: Sequence[float], finer: Sequence[float], carried: Mapping[float, CarriedPose]
 ) -> float:
-    """How far splines through poses of a grid miss those half-way, each field by its own size."""
-    splines = _join(grid, matrices)
+    """How far splines through poses of a grid miss those half-way, each field by its own size, and
+    no more than its mode is kept.
+    """
+    splines = _join(grid, carried)
     largest = 0.0
     for time in finer[1::2]:
-        pose = matrices[time]
-        root = np.sqrt(np.maximum(pose.stiffness.diagonal(), (2.0 * np.pi * LEAST_HZ) ** 2))
+        here = carried[time]
+        plant, turn, shares = here.plant, here.turn, here.shares
+        omega = here.pose.coordinates.omega[: len(turn)]
+        off = {name: splines[name](time) - getattr(plant, name) for name in FIELDS}
         # what all modes together answer statically: what is left out is judged by it
-        whole = np.abs(pose.rows / root**2) @ np.abs(pose.loads) + np.abs(pose.direct)
-        sizes = np.abs(pose.loads).max(axis=0, initial=0.0)
-        weights = {
-            "stiffness": 1.0 / np.outer(root, root),
-            "damping": 1.0 / np.sqrt(np.outer(root, root)),
-            "loads": 1.0 / np.maximum(sizes, ROUNDOFF * sizes.max(initial=1.0)),
-            "rows": invert_sizes(largest_entries(pose.rows)),
-            "direct": invert_sizes(largest_entries(whole)),
-        }
-        for name, weight in weights.items():
-            change = np.abs(weight * (splines[name](time) - getattr(pose, name)))
-            largest = max(largest, float(change.max(initial=0.0)))
+        single = np.abs(plant.rows @ turn.T / omega**2)
+        whole = single @ np.abs(turn @ plant.loads) + np.abs(plant.direct)
+        sizes = np.abs(plant.loads).max(axis=0, initial=0.0)
+        sizes = np.maximum(sizes, ROUNDOFF * sizes.max(initial=1.0))
+        # in the natural modes of the pose, in which the stiffness is diagonal
+        by_size = (shares / omega)[:, None] * turn
+        by_speed = (shares / np.sqrt(omega))[:, None] * turn
+        changes = (
+            by_size @ off["stiffness"] @ by_size.T,
+            by_speed @ off["damping"] @ by_speed.T,
+            shares[:, None] * (turn @ off["loads"]) / sizes,
+            (off["rows"] @ turn.T) * shares * invert_sizes(largest_entries(plant.rows)),
+            off["direct"] * invert_sizes(largest_entries(whole)),
+        )
+        largest = max(largest, *(float(np.abs(each).max(initial=0.0)) for each in changes))
     return largest
+
+
+def _swing(finer: Sequence[float], carried: Mapping[float, CarriedPose]) -> float:
+    """By how much modes that are carried over two steps differ from those carried over one step of
+    twice the length, along a piece and no more than they are kept [rad].
+    """
+    total = 0.0
+    for first, middle, last in zip(finer[:-2:2], finer[1:-1:2], finer[2::2], strict=True):
+        before, half, after = carried[first], carried[middle], carried[last]
+        kept = len(before.turn)
+        twice = match_modes(before.pose, half.pose, kept) @ match_modes(half.pose, after.pose, kept)
+        off = twice - match_modes(before.pose, after.pose, kept)
+        total += float(np.abs(before.shares[:, None] * off * after.shares).max())
+    return total
 
 
 def follow_motion(
@@ -235,6 +324,16 @@ def follow_motion(
         load=interpolate_nodes(times, load_nodes, np.concatenate(loads)),
         flexibility=found.direct[:, TOOL, TOOL],
         rest=interpolate_nodes(times, load_nodes, np.concatenate(rests)),
+    )
+
+
+def follow_way(given: Callable[[FloatArray], FloatArray], times: FloatArray) -> FloatArray:
+    """Values ``(n, r)`` at times ``(n,)`` of what is as smooth as the rigid motion: linear between
+    the nodes of its loads, where these are fewer [s].
+    """
+    nodes = even_nodes(times, LOAD_SPACING)
+    return (
+        given(times) if len(nodes) >= len(times) else interpolate_nodes(times, nodes, given(nodes))
     )
 
 

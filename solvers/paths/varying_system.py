@@ -346,14 +346,20 @@ def transport_modes(poses: Mapping[float, PoseModes], kept: int) -> dict[float, 
     turns = {positions[middle]: np.eye(kept)}
     for path in (positions[middle:], positions[middle::-1]):
         for before, after in itertools.pairwise(path):
-            # orthogonal Procrustes: of all turns of the new modes the one nearest to the old ones
-            # in mass. Signs, order and mixtures of close modes are free in every pose; left as they
-            # come, entries would jump and no spline could join them
-            transported = poses[before].momenta[:, :kept] @ turns[before]
-            overlap = transported.T @ poses[after].motions[:, :kept]
-            left, _, right = np.linalg.svd(overlap)
-            turns[after] = np.asarray((left @ right).T)
+            turns[after] = match_modes(poses[before], poses[after], kept).T @ turns[before]
     return turns
+
+
+def match_modes(before: PoseModes, after: PoseModes, kept: int) -> FloatArray:
+    """How the first modes of a pose are those of another one: orthogonal ``(m, m)``, a row for each
+    of the former.
+
+    Orthogonal Procrustes: of all turns of the new modes the one nearest to the old ones in mass.
+    Signs, order and mixtures of close modes are free in every pose; left as they come, entries
+    would jump and no spline could join them.
+    """
+    left, _, right = np.linalg.svd(before.momenta[:, :kept].T @ after.motions[:, :kept])
+    return np.asarray(left @ right)
 
 
 def _turn_pose(pose: PoseModes, turn: FloatArray, model: PathModel) -> SampledPose:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
+from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling.contouring import linear_motion
 from headstock.solvers.milling.path_drives import PathDrive, follow_path, smooth_samples
 from headstock.solvers.milling.tool_path import SquareContour, plan_contour
@@ -29,7 +30,7 @@ def clean(machine: Tripteor) -> PathDrive:
 
 def gaps(machine: Tripteor, drive: PathDrive, step: float) -> tuple[FloatArray, FloatArray]:
     times = np.arange(0.0, SPAN, step, dtype=np.float64)
-    motion = linear_motion(machine.model, drive, times, np.array([0.02]))
+    motion = linear_motion(machine.model, drive, times, PoseDamping((0.02,)))
     return times, motion.tool_motion(march_linear(motion, motion.load).compliant)
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from headstock.geometry.errors import ClosureError
 from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_motion
+from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.mechanisms.motion import ConstrainedMotion, project_start
 from headstock.solvers.mechanisms.partitioning import Drive
 from headstock.solvers.milling.contouring import linear_motion
@@ -80,7 +81,7 @@ def test_a_jump_of_the_force_swings_to_twice_its_static_answer_and_no_further(
     nodes = np.linspace(0.0, 0.1, 26, dtype=np.float64)
     drive = follow_path(machine.scene.mounted, nodes, path.at(nodes), machine.scene.tool)
     times = np.arange(0.0, 0.1, 5e-5, dtype=np.float64)
-    motion = linear_motion(machine.model, drive, times, np.array([0.02]))
+    motion = linear_motion(machine.model, drive, times, PoseDamping((0.02,)))
     force = np.zeros((len(times), 3))
     force[times >= 0.03] = 500.0, 0.0, 0.0
     moved = (

@@ -19,6 +19,7 @@ from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run
 from headstock.pipeline.contours.milled_faces import mill_faces
 from headstock.scene.building.loader import load_scene
 from headstock.scene.requests import ContouringRequest
+from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling.forces import CUTTING_MATERIALS
 from headstock.solvers.milling.stability import (
     TipDynamics,
@@ -486,7 +487,7 @@ def _damping_rows(case: str) -> list[ValidationRow]:
                 tip = lumped_face_dynamics(
                     tripteor.scene,
                     tripteor.model,
-                    dataclasses.replace(request, damping_ratios=(zeta,)),
+                    dataclasses.replace(request, damping=PoseDamping((zeta,))),
                     face,
                 )
                 stable = cut_multiplier(tip, request, request.cut.axial_depth) < 1.0

@@ -5,6 +5,7 @@ the summary.
 import base64
 import copy
 import dataclasses
+import io
 import json
 import math
 import re
@@ -14,11 +15,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from scipy.spatial import cKDTree
 
 from common import present, sketch
 from headstock.app.command_line import main
-from headstock.app.report.report import format_number, render_report
+from headstock.app.report.report import draw_rows, format_number, render_report
 from headstock.app.report.viewer_data import (
     RIGID_SHARE,
     Caption,
@@ -27,6 +29,8 @@ from headstock.app.report.viewer_data import (
     pose_shapes,
     script_json,
 )
+from headstock.app.tables.table import Column
+from headstock.app.terminal.summary import tell_rows
 from headstock.geometry.frames import FloatArray, Frame, rigid_map
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solid_skins import box_skin
@@ -671,6 +675,34 @@ def test_the_displacement_under_a_push_is_the_compliance_at_the_tool(run_folder:
 )
 def test_numbers_are_written_for_readers(value: float, text: str) -> None:
     assert format_number(value) == text
+
+
+def test_roundoff_beside_numbers_in_the_same_unit_is_shown_as_zero() -> None:
+    rows = [(1, 12.5, 3e-20), (2, 11.0, -4e-19), (3, 2e-7, 0.5)]
+    columns: tuple[Column[tuple[int, float, float]], ...] = (
+        Column(lambda row: row[0], "face", screen="face", report="Face"),
+        Column(lambda row: row[1], "gap x [um]", screen=">x", report="x"),
+        Column(lambda row: row[2], "gap y [um]", screen=">y", report="y"),
+    )
+    shown = re.sub("<[^>]*>", " ", str(draw_rows(columns, rows, "gaps")))
+    assert shown.split() == [
+        "Face",
+        "x",
+        "y",
+        "1",
+        "12.50",
+        "0",
+        "2",
+        "11.00",
+        "0",
+        "3",
+        "2.00·10⁻⁷",
+        "0.5000",
+    ]
+    screen = io.StringIO()
+    Console(file=screen, width=60).print(tell_rows(columns, rows[:2]))
+    cells = [word for word in screen.getvalue().split() if word[0].isdigit()]
+    assert cells == ["1", "12.5", "0", "2", "11", "0"]
 
 
 def test_the_bundle_holds_no_end_of_a_script_element_and_its_lock_file_names_no_host() -> None:

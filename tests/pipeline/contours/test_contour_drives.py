@@ -11,6 +11,8 @@ from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, Drive, TorqueRipple, ripple_force
+from headstock.geometry.mechanisms.exechon import solve_tool_pose
+from headstock.geometry.parts.components import RayleighDamping
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.contours import coupled_contour, lumped_contour, way_motors
 from headstock.pipeline.contours.coupled_contour import CoupledRun, run_coupled_contour
@@ -27,6 +29,7 @@ from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.solvers.control.drive_loops import close_loops, set_channels
 from headstock.solvers.linear.time_response import solve_stepped_response
+from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, solve_pose_modes
 from headstock.solvers.milling import contouring
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.solvers.paths import sampled_motion
@@ -194,6 +197,36 @@ def test_coriolis_forces_act_on_legs_of_components_as_on_lumped_ones(
     size = np.abs(theirs).max()
     assert size > 1e-9
     assert np.abs(ours - theirs).max() < 2e-2 * size
+
+
+def test_rayleigh_damping_acts_on_the_lumped_mechanism_as_on_its_components(
+    tripteor: Tripteor, tmp_path: Path
+) -> None:
+    rayleigh = 'effects.damping={ rayleigh = { alpha = "60 1/s", beta = "2e-4 s" } }'
+    scene = load_prompt(tmp_path, "components", rayleigh)
+    found = run_contour(build_state(tmp_path, scene), 0.06)
+    model = dataclasses.replace(tripteor.model, velocity_terms=True)
+    damped, free = (
+        run_lumped_contour(tripteor.scene, model, request, until=0.06)
+        for request in (
+            request_of(scene),
+            dataclasses.replace(request_of(scene), damping=PoseDamping()),
+        )
+    )
+    size = np.abs(damped.gap).max()
+    assert np.abs(found.gap - damped.gap).max() < 2e-3 * size
+    assert np.abs(free.gap - damped.gap).max() > 0.1 * size
+
+
+def test_rayleigh_damping_of_springs_and_bodies_is_that_ratio_of_every_mode(
+    tripteor: Tripteor,
+) -> None:
+    state = solve_tool_pose(tripteor.scene.mounted, np.array([0.0, 0.0, 0.2]), tripteor.scene.tool)
+    motions = linearise_poses(tripteor.model, state)
+    omega = 2.0 * np.pi * solve_pose_modes(motions).frequencies_hz
+    ratios = tuple(float(each) for each in 60.0 / (2.0 * omega) + 0.5 * 2e-4 * omega)
+    matrix = PoseDamping(rayleigh=RayleighDamping(60.0, 2e-4)).matrix(motions)
+    assert np.allclose(PoseDamping(ratios).matrix(motions), matrix, rtol=1e-8, atol=1e-6)
 
 
 def test_the_nonlinear_model_says_that_it_takes_ideal_motors(tmp_path: Path) -> None:

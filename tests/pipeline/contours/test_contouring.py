@@ -22,7 +22,7 @@ from headstock.pipeline.contours.lumped_contour import run_lumped_contour
 from headstock.pipeline.contours.milled_faces import mill_faces
 from headstock.scene.reading.forces import ForceFileError, ForceRecord
 from headstock.scene.requests import ContouringRequest
-from headstock.solvers.mechanisms.modes import linearise_poses, tool_compliance
+from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, tool_compliance
 from headstock.solvers.milling.path_drives import follow_path
 from headstock.solvers.milling.tool_dynamics import ToolMode
 from headstock.solvers.milling.tool_path import SquareContour
@@ -90,7 +90,7 @@ def test_a_steady_force_leaves_a_face_where_the_static_compliance_says(machine: 
     request = dataclasses.replace(
         request,
         contour=changed_block(request, side=0.02),
-        damping_ratios=(0.5,),
+        damping=PoseDamping((0.5,)),
         tool_modes=(ToolMode("spindle", 800.0, 0.2, 2e7, np.eye(3)[:, :2]),),
     )
     push = np.array([-200.0, 150.0, 50.0])

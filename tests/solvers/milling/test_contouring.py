@@ -13,7 +13,7 @@ from headstock.geometry.mechanisms.exechon import LENGTHS, survey_tool_poses
 from headstock.geometry.mechanisms.kinematics import place_markers
 from headstock.solvers.errors import ConvergenceError, ModelError
 from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_motion
-from headstock.solvers.mechanisms.modes import linearise_poses, tool_compliance
+from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, tool_compliance
 from headstock.solvers.mechanisms.motion import PartitionedMotion
 from headstock.solvers.milling.contouring import (
     drive_forces,
@@ -49,7 +49,7 @@ def path_drive() -> tuple[ToolPath, PathDrive]:
 
 def moving(count: int, damping: float) -> tuple[LinearMotion, FloatArray]:
     times: FloatArray = STEP * np.arange(count, dtype=np.float64)
-    motion = linear_motion(machine().model, path_drive()[1], times, np.array([damping]))
+    motion = linear_motion(machine().model, path_drive()[1], times, PoseDamping((damping,)))
     force = 300.0 * np.stack(
         [np.sin(400.0 * times), np.cos(300.0 * times) - 1.0, np.sin(5400.0 * times)], axis=-1
     )

@@ -47,13 +47,13 @@ def test_cusps_of_a_rigid_machine_are_as_high_as_trochoids_say(feed: float) -> N
     assert exact - spacing * slope < profile.max() <= exact + 1e-14
     assert 0.0 <= profile.min() < spacing**2 / RADIUS
     # Martellotti (1941): the mill draws a smaller circle as it climbs; f_z^2 / (8 R) for small feeds
-    per_tooth = feed * 2.0 * np.pi / SPINDLE / 4
-    martellotti = per_tooth**2 / (8.0 * (RADIUS - 4 * per_tooth / np.pi))
-    assert exact == pytest.approx(martellotti, rel=1e-4 * (feed / FEED) ** 2)
-    smaller = 1.0 - 4.0 * per_tooth / (np.pi * RADIUS)
-    assert exact * smaller == pytest.approx(
-        per_tooth**2 / (8.0 * RADIUS), rel=1e-12 + (1.0 - smaller) ** 2
-    )
+    per_tooth, per_turn = feed * 2.0 * np.pi / SPINDLE / 4, feed / SPINDLE
+    martellotti = per_tooth**2 / (8.0 * (RADIUS - 2.0 * per_turn))
+    # R sin psi - p psi = f / 2 and h = R (1 - cos psi), in powers of psi: the series goes on with
+    # psi^2 / 4, and the circle is (R - p)^2 / R, which is p^2 / R larger than Martellotti's
+    first = per_tooth / (2.0 * (RADIUS - per_turn))
+    series = martellotti * (1.0 + first**2 / 4.0 - (per_turn / RADIUS) ** 2)
+    assert exact == pytest.approx(series, rel=2.0 * (first + per_turn / RADIUS) ** 3)
 
 
 def test_parameters_of_cusps_are_those_of_parabolas() -> None:
