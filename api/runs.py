@@ -31,8 +31,8 @@ from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, w
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.stages.part_files import find_missing_patches
 from headstock.pipeline.storage.outputs import claim_output, remove_outputs, replace_outputs
+from headstock.pipeline.storage.part_files import find_missing_patches
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice, trace_content
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene, prepare_sweep

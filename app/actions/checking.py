@@ -10,9 +10,9 @@ from typing import TypedDict
 from headstock.app.terminal.console import counted, make_console, print_assumptions, print_remarks
 from headstock.pipeline.planning.plan import Plan, StageKind
 from headstock.pipeline.preview.free_motions import free_motion_warnings
-from headstock.pipeline.stages.part_files import find_missing_patches
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_output
+from headstock.pipeline.storage.part_files import find_missing_patches
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 

@@ -19,13 +19,13 @@ from headstock.pipeline.answers.accuracy import BodyChoice
 from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.planning.budgets import STAGE_SECONDS
 from headstock.pipeline.stages.machine import CoupledPose, couple_pose
-from headstock.pipeline.stages.part_files import describe_solid
 from headstock.pipeline.stages.run_state import (
     MachineParts,
     ReducedComponent,
     RunState,
     component_loads,
 )
+from headstock.pipeline.storage.part_files import describe_solid
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
 from headstock.reduction.estimates.model_errors import WatchedModes, compare_modes, watch_modes

@@ -8,7 +8,7 @@ from headstock.geometry.errors import HeadstockError
 from headstock.geometry.machine.joints import Joint
 from headstock.geometry.parts.solids import MeshFile, SuperelementFile
 from headstock.pipeline.planning.planner import choose_poses
-from headstock.pipeline.stages.part_files import describe_solid
+from headstock.pipeline.storage.part_files import describe_solid
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import CoupledMachine, couple

@@ -20,7 +20,7 @@ from headstock.geometry.parts.components import (
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.meshing.components.skins import unmeshed_skin
 from headstock.pipeline.results.views import MachineView, component_skin, place_view
-from headstock.pipeline.stages.part_files import describe_solid
+from headstock.pipeline.storage.part_files import describe_solid
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.pipeline.storage.superelements import read_superelement
 from headstock.reduction.components.rigid import reduce_rigid

@@ -21,7 +21,6 @@ from headstock.meshing.components.skins import mesh_skin, unmeshed_skin
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import choose_solver
-from headstock.pipeline.stages.part_files import describe_solid
 from headstock.pipeline.stages.run_state import (
     Outcome,
     ReducedComponent,
@@ -31,6 +30,7 @@ from headstock.pipeline.stages.run_state import (
     component_supports,
 )
 from headstock.pipeline.storage.content_keys import mesh_key, skin_key, superelement_key
+from headstock.pipeline.storage.part_files import describe_solid
 from headstock.pipeline.storage.store import Store, StoreRead, list_keys, read_entry, write_entry
 from headstock.pipeline.storage.superelements import read_superelement
 from headstock.reduction.components.polynomial import reduce_polynomial

@@ -22,7 +22,7 @@ from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.resources import measure
 from headstock.pipeline.results.views import PoseView, ShiftArray
-from headstock.pipeline.stages.part_files import locate_patch
+from headstock.pipeline.storage.part_files import locate_patch
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.motions.mode_naming import NamedModes

@@ -16,7 +16,7 @@ from headstock.meshing.component_mesh import CellKind
 from headstock.meshing.errors import PatchError
 from headstock.meshing.files.writing import encode_mesh
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.stages.part_files import find_missing_patches
+from headstock.pipeline.storage.part_files import find_missing_patches
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene
