@@ -16,7 +16,7 @@ from headstock.meshing.errors import MeshError
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages import components as component_stages
-from headstock.pipeline.stages import part_files
+from headstock.pipeline.storage import part_files
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 
