@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.pipeline.answers.frf import ResponseCurves
+from headstock.pipeline.stages.run_state import PoseModel
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
 from headstock.solvers.linear.mode_pairing import SAME_MODE, ModeSet, correlate_modes, pair_modes
 from headstock.studies.responses import ResponseEntry, compare_entries, overlay_responses
@@ -122,7 +123,7 @@ def compare_variants(
     order = [best, *(name for name in richest if name != best)]
     places = {
         name: choose_places(part)
-        for name, part in by_name[best].coupled.layout.superelements.items()
+        for name, part in by_name[best].machine.parts.superelements.items()
     }
     sets = {name: _mode_set(solution, places) for name, solution in by_name.items()}
     families: list[_Family] = []
@@ -184,10 +185,29 @@ def _richness(solution: VariantSolution) -> tuple[int, int]:
 def _mode_set(solution: VariantSolution, places: Mapping[str, BodyPlaces]) -> ModeSet:
     if solution.modal is None:
         return ModeSet(np.zeros(0), np.zeros((0, 0)))
-    shapes = machine_field(solution.coupled, places, solution.modal.shapes)
+    machine = solution.machine
+    shapes = (
+        _lumped_field(machine, places, solution.modal.shapes)
+        if machine.coupled is None
+        else machine_field(machine.coupled, places, solution.modal.shapes)
+    )
     return ModeSet(
         solution.modal.frequencies_hz, shapes, min(solution.modal.rigid_count, shapes.shape[1])
     )
+
+
+def _lumped_field(
+    machine: PoseModel, places: Mapping[str, BodyPlaces], shapes: FloatArray
+) -> FloatArray:
+    """As ``machine_field`` of a lumped mechanism, whose bodies are rigid."""
+    motions, parts = machine.expand(shapes), machine.parts.superelements
+    found = [np.zeros((0, shapes.shape[1]))]
+    for name, chosen in places.items():
+        rotation, center = machine.placements[name].rotation, parts[name].center_of_mass
+        moved = rigid_map(chosen.points @ rotation.T, rotation @ center)
+        own = moved @ motions[machine.offsets[name]]
+        found.append(np.repeat(np.sqrt(chosen.masses), 3)[:, None] * own)
+    return np.vstack(found)
 
 
 def _enter_cells(

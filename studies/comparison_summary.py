@@ -222,7 +222,7 @@ def _summarise_variant(solution: VariantSolution, comparison: Comparison) -> Var
         "fidelity": {name: facts.fidelity for name, facts in solution.components.items()},
         "full_dofs": full_dofs(solution),
         "reduced_dofs": sum(facts.reduced_dofs for facts in solution.components.values()),
-        "coupled_dofs": len(solution.coupled.system.labels),
+        "coupled_dofs": len(solution.machine.system.labels),
         "frequencies_hz": check_finite(f"frequencies of variant {choice.name}", frequencies),
         "error_hz": [error.total for error in errors],
         "error_share": [dict(error.shares) for error in errors],

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
@@ -24,20 +25,21 @@ from headstock.pipeline.results.results import ComponentFacts
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import gather_facts, run_scene
 from headstock.pipeline.stages.components import ELASTIC_MODULE
-from headstock.pipeline.stages.estimates import estimate_compliance_errors, estimate_mode_errors
+from headstock.pipeline.stages.estimates import estimate_compliance_errors
 from headstock.pipeline.stages.frf import prepare_response, respond
 from headstock.pipeline.stages.machine import CoupledPose
-from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.stages.mechanism import LUMPED, build_mechanism, place_pose
+from headstock.pipeline.stages.run_state import PoseModel, RunState
 from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.storage.store import Store
-from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.compliance_budget import (
     PointBudget,
     WeakLink,
     find_weakest_link,
     point_budget,
 )
-from headstock.reduction.motions.mode_naming import NamedModes, name_modes
+from headstock.reduction.motions.mode_naming import NamedModes
 from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.scene.expansion.overrides import AS_WRITTEN
@@ -124,7 +126,7 @@ class VariantSolution:
         choice: Which variant it is.
         components: By name.
         pose: Name of the pose.
-        coupled: The machine in it.
+        machine: In it.
         modal: Modes up to ``REACH`` times what the scene asks for; None without a modal analysis.
         named: Names and energy shares of all of them.
         wanted: How many of them the scene asks for.
@@ -143,7 +145,7 @@ class VariantSolution:
     choice: VariantChoice
     components: dict[str, ComponentFacts]
     pose: str
-    coupled: CoupledMachine
+    machine: PoseModel
     modal: ModalResult | None
     named: NamedModes
     wanted: int
@@ -263,26 +265,33 @@ def _answer(
     Raises:
         ModelError: The machine cannot move, or nothing is determined.
     """
+    parts, machine_of = state.parts, state.scene.machine
     with measure() as coupling:
-        coupled = couple(superelements, state.scene.machine, pose, gravity=state.plan.gravity)
+        machine: PoseModel = (
+            place_pose(parts, pose, build_mechanism(parts, superelements), superelements)
+            if state.scene.is_lumped
+            else CoupledPose(
+                parts, pose, couple(superelements, machine_of, pose, gravity=state.plan.gravity)
+            )
+        )
     with measure() as solving:
-        modal, wanted = _solve_modes(coupled, state.scene.analyses.modal)
+        modal, wanted = _solve_modes(machine, state.scene.analyses.modal)
     solution = VariantSolution(
         choice=choice,
         components={
             name: gather_facts(state, name, reduced) for name, reduced in state.reduced.items()
         },
         pose=pose.name,
-        coupled=coupled,
+        machine=machine,
         modal=modal,
-        named=NamedModes((), (), ()) if modal is None else name_modes(coupled, modal),
+        named=NamedModes((), (), ()) if modal is None else machine.name_modes(modal),
         wanted=wanted,
         points={},
         weak_links={},
         effort=_add_steps(effort, {"couple": coupling, "modes": solving}),
-        mode_errors=() if modal is None else estimate_mode_errors(state.parts, coupled, modal),
+        mode_errors=() if modal is None else machine.estimate_mode_errors(modal),
     )
-    return _with_response(_with_compliances(solution, state), state, pose)
+    return _with_response(_with_compliances(solution, state), state)
 
 
 def name_uncompared(scene: Scene) -> tuple[str, ...]:
@@ -352,14 +361,14 @@ def _add_steps(effort: Effort, costs: dict[str, Cost]) -> Effort:
 
 
 def _solve_modes(
-    coupled: CoupledMachine, request: ModalRequest | None
+    machine: PoseModel, request: ModalRequest | None
 ) -> tuple[ModalResult | None, int]:
     """Modes somewhat beyond what is asked for, and how many are asked for."""
     if request is None:
         return None, 0
     count = None if request.count is None else int(REACH * request.count) + 1
     limit = None if request.up_to_hz is None else REACH * request.up_to_hz
-    modal = solve_modal(coupled.system, count=count, up_to_hz=limit)
+    modal = solve_modal(machine.system, count=count, up_to_hz=limit)
     wanted = (
         len(modal.frequencies_hz)
         if request.count is None
@@ -376,7 +385,9 @@ def _with_compliances(solution: VariantSolution, state: RunState) -> VariantSolu
     request = state.scene.analyses.static
     if request is None:
         return solution
-    coupled = solution.coupled
+    coupled = solution.machine.coupled
+    if coupled is None:
+        return _with_lumped_compliances(solution, request.at)
     try:
         with measure() as cost:
             points = {name: point_budget(coupled, name) for name in request.at}
@@ -402,10 +413,35 @@ def _with_compliances(solution: VariantSolution, state: RunState) -> VariantSolu
     )
 
 
-def _with_response(solution: VariantSolution, state: RunState, pose: Pose) -> VariantSolution:
+def _with_lumped_compliances(solution: VariantSolution, at: Sequence[str]) -> VariantSolution:
+    """The same of a lumped mechanism, of whose errors nothing is known."""
+    with measure() as cost:
+        solved = {name: solution.machine.solve_point(name).answer for name in at}
+    links: dict[str, dict[str, WeakLink | None]] = {}
+    for name, point in solved.items():
+        links[name] = {}
+        for direction, shares in point.budget.items():
+            weakest = max(shares, key=lambda part: shares[part])
+            # springs in series: twice the stiffness takes half of the share away
+            links[name][direction] = WeakLink(
+                weakest, direction, shares[weakest], -0.5 * shares[weakest]
+            )
+    return dataclasses.replace(
+        solution,
+        points={
+            name: PointBudget(point.compliance, point.budget, np.zeros((0, 6)))
+            for name, point in solved.items()
+        },
+        weak_links=links,
+        point_errors={name: dict.fromkeys(DIRECTIONS, LUMPED) for name in solved},
+        effort=_add_steps(solution.effort, {"static": cost}),
+    )
+
+
+def _with_response(solution: VariantSolution, state: RunState) -> VariantSolution:
     if state.scene.analyses.frf is None:
         return solution
-    machine = CoupledPose(state.parts, pose, solution.coupled)
+    machine = solution.machine
     try:
         with measure() as cost:
             model = prepare_response(machine)

@@ -30,7 +30,7 @@ from headstock.pipeline.storage.outputs import write_beside, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
-from headstock.scene.reading.findings import SceneError, suggest_names
+from headstock.scene.reading.findings import suggest_names
 from headstock.scene.scene import deforming_parts
 from headstock.solvers.errors import ModelError
 from headstock.solvers.ranks import make_on_root
@@ -165,8 +165,6 @@ def _choose(request: CompareRequest) -> tuple[VariantChoice, ...]:
         if choice.cannot:
             continue
         scene = load_scene(path, variant=choice.variant, overrides=choice.overrides)
-        if scene.is_lumped:
-            raise click.UsageError(_refuse_lumped(request))
         if request.pose is not None and request.pose not in scene.poses:
             raise click.UsageError(
                 f"there is no pose {request.pose!r}; {suggest_names(request.pose, scene.poses, what='poses')}"
@@ -180,29 +178,6 @@ def _choose(request: CompareRequest) -> tuple[VariantChoice, ...]:
                 f'"elastic" in [components.NAME] of those that bend, or --set components.{next(iter(scene.machine.components))}.fidelity=elastic'
             )
     return choices
-
-
-def _refuse_lumped(request: CompareRequest) -> str:
-    """Why a lumped mechanism is not compared, and with what it would be."""
-    path = request.scene.path
-    scene = load_scene(path, overrides=request.scene.overrides)
-    others = [
-        name for name in scene.variants if not _is_lumped(path, name, request.scene.overrides)
-    ]
-    remedy = (
-        f"variants of components and joints: --variants {','.join(others)}"
-        if others
-        else 'write model = "components" in [mechanism], and the fidelity of its legs in [components.NAME]'
-    )
-    return f"{path} describes a lumped mechanism, and finite elements have nothing to compare with there; {remedy}"
-
-
-def _is_lumped(path: Path, variant: str, overrides: tuple[str, ...]) -> bool:
-    """Whether a variant alone is a lumped mechanism, or no scene."""
-    try:
-        return load_scene(path, variant=variant, overrides=overrides).is_lumped
-    except SceneError:
-        return True
 
 
 @dataclass(frozen=True, eq=False)

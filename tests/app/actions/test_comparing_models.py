@@ -292,25 +292,39 @@ def test_a_response_without_damping_says_that_its_peaks_have_no_top(
     assert "dynamic compliance cannot cannot" in printed
 
 
-@pytest.mark.parametrize(
-    ("path", "arguments", "message"),
-    [
-        (None, ("--set", "components.bar.fidelity=rigid"), "components.bar.fidelity=elastic"),
-        ("tripteor.toml", (), "--variants components,stiff_legs,elastic_legs"),
-    ],
-)
 def test_where_there_is_nothing_to_compare_the_remedy_is_named(
-    scene: Path,
-    capsys: pytest.CaptureFixture[str],
-    path: str | None,
-    arguments: tuple[str, ...],
-    message: str,
+    scene: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    given = scene if path is None else MACHINES / path
-    out = scene.parent / "none"
-    assert main(["compare", str(given), "-o", str(out), *arguments]) == 2
-    reported = capsys.readouterr().err
+    out, rigid = scene.parent / "none", "components.bar.fidelity=rigid"
+    assert main(["compare", str(scene), "-o", str(out), "--set", rigid]) == 2
+    reported, message = capsys.readouterr().err, "components.bar.fidelity=elastic"
     assert "nothing to compare" in reported and message in reported and not out.exists()
+
+
+def test_a_lumped_mechanism_is_its_components_in_all_answers(tmp_path: Path) -> None:
+    settings = (
+        "analyses.map=false",
+        "analyses.contouring.on_request=true",
+        'analyses.path={from={X="-5 mm",Z="200 mm"},to={X="5 mm",Z="205 mm"},feeds=["5 m/min"],time_constant="50 ms"}',
+        'analyses.frf={inputs=[["tcp","x"]],outputs=[["tcp","x"]],from="10 Hz",to="200 Hz"}',
+    )
+    given = [word for setting in settings for word in ("--set", setting)]
+    scene, out = str(MACHINES / "tripteor.toml"), tmp_path / "out"
+    assert main(["compare", scene, "--variants", "lumped,components", "-o", str(out), *given]) == 0
+    summary = json.loads((out / "compare.json").read_text())
+    lumped, legs = (summary["variants"][name] for name in ("lumped", "components"))
+    assert lumped["frequencies_hz"] == pytest.approx(legs["frequencies_hz"], rel=1e-6)
+    mac = np.array((lumped if lumped["mac"] else legs)["mac"])
+    assert np.diag(mac) == pytest.approx(np.ones(6), abs=1e-6)
+    one, other = (np.array(each["static"]["tcp"]["compliance_6x6"]) for each in (lumped, legs))
+    assert np.abs(one - other).max() < 1e-6 * np.abs(other).max()
+    assert sum(lumped["static"]["tcp"]["budget"]["x"].values()) == pytest.approx(1.0)
+    assert lumped["frf"][0]["peak"] == pytest.approx(legs["frf"][0]["peak"], rel=1e-6)
+    assert {*lumped["others"]} == {*legs["others"]} == {"path deviation"}
+    for where, values in legs["others"]["path deviation"].items():
+        assert lumped["others"]["path deviation"][where] == pytest.approx(
+            values, rel=1e-4, abs=1e-9
+        )
 
 
 def test_a_scene_with_variants_compares_them_until_fidelities_are_asked_for(scene: Path) -> None:

@@ -23,6 +23,7 @@ from headstock.pipeline.stages.machine import couple_pose
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.components.segmented import reduce_segmented
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.requests import ContouringRequest
@@ -63,7 +64,11 @@ def request_of(scene: Scene) -> ContouringRequest:
 def build_state(folder: Path, scene: Scene) -> RunState:
     plan = plan_scene(scene)
     reduced = {
-        name: ReducedComponent(reduce_rigid(part, describe_component(part)))
+        name: ReducedComponent(
+            (reduce_segmented if part.fidelity == "segmented" else reduce_rigid)(
+                part, describe_component(part)
+            )
+        )
         for name, part in plan.components.items()
     }
     return RunState(scene, plan, MPI.COMM_SELF, Store(folder / "store"), reduced=reduced)
@@ -97,8 +102,11 @@ def test_stiff_loops_follow_the_contour_as_locked_motors_do(
     assert np.abs(found.drives.forces(some) - forces).max() < 2e-3 * np.abs(forces).max()
 
 
+@pytest.mark.parametrize(
+    "variant", ["components", pytest.param("stiff_legs+segmented", marks=pytest.mark.trials)]
+)
 def test_legs_of_components_are_driven_along_the_contour_as_lumped_ones(
-    tripteor: Tripteor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    variant: str, tripteor: Tripteor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # matrices are linear between nodes, in modes here and in springs there
     for module in (contouring, sampled_motion):
@@ -113,7 +121,7 @@ def test_legs_of_components_are_driven_along_the_contour_as_lumped_ones(
         tripteor.scene, tripteor.model, request_of(scene), until=UNTIL, drives=drives
     )
     found = run_contour(
-        build_state(tmp_path, load_prompt(tmp_path, "components+controlled", rubbing)), UNTIL
+        build_state(tmp_path, load_prompt(tmp_path, f"{variant}+controlled", rubbing)), UNTIL
     )
     assert np.abs(lumped.gap).max() > 1e-5
     assert np.abs(found.gap - lumped.gap).max() < 1e-3 * np.abs(lumped.gap).max()
