@@ -72,7 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
         efforts = [
             f"{run.effort.cpu_total:.3f} ({run.effort.total:.3f})" for run in (first, changed)
         ]
-        dofs = len(first.coupled.system.labels)
+        dofs = len(first.machine.system.labels)
         print(
             f"| {fidelity} | {dofs} | {efforts[0]} | {first.effort.import_seconds:.2f} | {efforts[1]} | {many['cpu']:.1f} ({many['wall']:.1f}) |",
             flush=True,
@@ -131,7 +131,7 @@ def _solve(fidelity: str, more: tuple[str, ...], store: Store) -> VariantSolutio
 def _vary_joint(solution: VariantSolution, fidelity: str, joint: str, count: int) -> ManyValues:
     """Couple the superelements for many stiffnesses of a joint; modes and compliance for each."""
     scene = load_scene(SCENE, overrides=_overrides(fidelity))
-    parts, pose = solution.coupled.layout.superelements, scene.poses[solution.pose]
+    parts, pose = solution.machine.parts.superelements, scene.poses[solution.pose]
     start, cpu_start = time.perf_counter(), time.process_time()
     compliances, modes = [], 0
     for factor in np.geomspace(0.1, 10.0, count):

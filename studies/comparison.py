@@ -201,7 +201,7 @@ def _lumped_field(
 ) -> FloatArray:
     """As ``machine_field`` of a lumped mechanism, whose bodies are rigid."""
     motions, parts = machine.expand(shapes), machine.parts.superelements
-    found = [np.zeros((0, shapes.shape[1]))]
+    found: list[FloatArray] = [np.zeros((0, shapes.shape[1]))]
     for name, chosen in places.items():
         rotation, center = machine.placements[name].rotation, parts[name].center_of_mass
         moved = rigid_map(chosen.points @ rotation.T, rotation @ center)
