@@ -4,7 +4,7 @@ motions, mass properties.
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray, rigid_transfer
+from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.meshing.component_mesh import IntArray
 from headstock.reduction.rails import CONTROL_POINT_DOFS, control_point_motion
 from headstock.reduction.superelement import Superelement
@@ -83,8 +83,11 @@ def rigid_motions(superelement: Superelement, origin: FloatArray) -> FloatArray:
     rest.
     """
     motions = np.zeros((len(superelement.labels), 6))
-    for node, frame in enumerate(superelement.frames):
-        motions[6 * node : 6 * node + 6] = rigid_transfer(origin, frame.origin)
+    nodes = motions[: 6 * len(superelement.frames)].reshape(-1, 6, 6)
+    if len(nodes):
+        places = np.array([frame.origin for frame in superelement.frames])
+        nodes[:, :3] = rigid_map(places, origin).reshape(-1, 3, 6)
+        nodes[:, 3:, 3:] = np.eye(3)
     for number, control_point in enumerate(superelement.control_points):
         first = superelement.node_size + CONTROL_POINT_DOFS * number
         motions[first : first + CONTROL_POINT_DOFS] = control_point_motion(

@@ -38,8 +38,8 @@ class BestSpeedSummary(TypedDict):
 
 
 class LimitCheckSummary(TypedDict):
-    """Largest Floquet multipliers below a limit depth (at 0.45, 0.7 and 0.95 of it) and at 1.05 of it;
-    stable below one.
+    """Largest Floquet multipliers below a limit depth (at 0.45, 0.7 and 0.95 of it; in the sample of a
+    sweep at 0.95 alone) and at 1.05 of it; stable below one.
     """
 
     rpm: float

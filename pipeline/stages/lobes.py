@@ -5,6 +5,7 @@ Only rank 0 has anything to do.
 """
 
 import dataclasses
+import functools
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -35,11 +36,12 @@ from headstock.solvers.linear.frequency_response import (
     prepare_frf,
     refine_grid,
 )
-from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates, reduce_to_modes
 from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.milling.full_discretisation import (
+    StepResponse,
     cut_multiplier,
+    node_gains,
     scan_limit_depth,
     step_response,
     steps_per_period,
@@ -50,7 +52,13 @@ from headstock.solvers.milling.lobes import (
     find_lobes,
     mean_cutting_stiffness,
 )
-from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
+from headstock.solvers.milling.stability import (
+    TipDynamics,
+    TipPoles,
+    find_poles,
+    tip_dynamics,
+    turn_tip,
+)
 from headstock.solvers.milling.tool_dynamics import (
     Assembly,
     MeasuredAssembly,
@@ -60,9 +68,12 @@ from headstock.solvers.milling.tool_dynamics import (
 )
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
+Tip = TipDynamics | TipPoles
+
 LINES = 1200  # of the even grid
-# of the limit: where it is checked; below it more than once, as unstable islands may lie there
-BELOW, ABOVE = (0.45, 0.7, 0.95), 1.05
+REACHED = 0.01  # beyond it: peaks that still matter to the grid
+BELOW, ABOVE = 0.95, 1.05  # of the limit: where it is checked
+ISLANDS = (0.45, 0.7)  # and, but in samples of a sweep: unstable islands may lie there
 BEST_SPEEDS = 3
 WORTHWHILE = 1.2  # times the lowest limit: a speed is worth choosing
 SEED = 18
@@ -81,6 +92,7 @@ class CuttingPoint:
         assembly: Modes of spindle and tool, or measured.
         omega: ``(f,)`` grid of angular frequencies.
         machine: ``(f, 3, 3)`` its receptance there, machine axes.
+        coupled: ``(f, 3, 3)`` that of the tip.
     """
 
     request: LobesRequest
@@ -89,11 +101,13 @@ class CuttingPoint:
     assembly: Assembly
     omega: FloatArray
     machine: ComplexArray
+    coupled: ComplexArray
 
     def tip(self, omega: FloatArray) -> ComplexArray:
         """Receptance of the tip ``(f, 3, 3)``, machine axes."""
-        own = self.machine if omega is self.omega else self.model.form.evaluate(omega)
-        return couple_assembly(own, omega, self.assembly)
+        if omega is self.omega:
+            return self.coupled
+        return couple_assembly(self.model.form.evaluate(omega), omega, self.assembly)
 
 
 def run_lobes_stage(state: RunState, stage: Stage) -> Outcome:
@@ -143,13 +157,16 @@ def prepare_point(machine: PoseModel) -> CuttingPoint:
             "a mode in the range has no damping, so every cut chatters; give joints or materials damping, or write"
             " [effects] damping = { modal = 0.02 }"
         )
+    poles = poles[poles.imag <= (1.0 + REACHED) * 2.0 * np.pi * reach]
     of_tool = [2.0 * np.pi * mode.hz * (1j - mode.damping) for mode in request.tool_modes]
     base: FloatArray = np.linspace(0.0, reach, LINES + 1, dtype=np.float64)[1:]
     if isinstance(assembly, MeasuredAssembly):
         base = np.asarray(np.union1d(base, assembly.frequencies_hz), dtype=np.float64)
         base = base[(base > 0.0) & (base >= assembly.frequencies_hz[0])]
     omega = 2.0 * np.pi * refine_grid(base, np.concatenate([poles, of_tool]))
-    return CuttingPoint(request, system, model, assembly, omega, model.form.evaluate(omega))
+    own = model.form.evaluate(omega)
+    coupled = couple_assembly(own, omega, assembly)
+    return CuttingPoint(request, system, model, assembly, omega, own, coupled)
 
 
 def travel_frame(
@@ -167,28 +184,28 @@ def solve_lobes(machine: PoseModel, *, whole: bool = True) -> Solved[PoseLobes]:
 
     Args:
         machine: In the pose.
-        whole: Find the mode behind every lobe and check the best speeds; else only the lowest
-            limit.
+        whole: Find the mode behind every lobe, check the best speeds, and look for unstable islands
+            below every limit that is checked; else below and at the lowest one only.
 
     Raises:
         ModelError: A mode in the range has no damping.
     """
     point = prepare_point(machine)
     request = point.request
-    verify = None if isinstance(point.assembly, MeasuredAssembly) else reduced_tip(machine, point)
+    tip = None if isinstance(point.assembly, MeasuredAssembly) else reduced_tip(machine, point)
     found = tuple(
-        _solve_direction(machine, point, direction, verify, whole=whole)
+        _solve_direction(machine, point, direction, tip, whole=whole)
         for direction in request.directions
     )
     low = request.immersion < request.low_immersion
-    warnings = [] if verify is None else _warn_of_checks(machine, found)
-    if verify is None and low:
+    warnings = [] if tip is None else _warn_of_checks(machine, found)
+    if tip is None and low:
         warnings.append(
             f"lobes: the immersion of {100.0 * request.immersion:.3g} % is low, and a measured receptance allows no Floquet"
             " multipliers: flip lobes are not in the limits"
         )
     method = "zeroth order (Altintas and Budak 1995)"
-    if verify is None:
+    if tip is None:
         method += "; not checked: the tool's receptance is measured"
     elif low:
         method = "Floquet multipliers at every speed (full discretisation), by bisection"
@@ -210,32 +227,27 @@ def solve_lobes(machine: PoseModel, *, whole: bool = True) -> Solved[PoseLobes]:
     return Solved(answer, tuple(warnings))
 
 
-def reduced_tip(machine: PoseModel, point: CuttingPoint) -> Callable[[FloatArray], TipDynamics]:
-    """The tip in few dofs, in a frame ``(3, 3)``: modes up to the reach and residual modes for the
-    rest; structural damping as viscous.
+def reduced_tip(machine: PoseModel, point: CuttingPoint) -> Tip:
+    """The tip in few coordinates, machine axes: modes of the machine up to the reach and residual
+    modes for the rest, spindle and tool on them; structural damping as viscous.
     """
-    request = point.request
-    system = equivalent_viscous(point.system, machine.all_modes)
-    modes: ModalResult | None = machine.all_modes
-    if request.tool_modes:
-        system, modes = attach_tool_modes(system, request.at, request.tool_modes), None
+    request, modes = point.request, machine.all_modes
     channels = [(request.at, direction) for direction in DIRECTIONS]
+    system = equivalent_viscous(point.system, modes)
     small = reduce_to_modes(system, channels, request.reach_hz, modes)
+    if request.tool_modes:
+        small = attach_tool_modes(small, request.at, request.tool_modes)
     rows = np.array([small.outputs[channel] for channel in channels])
     damping = np.zeros_like(small.mass) if small.damping is None else small.damping
-
-    def in_frame(frame: FloatArray) -> TipDynamics:
-        moved = frame @ rows
-        return tip_dynamics(small.mass, damping, small.stiffness, forced=moved, seen=moved[:2])
-
-    return in_frame
+    tip = tip_dynamics(small.mass, damping, small.stiffness, forced=rows)
+    return find_poles(tip) or tip
 
 
 def _solve_direction(
     machine: PoseModel,
     point: CuttingPoint,
     direction: tuple[float, float, float],
-    verify: Callable[[FloatArray], TipDynamics] | None,
+    tip: Tip | None,
     *,
     whole: bool,
 ) -> DirectionLobes:
@@ -250,14 +262,18 @@ def _solve_direction(
         deepest=request.deepest,
     )
     depths, checks, bisected = diagram.depths.copy(), [], 0
-    if verify is not None:
-        tip, found = verify(frame), np.full(len(depths), np.nan)
-        trials = _Trials(request, tip, diagram)
+    if tip is not None:
+        found = np.full(len(depths), np.nan)
+        trials = _Trials(request, turn_tip(tip, frame), diagram)
         if request.immersion < request.low_immersion:
             places: NDArray[np.intp] = np.arange(len(depths))
         else:
             chosen = {*_choose_speeds(machine, diagram), *(_best_speeds(depths) if whole else ())}
-            checks = [trials.check(place) for place in sorted(chosen)]
+            lowest, thorough = int(np.argmin(depths)), whole or request.checked >= 1.0
+            checks = [
+                trials.check(place, ISLANDS if thorough or place == lowest else ())
+                for place in sorted(chosen)
+            ]
             places = np.array(
                 [check.place for check in checks if not check.confirmed], dtype=np.intp
             )
@@ -285,7 +301,7 @@ class _Trials:
     """Cuts tried at speeds of a diagram."""
 
     request: LobesRequest
-    tip: TipDynamics
+    tip: Tip
     diagram: LobeDiagram
 
     def multiplier(self, place: int) -> Callable[[float], float]:
@@ -297,13 +313,25 @@ class _Trials:
         chatter = float(self.diagram.chatter[place])
         hz = HZ * chatter if np.isfinite(chatter) else request.reach_hz
         steps = steps_per_period(FINEST_CHATTER * hz, cut.tooth_period)
-        response = step_response(self.tip, cut.tooth_period, steps)
-        return lambda depth: cut_multiplier(response, dataclasses.replace(cut, axial_depth=depth))
+        usual = ABOVE * float(self.diagram.depths[place])
+        gains = node_gains(dataclasses.replace(cut, axial_depth=usual), steps)
+        stiffest = float(np.linalg.norm(gains, axis=(1, 2)).max())
 
-    def check(self, place: int) -> LimitCheck:
-        """Below and above a limit."""
+        @functools.cache
+        def respond(share: float) -> StepResponse:
+            """With the poles that matter up to a share of the usual depth."""
+            return step_response(self.tip, cut.tooth_period, steps, stiffest=share * stiffest)
+
+        def size(depth: float) -> float:
+            share = max(1.0, 2.0 ** np.ceil(np.log2(depth / usual)))
+            return cut_multiplier(respond(share), dataclasses.replace(cut, axial_depth=depth))
+
+        return size
+
+    def check(self, place: int, islands: tuple[float, ...] = ()) -> LimitCheck:
+        """Below and above a limit, and at shares of it where unstable islands may lie."""
         depth, multiplier = float(self.diagram.depths[place]), self.multiplier(place)
-        below = max(multiplier(share * depth) for share in BELOW)
+        below = max(multiplier(share * depth) for share in (*islands, BELOW))
         return LimitCheck(place, depth, below, multiplier(ABOVE * depth))
 
     def limit(self, place: int) -> float:

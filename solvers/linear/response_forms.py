@@ -85,11 +85,15 @@ class ModalSum:
         """
         square = omega[:, None] ** 2
         real, imaginary = self.eigenvalues - square, omega[:, None] * self.viscous + self.hysteretic
-        singular = np.hypot(real, imaginary) <= SINGULAR * (self.eigenvalues + square)
-        weights = np.where(singular, 0.0, 1.0 / np.where(singular, 1.0, real + 1j * imaginary))
-        found: ComplexArray = np.tensordot(
-            weights, self.residues + 0j, axes=1
-        ) + self.rest.evaluate(omega)
+        size = real**2 + imaginary**2
+        singular = size <= (SINGULAR * (self.eigenvalues + square)) ** 2
+        inverse = np.where(singular, 0.0, 1.0 / np.where(singular, 1.0, size))
+        # in real numbers twice as fast: (a + i b)^-1 = (a - i b) / (a^2 + b^2)
+        found: ComplexArray = (
+            np.tensordot(real * inverse, self.residues, axes=1)
+            - 1j * np.tensordot(imaginary * inverse, self.residues, axes=1)
+            + self.rest.evaluate(omega)
+        )
         return _blank_singular(found, singular, self.seen)
 
     def poles(self) -> ComplexArray:

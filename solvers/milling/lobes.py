@@ -85,15 +85,21 @@ def chip_eigenvalues(response: ComplexArray, stiffness: FloatArray) -> ComplexAr
         response: ``(f, 3, 3)`` motion along, away and up per force [m/N].
         stiffness: ``(3, 2)`` per depth of cut.
     """
-    product = response[:, :2] @ stiffness
-    half = 0.5 * (product[:, 0, 0] + product[:, 1, 1])
-    root = np.sqrt(
-        half**2 - (product[:, 0, 0] * product[:, 1, 1] - product[:, 0, 1] * product[:, 1, 0])
-    )
+    half, root = _split_eigenvalues(response, stiffness)
     # of both roots the one that points as the last one did
     turned = np.real(np.conj(root[:-1]) * root[1:]) < 0.0
     sign = np.concatenate([[1.0], np.cumprod(np.where(turned, -1.0, 1.0))])
     return np.stack([half + sign * root, half - sign * root], axis=-1)
+
+
+def _split_eigenvalues(
+    response: ComplexArray, stiffness: FloatArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Mean of both eigenvalues ``(f,)`` and half their difference ``(f,)``."""
+    product = response[:, :2] @ stiffness
+    half = 0.5 * (product[:, 0, 0] + product[:, 1, 1])
+    apart = 0.5 * (product[:, 0, 0] - product[:, 1, 1])
+    return half, np.sqrt(apart**2 + product[:, 0, 1] * product[:, 1, 0])
 
 
 def find_lobes(
@@ -125,6 +131,7 @@ def find_lobes(
     order = np.lexsort((-level.real, place))
     first = order[np.unique(place[order], return_index=True)[1]]
     at, waves, near, level = place[first], waves[first], near[first], level[first]
+    level = _nearest(receptance(near), stiffness, level)
     for _ in range(REFINEMENTS):
         near, level = _refine(receptance, stiffness, near, level, waves=waves, periods=periods[at])
     real = level.real > 0.0
@@ -205,25 +212,25 @@ def _refine(
     periods: FloatArray,
 ) -> tuple[FloatArray, ComplexArray]:
     """A Newton step of each frequency towards ``omega T = phase + 2 pi k`` with the receptance
-    itself.
+    itself, and the eigenvalues there.
     """
     step = 1e-6 * omega
-    here, ahead = (_nearest(receptance(at), stiffness, values) for at in (omega, omega + step))
-    off = omega * periods - _phase(here) - 2.0 * np.pi * waves
+    ahead = _nearest(receptance(omega + step), stiffness, values)
+    off = omega * periods - _phase(values) - 2.0 * np.pi * waves
     # the phase turns by less than half a turn over a step
-    slope = periods - np.angle(np.exp(2j * (np.angle(ahead) - np.angle(here)))) / step
+    slope = periods - 2.0 * np.angle(ahead / values) / step
     move = np.clip(-off / slope, -0.02 * omega, 0.02 * omega)
     moved = omega + move
-    found = _nearest(receptance(moved), stiffness, here)
+    found = _nearest(receptance(moved), stiffness, values)
     closer = np.abs(moved * periods - _phase(found) - 2.0 * np.pi * waves) <= np.abs(off)
-    return np.where(closer, moved, omega), np.where(closer, found, here)
+    return np.where(closer, moved, omega), np.where(closer, found, values)
 
 
 def _nearest(response: ComplexArray, stiffness: FloatArray, values: ComplexArray) -> ComplexArray:
     """Of both eigenvalues at each frequency the one nearest to a value ``(f,)``."""
-    found = np.linalg.eigvals(response[:, :2] @ stiffness)
-    best = np.argmin(np.abs(found - values[:, None]), axis=1)
-    return np.asarray(np.take_along_axis(found, best[:, None], axis=1)[:, 0])
+    half, root = _split_eigenvalues(response, stiffness)
+    near = np.abs(half + root - values) <= np.abs(half - root - values)
+    return np.asarray(half + np.where(near, root, -root))
 
 
 @dataclass(frozen=True, eq=False)

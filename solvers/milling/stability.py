@@ -10,6 +10,7 @@ frequency (Altintas and Budak 1995, their zeroth order); this is an independent 
 constant engagement and close for many teeth in the cut.
 """
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -29,6 +30,7 @@ LIMIT_POINTS = (
     40_000  # frequencies tried for a limit, up to three times the highest natural frequency
 )
 DEPTH_TOLERANCE = 1e-4  # relative
+CONDITION_LIMIT = 1e10  # of eigenvectors: beyond, poles are no coordinates
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +48,52 @@ class TipDynamics:
     inputs: FloatArray
     outputs: FloatArray
     highest_hz: float
+
+
+@dataclass(frozen=True, eq=False)
+class TipPoles:
+    """A tip in coordinates of its own, one complex number for each pair of poles: ``z' = s z + B F``,
+    ``y = Re(C z)``.
+
+    Attributes:
+        values: ``(q,)`` ``s`` [1/s].
+        inputs: ``(q, r)`` ``B``, per force at the tip.
+        outputs: ``(p, q)`` ``C``.
+    """
+
+    values: ComplexArray
+    inputs: ComplexArray
+    outputs: ComplexArray
+
+
+def find_poles(tip: TipDynamics) -> TipPoles | None:
+    """A tip in coordinates of its own; None where it has too few of them, as with rigid-body modes or
+    critical damping.
+    """
+    values, vectors = np.linalg.eig(tip.system)
+    try:
+        inverse = np.linalg.inv(vectors)
+    except np.linalg.LinAlgError:
+        return None
+    if not np.linalg.norm(vectors, 1) * np.linalg.norm(inverse, 1) < CONDITION_LIMIT:
+        return None
+    above = values.imag >= 0.0
+    both = np.where(values.imag > 0.0, 2.0, 1.0)[above]
+    pushed, outputs = inverse[above] @ tip.inputs, tip.outputs @ vectors[:, above]
+    # so that coordinates are as large as the motion they make
+    seen = np.abs(outputs).max(axis=0)
+    scale = np.where(seen > 0.0, seen, 1.0)
+    return TipPoles(values[above], (both * scale)[:, None] * pushed, np.asarray(outputs / scale))
+
+
+def turn_tip[Tip: (TipDynamics, TipPoles)](tip: Tip, frame: FloatArray) -> Tip:
+    """A tip in other axes, forces along all three and the chip along the first two.
+
+    Args:
+        tip: With forces and motions along three axes.
+        frame: ``(3, 3)`` rows of the new axes.
+    """
+    return dataclasses.replace(tip, inputs=tip.inputs @ frame.T, outputs=(frame @ tip.outputs)[:2])
 
 
 def tip_dynamics(
