@@ -198,7 +198,7 @@ def _publish(
             dump_summary(summary if words is None else {**summary, "provenance": words}).encode(),
         )
     write_output(folder / CSV_FILE, encode_csv(tabulate_sweep(summary)))
-    figures = draw_sweep(summary)
+    figures = draw_sweep(summary, results.limits)
     remarks = write_beside(folder, {f"{name}.png": image for name, image in figures.items()})
     write_output(folder / REPORT_FILE, render_sweep(summary, figures, words).encode())
     remove_other_journals(folder, results.key)

@@ -1,25 +1,33 @@
 """Maps and curves of a sweep as images, by matplotlib."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from headstock.app.charts.charts import INK, calm_axes, encode_figure, line_style, new_figure
 from headstock.app.tables.sweep_quantities import Quantity, list_quantities
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import SCENE_UNITS
+from headstock.pipeline.answers.lobes import MM, RPM
 from headstock.pipeline.results.views import COLORS
 from headstock.studies.sweeps.files import SweepSummary, SweptAxes
+from headstock.studies.sweeps.results import LimitMap
 
 PER_ROW = 3
 MANY = 60  # poses that need no markers
 LEGEND_LINES = 20  # beside a chart
+DEEPEST_SHOWN = (
+    95  # percentile of limits at which colours end: few deep pockets do not flatten lobes
+)
 
 
-def draw_sweep(summary: SweepSummary) -> dict[str, bytes]:
+def draw_sweep(summary: SweepSummary, limits: Mapping[str, LimitMap]) -> dict[str, bytes]:
     """Pictures of a sweep by name: maps over a plane, curves along one axis or a way; a volume in
-    its middle planes.
+    its middle planes; limit depths of cut over speeds and poses.
 
     Args:
         summary: As ``summarise_sweep`` gives it.
+        limits: Limit depths of cut by the name of the direction of travel.
     """
     quantities = [
         quantity for quantity in list_quantities(summary) if np.isfinite(quantity.values).any()
@@ -31,7 +39,9 @@ def draw_sweep(summary: SweepSummary) -> dict[str, bytes]:
         ],
         "lobes": [quantity for quantity in quantities if quantity.name.startswith("lobes_")],
     }
-    common = {"common_limits": _draw_common(summary)} if summary["lobes"] else {}
+    common = {}
+    if summary["lobes"]:
+        common = {"limits": _draw_limits(summary, limits), "common_limits": _draw_common(summary)}
     moving = [axis for axis, count in enumerate(summary["shape"]) if count > 1]
     plane = summary["kind"] == "grid" and len(moving) >= 2
     found = {
@@ -40,6 +50,61 @@ def draw_sweep(summary: SweepSummary) -> dict[str, bytes]:
         if members
     }
     return found | common
+
+
+def _draw_limits(summary: SweepSummary, limits: Mapping[str, LimitMap]) -> bytes:
+    """Limit depth over speed and pose, a field for each direction: a dot at the best speed of each
+    pose, a line at the speed whose limit is deepest in the worst pose.
+    """
+    figure = new_figure(10.0, 0.4 + 3.6 * len(limits))
+    places, label = way_of(summary)
+    for number, (name, found) in enumerate(limits.items(), start=1):
+        frame = figure.add_subplot(len(limits), 1, number)
+        own, depths = summary["lobes"][name], MM * found.depths
+        mesh = frame.pcolormesh(
+            RPM * found.speeds,
+            places,
+            depths,
+            vmin=0.0,
+            vmax=float(np.nanpercentile(depths, DEEPEST_SHOWN)) if np.isfinite(depths).any() else 1,
+            shading="nearest",
+            rasterized=True,
+        )
+        bar = figure.colorbar(mesh, ax=frame, extend="max")
+        bar.ax.tick_params(labelsize=7)
+        frame.scatter(
+            np.array(own["best_rpm"], dtype=float),
+            places,
+            s=14 if len(places) < MANY else 3,
+            color="white",
+            edgecolors=INK,
+            linewidths=0.5 if len(places) < MANY else 0.2,
+            clip_on=False,
+            label="best speed of each pose",
+        )
+        if own["common_best_rpm"] is not None:
+            frame.axvline(
+                own["common_best_rpm"],
+                color=COLORS[1],
+                linestyle="--",
+                linewidth=1.6,
+                label=f"best over all poses: {own['common_best_mm']:.3g} mm at {own['common_best_rpm']:.0f} rpm",
+            )
+        frame.set_title(
+            f"Limit depth of cut [mm], travel {name}", fontsize=9, color=INK, loc="left"
+        )
+        frame.legend(
+            fontsize=7,
+            frameon=False,
+            ncols=2,
+            loc="lower right",
+            bbox_to_anchor=(1.0, 1.0),
+            borderaxespad=0.0,
+        )
+        frame.set_xlabel("speed of the spindle [rpm]", fontsize=9, color=INK)
+        frame.set_ylabel(label, fontsize=9, color=INK)
+        frame.tick_params(labelsize=7)
+    return encode_figure(figure)
 
 
 def _draw_common(summary: SweepSummary) -> bytes:

@@ -101,6 +101,12 @@ def list_quantities(summary: SweepSummary) -> list[Quantity]:
                 ("lowest_speed", "speed of the lowest limit", "rpm", limits["lowest_rpm"]),
                 ("best", "deepest limit", "mm", limits["best_mm"]),
                 ("best_speed", "best speed", "rpm", limits["best_rpm"]),
+                (
+                    "at_common_best",
+                    "limit at the best speed of all poses",
+                    "mm",
+                    limits["at_common_best_mm"],
+                ),
                 ("chatter", "chatter at the lowest limit", "Hz", limits["chatter_hz"]),
             )
         ]

@@ -199,7 +199,6 @@ def period_matrix(response: StepResponse, gains: FloatArray) -> FloatArray:
         response: Of the tip.
         gains: ``(m, r, p)`` at the nodes.
     """
-    steps, directions = response.steps, gains.shape[2]
     every = np.concatenate([gains, gains[:1]])  # the last node is the first of the next period
     cutting = np.flatnonzero(np.abs(every).max(axis=(1, 2)) > 0.0)
     if not len(cutting):

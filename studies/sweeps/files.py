@@ -139,7 +139,8 @@ class PointMapSummary(TypedDict):
 
 class LimitMapSummary(TypedDict):
     """Limit depth of cut of a direction of travel over the poses, and the depth that is stable in all
-    of them over the speeds; every speed of every pose is in ``sweep.h5``.
+    of them over the speeds; every speed of every pose is in ``sweep.h5``. The common best speed is
+    the one whose limit is deepest in the worst pose.
     """
 
     lowest_mm: Numbers
@@ -152,6 +153,7 @@ class LimitMapSummary(TypedDict):
     everywhere_mm: Numbers
     common_best_mm: float | None
     common_best_rpm: float | None
+    at_common_best_mm: Numbers
 
 
 class SweptAxes(TypedDict):
@@ -279,6 +281,9 @@ def _summarise_limits(limits: LimitMap) -> LimitMapSummary:
         "everywhere_mm": _nulls(everywhere),
         "common_best_mm": None if best is None else float(everywhere[best]),
         "common_best_rpm": None if best is None else float(rpm[best]),
+        "at_common_best_mm": _nulls(
+            np.full(len(known), np.nan) if best is None else MM * limits.depths[:, best]
+        ),
     }
 
 

@@ -246,7 +246,7 @@ def test_colour_bars_of_a_sweep_hold_whole_numbers_not_offsets(figures: list[Fig
         "limits_checked": 0,
         "limits_confirmed": 0,
     }
-    draw_sweep(sketch(SweepSummary, summary))
+    draw_sweep(sketch(SweepSummary, summary), {})
     bar = figures[0].axes[1]
     assert bar.yaxis.get_offset_text().get_text() == ""
     labels = [float(label.get_text()) for label in bar.get_yticklabels() if label.get_text()]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
+from headstock.solvers.milling import full_discretisation
 from headstock.solvers.milling.forces import (
     CUTTING_MATERIALS,
     CuttingCoefficients,
@@ -30,6 +31,7 @@ from headstock.solvers.milling.lobes import (
 )
 from headstock.solvers.milling.stability import (
     TipDynamics,
+    find_poles,
     largest_multiplier,
     milling_gains,
     tip_dynamics,
@@ -192,6 +194,52 @@ def test_both_discretisations_have_the_same_multipliers() -> None:
         expected = largest_multiplier(tip, milling_gains(cut, 100), cut.tooth_period)
         found = cut_multiplier(step_response(tip, cut.tooth_period, 100), cut)
         assert found == pytest.approx(expected, rel=1e-3)
+
+
+def machine_tip(count: int) -> TipDynamics:
+    """A tip with many modes in all directions, most of which matter little."""
+    draw = np.random.default_rng(7)
+    hz: FloatArray = np.asarray(np.geomspace(40.0, 2500.0, count), dtype=float)
+    mass = np.full(count, 40.0)
+    stiffness = mass * (TURN * hz) ** 2
+    rows = draw.standard_normal((3, count))
+    rows[:, count // 2 :] *= 0.3
+    damping = np.diag(2.0 * 0.03 * mass * TURN * hz)
+    return tip_dynamics(np.diag(mass), damping, np.diag(stiffness), forced=rows, seen=rows[:2])
+
+
+def test_fast_multipliers_are_those_of_all_modes_and_the_whole_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Poles that matter, a memory of polynomials and the dominant multipliers only, against
+    exponentials of all states, every delayed output and all eigenvalues.
+    """
+    tip = machine_tip(30)
+    poles = find_poles(tip)
+    assert poles is not None
+    cases = []
+    for radial_depth, helix, teeth, speed in (
+        (0.001, 0.0, 2, 500.0),
+        (0.012, 0.5, 4, 320.0),
+        (0.01, 0.5, 3, 900.0),
+        (0.02, 0.0, 4, 700.0),
+    ):
+        for depth in (0.3e-3, 3e-3, 20e-3):
+            cut = MillingCut(EndMill(0.02, teeth, helix), CHIP, speed, depth, radial_depth)
+            steps = steps_per_period(600.0, cut.tooth_period)
+            gains = node_gains(cut, steps)
+            stiffest = float(np.linalg.norm(gains, axis=(1, 2)).max())
+            response = step_response(poles, cut.tooth_period, steps, stiffest=stiffest)
+            cases.append((cut, steps, gains, cut_multiplier(response, cut)))
+    monkeypatch.setattr(full_discretisation, "_memory", lambda nodes: np.eye(len(nodes)))
+    stable = 0
+    for cut, steps, gains, fast in cases:
+        whole = period_matrix(step_response(tip, cut.tooth_period, steps), gains)
+        slow = float(np.abs(np.linalg.eigvals(whole)).max())
+        assert fast == pytest.approx(slow, rel=2e-3), cut
+        assert (fast < 1.0) == (slow < 1.0)
+        stable += slow < 1.0
+    assert 0 < stable < len(cases)
 
 
 def floquet_limit(

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from headstock.app.charts.sweep import draw_sweep
 from headstock.app.tables.sweep_quantities import limit_words
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.lobes import PoseLobes
+from headstock.pipeline.answers.lobes import MM, RPM, PoseLobes
 from headstock.pipeline.runner import run_scene
 from headstock.scene.building.loader import load_scene
 from headstock.scene.requests import Analyses
@@ -62,4 +62,12 @@ def test_every_pose_of_a_sweep_has_the_limits_of_a_run_in_it(tmp_path: Path) -> 
     assert checked == confirmed >= 3
     summary = summarise_sweep(results)
     assert "stable in every pose" in limit_words(summary)[0]
-    assert {"lobes", "common_limits"} <= set(draw_sweep(summary))
+    assert {"lobes", "limits", "common_limits"} <= set(draw_sweep(summary, results.limits))
+    for name, limits in results.limits.items():
+        own = summary["lobes"][name]
+        at = int(np.argmax(limits.depths.min(axis=0)))
+        assert own["common_best_rpm"] == pytest.approx(RPM * limits.speeds[at])
+        np.testing.assert_allclose(own["at_common_best_mm"], MM * limits.depths[:, at], rtol=1e-12)
+        assert min(MM * limits.depths[:, at]) == own["common_best_mm"]
+        for pose, best in enumerate(limits.depths.argmax(axis=1)):
+            assert np.array(own["best_rpm"])[pose] == pytest.approx(RPM * limits.speeds[best])
