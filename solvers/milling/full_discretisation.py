@@ -205,7 +205,7 @@ def period_matrix(response: StepResponse, gains: FloatArray) -> FloatArray:
         return response.end
     begins = int(cutting[0] == 0)  # and then ends
     ahead, behind = cutting[begins:], cutting[: len(cutting) - begins]
-    memory, size = _memory(tuple(behind.tolist())), len(response.end)
+    memory, size = _memory(tuple(map(int, behind))), len(response.end)
     kernel = _kernel(response, every, cutting)[begins:]
     at_end = (response.end_early[cutting] + response.end_late[cutting]) @ every[cutting]
     past = _remember(kernel[:, :, : len(behind)], memory)
@@ -222,11 +222,11 @@ def period_matrix(response: StepResponse, gains: FloatArray) -> FloatArray:
     end += after @ own.reshape(after.shape[1], -1)
     kept = own[: len(behind) - begins]
     if begins:
-        first = np.zeros((1, *own.shape[1:]))
+        first: FloatArray = np.zeros((1, *own.shape[1:]))
         first[0, :, :size] = response.free[0]
         kept = np.concatenate([first, kept])
-    kept = np.tensordot(memory, kept, axes=(0, 0)).reshape(-1, end.shape[1])
-    return np.concatenate([end, kept])
+    remembered = np.tensordot(memory, kept, axes=(0, 0)).reshape(-1, end.shape[1])
+    return np.concatenate([end, remembered])
 
 
 def _kernel(response: StepResponse, gains: FloatArray, nodes: IndexArray) -> FloatArray:
