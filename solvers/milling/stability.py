@@ -86,13 +86,17 @@ def find_poles(tip: TipDynamics) -> TipPoles | None:
     return TipPoles(values[above], (both * scale)[:, None] * pushed, np.asarray(outputs / scale))
 
 
-def turn_tip[Tip: (TipDynamics, TipPoles)](tip: Tip, frame: FloatArray) -> Tip:
+def turn_tip(tip: TipDynamics | TipPoles, frame: FloatArray) -> TipDynamics | TipPoles:
     """A tip in other axes, forces along all three and the chip along the first two.
 
     Args:
         tip: With forces and motions along three axes.
         frame: ``(3, 3)`` rows of the new axes.
     """
+    # by type, as the one is real and the other complex
+    if isinstance(tip, TipPoles):
+        outputs = (frame @ tip.outputs)[:2]
+        return dataclasses.replace(tip, inputs=tip.inputs @ frame.T, outputs=outputs)
     return dataclasses.replace(tip, inputs=tip.inputs @ frame.T, outputs=(frame @ tip.outputs)[:2])
 
 

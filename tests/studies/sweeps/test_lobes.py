@@ -64,10 +64,14 @@ def test_every_pose_of_a_sweep_has_the_limits_of_a_run_in_it(tmp_path: Path) -> 
     assert "stable in every pose" in limit_words(summary)[0]
     assert {"lobes", "limits", "common_limits"} <= set(draw_sweep(summary, results.limits))
     for name, limits in results.limits.items():
-        own = summary["lobes"][name]
+        mapped = summary["lobes"][name]
         at = int(np.argmax(limits.depths.min(axis=0)))
-        assert own["common_best_rpm"] == pytest.approx(RPM * limits.speeds[at])
-        np.testing.assert_allclose(own["at_common_best_mm"], MM * limits.depths[:, at], rtol=1e-12)
-        assert min(MM * limits.depths[:, at]) == own["common_best_mm"]
-        for pose, best in enumerate(limits.depths.argmax(axis=1)):
-            assert np.array(own["best_rpm"])[pose] == pytest.approx(RPM * limits.speeds[best])
+        assert mapped["common_best_rpm"] == pytest.approx(RPM * limits.speeds[at])
+        np.testing.assert_allclose(
+            np.array(mapped["at_common_best_mm"], dtype=float),
+            MM * limits.depths[:, at],
+            rtol=1e-12,
+        )
+        assert float((MM * limits.depths[:, at]).min()) == mapped["common_best_mm"]
+        for number, best in enumerate(limits.depths.argmax(axis=1)):
+            assert np.array(mapped["best_rpm"])[number] == pytest.approx(RPM * limits.speeds[best])
