@@ -16,6 +16,7 @@ from headstock.pipeline.accuracy.model_errors import (
     run_models_stage,
 )
 from headstock.pipeline.accuracy.remembered import remember_judged
+from headstock.pipeline.accuracy.replay import write_sizes
 from headstock.pipeline.accuracy.search import AccuracySearch, search_settings
 from headstock.pipeline.contours.contouring import run_contour_stage
 from headstock.pipeline.planning.budgets import check_elapsed
@@ -170,7 +171,8 @@ def _write(
         results = gather_results(state, tuple(rounds.records), provenance=provenance, files=files)
         publish_summary(pending, output, results)
     # the results are safe by now
-    return _Written(files, tuple(write_volumes(state, output, wanted=volume)))
+    remarks = write_sizes(output, state.scene.machine.components)
+    return _Written(files, (*remarks, *write_volumes(state, output, wanted=volume)))
 
 
 class _StageRunner:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from headstock.geometry.frames import Frame
+from headstock.geometry.parts.size_field import SizeField
 from headstock.geometry.parts.solids import Solid
 
 Fidelity = Literal["rigid", "segmented", "polynomial", "elastic"]
@@ -145,7 +146,8 @@ class MeshSettings:
     without one, evenly up to the next edge of the face. ``rim_size`` is their size at the rims of
     rigid interfaces [m], whole faces included, where stresses are singular. ``details`` is the width
     up to which holes, recesses and pads in plane faces of STEP parts are left out [m] (None: half
-    the size; 0: none).
+    the size; 0: none). ``sizes`` from place to place take the place of size and growth; their largest
+    is the size.
     """
 
     size: float | None = None
@@ -158,6 +160,7 @@ class MeshSettings:
     smallest: float | None = None
     leave_out: float | None = None
     details: float | None = None
+    sizes: SizeField | None = None
 
 
 Eigensolver = Literal["block_lanczos", "krylov_schur"]

@@ -12,6 +12,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.patches import FACE_DIRECTIONS
+from headstock.geometry.parts.size_field import SizeField
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.cad.features import leave_out_features
 from headstock.meshing.cad.imprints import Imprints, OpenShape, imprint_patches
@@ -38,7 +39,6 @@ from headstock.meshing.elements.quality import scaled_jacobians
 from headstock.meshing.elements.surface import PLACES, facet_places
 from headstock.meshing.errors import MeshError, MeshQualityError
 from headstock.meshing.process.job import MeshData, MeshJob
-from headstock.meshing.size_field import SizeField
 from headstock.meshing.sizing import (
     CELL_BUDGET,
     DEFAULT_FILE_CELLS,

@@ -10,10 +10,10 @@ import gmsh
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.size_field import SizeField
 from headstock.meshing.cad.known_faces import face_radius, radius_of
 from headstock.meshing.cad.slivers import NAMED_FACES, list_faces
 from headstock.meshing.component_mesh import IntArray
-from headstock.meshing.size_field import SizeField
 from headstock.meshing.sizing import count_rim_cells
 
 LARGEST_TURN = np.pi / 2

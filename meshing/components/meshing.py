@@ -32,7 +32,6 @@ from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError, MeshQualityError, PatchError
 from headstock.meshing.process.job import MeshData, MeshJob, format_job, scale_properties
 from headstock.meshing.process.running import run_job
-from headstock.meshing.size_field import SizeField
 from headstock.meshing.sizing import (
     CELL_BUDGET,
     UNCOUNTED,
@@ -59,6 +58,7 @@ REFINEMENTS = (1.0, 1.25, 1.6, 2.0, 4.0)
 
 Groups = dict[str, tuple[Patch, ...]]
 MeshJobText = str
+_ANSWERED: dict[tuple[MeshJobText, int | None], MeshData] = {}  # by question and age of its file
 
 
 def mesh_component(
@@ -66,7 +66,6 @@ def mesh_component(
     supports: Sequence[Support] = (),
     loads: Sequence[Load] = (),
     *,
-    sizes: SizeField | None = None,
     time_limit: float = 300.0,
 ) -> ComponentMesh:
     """Mesh a component and tag its patches.
@@ -75,8 +74,6 @@ def mesh_component(
         component: What to mesh; its placement plays no part.
         supports: Supports of this component (others are ignored).
         loads: Loads on patches of this component (others are ignored).
-        sizes: Element sizes from place to place [m], of tetrahedra only; the largest replaces the
-            component's own size. None for the component's settings alone.
         time_limit: Processor time that meshing may take [s].
 
     Returns:
@@ -86,15 +83,6 @@ def mesh_component(
         MeshError: The solid or a patch cannot be meshed as described, or the mesh fails a check.
     """
     groups = patch_groups(component, supports, loads)
-    if sizes is not None:
-        if component.mesh.cells == "hex" or isinstance(component.solid, MeshFile):
-            raise MeshError(
-                f"component {component.name!r}: only tetrahedra made here take sizes from place to place"
-            )
-        largest = float(sizes.sizes.max())
-        component = dataclasses.replace(
-            component, mesh=dataclasses.replace(component.mesh, size=largest)
-        )
     _check_request(component, groups)
     solid = component.solid
     what = f"component {component.name!r}"
@@ -112,9 +100,7 @@ def mesh_component(
     for refinement in REFINEMENTS[:-1]:
         try:
             return finish_mesh(
-                run_shape_job(
-                    component, groups, sizes=sizes, time_limit=time_limit, refinement=refinement
-                ),
+                run_shape_job(component, groups, time_limit=time_limit, refinement=refinement),
                 component,
                 groups,
             )
@@ -122,9 +108,7 @@ def mesh_component(
             if not may_refine:
                 raise
     return finish_mesh(
-        run_shape_job(
-            component, groups, sizes=sizes, time_limit=time_limit, refinement=REFINEMENTS[-1]
-        ),
+        run_shape_job(component, groups, time_limit=time_limit, refinement=REFINEMENTS[-1]),
         component,
         groups,
     )
@@ -172,9 +156,7 @@ def describe_component(component: Component) -> SolidProperties:
         return SolidProperties(whole.volume, whole.center, whole.inertia, areas, centroids)
     properties = closed_form_properties(component)
     if properties is None:
-        properties = run_shape_job(
-            component, groups, task="describe", time_limit=DESCRIBE_TIME_LIMIT
-        ).properties
+        properties = _describe_shape(_without_size(component), groups).properties
     if properties is None:
         raise MeshError(f"{what}: the CAD kernel returned no properties")
     return properties
@@ -218,7 +200,9 @@ def estimate_mesh(
     Raises:
         MeshError: A STEP file cannot be read, or a patch does not exist.
     """
-    solid = component.solid
+    solid, sizes = component.solid, component.mesh.sizes
+    if sizes is not None:
+        return MeshEstimate(sizes.cells, volume=float(sizes.volumes.sum()))
     if isinstance(solid, MeshFile | SuperelementFile | PointMass) or component.mesh.cells == "hex":
         return MeshEstimate(
             _count_hex_cells(component, supports, loads)
@@ -293,9 +277,7 @@ def estimate_cells(component: Component) -> int:
         component.mesh.growth is not None and component.mesh.cells == "tet"
     ):
         groups = patch_groups(component, (), ()) if component.mesh.growth is not None else {}
-        return run_shape_job(
-            component, groups, task="describe", time_limit=DESCRIBE_TIME_LIMIT
-        ).estimate
+        return _describe_shape(component, groups).estimate
     return _planned_cells(component)
 
 
@@ -317,10 +299,27 @@ def automatic_size(component: Component) -> float:
     Raises:
         MeshError: A STEP file cannot be read.
     """
-    unsized = dataclasses.replace(component, mesh=dataclasses.replace(component.mesh, size=None))
+    unsized = _without_size(component)
     if isinstance(component.solid, StepFile):
-        return run_shape_job(unsized, {}, task="describe", time_limit=DESCRIBE_TIME_LIMIT).size
+        return _describe_shape(unsized, patch_groups(component, (), ())).size
     return element_size(unsized)
+
+
+def _without_size(component: Component) -> Component:
+    mesh = dataclasses.replace(component.mesh, size=None, growth=None, rim_size=None, sizes=None)
+    return dataclasses.replace(component, mesh=mesh)
+
+
+def _describe_shape(component: Component, groups: Groups) -> MeshData:
+    """What the CAD kernel tells of a component without meshing it; it is asked once in a process."""
+    path = component.solid.path if isinstance(component.solid, StepFile) else None
+    changed = None if path is None or not path.exists() else path.stat().st_mtime_ns
+    question = format_job(_shape_job(component, groups, task="describe")), changed
+    if question not in _ANSWERED:
+        _ANSWERED[question] = run_shape_job(
+            component, groups, task="describe", time_limit=DESCRIBE_TIME_LIMIT
+        )
+    return _ANSWERED[question]
 
 
 def count_hexes(component: Component, size: float, across: int = 4) -> int:
@@ -366,7 +365,6 @@ def run_shape_job(
     groups: Groups,
     *,
     task: Literal["mesh", "describe", "estimate"] = "mesh",
-    sizes: SizeField | None = None,
     time_limit: float,
     refinement: float = 1.0,
 ) -> MeshData:
@@ -376,13 +374,10 @@ def run_shape_job(
         component: With a CAD or parametric solid.
         groups: Patches by group name.
         task: Mesh it, list its faces, or count what a mesh would have.
-        sizes: Element sizes from place to place [m]; None for the component's settings alone.
         time_limit: Processor time of the worker process [s].
         refinement: How many times finer the curved faces are to be meshed.
     """
     job = _shape_job(component, groups, task=task, refinement=refinement)
-    if sizes is not None:
-        job = dataclasses.replace(job, sizes=sizes.scaled(job.unit))
     data, scale = (
         run_job(job, what=f"component {component.name!r}", time_limit=time_limit),
         job.unit,
@@ -457,6 +452,7 @@ def _shape_job(
         else round_length(component.mesh.details / scale),
         order=component.mesh.order,
         straight=_has_plane_faces_only(component),
+        sizes=None if component.mesh.sizes is None else component.mesh.sizes.scaled(scale),
     )
 
 
@@ -551,6 +547,10 @@ def _check_request(component: Component, groups: Groups) -> None:
         raise MeshError(f"{what}: meshes have order 1 or 2, not {settings.order}")
     if settings.size is not None and not (np.isfinite(settings.size) and settings.size > 0.0):
         raise MeshError(f"{what}: the mesh size must be above zero, not {settings.size}")
+    if settings.sizes is not None and (
+        settings.cells == "hex" or isinstance(component.solid, MeshFile)
+    ):
+        raise MeshError(f"{what}: only tetrahedra made here take sizes from place to place")
     for name, patches in groups.items():
         if not patches:
             raise MeshError(

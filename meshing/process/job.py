@@ -14,9 +14,9 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.cad_faces import CadFace
 from headstock.geometry.parts.components import Patch
 from headstock.geometry.parts.mass_properties import SolidProperties
+from headstock.geometry.parts.size_field import SizeField
 from headstock.geometry.parts.solids import Box, HollowColumn, MeshFile, Plate, StepFile, Tube
 from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray, LeftOut
-from headstock.meshing.size_field import SizeField
 
 JobSolid = Box | Tube | Plate | HollowColumn | StepFile | MeshFile
 SOLIDS: dict[str, type[JobSolid]] = {

@@ -12,7 +12,12 @@ import numpy as np
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.prismatic_bars import prismatic_bar
-from headstock.pipeline.accuracy.quantities import Quantity
+from headstock.pipeline.accuracy.quantities import (
+    Quantity,
+    name_compliance,
+    name_frequency,
+    say_place,
+)
 from headstock.pipeline.accuracy.rounds import describe_settings
 from headstock.pipeline.accuracy.settings import are_equal
 from headstock.pipeline.answers.accuracy import BodyChoice
@@ -284,7 +289,7 @@ class _Trials:
         for modes in self._state.modal:
             pose, count = modes.pose.name, modes.below + len(modes.frequencies_hz)
             models[pose] = self._couple(choice, pose)
-            place = f" in pose {pose}" if len(self._state.modal) > 1 else ""
+            place = say_place(self._state.modal, pose)
             compared = compare_modes(
                 self._modes[pose], self._watch(models[pose], choice, count), count=count
             )
@@ -292,16 +297,16 @@ class _Trials:
                 share = -compared.changes_hz[mode] / modes.frequencies_hz[mode - modes.below]
                 # a mode among them that finite elements do not have is as wrong as one that lacks
                 lost = bool(compared.missing) or not np.isfinite(share)
-                found[f"frequency {mode + 1}{place}"] = np.inf if lost else float(share)
+                found[name_frequency(mode + 1, place)] = np.inf if lost else float(share)
         for answer in self._state.static:
             model = models.get(answer.pose) or self._couple(choice, answer.pose)
-            place = f" in pose {answer.pose}" if len(self._state.static) > 1 else ""
+            place = say_place(self._state.static, answer.pose)
             for name, point in answer.points.items():
                 compliance = point_compliance(model.coupled, name)
                 for axis, direction in enumerate(DIRECTIONS):
                     before, after = point.compliance[axis, axis], compliance[axis, axis]
                     if before > 0.0:
-                        found[f"{direction} compliance at {name}{place}"] = after / before - 1.0
+                        found[name_compliance(name, direction, place)] = after / before - 1.0
         return found
 
     def _couple(self, choice: Choice, pose: str) -> CoupledPose:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.stages.run_state import RunState
 
@@ -71,6 +72,21 @@ def list_quantities(state: RunState) -> list[Quantity]:
     return [*_list_frequencies(state), *_list_compliances(state)]
 
 
+def name_frequency(number: int, place: str) -> str:
+    """Key of a natural frequency, counted from 1."""
+    return f"frequency {number}{place}"
+
+
+def name_compliance(point: str, direction: str, place: str) -> str:
+    """Key of a static compliance."""
+    return f"{direction} compliance at {point}{place}"
+
+
+def say_place(answers: Sequence[Answer], pose: str) -> str:
+    """Where a number was found, if there is more than one place."""
+    return f" in pose {pose}" if len(answers) > 1 else ""
+
+
 def count_safely(quantities: Sequence[Quantity], factors: Factors) -> list[Quantity]:
     """The same with their errors as they are to be counted.
 
@@ -110,9 +126,8 @@ def worst_quantity(quantities: list[Quantity]) -> Quantity | None:
 
 
 def _list_frequencies(state: RunState) -> Iterator[Quantity]:
-    poses = len(state.modal) > 1
     for modes in state.modal:
-        place = f" in pose {modes.pose.name}" if poses else ""
+        place = say_place(state.modal, modes.pose.name)
         for index in range(modes.rigid_count, len(modes.frequencies_hz)):
             hz = float(modes.frequencies_hz[index])
             parts = _relative_parts(modes.errors[index], hz) | _unseen_parts(
@@ -121,7 +136,7 @@ def _list_frequencies(state: RunState) -> Iterator[Quantity]:
             if modes.errors[index].shares.get(REDUCTION, 0.0) is None:
                 parts |= {(name, REDUCTION): np.inf for name in _short_of(state, hz)}
             yield Quantity(
-                f"frequency {modes.below + index + 1}{place}",
+                name_frequency(modes.below + index + 1, place),
                 f"frequency {modes.below + index + 1} ({hz:.4g} Hz){place}",
                 hz,
                 parts,
@@ -130,13 +145,13 @@ def _list_frequencies(state: RunState) -> Iterator[Quantity]:
 
 
 def _list_compliances(state: RunState) -> Iterator[Quantity]:
-    poses = len(state.static) > 1
     for answer in state.static:
+        place = say_place(state.static, answer.pose)
         for name, point in answer.points.items():
             for axis, (direction, error) in enumerate(point.errors.items()):
                 value = float(point.compliance[axis, axis])
                 if value > 0.0:
-                    what = f"{direction} compliance at {name}{f' in pose {answer.pose}' if poses else ''}"
+                    what = name_compliance(name, direction, place)
                     parts = _relative_parts(error, value) | _unseen_parts(state, error)
                     yield Quantity(what, what, value, parts, _two_sided(error, value))
 

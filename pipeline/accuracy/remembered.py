@@ -27,6 +27,7 @@ from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.storage.content_keys import search_key
 from headstock.pipeline.storage.store import Store, read_entry, write_entry
 from headstock.pipeline.storage.typed_json import (
+    Coded,
     decode_value,
     encode_value,
     reachable_classes,
@@ -36,6 +37,7 @@ from headstock.scene.scene import Scene
 NUMBERS = (PoseModes, StaticAnswer, PoseResponse)  # that a comparison judges
 PIECE = 4096  # characters
 KEPT = ("fidelity", "mesh", "reduction", "segments")  # of a component
+SETTINGS = reachable_classes([MeshSettings, ReductionSettings, SegmentSettings])
 
 
 @dataclass(frozen=True)
@@ -137,13 +139,13 @@ def _cut(text: str) -> tuple[str, ...]:
     return tuple(text[at : at + PIECE] for at in range(0, len(text), PIECE))
 
 
-def _keep(component: Component) -> dict[str, Any]:
-    content = dataclasses.asdict(component)
+def _keep(component: Component) -> Coded:
     shapes = {name: (item.coupling, item.flexible) for name, item in component.interfaces.items()}
-    return {**{name: content[name] for name in KEPT}, "shapes": shapes}
+    return encode_value({**{name: getattr(component, name) for name in KEPT}, "shapes": shapes})
 
 
-def _restore(component: Component, kept: Mapping[str, Any]) -> Component:
+def _restore(component: Component, coded: Coded) -> Component:
+    kept = decode_value(coded, SETTINGS)
     interfaces = {
         name: dataclasses.replace(
             item, coupling=kept["shapes"][name][0], flexible=kept["shapes"][name][1]
@@ -153,10 +155,7 @@ def _restore(component: Component, kept: Mapping[str, Any]) -> Component:
     return dataclasses.replace(
         component,
         interfaces=interfaces,
-        fidelity=kept["fidelity"],
-        mesh=MeshSettings(**kept["mesh"]),
-        reduction=ReductionSettings(**kept["reduction"]),
-        segments=SegmentSettings(**kept["segments"]),
+        **{name: kept[name] for name in KEPT},
     )
 
 

@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.parts.components import Component, MeshSettings
+from headstock.geometry.parts.size_field import SizeField
 from headstock.geometry.parts.solids import MeshFile
+from headstock.pipeline.accuracy.mesh_sizes import mean_size, refine_sizes
 from headstock.pipeline.accuracy.quantities import (
     Factors,
     Owner,
@@ -20,6 +22,8 @@ from headstock.pipeline.accuracy.quantities import (
 from headstock.pipeline.accuracy.settings import (
     Trial,
     are_equal,
+    follows_errors,
+    give_sizes,
     is_chosen,
     keep_details,
     refine_mesh,
@@ -82,9 +86,9 @@ def judge_round(
     parts = scene.machine.components
     estimated = list_quantities(state)
     sizes = {
-        name: part.mesh.size
+        name: size
         for name, part in parts.items()
-        if part.mesh.size is not None and is_chosen(part)
+        if (size := _find_size(part, state)) is not None and is_chosen(part)
     }
     steps = {
         name: size / history.sizes[name]
@@ -103,9 +107,8 @@ def judge_round(
     found = AccuracyRound(
         worst.name, worst.error if np.isfinite(worst.error) else None, reason, worst.owner
     )
-    learnt = History(
-        _remember(history.trials, parts, estimated, quantities), estimated, sizes, factors
-    )
+    trials = _remember(history.trials, parts, sizes, estimated, quantities)
+    learnt = History(trials, estimated, sizes, factors)
     if worst.error <= goal.to or state.failures:
         return Verdict(True, scene, found), learnt
     seconds = {
@@ -116,7 +119,13 @@ def judge_round(
         for name in parts
     }
     wanted = _wanted_ratios(quantities, goal.to, parts, seconds)
-    return _refine(scene, state, goal.to, wanted, learnt.trials, found), learnt
+    short = [quantity for quantity in quantities if quantity.error > goal.to]
+    return _refine(scene, state, goal.to, wanted, short, trials, found), learnt
+
+
+def _find_size(part: Component, state: RunState) -> float | None:
+    """What the steps of a mesh are told by: its size, or the mean of sizes that follow the error."""
+    return mean_size(state.reduced[part.name]) if follows_errors(part) else part.mesh.size
 
 
 def _refine(
@@ -124,12 +133,14 @@ def _refine(
     state: RunState,
     accuracy: float,
     wanted: Mapping[Owner, float],
+    short: Sequence[Quantity],
     trials: Mapping[str, tuple[Trial, ...]],
     found: AccuracyRound,
 ) -> Verdict:
     """The next scene, in which the errors of some owners should be so many times what they are."""
     parts = scene.machine.components
     finer = dict(parts)
+    sized: dict[str, SizeField] = {}
     for (name, kind), ratio in wanted.items():
         if isinstance(parts[name].solid, MeshFile) and kind == DISCRETISATION:
             return Verdict(True, scene, found, failure=f"the {kind} of {name} cannot be refined")
@@ -142,6 +153,11 @@ def _refine(
             )
         elif kind == LEFT_OUT:
             finer[name] = keep_details(finer[name], ratio=ratio)
+        elif kind == DISCRETISATION and follows_errors(parts[name]):
+            if name not in sized:
+                group = [other for other in parts if are_equal(parts[name], parts[other])]
+                sized |= dict.fromkeys(group, refine_sizes(state, group, short, ratio))
+            finer[name] = give_sizes(finer[name], sized[name])
         elif kind == DISCRETISATION:
             finer[name] = refine_mesh(finer[name], ratio=ratio, trials=trials.get(name, ()))
         else:
@@ -234,6 +250,7 @@ def _added_seconds(seconds: float, ratio: float) -> float:
 def _remember(
     trials: Mapping[str, tuple[Trial, ...]],
     parts: Mapping[str, Component],
+    sizes: Mapping[str, float],
     estimated: Sequence[Quantity],
     counted: Sequence[Quantity],
 ) -> dict[str, tuple[Trial, ...]]:
@@ -253,12 +270,9 @@ def _remember(
             for quantities in (estimated, counted)
         )
         known = trials.get(name, ())
-        if (
-            part.mesh.size is not None
-            and largest > 0.0
-            and (not known or known[-1].size != part.mesh.size)
-        ):
-            longer[name] = (*known, Trial(part.mesh.size, largest, largest_counted))
+        size = sizes.get(name)
+        if size is not None and largest > 0.0 and (not known or known[-1].size != size):
+            longer[name] = (*known, Trial(size, largest, largest_counted))
     return longer
 
 
@@ -299,7 +313,8 @@ def describe_settings(component: Component) -> str:
             "" if mesh.details is None else f", details up to {1e3 * mesh.details:.3g} mm left out"
         )
         growth = "" if mesh.growth is None else f", growth {mesh.growth:g}"
-        size = f"{mesh.cells} {1e3 * (mesh.size or 0.0):.3g} mm{patches}{rims}{growth}"
+        finest = "" if mesh.sizes is None else f"{1e3 * mesh.sizes.sizes.min():.3g} to "
+        size = f"{mesh.cells} {finest}{1e3 * (mesh.size or 0.0):.3g} mm{patches}{rims}{growth}"
     return (
         size if settings.modes_to_hz is None else f"{size}, modes to {settings.modes_to_hz:.3g} Hz"
     )

@@ -30,6 +30,7 @@ from headstock.pipeline.accuracy.remembered import (
     recall_search,
     remember_search,
 )
+from headstock.pipeline.accuracy.replay import list_values
 from headstock.pipeline.accuracy.rounds import (
     History,
     describe_settings,
@@ -339,11 +340,12 @@ def _conclude(
         for name, part in chosen.machine.components.items()
         if is_chosen(part) or name in bodies
     }
+    values = list_values({name: chosen.machine.components[name] for name in settings})
     settings |= {own.joint.name: str(own) for own in shapes}
     failure = refined.failure or "; ".join(
         f"joint {own.joint.name}: {own.reason}" for own in shapes if own.reason
     )
-    return AccuracyAnswer(_goal(scene).to, rounds, settings, failure, bodies)
+    return AccuracyAnswer(_goal(scene).to, rounds, settings, values, failure, bodies)
 
 
 def _say_failure(answer: AccuracyAnswer) -> str:

@@ -14,6 +14,7 @@ from headstock.geometry.parts.components import (
     MeshSettings,
 )
 from headstock.geometry.parts.mass_properties import solid_volume
+from headstock.geometry.parts.size_field import SizeField
 from headstock.geometry.parts.solids import (
     Box,
     MeshFile,
@@ -48,6 +49,7 @@ ROUGH_ACCURACY, ROUGH_ACROSS, MOST_ROUGH_HEXES = 0.01, 2, 400
 ROUGH_ALONG, FINE_ALONG, FINE_ACCURACY = 7, 8, 0.03
 PATCHES_ADD = 2.0  # hexes that patches may add by their grid lines before tetrahedra pay
 COARSER_THAN_RULE = 3.0
+COARSER_PART = 2.4  # the same of STEP parts, which are graded later on
 # a column with two rigid faces: 0.6 % off with modes up to 3 times the wanted range, 1.5 % with 2
 # times (`validate reduction`)
 MODE_MARGIN, MODE_ERROR, MODE_RATE = 3.0, 0.006, 2.3
@@ -179,6 +181,17 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
     return dataclasses.replace(component, mesh=finer)
 
 
+def follows_errors(component: Component) -> bool:
+    """Whether the sizes of a mesh follow the errors of its cells from place to place."""
+    return component.fidelity == "elastic" and isinstance(component.solid, StepFile)
+
+
+def give_sizes(component: Component, sizes: SizeField) -> Component:
+    """The component with other element sizes from place to place."""
+    mesh = dataclasses.replace(component.mesh, size=float(sizes.sizes.max()), sizes=sizes)
+    return dataclasses.replace(component, mesh=mesh)
+
+
 def _shrink(component: Component, mesh: MeshSettings, step: float) -> MeshSettings:
     """A mesh with sizes that are so many times what they are, and that much finer where stresses
     are singular.
@@ -275,11 +288,8 @@ def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
     solid = component.solid
     step = min(1.0, (accuracy / START_ACCURACY) ** (1.0 / _expected_rate(component)))
     if isinstance(solid, StepFile):
-        return _shrink(
-            component,
-            grade_mesh(component, _round(COARSER_THAN_RULE * automatic_size(component)), accuracy),
-            step,
-        )
+        size = COARSER_PART * automatic_size(component)
+        return MeshSettings(_round(size), details=_round(DETAIL_SHARE * size))
     if isinstance(solid, MeshFile | SuperelementFile | PointMass):
         raise ValueError("the mesh of a file is not ours to choose")
     thinnest = thinnest_feature(solid)

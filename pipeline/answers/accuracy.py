@@ -4,7 +4,7 @@ results.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NotRequired, TypedDict
+from typing import Any, NotRequired, TypedDict
 
 from headstock.pipeline.answers.answer import Answer
 
@@ -39,6 +39,7 @@ class AccuracySummary(TypedDict):
     reason: str
     rounds: list[RoundSummary]
     settings: dict[str, str]
+    values: dict[str, Any]
     models: NotRequired[dict[str, BodyChoiceSummary]]
 
 
@@ -90,7 +91,8 @@ class AccuracyAnswer(Answer):
     Attributes:
         requested: Largest relative error allowed.
         rounds: One and more.
-        settings: Component to its mesh and modes in the end, in the words of a scene.
+        settings: Component to its mesh and modes in the end, in plain words.
+        values: The same as values of the scene by dotted key, which ``load_scene`` takes.
         reason: Why the accuracy was not reached; empty when it was.
         models: Body to what was chosen among its models; empty where none was cheaper.
     """
@@ -98,6 +100,7 @@ class AccuracyAnswer(Answer):
     requested: float
     rounds: tuple[AccuracyRound, ...]
     settings: dict[str, str]
+    values: Mapping[str, Any] = field(default_factory=dict)
     reason: str = ""
     models: Mapping[str, BodyChoice] = field(default_factory=dict)
 
@@ -120,6 +123,7 @@ class AccuracyAnswer(Answer):
             "reason": self.reason,
             "rounds": [one.summarise() for one in self.rounds],
             "settings": self.settings,
+            "values": dict(self.values),
         }
         if self.models:
             summary["models"] = {

@@ -61,6 +61,7 @@ FILE_KEYS = [
     split_key(key)
     for key in (
         *(f"components.*.solid.{kind}" for kind in ("step", "mesh", "superelement")),
+        "components.*.mesh.sizes",
         *(f"analyses.contouring.{name}" for name in ("forces", "polyline_file", "traces")),
     )
 ]
@@ -132,12 +133,7 @@ def thinned_skin_key(skin: Skin, *, largest: int, pixel: float) -> str:
         {
             "algorithm": [code_fingerprint(package) for package in MESH_CODE],
             "libraries": library_versions(MESH_LIBRARIES),
-            "coarser than": {
-                field: hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
-                if isinstance(value, np.ndarray)
-                else value
-                for field, value in vars(skin).items()
-            },
+            "coarser than": skin,
             "largest": largest,
             "pixel": pixel,
         }
@@ -263,6 +259,8 @@ def _canonical(value: object) -> JsonValue:
         return {str(key): _canonical(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_canonical(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
     if isinstance(value, float | np.floating):
         # as a word: json would write infinities, which are legal for open limits, as invalid
         # tokens; + 0.0 drops the sign of zero

@@ -25,6 +25,7 @@ from headstock.geometry.parts.components import (
 from headstock.geometry.parts.mass_properties import solid_volume
 from headstock.geometry.parts.patches import OVERHANG_TOLERANCE
 from headstock.geometry.parts.prismatic_bars import patch_span, prismatic_bar
+from headstock.geometry.parts.size_field import SizeField
 from headstock.geometry.parts.solids import (
     CENTER_FACE,
     Box,
@@ -40,6 +41,8 @@ from headstock.geometry.parts.solids import (
 )
 from headstock.meshing.errors import MeshError
 from headstock.meshing.formats import MESH_SUFFIXES, files_beside
+from headstock.meshing.size_files import SUFFIX as SIZES_SUFFIX
+from headstock.meshing.size_files import read_sizes
 from headstock.meshing.sizing import (
     PATCH_CELLS,
     count_patch_cells,
@@ -84,7 +87,9 @@ OWN_MESH_KEYS = (
     "smallest",
     "leave_out",
     "details",
+    "sizes",
 )
+OTHER_SIZES = ("size", "growth", "rim_size")
 
 
 def build_material(name: str, table: MaterialTable) -> Material:
@@ -120,6 +125,20 @@ def build_solid(table: SolidTable, folder: Path) -> Solid:
     if table.point_mass is not None:
         return PointMass(table.point_mass, _three(table.inertia or [0.0, 0.0, 0.0]))
     return Box(_three(table.box or []))
+
+
+def build_sizes(table: MeshTable, folder: Path) -> SizeField | None:
+    """Element sizes from place to place; None where no file gives them.
+
+    Raises:
+        ValueError: The file is missing, out of bounds or no such file.
+    """
+    if table.sizes is None:
+        return None
+    try:
+        return read_sizes(resolve_file(folder, table.sizes, (SIZES_SUFFIX,)))
+    except MeshError as error:
+        raise ValueError(str(error)) from error
 
 
 def _beside(path: Path, folder: Path) -> tuple[Path, ...]:
@@ -239,6 +258,7 @@ def build_component(
     solid: Solid,
     material: Material,
     *,
+    sizes: SizeField | None,
     free: bool,
     control_points: Mapping[str, int],
 ) -> Component:
@@ -250,6 +270,7 @@ def build_component(
         table: Its table.
         solid: Its shape.
         material: Its material.
+        sizes: Element sizes from place to place; None for none.
         free: Every component of the scene may float.
         control_points: Of rails whose tables name none, by interface.
     """
@@ -264,7 +285,7 @@ def build_component(
         placement=build_frame(table.at, table.rotate),
         interfaces=interfaces,
         fidelity=table.fidelity,
-        mesh=_build_mesh_settings(table.mesh),
+        mesh=_build_mesh_settings(table.mesh, sizes),
         reduction=ReductionSettings(
             table.reduction.modes_to,
             table.reduction.modes,
@@ -281,9 +302,9 @@ def build_component(
     )
 
 
-def _build_mesh_settings(table: MeshTable) -> MeshSettings:
+def _build_mesh_settings(table: MeshTable, sizes: SizeField | None) -> MeshSettings:
     return MeshSettings(
-        table.size,
+        table.size if sizes is None else float(sizes.sizes.max()),
         table.order,
         table.cells,
         table.allow_locking,
@@ -293,6 +314,7 @@ def _build_mesh_settings(table: MeshTable) -> MeshSettings:
         smallest=table.smallest,
         leave_out=table.leave_out,
         details=table.details,
+        sizes=sizes,
     )
 
 
@@ -440,6 +462,10 @@ def build_solids(scene: SceneTable, folder: Path, findings: Findings) -> dict[st
             solids[name] = build_solid(table.solid, folder)
         except ValueError as error:
             findings.add(("components", name, "solid", table.solid.kind), str(error))
+        try:
+            build_sizes(table.mesh, folder)
+        except ValueError as error:
+            findings.add(("components", name, "mesh", "sizes"), str(error))
     return solids
 
 
@@ -513,6 +539,12 @@ def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyP
                     f"the mesh is that of {solid.path.name}; remove {key}, or mesh a STEP file of the part",
                 )
         return
+    if mesh.sizes is not None:
+        for key in OTHER_SIZES:
+            if key in mesh.model_fields_set:
+                yield ("mesh", key), f"sizes gives them all; remove {key}, or sizes"
+        if mesh.cells == "hex":
+            yield ("mesh", "cells"), 'only tets take sizes from a file; write cells = "tet"'
     if mesh.cells == "hex" and table.solid.box is None:
         yield (
             ("mesh", "cells"),

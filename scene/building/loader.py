@@ -29,6 +29,7 @@ from headstock.scene.building.components import (
     build_component,
     build_frame,
     build_material,
+    build_sizes,
     build_solid,
     build_solids,
     check_components,
@@ -419,6 +420,7 @@ def _build_components(scene: SceneTable, folder: Path) -> dict[str, Component]:
             table,
             solids[name],
             NO_MATERIAL if table.material is None else materials[table.material],
+            sizes=build_sizes(table.mesh, folder),
             free=scene.free,
             control_points=control_points[name],
         )

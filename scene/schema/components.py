@@ -366,6 +366,7 @@ class MeshTable(StrictTable):
     smallest: PositiveLength | None = None
     leave_out: PositiveLength | None = None
     details: NotNegativeLength | None = None
+    sizes: Text | None = None
     allow_locking: Flag = False
 
 

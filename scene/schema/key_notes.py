@@ -140,6 +140,8 @@ NOTES = {
     "Mesh.growth": "tets only: growth of the element size per distance from a patch's rim, `0.3` for smooth, `0.6` for coarse grading; "
     "default: even growth up to the next edge of the face, which takes more elements",
     "Mesh.smallest": "minimum element size at curved faces and short edges (default: a twentieth of `size`); round holes keep seven edges",
+    "Mesh.sizes": "element sizes from place to place, in place of `size`, `growth` and `rim_size`: a view of gmsh (`.pos`) of "
+    "scalar tetrahedra in m, such as a search for an accuracy writes beside its results",
     "Mesh.details": "STEP parts only: holes, recesses and pads in plane faces up to this width are left out of the mesh; what "
     "they change is part of ± (default: half of `size`; `\"0 mm\"` keeps them all)",
     "Mesh.leave_out": "STEP parts only: fillets, holes and pins with radii up to this are taken off before meshing",

@@ -162,7 +162,13 @@ class ParametricShape:
             if item.rail is not None
         }
         component = build_component(
-            self.name, table, solid, material, free=written.free, control_points=control_points
+            self.name,
+            table,
+            solid,
+            material,
+            sizes=written.mesh.sizes,
+            free=written.free,
+            control_points=control_points,
         )
         component = dataclasses.replace(component, reduction=written.reduction)
         if component.fidelity == "elastic" and not any(map(reshapes, self.laws)):

@@ -1,6 +1,7 @@
 """Meshes whose sizes follow where the error of a coarser mesh lies."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,13 +17,21 @@ from headstock.geometry.parts.components import (
     Patch,
     ReductionSettings,
 )
+from headstock.geometry.parts.size_field import SizeField
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.meshing import mesh_component
-from headstock.meshing.elements.error_sizes import spread_error
+from headstock.meshing.elements.error_sizes import (
+    EDGE_OVER_SIZE,
+    MOST_TIMES,
+    RATE,
+    mean_edges,
+    spread_error,
+)
 from headstock.meshing.errors import MeshError
 from headstock.meshing.process.job import MeshJob, format_job, parse_job
-from headstock.meshing.size_field import SizeField
+from headstock.meshing.size_files import encode_sizes, read_sizes
+from headstock.pipeline.accuracy.settings import give_sizes
 from headstock.reduction.components.elastic import find_cell_errors, reduce_elastic
 
 BEAM = Component(
@@ -57,7 +66,7 @@ def test_a_mesh_by_its_error_misses_less_with_fewer_points_than_an_even_one() ->
     coarse = mesh_component(BEAM)
     cells, whole = missed_at_tip(BEAM, coarse)
     assert cells.sum() == pytest.approx(whole, rel=1e-4)
-    adapted = mesh_component(BEAM, sizes=spread_error(coarse, cells, whole / 10.0))
+    adapted = mesh_component(give_sizes(BEAM, spread_error(coarse, cells, 0.4)))
     even = mesh_component(dataclasses.replace(BEAM, mesh=MeshSettings(size=0.025)))
     assert len(adapted.points) < 0.65 * len(even.points)
     assert missed_at_tip(BEAM, adapted)[1] < missed_at_tip(BEAM, even)[1]
@@ -65,23 +74,36 @@ def test_a_mesh_by_its_error_misses_less_with_fewer_points_than_an_even_one() ->
 
 def test_sizes_shrink_evenly_where_every_cell_misses_the_same_per_volume() -> None:
     mesh = make_box((3, 3, 3), (1.0, 1.0, 1.0), kind="tet10")
-    corners = mesh.points[mesh.cells[:, :4]]
-    volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
-    old = np.cbrt(6.0 * np.sqrt(2.0) * volumes)
-    # as of one smooth stress: h^4 per volume
-    energies = volumes * old**4
-    field = spread_error(mesh, energies, float(energies.sum()) / 16.0)
-    whole = np.sum(volumes * old**4)
-    expected = (whole / 16.0 / volumes.sum()) ** 0.25
-    assert field.sizes == pytest.approx(expected, rel=1e-3)
+    corners, cells = np.unique(mesh.cells[:, :4], return_inverse=True)
+    field = SizeField(mesh.points[corners], cells.reshape(-1, 4), np.ones(len(corners)))
+    old = mean_edges(field) / EDGE_OVER_SIZE
+    energies = field.volumes * old**RATE
+    shrunk = spread_error(mesh, energies, 0.5)
+    expected = (0.5 * energies.sum() / field.volumes.sum()) ** (1.0 / RATE)
+    assert shrunk.sizes == pytest.approx(expected, rel=1e-3)
 
 
-def test_what_needs_no_change_becomes_coarser_no_further_than_the_estimate_reaches() -> None:
+def test_where_little_is_missed_sizes_stay_and_elsewhere_shrink_no_further_than_the_estimate_reaches() -> (
+    None
+):
     mesh = make_box((3, 3, 3), (1.0, 1.0, 1.0), kind="tet10")
     energies = np.ones(len(mesh.cells))
-    field = spread_error(mesh, energies, 1e9)
-    finest = spread_error(mesh, energies, 1e-9)
-    assert field.sizes / finest.sizes == pytest.approx(3.0 / 0.2)
+    whole, finest = (spread_error(mesh, energies, share) for share in (1.0, 1e-9))
+    assert finest.sizes / whole.sizes == pytest.approx(MOST_TIMES ** (-1.0 / 3.0), rel=1e-3)
+    corner = np.linalg.norm(mesh.points[mesh.cells[:, :4]].mean(axis=1), axis=1)
+    local = spread_error(mesh, np.exp(-10.0 * corner), 0.5)
+    change = local.sizes / whole.sizes
+    assert change.min() < 0.6 and change.max() == pytest.approx(1.0)
+
+
+def test_a_mesh_by_its_own_sizes_has_as_many_cells() -> None:
+    graded = mesh_component(
+        dataclasses.replace(BEAM, mesh=MeshSettings(0.05, growth=0.4, rim_size=0.008))
+    )
+    same = spread_error(graded, np.ones(len(graded.cells)), 1.0)
+    again = mesh_component(give_sizes(BEAM, same))
+    assert len(again.cells) == pytest.approx(len(graded.cells), rel=0.15)
+    assert same.cells == pytest.approx(len(again.cells), rel=0.35)
 
 
 def test_cells_follow_the_sizes_of_a_field() -> None:
@@ -90,7 +112,7 @@ def test_cells_follow_the_sizes_of_a_field() -> None:
     where = coarse.points[corners]
     along = (where[:, 0] - where[:, 0].min()) / np.ptp(where[:, 0])
     field = SizeField(where, cells.reshape(-1, 4), 0.008 + 0.03 * along)
-    mesh = mesh_component(BEAM, sizes=field)
+    mesh = mesh_component(give_sizes(BEAM, field))
     places = mesh.points[mesh.cells[:, :4]].mean(axis=1)[:, 0]
     share = (places - mesh.points[:, 0].min()) / np.ptp(mesh.points[:, 0])
     assert (share < 0.25).sum() > 8 * (share > 0.75).sum()
@@ -109,4 +131,29 @@ def test_a_grid_of_hexahedra_takes_no_sizes() -> None:
     field = SizeField(np.eye(4, 3), np.array([[0, 1, 2, 3]]), np.full(4, 0.05))
     part = dataclasses.replace(BEAM, mesh=MeshSettings(size=0.05, cells="hex"))
     with pytest.raises(MeshError, match="tetrahedra"):
-        mesh_component(part, sizes=field)
+        mesh_component(give_sizes(part, field))
+
+
+def test_sizes_come_out_of_their_file_as_they_went_in(tmp_path: Path) -> None:
+    mesh = make_box((2, 2, 2), (0.1, 0.1, 0.1), kind="tet10")
+    field = spread_error(mesh, np.arange(1.0, len(mesh.cells) + 1.0), 0.3)
+    path = tmp_path / "part.pos"
+    path.write_bytes(encode_sizes(field))
+    found = read_sizes(path)
+    assert found.points[found.tets] == pytest.approx(field.points[field.tets], rel=1e-8)
+    assert found.sizes[found.tets] == pytest.approx(field.sizes[field.tets], rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('View "x" {ST(0,0,0,1,0,0,0,1,0){1,1,1};};', "no view of scalar tetrahedra"),
+        ("SS(0,0,0,1,0,0,0,1,0,0,0,1){1,1,1,0};", "above zero"),
+        ("SS(0,0,0,1,0,0,0,1,0,0,0,a){1,1,1,1};", "cannot be read"),
+    ],
+)
+def test_a_file_of_other_things_is_refused(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "part.pos"
+    path.write_text(text)
+    with pytest.raises(MeshError, match=said):
+        read_sizes(path)

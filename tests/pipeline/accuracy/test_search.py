@@ -219,6 +219,7 @@ def test_without_a_mesh_nothing_is_said_to_be_met() -> None:
             "reason": "",
             "rounds": rounds,
             "settings": {},
+            "values": {},
         }
     )
     assert words.startswith("accuracy 1 %")

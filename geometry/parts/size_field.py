@@ -3,9 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.meshing.component_mesh import IntArray
+
+# cells of a regular tetrahedron's size in a cube of that side
+TETS_PER_CUBE = 6.0 * np.sqrt(2.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,8 +22,20 @@ class SizeField:
     """
 
     points: FloatArray
-    tets: IntArray
+    tets: NDArray[np.int64]
     sizes: FloatArray
+
+    @property
+    def volumes(self) -> FloatArray:
+        """Of the tetrahedra ``(m,)`` [m^3]."""
+        corners = self.points[self.tets]
+        return np.asarray(np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0)
+
+    @property
+    def cells(self) -> int:
+        """About how many tetrahedra of these sizes fill the same space."""
+        means = np.exp(np.log(self.sizes)[self.tets].mean(axis=1))
+        return int(TETS_PER_CUBE * np.sum(self.volumes / means**3))
 
     def scaled(self, unit: float) -> "SizeField":
         """The same in another unit of length [m]."""
