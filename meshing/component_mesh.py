@@ -75,7 +75,7 @@ class SurfaceGaps:
     Attributes:
         facets: ``(n, nodes per facet)`` facets on curved faces.
         volumes: ``(n, q)`` volume between each facet and its face, shared out among the facet's
-            quadrature places (``elements.surface.PLACES`` along each side) [m^3]; positive where
+            quadrature places (``elements.quality.PLACES`` along each side) [m^3]; positive where
             the mesh cuts the part short.
     """
 

@@ -27,7 +27,8 @@ from headstock.geometry.parts.components import (
 )
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, SurfaceGaps
-from headstock.meshing.elements.surface import extract_surface, facet_places
+from headstock.meshing.elements.quality import facet_places
+from headstock.meshing.elements.surface import extract_surface
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement

@@ -35,8 +35,7 @@ from headstock.meshing.cad.sizes import (
 )
 from headstock.meshing.cad.slivers import refuse_slivers, remove_narrow_features
 from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray, LeftOut
-from headstock.meshing.elements.quality import scaled_jacobians
-from headstock.meshing.elements.surface import PLACES, facet_places
+from headstock.meshing.elements.quality import PLACES, facet_places, scaled_jacobians
 from headstock.meshing.errors import MeshError, MeshQualityError
 from headstock.meshing.process.job import MeshData, MeshJob
 from headstock.meshing.sizing import (

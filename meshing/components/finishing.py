@@ -27,9 +27,13 @@ from headstock.meshing.elements.quadratic import (
     is_straight,
     repair_tets,
 )
-from headstock.meshing.elements.quality import facet_moments, mesh_volume, scaled_jacobians
-from headstock.meshing.elements.surface import (
+from headstock.meshing.elements.quality import (
     PLACES,
+    facet_moments,
+    mesh_volume,
+    scaled_jacobians,
+)
+from headstock.meshing.elements.surface import (
     FlatTets,
     MeshSurface,
     count_parts,

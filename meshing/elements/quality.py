@@ -23,6 +23,8 @@ from headstock.meshing.elements.topology import (
 CHUNK = 20_000
 DOUBTFUL_LATTICE = 12
 HEX_LATTICE = 5
+# along each side of a facet: gaps of second-order facets are of the fourth degree
+PLACES = 3
 
 
 def scaled_jacobians(points: FloatArray, cells: IntArray, kind: CellKind) -> FloatArray:
@@ -284,6 +286,12 @@ def facet_tables(node_count: int, places: int = 6) -> tuple[FloatArray, FloatArr
     inverse = np.linalg.inv(monomials(reference))
     gradients = np.array([monomials(grid, axis) @ inverse for axis in range(2)])
     return monomials(grid) @ inverse, gradients, weight
+
+
+def facet_places(points: FloatArray, facets: IntArray) -> FloatArray:
+    """Quadrature places ``(n, q, 3)`` of facets."""
+    values, _, _ = facet_tables(facets.shape[1], PLACES)
+    return np.asarray(np.einsum("qn,fni->fqi", values, points[facets]))
 
 
 def _facet_exponents(node_count: int) -> IntArray:

@@ -10,12 +10,9 @@ from scipy.sparse.csgraph import connected_components
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray, SurfaceGaps
-from headstock.meshing.elements.quality import facet_tables, scaled_jacobians
+from headstock.meshing.elements.quality import PLACES, facet_tables, scaled_jacobians
 from headstock.meshing.elements.topology import FACETS, cell_family, corner_count, local_facets
 
-PLACES = (
-    3  # places along each side of a facet: gaps of second-order facets are of the fourth degree
-)
 FARTHEST = 0.5  # of a facet's size: what lies farther off is another part of the face
 TRUSTED = 0.25  # of the volume that the mesh misses, which the gaps must tell to
 # cosine between the wall's normal and that of a point on its face; of points at its rim it is 0.7
@@ -113,12 +110,6 @@ def _pack(keys: IntArray) -> IntArray:
     """Each row of sorted node numbers as one sortable value."""
     rows = np.ascontiguousarray(keys.astype(np.int64))
     return rows.view([("", np.int64)] * rows.shape[1]).ravel()
-
-
-def facet_places(points: FloatArray, facets: IntArray) -> FloatArray:
-    """Quadrature places ``(n, q, 3)`` of facets."""
-    values, _, _ = facet_tables(facets.shape[1], PLACES)
-    return np.asarray(np.einsum("qn,fni->fqi", values, points[facets]))
 
 
 def measure_gaps(points: FloatArray, surface: MeshSurface, curved: CurvedFacets) -> SurfaceGaps:

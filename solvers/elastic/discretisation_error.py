@@ -13,8 +13,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.meshing.elements.quadratic import straight_cells
-from headstock.meshing.elements.quality import facet_moments, facet_tables
-from headstock.meshing.elements.surface import PLACES, MeshSurface
+from headstock.meshing.elements.quality import PLACES, facet_moments, facet_tables
+from headstock.meshing.elements.surface import MeshSurface
 from headstock.meshing.elements.topology import (
     FACETS,
     Family,
