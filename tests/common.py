@@ -2,7 +2,9 @@
 matrices.
 """
 
+import contextlib
 import dataclasses
+import io
 import os
 import shutil
 import subprocess
@@ -12,9 +14,11 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
+import pytest
 import scipy.linalg
 from mpi4py import MPI
 
+from headstock.app.command_line import main
 from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
 from headstock.geometry.parts.components import (
     Component,
@@ -62,6 +66,27 @@ def run_on_ranks(ranks: int, folder: Path, *program: str) -> subprocess.Complete
         *program,
     ]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, env=variables)
+
+
+def run_alone(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """A command in this process, with the store and the thread that `run_on_ranks` gives one rank."""
+    printed, said = io.StringIO(), io.StringIO()
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.redirect_stdout(printed),
+        contextlib.redirect_stderr(said),
+    ):
+        patch.setenv("HEADSTOCK_STORE", str(folder / "store1"))
+        patch.setenv("HEADSTOCK_THREADS", "1")
+        code = main([*words])
+    return subprocess.CompletedProcess(words, code, printed.getvalue(), said.getvalue())
+
+
+def run_command(ranks: int, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """A command on so many ranks, on one in this process: starting it takes longer than the command."""
+    if ranks == 1:
+        return run_alone(folder, *words)
+    return run_on_ranks(ranks, folder, "-m", "mpi4py", "-m", "headstock.app.command_line", *words)
 
 
 def present[T](value: T | None) -> T:

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from common import rank_words
+
 SCENE = """
 [materials.steel]
 E = "210 GPa"
@@ -86,28 +87,13 @@ with open(f"answers{sys.argv[1]}_{rank}.json", "w") as file:
 """
 
 
-def run_script(folder: Path, ranks: int) -> None:
-    """As ``./headstock python --ranks N script.py`` does."""
-    launcher = shutil.which("mpirun")
-    assert launcher is not None
-    inherited = {
-        name: value
-        for name, value in os.environ.items()
-        if not name.startswith(("PMIX_", "PRTE_", "OMPI_COMM_"))
-    }
-    paths = [str(ROOT / ".typing"), *filter(None, [inherited.get("PYTHONPATH")])]
-    more = {
-        "PYTHONPATH": os.pathsep.join(paths),
-        "OMP_NUM_THREADS": "1",
-        "OMPI_ALLOW_RUN_AS_ROOT": "1",
-        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-        "HEADSTOCK_STORE": str(folder / f"store{ranks}"),
-    }
-    on_ranks = [launcher, "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
+def run_script(folder: Path) -> None:
+    """As ``./headstock python --ranks 2 script.py`` does."""
+    more = {"OMP_NUM_THREADS": "1", "HEADSTOCK_STORE": str(folder / "store2")}
     done = subprocess.run(
-        [*on_ranks, sys.executable, "-m", "mpi4py", "script.py", str(ranks)],
+        [*rank_words(2), "-m", "mpi4py", "script.py", "2"],
         cwd=folder,
-        env=inherited | more,
+        env=os.environ | more,
         capture_output=True,
         text=True,
         timeout=300,
@@ -117,14 +103,19 @@ def run_script(folder: Path, ranks: int) -> None:
 
 
 @pytest.mark.mpi
-def test_every_rank_gets_what_one_process_gets(tmp_path: Path) -> None:
+def test_every_rank_gets_what_one_process_gets(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "scene.toml").write_text(SCENE)
     (tmp_path / "targets.toml").write_text(TARGETS)
     (tmp_path / "script.py").write_text(SCRIPT)
-    run_script(tmp_path, 1)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HEADSTOCK_STORE", "store1")
+    monkeypatch.setattr(sys, "argv", ["script.py", "1"])
+    exec(SCRIPT, {})
     shutil.rmtree(tmp_path / "points")
     shutil.rmtree(tmp_path / "swept")
-    run_script(tmp_path, 2)
+    run_script(tmp_path)
     alone, first, second = (
         json.loads((tmp_path / f"answers{name}.json").read_text()) for name in ("1_0", "2_0", "2_1")
     )

@@ -1,15 +1,18 @@
 """Several ranks give what one gives, and one failing rank ends them all."""
 
 import json
-import subprocess
 import time
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 
-from common import rank_words, run_on_ranks
+from common import run_alone, run_command, run_on_ranks
+from headstock.pipeline import runner
+from headstock.reduction.components import elastic
+from headstock.solvers.errors import ConvergenceError
 
 SCENE = """
 name = "A column on springs"
@@ -71,6 +74,11 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+def fail_to_converge(*_: object, **__: object) -> None:
+    """As `FAILING_STAGE` fails."""
+    raise ConvergenceError("nothing converged")
+
+
 @pytest.fixture
 def scene_file(tmp_path: Path) -> Path:
     path = tmp_path / "column.toml"
@@ -78,31 +86,28 @@ def scene_file(tmp_path: Path) -> Path:
     return path
 
 
-def test_what_is_wrong_with_a_scene_is_said_once_and_without_a_report_of_a_crash(
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The summary of the column's run on one rank."""
+    folder = tmp_path_factory.mktemp("alone")
+    (folder / "column.toml").write_text(SCENE)
+    words = ("run", str(folder / "column.toml"), "-o", str(folder / "out"), "--no-figures")
+    done = run_alone(folder, *words)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("  modal ") == 1 and "PORD" not in done.stdout
+    return json.loads((folder / "out" / "summary.json").read_text())
+
+
+def test_what_is_wrong_with_a_scene_is_said_once_without_a_report_of_a_crash_and_ends_all_ranks_with_2(
     scene_file: Path, tmp_path: Path
 ) -> None:
-    scene_file.write_text(SCENE.replace('material = "steel"', 'material = "stel"'))
-    start = Path(__file__).parents[2] / "environment" / "start_ranks.sh"
-    ranks = [
-        *rank_words(2),
-        "-P",
-        "-m",
-        "mpi4py",
-    ]
-    command = [
-        "/bin/sh",
-        str(start),
-        *ranks,
-        "-m",
-        "headstock.app.command_line",
-        "run",
-        str(scene_file),
-        "-o",
-        str(tmp_path / "out"),
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    scene_file.write_text(
+        SCENE.replace('material = "steel"', 'material = "stel"').replace("nu = 0.3", "nu = 0.7")
+    )
+    done = run_command(2, tmp_path, "run", str(scene_file), "-o", str(tmp_path / "out"))
     assert done.returncode == 2
     assert done.stderr.count("unknown material 'stel'") == 1
+    assert done.stderr.count("materials.steel.nu") == 1
     assert "MPI_ABORT" not in done.stderr
     assert "prterun" not in done.stderr
 
@@ -110,6 +115,7 @@ def test_what_is_wrong_with_a_scene_is_said_once_and_without_a_report_of_a_crash
 @pytest.mark.parametrize("split_dofs", ["1000000", "0"])
 @pytest.mark.parametrize("several", [2, pytest.param(4, marks=pytest.mark.trials)])
 def test_frequencies_and_compliance_are_the_same_on_1_2_and_4_ranks(
+    alone: Any,
     scene_file: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -117,38 +123,23 @@ def test_frequencies_and_compliance_are_the_same_on_1_2_and_4_ranks(
     split_dofs: str,
 ) -> None:
     monkeypatch.setenv("HEADSTOCK_SPLIT_DOFS", split_dofs)
-    summaries = []
-    for ranks in (1, several):
-        out = tmp_path / f"out{ranks}"
-        program = (
-            "-m",
-            "mpi4py",
-            "-m",
-            "headstock.app.command_line",
-            "run",
-            str(scene_file),
-            "-o",
-            str(out),
-            "--ranks",
-            str(ranks),
-            "--no-figures",
-        )
-        result = run_on_ranks(ranks, tmp_path, *program)
-        assert result.returncode == 0, result.stderr
-        assert result.stdout.count("  modal ") == 1
-        assert ("PORD" in result.stdout) == (ranks > 1 and split_dofs == "0")
-        summaries.append(json.loads((out / "summary.json").read_text()))
-    for other in summaries[1:]:
-        assert not any(stage["cached"] for stage in other["stages"])
-        assert other["modal"][0]["frequencies_hz"] == pytest.approx(
-            summaries[0]["modal"][0]["frequencies_hz"], rel=1e-8
-        )
-        for row, reference in zip(
-            other["static"]["tcp"]["compliance_6x6"],
-            summaries[0]["static"]["tcp"]["compliance_6x6"],
-            strict=True,
-        ):
-            assert row == pytest.approx(reference, rel=1e-8, abs=1e-8 * max(map(abs, reference)))
+    out, asked = tmp_path / "out", ("--ranks", str(several))
+    words = ("run", str(scene_file), "-o", str(out), *asked, "--no-figures")
+    result = run_command(several, tmp_path, *words)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.count("  modal ") == 1
+    assert ("PORD" in result.stdout) == (split_dofs == "0")
+    other = json.loads((out / "summary.json").read_text())
+    assert not any(stage["cached"] for stage in other["stages"])
+    assert other["modal"][0]["frequencies_hz"] == pytest.approx(
+        alone["modal"][0]["frequencies_hz"], rel=1e-8
+    )
+    for row, reference in zip(
+        other["static"]["tcp"]["compliance_6x6"],
+        alone["static"]["tcp"]["compliance_6x6"],
+        strict=True,
+    ):
+        assert row == pytest.approx(reference, rel=1e-8, abs=1e-8 * max(map(abs, reference)))
 
 
 @pytest.mark.parametrize("failing", ["modal", pytest.param("assembly", marks=pytest.mark.trials)])
@@ -156,10 +147,16 @@ def test_what_fails_on_rank_0_or_on_all_ranks_is_said_once_without_a_report_of_a
     scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: str
 ) -> None:
     monkeypatch.setenv("HEADSTOCK_SPLIT_DOFS", "0")
+    if failing == "modal":
+        monkeypatch.setitem(runner.HANDLERS, "modal", fail_to_converge)
+    else:
+        monkeypatch.setattr(elastic, "assemble_elasticity", fail_to_converge)
+    words = ("run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures")
     said = []
-    for ranks in (1, 2):
-        words = ("run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures")
-        done = run_on_ranks(ranks, tmp_path, "-c", FAILING_STAGE, failing, *words)
+    for done in (
+        run_alone(tmp_path, *words),
+        run_on_ranks(2, tmp_path, "-c", FAILING_STAGE, failing, *words),
+    ):
         said.append(done.stderr)
         assert done.returncode == 1
         assert "MPI_ABORT" not in done.stderr
@@ -191,8 +188,7 @@ def test_a_split_part_that_is_refused_ends_the_job_with_the_message_of_one_rank(
     messages = []
     for ranks in (1, 2):
         words = ("run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures")
-        program = ("-m", "mpi4py", "-m", "headstock.app.command_line", *words)
-        done = run_on_ranks(ranks, tmp_path, *program)
+        done = run_command(ranks, tmp_path, *words)
         assert done.returncode == 1
         messages.append(done.stderr)
     assert messages[0].startswith("ModelError: component column: its elements are of order 1")
@@ -221,8 +217,7 @@ def test_components_dealt_out_to_ranks_give_the_bytes_of_one_rank(
     files = {}
     for ranks in (1, 2):
         words = ("run", str(scene_file), "-o", str(tmp_path / f"{ranks}"), "--no-figures")
-        program = ("-m", "mpi4py", "-m", "headstock.app.command_line", *words)
-        done = run_on_ranks(ranks, tmp_path, *program)
+        done = run_command(ranks, tmp_path, *words)
         assert done.returncode == 0, done.stderr
         files[ranks] = _arrays(tmp_path / f"{ranks}" / "results.h5")
     assert len(files[1]) > 20
@@ -260,8 +255,7 @@ def test_the_points_of_a_study_dealt_out_to_ranks_are_those_of_one_rank(
     found = {}
     for ranks in (1, 2):
         words = ("study", str(scene_file), "sizes", "-o", str(tmp_path / f"{ranks}"))
-        program = ("-m", "mpi4py", "-m", "headstock.app.command_line", *words)
-        done = run_on_ranks(ranks, tmp_path, *program)
+        done = run_command(ranks, tmp_path, *words)
         assert done.returncode == 1, done.stderr
         lines = (tmp_path / f"{ranks}" / "points.jsonl").read_text().splitlines()
         found[ranks] = {str(record["varied"]): record for record in map(json.loads, lines)}
@@ -287,29 +281,11 @@ def test_a_component_that_fails_ends_all_ranks_with_the_message_of_one(
     said = []
     for ranks in (1, 2):
         words = ("run", str(scene_file), "-o", str(tmp_path / f"{ranks}"), "--no-figures")
-        program = ("-m", "mpi4py", "-m", "headstock.app.command_line", *words)
-        done = run_on_ranks(ranks, tmp_path, *program)
+        done = run_command(ranks, tmp_path, *words)
         assert done.returncode == 1
         said.append(done.stderr.split("\n")[0])
     assert "component arm" in said[0]
     assert said[1] == said[0]
-
-
-def test_a_bad_scene_ends_all_ranks_with_2(scene_file: Path, tmp_path: Path) -> None:
-    scene_file.write_text(SCENE.replace("nu = 0.3", "nu = 0.7"))
-    program = (
-        "-m",
-        "mpi4py",
-        "-m",
-        "headstock.app.command_line",
-        "run",
-        str(scene_file),
-        "-o",
-        str(tmp_path / "out"),
-    )
-    result = run_on_ranks(2, tmp_path, *program)
-    assert result.returncode == 2
-    assert result.stderr.count("materials.steel.nu") == 1
 
 
 def test_a_map_shared_out_over_ranks_is_that_of_one(tmp_path: Path) -> None:
@@ -318,18 +294,10 @@ def test_a_map_shared_out_over_ranks_is_that_of_one(tmp_path: Path) -> None:
     found = []
     for ranks in (1, 3):
         folder = tmp_path / str(ranks)
-        arguments = (
-            "run",
-            str(scene),
-            "--analysis",
-            "map",
-            "--set",
-            spans,
-            "--no-figures",
-            "-o",
-            str(folder),
+        chosen = ("--analysis", "map", "--set", spans)
+        done = run_command(
+            ranks, tmp_path, "run", str(scene), *chosen, "--no-figures", "-o", str(folder)
         )
-        done = run_on_ranks(ranks, tmp_path, "-m", "headstock.app.command_line", *arguments)
         assert done.returncode == 0, done.stdout + done.stderr
         found.append(json.loads((folder / "summary.json").read_text())["map"])
     assert found[0] == found[1] and len(found[0]["quantities"]["f1_hz"]) == 5
@@ -343,8 +311,7 @@ def test_finer_and_finer_meshes_on_two_ranks_say_what_they_say_on_one(
     for ranks in (1, 2):
         folder = tmp_path / f"converge{ranks}"
         words = ("converge", str(scene_file), "-o", str(folder), "--most-dofs", "9000")
-        program = ("-m", "mpi4py", "-m", "headstock.app.command_line", *words)
-        done = run_on_ranks(ranks, tmp_path, *program)
+        done = run_command(ranks, tmp_path, *words)
         assert done.returncode == 0, done.stdout + done.stderr
         found.append(json.loads((folder / "convergence.json").read_text()))
     one, two = found
