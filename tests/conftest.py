@@ -22,7 +22,7 @@ ApproxScalar.DEFAULT_ABSOLUTE_TOLERANCE = 0.0
 ROOT = Path(__file__).resolve().parent.parent
 ELASTIC = {"dolfinx", "petsc4py", "slepc4py"}
 IMPORT = re.compile(r"^\s*(?:from ([\w.]+) import (\([^)]*\)|.*)|import ([\w.]+))", re.MULTILINE)
-DOCUMENTS = {"test_documents.py", "test_mechanism_document.py"}
+DOCUMENTS = {"test_documents.py", "test_mechanism_document.py", "test_snippets.py"}
 # what `./headstock test --quick` leaves out
 SLOW_KINDS = (
     "fem",
