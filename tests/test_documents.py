@@ -121,6 +121,14 @@ def test_the_scene_reference_is_up_to_date() -> None:
     assert (ROOT / "docs" / "scene_reference.md").read_text() == render_reference(plain_schema())
 
 
+def test_no_cell_of_the_scene_reference_is_empty() -> None:
+    rows = [line for line in render_reference(plain_schema()).splitlines() if line.startswith("|")]
+    assert len(rows) > 400
+    cells = {row: re.split(r"(?<!\\)\|", row)[1:-1] for row in rows}
+    assert [row for row, texts in cells.items() if not all(text.strip() for text in texts)] == []
+    assert {len(texts) for texts in cells.values()} == {4}
+
+
 def test_the_page_of_the_catalogue_is_up_to_date() -> None:
     # otherwise: ./headstock catalogue --markdown > docs/catalogue.md
     page = (ROOT / "docs" / "catalogue.md").read_text()

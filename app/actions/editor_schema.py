@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from headstock.pipeline.storage.json_texts import JsonTable, JsonValue
 from headstock.scene.building.joints import KINDS
 from headstock.scene.expansion.catalogue import BEARINGS, CATALOGUE, FROM, read_catalogue
+from headstock.scene.reading.units import DIMENSIONS, Dimension, parse_quantity
 from headstock.scene.schema.key_notes import NOTES
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.types import StrictTable
@@ -62,11 +63,31 @@ def _declare(table: type[StrictTable]) -> JsonTable:
             # of a docstring: paragraphs, however they wrap there
             paragraphs = str(rule["description"]).split("\n\n")
             rule["description"] = "\n\n".join(" ".join(each.split()) for each in paragraphs)
+        if "default" in rule and (dimension := _dimension_of(rule)) is not None:
+            rule["default"] = _write_default(rule["default"], dimension)
         # one entry: the user's names all follow the same pattern
         for pattern, entry in rules_in(rule, "patternProperties").items():
             del rule["patternProperties"]
             rule.update({"additionalProperties": entry, "propertyNames": {"pattern": pattern}})
     return schema
+
+
+def _dimension_of(rule: JsonTable) -> Dimension | None:
+    """What a value, or each of a list, measures."""
+    inner = rule.get("items", rule)
+    examples = inner.get("examples") if isinstance(inner, dict) else None
+    first = examples[0] if isinstance(examples, list) else None
+    return next((dimension for dimension in DIMENSIONS if dimension.example == first), None)
+
+
+def _write_default(value: JsonValue, dimension: Dimension) -> JsonValue:
+    """A default in SI units as a scene writes it, in the unit of the dimension's example."""
+    if isinstance(value, list):
+        return [_write_default(each, dimension) for each in value]
+    if not isinstance(value, int | float):
+        return value
+    unit = dimension.example.partition(" ")[2]
+    return f"{value / parse_quantity(f'1 {unit}', dimension).value:.6g} {unit}"
 
 
 def _finish(table: type[StrictTable], name: str, title: str) -> JsonTable:

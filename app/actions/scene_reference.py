@@ -8,7 +8,7 @@ from headstock.app.actions.editor_schema import rules_in
 from headstock.geometry.frames import DOF_NAMES
 from headstock.pipeline.storage.json_texts import JsonTable, JsonValue
 from headstock.scene.building.joints import KINDS
-from headstock.scene.schema.key_notes import NOTES
+from headstock.scene.schema.key_notes import DEFAULT, NOTES
 
 INTRODUCTION = """\
 # Scene reference
@@ -19,7 +19,12 @@ A scene is a TOML file. Keys that are not listed here are errors, with a suggest
 `"380 N/um"`, `"12.5 mm"`, `"30 deg"`); plain numbers are for what has no dimension. Names are letters, digits, `_` and `-`. A key in
 square brackets names a table; `NAME` is yours to choose. `component.interface` and `ground` name the ends of joints. Files that a
 scene names lie in its folder or below.
+
+The column *value* states what a key takes, with its limits where it has any; whole numbers go up to 10 million, and a quantity far
+beyond any machine is refused as a slip of units. The column *default* states what holds where a key is left out: a **required** key
+cannot be, of the keys marked **one of these** a table has exactly one, and *none* means that nothing is there.
 """
+EMPTY = "none"
 
 
 def render_reference(schema: JsonTable) -> str:
@@ -66,12 +71,11 @@ def _section(
 
 
 def _key_table(label: str, table: JsonTable) -> Iterator[str]:
-    required = _items(table, "required")
-    yield from ["| key | value | default | |", "|---|---|---|---|"]
+    yield from ["| key | value | default | meaning |", "|---|---|---|---|"]
     for key, rule in rules_in(table, "properties").items():
-        note = NOTES.get(f"{label}.{key}", "")
-        default = "**required**" if key in required else _describe_default(rule)
-        yield f"| `{key}` | {_describe_value(rule)} | {default} | {note} |"
+        meaning, _, said = NOTES.get(f"{label}.{key}", "").partition(DEFAULT)
+        default = said or _describe_default(key, rule, table)
+        yield f"| `{key}` | {_describe_value(rule)} | {default} | {meaning} |"
     yield ""
 
 
@@ -107,6 +111,8 @@ def _describe_value(rule: JsonTable) -> str:
         )
     if "$ref" in rule:
         return "table"
+    if "const" in rule:
+        return f"`{_show(rule['const'])}`"
     if "enum" in rule:
         return ", ".join(f"`{option}`" for option in _items(rule, "enum"))
     if "description" in rule:
@@ -116,37 +122,60 @@ def _describe_value(rule: JsonTable) -> str:
         )
     if rule.get("type") == "array":
         inner = rule.get("items")
-        low, high = rule.get("minItems"), rule.get("maxItems")
-        count = f"{low} × " if low is not None and low == high else ""
         if "examples" in rule:
             return f"list, such as `{_show(_items(rule, 'examples')[0])}`"
+        count = _describe_count(rule.get("minItems"), rule.get("maxItems"))
         return (
-            f"list of {count}({_describe_value(inner)})"
+            f"list of {count}{' × ' if count else ''}({_describe_value(inner)})"
             if isinstance(inner, dict) and inner
-            else "list"
+            else f"list of {count} values"
         )
     if rule.get("type") == "object":
         inner = rule.get("additionalProperties")
-        return (
-            f"table of names: {_describe_value(inner)}"
-            if isinstance(inner, dict) and inner
-            else "table"
-        )
-    return {
-        "string": "text",
-        "boolean": "`true`, `false`",
-        "integer": "whole number",
-        "number": "number",
-    }.get(str(rule.get("type", "")), "")
+        if not isinstance(inner, dict) or not inner:
+            return "table"
+        count = _describe_count(rule.get("minProperties"), rule.get("maxProperties"))
+        return f"table of {count}{' ' if count else ''}names: {_describe_value(inner)}"
+    kind = str(rule.get("type", ""))
+    words = {"string": "text", "boolean": "`true`, `false`", "integer": "whole number"}
+    return words.get(kind, kind) + _describe_limits(rule)
 
 
-def _describe_default(rule: JsonTable) -> str:
+def _describe_count(low: JsonValue, high: JsonValue) -> str:
+    """How many entries there may be; empty where any number may."""
+    if low == high:
+        return "" if low is None else f"{low}"
+    if high is None:
+        return f"at least {low}"
+    return f"{low} to {high}" if low else f"up to {high}"
+
+
+def _describe_limits(rule: JsonTable) -> str:
+    """Lowest and highest value of a number."""
+    words = {
+        "exclusiveMinimum": "above",
+        "minimum": "from",
+        "exclusiveMaximum": "below",
+        "maximum": "to",
+    }
+    limits = {key: f" {word} {_show(rule[key])}" for key, word in words.items() if key in rule}
+    if "exclusiveMinimum" in limits:
+        limits.pop("minimum", None)
+    return "".join(limits.values()).replace(" below", " and below" if len(limits) > 1 else " below")
+
+
+def _describe_default(key: str, rule: JsonTable, table: JsonTable) -> str:
+    """What holds where a key is left out."""
+    if key in _items(table, "required"):
+        return "**required**"
+    if {"required": [key]} in _items(table, "oneOf"):
+        return "**one of these**"
     default = rule.get("default")
-    return (
-        ""
-        if default is None or isinstance(default, dict) or default == []
-        else f"`{_show(default)}`"
-    )
+    if "$ref" in rule:
+        return "the defaults of its keys"
+    if default is None or isinstance(default, dict) or default == []:
+        return EMPTY
+    return f"`{_show(default)}`"
 
 
 def _show(value: object) -> str:
@@ -178,8 +207,8 @@ def _joint_table() -> Iterator[str]:
             else f"`{key}` ({' '.join(DOF_NAMES[dof] for dof in dofs)})"
             for key, dofs in rule.keys.items()
         )
-        fixed = " ".join(DOF_NAMES[dof] for dof in rule.fixed)
+        fixed = " ".join(DOF_NAMES[dof] for dof in rule.fixed) or EMPTY
         needs = [f"`{key}`" for key in rule.required]
         needs += ["`axis`"] if rule.needs_axis else []
         needs += ["`normal`"] if rule.needs_normal else []
-        yield f"| `{kind}` | {keys or 'none'} | {fixed} | {', '.join(needs)} |"
+        yield f"| `{kind}` | {keys or EMPTY} | {fixed} | {', '.join(needs) or EMPTY} |"

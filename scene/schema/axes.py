@@ -14,6 +14,7 @@ from headstock.scene.schema.types import (
     Position,
     StrictTable,
     Text,
+    one_of,
     problem,
 )
 
@@ -22,6 +23,8 @@ PoseTable = dict[Name, AxisPosition]
 
 class AxisTable(StrictTable):
     """A machine axis; by default `moves` is worked out from the joints."""
+
+    model_config = one_of("joints", "joint")
 
     joints: Names | None = None
     joint: Text | None = None

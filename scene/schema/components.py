@@ -6,6 +6,7 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_v
 
 from headstock.scene.schema.types import (
     Angle,
+    Between,
     Count,
     CountFromZero,
     Direction,
@@ -248,7 +249,7 @@ class RailTable(StrictTable):
     """
 
     along: Literal["x", "y", "z"]
-    control_points: Annotated[Count, Field(ge=4, le=1000)] | None = None
+    control_points: Annotated[Count, Between(4, 1000)] | None = None
 
 
 AUTO_SHAPES = 24
@@ -257,7 +258,7 @@ AUTO_SHAPES = 24
 class FlexibleTable(StrictTable):
     """An interface that keeps deformation shapes besides its rigid motions."""
 
-    flexible: Annotated[Count, Field(ge=3, le=300)] | Literal["auto"]
+    flexible: Annotated[Count, Between(3, 300)] | Literal["auto"]
     form: Literal["strong", "weak"] = "strong"
 
 
@@ -353,15 +354,8 @@ class MeshTable(StrictTable):
     size: PositiveLength | None = None
     order: Literal[1, 2] = 2
     cells: Literal["tet", "hex"] = "tet"
-    across_patches: Annotated[Count, Field(le=100)] = 4
-    growth: (
-        Annotated[
-            Number,
-            Field(ge=0.05, le=2.0),
-            JsonForm({"type": "number", "minimum": 0.05, "maximum": 2.0}),
-        ]
-        | None
-    ) = None
+    across_patches: Annotated[Count, Between(1, 100)] = 4
+    growth: Annotated[Number, Between(0.05, 2.0)] | None = None
     rim_size: PositiveLength | None = None
     smallest: PositiveLength | None = None
     leave_out: PositiveLength | None = None
@@ -397,7 +391,7 @@ class SegmentsTable(StrictTable):
     along the longest side.
     """
 
-    count: Annotated[Count, Field(le=1000)] = 10
+    count: Annotated[Count, Between(1, 1000)] = 10
     along: Literal["x", "y", "z"] | None = None
 
 

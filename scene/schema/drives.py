@@ -32,10 +32,12 @@ from headstock.scene.schema.types import (
 VelocityGain = Annotated[
     Quantity,
     BeforeValidator(read_quantity(units.DAMPING, units.ROTATIONAL_DAMPING)),
-    describe_quantity(units.DAMPING, units.ROTATIONAL_DAMPING),
+    describe_quantity(units.DAMPING, units.ROTATIONAL_DAMPING, sign="positive"),
 ]
 FrictionSlope = Annotated[
-    Quantity, BeforeValidator(read_quantity(units.DAMPING)), describe_quantity(units.DAMPING)
+    Quantity,
+    BeforeValidator(read_quantity(units.DAMPING)),
+    describe_quantity(units.DAMPING, sign="not negative"),
 ]
 
 

@@ -9,6 +9,7 @@ from headstock.scene.reading.units import Quantity
 from headstock.scene.schema.types import (
     Angle,
     AxisPosition,
+    PositiveAxisPosition,
     PositiveLength,
     StrictTable,
     problem,
@@ -22,7 +23,7 @@ Values = Annotated[list[AxisPosition], Field(min_length=2, max_length=MOST_TERMS
 class ErrorWaveTable(StrictTable):
     """A wave along a rail, a screw or an axis."""
 
-    period: AxisPosition
+    period: PositiveAxisPosition
     amplitude: AxisPosition
     phase: Angle = 0.0
 
@@ -56,7 +57,7 @@ class ProfileTable(StrictTable):
 
     points: ErrorPointsTable | None = None
     polynomial: Annotated[list[AxisPosition], Field(min_length=1, max_length=12)] | None = None
-    over: AxisPosition | None = None
+    over: PositiveAxisPosition | None = None
     waves: Annotated[list[ErrorWaveTable], Field(min_length=1, max_length=100)] | None = None
 
     @model_validator(mode="after")

@@ -13,6 +13,7 @@ from headstock.scene.schema.guide_errors import ProfileTable
 from headstock.scene.schema.types import (
     Angle,
     AxisPosition,
+    Between,
     Count,
     DampingShare,
     Direction,
@@ -34,6 +35,7 @@ from headstock.scene.schema.types import (
     RequestTable,
     StrictTable,
     Text,
+    one_of,
     problem,
 )
 
@@ -109,7 +111,7 @@ class MillTable(StrictTable):
     """A cylindrical end mill; a positive helix pulls a tool that turns clockwise down."""
 
     diameter: PositiveLength
-    teeth: Annotated[Count, Field(le=100)]
+    teeth: Annotated[Count, Between(1, 100)]
     helix: Angle = 0.0
     runout: NotNegativeLength = 0.0
 
@@ -129,6 +131,8 @@ class ContouringTable(RequestTable):
     line of corners that the tool's centre follows.
     """
 
+    model_config = one_of("side", "polyline", "polyline_file")
+
     side: PositiveLength | None = None
     at: Position | None = None
     polyline: Annotated[list[Position], Field(min_length=2, max_length=MOST_CORNERS)] | None = None
@@ -146,7 +150,7 @@ class ContouringTable(RequestTable):
     lead: Length = 0.02
     averaging: PositiveTime = 0.01
     model: Literal["linear", "nonlinear"] = "linear"
-    steps_per_turn: Annotated[Count, Field(ge=24, le=2000)] = 96
+    steps_per_turn: Annotated[Count, Between(24, 2000)] = 96
     point: Text | None = None
     modes_to: PositiveFrequency | None = None
     pose_model: Literal["pose_dependent", "frozen"] = "pose_dependent"
@@ -189,7 +193,7 @@ class SpeedsTable(StrictTable):
 
     low: PositiveAngularSpeed
     high: PositiveAngularSpeed
-    count: Annotated[Count, Field(ge=2, le=MOST_SPEEDS)]
+    count: Annotated[Count, Between(2, MOST_SPEEDS)]
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -20,6 +20,7 @@ from headstock.scene.schema.transient import TransientTable
 from headstock.scene.schema.types import (
     MAX_POSES,
     RATIO_FORM,
+    Between,
     ChannelName,
     Count,
     Flag,
@@ -44,7 +45,7 @@ from headstock.scene.schema.volumetric import VolumetricTable
 Channels = Annotated[list[ChannelName], Field(min_length=1, max_length=100)]
 TIGHTEST, LOOSEST = 1e-4, 0.2
 MAX_INCLUDED = 50
-_PREFIX = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}")
+_PREFIX = re.compile(r"([A-Za-z][A-Za-z0-9_]{0,31})?")
 
 
 class FrfTable(RequestTable):
@@ -54,7 +55,7 @@ class FrfTable(RequestTable):
     outputs: Channels | None = None
     start: Annotated[Frequency, Field(alias="from")] = 0.0
     to: PositiveFrequency
-    points: Annotated[Count, Field(ge=2, le=100_000)] = 401
+    points: Annotated[Count, Between(2, 100_000)] = 401
     spacing: Literal["linear", "log"] = "linear"
     adaptive: Flag = True
     motion: Literal["receptance", "mobility", "accelerance"] = "receptance"
@@ -162,7 +163,7 @@ class MapTable(RequestTable):
     """
 
     sweep: Text
-    count: Annotated[Count, Field(le=6)] = 3
+    count: Annotated[Count, Between(1, 6)] = 3
 
 
 _LEFT_OUT = OrForm({"const": False, "description": "left out"})

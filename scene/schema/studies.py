@@ -13,11 +13,13 @@ from headstock.scene.reading.watch_paths import MEASURED_NAMES, WatchError, pars
 from headstock.scene.schema.axes import PoseTable
 from headstock.scene.schema.types import (
     AxisPosition,
+    Between,
     Count,
     Flag,
     JsonForm,
     Name,
     Names,
+    PositiveAxisPosition,
     QuantityPattern,
     StrictTable,
     Text,
@@ -87,7 +89,7 @@ class StudyTable(StrictTable):
     watch: Watches | None = None
     analyses: Names | None = None
     store: Literal["warm", "cold"] = "warm"
-    repeats: Annotated[Count, Field(le=MAX_REPEATS)] = 1
+    repeats: Annotated[Count, Between(1, MAX_REPEATS)] = 1
     reference: Literal["kono-cantilever", "kono-fixed-beam"] | None = None
     reference_run: dict[str, Any] | None = None
 
@@ -178,7 +180,7 @@ class SweepTable(StrictTable):
     axes: Annotated[dict[Name, Span], Field(min_length=1)] | None = None
     poses: Places | None = None
     path: Way | None = None
-    step: AxisPosition | None = None
+    step: PositiveAxisPosition | None = None
     variant: Text | None = None
 
     @model_validator(mode="after")

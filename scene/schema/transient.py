@@ -14,6 +14,7 @@ from headstock.scene.schema.types import (
     NotNegativeTime,
     Number,
     PositiveFrequency,
+    PositiveNumber,
     PositiveTime,
     RequestTable,
     Speed,
@@ -53,7 +54,7 @@ class TimedLoadTable(StrictTable):
     start: NotNegativeTime = 0.0
     time: PositiveTime | None = None
     frequency: PositiveFrequency | None = None
-    cycles: Annotated[Number, Field(gt=0.0)] | None = None
+    cycles: PositiveNumber | None = None
     file: Text | None = None
 
     @model_validator(mode="after")

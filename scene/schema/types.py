@@ -15,12 +15,14 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     JsonValue,
     StrictBool,
 )
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core.core_schema import no_info_after_validator_function
 
 from headstock.geometry.frames import DOF_NAMES
 from headstock.geometry.machine.joints import GROUND, JointEnd
@@ -146,9 +148,37 @@ class OrForm:
         return {"anyOf": [usual, other]}
 
 
+@dataclass(frozen=True)
+class Between:
+    """Lowest and highest value of a number, both allowed, which the JSON schema says too."""
+
+    low: float
+    high: float
+
+    def __get_pydantic_core_schema__(
+        self, source: object, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """The number, then its limits."""
+        return no_info_after_validator_function(self._check, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """The number with its limits."""
+        return handler(core) | {"minimum": self.low, "maximum": self.high}
+
+    def _check(self, value: float) -> float:
+        if not self.low <= value <= self.high:
+            raise problem(f"is {value:g} but must lie between {self.low:g} and {self.high:g}")
+        return value
+
+
+SIGN_WORDS: dict[Sign, str] = {"any": "", "positive": " above zero", "not negative": " from zero"}
+
+
 def describe_quantity(*dimensions: Dimension, sign: Sign = "any") -> JsonForm:
     """How such a quantity stands in the JSON schema."""
-    names = " or ".join(dimension.name for dimension in dimensions)
+    names = " or ".join(dimension.name for dimension in dimensions) + SIGN_WORDS[sign]
     examples = [dimension.example for dimension in dimensions]
     return JsonForm(
         {
@@ -337,6 +367,9 @@ AxisPosition = Annotated[
     BeforeValidator(read_quantity(units.LENGTH, units.ANGLE)),
     describe_quantity(units.LENGTH, units.ANGLE),
 ]
+PositiveAxisPosition = Annotated[  # tables say what is wrong with it
+    AxisPosition, describe_quantity(units.LENGTH, units.ANGLE, sign="positive")
+]
 
 
 def _read_joint_value(
@@ -383,6 +416,7 @@ def _read_count(lowest: int, highest: int = MAX_COUNT) -> Callable[[object], int
 
 
 Number = Annotated[float, BeforeValidator(_read_number), JsonForm({"type": "number"})]
+PositiveNumber = Annotated[Number, _POSITIVE, JsonForm({"type": "number", "exclusiveMinimum": 0.0})]
 Count = Annotated[int, BeforeValidator(_read_count(1)), JsonForm({"type": "integer", "minimum": 1})]
 CountFromZero = Annotated[
     int, BeforeValidator(_read_count(0)), JsonForm({"type": "integer", "minimum": 0})

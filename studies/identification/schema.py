@@ -18,6 +18,7 @@ from headstock.scene.reading.units import (
     parse_quantity,
 )
 from headstock.scene.schema.types import (
+    Between,
     Count,
     CountFromZero,
     Flag,
@@ -27,6 +28,7 @@ from headstock.scene.schema.types import (
     Number,
     OrForm,
     PositiveFrequency,
+    PositiveNumber,
     QuantityPattern,
     StrictTable,
     Text,
@@ -89,7 +91,6 @@ def _read_compliance(value: object) -> float:
 
 
 Compliance = Annotated[float, BeforeValidator(_read_compliance), describe_quantity(COMPLIANCE)]
-PositiveNumber = Annotated[Number, Field(gt=0.0)]
 Letter = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
@@ -125,7 +126,7 @@ class ModeTargetTable(StrictTable):
         ]
         | None
     ) = None
-    shape_tolerance: Annotated[Number, Field(gt=0.0, le=10.0)] | None = None
+    shape_tolerance: Annotated[PositiveNumber, Between(0.0, 10.0)] | None = None
     hold_out: Flag = False
 
     @model_validator(mode="after")
@@ -252,7 +253,7 @@ class ParameterTable(StrictTable):
 class FitTable(StrictTable):
     """How the fit is done."""
 
-    starts: Annotated[Count, Field(le=MAX_STARTS)] = 1
+    starts: Annotated[Count, Between(1, MAX_STARTS)] = 1
     seed: CountFromZero = 1
     modes_above: PositiveFrequency | None = None
     pairing: Literal["best", "track"] = "best"

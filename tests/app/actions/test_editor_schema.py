@@ -4,6 +4,7 @@ the program takes.
 
 import re
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,27 @@ def faults(validator: Any, text: str) -> list[str]:
         f"{error.json_path}: {error.message}"
         for error in validator.iter_errors(tomllib.loads(text))
     ]
+
+
+def rules_with_defaults(rule: Any) -> Iterator[dict[str, Any]]:
+    if isinstance(rule, list):
+        for item in rule:
+            yield from rules_with_defaults(item)
+    elif isinstance(rule, dict):
+        if "default" in rule and "anyOf" in rule:
+            yield rule
+        for key, inner in rule.items():
+            if key != "default":
+                yield from rules_with_defaults(inner)
+
+
+def test_a_default_that_an_editor_offers_is_one_that_the_key_takes(scenes: Any) -> None:
+    rules = list(rules_with_defaults(scenes.schema))
+    assert len(rules) > 90
+    # what a rule refers to lies in the whole schema
+    whole = {key: scenes.schema[key] for key in ("$schema", "$defs")}
+    checks = [(jsonschema.Draft202012Validator({**whole, **rule}), rule) for rule in rules]
+    assert [rule for check, rule in checks if not check.is_valid(rule["default"])] == []
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.name)
