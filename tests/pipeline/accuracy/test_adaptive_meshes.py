@@ -16,6 +16,7 @@ from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import SceneError
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
@@ -56,16 +57,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def run(
-    folder: Path, name: str, *overrides: str, values: dict[str, object] | None = None
-) -> Results:
+def run(folder: Path, name: str, *overrides: str, values: TomlTable | None = None) -> Results:
     scene = load_scene(folder / "scene.toml", overrides=overrides, values=values)
     return run_scene(scene, folder / name, comm=MPI.COMM_SELF, store=Store(folder / "store"))
 
 
 def numbers(results: Results) -> FloatArray:
     soft = np.diag(results.static["reference"]["tip"].compliance)[:3]
-    return np.r_[results.modal[0].frequencies_hz, soft]
+    return np.asarray(np.r_[results.modal[0].frequencies_hz, soft])
 
 
 @pytest.fixture(scope="module")
