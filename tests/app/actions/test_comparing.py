@@ -287,12 +287,6 @@ def test_a_baseline_without_an_answer_leaves_the_others_theirs(
     assert main(["compare", str(scene), "-o", str(out), "--variants", "R,as written"]) == 1
 
 
-def test_a_lumped_mechanism_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scene = Path(__file__).parents[3] / "machines" / "tripteor.toml"
-    assert main(["compare", str(scene), "-o", str(tmp_path / "out")]) == 2
-    assert "lumped mechanism" in capsys.readouterr().err
-
-
 def test_a_comparison_states_the_errors_that_a_run_of_each_variant_states(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
