@@ -2,6 +2,7 @@
 form.
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -85,7 +86,10 @@ def solid_volume(solid: PlanarSolid | Tube) -> float:
     """Volume of a parametric solid [m^3]; core holes are not taken off."""
     if isinstance(solid, Tube):
         return tube_properties(solid).volume
-    return box_sum_properties(planar_boxes(solid)).volume
+    return sum(
+        sign * math.prod(float(top - bottom) for bottom, top in zip(low, high, strict=True))
+        for sign, low, high in planar_boxes(solid)
+    )
 
 
 def box_sum_properties(boxes: list[SignedBox]) -> VolumeMoments:

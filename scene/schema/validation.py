@@ -3,6 +3,7 @@ a remedy.
 """
 
 import difflib
+import functools
 import types
 from functools import cache
 from typing import Annotated, Union, get_args, get_origin
@@ -163,12 +164,18 @@ def _resolve_model(annotation: object, path: KeyPath) -> type[BaseModel] | None:
             else None
         )
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        field = annotation.model_fields.get(str(path[0]))
-        return None if field is None else _resolve_model(field.annotation, path[1:])
+        return _resolve_model(_field_kind(annotation, str(path[0])), path[1:])
     arguments = get_args(annotation)
     if get_origin(annotation) in (dict, list) and arguments:
         return _resolve_model(arguments[-1], path[1:])
     return None
+
+
+@functools.cache
+def _field_kind(model: type[BaseModel], key: str) -> object:
+    """What a field of a table holds; None where there is no such field."""
+    field = model.model_fields.get(key)
+    return None if field is None else _unwrap(field.annotation)
 
 
 def _unwrap(annotation: object) -> object:

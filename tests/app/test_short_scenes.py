@@ -186,7 +186,7 @@ COMMANDS = (
     "run {scene} --no-figures --variant loose+thick -o {out} --json {json}",
     "sweep {scene} line -o {out} --json {json}",
     "compare {scene} -o {out} --json {json}",
-    "effects {scene} --json {json}",
+    pytest.param("effects {scene} --json {json}", marks=pytest.mark.trials),
     "identify {scene} {targets} -o {out} --json {json}",
     "show {scene} -o {out}.png --json {json}",
     "converge {scene} --set components.x_slider.fidelity=elastic --accuracy 20% --most-dofs 6000 -o {out} --json {json}",

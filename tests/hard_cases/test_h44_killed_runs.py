@@ -141,7 +141,8 @@ def test_torn_files_wrong_numbers_and_temporaries_of_killed_runs_are_reported(
         assert name in outcome.faults[number]
 
 
-@pytest.mark.parametrize("kind", [pytest.param("sweep", marks=pytest.mark.trials), "study"])
+@pytest.mark.trials
+@pytest.mark.parametrize("kind", ["sweep", "study"])
 def test_a_sweep_or_study_killed_once_ends_as_an_undisturbed_one(tmp_path: Path, kind: str) -> None:
     short = SCENE.replace('"200 mm", 500]', '"200 mm", 200]').replace(
         "[6, 7, 8, 9, 10, 11, 12, 13]", "[6, 7, 8, 9]"
