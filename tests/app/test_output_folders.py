@@ -36,7 +36,7 @@ FILE_COMMANDS = (
     "schema --json {file}",
     "catalogue --json {file}",
     "validate torsion-constant --json {file}",
-    "doctor --json {file}",
+    pytest.param("doctor --json {file}", marks=pytest.mark.trials),
 )
 
 

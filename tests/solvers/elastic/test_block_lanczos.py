@@ -108,6 +108,7 @@ def test_a_spectrum_without_gaps_is_cut_at_its_widest_soon_after_the_modes_wante
 
 
 @pytest.mark.slow
+@pytest.mark.trials
 def test_of_a_count_no_more_are_found_than_converge_and_the_next_lies_above_its_bound() -> None:
     values = np.concatenate([[1.0, 2.0], 4.0 + 1e-6 * np.arange(1198) ** 1.5])
     start = np.random.default_rng(3).standard_normal((1200, 6))

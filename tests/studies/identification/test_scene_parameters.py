@@ -170,6 +170,7 @@ bounds = ["30 mm", "120 mm"]
 
 
 @pytest.mark.fem
+@pytest.mark.trials
 def test_the_wall_of_an_elastic_part_is_found_again(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
