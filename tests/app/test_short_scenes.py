@@ -186,7 +186,7 @@ COMMANDS = (
     "run {scene} --no-figures --variant loose+thick -o {out} --json {json}",
     "sweep {scene} line -o {out} --json {json}",
     "compare {scene} -o {out} --json {json}",
-    pytest.param("effects {scene} --json {json}", marks=pytest.mark.trials),
+    "effects {scene} --json {json}",
     "identify {scene} {targets} -o {out} --json {json}",
     "show {scene} -o {out}.png --json {json}",
     "converge {scene} --set components.x_slider.fidelity=elastic --accuracy 20% --most-dofs 6000 -o {out} --json {json}",
@@ -240,7 +240,13 @@ def found(value: object) -> object:
     return [found(item) for item in value] if isinstance(value, list) else value
 
 
-@pytest.mark.parametrize("text", COMMANDS)
+@pytest.mark.parametrize(
+    "text",
+    [
+        pytest.param(text, marks=[pytest.mark.trials] * text.startswith("effects"))
+        for text in COMMANDS
+    ],
+)
 def test_a_command_finds_the_same_of_both(folder: Path, text: str) -> None:
     assert [call(text, folder, name) for name in ("short", "full")] == [0, 0]
     short, full = (
