@@ -63,11 +63,8 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> dict[str, FloatArray]:
         return dict(file)
 
 
-@pytest.mark.parametrize(
-    ("ranks", "iterative"),
-    # four ranks on two busy cores wait for each other
-    [(2, True), *(pytest.param(4, each, marks=pytest.mark.trials) for each in (False, True))],
-)
+@pytest.mark.trials
+@pytest.mark.parametrize(("ranks", "iterative"), [(2, True), (4, False), (4, True)])
 def test_every_answer_is_that_of_one_rank(
     alone: dict[str, FloatArray], tmp_path: Path, ranks: int, iterative: bool
 ) -> None:

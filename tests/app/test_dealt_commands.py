@@ -141,15 +141,13 @@ def test_the_variants_of_a_comparison_dealt_out_to_ranks_are_those_of_one(
     ("words", "old", "new"),
     [
         *(
-            pytest.param(words, 'size = "25 mm"', 'size = "25 um"', marks=pytest.mark.trials)
-            for words in ("identify", "compare")
+            (words, 'size = "25 mm"', 'size = "25 um"')
+            for words in ("identify", "compare", "effects")
         ),
-        ("effects", 'size = "25 mm"', 'size = "25 um"'),
-        pytest.param(
-            "effects", 'material = "steel"', 'material = "stel"', marks=pytest.mark.trials
-        ),
+        ("effects", 'material = "steel"', 'material = "stel"'),
     ],
 )
+@pytest.mark.trials
 def test_what_fails_ends_two_ranks_with_the_message_of_one(
     scene: Path, tmp_path: Path, words: str, old: str, new: str
 ) -> None:

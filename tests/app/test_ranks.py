@@ -112,7 +112,7 @@ def test_what_is_wrong_with_a_scene_is_said_once_without_a_report_of_a_crash_and
     assert "prterun" not in done.stderr
 
 
-@pytest.mark.parametrize("split_dofs", ["1000000", "0"])
+@pytest.mark.parametrize("split_dofs", [pytest.param("1000000", marks=pytest.mark.trials), "0"])
 @pytest.mark.parametrize("several", [2, pytest.param(4, marks=pytest.mark.trials)])
 def test_frequencies_and_compliance_are_the_same_on_1_2_and_4_ranks(
     alone: Any,
@@ -179,6 +179,7 @@ def test_one_failing_rank_ends_the_job_with_an_error_and_no_file(
     assert list((tmp_path / "out").iterdir()) == []
 
 
+@pytest.mark.trials
 def test_a_split_part_that_is_refused_ends_the_job_with_the_message_of_one_rank(
     scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -288,6 +289,7 @@ def test_a_component_that_fails_ends_all_ranks_with_the_message_of_one(
     assert said[1] == said[0]
 
 
+@pytest.mark.trials
 def test_a_map_shared_out_over_ranks_is_that_of_one(tmp_path: Path) -> None:
     spans = 'sweeps.plane.axes={ X = ["-300 mm", "300 mm", 5], Y = ["-80 mm", "80 mm", 3], Z = ["200 mm", "240 mm", 3] }'
     scene = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"

@@ -52,7 +52,9 @@ def sweep_on_two_ranks(folder: Path, program: str) -> subprocess.CompletedProces
     )
 
 
-@pytest.mark.parametrize("fault", list(FAULTS))
+@pytest.mark.parametrize(
+    "fault", [pytest.param("raises", marks=pytest.mark.trials), *sorted({*FAULTS} - {"raises"})]
+)
 def test_a_rank_that_fails_ends_the_job_without_a_half_file_and_keeps_finished_poses(
     tmp_path: Path, fault: str
 ) -> None:

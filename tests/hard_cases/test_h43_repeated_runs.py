@@ -10,6 +10,7 @@ from faults.runs import finish_run, make_places, read_numbers
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 
+@pytest.mark.trials
 def test_two_runs_without_a_common_store_are_equal_to_the_last_bit(tmp_path: Path) -> None:
     found = []
     for name in ("one", "two"):

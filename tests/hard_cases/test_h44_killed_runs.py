@@ -36,6 +36,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Places, dict[str
     return places, {"steel": read_numbers(places.results)}
 
 
+@pytest.mark.trials
 def test_two_killed_runs_leave_no_torn_file_and_the_next_run_is_right(tmp_path: Path) -> None:
     outcome = kill_runs(2, seed=44, root=tmp_path)
     assert outcome.faults == []

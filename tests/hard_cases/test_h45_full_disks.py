@@ -29,6 +29,7 @@ LIGHT_SCENE = (
 )
 
 
+@pytest.mark.trials
 def test_three_runs_on_a_small_disk_end_right_or_with_a_named_error_and_the_old_result(
     tmp_path: Path,
 ) -> None:

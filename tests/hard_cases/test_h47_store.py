@@ -90,6 +90,7 @@ def test_a_key_holds_the_solid_to_twelve_digits() -> None:
     assert mesh_key(longer, (), ()) != mesh_key(COLUMN, (), ())
 
 
+@pytest.mark.trials
 @pytest.mark.fem
 @pytest.mark.process
 def test_a_run_over_a_poisoned_store_finds_the_same_and_mends_it(tmp_path: Path) -> None:

@@ -58,25 +58,21 @@ HOSTILE: dict[str, Callable[[], str]] = {
     "python tag": lambda: SCENE + 'x = !!python/object/apply:os.system ["true"]\n',
 }
 # one process loads the libraries; each scene has a copy of it for itself, whose memory counts from
-# there; one that seems slow is tried again, as other programs may have been in the way
+# there
 TRY = """
 import json, os, sys, time
 from pathlib import Path
 from headstock.pipeline.planning.resources import peak_memory_mb
 from faults.scene_fuzz import try_scene
-quick = set()
-for name in [name for name in sys.argv[1:] for _ in range(3)]:
-    if name in quick:
-        continue
+for name in sys.argv[1:]:
     if os.fork():
-        if os.wait()[1] == 0:
-            quick.add(name)
+        os.wait()
         continue
     start = time.process_time()
     ending = try_scene(Path(name), ())
     seconds = time.process_time() - start
     print(json.dumps([name, ending, seconds, peak_memory_mb()]), flush=True)
-    os._exit(seconds > 0.8)
+    os._exit(0)
 """
 MEANT_TO_LOAD = {"many variants", "large variant"}
 
@@ -100,20 +96,24 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[str, fl
     )
     assert done.returncode == 0, done.stderr
     tries = [json.loads(line) for line in done.stdout.splitlines()]
-    return {
-        paths[path]: (ending, seconds, peak)
-        for path, ending, seconds, peak in sorted(tries, key=lambda one: -float(one[2]))
-    }
+    return {paths[path]: (ending, seconds, peak) for path, ending, seconds, peak in tries}
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_a_hostile_scene_is_answered_within_a_second_and_256_mebibytes(
+def test_a_hostile_scene_is_answered_within_256_mebibytes(
     name: str, answers: dict[str, tuple[str, float, float]]
 ) -> None:
-    ending, seconds, megabytes = answers[name]
+    ending, _, megabytes = answers[name]
     assert (ending == "refused") == (name not in MEANT_TO_LOAD)
-    assert seconds < SECONDS_ALLOWED
     assert megabytes < MB_ALLOWED
+
+
+@pytest.mark.trials  # a busy machine is slower
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_scene_is_answered_within_a_second(
+    name: str, answers: dict[str, tuple[str, float, float]]
+) -> None:
+    assert answers[name][1] < SECONDS_ALLOWED
 
 
 def test_three_hundred_damaged_scenes_load_or_are_refused(tmp_path: Path) -> None:

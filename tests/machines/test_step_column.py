@@ -58,6 +58,7 @@ def column_hz() -> FloatArray:
     return cantilever_frequencies(StepFile(MACHINES / "step_column.step"), CAST_IRON, 0.08, 2)[:2]
 
 
+@pytest.mark.trials
 def test_the_columns_frequencies_are_those_of_a_fine_mesh_within_half_a_percent_and_not_below(
     column_hz: FloatArray,
 ) -> None:

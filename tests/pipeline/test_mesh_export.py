@@ -48,7 +48,14 @@ def store(tmp_path: Path) -> Store:
     return Store(tmp_path / "store")
 
 
-@pytest.mark.parametrize("solid", [TETS, HEXES, LINEAR], ids=["tet10", "hex27", "tet4"])
+@pytest.mark.parametrize(
+    "solid",
+    [
+        pytest.param(TETS, id="tet10"),
+        pytest.param(HEXES, id="hex27", marks=pytest.mark.trials),
+        pytest.param(LINEAR, id="tet4", marks=pytest.mark.trials),
+    ],
+)
 def test_every_format_gives_the_same_frequencies(tmp_path: Path, store: Store, solid: str) -> None:
     scene = load_scene(write_scene(tmp_path / "own.toml", solid, "z-", "z+"))
     given = run_scene(scene, tmp_path / "own", comm=MPI.COMM_SELF, store=store).modal[0]

@@ -266,6 +266,7 @@ def test_a_launcher_killed_outside_leaves_neither_process_nor_folder(tmp_path: P
         time.sleep(0.01)
 
 
+@pytest.mark.trials
 def test_another_command_is_one_job_whose_output_and_exit_code_come_back(
     slurm: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

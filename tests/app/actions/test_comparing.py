@@ -110,6 +110,7 @@ def test_one_table_tells_modes_compliances_weak_links_dofs_and_seconds(
     }  # fmt: skip
 
 
+@pytest.mark.trials
 def test_other_analyses_are_compared_as_run_finds_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

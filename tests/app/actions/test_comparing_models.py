@@ -345,6 +345,7 @@ def test_a_scene_with_variants_compares_them_until_fidelities_are_asked_for(scen
     assert 'inputs = ["tcp"]' in reported
 
 
+@pytest.mark.trials
 def test_seconds_say_whether_the_components_came_from_the_store(
     scene: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

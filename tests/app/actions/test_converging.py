@@ -126,6 +126,7 @@ def test_a_first_mesh_above_the_most_dofs_is_refused_before_anything_is_computed
     assert not (tmp_path / "out" / POINTS_FILE).exists()
 
 
+@pytest.mark.trials
 def test_memory_that_the_next_mesh_has_not_ends_the_series_with_what_was_found(
     scene_file: Path, tmp_path: Path
 ) -> None:

@@ -239,6 +239,7 @@ def choose(folder: Path, coupling: str, accuracy: str, name: str) -> Results:
     return run(folder, head + HALVES.replace(", COUPLING", coupling), name)
 
 
+@pytest.mark.trials
 def test_where_six_motions_are_not_enough_an_open_joint_gets_shapes(
     folder: Path, whole: Results
 ) -> None:

@@ -67,6 +67,7 @@ def test_superelements_are_those_of_factors(
     np.testing.assert_allclose(found.first, known.first, atol=1e-3 * np.abs(known.first).max())
 
 
+@pytest.mark.trials
 def test_all_modes_up_to_a_frequency_come_in_more_than_one_block(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

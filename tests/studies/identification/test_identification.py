@@ -148,6 +148,7 @@ def test_a_limit_on_the_number_of_modes_pushes_the_next_one_up(tmp_path: Path) -
     assert found.point.states[0].frequencies_hz[2] > 1.01 * third
 
 
+@pytest.mark.trials
 def test_five_seeds_of_noise_stay_within_five_percent_and_intervals_hold_the_truth(
     tmp_path: Path,
 ) -> None:

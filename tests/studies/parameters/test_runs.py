@@ -266,6 +266,7 @@ def test_lines_of_another_version_or_of_no_record_are_computed_anew(
     assert records
 
 
+@pytest.mark.trials
 def test_a_killed_study_loses_no_finished_point(scene_file: Path, tmp_path: Path) -> None:
     counts = ", ".join(str(count) for count in range(1, 13))
     scene_file.write_text(

@@ -17,6 +17,7 @@ from headstock.validation.machines.model_choice_cases import (
 from headstock.validation.machines.model_estimate_cases import HOLD_OUT
 
 
+@pytest.mark.trials
 @pytest.mark.fem
 @pytest.mark.process
 def test_a_machine_of_three_bodies_keeps_five_percent(

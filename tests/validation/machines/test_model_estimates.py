@@ -64,6 +64,7 @@ def test_coverage_counts_numbers_and_modes_that_the_truth_lacks() -> None:
     assert lines.value == pytest.approx(1.0 / 3.0)
 
 
+@pytest.mark.trials
 @pytest.mark.fem
 @pytest.mark.process
 def test_a_machine_of_three_bodies_is_covered(
