@@ -112,6 +112,7 @@ def commands(page: str) -> Iterator[str]:
     """Lines of shell in blocks and by themselves, and commands within sentences."""
     for block in blocks(page, "sh", "sbatch", ""):
         block = re.sub(r"<<'EOF'\n.*?^EOF$", "", block, flags=re.DOTALL | re.MULTILINE)
+        block = re.sub(r"\\\n\s*", "", block)
         yield from (line for line in block.splitlines() if line and not line.startswith("#"))
     text = BLOCK.sub("", (ROOT / page).read_text())
     for line in (*INDENTED.findall(text), *INLINE.findall(text)):
