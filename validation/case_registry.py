@@ -10,6 +10,7 @@ from headstock.geometry.errors import HeadstockError
 from headstock.solvers.ranks import make_on_root
 from headstock.validation.coverage.cases import FRESH as FRESH_PARTS
 from headstock.validation.coverage.cases import (
+    check_adapted_coverage,
     check_coverage,
     check_coverage_smoke,
     check_hex_coverage,
@@ -309,6 +310,13 @@ CASES: tuple[Case, ...] = (
         "estimates",
         "the same over 24 parts of coarse hexahedra between the edges of patches",
         on_root(check_hex_coverage),
+        on_request=True,
+    ),
+    Case(
+        "coverage-adapted",
+        "estimates",
+        "the same over 12 STEP parts whose meshes follow the errors of the one before",
+        on_root(check_adapted_coverage),
         on_request=True,
     ),
     Case(

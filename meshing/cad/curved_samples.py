@@ -62,11 +62,20 @@ def _block(sizes: Sizes) -> None:
     occ.fillet([gmsh.model.getEntities(3)[0][1]], upright, [sizes["fillet"]])
 
 
+def _angle(sizes: Sizes) -> None:
+    """Two legs that meet in a sharp inner edge, the upright one with a bore."""
+    occ, x, y, z, thick = gmsh.model.occ, sizes["x"], sizes["y"], sizes["z"], sizes["thick"]
+    legs = [(3, occ.addBox(0, -y / 2, 0, *leg)) for leg in ((x, y, thick), (thick, y, z))]
+    body, _ = occ.fuse(legs[:1], legs[1:])
+    occ.cut(body, [(3, occ.addCylinder(-z, 0, sizes["hole_z"], 3 * z, 0, 0, sizes["bore"]))])
+
+
 SAMPLES: dict[str, Callable[[Sizes], None]] = {
     "ball": _ball,
     "cone": _cone,
     "elbow": _elbow,
     "block": _block,
+    "angle": _angle,
 }
 
 

@@ -22,11 +22,13 @@ import headstock.solvers
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose
-from headstock.geometry.parts.components import MeshSettings
+from headstock.geometry.parts.components import Component, MeshSettings
+from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.meshing import mesh_component
+from headstock.meshing.elements.error_sizes import spread_error
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.store import Store, default_store_root, read_entry, write_entry
-from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.components.elastic import find_cell_errors, reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.estimates.frequency_errors import bound_frequency_errors, truncated_parts
 from headstock.reduction.estimates.mesh_errors import (
@@ -42,14 +44,20 @@ from headstock.reduction.estimates.response_errors import (
     project_response,
 )
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
-from headstock.reduction.motions.compliance_budget import point_budget
+from headstock.reduction.motions.compliance_budget import PointBudget, point_budget
 from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
-from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.linear.mode_pairing import ModeSet, pair_modes
 from headstock.solvers.second_order import Channel, ComplexArray, input_columns, output_rows
-from headstock.validation.coverage.parts import FIRST_HEX, PRODUCT, CoveragePart, draw_part
+from headstock.validation.coverage.parts import (
+    FIRST_ADAPTED,
+    FIRST_HEX,
+    PRODUCT,
+    CoveragePart,
+    draw_part,
+)
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
 
 if TYPE_CHECKING:
@@ -73,6 +81,7 @@ JUDGED_LINES = (
     0.5  # of the visible lines of a response: with fewer that are sure enough it is set aside
 )
 CASE, HEX_CASE, SMOKE = "coverage", "coverage-hex", "coverage-smoke"
+ADAPTED_CASE = "coverage-adapted"
 # factors were fitted on the first parts; the others were drawn and kept apart before that, a
 # product's part joined them
 CALIBRATION, HOLD_OUT = range(24), (*range(24, 48), PRODUCT)
@@ -80,6 +89,8 @@ HEX_CALIBRATION, HEX_HOLD_OUT = (
     range(FIRST_HEX, FIRST_HEX + 9),
     range(FIRST_HEX + 9, FIRST_HEX + 24),
 )
+ADAPTED_PARTS = range(FIRST_ADAPTED, FIRST_ADAPTED + 12)  # nothing was fitted on them
+ADAPTED_STEP = 0.2  # what the next mesh should miss of the energy that one misses
 FRESH, NEW_PARTS = (
     PRODUCT + 1,
     24,
@@ -119,8 +130,19 @@ class PartCoverage:
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """A part on one mesh: numbers, their mesh errors as estimated without safety, and all that
-    stands behind ±.
+    """A part on one mesh.
+
+    Attributes:
+        modes: That are watched.
+        places: At which modes are compared.
+        compliances: ``(3,)`` along x, y and z.
+        plain: Mesh errors of frequencies and compliances, as estimated without safety.
+        total: All that stands behind ±.
+        coupled: The part, held at its foot.
+        body: What was meshed.
+        mesh: Its mesh.
+        motions: ``(n, k)`` of the superelement, per number of such a height that the energy it
+            strains is the number's relative error.
     """
 
     modes: ModeSet
@@ -129,6 +151,9 @@ class _Solved:
     plain: tuple[FloatArray, FloatArray]
     total: tuple[FloatArray, FloatArray]
     coupled: CoupledMachine
+    body: Component
+    mesh: ComponentMesh
+    motions: FloatArray
 
 
 def cover_part(seed: int) -> PartCoverage:
@@ -177,11 +202,14 @@ def measure_part(part: CoveragePart) -> PartCoverage:
     right, _ = _respond(reference.coupled, grid, finer=True)
     doubt = UNSURE * np.abs(right - _respond(reference.coupled, grid)[0])
     tables, lines, failures = [], [], []
-    for settings in part.meshes:
+    meshes, rounds = list(part.meshes), part.rounds
+    while meshes:
         try:
-            judged = _solve(part, settings, JUDGED_MODES, WATCHED, reference.places)
+            judged = _solve(part, meshes.pop(0), JUDGED_MODES, WATCHED, reference.places)
             tables.append(_compare(judged, reference))
             lines.append(_cover_lines(judged.coupled, grid, right, doubt))
+            if rounds and not meshes:
+                meshes, rounds = [_follow_errors(judged)], rounds - 1
         except HeadstockError as error:
             failures.append(f"{type(error).__name__}: {error}")
     rows = np.concatenate([np.zeros((4, 0)), *tables], axis=1)
@@ -200,7 +228,8 @@ def _solve(
 ) -> _Solved:
     body = dataclasses.replace(part.machine.components["part"], mesh=settings)
     request = ReductionRequest(ModeTarget(count=modes))
-    element = reduce_elastic(body, mesh_component(body), comm=MPI.COMM_SELF, request=request)
+    mesh = mesh_component(body)
+    element = reduce_elastic(body, mesh, comm=MPI.COMM_SELF, request=request)
     coupled = couple({"part": element}, part.machine, Pose("reference"))
     found = solve_modal(coupled.system, count=watched)
     places = places or choose_places(element)
@@ -227,7 +256,27 @@ def _solve(
             np.asarray(soft + shape[1].get("part", np.zeros(6))[:3]),
         ),
         coupled,
+        body,
+        mesh,
+        _number_motions(coupled, found, budget),
     )
+
+
+def _number_motions(coupled: CoupledMachine, modes: ModalResult, budget: PointBudget) -> FloatArray:
+    elastic = slice(modes.rigid_count, None)
+    strained = (
+        modes.shapes[:, elastic] * np.sqrt(0.5) / (2.0 * np.pi * modes.frequencies_hz[elastic])
+    )
+    pushed = budget.displacements[:, :3] / np.sqrt(np.diag(budget.compliance)[:3])
+    return np.asarray(coupled.basis @ np.hstack([strained, pushed]))
+
+
+def _follow_errors(judged: _Solved) -> MeshSettings:
+    """The sizes that all watched numbers together ask for."""
+    element = judged.coupled.layout.superelements["part"]
+    energies = find_cell_errors(judged.body, judged.mesh, element, judged.motions).sum(axis=1)
+    sizes = spread_error(judged.mesh, energies, ADAPTED_STEP)
+    return dataclasses.replace(judged.body.mesh, size=float(sizes.sizes.max()), sizes=sizes)
 
 
 def _compare(judged: _Solved, reference: _Solved) -> FloatArray:
@@ -328,6 +377,13 @@ def check_hex_coverage() -> list[ValidationRow]:
         *_judge(HEX_CASE, "fitted on", _cover(HEX_CALIBRATION)),
         *_judge(HEX_CASE, "held out", _cover(HEX_HOLD_OUT)),
     ]
+
+
+def check_adapted_coverage() -> list[ValidationRow]:
+    """The same on STEP parts whose meshes follow the errors of the one before; factors are those of
+    even meshes.
+    """
+    return _judge(ADAPTED_CASE, "held out", _cover(ADAPTED_PARTS))
 
 
 def cover_new_parts(first: int) -> list[ValidationRow]:

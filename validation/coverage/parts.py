@@ -33,6 +33,9 @@ PRODUCT, PRODUCT_KIND = 48, "product STEP"  # the seed of a bracket of a real pr
 BRACKET = Path(__file__).resolve().parents[2] / "tests" / "data" / "support.step"
 # seeds of hexahedra between the edges of patches, as searches for an accuracy begin with
 FIRST_HEX = 1000
+# and of STEP parts whose meshes follow the errors of the one before
+FIRST_ADAPTED = 2000
+ADAPTED_SHARE = 1.6  # coarser than those that are judged as they are, as searches begin
 WALLS = 2.2  # thicknesses of a wall: flat tetrahedra that are wider than about three are stiff
 CLAMP = "clamp"
 Random = np.random.Generator
@@ -48,6 +51,8 @@ class CoveragePart:
         machine: The part alone, named ``part``, fixed at ``foot`` and loaded at ``tip`` (point
             ``tcp``).
         meshes: Settings that are judged, from coarse to finer.
+        rounds: Further meshes that are judged, each with the sizes that the errors of the one before
+            ask for.
         truth: Settings far finer.
     """
 
@@ -56,6 +61,7 @@ class CoveragePart:
     machine: Machine
     meshes: tuple[MeshSettings, ...]
     reference: MeshSettings
+    rounds: int = 0
 
 
 @dataclass(frozen=True)
@@ -73,18 +79,20 @@ class _Drawn:
         order: Of the elements.
         graded: Elements grow from the rims.
         across: Elements across patches of the judged meshes, at least.
+        rounds: Meshes that follow errors.
     """
 
     solid: Solid
     foot: tuple[Patch, ...]
     tip: tuple[Patch, ...]
     extent: float
-    shares: tuple[float, float] = (0.1, 0.065)
+    shares: tuple[float, ...] = (0.1, 0.065)
     fine: float = 0.035
     hex: bool = False
     order: int = 2
     graded: bool = False
     across: tuple[int, int] = (MeshSettings().across_patches,) * 2
+    rounds: int = 0
 
 
 def draw_part(seed: int, folder: Path) -> CoveragePart:
@@ -95,9 +103,7 @@ def draw_part(seed: int, folder: Path) -> CoveragePart:
         folder: Where STEP files are written.
     """
     random = np.random.default_rng([20240517, seed])
-    kinds = (
-        {PRODUCT_KIND: _product} if seed == PRODUCT else KINDS if seed < FIRST_HEX else HEX_KINDS
-    )
+    kinds = {PRODUCT_KIND: _product} if seed == PRODUCT else _kinds_from(seed)
     kind = list(kinds)[seed % len(kinds)]
     drawn = kinds[kind](random, folder / f"part_{seed}.step")
     material = MATERIALS[random.integers(len(MATERIALS))]
@@ -135,11 +141,17 @@ def draw_part(seed: int, folder: Path) -> CoveragePart:
             rim_size=0.3 * share * drawn.extent if drawn.graded else None,
             across_patches=across,
         )
-        for share, across in zip(drawn.shares, drawn.across, strict=True)
+        for share, across in zip(drawn.shares, drawn.across, strict=False)
     )
     fine = drawn.fine * drawn.extent
     reference = MeshSettings(size=fine, growth=0.3, rim_size=0.1 * fine, across_patches=10)
-    return CoveragePart(seed, kind, machine, meshes, reference)
+    return CoveragePart(seed, kind, machine, meshes, reference, drawn.rounds)
+
+
+def _kinds_from(seed: int) -> "dict[str, Callable[[Random, Path], _Drawn]]":
+    if seed >= FIRST_ADAPTED:
+        return ADAPTED_KINDS
+    return KINDS if seed < FIRST_HEX else HEX_KINDS
 
 
 def _diagonal(*sides: float) -> float:
@@ -383,6 +395,35 @@ HEX_KINDS: dict[str, Callable[[Random, Path], _Drawn]] = {
     ),
     "hex sheet": lambda random, file: _grid(_sheet(random, file)),
     "hex more pads": _hex_pads,
+}
+
+
+def _adapted(drawn: _Drawn) -> _Drawn:
+    """A coarse even mesh, and two that follow its errors."""
+    return dataclasses.replace(drawn, shares=(ADAPTED_SHARE * drawn.shares[0],), rounds=2)
+
+
+def _angle_step(random: Random, file: Path) -> _Drawn:
+    """An angle with a sharp inner edge and a bore, from a STEP file."""
+    x, y, z = _range(random, 0.08, 0.16), _range(random, 0.05, 0.12), _range(random, 0.1, 0.2)
+    thick = _range(random, 0.012, 0.025)
+    _write(
+        file,
+        "angle",
+        x=x,
+        y=y,
+        z=z,
+        thick=thick,
+        hole_z=0.6 * z,
+        bore=_range(random, 0.12, 0.25) * y,
+    )
+    return _Drawn(StepFile(file), _whole("z-"), _whole("z+"), _diagonal(x, y, z), fine=0.03)
+
+
+ADAPTED_KINDS: dict[str, Callable[[Random, Path], _Drawn]] = {
+    "adapted round": lambda random, file: _adapted(_round_step(random, file)),
+    "adapted milled": lambda random, file: _adapted(_milled_step(random, file)),
+    "adapted angle": lambda random, file: _adapted(_angle_step(random, file)),
 }
 
 

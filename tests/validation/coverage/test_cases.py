@@ -8,6 +8,7 @@ import pytest
 
 from headstock.validation.coverage import cases
 from headstock.validation.coverage.cases import (
+    ADAPTED_PARTS,
     CALIBRATION,
     HEX_CALIBRATION,
     HEX_HOLD_OUT,
@@ -15,7 +16,7 @@ from headstock.validation.coverage.cases import (
     PartCoverage,
     measure_part,
 )
-from headstock.validation.coverage.parts import HEX_KINDS, KINDS, draw_part
+from headstock.validation.coverage.parts import ADAPTED_KINDS, HEX_KINDS, KINDS, draw_part
 from headstock.validation.references.rows import ValidationRow
 
 
@@ -53,6 +54,18 @@ def test_hexahedra_between_patches_are_coarse_and_then_finer(tmp_path: Path) -> 
         assert coarse.cells == finer.cells == "hex"
         assert (coarse.across_patches, finer.across_patches) == (2, 4)
         assert coarse.size is not None and finer.size is not None and finer.size < coarse.size
+
+
+def test_adapted_parts_begin_with_one_coarse_mesh_of_tetrahedra_and_follow_its_errors(
+    tmp_path: Path,
+) -> None:
+    for seed in ADAPTED_PARTS[: len(ADAPTED_KINDS)]:
+        part = draw_part(seed, tmp_path)
+        (start,) = part.meshes
+        assert start.cells == "tet" and start.sizes is None
+        assert part.reference.size is not None and start.size is not None
+        assert part.reference.size < 0.3 * start.size
+        assert part.rounds == 2
 
 
 def test_a_seed_draws_the_same_part_again(tmp_path: Path) -> None:
