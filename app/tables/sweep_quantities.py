@@ -8,7 +8,7 @@ import numpy as np
 from headstock.app.tables.table import PlainTable
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import show_position
-from headstock.studies.sweeps.files import SweepSummary
+from headstock.studies.sweeps.files import LimitMapSummary, SweepSummary
 
 FIGURE_TITLES = {
     "minimum_dynamic_stiffness_N_per_um": ("minimum dynamic stiffness", "N/µm"),
@@ -124,8 +124,8 @@ def limit_words(summary: SweepSummary) -> list[str]:
         modes = Counter(mode for mode in limits["modes"] if mode)
         often = ", ".join(f"{mode} ({count})" for mode, count in modes.most_common(3))
         words.append(
-            f"travel {name}: {limits['common_best_mm']:.3g} mm are stable in every pose at {limits['common_best_rpm']:.0f} rpm;"
-            f" modes behind the lowest limits (poses): {often}"
+            f"travel {name}: {limits['common_best_mm']:.3g} mm are stable in every pose at {limits['common_best_rpm']:.0f} rpm"
+            f"{_end_of_range(limits)}; modes behind the lowest limits (poses): {often}"
         )
     if words and summary["limits_checked"]:
         words.append(
@@ -133,6 +133,13 @@ def limit_words(summary: SweepSummary) -> list[str]:
             " the others replaced by bisection"
         )
     return words
+
+
+def _end_of_range(limits: LimitMapSummary) -> str:
+    """That the best speed is where the range of speeds ends, so that a better one may lie beyond."""
+    if limits["common_best_rpm"] not in (limits["rpm"][0], limits["rpm"][-1]):
+        return ""
+    return ", where the speeds asked for end: a deeper cut may be stable beyond"
 
 
 def tabulate_sweep(summary: SweepSummary) -> PlainTable:
