@@ -112,6 +112,10 @@ def survey_part(
         MeshError: The file cannot be read.
         click.UsageError: An option does not fit.
     """
+    if not path.is_file():
+        raise click.UsageError(
+            f"{path} is no regular file" if path.exists() else f"there is no file {path}"
+        )
     if path.suffix.lower() in STEP_SUFFIXES:
         if unit is not None:
             raise click.UsageError("--unit goes with a mesh file; a STEP file names its unit")
@@ -119,8 +123,6 @@ def survey_part(
         return step, survey_step(step)
     if solid is not None:
         raise click.UsageError("--solid goes with a STEP file; a mesh file holds one body")
-    if not path.is_file():
-        raise click.UsageError(f"there is no file {path}")
     try:
         length = 1.0 if unit is None else parse_quantity(unit, LENGTH).value
     except UnitError as error:

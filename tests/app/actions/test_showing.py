@@ -364,7 +364,7 @@ def test_what_cannot_be_shown_is_named(
     (folder / "odd.step").write_text(
         "ISO-10303-21;\n#1=X('(NAN,',0.);\n#2=CARTESIAN_POINT('',(0.,-NaN,0.));\n"
     )
-    assert main(arguments) in (1, 2)
+    assert main(arguments) == 2
     assert words in capsys.readouterr().err
 
 
