@@ -5,19 +5,24 @@ loops closed, and what they do.
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import Drive, ripple_force
+from headstock.geometry.machine.drives import Drive, GuideFriction, ripple_force
 from headstock.pipeline.contours.contour_run import ContourDrives
 from headstock.solvers.control.friction_loop import friction_force
 from headstock.solvers.paths.linear_motion import CompliantHistory, LinearMotion
+from headstock.solvers.paths.rubbing import Rubbing
 from headstock.solvers.paths.servo_motion import ServoMotion, close_motors
+
+FrictionSpeeds = Literal["set", "true"]
 
 CLOSED = "the loops of the drives are closed along the contour; motor torques are those of their controllers"
 RUBBING = "friction acts as at the speeds of the set points"
+RUBBING_TRULY = "friction acts as at the speeds of the motors"
 STIFF_COUPLINGS = "couplings between motors and screws are taken as rigid along the contour"
 
 
@@ -30,6 +35,7 @@ def close_drives(
     accelerations: FloatArray,
     gravity: FloatArray,
     scales: FloatArray,
+    friction: FrictionSpeeds,
 ) -> ServoMotion:
     """Add motors to a machine on its way and close their loops.
 
@@ -42,6 +48,8 @@ def close_drives(
         accelerations: ``(n, d)`` set accelerations [m/s^2].
         gravity: ``(k, c + d)`` generalised weight at the nodes [N].
         scales: ``(k, d, c + d)`` what linear scales read per coordinate.
+        friction: At which speeds it acts: those of the set points, which leaves the motion linear,
+            or those of the motors.
     """
     size, count = free.mass.shape[-1], len(drives)
     motors = np.arange(size - count, size)
@@ -50,7 +58,15 @@ def close_drives(
     mass = np.array(free.mass)
     mass[:, motors, motors] += own
     damping, load = np.array(free.damping), np.array(free.load)
-    load[:, motors] -= own * accelerations + _friction(drives, speeds)
+    load[:, motors] -= own * accelerations
+    rubbing = None
+    if friction == "set":
+        load[:, motors] -= _friction(drives, speeds)
+        # friction that grows with speed also damps deviations
+        damping[:, motors, motors] += _viscous(drives)
+    elif any(drive.friction is not None for drive in drives):
+        laws = tuple(drive.friction or GuideFriction() for drive in drives)
+        rubbing = Rubbing(motors, laws, speeds, np.zeros_like(speeds))
     for drive, motor, places in zip(drives, motors, positions.T, strict=True):
         load[:, motor] += ripple_force(drive, np.asarray(places))
     controls = [
@@ -61,11 +77,8 @@ def close_drives(
         )
         for drive, motor, rotor in zip(drives, motors, own, strict=True)
     ]
-    for drive, motor in zip(drives, motors, strict=True):
-        # friction that grows with speed also damps deviations
-        damping[:, motor, motor] += 0.0 if drive.friction is None else drive.friction.viscous
     return close_motors(
-        dataclasses.replace(free, mass=mass, damping=damping, load=load),
+        dataclasses.replace(free, mass=mass, damping=damping, load=load, rubbing=rubbing),
         controls,
         speeds=speeds,
         accelerations=accelerations,
@@ -88,8 +101,11 @@ def controlled_drives(
     pushed = servo.forces(history)
     moved = slice(servo.first, servo.first + len(drives))
     inertia = _rotor_masses(drives) * (servo.accelerations + history.acceleration[:, moved])
-    viscous = np.array([0.0 if each.friction is None else each.friction.viscous for each in drives])
-    rubbed = _friction(drives, servo.speeds) + viscous * history.rate[:, moved]
+    rates = history.rate[:, moved]
+    if servo.motion.rubbing is None:
+        rubbed = _friction(drives, servo.speeds) + _viscous(drives) * rates
+    else:
+        rubbed = servo.motion.rubbing.force(servo.speeds + rates)
     leads = np.array([drive.lead for drive in drives])
 
     def forces(some: NDArray[np.intp]) -> FloatArray:
@@ -101,11 +117,11 @@ def controlled_drives(
     return ContourDrives(tuple(drive.name for drive in drives), forces, torques)
 
 
-def drive_assumptions(drives: Sequence[Drive]) -> tuple[str, ...]:
+def drive_assumptions(drives: Sequence[Drive], friction: FrictionSpeeds) -> tuple[str, ...]:
     """What is assumed of drives along a contour, in plain words."""
     found = [CLOSED]
     if any(drive.friction is not None for drive in drives):
-        found.append(RUBBING)
+        found.append(RUBBING if friction == "set" else RUBBING_TRULY)
     if any(math.isfinite(drive.coupling) for drive in drives):
         found.append(STIFF_COUPLINGS)
     return tuple(found)
@@ -116,6 +132,11 @@ def _rotor_masses(drives: Sequence[Drive]) -> FloatArray:
     turns = np.array([2.0 * math.pi / drive.lead for drive in drives])
     own = np.array([drive.motor_inertia + drive.screw_inertia for drive in drives])
     return np.asarray(own * turns**2)
+
+
+def _viscous(drives: Sequence[Drive]) -> FloatArray:
+    """What friction grows by with speed ``(d,)`` [N s/m]."""
+    return np.array([0.0 if each.friction is None else each.friction.viscous for each in drives])
 
 
 def _friction(drives: Sequence[Drive], speeds: FloatArray) -> FloatArray:

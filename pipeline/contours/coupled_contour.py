@@ -145,7 +145,7 @@ def run_coupled_contour(
     motion = follow_motion(sampled, times, given)
     servo = None
     if motors is not None:
-        servo = close_way(motors, sampled, motion, scales=len(tool) + len(screws))
+        servo = close_way(motors, sampled, motion, scales=len(tool) + len(screws), friction="set")
         motion = servo.motion
     cut = cut_contour(request, motion, plan, rotation=np.eye(3), record=record)
     history = cut.history
@@ -171,7 +171,7 @@ def run_coupled_contour(
         drives, assumed = ContourDrives(tuple(screws), drive_forces, torques), (IDEAL, *assumed)
     else:
         drives = controlled_drives(servo, motors.drives, history)
-        assumed = drive_assumptions(motors.drives)
+        assumed = drive_assumptions(motors.drives, "set")
     return CoupledRun(
         times=times,
         gap=cut.tip + motion.tool_rest(cut.force) - gravity_deflection,

@@ -13,6 +13,7 @@ from headstock.geometry.machine.drives import Drive
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
 from headstock.pipeline.contours.contour_cut import cut_contour, travel_frames, turned_modes
 from headstock.pipeline.contours.contour_drives import (
+    FrictionSpeeds,
     close_drives,
     controlled_drives,
     drive_assumptions,
@@ -24,22 +25,27 @@ from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import (
-    PoseDamping,
     linearise_poses,
     marker_motion,
     solve_pose_modes,
 )
 from headstock.solvers.milling.contouring import (
+    FreeLegs,
     drive_forces,
     linear_motion,
     refine_motion,
+    thin_history,
     tool_gaps,
 )
 from headstock.solvers.milling.path_drives import PathDrive, find_tool_positions, follow_path
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
 from headstock.solvers.milling.tool_dynamics import mount_modes
 from headstock.solvers.milling.tool_path import plan_contour
-from headstock.solvers.paths.linear_motion import CompliantHistory, interpolate_nodes
+from headstock.solvers.paths.linear_motion import (
+    CompliantHistory,
+    LinearMotion,
+    interpolate_nodes,
+)
 from headstock.solvers.paths.servo_motion import ServoMotion
 
 NODE_SPACING = 4e-3
@@ -85,13 +91,17 @@ def run_lumped_contour(
     drive = follow_path(mechanism.mounted, nodes, path.at(nodes), mechanism.tool)
     turn = mechanism.mounted.mounting.rotation
     damping = request.damping
-    servo = _close_legs(model, drive, times, damping, drives) if drives else None
-    motion = linear_motion(model, drive, times, damping) if servo is None else servo.motion
+    names = tuple(each.axis for each in drives)
+    free = linear_motion(model, drive, times, damping, names)
+    friction: FrictionSpeeds = "true" if request.model == "nonlinear" else "set"
+    servo = _close_legs(model, drive, free, drives, friction) if drives else None
+    motion = free if servo is None else servo.motion
     cut = cut_contour(request, motion, plan, rotation=turn, record=record)
     history, moved = cut.history, cut.tip
     if request.model == "nonlinear":
-        history = refine_motion(model, drive, motion, cut.force, history)
-        moved = tool_gaps(model, drive, times, history.compliant)
+        legs = FreeLegs(names, free) if drives else None
+        history = refine_motion(model, drive, motion, cut.force, history, legs=legs)
+        moved = tool_gaps(model, drive, times, history, legs=legs)
     gravity_deflection = (
         motion.tool_motion(interpolate_nodes(times, motion.nodes, motion.gravity_deflection))
         @ turn.T
@@ -112,7 +122,7 @@ def run_lumped_contour(
         else controlled_drives(servo, drives, history),
         highest_hz=highest,
         coriolis=model.velocity_terms,
-        assumed=drive_assumptions(drives)
+        assumed=drive_assumptions(drives, friction)
         if drives
         else ((TORQUE,) if mechanism.screw_lead else ()),
     )
@@ -121,15 +131,14 @@ def run_lumped_contour(
 def _close_legs(
     model: CompliantMechanism,
     drive: PathDrive,
-    times: FloatArray,
-    damping: PoseDamping,
+    free: LinearMotion,
     drives: Sequence[Drive],
+    friction: FrictionSpeeds,
 ) -> ServoMotion:
-    """The linear model with the loops of its legs closed."""
+    """A linear model with free motors with the loops of its legs closed."""
     legs = [each.axis for each in drives]
-    free = linear_motion(model, drive, times, damping, legs)
     columns = [model.mechanism.driven.index(name) for name in legs]
-    now = drive.at(times)
+    now = drive.at(free.times)
     size = free.mass.shape[-1]
     scales = np.zeros((len(legs), size))
     for row, name in enumerate(legs):
@@ -144,6 +153,7 @@ def _close_legs(
         accelerations=now.acceleration[:, columns],
         gravity=weights,
         scales=np.broadcast_to(scales, (len(free.nodes), *scales.shape)),
+        friction=friction,
     )
 
 
@@ -161,9 +171,7 @@ def _leg_drives(
     lead = mechanism.screw_lead
 
     def forces(some: NDArray[np.intp]) -> FloatArray:
-        thin = CompliantHistory(
-            history.compliant[some], history.rate[some], history.acceleration[some]
-        )
+        thin = thin_history(history, some)
         return drive_forces(model, drive, times[some], thin, force[some])[:, : len(LENGTHS)]
 
     return ContourDrives(

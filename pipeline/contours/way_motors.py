@@ -19,7 +19,7 @@ from headstock.geometry.machine.tool_travel import find_tool_travel
 from headstock.geometry.mechanisms.closures import evaluate_kinematics
 from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.geometry.mechanisms.kinematics import skew_matrices
-from headstock.pipeline.contours.contour_drives import close_drives
+from headstock.pipeline.contours.contour_drives import FrictionSpeeds, close_drives
 from headstock.pipeline.stages.run_state import MachineParts, RunState
 from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import SceneMechanism
@@ -102,6 +102,8 @@ def close_way(
     sampled: SampledMotion,
     motion: LinearMotion,
     scales: int,
+    *,
+    friction: FrictionSpeeds,
 ) -> ServoMotion:
     """Close the loops of all motors along a way.
 
@@ -111,6 +113,7 @@ def close_way(
             inputs after gravity the channels of the way.
         motion: The same between its nodes.
         scales: The first of these outputs.
+        friction: At which speeds it acts.
     """
     now = motors.at(motion.nodes)
     found = sampled.at(motion.nodes, "loads", "rows")
@@ -146,6 +149,7 @@ def close_way(
         accelerations=between([each.accelerations for each in finer]),
         gravity=weight,
         scales=np.concatenate([found.rows[:, scales:], unit], axis=2),
+        friction=friction,
     )
 
 

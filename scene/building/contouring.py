@@ -166,12 +166,6 @@ def check_contouring(draft: Draft, findings: Findings) -> None:
     if table is None:
         return
     _check_regeneration(scene, table, findings)
-    if table.model == "nonlinear" and scene.effects.get("drive_control"):
-        findings.add_for(
-            "contouring",
-            (*KEY, "model"),
-            'the full equations are solved for motors that follow their set points; write model = "linear", or remove drive_control',
-        )
     if not scene.is_lumped:
         _check_coupled(scene, table, draft, findings)
     cutting = bool(scene.effects.get("cutting_force"))

@@ -9,9 +9,12 @@ derivative: every sweep evaluates the full equations at all instants together an
 model for the rest that is left.
 """
 
+import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ConvergenceError
@@ -85,14 +88,44 @@ def linear_motion(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class FreeLegs:
+    """A mechanism whose motors move beyond their set points.
+
+    Attributes:
+        names: Driven coordinates of these motors.
+        motion: Its linear model with the motors let go, without their loops and inertia.
+    """
+
+    names: tuple[str, ...]
+    motion: LinearMotion
+
+    def deviate(self, model: CompliantMechanism, drives: Drive, moved: CompliantHistory) -> Drive:
+        """What driven coordinates do with what the motors do beyond it."""
+        columns = [model.mechanism.driven.index(name) for name in self.names]
+        first = len(model.mechanism.compliant)
+        own = slice(first, first + len(columns))
+        parts = [np.array(part) for part in (drives.position, drives.speed, drives.acceleration)]
+        for part, beyond in zip(
+            parts, (moved.compliant, moved.rate, moved.acceleration), strict=True
+        ):
+            part[:, columns] += beyond[:, own]
+        return Drive(*parts)
+
+
 def refine_motion(
     model: CompliantMechanism,
     drive: PathDrive,
     motion: LinearMotion,
     force: FloatArray,
     first: CompliantHistory,
+    *,
+    legs: FreeLegs | None = None,
 ) -> CompliantHistory:
     """The nonlinear solution of the same steps, by sweeps from the linear one.
+
+    What the loops of drives add to the equations is linear, but for friction, which every sweep
+    solves step by step.
 
     Args:
         model: The mechanism.
@@ -100,22 +133,33 @@ def refine_motion(
         motion: Its linear model at ``n`` even steps, the approximate derivative.
         force: ``(n, 3)`` force on the tool [N], ground frame of the chains.
         first: The solution of the linear model.
+        legs: Whose motors move beyond their set points; their coordinates follow the compliant
+            ones, those of their controllers come last. None where motors follow them.
 
     Raises:
         ConvergenceError: The sweeps do not settle.
     """
     found, last = first, np.inf
     states = drive.rigid_states(motion.times)
+    moving = len(model.mechanism.compliant) + (0 if legs is None else len(legs.names))
     for _ in range(MAX_SWEEPS):
-        change = march_linear(
-            motion, -_unbalanced(model, drive, motion, force, history=found, states=states)
-        )
+        off = _unbalanced(model, drive, motion, force, history=found, states=states, legs=legs)
+        left = motion
+        if motion.rubbing is not None:
+            own = motion.rubbing
+            speeds = own.speeds + found.rate[:, own.coordinates]
+            rubbed = own.force(speeds)
+            off[:, own.coordinates] += rubbed
+            left = dataclasses.replace(
+                motion, rubbing=dataclasses.replace(own, speeds=speeds, counted=rubbed)
+            )
+        change = march_linear(left, -off)
         found = CompliantHistory(
             found.compliant + change.compliant,
             found.rate + change.rate,
             found.acceleration + change.acceleration,
         )
-        size = float(np.abs(change.compliant).max())
+        size = float(np.abs(change.compliant[:, :moving]).max())
         if size < CONVERGED:
             return found
         if size > last:
@@ -127,7 +171,12 @@ def refine_motion(
 
 
 def tool_gaps(
-    model: CompliantMechanism, drive: PathDrive, times: FloatArray, compliant: FloatArray
+    model: CompliantMechanism,
+    drive: PathDrive,
+    times: FloatArray,
+    history: CompliantHistory,
+    *,
+    legs: FreeLegs | None = None,
 ) -> FloatArray:
     """Tool point of the compliant mechanism less that of the rigid one, ground frame of the chains.
 
@@ -135,20 +184,26 @@ def tool_gaps(
         model: The mechanism.
         drive: What its drives do.
         times: ``(n,)`` [s].
-        compliant: ``(n, c)`` compliant coordinates then [m, rad].
+        history: Its coordinates then.
+        legs: Whose motors move beyond their set points; None for none.
 
     Returns:
         ``(n, 3)`` [m].
     """
-    tool = model.mechanism.markers.index(model.tool)
+    tool, count = model.mechanism.markers.index(model.tool), len(model.mechanism.compliant)
     gaps = []
     for part in chunk_slices(len(times)):
-        driven, guess = drive.at(times[part]).position, drive.rigid_states(times[part])
+        drives, moved = drive.at(times[part]), thin_history(history, part)
+        here = drives if legs is None else legs.deviate(model, drives, moved)
+        compliant, guess = moved.compliant[:, :count], drive.rigid_states(times[part])
         deflected, rigid = (
             compose_state(model.mechanism, driven, coordinates, guess)[1].placement.positions[
                 :, tool
             ]
-            for coordinates in (compliant[part], np.zeros_like(compliant[part]))
+            for driven, coordinates in (
+                (here.position, compliant),
+                (drives.position, np.zeros_like(compliant)),
+            )
         )
         gaps.append(deflected - rigid)
     return np.concatenate(gaps)
@@ -211,30 +266,64 @@ def _unbalanced(
     *,
     history: CompliantHistory,
     states: FloatArray,
+    legs: FreeLegs | None,
 ) -> FloatArray:
-    """``(n, c)`` what the nonlinear equations of a trial motion are off by [N]; its states are
-    brought up to date.
+    """What the nonlinear equations of a trial motion are off by, without friction ``(n, c)``, or
+    ``(n, c + d + s)`` with motors and controllers [N]; its states are brought up to date.
     """
-    found = np.empty_like(history.compliant)
+    found = np.zeros_like(history.compliant)
+    count = len(model.mechanism.compliant)
     for part in chunk_slices(len(motion.times)):
-        compliant, rate = history.compliant[part], history.rate[part]
+        moved, drives = thin_history(history, part), drive.at(motion.times[part])
+        compliant, rate, acceleration = (
+            values[:, :count] for values in (moved.compliant, moved.rate, moved.acceleration)
+        )
         dynamics = _evaluate(
             model,
-            drive.at(motion.times[part]),
+            drives if legs is None else legs.deviate(model, drives, moved),
             states[part],
             compliant=compliant,
             rate=rate,
             force=force[part],
         )
         states[part] = dynamics.state
-        inertia = (dynamics.mass @ history.acceleration[part][..., None])[..., 0]
-        found[part] = (
-            inertia
-            + (motion.between(motion.damping, part) @ rate[..., None])[..., 0]
+        damping = motion.between(motion.damping, part)[:, :count, :count]
+        found[part, :count] = (
+            (dynamics.mass @ acceleration[..., None] + damping @ rate[..., None])[..., 0]
             + dynamics.stiffness * compliant
             - dynamics.load
         )
+        if legs is None:
+            continue
+        taken = driven_forces(model, dynamics, acceleration, force[part])
+        columns = [model.mechanism.driven.index(name) for name in legs.names]
+        free = slice(count, count + len(columns))
+        found[part, free] = taken[:, columns]
+        # what the loops add: the linear equations with them less those without
+        added = _linear_forces(motion, moved, part)
+        within = slice(0, free.stop)
+        kept = CompliantHistory(
+            moved.compliant[:, within], moved.rate[:, within], moved.acceleration[:, within]
+        )
+        added[:, within] -= _linear_forces(legs.motion, kept, part)
+        found[part] += added
     return found
+
+
+def _linear_forces(motion: LinearMotion, moved: CompliantHistory, part: slice) -> FloatArray:
+    """What the linear equations of a motion are off by at some of its steps ``(k, c)``."""
+    terms = (
+        (motion.mass, moved.acceleration),
+        (motion.damping, moved.rate),
+        (motion.stiffness, moved.compliant),
+    )
+    total = sum((motion.between(matrix, part) @ own[..., None])[..., 0] for matrix, own in terms)
+    return np.asarray(total - motion.load[part])
+
+
+def thin_history(history: CompliantHistory, some: slice | NDArray[np.intp]) -> CompliantHistory:
+    """Some of the steps of a motion."""
+    return CompliantHistory(history.compliant[some], history.rate[some], history.acceleration[some])
 
 
 def _evaluate(

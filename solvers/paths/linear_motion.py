@@ -14,6 +14,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
+from headstock.solvers.paths.rubbing import Rubbing
 
 INVERSE_TOLERANCE = 1e-10  # of what an interpolated inverse leaves of the identity
 MOST_PARTS = 64  # of the way between two nodes
@@ -36,6 +37,7 @@ class LinearMotion:
         flexibility: ``(k, 3, 3)`` static motion of the tool per force on it, of all motions that
             are left out; None where none is.
         rest: ``(n, 3)`` static motion of the tool under the load, of all motions that are left out.
+        rubbing: Friction at the speeds of the motion; None where none depends on it.
     """
 
     times: FloatArray
@@ -48,6 +50,7 @@ class LinearMotion:
     load: FloatArray
     flexibility: FloatArray | None = None
     rest: FloatArray | None = None
+    rubbing: Rubbing | None = None
 
     def between(self, values: FloatArray, part: slice) -> FloatArray:
         """Values ``(k, ...)`` at the nodes, at some of the steps."""
@@ -210,7 +213,20 @@ class AlphaSteps:
         if wave is not None:
             softer = self.respond(number, self.reach[0] * wave)
             own = np.asarray(np.linalg.solve(np.eye(size) - softer, own))
+        if self._motion.rubbing is not None:
+            own = self._rub(self._motion.rubbing, number, drift=drift, own=own)
         return np.asarray(drift + self.reach[:, None] * own)
+
+    def _rub(
+        self, rubbing: Rubbing, number: int, *, drift: FloatArray, own: FloatArray
+    ) -> FloatArray:
+        """Accelerations ``(c,)`` with friction, from those without."""
+        at = rubbing.coordinates
+        units = np.zeros((len(own), len(at)))
+        units[at, np.arange(len(at))] = 1.0
+        pushed = self.respond(number, units)
+        speeds = drift[1, at] + self.reach[1] * own[at]
+        return np.asarray(own + pushed @ rubbing.settle(number, speeds, self.reach[1] * pushed[at]))
 
     def respond(self, number: int, load: FloatArray) -> FloatArray:
         """Accelerations ``(c,)`` or ``(c, k)`` that loads of the same shape at a step bring about."""

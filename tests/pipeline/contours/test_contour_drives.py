@@ -25,13 +25,20 @@ from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
 from headstock.scene.building.loader import load_scene
-from headstock.scene.reading.findings import SceneError
 from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import Scene, keep_analyses
-from headstock.solvers.control.drive_loops import close_loops, set_channels
+from headstock.solvers.control.dead_time import stack_blocks
+from headstock.solvers.control.drive_loops import close_loops, make_controller, set_channels
+from headstock.solvers.control.friction_loop import friction_force
 from headstock.solvers.linear.time_response import solve_stepped_response
+from headstock.solvers.mechanisms.dynamics import CompliantMechanism
+from headstock.solvers.mechanisms.generalized_alpha import MotionState
 from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, solve_pose_modes
+from headstock.solvers.mechanisms.motion import PartitionedMotion
+from headstock.solvers.mechanisms.partitioning import Drive as Law
+from headstock.solvers.mechanisms.partitioning import driven_forces
 from headstock.solvers.milling import contouring
+from headstock.solvers.milling.path_drives import PathDrive, follow_path
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.solvers.paths import sampled_motion
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
@@ -237,9 +244,103 @@ def test_rayleigh_damping_of_springs_and_bodies_is_that_ratio_of_every_mode(
     assert np.allclose(PoseDamping(ratios).matrix(motions), matrix, rtol=1e-8, atol=1e-6)
 
 
-def test_the_nonlinear_model_says_that_it_takes_ideal_motors(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match="follow their set points"):
-        load_prompt(tmp_path, "lumped+controlled", 'analyses.contouring.model="nonlinear"')
+@dataclasses.dataclass(eq=False)
+class AbsoluteLegs:
+    """The full equations with legs and controllers in absolute coordinates, for one step after the
+    other: compliant coordinates, lengths, states of the controllers.
+    """
+
+    model: CompliantMechanism
+    drive: PathDrive
+    drives: tuple[Drive, ...]
+    damping: FloatArray
+    guess: FloatArray
+
+    def evaluate(self, state: MotionState) -> FloatArray:
+        now, count = self.drive.at(state.time), len(self.drives)
+        legs = slice(6, 6 + count)
+        moved = [np.array(part) for part in (now.position, now.speed, now.acceleration)]
+        for part, own in zip(
+            moved, (state.position, state.velocity, state.acceleration), strict=True
+        ):
+            part[:count] = own[legs]
+        motion = PartitionedMotion(
+            self.model, lambda _: Law(*moved), lambda _: np.zeros(3), self.guess
+        ).at(state.time, state.position[:6], state.velocity[:6])
+        self.guess = motion.state
+        pulled = driven_forces(self.model, motion, state.acceleration[:6], np.zeros(3))
+        block = stack_blocks([make_controller(drive.control) for drive in self.drives])
+        own = state.position[6 + count :]
+        given = np.stack(
+            [part[:count] for part in (now.position, now.speed, now.acceleration)]
+            + [state.position[legs], state.velocity[legs]],
+            axis=1,
+        ).ravel()
+        turns = np.array([2.0 * np.pi / drive.lead for drive in self.drives])
+        rotors = turns**2 * [drive.motor_inertia + drive.screw_inertia for drive in self.drives]
+        rubbed = [
+            friction_force(drive.friction, speed)
+            for drive, speed in zip(self.drives, state.velocity[legs], strict=True)
+            if drive.friction is not None
+        ]
+        return np.concatenate(
+            [
+                motion.mass @ state.acceleration[:6]
+                + self.damping @ state.velocity[:6]
+                + motion.stiffness * state.position[:6]
+                - motion.load,
+                pulled[:count]
+                + rotors * state.acceleration[legs]
+                + np.array(rubbed)
+                - block.c @ own
+                - block.d @ given,
+                state.velocity[6 + count :] - block.a @ own - block.b @ given,
+            ]
+        )
+
+
+def test_the_full_equations_under_control_hold_in_absolute_coordinates(
+    tripteor: Tripteor, tmp_path: Path
+) -> None:
+    scene = load_prompt(
+        tmp_path,
+        "lumped+controlled",
+        "effects.friction=true",
+        "effects.cutting_force=false",
+        'analyses.contouring.model="nonlinear"',
+    )
+    request, drives = request_of(scene), tuple(scene.drives.values())
+    run = run_lumped_contour(tripteor.scene, tripteor.model, request, until=0.02, drives=drives)
+    path, nodes = run.plan.path, np.linspace(0.0, 0.02, 8, dtype=np.float64)
+    drive = follow_path(tripteor.scene.mounted, nodes, path.at(nodes), tripteor.scene.tool)
+    now, moved = drive.at(run.times), run.history
+    absolute = [np.array(part) for part in (moved.compliant, moved.rate, moved.acceleration)]
+    for part, given in zip(absolute, (now.position, now.speed, now.acceleration), strict=True):
+        part[:, 6:9] += given[:, :3]
+    masses = run.motion.mass[len(run.motion.mass) // 2].diagonal()[6:9]
+    fed = tuple(
+        dataclasses.replace(
+            each,
+            control=dataclasses.replace(
+                each.control, acceleration_feed_forward=each.acceleration_share * float(mass)
+            ),
+        )
+        for each, mass in zip(drives, masses, strict=True)
+    )
+    found = AbsoluteLegs(tripteor.model, drive, fed, np.zeros((6, 6)), drive.states[0])
+    worst = []
+    for step in range(0, len(run.times), 20):
+        found.damping = run.motion.between(run.motion.damping, slice(step, step + 1))[0, :6, :6]
+        off = found.evaluate(
+            MotionState(run.times[step], *(part[step] for part in absolute), np.zeros(0))
+        )
+        worst.append(np.abs(off[:9]).max())
+    # newtons, beside hundreds that drives and springs push with
+    assert max(worst) < 1e-5
+    still = dataclasses.replace(request, model="linear")
+    linear = run_lumped_contour(tripteor.scene, tripteor.model, still, until=0.02, drives=drives)
+    assert 1e-9 < np.abs(linear.gap - run.gap).max() < 0.05 * np.abs(run.gap).max()
+    assert any("speeds of the motors" in text for text in run.assumed)
 
 
 def test_torque_ripple_pushes_once_a_turn() -> None:

@@ -28,7 +28,12 @@ from headstock.solvers.milling.path_drives import (
     smooth_samples,
 )
 from headstock.solvers.milling.tool_path import SquareContour, ToolPath, plan_contour
-from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
+from headstock.solvers.paths.linear_motion import (
+    CompliantHistory,
+    LinearMotion,
+    Regeneration,
+    march_linear,
+)
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
 STEP = 5e-5
@@ -61,7 +66,8 @@ def test_drives_lead_the_tool_along_the_path() -> None:
     mechanism = machine().model.mechanism
     times = np.linspace(0.003, 0.39, 57, dtype=np.float64)
     points = path.at(times)
-    gaps = tool_gaps(machine().model, drive, times, np.zeros((len(times), 6)))
+    none = np.zeros((len(times), 6))
+    gaps = tool_gaps(machine().model, drive, times, CompliantHistory(none, none, none))
     assert np.abs(gaps).max() == 0.0
     speeds = drive.at(times)
     later, earlier = drive.at(times + 1e-6).position, drive.at(times - 1e-6).position

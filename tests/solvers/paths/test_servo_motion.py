@@ -1,17 +1,21 @@
 """Motors as coordinates along a path against the closed loop in state space, stepped exactly."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import AxisControl, Encoder
+from headstock.geometry.machine.drives import AxisControl, Encoder, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
+from headstock.solvers.control.friction_loop import friction_force
 from headstock.solvers.linear.time_response import solve_stepped_response
 from headstock.solvers.paths.linear_motion import LinearMotion, march_linear
-from headstock.solvers.paths.servo_motion import close_motors
+from headstock.solvers.paths.rubbing import Rubbing
+from headstock.solvers.paths.servo_motion import ServoMotion, close_motors
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 TABLE, SLIDE, SPRING, DAMPER = 200.0, 90.0, 5e7, 8e3
@@ -52,8 +56,10 @@ def push(times: FloatArray) -> FloatArray:
     )
 
 
-def deviate(control: AxisControl, step: float) -> tuple[FloatArray, FloatArray]:
-    """Deviation of the tip and force of the drive by generalised-α steps."""
+def close_table(
+    control: AxisControl, step: float, friction: GuideFriction | None = None
+) -> tuple[ServoMotion, FloatArray]:
+    """The table with its loop closed, and the force on it ``(n, 3)``."""
     times: FloatArray = np.asarray(np.arange(0.0, WHOLE, step), dtype=float)
     plant, nodes = make_plant(), np.array([0.0, WHOLE])
     tip = np.zeros((2, 3, 2))
@@ -71,6 +77,10 @@ def deviate(control: AxisControl, step: float) -> tuple[FloatArray, FloatArray]:
         # the rigid machine is accelerated as the set point says
         load=-accelerations[:, None] * plant.mass[:, 1],
     )
+    if friction is not None:
+        slide, set_speeds = np.array([1], dtype=np.intp), speeds[:, None]
+        rubbing = Rubbing(slide, (friction,), set_speeds, np.zeros_like(set_speeds))
+        free = dataclasses.replace(free, rubbing=rubbing)
     servo = close_motors(
         free,
         [control],
@@ -81,6 +91,14 @@ def deviate(control: AxisControl, step: float) -> tuple[FloatArray, FloatArray]:
     )
     force = np.zeros((len(times), 3))
     force[:, 2] = push(times)
+    return servo, force
+
+
+def deviate(
+    control: AxisControl, step: float, friction: GuideFriction | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Deviation of the tip and force of the drive by generalised-α steps."""
+    servo, force = close_table(control, step, friction)
     history = march_linear(servo.motion, servo.motion.load + servo.motion.tool_load(force))
     return servo.motion.tool_motion(history.compliant)[:, 2], servo.forces(history)[:, 0]
 
@@ -137,6 +155,55 @@ def test_a_move_and_a_force_deviate_as_the_closed_loop_in_absolute_coordinates(
     # second order in the step
     for coarse, fine in zip(*misses, strict=True):
         assert 3.0 < coarse / fine < 5.0
+
+
+RUBBED = AxisControl(40.0, 3e4, integral_time=0.02, velocity_feed_forward=0.9)
+STICKY = GuideFriction(150.0, 250.0, stribeck_speed=5e-3, viscous=800.0, smoothing=4e-4)
+
+
+def rub_exactly(step: float) -> FloatArray:
+    """Deviation of the tip with friction by equations of motion in absolute coordinates, written by
+    hand.
+    """
+    gain, inverse = RUBBED.velocity_gain, np.linalg.inv(make_plant().mass)
+
+    def rate(time: float, state: FloatArray) -> FloatArray:
+        stretch, slide, speeds, held = state[0], state[1], state[2:4], state[4]
+        now = np.array([time])
+        place, speed, _ = set_points(now)[:, 0]
+        wanted = RUBBED.position_gain * (place - slide) + 0.9 * speed - speeds[1]
+        force = np.array(
+            [
+                -SPRING * stretch - DAMPER * speeds[0],
+                gain * wanted + held - friction_force(STICKY, speeds[1:])[0],
+            ]
+        )
+        force += push(now)[0]
+        accelerations = inverse @ force
+        return np.array([*speeds, *accelerations, gain / RUBBED.integral_time * wanted])
+
+    times = np.arange(0.0, WHOLE, step)
+    found = solve_ivp(
+        rate, (0.0, times[-1]), np.zeros(5), "LSODA", times, rtol=1e-7, atol=1e-11, max_step=2e-3
+    )
+    return np.asarray(found.y[0] + found.y[1] - set_points(times)[0])
+
+
+def test_friction_at_true_speeds_is_that_of_an_integration_in_absolute_coordinates() -> None:
+    exact = rub_exactly(1e-4)
+    found, _ = deviate(RUBBED, 1e-4, STICKY)
+    size = np.abs(exact).max()
+    assert np.abs(found - exact).max() < 5e-3 * size
+    # the table stands at the end, where the push moves it to and fro within its friction
+    plain, _ = deviate(RUBBED, 1e-4)
+    assert np.abs(plain - exact).max() > 0.1 * size
+
+
+def test_friction_that_is_as_good_as_none_leaves_the_linear_motion() -> None:
+    tiny = GuideFriction(1e-9, 2e-9, stribeck_speed=5e-3, viscous=1e-9, smoothing=1e-4)
+    (with_it, own), (without, force) = deviate(RUBBED, 1e-4, tiny), deviate(RUBBED, 1e-4)
+    np.testing.assert_allclose(with_it, without, rtol=0.0, atol=1e-10 * np.abs(without).max())
+    np.testing.assert_allclose(own, force, rtol=0.0, atol=1e-9 * np.abs(force).max())
 
 
 def test_a_controller_without_integral_sags_under_weight() -> None:
