@@ -54,8 +54,11 @@ STAGE_SECONDS = {
     "respond": 0.3,
     "write": 0.05,
 }
-STEPS_PER_SECOND = 3e4  # of a contour
-# a contour whose drives are under control takes so many times as long
+STEPS_PER_SECOND = 3e4  # of a contour of a lumped mechanism
+# of a machine of components in its modes: elastic legs of the Tripteor up to 1 kHz, 41 modes (docs/contouring.md)
+COUPLED_STEPS_PER_SECOND = 6.6e3
+# a lumped contour whose drives are under control takes so many times as long; the states of
+# controllers are few beside the modes of components
 CONTROLLED_COST = 7.0
 POSES_PER_SECOND = 7e3  # of a map
 COUPLINGS_PER_SECOND = 60.0  # of a volumetric map

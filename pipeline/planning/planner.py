@@ -20,6 +20,7 @@ from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFil
 from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
 from headstock.pipeline.planning.budgets import (
     CONTROLLED_COST,
+    COUPLED_STEPS_PER_SECOND,
     COUPLINGS_PER_SECOND,
     POSES_PER_SECOND,
     STAGE_SECONDS,
@@ -140,9 +141,10 @@ def plan_scene(
         )
     if scene.analyses.contouring is not None:
         steps = contour_steps(scene.analyses.contouring)
-        steps *= CONTROLLED_COST if scene.drives else 1.0
+        steps *= CONTROLLED_COST if scene.drives and scene.is_lumped else 1.0
+        rate = STEPS_PER_SECOND if scene.is_lumped else COUPLED_STEPS_PER_SECOND
         what = scene.analyses.contouring.describe() + _name_drives(scene)
-        stages.append(Stage("contour", None, what, estimated_seconds=steps / STEPS_PER_SECOND))
+        stages.append(Stage("contour", None, what, estimated_seconds=steps / rate))
     if scene.analyses.path is not None:
         what = scene.analyses.path.describe() + _name_drives(scene)
         stages.append(Stage("path", None, what))
