@@ -59,7 +59,7 @@ class Rubbing:
         off = now + gain @ rubbed - target
         for _ in range(MOST_PASSES):
             if np.abs(off).max() <= SETTLED * scale:
-                return -rubbed
+                return np.asarray(-rubbed)
             slopes = np.array(
                 [float(friction_slope(law, now[number])) for number, law in enumerate(self.laws)]
             )
