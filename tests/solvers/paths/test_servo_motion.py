@@ -169,7 +169,7 @@ def rub_exactly(step: float) -> FloatArray:
 
     def rate(time: float, state: FloatArray) -> FloatArray:
         stretch, slide, speeds, held = state[0], state[1], state[2:4], state[4]
-        now = np.array([time])
+        now: FloatArray = np.array([time], dtype=float)
         place, speed, _ = set_points(now)[:, 0]
         wanted = RUBBED.position_gain * (place - slide) + 0.9 * speed - speeds[1]
         force = np.array(
@@ -182,7 +182,7 @@ def rub_exactly(step: float) -> FloatArray:
         accelerations = inverse @ force
         return np.array([*speeds, *accelerations, gain / RUBBED.integral_time * wanted])
 
-    times = np.arange(0.0, WHOLE, step)
+    times: FloatArray = np.asarray(np.arange(0.0, WHOLE, step), dtype=float)
     found = solve_ivp(
         rate, (0.0, times[-1]), np.zeros(5), "LSODA", times, rtol=1e-7, atol=1e-11, max_step=2e-3
     )
