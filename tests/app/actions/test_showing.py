@@ -314,7 +314,7 @@ def test_nothing_is_overwritten_by_a_new_scene(
 def test_a_failed_start_leaves_no_folder(folder: Path) -> None:
     (folder / "broken.step").write_text("ISO-10303-21;\nnonsense")
     assert main(["new", "mine", "--part", "broken.step"]) == 1
-    assert main(["new", "other", "--part", "missing.step"]) == 1
+    assert main(["new", "other", "--part", "missing.step"]) == 2
     assert main(["new", "third", "--part", "part.stl"]) == 2
     assert [path.name for path in folder.iterdir() if path.is_dir() and path.name != "store"] == []
 
