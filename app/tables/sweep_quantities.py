@@ -137,7 +137,7 @@ def limit_words(summary: SweepSummary) -> list[str]:
 
 def _end_of_range(limits: LimitMapSummary) -> str:
     """That the best speed is where the range of speeds ends, so that a better one may lie beyond."""
-    if limits["common_best_rpm"] not in (limits["rpm"][0], limits["rpm"][-1]):
+    if limits["common_best_rpm"] not in np.array(limits["rpm"], dtype=float)[[0, -1]]:
         return ""
     return ", where the speeds asked for end: a deeper cut may be stable beyond"
 

@@ -279,7 +279,7 @@ class AbsoluteLegs:
         turns = np.array([2.0 * np.pi / drive.lead for drive in self.drives])
         rotors = turns**2 * [drive.motor_inertia + drive.screw_inertia for drive in self.drives]
         rubbed = [
-            friction_force(drive.friction, speed)
+            friction_force(drive.friction, np.asarray(speed))
             for drive, speed in zip(self.drives, state.velocity[legs], strict=True)
             if drive.friction is not None
         ]
@@ -331,9 +331,9 @@ def test_the_full_equations_under_control_hold_in_absolute_coordinates(
     worst = []
     for step in range(0, len(run.times), 20):
         found.damping = run.motion.between(run.motion.damping, slice(step, step + 1))[0, :6, :6]
-        off = found.evaluate(
-            MotionState(run.times[step], *(part[step] for part in absolute), np.zeros(0))
-        )
+        position, velocity, acceleration = (part[step] for part in absolute)
+        state = MotionState(run.times[step], position, velocity, acceleration, np.zeros(0))
+        off = found.evaluate(state)
         worst.append(np.abs(off[:9]).max())
     # newtons, beside hundreds that drives and springs push with
     assert max(worst) < 1e-5

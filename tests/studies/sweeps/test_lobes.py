@@ -63,8 +63,9 @@ def test_every_pose_of_a_sweep_has_the_limits_of_a_run_in_it(tmp_path: Path) -> 
     summary = summarise_sweep(results)
     assert "stable in every pose" in limit_words(summary)[0]
     mapped = next(iter(summary["lobes"].values()))
+    speeds = np.array(mapped["rpm"], dtype=float)
     for place, at_end in ((0, True), (1, False), (-1, True)):
-        mapped["common_best_rpm"] = mapped["rpm"][place]
+        mapped["common_best_rpm"] = float(speeds[place])
         assert ("a deeper cut may be stable beyond" in limit_words(summary)[0]) == at_end
     summary = summarise_sweep(results)
     assert {"lobes", "limits", "common_limits"} <= set(draw_sweep(summary, results.limits))
