@@ -26,6 +26,7 @@ from headstock.geometry.parts.components import Component, MeshSettings
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.elements.error_sizes import spread_error
+from headstock.pipeline.accuracy.settings import give_sizes
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.store import Store, default_store_root, read_entry, write_entry
 from headstock.reduction.components.elastic import find_cell_errors, reduce_elastic
@@ -275,8 +276,7 @@ def _follow_errors(judged: _Solved) -> MeshSettings:
     """The sizes that all watched numbers together ask for."""
     element = judged.coupled.layout.superelements["part"]
     energies = find_cell_errors(judged.body, judged.mesh, element, judged.motions).sum(axis=1)
-    sizes = spread_error(judged.mesh, energies, ADAPTED_STEP)
-    return dataclasses.replace(judged.body.mesh, size=float(sizes.sizes.max()), sizes=sizes)
+    return give_sizes(judged.body, spread_error(judged.mesh, energies, ADAPTED_STEP)).mesh
 
 
 def _compare(judged: _Solved, reference: _Solved) -> FloatArray:

@@ -91,7 +91,7 @@ class _Drawn:
     hex: bool = False
     order: int = 2
     graded: bool = False
-    across: tuple[int, int] = (MeshSettings().across_patches,) * 2
+    across: tuple[int, ...] = (MeshSettings().across_patches,) * 2
     rounds: int = 0
 
 
@@ -141,7 +141,7 @@ def draw_part(seed: int, folder: Path) -> CoveragePart:
             rim_size=0.3 * share * drawn.extent if drawn.graded else None,
             across_patches=across,
         )
-        for share, across in zip(drawn.shares, drawn.across, strict=False)
+        for share, across in zip(drawn.shares, drawn.across, strict=True)
     )
     fine = drawn.fine * drawn.extent
     reference = MeshSettings(size=fine, growth=0.3, rim_size=0.1 * fine, across_patches=10)
@@ -400,7 +400,8 @@ HEX_KINDS: dict[str, Callable[[Random, Path], _Drawn]] = {
 
 def _adapted(drawn: _Drawn) -> _Drawn:
     """A coarse even mesh, and two that follow its errors."""
-    return dataclasses.replace(drawn, shares=(ADAPTED_SHARE * drawn.shares[0],), rounds=2)
+    coarse = (ADAPTED_SHARE * drawn.shares[0],)
+    return dataclasses.replace(drawn, shares=coarse, across=drawn.across[:1], rounds=2)
 
 
 def _angle_step(random: Random, file: Path) -> _Drawn:
