@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from headstock.geometry.parts.size_field import SizeField
+from headstock.geometry.parts.size_field import DECIMALS, DIGITS, SizeField
 from headstock.meshing.errors import MeshError
 
 SUFFIX = ".pos"
@@ -20,8 +20,8 @@ def encode_sizes(field: SizeField) -> bytes:
     """Sizes as a view of scalar tetrahedra, in metres."""
     rows = np.hstack([field.points[field.tets].reshape(-1, 12), field.sizes[field.tets]])
     lines = [
-        f"SS({','.join(f'{value:.9g}' for value in row[:12])})"
-        f"{{{','.join(f'{value:.6g}' for value in row[12:])}}};"
+        f"SS({','.join(f'{value:.{DECIMALS}f}' for value in row[:12])})"
+        f"{{{','.join(f'{value:.{DIGITS}g}' for value in row[12:])}}};"
         for row in rows
     ]
     return "\n".join(['View "element sizes [m]" {', *lines, "};", ""]).encode()

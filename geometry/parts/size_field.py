@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 
+DECIMALS, DIGITS = 9, 6  # of coordinates [m] and of sizes, in files
 # cells of a regular tetrahedron's size in a cube of that side
 TETS_PER_CUBE = 6.0 * np.sqrt(2.0)
 
@@ -36,6 +37,15 @@ class SizeField:
         """About how many tetrahedra of these sizes fill the same space."""
         means = np.exp(np.log(self.sizes)[self.tets].mean(axis=1))
         return int(TETS_PER_CUBE * np.sum(self.volumes / means**3))
+
+    def settled(self) -> "SizeField":
+        """The same as it comes out of its file: to nanometres and six digits, corners in order."""
+        points = np.round(self.points, DECIMALS)
+        order = np.lexsort(points.T[::-1])
+        places = np.empty(len(order), dtype=np.int64)
+        places[order] = np.arange(len(order))
+        sizes = np.array([float(f"{size:.{DIGITS}g}") for size in self.sizes[order]])
+        return SizeField(points[order], places[self.tets], sizes)
 
     def scaled(self, unit: float) -> "SizeField":
         """The same in another unit of length [m]."""

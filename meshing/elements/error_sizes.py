@@ -3,19 +3,25 @@
 import dataclasses
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.size_field import SizeField
 from headstock.meshing.component_mesh import ComponentMesh
+from headstock.meshing.elements.surface import corner_normals, extract_surface, match_facets
 from headstock.meshing.elements.topology import EDGES
 
 EDGE_OVER_SIZE = 1.1  # of tetrahedra that gmsh makes for a size, in the mean
-# Power of the element size with which squared errors fall: 4 of second-order tetrahedra where
-# stresses are smooth, about 1 at inner edges and at the rims of what is held rigidly
-RATE = 1.8
+# Powers of the element size with which squared errors of second-order tetrahedra fall: 4 where
+# stresses are smooth, 1.1 at an inner edge of 270 degrees, 1 to 1.4 at rims of what is held
+# rigidly; a coarse element there holds some of both
+SMOOTH_RATE, SINGULAR_RATE = 4.0, 1.5
+SHARP_COSINE = float(np.cos(np.radians(50.0)))  # of facets that meet at an inner edge
 FINEST_STEP = 0.2  # from one mesh to the next an estimate can be trusted for this much
-MOST_TIMES = 5.0  # as many cells; where it was very coarse, the next mesh tells what is needed
+MOST_TIMES = 12.0  # as many cells; where it was very coarse, the next mesh tells what is needed
 HALVINGS = 60
+NEIGHBOURS = 4
 
 
 def mean_edges(field: SizeField) -> FloatArray:
@@ -27,38 +33,80 @@ def mean_edges(field: SizeField) -> FloatArray:
     return np.asarray(np.sqrt(np.mean(squares, axis=0)))
 
 
-def spread_error(mesh: ComponentMesh, energies: FloatArray, share: float) -> SizeField:
-    """The sizes with which the fewest cells miss so much of what a mesh misses, or what five times as
-    many can; none is larger than those of the mesh.
+def find_singular(mesh: ComponentMesh) -> NDArray[np.bool_]:
+    """Cells ``(n_cells,)`` with a corner at a sharp inner edge or at the rim of a patch.
 
-    A cell of size h misses ``e h^RATE`` per volume, with e known from the mesh. Sizes with ``h^(RATE
-    + 3) e`` equal everywhere need the fewest cells.
+    Args:
+        mesh: Of tetrahedra.
+    """
+    surface = extract_surface(mesh.cells, mesh.kind)
+    corners, normals = surface.facets[:, :3], corner_normals(mesh.points, surface)
+    sides = np.sort(corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    order = np.lexsort(sides.T)
+    shared = (np.diff(sides[order], axis=0) == 0).all(axis=1)
+    left, right = order[:-1][shared] // 3, order[1:][shared] // 3
+    middles = mesh.points[corners].mean(axis=1)
+    turned = np.einsum("ij,ij->i", normals[left], normals[right]) < SHARP_COSINE
+    inner = np.einsum("ij,ij->i", middles[right] - middles[left], normals[left]) > 0.0
+    rims = np.zeros(len(left), dtype=bool)
+    for facets in mesh.patches.values():
+        held = np.zeros(len(corners), dtype=bool)
+        held[match_facets(surface, facets)[0]] = True
+        rims |= held[left] != held[right]
+    ends = np.unique(sides[order[:-1][shared]][(turned & inner) | rims])
+    return np.asarray(np.isin(mesh.cells[:, :4], ends).any(axis=1))
+
+
+def spread_error(
+    mesh: ComponentMesh, energies: FloatArray, share: float, before: SizeField | None = None
+) -> SizeField:
+    """The sizes with which the fewest cells miss so much of what a mesh misses, or what twelve times
+    as many can; none is larger than those of the mesh.
+
+    A cell misses ``e s^p`` when its size becomes ``s`` times what it is, with a power ``p`` that is
+    smaller where stresses are singular. The fewest cells are needed where ``p e s^(p + 3)`` is equal
+    for all of them.
 
     Args:
         mesh: Of tetrahedra.
         energies: ``(n_cells,)`` what each of its cells misses, in any unit.
         share: What all may miss in sum, over what they miss.
+        before: Sizes that the mesh was made with, if they were given from place to place.
 
     Source: Zienkiewicz and Zhu (1987), Int. J. Numer. Meth. Engng. 24, 337-357; Diez and Huerta
-    (1999), Comput. Methods Appl. Mech. Engng. 176, 215-229, for the least number of cells.
+    (1999), Comput. Methods Appl. Mech. Engng. 176, 215-229, for the least number of cells; Williams
+    (1952), J. Appl. Mech. 19, 526-528, on stresses at inner edges.
     """
     used, tets = np.unique(mesh.cells[:, :4], return_inverse=True)
     field = SizeField(mesh.points[used], tets.reshape(-1, 4), np.ones(len(used)))
     old, total = mean_edges(field) / EDGE_OVER_SIZE, float(energies.sum())
-    density = np.maximum(energies / field.volumes, 1e-12 * total / field.volumes.sum())
-    shape = (density / old**RATE) ** (-1.0 / (RATE + 3.0)) / old
+    rates = np.where(find_singular(mesh), SINGULAR_RATE, SMOOTH_RATE)
+    crowd = field.volumes / old**3  # in cells of a regular shape
+    least = 1e-12 * total / field.volumes.sum() * field.volumes
+    shape = crowd / (rates * np.maximum(energies, least))
 
     def steps(scale: float) -> FloatArray:
-        return np.asarray(np.clip(scale * shape, FINEST_STEP, 1.0))
+        return np.asarray(np.clip((scale * shape) ** (1.0 / (rates + 3.0)), FINEST_STEP, 1.0))
 
-    low, high = FINEST_STEP / float(shape.max()), 1.0 / float(shape.min())
+    highest = SMOOTH_RATE + 3.0
+    low, high = FINEST_STEP**highest / float(shape.max()), 1.0 / float(shape.min())
     for _ in range(HALVINGS):
         middle = np.sqrt(low * high)
         finer = steps(middle)
-        missed, cells = float(np.sum(energies * finer**RATE)), float(np.sum(finer**-3.0))
-        enough = missed <= share * total or cells > MOST_TIMES * len(finer)
+        missed, cells = float(energies @ finer**rates), float(crowd @ finer**-3.0)
+        enough = missed <= share * total or cells > MOST_TIMES * crowd.sum()
         low, high = (middle, high) if enough else (low, middle)
     # at a corner, as many cells per volume as the mean of those that meet in it
     ends = field.tets.ravel()
     crowds = np.bincount(ends, np.repeat((steps(low) * old) ** -3.0, 4)) / np.bincount(ends)
-    return dataclasses.replace(field, sizes=np.asarray(crowds ** (-1.0 / 3.0)))
+    sizes = crowds ** (-1.0 / 3.0)
+    if before is not None:  # what a mesh generator makes of sizes is coarser here and there
+        sizes = np.minimum(sizes, _sizes_at(before, field.points))
+    return dataclasses.replace(field, sizes=np.asarray(sizes)).settled()
+
+
+def _sizes_at(field: SizeField, places: FloatArray) -> FloatArray:
+    """Sizes ``(n,)`` at places among the corners of a field [m]."""
+    away, nearest = cKDTree(field.points).query(places, k=min(NEIGHBOURS, len(field.points)))
+    weights = 1.0 / np.maximum(away, 1e-9 * away.max()) ** 2
+    return np.asarray(np.sum(weights * field.sizes[nearest], axis=1) / weights.sum(axis=1))

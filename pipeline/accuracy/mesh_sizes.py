@@ -52,7 +52,7 @@ def refine_sizes(
     element = state.reduced[names[0]].superelement
     elastic = importlib.import_module(ELASTIC_MODULE)
     missed = elastic.find_cell_errors(part, mesh, element, np.column_stack(motions)).sum(axis=1)
-    return spread_error(mesh, missed, ratio)
+    return spread_error(mesh, missed, ratio, part.mesh.sizes)
 
 
 def _list_motions(state: RunState) -> Iterator[tuple[CoupledPose, str, FloatArray]]:

@@ -276,7 +276,9 @@ def _follow_errors(judged: _Solved) -> MeshSettings:
     """The sizes that all watched numbers together ask for."""
     element = judged.coupled.layout.superelements["part"]
     energies = find_cell_errors(judged.body, judged.mesh, element, judged.motions).sum(axis=1)
-    return give_sizes(judged.body, spread_error(judged.mesh, energies, ADAPTED_STEP)).mesh
+    return give_sizes(
+        judged.body, spread_error(judged.mesh, energies, ADAPTED_STEP, judged.body.mesh.sizes)
+    ).mesh
 
 
 def _compare(judged: _Solved, reference: _Solved) -> FloatArray:

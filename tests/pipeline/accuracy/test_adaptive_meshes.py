@@ -92,7 +92,7 @@ def test_what_was_chosen_is_replayed_from_the_summary(folder: Path, searched: Re
     shutil.copy(folder / "searched" / "sizes" / "part.pos", folder)
     values = summarise(searched)["accuracy"]["values"]
     again = run(folder, "replayed", values=values)
-    assert numbers(again) == pytest.approx(numbers(searched), rel=1e-3)
+    assert numbers(again) == pytest.approx(numbers(searched), rel=1e-9)
     assert not find_answers(again.answers, AccuracyAnswer)
 
 
