@@ -29,7 +29,7 @@ from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.drives import find_scales
-from headstock.reduction.coupling.matrices import CouplingMemo
+from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.reduction.coupling.path_loads import body_loads, inertia_load, stack_modes
 from headstock.scene.reading.forces import ForceRecord
 from headstock.scene.requests import ContouringRequest

@@ -40,7 +40,7 @@ from headstock.solvers.linear.modal_coordinates import ModalCoordinates, reduce_
 from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.milling.full_discretisation import (
     StepResponse,
-    cut_multiplier,
+    largest_multiplier,
     node_gains,
     scan_limit_depth,
     step_response,
@@ -314,8 +314,12 @@ class _Trials:
         hz = HZ * chatter if np.isfinite(chatter) else request.reach_hz
         steps = steps_per_period(FINEST_CHATTER * hz, cut.tooth_period)
         usual = ABOVE * float(self.diagram.depths[place])
-        gains = node_gains(dataclasses.replace(cut, axial_depth=usual), steps)
-        stiffest = float(np.linalg.norm(gains, axis=(1, 2)).max())
+
+        @functools.cache
+        def gains(depth: float) -> FloatArray:
+            return node_gains(dataclasses.replace(cut, axial_depth=depth), steps)
+
+        stiffest = float(np.linalg.norm(gains(usual), axis=(1, 2)).max())
 
         @functools.cache
         def respond(share: float) -> StepResponse:
@@ -324,7 +328,7 @@ class _Trials:
 
         def size(depth: float) -> float:
             share = max(1.0, 2.0 ** np.ceil(np.log2(depth / usual)))
-            return cut_multiplier(respond(share), dataclasses.replace(cut, axial_depth=depth))
+            return largest_multiplier(respond(share), gains(depth))
 
         return size
 

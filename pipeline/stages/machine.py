@@ -61,6 +61,7 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.linear.static_response import solve_balanced
+from headstock.solvers.linear.symmetric_modes import RESOLVED
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 DAMPING = "damping"
@@ -72,11 +73,19 @@ FEWEST_TRIANGLES = 12  # of one surface: a box
 
 @dataclass(frozen=True, eq=False)
 class CoupledPose:
-    """A machine of superelements in a pose; see :class:`PoseModel`."""
+    """A machine of superelements in a pose; see :class:`PoseModel`.
+
+    Attributes:
+        parts: Scene and plan.
+        pose: Axis positions.
+        coupled: The machine in it.
+        resolved: Relative error that the highest eigenvalue of all modes may have.
+    """
 
     parts: MachineParts
     pose: Pose
     coupled: CoupledMachine
+    resolved: float = RESOLVED
 
     @property
     def system(self) -> SecondOrderSystem:
@@ -86,7 +95,7 @@ class CoupledPose:
     @functools.cached_property
     def all_modes(self) -> ModalResult:
         """All undamped modes of the system."""
-        return solve_modal(self.system)
+        return solve_modal(self.system, resolved=self.resolved)
 
     @property
     def placements(self) -> Mapping[str, Frame]:

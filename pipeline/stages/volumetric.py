@@ -20,7 +20,7 @@ from headstock.pipeline.answers.volumetric import VolumetricAnswer
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import couple
-from headstock.reduction.coupling.matrices import CouplingMemo
+from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.reduction.motions.tool_deviation import GEOMETRY, ToolDeviation, solve_deviation
 from headstock.scene.requests import VolumetricRequest
 from headstock.solvers.linear.volumetric import axis_motions, find_squareness, variance_shares

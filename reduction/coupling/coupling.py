@@ -40,13 +40,13 @@ from headstock.reduction.coupling.joint_springs import (
 )
 from headstock.reduction.coupling.matrices import (
     ComponentMatrices,
-    CouplingMemo,
     component_matrices,
     sum_damping,
     sum_hysteretic,
     sum_mass,
     sum_stiffness,
 )
+from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.second_order import SecondOrderSystem
 
@@ -151,7 +151,11 @@ def couple(
     constraints, sources = _constraint_rows(layout, springs, shapes)
     grading = grade_springs(springs, layout, matrices.stiffnesses)
     elimination = eliminate_constraints(
-        constraints, grading.group_rows(springs), scale_dofs(layout)
+        constraints,
+        grading.group_rows(springs),
+        scale_dofs(layout),
+        shared_groups=len(grading.deformations),
+        memo=memo,
     )
     reduced = tuple(express_in_free_coordinates(spring, elimination) for spring in springs)
     basis = elimination.basis
@@ -181,8 +185,8 @@ def couple(
         displaced = displace(find_displacements(machine, springs))
         loads |= displaced.loads
     system = SecondOrderSystem(
-        mass=sum_mass(layout, matrices, basis, memo),
-        damping=sum_damping(layout, matrices, basis, reduced),
+        mass=sum_mass(layout, matrices, elimination, memo),
+        damping=sum_damping(layout, matrices, elimination, reduced),
         stiffness=sum_stiffness(layout, matrices, elimination, reduced, grading, memo=memo),
         inputs=channels,
         outputs=channels,

@@ -2,6 +2,7 @@
 stiff springs from compliant ones.
 """
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,7 +13,8 @@ from scipy.linalg import qr
 from scipy.sparse import bmat, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.reduction.coupling.memo import CouplingMemo
 
 IntArray = NDArray[np.int64]
 
@@ -29,15 +31,23 @@ class Elimination:
         levels: ``(n,)`` 0 for a coordinate that stretches no listed spring group, g for one that
             stretches group g (1 is the stiffest) and, apart from that, only softer ones.
         redundant: Indices of the constraint rows that others already imply.
+        shared: ``(n,)`` whether a coordinate is the same in every pose that has the same constraints
+            and the same first groups.
     """
 
     basis: FloatArray
     levels: IntArray
     redundant: tuple[int, ...]
+    shared: BoolArray
 
 
 def eliminate_constraints(
-    constraints: FloatArray, groups: Sequence[FloatArray], scale: FloatArray
+    constraints: FloatArray,
+    groups: Sequence[FloatArray],
+    scale: FloatArray,
+    *,
+    shared_groups: int = 0,
+    memo: CouplingMemo | None = None,
 ) -> Elimination:
     """Coordinates ``q = T z`` with ``C T = 0``, graded so that springs of very different stiffness
     do not mix.
@@ -53,6 +63,8 @@ def eliminate_constraints(
             the most compliant.
         scale: ``(n_all,)`` factor per dof after which every dof is a length; rank decisions are
             made there.
+        shared_groups: How many of the first groups are the same in every pose.
+        memo: Keeps splits for the next pose; None for no memory.
 
     Source: Golub and Van Loan (2013), section 5.4.2 (QR with column pivoting); Barlow and Demmel
     (1990) on graded matrices.
@@ -61,7 +73,8 @@ def eliminate_constraints(
     sets = _find_sets(rows)
     touched = np.concatenate([np.zeros(0, dtype=np.int64), *(one.dofs for one in sets)])
     untouched = np.setdiff1d(np.arange(len(scale)), touched)
-    splits = [_split_set(rows, one) for one in sets]
+    memo = memo or CouplingMemo()
+    splits = [_split_set(rows, one, memo) for one in sets]
     # coordinates that stretch nothing first, then from the most compliant group to the stiffest: a
     # graded matrix, whose small entries no stiff spring's digits are added to. Every set of dofs
     # fills its own rows only, so the columns of a level stand side by side
@@ -76,9 +89,11 @@ def eliminate_constraints(
             basis[one.dofs, column : column + block.shape[1]] = scale[one.dofs, None] * block
             column += block.shape[1]
     levels = np.repeat([0, *order], [len(untouched), *widths])
+    shared = (levels > 0) & (levels <= shared_groups)
+    shared[: len(untouched)] = True
     alone = np.flatnonzero(~rows[0].any(axis=1))
     redundant = np.sort(np.concatenate([alone, *(split.redundant for split in splits)]))
-    return Elimination(basis, levels, tuple(int(row) for row in redundant))
+    return Elimination(basis, levels, tuple(int(row) for row in redundant), shared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,15 +142,21 @@ def _find_sets(rows: Sequence[FloatArray]) -> list[_Set]:
     ]
 
 
-def _split_set(rows: Sequence[FloatArray], one: _Set) -> _Split:
-    null = np.eye(len(one.dofs))
+def _split_set(rows: Sequence[FloatArray], one: _Set, memo: CouplingMemo) -> _Split:
+    name, size = f"split of dof {one.dofs[0]}", len(one.dofs)
+    null: FloatArray = memo.recall(name, (one.dofs,), lambda: np.eye(size))
     spans: list[FloatArray] = []
     redundant: IntArray = np.zeros(0, dtype=np.int64)
     for index, (block, own) in enumerate(zip(rows, one.rows, strict=True)):
-        span, null, dependent = _split_space(block[np.ix_(own, one.dofs)], null)
-        spans.append(span)
+        acting = block[np.ix_(own, one.dofs)]
+        # as long as blocks are those of the last pose, so is what they leave
+        split = memo.recall(
+            f"{name}, {index}", (acting, null), functools.partial(_split_space, acting, null)
+        )
+        null = split.null
+        spans.append(split.stretched)
         if index == 0:
-            redundant = own[dependent]
+            redundant = own[split.dependent]
     return _Split((null, *spans[1:]), redundant)
 
 

@@ -1,61 +1,23 @@
-"""Mass, stiffness and damping of a coupled machine in its free coordinates, and a memo of what
-poses of the same superelements share.
-
-A memo changes no result: a coupling with one gives the numbers of a coupling without, whatever was
-coupled before.
-"""
+"""Mass, stiffness and damping of a coupled machine in its free coordinates."""
 
 import functools
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.parts.components import RayleighDamping
 from headstock.reduction.coupling.dof_layout import DofLayout, clean_stiffness, turn_dofs
 from headstock.reduction.coupling.elimination import Elimination
 from headstock.reduction.coupling.joint_springs import PlacedJoint, SpringGrading
+from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.symmetric_matrices import symmetrise
 
 ROUNDOFF = 1e-15  # a diagonal entry below this share of the terms it is the sum of is roundoff
-
-
-@dataclass(eq=False)
-class CouplingMemo:
-    """What was made last under each name, with what it was made of.
-
-    Attributes:
-        channels: Names of the points and interfaces that are loaded and observed; None for all.
-    """
-
-    channels: Collection[str] | None = None
-    _kept: dict[str, tuple[tuple[object, ...], Any]] = field(default_factory=dict)
-
-    def recall[T](self, name: str, made_of: tuple[object, ...], make: Callable[[], T]) -> T:
-        """A value made anew, or that of the last call of this name where it was made of the same:
-        arrays equal, the rest identical.
-
-        Args:
-            name: One per kind of value.
-            made_of: All that the value depends on.
-            make: Makes the value; it must depend on nothing else.
-        """
-        kept = self._kept.get(name)
-        if kept is not None and len(kept[0]) == len(made_of) and all(map(_same, kept[0], made_of)):
-            value: T = kept[1]
-            return value
-        made = make()
-        self._kept[name] = (made_of, made)
-        return made
-
-
-def _same(one: object, other: object) -> bool:
-    return one is other or (
-        isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and np.array_equal(one, other)
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,12 +101,13 @@ def sum_stiffness(
             weights.
     """
     weigh = _unit_weight if weights is None else weights.__getitem__
-    basis = elimination.basis
     if weights is None:
-        total = _recall_sum(layout, matrices.stiffnesses, basis, "stiffness", memo).copy()
+        total = _sum_components(layout, matrices.stiffnesses, elimination, memo, "stiffness")
     else:
         total = _sum_components(
-            layout, {name: weigh(name) * part for name, part in matrices.stiffnesses.items()}, basis
+            layout,
+            {name: weigh(name) * part for name, part in matrices.stiffnesses.items()},
+            elimination,
         )
     if not grading.groups:
         for spring in springs:
@@ -195,7 +158,7 @@ def sum_hysteretic(
 def sum_mass(
     layout: DofLayout,
     matrices: ComponentMatrices,
-    basis: FloatArray,
+    elimination: Elimination,
     memo: CouplingMemo | None = None,
 ) -> FloatArray:
     """Mass ``(n, n)`` of the components.
@@ -203,29 +166,16 @@ def sum_mass(
     Args:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
         matrices: Matrices of each component in machine axes.
-        basis: ``(n_all, n)`` stacked dofs per free coordinate.
-        memo: Keeps the sum for the next pose; None for no memory.
+        elimination: Free coordinates.
+        memo: Keeps the components' sum for the next pose; None for no memory.
     """
-    return _recall_sum(layout, matrices.masses, basis, "mass", memo)
-
-
-def _recall_sum(
-    layout: DofLayout,
-    matrices: Mapping[str, FloatArray],
-    basis: FloatArray,
-    what: str,
-    memo: CouplingMemo | None,
-) -> FloatArray:
-    make = functools.partial(_sum_components, layout, matrices, basis)
-    return (
-        make() if memo is None else memo.recall(f"sum of {what}", (basis, *matrices.values()), make)
-    )
+    return _sum_components(layout, matrices.masses, elimination, memo, "mass")
 
 
 def sum_damping(
     layout: DofLayout,
     matrices: ComponentMatrices,
-    basis: FloatArray,
+    elimination: Elimination,
     springs: Sequence[PlacedJoint],
 ) -> FloatArray | None:
     """Viscous damping ``(n, n)`` of components and joints, or None without any.
@@ -233,13 +183,13 @@ def sum_damping(
     Args:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
         matrices: Matrices of each component in machine axes.
-        basis: ``(n_all, n)`` stacked dofs per free coordinate.
+        elimination: Free coordinates.
         springs: Every joint, its rows already in the free coordinates, ``(6, n)``.
     """
     dampers = [spring for spring in springs if np.any(spring.damping)]
     if not matrices.dampings and not dampers:
         return None
-    total = _sum_components(layout, matrices.dampings, basis)
+    total = _sum_components(layout, matrices.dampings, elimination)
     for spring in dampers:
         _add_spring(total, spring, spring.damping)
     return _symmetric_if(total, all(np.array_equal(s.damping, s.damping.T) for s in dampers))
@@ -253,26 +203,77 @@ def _add_spring(total: FloatArray, spring: PlacedJoint, matrix: FloatArray) -> N
 
 
 def _sum_components(
-    layout: DofLayout, matrices: Mapping[str, FloatArray], basis: FloatArray
+    layout: DofLayout,
+    matrices: Mapping[str, FloatArray],
+    elimination: Elimination,
+    memo: CouplingMemo | None = None,
+    what: str = "",
 ) -> FloatArray:
-    """``T^T A T``; coordinates whose diagonal is roundoff of its terms are set to zero."""
+    """``T^T A T``; coordinates whose diagonal is roundoff of its terms are set to zero.
+
+    The block of the coordinates that all poses share is kept in the memo.
+    """
+    basis, own = elimination.basis, np.flatnonzero(~elimination.shared)
+    shared = np.flatnonzero(elimination.shared)
+    make = functools.partial(_sum_shared, layout, matrices, basis, shared)
+    made_of = (basis[:, shared], shared, *matrices.values())
+    kept = make() if memo is None else memo.recall(f"sum of {what}", made_of, make)
+    total, terms = kept.total.copy(), kept.terms.copy()
+    for name, matrix in matrices.items():
+        block = basis[layout.offsets[name]]
+        mine, others = (places[np.any(block[:, places] != 0.0, axis=0)] for places in (own, shared))
+        if not len(mine):
+            continue
+        part = block[:, mine]
+        moved = matrix @ part
+        across = block[:, others].T @ moved
+        total[np.ix_(others, mine)] += across
+        total[np.ix_(mine, others)] += across.T
+        total[np.ix_(mine, mine)] += part.T @ moved
+        terms[mine] += _sum_terms(part, matrix)
+    noise = np.abs(total.diagonal()) <= ROUNDOFF * terms
+    total[noise, :] = 0.0
+    total[:, noise] = 0.0
+    return symmetrise(total)
+
+
+class _SharedSum(NamedTuple):
+    """Sum over components in the coordinates that all poses share, zero in the others.
+
+    Attributes:
+        total: ``(n, n)``.
+        terms: ``(n,)`` sizes of what each entry on the diagonal is the sum of.
+    """
+
+    total: FloatArray
+    terms: FloatArray
+
+
+def _sum_shared(
+    layout: DofLayout,
+    matrices: Mapping[str, FloatArray],
+    basis: FloatArray,
+    shared: NDArray[np.intp],
+) -> _SharedSum:
     total = np.zeros((basis.shape[1], basis.shape[1]))
     terms = np.zeros(basis.shape[1])
     for name, matrix in matrices.items():
         block = basis[layout.offsets[name]]
-        columns = np.flatnonzero(np.any(block != 0.0, axis=0))
+        columns = shared[np.any(block[:, shared] != 0.0, axis=0)]
         part = block[:, columns]
         if _is_identity(part):
             total[np.ix_(columns, columns)] += matrix
             terms[columns] += np.abs(matrix.diagonal())
             continue
         total[np.ix_(columns, columns)] += part.T @ matrix @ part
-        magnitude = np.abs(part)
-        terms[columns] += np.einsum("ij,ij->j", magnitude, np.abs(matrix) @ magnitude)
-    noise = np.abs(total.diagonal()) <= ROUNDOFF * terms
-    total[noise, :] = 0.0
-    total[:, noise] = 0.0
-    return symmetrise(total)
+        terms[columns] += _sum_terms(part, matrix)
+    return _SharedSum(total, terms)
+
+
+def _sum_terms(part: FloatArray, matrix: FloatArray) -> FloatArray:
+    """``(k,)`` sizes of the terms of the diagonal of ``P^T A P``."""
+    size = np.abs(part)
+    return np.asarray(np.einsum("ij,ij->j", size, np.abs(matrix) @ size))
 
 
 def _is_identity(part: FloatArray) -> bool:

@@ -20,6 +20,7 @@ from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.symmetric_matrices import is_symmetric, require_symmetric
 from headstock.solvers.linear.symmetric_modes import (
     BEYOND,
+    RESOLVED,
     ModalPairs,
     loses_digits,
     solve_symmetric_modes,
@@ -60,7 +61,11 @@ class ModalResult:
 
 
 def solve_modal(
-    system: SecondOrderSystem, *, count: int | None = None, up_to_hz: float | None = None
+    system: SecondOrderSystem,
+    *,
+    count: int | None = None,
+    up_to_hz: float | None = None,
+    resolved: float = RESOLVED,
 ) -> ModalResult:
     """Natural frequencies and mass-normalised shapes of the undamped system; what a run calls
     (sweeps: ``solve_lowest_modes``).
@@ -69,6 +74,7 @@ def solve_modal(
         system: Mass and stiffness must be symmetric and positive semidefinite; damping is left out.
         count: Keep this many, rigid-body modes counted; None keeps all.
         up_to_hz: Keep modes up to this frequency [Hz]; both limits hold when both are given.
+        resolved: Relative error that the highest eigenvalue may have, and residual of any mode.
 
     Raises:
         ModelError: A matrix is not symmetric, not finite or indefinite; nothing has mass; a dof has
@@ -88,13 +94,19 @@ def solve_modal(
     limit = None if up_to_hz is None else (2.0 * np.pi * up_to_hz) ** 2
     return _finish_modes(
         system,
-        solve_symmetric_modes(system.stiffness, system.mass, wanted=count, up_to=limit),
+        solve_symmetric_modes(
+            system.stiffness, system.mass, wanted=count, up_to=limit, resolved=resolved
+        ),
         up_to_hz,
+        max(RESIDUAL_LIMIT, resolved),
     )
 
 
 def _finish_modes(
-    system: SecondOrderSystem, pairs: ModalPairs, up_to_hz: float | None
+    system: SecondOrderSystem,
+    pairs: ModalPairs,
+    up_to_hz: float | None,
+    largest_residual: float = RESIDUAL_LIMIT,
 ) -> ModalResult:
     """Frequencies, signs and residuals of eigenpairs; those beyond a limit are left out.
 
@@ -109,7 +121,7 @@ def _finish_modes(
         )
     shapes = _with_sign(pairs.shapes[:, :kept])
     residuals = _residuals(system, pairs.eigenvalues[:kept], shapes)
-    _require_small(residuals, frequencies)
+    _require_small(residuals, frequencies, largest_residual)
     return ModalResult(
         frequencies[:kept], shapes, pairs.rigid_count, pairs.infinite_count, residuals
     )
@@ -174,12 +186,12 @@ def _residuals(
     )
 
 
-def _require_small(residuals: FloatArray, frequencies: FloatArray) -> None:
-    if not (residuals <= RESIDUAL_LIMIT).all():
+def _require_small(residuals: FloatArray, frequencies: FloatArray, limit: float) -> None:
+    if not (residuals <= limit).all():
         worst = int(np.argmax(residuals))
         raise AccuracyError(
             f"mode {worst + 1} at {frequencies[worst]:.6g} Hz leaves a residual of {residuals[worst]:.2g}, "
-            f"limit {RESIDUAL_LIMIT:g}; look for joint stiffnesses or masses that differ by more than 14 decades"
+            f"limit {limit:g}; look for joint stiffnesses or masses that differ by more than 14 decades"
         )
 
 

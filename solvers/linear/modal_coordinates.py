@@ -168,11 +168,12 @@ def reduce_to_modes(
     flexible = slice(kept.rigid_count, None)
     squares = (2.0 * np.pi * kept.frequencies_hz[flexible]) ** 2
     own = kept.shapes[:, flexible]
-    rest = elastic_displacements(system, modes, loads) - (own / squares) @ (own.T @ loads)
+    elastic = elastic_displacements(system, modes, loads)
+    rest = elastic - (own / squares) @ (own.T @ loads)
     # independent shapes among them, by the flexibility they carry
     flexibility = loads.T @ rest
     level, turn = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
-    whole = float(np.abs(loads.T @ elastic_displacements(system, modes, loads)).max(initial=0.0))
+    whole = float(np.abs(loads.T @ elastic).max(initial=0.0))
     carried = level > NEGLIGIBLE * whole
     shapes = np.zeros((len(system.mass), 0))
     squares_of_rest = np.zeros(0)

@@ -25,6 +25,9 @@ UNSEEN = 1e-12  # a mode's share in a channel below this share of the largest on
 CONDITION_LIMIT = 1e6  # of the eigenvectors: critically damped modes have hardly two of them
 INFINITE = 16.0 * EPS
 SINGULAR_FACTOR = 16.0
+FAR = 3.0  # times the highest frequency asked for: poles beyond make a smooth part
+SMOOTH_NODES = 16  # of a polynomial for it: its error is (5 + sqrt(24))^-16
+MANY = 2 * SMOOTH_NODES  # frequencies and modes from which a polynomial is faster
 
 
 class ResponseForm(Protocol):
@@ -83,18 +86,51 @@ class ModalSum:
         """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN on an
         undamped pole that is seen.
         """
+        found: ComplexArray = self._sum(omega) + self.rest.evaluate(omega)
+        return found
+
+    def _sum(self, omega: FloatArray) -> ComplexArray:
+        """The sum over the modes; that over many far ones by a polynomial in the frequency."""
+        highest = float(omega.max(initial=0.0))
+        far = np.abs(self.poles()) > FAR * highest
+        if len(omega) < MANY or far.sum() < MANY:
+            return self._sum_each(omega)
+        nodes = np.polynomial.chebyshev.chebpts1(SMOOTH_NODES)
+        values = self._keep(far)._sum_each(0.5 * highest * (1.0 + nodes))
+        vander = np.polynomial.chebyshev.chebvander
+        weights = vander(2.0 * omega / highest - 1.0, SMOOTH_NODES - 1) @ np.linalg.inv(
+            vander(nodes, SMOOTH_NODES - 1)
+        )
+        smooth = (weights @ values.reshape(SMOOTH_NODES, -1)).reshape(-1, *values.shape[1:])
+        return self._keep(~far)._sum_each(omega) + smooth
+
+    def _keep(self, modes: NDArray[np.bool_]) -> "ModalSum":
+        return ModalSum(
+            self.eigenvalues[modes],
+            self.viscous[modes],
+            self.hysteretic[modes],
+            self.residues[modes],
+            self.seen[modes],
+            self.rest,
+        )
+
+    def _sum_each(self, omega: FloatArray) -> ComplexArray:
         square = omega[:, None] ** 2
         real, imaginary = self.eigenvalues - square, omega[:, None] * self.viscous + self.hysteretic
         size = real**2 + imaginary**2
-        singular = size <= (SINGULAR * (self.eigenvalues + square)) ** 2
-        inverse = np.where(singular, 0.0, 1.0 / np.where(singular, 1.0, size))
+        # at its resonance a mode with more damping than this is never singular
+        damping = self.viscous * np.sqrt(self.eigenvalues) + self.hysteretic
+        damped = bool((damping > 10.0 * SINGULAR * self.eigenvalues).all())
+        singular = None if damped else size <= (SINGULAR * (self.eigenvalues + square)) ** 2
+        if singular is not None:
+            size[singular] = np.inf
         # in real numbers twice as fast: (a + i b)^-1 = (a - i b) / (a^2 + b^2)
-        found: ComplexArray = (
-            np.tensordot(real * inverse, self.residues, axes=1)
-            - 1j * np.tensordot(imaginary * inverse, self.residues, axes=1)
-            + self.rest.evaluate(omega)
+        real /= size
+        imaginary /= size
+        found: ComplexArray = np.tensordot(real, self.residues, axes=1) - 1j * np.tensordot(
+            imaginary, self.residues, axes=1
         )
-        return _blank_singular(found, singular, self.seen)
+        return found if singular is None else _blank_singular(found, singular, self.seen)
 
     def poles(self) -> ComplexArray:
         """Pole of each mode at positive frequencies [rad/s]; of an overdamped one the slower."""

@@ -18,7 +18,8 @@ from headstock.solvers.linear.symmetric_matrices import (
     find_null_space,
 )
 
-SPREAD_LIMIT = 1e-7  # smallest over largest flexibility that one solve resolves to ~1e-9
+SPREAD_LIMIT = 1e-7  # smallest over largest flexibility that one solve resolves to RESOLVED
+RESOLVED = 1e-9  # relative error of the highest eigenvalue
 MASSLESS_LIMIT = 1e-12  # flexibility over the largest one below which a dof may be without mass
 CANCELLATION_LIMIT = (
     1e-6  # roundoff of the lowest mode's strain energy above which a rigid mode is suspected
@@ -51,6 +52,7 @@ def solve_symmetric_modes(
     *,
     wanted: int | None = None,
     up_to: float | None = None,
+    resolved: float = RESOLVED,
 ) -> ModalPairs:
     """The lowest eigenpairs, or all, of ``K x = omega^2 M x`` for symmetric positive semidefinite
     matrices.
@@ -66,6 +68,8 @@ def solve_symmetric_modes(
         mass: ``(n, n)``.
         wanted: How many of the lowest must be accurate; the others are left out. None: all.
         up_to: The same as a limit of omega^2 [rad^2/s^2]; those beyond it may be left out.
+        resolved: Relative error that the highest eigenvalue may have; that of lower ones falls with
+            them.
 
     Raises:
         ModelError: A matrix is indefinite, or a dof has neither mass nor stiffness.
@@ -82,7 +86,7 @@ def solve_symmetric_modes(
             and find_null_space(stiffness).dimension
         ):
             return ModalPairs(eigenvalues, shapes)
-    pairs = _flexibility_modes(stiffness, mass, count, up_to)
+    pairs = _flexibility_modes(stiffness, mass, count, up_to, resolved)
     if pairs is None:
         careful = _careful_modes(stiffness, mass, count)
         return replace(
@@ -92,7 +96,7 @@ def solve_symmetric_modes(
 
 
 def _flexibility_modes(
-    stiffness: FloatArray, mass: FloatArray, count: int, up_to: float | None
+    stiffness: FloatArray, mass: FloatArray, count: int, up_to: float | None, resolved: float
 ) -> ModalPairs | None:
     """The lowest eigenvalues and shapes by one LAPACK call, or None where its answer may not be
     good enough.
@@ -104,12 +108,15 @@ def _flexibility_modes(
         return None
     if up_to is not None:
         count = min(count, max(1, int(np.count_nonzero(flexibilities * up_to >= BEYOND))))
-    if spreads_too_far(flexibilities[-count], flexibilities[-1]) or loses_digits(
-        stiffness, shapes[:, -1]
-    ):
+    least = flexibilities[-count] * (resolved / RESOLVED)
+    if spreads_too_far(least, flexibilities[-1]) or loses_digits(stiffness, shapes[:, -1]):
         return None
     eigenvalues = 1.0 / flexibilities[: -count - 1 : -1]
-    return ModalPairs(eigenvalues, shapes[:, : -count - 1 : -1] * np.sqrt(eigenvalues))
+    lowest_first = shapes[:, : -count - 1 : -1] * np.sqrt(eigenvalues)
+    if spreads_too_far(flexibilities[-count], flexibilities[-1]):
+        # where digits of high modes are lost, they are still orthogonal to lower ones
+        lowest_first = _mass_orthonormal(lowest_first, mass, times=1)
+    return ModalPairs(eigenvalues, lowest_first)
 
 
 def _few_lose_digits(stiffness: FloatArray, mass: FloatArray, count: int) -> bool:
@@ -198,11 +205,11 @@ def _void_error(massless: NullSpace, void: NullSpace) -> ModelError:
     )
 
 
-def _mass_orthonormal(vectors: FloatArray, mass: FloatArray) -> FloatArray:
-    """The same space with ``R^T M R = 1``; twice, because once leaves the square of the condition
-    number.
+def _mass_orthonormal(vectors: FloatArray, mass: FloatArray, *, times: int = 2) -> FloatArray:
+    """The same space with ``R^T M R = 1``, each vector less its part along those before; by default
+    twice, because once leaves the square of the condition number.
     """
-    for _ in range(2 if vectors.shape[1] else 0):
+    for _ in range(times if vectors.shape[1] else 0):
         lower = np.linalg.cholesky(vectors.T @ mass @ vectors)
         vectors = solve_triangular(lower, vectors.T, lower=True, check_finite=False).T
     return vectors

@@ -229,11 +229,11 @@ def chip_stiffness(cut: MillingCut, times: FloatArray) -> FloatArray:
     twist = 2.0 * cut.axial_depth * np.tan(cut.mill.helix) / cut.mill.diameter
     if abs(twist) < STRAIGHT:
         sine, cosine = np.sin(low), np.cos(low)
-        products = np.stack([sine * sine, sine * cosine, cosine * cosine, sine, cosine], axis=-1)
-        means = products * _engaged(cut, sine, cosine)[..., None]
+        products = np.array([sine * sine, sine * cosine, cosine * cosine, sine, cosine])
+        means = products * _engaged(cut, sine, cosine)
     else:
         means = (_engaged_products(cut, low + twist) - _engaged_products(cut, low)) / twist
-    squares, mixed, others, across, along = np.moveaxis(cut.axial_depth * means.sum(axis=1), -1, 0)
+    squares, mixed, others, across, along = cut.axial_depth * means.sum(axis=-1)
     tangential, radial, axial = cut.coefficients.chip
     upwards = -np.sign(cut.mill.helix or 1.0) * axial
     stiffness = [
@@ -245,7 +245,7 @@ def chip_stiffness(cut: MillingCut, times: FloatArray) -> FloatArray:
 
 
 def _engaged_products(cut: MillingCut, theta: FloatArray) -> FloatArray:
-    """``(..., 5)`` integrals of sin^2, sin cos, cos^2, sin and cos over angles up to ``theta`` at
+    """``(5, ...)`` integrals of sin^2, sin cos, cos^2, sin and cos over angles up to ``theta`` at
     which a tooth cuts, from the beginning of one cut on.
     """
     begin = -0.5 * np.pi
@@ -253,20 +253,15 @@ def _engaged_products(cut: MillingCut, theta: FloatArray) -> FloatArray:
     turns, within = np.divmod(theta - begin, 2.0 * np.pi)
     # from -pi/2 on the sine is minus the cosine of the angle since then, the cosine its sine
     since = np.minimum(within, arc)
-    own, whole = (
-        np.stack(
-            [
-                0.5 * angle + 0.25 * np.sin(2.0 * angle),
-                -0.5 * np.sin(angle) ** 2,
-                0.5 * angle - 0.25 * np.sin(2.0 * angle),
-                -np.sin(angle),
-                1.0 - np.cos(angle),
-            ],
-            axis=-1,
-        )
-        for angle in (since, np.array(arc))
-    )
-    return np.asarray(own + turns[..., None] * whole)
+    whole = _integrate_products(np.array(arc)).reshape(5, *(1,) * theta.ndim)
+    return np.asarray(_integrate_products(since) + turns * whole)
+
+
+def _integrate_products(angle: FloatArray) -> FloatArray:
+    """``(5, ...)`` integrals from -pi/2 on over an angle."""
+    sine, cosine = np.sin(angle), np.cos(angle)
+    half, mixed = 0.5 * angle, 0.5 * sine * cosine
+    return np.array([half + mixed, -0.5 * sine**2, half - mixed, -sine, 1.0 - cosine])
 
 
 # axial terms are zero where the table gives none

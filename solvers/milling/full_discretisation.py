@@ -2,9 +2,9 @@
 line between the nodes of a tooth period, so that one propagation serves all steps (full
 discretisation, Ding, Zhu, Zhang and Ding 2010), and only nodes at which a tooth cuts are unknown.
 
-A tip moves by its poles, in blocks of two; what it remembers of the last period is projected on
-polynomials over the nodes of each cut, which leaves out what no multiplier near one contains; and the
-largest multiplier comes from a power of the matrix and the eigenvalues of what is left of it.
+A tip moves by its poles, in blocks of two; its motion over a period is projected on polynomials over
+the nodes of each cut, which leaves out what no multiplier near one contains; and the largest
+multiplier comes from a power of the matrix and the eigenvalues of what is left of it.
 Multipliers converge with the square of the step, as those of :mod:`.stability` do, which are an
 independent method.
 """
@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-import scipy.optimize
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import BoolArray, FloatArray
@@ -28,15 +27,18 @@ SAMPLES = 4  # of the engagement in each step
 STEPS_PER_CHATTER = 36  # of a swing
 FEWEST_STEPS = 64
 STEPS_PER_MEMORY = 18  # of the fastest swing that the memory of the last period resolves
-LEAST_DEGREES = 12  # of its polynomials, besides pi for each of these swings
-SQUARINGS = 12  # of the matrix over a period
+LEAST_DEGREES = 16  # of its polynomials, besides pi for each of these swings
+SQUARINGS = 12  # of the matrix over a period, at most
+FEWEST_SQUARINGS = 6  # before the first look at what is left
+RESIDUAL = 1e-7  # of the largest multiplier: where squaring ends
 DOMINANT = 16  # multipliers that are left of it
-SPENT = 1e-6  # share of the largest below which a direction of them is roundoff
 NEGLIGIBLE = 3e-3  # of the inverse of a gain: receptance of all poles that are left out
 SMALL = 1e-2  # exponent below which a series takes the place of differences
 SCAN_BEGIN, SCAN_FACTOR = 0.35, 1.3  # of the depth that is expected, and from depth to depth
-DEPTH_TOLERANCE = 1e-3  # relative
+DEPTH_TOLERANCE = 5e-4  # relative
 MOST_TRIALS = 60
+SMALLEST = 1e-12  # multiplier that has a logarithm
+OWN_SHARE = 0.9  # of the growth at a stable depth: what is above is that of what chatters
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +195,10 @@ def node_gains(cut: MillingCut, steps: int) -> FloatArray:
 
 
 def period_matrix(response: StepResponse, gains: FloatArray) -> FloatArray:
-    """State and what is remembered of the delayed outputs a period later per those at its start.
+    """State and what is remembered of the outputs a period later per those at its start.
+
+    Outputs at the nodes that cut are a few polynomials ``Q a``: ``a = Q' (free x + K G Q (a - past))``
+    with the responses ``K`` and gains ``G``, which one small inverse solves (Galerkin).
 
     Args:
         response: Of the tip.
@@ -203,78 +208,53 @@ def period_matrix(response: StepResponse, gains: FloatArray) -> FloatArray:
     cutting = np.flatnonzero(np.abs(every).max(axis=(1, 2)) > 0.0)
     if not len(cutting):
         return response.end
-    begins = int(cutting[0] == 0)  # and then ends
-    ahead, behind = cutting[begins:], cutting[: len(cutting) - begins]
-    memory, size = _memory(tuple(map(int, behind))), len(response.end)
-    kernel = _kernel(response, every, cutting)[begins:]
-    at_end = (response.end_early[cutting] + response.end_late[cutting]) @ every[cutting]
-    past = _remember(kernel[:, :, : len(behind)], memory)
-    known = np.concatenate([response.free[ahead], -past], axis=2)
-    end = np.concatenate(
-        [response.end, -_remember(at_end[: len(behind)].swapaxes(0, 1), memory)], axis=1
+    projected = _project(response, tuple(map(int, cutting)))
+    memory, start = projected.memory, projected.start
+    nodes, kept = memory.shape
+    driven = every[cutting][:, :, None, :] * memory[:, None, :, None]  # (c, r, k, p)
+    both = projected.responses @ driven.reshape(nodes * gains.shape[1], len(start))
+    through, at_end = both[: len(start)], both[len(start) :]
+    solved = np.linalg.inv(np.eye(kept * gains.shape[2]) - through)
+    ends = at_end @ solved
+    return np.block(
+        [[response.end + ends @ start, -ends], [solved @ start, np.eye(len(start)) - solved]]
     )
-    if begins:
-        # at the first node the motion is that of the state; at the last it is what was there first
-        known[:, :, :size] += (kernel[:, :, 0] - kernel[:, :, -1]) @ response.free[0]
-        end[:, :size] += (at_end[0] - at_end[-1]) @ response.free[0]
-    own = _solve_causal(kernel[:, :, begins:], known)
-    after = at_end[begins:].transpose(1, 0, 2).reshape(size, -1)
-    end += after @ own.reshape(after.shape[1], -1)
-    kept = own[: len(behind) - begins]
-    if begins:
-        first: FloatArray = np.zeros((1, *own.shape[1:]))
-        first[0, :, :size] = response.free[0]
-        kept = np.concatenate([first, kept])
-    remembered = np.tensordot(memory, kept, axes=(0, 0)).reshape(-1, end.shape[1])
-    return np.concatenate([end, remembered])
 
 
-def _kernel(response: StepResponse, gains: FloatArray, nodes: IndexArray) -> FloatArray:
-    """``(c, p, c, p)`` outputs at nodes ``(c,)`` per motion at nodes, through the force there."""
-    steps = response.steps
-    none = np.zeros((steps, *response.late.shape[1:]))
-    lag = steps + nodes[:, None] - nodes[None, :]
-    every = np.concatenate([none, response.early + response.late])
-    first = np.concatenate([none, response.early])  # no force rises up to the first node
-    outputs, forces = every.shape[1:]
-    directions = gains.shape[2]
-    found = np.zeros((len(nodes), outputs, len(nodes), directions))
-    for output, force in np.ndindex(outputs, forces):
-        reach = every[:, output, force][lag]
-        if nodes[0] == 0:
-            reach[:, 0] = first[lag[:, 0], output, force]
-        for direction in range(directions):
-            found[:, output, :, direction] += reach * gains[nodes, force, direction]
-    return found
+@dataclass(frozen=True, eq=False)
+class _Projected:
+    """Responses at the nodes that cut, in polynomials over them.
 
-
-def _solve_causal(through: FloatArray, known: FloatArray) -> FloatArray:
-    """Outputs ``(c, p, k)`` that are known ones and what ``through`` makes of earlier and their own,
-    ``(c, p, c, p)``.
+    Attributes:
+        memory: ``(c, k)`` the polynomials.
+        responses: ``(k p + n, c r)`` coefficients of the outputs, and the state at the end, per force
+            at the nodes.
+        start: ``(k p, n)`` coefficients of the outputs per state at the start.
     """
-    count, directions = known.shape[:2]
-    number = np.arange(count)
-    # scaled by the inverse of its blocks on the diagonal the matrix is a lower triangle of ones there
-    own = np.linalg.inv(np.eye(directions) - through[number, :, number, :])
-    lower = (-own @ through.reshape(count, directions, -1)).reshape(through.shape)
-    lower[number, :, number, :] = 0.0
-    found = scipy.linalg.solve_triangular(
-        lower.reshape(2 * (count * directions,)),
-        (own @ known).reshape(count * directions, -1),
-        lower=True,
-        unit_diagonal=True,
-        check_finite=False,
+
+    memory: FloatArray
+    responses: FloatArray
+    start: FloatArray
+
+
+@functools.lru_cache(maxsize=8)
+def _project(response: StepResponse, nodes: tuple[int, ...]) -> _Projected:
+    memory, places = _memory(nodes), np.array(nodes)
+    count, (outputs, forces) = len(nodes), response.late.shape[1:]
+    lag = places[:, None] - places[None, :]
+    # no force acts back in time, and none rises up to the first node
+    later, rises = (lag >= 0)[:, :, None, None], (places > 0)[None, :, None, None]
+    reach = np.maximum(lag, 0)
+    kernel = later * (response.early[reach] + rises * response.late[reach])  # (c, c, p, r)
+    own = (memory.T @ kernel.reshape(count, -1)).reshape(-1, count, outputs, forces)
+    own = own.swapaxes(1, 2).reshape(-1, count * forces)
+    at_end = (response.end_early[places] + response.end_late[places]).swapaxes(0, 1)
+    start = np.tensordot(memory, response.free[places], axes=(0, 0))
+    return _Projected(
+        memory,
+        np.concatenate([own, at_end.reshape(-1, count * forces)]),
+        start.reshape(-1, start.shape[2]),
     )
-    return np.asarray(found.reshape(known.shape))
-
-
-def _remember(values: FloatArray, memory: FloatArray) -> FloatArray:
-    """Per coefficient of the memory ``(..., b, k)`` in place of per output ``(..., p)`` at each of
-    the delayed nodes, ``(..., c, p)``.
-    """
-    found = np.tensordot(values, memory, axes=(-2, 0))  # (..., p, k)
-    found = found.swapaxes(-1, -2)
-    return np.asarray(found.reshape(*found.shape[:-2], -1))
 
 
 @functools.lru_cache(maxsize=64)
@@ -293,21 +273,36 @@ def _polynomials(count: int) -> FloatArray:
 
 def spectral_radius(matrix: FloatArray) -> float:
     """Size of the largest eigenvalue: of the matrix on what a high power of it leaves of a few
-    vectors.
+    vectors, high enough for a small residual; of all eigenvalues where none is.
 
     Args:
         matrix: ``(n, n)``.
     """
     if len(matrix) <= 4 * DOMINANT:
-        return float(np.abs(np.linalg.eigvals(matrix)).max(initial=0.0))
-    power = matrix
-    for _ in range(SQUARINGS):
-        power = power / np.abs(power).max()
+        return _solve_all(matrix)
+    power, start = matrix, _start_vectors(len(matrix))
+    for squaring in range(SQUARINGS):
         power = power @ power
-    start = np.random.default_rng(0).standard_normal((len(matrix), DOMINANT))
-    space, sizes, _ = np.linalg.svd(power @ start, full_matrices=False)
-    space = space[:, sizes > SPENT * sizes[0]]
-    return float(np.abs(np.linalg.eigvals(space.T @ matrix @ space)).max())
+        power *= 1.0 / np.abs(power).max()
+        if squaring < FEWEST_SQUARINGS:
+            continue
+        space = np.linalg.qr(power @ start)[0]
+        moved = matrix @ space
+        values, vectors = np.linalg.eig(space.T @ moved)
+        first = int(np.argmax(np.abs(values)))
+        value, vector = values[first], vectors[:, first]
+        if np.linalg.norm(moved @ vector - value * (space @ vector)) < RESIDUAL * abs(value):
+            return float(abs(value))
+    return _solve_all(matrix)
+
+
+def _solve_all(matrix: FloatArray) -> float:
+    return float(np.abs(np.linalg.eigvals(matrix)).max(initial=0.0))
+
+
+@functools.lru_cache(maxsize=64)
+def _start_vectors(size: int) -> FloatArray:
+    return np.random.default_rng(0).standard_normal((size, DOMINANT))
 
 
 def cut_multiplier(response: StepResponse, cut: MillingCut) -> float:
@@ -317,8 +312,12 @@ def cut_multiplier(response: StepResponse, cut: MillingCut) -> float:
         response: Of the tip over the tooth period of the cut.
         cut: Tool, material and engagement.
     """
-    matrix = period_matrix(response, node_gains(cut, response.steps))
-    return max(response.rest, spectral_radius(matrix))
+    return largest_multiplier(response, node_gains(cut, response.steps))
+
+
+def largest_multiplier(response: StepResponse, gains: FloatArray) -> float:
+    """As :func:`cut_multiplier`, of gains ``(m, r, p)`` at the nodes of a tooth period [N/m]."""
+    return max(response.rest, spectral_radius(period_matrix(response, gains)))
 
 
 def steps_per_period(chatter_hz: float, period: float) -> int:
@@ -331,30 +330,58 @@ def scan_limit_depth(
 ) -> float:
     """Thinnest depth of cut that chatters: depths are tried from below the expected one upwards,
     then the border between two of them is
-    enclosed (Brent) [m].
+    enclosed by secants [m].
 
     Args:
         multiplier: Size of the largest Floquet multiplier at a depth [m].
         expected: Depth near which the limit is expected [m].
         deepest: Returned where no cut chatters.
     """
+
+    @functools.cache
+    def growth(depth: float) -> float:
+        return float(np.log(max(multiplier(depth), SMALLEST)))
+
     low, high = 0.0, min(SCAN_BEGIN * expected, deepest)
     for _ in range(MOST_TRIALS):
-        if multiplier(high) >= 1.0:
+        if growth(high) >= 0.0:
             break
         if high >= deepest:
             return deepest
         low, high = high, min(SCAN_FACTOR * high, deepest)
     while low == 0.0 and high > DEPTH_TOLERANCE * expected:
         # it chatters below: down to where it does not
-        if multiplier(0.5 * high) < 1.0:
+        if growth(0.5 * high) < 0.0:
             low = 0.5 * high
         else:
             high *= 0.5
     if low == 0.0:
         return 0.0
-    return float(
-        scipy.optimize.brentq(
-            lambda depth: multiplier(depth) - 1.0, low, high, xtol=DEPTH_TOLERANCE * low
-        )
-    )
+    return _find_border(growth, low, high)
+
+
+def _find_border(growth: Callable[[float], float], low: float, high: float) -> float:
+    """Depth at which the growth of what chatters passes zero: nearly a line in the depth, but where
+    another multiplier, which no cut excites, is larger; depths of that one enclose the border only.
+
+    Args:
+        growth: Logarithm of the largest multiplier at a depth [m]; below zero at ``low`` only.
+        low: Depth that is stable [m].
+        high: One that is not [m].
+    """
+    idle, tolerance = OWN_SHARE * growth(low), DEPTH_TOLERANCE * low
+    found, trial = [high], 0.5 * (low + high)
+    while high - low > tolerance:
+        value = growth(trial)
+        low, high = (trial, high) if value < 0.0 else (low, trial)
+        if value > idle:
+            found.append(trial)
+        if len(found) < 2 or trial != found[-1] or value == growth(found[-2]):
+            trial = 0.5 * (low + high)
+            continue
+        before = found[-2]
+        ahead = trial - value * (trial - before) / (value - growth(before))
+        if abs(ahead - trial) < tolerance:
+            return float(ahead)
+        trial = float(ahead) if low < ahead < high else 0.5 * (low + high)
+    return 0.5 * (low + high)

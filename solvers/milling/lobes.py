@@ -20,7 +20,8 @@ from headstock.solvers.second_order import ComplexArray
 
 IndexArray = NDArray[np.intp]
 Receptance = Callable[[FloatArray], ComplexArray]
-REFINEMENTS = 2  # Newton steps between two lines of the grid
+REFINEMENTS = 6  # secant steps between two lines of the grid, at most
+SETTLED = 1e-8  # phase that is left where they end [rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,14 +127,21 @@ def find_lobes(
     periods: FloatArray = np.asarray(2.0 * np.pi / (teeth * speeds), dtype=float)
     largest = float(values.real.max())
     found = [_crossings(omega, values[:, branch], periods) for branch in range(2)]
-    place, waves, near, level = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    place, waves, near, level, slope = (np.concatenate(parts) for parts in zip(*found, strict=True))
     # of all frequencies that may chatter at a speed the one with the thinnest limit
     order = np.lexsort((-level.real, place))
     first = order[np.unique(place[order], return_index=True)[1]]
-    at, waves, near, level = place[first], waves[first], near[first], level[first]
-    level = _nearest(receptance(near), stiffness, level)
-    for _ in range(REFINEMENTS):
-        near, level = _refine(receptance, stiffness, near, level, waves=waves, periods=periods[at])
+    at = place[first]
+    near, level = _refine(
+        receptance,
+        stiffness,
+        near[first],
+        level[first],
+        slope[first],
+        waves=waves[first],
+        periods=periods[at],
+    )
+    waves = waves[first]
     real = level.real > 0.0
     depths = np.full(len(speeds), deepest)
     depths[at[real]] = np.minimum(0.5 / level.real[real], deepest)
@@ -159,9 +167,10 @@ def _phase(values: ComplexArray) -> FloatArray:
 
 def _crossings(
     omega: FloatArray, values: ComplexArray, periods: FloatArray
-) -> tuple[IndexArray, IndexArray, FloatArray, ComplexArray]:
+) -> tuple[IndexArray, IndexArray, FloatArray, ComplexArray, FloatArray]:
     """Every frequency at which an eigenvalue meets a period: number of the period, whole waves,
-    angular frequency and eigenvalue, interpolated between lines.
+    angular frequency and eigenvalue, interpolated between lines, and how fast the phase that is left
+    grows with the frequency there [s].
     """
     unstable = values.real > 0.0
     left = np.flatnonzero(unstable[:-1] & unstable[1:])
@@ -182,16 +191,16 @@ def _crossings(
     piece, place = _spread(last - first, first)
     place, a, b, waves = rising[place], a[piece], b[piece], waves[piece]
     period = periods[place]
-    slope = (omega[b] - omega[a]) * period - (phase[b] - phase[a])
-    share = (2.0 * np.pi * waves + phase[a] - omega[a] * period) / np.where(
-        slope == 0.0, 1.0, slope
-    )
-    share = np.clip(share, 0.0, 1.0)
+    slope = period - (phase[b] - phase[a]) / (omega[b] - omega[a])
+    slope = np.where(slope == 0.0, period, slope)
+    move = (2.0 * np.pi * waves + phase[a] - omega[a] * period) / slope
+    share = np.clip(move / (omega[b] - omega[a]), 0.0, 1.0)
     return (
         place,
         waves,
         omega[a] + share * (omega[b] - omega[a]),
         values[a] + share * (values[b] - values[a]),
+        slope,
     )
 
 
@@ -207,23 +216,43 @@ def _refine(
     stiffness: FloatArray,
     omega: FloatArray,
     values: ComplexArray,
+    slope: FloatArray,
     *,
     waves: IndexArray,
     periods: FloatArray,
 ) -> tuple[FloatArray, ComplexArray]:
-    """A Newton step of each frequency towards ``omega T = phase + 2 pi k`` with the receptance
-    itself, and the eigenvalues there.
+    """Secant steps of each frequency towards ``omega T = phase + 2 pi k`` with the receptance itself,
+    and the eigenvalues there.
+
+    Args:
+        receptance: As in :func:`find_lobes`.
+        stiffness: ``(3, 2)``.
+        omega: ``(k,)`` interpolated [rad/s].
+        values: ``(k,)`` eigenvalues interpolated there.
+        slope: ``(k,)`` of the phase that is left [s].
+        waves: ``(k,)`` whole waves.
+        periods: ``(k,)`` [s].
     """
-    step = 1e-6 * omega
-    ahead = _nearest(receptance(omega + step), stiffness, values)
+    omega, slope = omega.copy(), slope.copy()
+    values = _nearest(receptance(omega), stiffness, values)
     off = omega * periods - _phase(values) - 2.0 * np.pi * waves
-    # the phase turns by less than half a turn over a step
-    slope = periods - 2.0 * np.angle(ahead / values) / step
-    move = np.clip(-off / slope, -0.02 * omega, 0.02 * omega)
-    moved = omega + move
-    found = _nearest(receptance(moved), stiffness, values)
-    closer = np.abs(moved * periods - _phase(found) - 2.0 * np.pi * waves) <= np.abs(off)
-    return np.where(closer, moved, omega), np.where(closer, found, values)
+    tried: FloatArray = np.asarray(off.copy())
+    for _ in range(REFINEMENTS):
+        some = np.flatnonzero(np.abs(tried) > SETTLED)
+        if not len(some):
+            break
+        move = np.clip(-off[some] / slope[some], -0.02 * omega[some], 0.02 * omega[some])
+        moved = omega[some] + move
+        found = _nearest(receptance(moved), stiffness, values[some])
+        rest = moved * periods[some] - _phase(found) - 2.0 * np.pi * waves[some]
+        closer = np.abs(rest) < np.abs(off[some])
+        apart = closer & (rest != off[some])
+        slope[some[apart]] = ((rest - off[some]) / move)[apart]
+        kept = some[closer]
+        omega[kept], values[kept], off[kept] = moved[closer], found[closer], rest[closer]
+        # one that comes no closer is left where it is
+        tried[some] = np.where(closer, rest, 0.0)
+    return omega, values
 
 
 def _nearest(response: ComplexArray, stiffness: FloatArray, values: ComplexArray) -> ComplexArray:

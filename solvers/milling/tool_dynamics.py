@@ -102,11 +102,24 @@ def couple_assembly(machine: ComplexArray, omega: FloatArray, assembly: Assembly
         return _couple_measured(machine, omega, assembly)
     found = machine
     for mode in assembly:
-        # x = A (f + omega^2 m P x) with A of the machine and the spring in series
-        square = (omega**2 * mode.mass)[:, None, None]
+        # x = A (f + omega^2 m D D^T x) with A of the machine and the spring in series
+        square, axes = (omega**2 * mode.mass)[:, None, None], mode.directions
         series = found + mode.projector / _springs(mode, omega)[:, None, None]
-        found = np.linalg.solve(np.eye(3) - square * series @ mode.projector, series)
+        moved = axes.T @ series  # of the mass, per force at the tip
+        own = _invert_small(np.eye(axes.shape[1]) - square * (moved @ axes))
+        found = series + square * ((series @ axes) @ (own @ moved))
     return found
+
+
+def _invert_small(matrices: ComplexArray) -> ComplexArray:
+    """Inverses ``(f, d, d)``, in closed form where ``d`` is one or two."""
+    if matrices.shape[-1] == 1:
+        return 1.0 / matrices
+    if matrices.shape[-1] > 2:
+        return np.asarray(np.linalg.inv(matrices))
+    first, second, third, fourth = np.moveaxis(matrices.reshape(-1, 4), 1, 0)
+    adjugate = np.stack([fourth, -second, -third, first], axis=1).reshape(-1, 2, 2)
+    return np.asarray(adjugate / (first * fourth - second * third)[:, None, None])
 
 
 def _springs(mode: ToolMode, omega: FloatArray) -> ComplexArray:

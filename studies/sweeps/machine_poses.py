@@ -17,17 +17,18 @@ from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.dof_layout import turn_dofs
-from headstock.reduction.coupling.matrices import CouplingMemo
+from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.reduction.motions.body_motions import join_names, split_number
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.superelement import Superelement
 from headstock.scene.requests import LOAD, ModalRequest
-from headstock.solvers.linear.modal_analysis import solve_lowest_modes
+from headstock.solvers.linear.modal_analysis import keep_lowest, solve_lowest_modes
 from headstock.studies.sweeps.journals import FIGURES, PoseResult
 
 # modes beyond those asked for, so that one that leaves the range in a neighbouring pose can be
 # followed
 EXTRA_SHARE, EXTRA_LEAST, EXTRA_REACH = 0.25, 3, 1.15
+RESOLVED = 1e-5  # relative error of the highest eigenvalue, far beyond what is asked for
 # an error in one pose is that pose's result
 POSE_ERRORS = (HeadstockError, ValueError, np.linalg.LinAlgError)
 
@@ -76,7 +77,7 @@ def solve_machine_pose(shared: MachinePoses, pose: Pose, positions: FloatArray) 
         return PoseResult(positions, "failed", f"coupling: {error}")
     found = PoseResult(positions, condition=_find_condition(shared, pose))
     errors: list[str] = []
-    model = CoupledPose(shared.parts, pose, coupled)
+    model = CoupledPose(shared.parts, pose, coupled, RESOLVED)
     for name, add in (
         ("static", _add_points),
         ("modal", _add_modes),
@@ -167,7 +168,12 @@ def _add_modes(model: CoupledPose, found: PoseResult) -> PoseResult:
     if request is None:
         return found
     count, limit = modes_to_solve(request)
-    modal = solve_lowest_modes(coupled.system, count=count, up_to_hz=limit)
+    analyses = model.parts.scene.analyses
+    modal = (
+        solve_lowest_modes(coupled.system, count=count, up_to_hz=limit)
+        if analyses.frf is None and analyses.lobes is None
+        else keep_lowest(model.all_modes, count=count, up_to_hz=limit)
+    )
     stacked = coupled.basis @ modal.shapes
     for name, place in coupled.offsets.items():
         part = coupled.layout.superelements[name]

@@ -7,15 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.meshing.components.meshing import describe_component
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
+from headstock.reduction.coupling import elimination
 from headstock.reduction.coupling.coupling import couple
-from headstock.reduction.coupling.matrices import CouplingMemo
+from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.scene.building.loader import load_scene
 
 SCENE = Path(__file__).parents[2] / "data" / "slide.toml"
+MACHINE = Path(__file__).parents[3] / "machines" / "three_axis.toml"
 
 
 @pytest.mark.parametrize("fixed", [False, True])
@@ -44,3 +47,28 @@ def test_every_matrix_is_that_of_a_coupling_without_a_memo(fixed: bool) -> None:
         for channel, row in quick.system.inputs.items():
             assert np.array_equal(row, plain.system.inputs[channel])
         assert quick.system.labels == plain.system.labels
+
+
+def test_what_components_alone_decide_is_split_once_for_all_poses(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    machine = load_scene(MACHINE, variant="segmented").machine
+    parts = {
+        name: (reduce_rigid if part.fidelity == "rigid" else reduce_segmented)(
+            part, describe_component(part)
+        )
+        for name, part in machine.components.items()
+    }
+    memo, sizes = CouplingMemo({"tcp"}), list[list[int]]()
+    original = elimination._split_space
+
+    def count(rows: FloatArray, null: FloatArray) -> object:
+        sizes[-1].append(null.shape[1])
+        return original(rows, null)
+
+    monkeypatch.setattr(elimination, "_split_space", count)
+    for place in (0.0, 0.03, 0.06):
+        sizes.append([])
+        couple(parts, machine, Pose("p", {"X": place}), memo=memo)
+    assert max(sizes[0]) > 50
+    assert max([*sizes[1], *sizes[2]], default=0) < 30

@@ -214,6 +214,27 @@ def test_one_mass_answers_as_the_textbook_says(zeta: float, eta: float) -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
+@pytest.mark.parametrize("zeta", [0.02, 3.0])
+def test_modes_far_above_the_range_are_a_polynomial_in_the_frequency_to_rounding(
+    zeta: float,
+) -> None:
+    """Many frequencies at once, against one at a time, which sums over every mode; overdamped modes
+    have a slow pole and are far only if that one is.
+    """
+    stiff = np.diag(np.geomspace(1e4, 1e12, 80))
+    stiff[0, 1:] = stiff[1:, 0] = 1e3
+    system = dataclasses.replace(make_system(80), stiffness=stiff)
+    system = add_modal_damping(system, (0.01, 0.02, zeta))
+    model = prepare_frf(system, inputs=CHANNELS, outputs=CHANNELS)
+    poles = np.sort(np.abs(model.form.poles()))
+    omega: FloatArray = np.asarray(np.linspace(0.1, 1.0, 90) * poles[30], dtype=float)
+    assert (poles > 3.0 * omega[-1]).sum() >= 32
+    single = np.concatenate([model.form.evaluate(each[None]) for each in omega])
+    np.testing.assert_allclose(
+        model.form.evaluate(omega), single, rtol=1e-10, atol=1e-12 * np.abs(single).max()
+    )
+
+
 def test_an_unsymmetric_stiffness_takes_the_direct_road_and_is_not_symmetrised() -> None:
     bare = make_system(4)
     skew = np.zeros((4, 4))

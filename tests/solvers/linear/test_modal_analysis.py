@@ -169,3 +169,16 @@ def test_answers_repeat_bitwise() -> None:
     first, second = solve_modal(system), solve_modal(system)
     np.testing.assert_array_equal(first.frequencies_hz, second.frequencies_hz)
     np.testing.assert_array_equal(first.shapes, second.shapes)
+
+
+def test_a_rougher_solve_keeps_low_frequencies_exact_and_all_shapes_orthogonal() -> None:
+    """Over 11 decades of omega squared one LAPACK call is enough where high modes may be off."""
+    stiffness = np.diag(np.geomspace(1e-2, 1e9, 40))
+    turn = np.linalg.qr(np.random.default_rng(3).standard_normal((40, 40)))[0]
+    mass = np.diag(np.linspace(1.0, 2.0, 40)) + 0.2 * turn @ turn[:, :5] @ turn[:, :5].T @ turn.T
+    system = SecondOrderSystem(mass, None, stiffness, {}, {}, tuple(map(str, range(40))))
+    fine, rough = solve_modal(system), solve_modal(system, resolved=1e-3)
+    np.testing.assert_allclose(rough.frequencies_hz[:20], fine.frequencies_hz[:20], rtol=1e-9)
+    np.testing.assert_allclose(rough.frequencies_hz, fine.frequencies_hz, rtol=1e-3)
+    assert np.abs(rough.shapes.T @ mass @ rough.shapes - np.eye(40)).max() < 1e-12
+    assert (rough.frequencies_hz != fine.frequencies_hz).any()  # it took another path

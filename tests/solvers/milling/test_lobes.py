@@ -265,6 +265,19 @@ def test_zeroth_order_is_exact_where_the_engagement_is_constant() -> None:
         assert floquet_limit(PUBLISHED, cut, depth) == pytest.approx(depth, rel=3e-3)
 
 
+def test_a_border_is_found_by_few_secants_though_another_multiplier_is_larger_below_it() -> None:
+    """The largest multiplier stays what it is up to a depth, then grows nearly as a line."""
+    tried: list[float] = []
+
+    def multiplier(depth: float) -> float:
+        tried.append(depth)
+        ratio = depth / 1.07e-3
+        return float(np.exp(max(-7e-4, 0.02 * (ratio - 1.0) + 0.01 * (ratio - 1.0) ** 2)))
+
+    assert scan_limit_depth(multiplier, 1e-3, 0.05) == pytest.approx(1.07e-3, rel=2e-4)
+    assert len(tried) == len(set(tried)) <= 11
+
+
 def test_flip_lobes_of_a_low_immersion_are_where_theory_has_them() -> None:
     """Near half the tooth frequency the multiplier that leaves the circle is -1, and the limit is
     well below that by one frequency (Davies et al. 2002).
