@@ -19,6 +19,7 @@ from headstock.pipeline.accuracy.remembered import remember_judged
 from headstock.pipeline.accuracy.replay import write_sizes
 from headstock.pipeline.accuracy.search import AccuracySearch, search_settings
 from headstock.pipeline.contours.contouring import run_contour_stage
+from headstock.pipeline.contours.tool_moves import run_any_path_stage
 from headstock.pipeline.planning.budgets import check_elapsed
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
@@ -38,7 +39,6 @@ from headstock.pipeline.stages.machine import run_couple_stage
 from headstock.pipeline.stages.map import run_map_stage
 from headstock.pipeline.stages.mechanism import run_place_stage
 from headstock.pipeline.stages.modal import run_modal_stage, run_spread_stage
-from headstock.pipeline.stages.path import run_path_stage
 from headstock.pipeline.stages.probes import run_recover_stage
 from headstock.pipeline.stages.run_state import (
     Announcer,
@@ -77,7 +77,7 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "map": run_map_stage,
     "contour": run_contour_stage,
     "frf": run_frf_stage,
-    "path": run_path_stage,
+    "path": run_any_path_stage,
     "control": run_control_stage,
     "volumetric": run_volumetric_stage,
     "lobes": run_lobes_stage,

@@ -214,7 +214,8 @@ class PathRequest:
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""
         feeds = " and ".join(f"{6e4 * move.feed:g}" for move in self.moves)
-        return f"{', '.join(self.path.axes)} moves {1e3 * self.path.length:g} mm at {feeds} mm/min, sampled at {self.sampling_hz:g} Hz"
+        cut = "" if self.cut is None else f", cutting forces in {self.cut.cut.coefficients.source}"
+        return f"{', '.join(self.path.axes)} moves {1e3 * self.path.length:g} mm at {feeds} mm/min, sampled at {self.sampling_hz:g} Hz{cut}"
 
 
 @dataclass(frozen=True)

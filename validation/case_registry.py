@@ -60,6 +60,7 @@ from headstock.validation.mechanisms.contouring_cases import (
     check_stability_methods,
     check_whole_nonlinear_contour,
 )
+from headstock.validation.mechanisms.marks_cases import check_marks
 from headstock.validation.mechanisms.mechanism_cases import (
     check_inverse_kinematics,
     check_limits,
@@ -539,6 +540,13 @@ CASES: tuple[Case, ...] = (
         "tripteor",
         "limit depths of the contour face by face",
         check_contour_stability,
+    ),
+    Case(
+        "tripteor-marks",
+        "tripteor",
+        "waviness and marks face by face: what marks one face and not the other",
+        check_marks,
+        on_request=True,
     ),
     Case(
         "milling-stability",

@@ -1,4 +1,5 @@
-"""A contour milled by any machine: the stage, what is cut, and each kind of machine on its way.
+"""Ways of a tool with steps in time: contours milled by any machine, straight moves of a mechanism's
+tool, what is cut, and each kind of machine on its way.
 
 Never here: other analyses, and numerics that know nothing of scenes.
 """

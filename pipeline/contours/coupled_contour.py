@@ -5,83 +5,64 @@ The machine is coupled in poses along the path and reduced to its modes there; t
 travels as its set points say, and its inertia is a load. Motors follow their set points.
 """
 
-import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
+from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.drives import Drive
-from headstock.geometry.machine.joints import Axis
-from headstock.geometry.machine.machine import Machine, Pose
-from headstock.geometry.machine.tool_travel import ToolTravel, find_tool_travel
+from headstock.geometry.machine.machine import Pose
+from headstock.geometry.machine.tool_travel import find_tool_travel
 from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.pipeline.contours.contour_cut import cut_contour, travel_frames, turned_modes
-from headstock.pipeline.contours.contour_drives import controlled_drives, drive_assumptions
-from headstock.pipeline.contours.contour_run import CORIOLIS, ContourDrives, ContourRun
+from headstock.pipeline.contours.contour_drives import (
+    FrictionSpeeds,
+    controlled_drives,
+    drive_assumptions,
+)
+from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
 from headstock.pipeline.contours.traced_path import plan_request
+from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, find_way_errors
 from headstock.pipeline.contours.way_motors import close_way, plan_motors
-from headstock.pipeline.stages.carried_bodies import move_bodies
-from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
+from headstock.pipeline.contours.ways import (
+    FORCE,
+    GRAVITY_LOAD,
+    RigidWay,
+    axes_way,
+    find_screws,
+    has_coriolis,
+    mechanism_way,
+    place_machine,
+)
 from headstock.pipeline.stages.run_state import RunState
-from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.coupling.drives import find_scales
-from headstock.reduction.coupling.memo import CouplingMemo
-from headstock.reduction.coupling.path_loads import body_loads, inertia_load, stack_modes
 from headstock.scene.reading.forces import ForceRecord
 from headstock.scene.requests import ContouringRequest
-from headstock.scene.scene import SceneMechanism
 from headstock.solvers.control.drive_trains import SCALE
 from headstock.solvers.control.friction_loop import friction_force
-from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.milling.path_drives import find_tool_positions, move_markers
+from headstock.solvers.milling.path_drives import find_tool_positions
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
 from headstock.solvers.milling.tool_dynamics import mount_modes
 from headstock.solvers.milling.tool_path import AVERAGES, PathPoints, ToolPath
-from headstock.solvers.paths.linear_motion import interpolate_nodes
+from headstock.solvers.paths.linear_motion import even_nodes, interpolate_nodes
 from headstock.solvers.paths.sampled_motion import (
+    LOAD_SPACING,
+    NODE_SPACING,
     SampledMotion,
     follow_drives,
     follow_motion,
     follow_way,
     sample_motion,
 )
-from headstock.solvers.paths.varying_system import PlantChannels, PosedModes
-from headstock.solvers.second_order import Channel
+from headstock.solvers.paths.varying_system import PlantChannels
 
-GRAVITY_LOAD: Channel = ("gravity", "load")
-FORCE = "force"
 STEPS_PER_SWING = 20  # of the highest mode that is kept: with fewer its frequency is off
 RESIDUAL_REACH = 4.0  # frequency at which what is left out gives way, in highest modes kept
 RESIDUAL_DAMPING = 0.3
 IDEAL = "motors follow their set points; no control loop is closed along a contour"
 OF_SCREWS = "motor torques are the forces of the screws times lead over 2 pi"
-
-
-@dataclass(frozen=True, eq=False)
-class RigidWay:
-    """How the rigid machine follows a path.
-
-    Attributes:
-        pose_at: The pose at a time.
-        loads: Channels of the load by its inertia, in the order of the amounts, of a coupled
-            machine.
-        amounts: Accelerations ``(n, r)`` of these channels at times ``(n,)``.
-        channels: Their names.
-        axis_motion: Speed and acceleration ``(n,)`` of an axis at times; None of a mechanism.
-        leg_forces: Forces ``(n, d)`` that hold up and accelerate the legs of a mechanism themselves,
-            between their drives and their screws, at times; None of axes.
-    """
-
-    pose_at: Callable[[float], Pose]
-    loads: Callable[[CoupledMachine], dict[Channel, FloatArray]]
-    amounts: Callable[[FloatArray], FloatArray]
-    channels: tuple[Channel, ...]
-    axis_motion: Callable[[str, FloatArray], tuple[FloatArray, FloatArray]] | None = None
-    leg_forces: Callable[[FloatArray], FloatArray] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,17 +100,22 @@ def run_coupled_contour(
     end = min(path.span[1], until)
     step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
     times: FloatArray = np.asarray(np.arange(0.0, end, step), dtype=float)
-    way = _plan_way(state, request, path)
     screws = find_screws(state.scene.machine)
-    motors = plan_motors(state, request, path, way.amounts)
-    scales = () if motors is None else tuple((drive.name, SCALE) for drive in motors.drives)
     tool = tuple((request.point or "", direction) for direction in DIRECTIONS)
+    rigid = _plan_way(state, request, path)
+    motors = plan_motors(state, path, tool, amounts=rigid.amounts, direction=_tool_direction(state))
+    errors = find_way_errors(state, rigid.pose_at, even_nodes(np.array([0.0, end]), NODE_SPACING))
+    way, spacing = rigid, LOAD_SPACING
+    if errors is not None:
+        way = errors.join(rigid, lambda now: (now, np.ones(len(now))))
+        spacing = min(spacing, errors.shortest / STEPS_PER_WAVE)
+    scales = () if motors is None else tuple((drive.name, SCALE) for drive in motors.drives)
     channels = PlantChannels(
         inputs=(*tool, GRAVITY_LOAD, *way.channels),
         outputs=(*tool, *((name, FORCE) for name in screws), *scales),
         up_to_hz=request.modes_to_hz,
     )
-    place = _placer(state, way, screws, () if motors is None else motors.drives)
+    place = place_machine(state, way, screws, () if motors is None else motors.drives)
     if request.follows_pose:
         bends = (*plan.bends, path.span[1] - AVERAGES * request.contour.window)
         breaks = [0.0, *sorted(float(time) for time in bends if time < end), end]
@@ -139,13 +125,20 @@ def run_coupled_contour(
         sampled = sample_motion(lambda time: kept, [0.0, end], channels)
     _judge_steps(state, request, sampled, step)
 
-    def given(now: FloatArray) -> FloatArray:
-        return np.concatenate([np.ones((len(now), 1)), way.amounts(now)], axis=1)
-
-    motion = follow_motion(sampled, times, given)
+    motion = follow_motion(
+        sampled, times, way.given, node_spacing=NODE_SPACING, load_spacing=spacing
+    )
     servo = None
+    friction: FrictionSpeeds = "true" if request.model == "nonlinear" else "set"
     if motors is not None:
-        servo = close_way(motors, sampled, motion, scales=len(tool) + len(screws), friction="set")
+        servo = close_way(
+            motors,
+            sampled,
+            motion,
+            scales=len(tool) + len(screws),
+            friction=friction,
+            load_spacing=spacing,
+        )
         motion = servo.motion
     cut = cut_contour(request, motion, plan, rotation=np.eye(3), record=record)
     history = cut.history
@@ -159,7 +152,7 @@ def run_coupled_contour(
             times[some],
             coordinates=history.compliant[some],
             force=cut.carried[some],
-            given=follow_way(given, times[some]),
+            given=follow_way(way.given, times[some]),
         )
         if way.leg_forces is None:
             return pushed
@@ -171,7 +164,7 @@ def run_coupled_contour(
         drives, assumed = ContourDrives(tuple(screws), drive_forces, torques), (IDEAL, *assumed)
     else:
         drives = controlled_drives(servo, motors.drives, history)
-        assumed = drive_assumptions(motors.drives, "set")
+        assumed = drive_assumptions(motors.drives, friction)
     return CoupledRun(
         times=times,
         gap=cut.tip + motion.tool_rest(cut.force) - gravity_deflection,
@@ -187,30 +180,6 @@ def run_coupled_contour(
         assumed=assumed,
         sampled=sampled,
     )
-
-
-def has_coriolis(state: RunState) -> bool:
-    """Whether the speeds of a mechanism accelerate it: its bodies turn, those of linear axes do not."""
-    return CORIOLIS in state.scene.effects and state.scene.mechanism is not None
-
-
-def find_screws(machine: Machine) -> dict[str, tuple[str, Axis | None]]:
-    """Ball screws that drive a machine: name of the drive to its joint and axis; those of a
-    mechanism have the name of their joint.
-    """
-    found: dict[str, tuple[str, Axis | None]] = {}
-    for axis in machine.axes.values():
-        for name in axis.joints:
-            if machine.joints[name].kind == "ball_screw" and axis.kind == "linear":
-                found.setdefault(axis.name, (name, axis))
-    if machine.mechanism is not None:
-        taken = {joint for joint, _ in found.values()}
-        found |= {
-            name: (name, None)
-            for name, joint in machine.joints.items()
-            if joint.kind == "ball_screw" and name not in taken
-        }
-    return found
 
 
 def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int) -> TipDynamics:
@@ -252,70 +221,6 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
     )
 
 
-def _placer(
-    state: RunState,
-    way: RigidWay,
-    screws: Mapping[str, tuple[str, Axis | None]],
-    drives: Sequence[Drive],
-) -> Callable[[float], PosedModes]:
-    """The machine at a time of the way: coupled, damped as the scene says, with every channel."""
-    parts, memo, undamped = state.parts, CouplingMemo(), False
-
-    def place(time: float) -> PosedModes:
-        nonlocal undamped
-        coupled = couple(
-            parts.superelements,
-            state.scene.machine,
-            way.pose_at(time),
-            gravity=parts.plan.gravity,
-            memo=memo,
-        )
-        modes = solve_modal(coupled.system)
-        for message in warn_of_no_damping(state.scene, coupled.system):
-            state.warn(message)
-        system = damp_system(state.scene, coupled.system, modes)
-        if system.damping is None and system.hysteretic is None and not undamped:
-            undamped = True
-            state.warn(
-                'the contour runs without damping: write [effects] damping = { modal = "2 %" }'
-            )
-        for message in coupled.warnings:
-            state.warn(message)
-        weight = coupled.loads.get("gravity", np.zeros(len(coupled.system.mass)))
-        system = dataclasses.replace(
-            system,
-            inputs={**system.inputs, GRAVITY_LOAD: weight, **way.loads(coupled)},
-            outputs={
-                **system.outputs,
-                **_screw_rows(coupled, screws),
-                **{
-                    (drive.name, SCALE): row
-                    for drive, row in zip(
-                        drives, find_scales(coupled, state.scene.machine, drives), strict=True
-                    )
-                },
-            },
-        )
-        return stack_modes(system, modes, coupled)
-
-    return place
-
-
-def _screw_rows(
-    coupled: CoupledMachine, screws: Mapping[str, tuple[str, Axis | None]]
-) -> dict[Channel, FloatArray]:
-    """Row ``(n,)`` of the force with which each screw pushes its nut, along the axis [N]."""
-    joints = {joint.name: joint for joint in coupled.joint_springs}
-    found: dict[Channel, FloatArray] = {}
-    for name, (joint, axis) in screws.items():
-        spring = joints[joint]
-        along = (
-            1.0 if axis is None else float(np.sign(spring.frame.rotation[:, 0] @ axis.direction))
-        )
-        found[name, FORCE] = along * (spring.stiffness @ spring.rows)[0]
-    return found
-
-
 def _trace_tool(
     state: RunState, request: ContouringRequest
 ) -> tuple[tuple[str, ...], Callable[[FloatArray, PathPoints], FloatArray]]:
@@ -328,99 +233,23 @@ def _trace_tool(
     return travel.axes, lambda positions, near: positions @ travel.directions.T
 
 
+def _tool_direction(state: RunState) -> FloatArray | None:
+    """Direction ``(3,)`` of a mechanism's tool; None of axes."""
+    return None if state.scene.mechanism is None else state.scene.mechanism.tool
+
+
 def _plan_way(state: RunState, request: ContouringRequest, path: ToolPath) -> RigidWay:
     mechanism, machine = state.scene.mechanism, state.scene.machine
-    if mechanism is not None:
-        return _mechanism_way(state, mechanism, path, find_screws(machine))
-    return _axes_way(machine, find_tool_travel(machine, machine.points[request.point or ""]), path)
-
-
-def _axes_way(machine: Machine, travel: ToolTravel, path: ToolPath) -> RigidWay:
-    """Linear axes that follow a path."""
-    channels = tuple((name, "acceleration") for name in travel.axes)
-    directions = {
-        name: dict.fromkeys(machine.axes[name].moves, machine.axes[name].direction)
-        for name in travel.axes
-    }
-
-    def pose_at(time: float) -> Pose:
-        places = travel.axis_positions(path.at(np.array([time])).position)[0]
-        return Pose(f"t = {time:.4g} s", dict(zip(travel.axes, places.tolist(), strict=True)))
-
-    def amounts(times: FloatArray) -> FloatArray:
-        return travel.axis_positions(path.at(times).acceleration)
-
-    def axis_motion(name: str, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-        number, points = travel.axes.index(name), path.at(times)
-        return (
-            travel.axis_positions(points.velocity)[:, number],
-            travel.axis_positions(points.acceleration)[:, number],
+    if mechanism is None:
+        return axes_way(
+            machine, find_tool_travel(machine, machine.points[request.point or ""]), path
         )
-
-    return RigidWay(
-        pose_at,
-        lambda coupled: {
-            channel: inertia_load(coupled, directions[channel[0]]) for channel in channels
-        },
-        amounts,
-        channels,
-        axis_motion,
-    )
-
-
-def _mechanism_way(
-    state: RunState,
-    mechanism: SceneMechanism,
-    path: ToolPath,
-    screws: Mapping[str, tuple[str, Axis | None]],
-) -> RigidWay:
-    """A mechanism that leads its tool along a path without turning it."""
-    parts, mounted = state.parts, mechanism.mounted
-    carried = {name: marker for name, marker in mechanism.carries.items() if name in parts.reduced}
-    channels = tuple((name, f"acceleration {dof}") for name in carried for dof in DOF_NAMES)
 
     def pose_at(time: float) -> Pose:
         x, y, z = path.at(np.array([time])).position[0].tolist()
         return Pose(f"t = {time:.4g} s", {"X": x, "Y": y, "Z": z})
 
-    def amounts(times: FloatArray) -> FloatArray:
-        moved = move_bodies(
-            mechanism,
-            parts,
-            times,
-            path.at(times),
-            mechanism.tool,
-            velocity_terms=has_coriolis(state),
-        )
-        return np.concatenate(list(moved.values()), axis=1)
-
-    def loads(coupled: CoupledMachine) -> dict[Channel, FloatArray]:
-        found: dict[Channel, FloatArray] = {}
-        for name in carried:
-            own = body_loads(coupled, name)
-            found |= {
-                (name, f"acceleration {dof}"): own[:, number]
-                for number, dof in enumerate(DOF_NAMES)
-            }
-        return found
-
-    def leg_forces(times: FloatArray) -> FloatArray:
-        moved, pulled = move_markers(mounted, times, path.at(times), mechanism.tool), amounts(times)
-        gravity = np.zeros(3) if parts.plan.gravity is None else np.asarray(parts.plan.gravity)
-        found, names = np.zeros((len(times), len(screws))), list(carried)
-        for number, (joint, _) in enumerate(screws.values()):
-            leg = state.scene.machine.joints[joint].ends[0].component
-            if leg not in carried:
-                continue
-            rotation = moved.rotations[:, mounted.mechanism.markers.index(carried[leg])]
-            axis = state.scene.machine.joints[joint].rotation[:, 0]
-            along = rotation @ axis @ mounted.mounting.rotation.T
-            center = pulled[:, 6 * names.index(leg) : 6 * names.index(leg) + 3]
-            weight = parts.superelements[leg].mass_kg
-            found[:, number] = weight * ((center - gravity) * along).sum(axis=1)
-        return found
-
-    return RigidWay(pose_at, loads, amounts, channels, leg_forces=leg_forces)
+    return mechanism_way(state, mechanism, path, pose_at=pose_at, direction=mechanism.tool)
 
 
 def _motor_torques(

@@ -2,6 +2,7 @@
 the full equations; and the mechanism at the tip of its tool.
 """
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -20,6 +21,7 @@ from headstock.pipeline.contours.contour_drives import (
 )
 from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
 from headstock.pipeline.contours.traced_path import plan_request
+from headstock.pipeline.stages.lumped_machine import sample_leg_errors
 from headstock.scene.reading.forces import ForceRecord
 from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import SceneMechanism
@@ -93,6 +95,12 @@ def run_lumped_contour(
     damping = request.damping
     names = tuple(each.axis for each in drives)
     free = linear_motion(model, drive, times, damping, names)
+    pushed = None
+    if mechanism.leg_errors:
+        pushed = _push_springs(mechanism, model, drive, times)
+        load = np.array(free.load)
+        load[:, : pushed.shape[1]] += pushed
+        free = dataclasses.replace(free, load=load)
     friction: FrictionSpeeds = "true" if request.model == "nonlinear" else "set"
     servo = _close_legs(model, drive, free, drives, friction) if drives else None
     motion = free if servo is None else servo.motion
@@ -100,7 +108,7 @@ def run_lumped_contour(
     history, moved = cut.history, cut.tip
     if request.model == "nonlinear":
         legs = FreeLegs(names, free) if drives else None
-        history = refine_motion(model, drive, motion, cut.force, history, legs=legs)
+        history = refine_motion(model, drive, motion, cut.force, history, legs=legs, pushed=pushed)
         moved = tool_gaps(model, drive, times, history, legs=legs)
     gravity_deflection = (
         motion.tool_motion(interpolate_nodes(times, motion.nodes, motion.gravity_deflection))
@@ -126,6 +134,20 @@ def run_lumped_contour(
         if drives
         else ((TORQUE,) if mechanism.screw_lead else ()),
     )
+
+
+def _push_springs(
+    mechanism: SceneMechanism, model: CompliantMechanism, drive: PathDrive, times: FloatArray
+) -> FloatArray:
+    """Loads ``(n, c)`` of springs that are at rest where legs are longer than commanded [N]."""
+    columns = [model.mechanism.driven.index(LENGTHS[leg]) for leg in mechanism.leg_errors]
+    springs = [2 * leg + 1 for leg in mechanism.leg_errors]
+    position = drive.at(times).position
+    pushed = np.zeros((len(times), len(model.mechanism.compliant)))
+    pushed[:, springs] = model.springs.stiffness(position)[:, springs] * sample_leg_errors(
+        mechanism.leg_errors, position[:, columns]
+    )
+    return pushed
 
 
 def _close_legs(

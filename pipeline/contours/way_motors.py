@@ -1,5 +1,5 @@
-"""Motors of a machine of components along a contour: what they move of the rigid machine, and their
-loops closed around its modes.
+"""Motors of a machine along a way: what they move of the rigid machine, and their loops closed around
+its modes.
 
 The modes are those with locked motors. A motor's coordinate is the travel of the rigid machine that
 it brings about; both are coupled by the inertia of that travel, which is also the load by which
@@ -11,8 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # whose interpolation, a third of a second, is loaded where it is used
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.machine import Machine
 from headstock.geometry.machine.tool_travel import find_tool_travel
@@ -21,7 +22,6 @@ from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.geometry.mechanisms.kinematics import skew_matrices
 from headstock.pipeline.contours.contour_drives import FrictionSpeeds, close_drives
 from headstock.pipeline.stages.run_state import MachineParts, RunState
-from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.mechanisms.partitioning import velocity_maps
 from headstock.solvers.milling.path_drives import move_markers
@@ -32,8 +32,10 @@ from headstock.solvers.paths.linear_motion import (
     even_nodes,
     interpolate_nodes,
 )
-from headstock.solvers.paths.sampled_motion import GIVEN, LOAD_SPACING, SampledMotion
+from headstock.solvers.paths.sampled_motion import GIVEN, LOAD_SPACING, TOOL, SampledMotion
 from headstock.solvers.paths.servo_motion import ServoMotion
+from headstock.solvers.paths.set_points import PathMotion
+from headstock.solvers.second_order import Channel
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +48,7 @@ class MovedMachine:
         accelerations: ``(n, d)`` set accelerations [m/s^2].
         channels: ``(n, r, d)`` acceleration in each channel of the way per that of each motor.
         mass: ``(n, d, d)`` [kg].
-        tool: ``(n, 3, d)`` motion of the tool against its work per travel of each motor.
+        outputs: ``(n, p, d)`` motion at the outputs of the way per travel of each motor.
         weight: ``(n, d)`` generalised weight [N].
         inertia: ``(n, d)`` what the rigid motion takes beside the weight [N].
     """
@@ -56,7 +58,7 @@ class MovedMachine:
     accelerations: FloatArray
     channels: FloatArray
     mass: FloatArray
-    tool: FloatArray
+    outputs: FloatArray
     weight: FloatArray
     inertia: FloatArray
 
@@ -76,25 +78,69 @@ class WayMotors:
 
 def plan_motors(
     state: RunState,
-    request: ContouringRequest,
     path: ToolPath,
+    outputs: Sequence[Channel],
+    *,
     amounts: Callable[[FloatArray], FloatArray],
+    direction: FloatArray | None = None,
 ) -> WayMotors | None:
-    """The drives that move a machine along a contour; None without control.
+    """The drives that move a machine along a way; None without control.
 
     Args:
         state: Of the run.
-        request: The contour.
         path: Of the tool.
-        amounts: Accelerations ``(n, r)`` in the channels of the way at times.
+        outputs: Where motion is wanted: of the tool first, its three directions. Of axes there are
+            no others.
+        amounts: Accelerations ``(n, r)`` of the bodies in the channels of the way at times.
+        direction: ``(3,)`` of a mechanism's tool.
     """
     scene, parts = state.scene, state.parts
     if not scene.drives:
         return None
-    if scene.mechanism is not None:
+    if scene.mechanism is not None and direction is not None:
         drives = [drive for drive in scene.drives.values() if drive.axis in LENGTHS]
-        return _leg_motors(parts, scene.mechanism, path, drives, amounts)
-    return _axis_motors(parts, scene.machine, request.point or "", path)
+        return _leg_motors(
+            parts, scene.mechanism, path, drives, amounts, direction=direction, outputs=outputs
+        )
+    return _axis_motors(parts, scene.machine, outputs[0][0], path)
+
+
+def lead_motors(
+    speeding: WayMotors,
+    pulling: WayMotors,
+    nodes: FloatArray,
+    travel: Callable[[FloatArray], PathMotion],
+) -> WayMotors:
+    """Motors along a line, from what they move where it is travelled at a speed of one, and where it is
+    accelerated by one: the former counts with the square of the speed.
+
+    Args:
+        speeding: Motors at unit speed, over positions of the line.
+        pulling: The same at unit acceleration.
+        nodes: ``(k,)`` positions between which both are interpolated.
+        travel: Motion along the line at times.
+    """
+    fast, pulled = speeding.at(nodes), pulling.at(nodes)
+    fields = [
+        *dataclasses.astuple(fast),
+        pulled.accelerations,
+        pulled.inertia,
+    ]
+    laws = [scipy.interpolate.make_interp_spline(nodes, values, k=3) for values in fields]
+
+    def at(times: FloatArray) -> MovedMachine:
+        now = travel(times)
+        v, a = now.speeds[:, None], now.accelerations[:, None]
+        *own, by_pull, held = (np.asarray(law(now.positions)) for law in laws)
+        found = MovedMachine(*own)
+        return dataclasses.replace(
+            found,
+            speeds=found.speeds * v,
+            accelerations=found.accelerations * v**2 + by_pull * a,
+            inertia=found.inertia * v**2 + held * a,
+        )
+
+    return WayMotors(speeding.drives, at)
 
 
 def close_way(
@@ -104,6 +150,7 @@ def close_way(
     scales: int,
     *,
     friction: FrictionSpeeds,
+    load_spacing: float = LOAD_SPACING,
 ) -> ServoMotion:
     """Close the loops of all motors along a way.
 
@@ -114,18 +161,20 @@ def close_way(
         motion: The same between its nodes.
         scales: The first of these outputs.
         friction: At which speeds it acts.
+        load_spacing: Time between which loads of the rigid motion are linear [s].
     """
     now = motors.at(motion.nodes)
     found = sampled.at(motion.nodes, "loads", "rows")
     modes, count = sampled.modes, len(motors.drives)
     kept, own = slice(0, modes), slice(modes, modes + count)
     # the load of an acceleration is what the travel's inertia takes of the modes
-    coupling = -found.loads[:, :, GIVEN][:, :, 1:] @ now.channels
+    bodies = slice(GIVEN.start + 1, GIVEN.start + 1 + now.channels.shape[1])
+    coupling = -found.loads[:, :, bodies] @ now.channels
     mass = np.zeros((len(motion.nodes), modes + count, modes + count))
     mass[:, kept, kept], mass[:, own, own] = motion.mass, now.mass
     mass[:, kept, own], mass[:, own, kept] = coupling, np.swapaxes(coupling, 1, 2)
     extra = ((0, 0), (0, count), (0, count))
-    load_nodes = even_nodes(motion.times, LOAD_SPACING)
+    load_nodes = even_nodes(motion.times, load_spacing)
     finer = [motors.at(load_nodes[part]) for part in chunk_slices(len(load_nodes))]
 
     def between(values: Sequence[FloatArray]) -> FloatArray:
@@ -140,7 +189,7 @@ def close_way(
             mass=mass,
             damping=np.pad(motion.damping, extra),
             stiffness=np.pad(motion.stiffness, extra),
-            tool=np.concatenate([motion.tool, now.tool], axis=2),
+            tool=np.concatenate([motion.tool, now.outputs[:, TOOL]], axis=2),
             load=np.concatenate([motion.load, pulled], axis=1),
         ),
         motors.drives,
@@ -196,7 +245,7 @@ def _axis_motors(
             accelerations,
             channels=np.broadcast_to(channels, (count, *channels.shape)),
             mass=np.broadcast_to(mass, (count, *mass.shape)),
-            tool=np.broadcast_to(tool, (count, *tool.shape)),
+            outputs=np.broadcast_to(tool, (count, *tool.shape)),
             weight=np.broadcast_to(weight, (count, len(weight))),
             inertia=accelerations @ mass,
         )
@@ -210,6 +259,9 @@ def _leg_motors(
     path: ToolPath,
     drives: Sequence[Drive],
     amounts: Callable[[FloatArray], FloatArray],
+    *,
+    direction: FloatArray,
+    outputs: Sequence[Channel],
 ) -> WayMotors | None:
     """Motors of the legs of a mechanism."""
     if not drives:
@@ -221,24 +273,40 @@ def _leg_motors(
     legs = [known.driven.index(drive.axis) for drive in drives]
 
     def at(times: FloatArray) -> MovedMachine:
-        moved = move_markers(mounted, times, path.at(times), mechanism.tool)
+        moved = move_markers(mounted, times, path.at(times), direction)
         kinematics = evaluate_kinematics(known, moved.states)
         from_legs = velocity_maps(known, kinematics.closure_jacobian)[0][..., legs]
-        tool = turn @ kinematics.of_position[:, known.markers.index("tcp")] @ from_legs
         pulled = amounts(times)
         count = len(drives)
         mass = np.zeros((len(times), count, count))
         weight, inertia = np.zeros((len(times), count)), np.zeros((len(times), count))
         channels = []
+
+        def travel(name: str, local: FloatArray) -> tuple[FloatArray, FloatArray]:
+            """Motion and turning ``(n, 3, d)`` of a place in a body."""
+            place, own = known.markers.index(bodies[name]), parts.plan.components[name].placement
+            arm = moved.rotations[:, place] @ (own.origin + own.rotation @ local)
+            turning = kinematics.of_rotation[:, place] @ from_legs
+            moving = kinematics.of_position[:, place] @ from_legs - skew_matrices(arm) @ turning
+            return turn @ moving, turn @ turning
+
+        def output_rows(channel: Channel) -> FloatArray:
+            """Motion ``(n, d)`` at an output: of a point its tool's less its work's."""
+            point, dof = parts.scene.machine.points[channel[0]], DOF_NAMES.index(channel[1])
+            total = np.zeros((len(times), 6, count))
+            for end, sign in ((point.tool, 1.0), (point.work, -1.0)):
+                if end.component in bodies and end.interface is not None:
+                    local = parts.superelements[end.component].interface_maps[end.interface]
+                    total += sign * np.concatenate(
+                        travel(end.component, local.frame.origin), axis=1
+                    )
+            return np.asarray(total[:, dof])
+
         for number, (name, marker) in enumerate(bodies.items()):
             place, body = known.markers.index(marker), parts.superelements[name]
             own = parts.plan.components[name].placement
-            rotation = moved.rotations[:, place]
-            arm = rotation @ (own.origin + own.rotation @ body.center_of_mass)
-            turning = kinematics.of_rotation[:, place] @ from_legs
-            moving = kinematics.of_position[:, place] @ from_legs - skew_matrices(arm) @ turning
-            moving, turning = turn @ moving, turn @ turning
-            axes = turn @ rotation @ own.rotation
+            moving, turning = travel(name, body.center_of_mass)
+            axes = turn @ moved.rotations[:, place] @ own.rotation
             tensor = axes @ body.inertia @ np.swapaxes(axes, -1, -2)
             straight, spin = np.split(pulled[:, 6 * number : 6 * number + 6, None], 2, axis=1)
             left, about = np.swapaxes(moving, 1, 2), np.swapaxes(turning, 1, 2)
@@ -253,7 +321,7 @@ def _leg_motors(
             accelerations=moved.growth[:, driven],
             channels=np.concatenate(channels, axis=1),
             mass=mass,
-            tool=tool,
+            outputs=np.stack([output_rows(channel) for channel in outputs], axis=1),
             weight=weight,
             inertia=inertia,
         )

@@ -66,6 +66,12 @@ FEWEST_DEFAULT_MODES = 20
 # limit of the default: what these modes leave out of a response is in its ±
 MOST_DEFAULT_MODES = 200
 GRAVITY = "gravity"
+ALONG_WAYS = {
+    "friction": "friction",
+    "torque_ripple": "torque ripple",
+    "guide_errors": "errors of guides and drives",
+    "coriolis": "forces of speeds (Coriolis)",
+}
 
 
 def default_mode_count(wanted: int) -> int:
@@ -143,10 +149,10 @@ def plan_scene(
         steps = contour_steps(scene.analyses.contouring)
         steps *= CONTROLLED_COST if scene.drives and scene.is_lumped else 1.0
         rate = STEPS_PER_SECOND if scene.is_lumped else COUPLED_STEPS_PER_SECOND
-        what = scene.analyses.contouring.describe() + _name_drives(scene)
+        what = scene.analyses.contouring.describe() + _name_acting(scene)
         stages.append(Stage("contour", None, what, estimated_seconds=steps / rate))
     if scene.analyses.path is not None:
-        what = scene.analyses.path.describe() + _name_drives(scene)
+        what = scene.analyses.path.describe() + _name_acting(scene)
         stages.append(Stage("path", None, what))
     if scene.analyses.volumetric is not None:
         count = math.prod(len(values) for _, values in scene.analyses.volumetric.axes)
@@ -177,9 +183,13 @@ def plan_scene(
     )
 
 
-def _name_drives(scene: Scene) -> str:
-    """Whose loops are closed along a way, behind what is done there; empty with ideal motors."""
-    return f", {', '.join(scene.drives)} under control" if scene.drives else ""
+def _name_acting(scene: Scene) -> str:
+    """What acts along a way beside what is done there: drives whose loops are closed, and effects;
+    empty where only ideal motors move the machine.
+    """
+    controlled = [f"{', '.join(scene.drives)} under control"] if scene.drives else []
+    acting = [text for effect, text in ALONG_WAYS.items() if effect in scene.effects]
+    return "".join(f", {text}" for text in (*controlled, *acting))
 
 
 def _spread_stages(components: Mapping[str, Component], modal: ModalRequest | None) -> list[Stage]:

@@ -243,10 +243,25 @@ def leg_offsets(placed: PlacedMechanism, errors: Mapping[int, ErrorProfile]) -> 
         ModelError: A leg is longer or shorter than its table.
     """
     found = np.zeros(len(placed.motions.stiffness))
-    for leg, profile in errors.items():
-        length = float(placed.state[placed.model.springs.length[2 * leg + 1]])
+    lengths = placed.state[[placed.model.springs.length[2 * leg + 1] for leg in errors]]
+    found[[2 * leg + 1 for leg in errors]] = sample_leg_errors(errors, lengths[None])[0]
+    return found
+
+
+def sample_leg_errors(errors: Mapping[int, ErrorProfile], lengths: FloatArray) -> FloatArray:
+    """What legs are too long by at their lengths ``(n, k)``, a column each [m].
+
+    Args:
+        errors: Number of a leg, 0..2, to the error of its length over its length.
+        lengths: Of these legs [m].
+
+    Raises:
+        ModelError: A leg is longer or shorter than its table.
+    """
+    found = np.zeros_like(lengths)
+    for column, (leg, profile) in enumerate(errors.items()):
         try:
-            found[2 * leg + 1] = profile.sample(np.array([length]))[0]
+            found[:, column] = profile.sample(lengths[:, column])
         except ProfileError as error:
             raise ModelError(
                 f"errors of leg {leg + 1}: {error}; give the table values up to there"

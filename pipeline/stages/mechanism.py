@@ -148,6 +148,10 @@ class LumpedPose:
             total += self.placed.body_motions[name].T @ own
         return total
 
+    def body_loads(self, name: str) -> FloatArray:
+        """Generalised loads ``(n, 6)`` per unit acceleration of a component as a rigid body."""
+        return np.asarray(-self.placed.body_motions[name].T @ self.body_masses[name])
+
     @functools.cached_property
     def body_masses(self) -> dict[str, FloatArray]:
         """Mass ``(6, 6)`` of each component about its centre of mass, machine axes."""

@@ -16,14 +16,11 @@ import numpy as np
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.geometry.machine.machine import Machine, travel_directions
-from headstock.geometry.mechanisms.tool_mechanism import tool_pose
 from headstock.pipeline.answers.path import FollowedPoses, PathCurves, PathResult, PathRun
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import MODE_MARGIN, path_band
-from headstock.pipeline.stages.carried_bodies import move_bodies
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
-from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.error_travel import offset_loads
@@ -44,7 +41,6 @@ from headstock.reduction.motions.path_errors import (
     respond_to_errors,
 )
 from headstock.scene.requests import PathCut, PathRequest
-from headstock.scene.scene import SceneMechanism
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import FORCE
 from headstock.solvers.control.driven_motion import DrivenMotion
@@ -53,7 +49,6 @@ from headstock.solvers.control.stability import require_stable
 from headstock.solvers.errors import ModelError, UnstableControlError
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.milling.forces import cutting_forces
-from headstock.solvers.milling.tool_path import PathPoints
 from headstock.solvers.paths.controlled import (
     ControlledPath,
     PathLoads,
@@ -265,82 +260,13 @@ def _build_plant(state: RunState, request: PathRequest, position: float) -> Pose
     along the path as an input.
     """
     parts, pose = state.parts, request.path.pose_at(position)
-    travels = _find_travels(state, request, position)
-    if state.scene.is_lumped:
-        posed = place_pose(
-            parts, pose, build_mechanism(parts, parts.superelements), parts.superelements
-        )
-        system = damp_system(state.scene, posed.system, posed.all_modes)
-        load = -posed.momentum(travels)
-        return posed.stack_modes(
-            dataclasses.replace(system, inputs={**system.inputs, PATH_INPUT: load})
-        )
     coupled = couple(parts.superelements, state.scene.machine, pose)
     modes = solve_modal(coupled.system)
     for message in warn_of_no_damping(state.scene, coupled.system):
         state.warn(message)
     damped = damp_system(state.scene, coupled.system, modes)
+    travels = travel_directions(state.scene.machine, request.path)
     return stack_modes(add_path_input(damped, coupled, travels), modes, coupled)
-
-
-def _find_travels(
-    state: RunState, request: PathRequest, position: float
-) -> Mapping[str, FloatArray]:
-    """What every component travels per travel along the path, at a position of it [m]: ``(3,)``, or
-    ``(6,)`` of one that a mechanism carries and turns.
-    """
-    mechanism = state.scene.mechanism
-    if mechanism is None:
-        return travel_directions(state.scene.machine, request.path)
-    # without speed, a unit acceleration of the tool is answered by that of the bodies
-    found = _accelerate_bodies(state, mechanism, request, position, speed=0.0, acceleration=1.0)
-    return {name: motion[0] for name, motion in found.items()}
-
-
-def _accelerate_bodies(
-    state: RunState,
-    mechanism: SceneMechanism,
-    request: PathRequest,
-    position: float,
-    *,
-    speed: float,
-    acceleration: float,
-) -> dict[str, FloatArray]:
-    """Accelerations ``(1, 6)`` of the bodies of a mechanism at a position of the path [m]."""
-    ends = [
-        tool_pose(mechanism, pose.positions)[0] for pose in (request.path.start, request.path.end)
-    ]
-    point, direction = tool_pose(mechanism, request.path.pose_at(position).positions)
-    along = ((ends[1] - ends[0]) / request.path.length)[None]
-    return move_bodies(
-        mechanism,
-        state.parts,
-        np.array([position]),
-        PathPoints(point[None], speed * along, acceleration * along),
-        direction,
-        velocity_terms=speed > 0.0,
-    )
-
-
-def _judge_speeds(state: RunState, request: PathRequest) -> None:
-    """Say what Coriolis and centrifugal forces would do, which do not act along a path."""
-    mechanism = state.scene.mechanism
-    if mechanism is None:
-        return
-    move = request.moves[-1]
-    reach = move.feed / move.ramp.time_constant
-    position = 0.5 * request.path.length
-    loads = []
-    for speed, acceleration in ((move.feed, 0.0), (0.0, reach)):
-        found = _accelerate_bodies(
-            state, mechanism, request, position, speed=speed, acceleration=acceleration
-        )
-        loads.append({name: motion[0] for name, motion in found.items()})
-    sizes = [max(float(np.abs(each[:3]).max()) for each in load.values()) for load in loads]
-    state.warn(
-        f"path analysis: Coriolis and centrifugal forces are left out; at {6e4 * move.feed:g} mm/min speeds accelerate bodies by"
-        f" {100.0 * sizes[0] / sizes[1]:.2g} % of what ramps do (a contour along a polyline has them)"
-    )
 
 
 def _solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> SolvedMoves:
@@ -351,15 +277,13 @@ def _solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> S
         UnstableControlError: A control loop is.
     """
     model = choose_model(request)
-    errors = None
-    if state.scene.mechanism is None:
-        errors = find_path_errors(
-            state.parts.superelements,
-            state.scene.machine,
-            request.path,
-            request.outputs,
-            nodes=NODES if request.follows_pose else 1,
-        )
+    errors = find_path_errors(
+        state.parts.superelements,
+        state.scene.machine,
+        request.path,
+        request.outputs,
+        nodes=NODES if request.follows_pose else 1,
+    )
     drives = state.scene.drives
     solved = (
         _drive_moves(state, request, model)
@@ -407,7 +331,7 @@ def _disturb_loop(
     channels: tuple[Channel, ...] = ()
     shortest = math.inf
     if errors is not None:
-        shortest, channels = errors.travel.shortest, errors.travel.channels
+        shortest, channels = errors.shortest, errors.travel.channels
         rows = offset_loads(driven.coupled.joint_springs, errors.travel.directions)
         own = {channel: rows[:, number] for number, channel in enumerate(channels)}
         system = dataclasses.replace(system, inputs={**system.inputs, **own})
@@ -623,8 +547,8 @@ def _judge_poses(
 
 
 def run_path_stage(state: RunState, stage: Stage) -> Outcome:
-    """Deviation at every output along the path, once per feed: as the pose changes, and as if it
-    stayed that of the middle.
+    """Deviation at every output along the path of axes, once per feed: as the pose changes, and as if
+    it stayed that of the middle.
     """
     request = state.scene.analyses.path
     if not state.is_root:
@@ -632,14 +556,38 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
     if request is None:
         raise ValueError("a path stage needs a path analysis in the scene")
     middle = _build_plant(state, request, 0.5 * request.path.length)
-    _judge_speeds(state, request)
-    damped = middle.system.damping is not None or middle.system.hysteretic is not None
+    return answer_path(
+        state,
+        request,
+        frequencies_hz=middle.modes.frequencies_hz,
+        damped=middle.system.damping is not None or middle.system.hysteretic is not None,
+        solve=lambda: _solve_moves(state, request, middle),
+    )
+
+
+def answer_path(
+    state: RunState,
+    request: PathRequest,
+    *,
+    frequencies_hz: FloatArray,
+    damped: bool,
+    solve: Callable[[], SolvedMoves],
+) -> Outcome:
+    """What is said of a path.
+
+    Args:
+        state: Of the run.
+        request: The path.
+        frequencies_hz: Of the machine in its middle [Hz].
+        damped: Any damping is on.
+        solve: Its moves.
+    """
     if not damped:
         state.warn(
             'path analysis: nothing is damped, so residual vibration does not decay; write [effects] damping = { modal = "2 %" }'
         )
     try:
-        solved = _solve_moves(state, request, middle)
+        solved = solve()
     except (UnstableControlError, ModelError) as error:
         return Outcome(detail="refused: see below", failures=(f"path analysis: {error}",))
     model, ramp = choose_model(request), request.moves[0].ramp
@@ -654,7 +602,7 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
         filter="none" if request.low_pass is None else request.low_pass.kind,
         damped=damped,
         low_frequency_limit_hz=model.low_frequency_limit_hz,
-        low_frequency_modes=slow_modes(middle.modes.frequencies_hz, model.low_frequency_limit_hz),
+        low_frequency_modes=slow_modes(frequencies_hz, model.low_frequency_limit_hz),
         poses=solved.poses,
         runs=tuple(
             _run_move(request, move, raw, kept, disturbed=solved.disturbed)

@@ -6,7 +6,7 @@ A joint with stiffness ``K`` and relative motion ``rows q`` whose springs are at
 the offset itself: ``q = B y + q_0`` with ``C q_0 = e``.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,20 +31,30 @@ CONTRADICTION = 1e-6  # of the largest offset: what fixed joints may contradict 
 
 @dataclass(frozen=True, eq=False)
 class ErrorPlaces:
-    """Where the errors of a machine are read in a pose.
+    """Where the errors of a machine are read in ``n`` poses.
 
     Attributes:
-        rails: Joint with errors of its own to the place of its carriage along the rail [m].
+        rails: Joint with errors of its own to the places ``(n,)`` of its carriage along the rail
+            [m].
         signs: The same to the sign of its offset: -1 where the second end is the rail.
-        positions: Axis with error motions to its position [m, rad].
-        levers: Axis and joint of it to the ``(6, 6)`` joint offset per error motion, machine axes
-            to joint axes.
+        positions: Axis with error motions to its positions ``(n,)`` [m, rad].
+        levers: Axis and joint of it to the ``(n, 6, 6)`` joint offset per error motion, machine
+            axes to joint axes.
     """
 
-    rails: dict[str, float]
+    rails: dict[str, FloatArray]
     signs: dict[str, float]
-    positions: dict[str, float]
+    positions: dict[str, FloatArray]
     levers: dict[tuple[str, str], FloatArray]
+
+    def map(self, change: Callable[[FloatArray], FloatArray]) -> "ErrorPlaces":
+        """The same with another array for each."""
+        return ErrorPlaces(
+            {name: change(values) for name, values in self.rails.items()},
+            self.signs,
+            {name: change(values) for name, values in self.positions.items()},
+            {name: change(values) for name, values in self.levers.items()},
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,56 +103,52 @@ def find_places(
     """
     frames = {spring.name: spring.frame for spring in springs}
     sliding = {name: joint for name, joint in machine.joints.items() if joint.errors is not None}
-    rails = {name: _rail_place(joint, frames[name], layout) for name, joint in sliding.items()}
+    rails = {
+        name: np.array([_rail_place(joint, frames[name], layout)])
+        for name, joint in sliding.items()
+    }
     signs = {name: _rail_sign(joint, layout) for name, joint in sliding.items()}
     levers: dict[tuple[str, str], FloatArray] = {}
     known = {}
     for axis in machine.axes.values():
         if axis.errors is None:
             continue
-        known[axis.name] = positions.get(axis.name, 0.0)
+        known[axis.name] = np.array([positions.get(axis.name, 0.0)])
         turn, point = _axis_frame(axis, machine, layout, frames)
         for name in axis.joints:
             second = machine.joints[name].ends[1].component in axis.moves
             back = rotate_dofs(frames[name].rotation.T)
             carried = back @ rigid_transfer(point, frames[name].origin) @ rotate_dofs(turn)
-            levers[axis.name, name] = carried if second else -carried
+            levers[axis.name, name] = (carried if second else -carried)[None]
     return ErrorPlaces(rails, signs, known, levers)
 
 
-def sample_offsets(
-    machine: Machine, start: ErrorPlaces, end: ErrorPlaces, shares: FloatArray
-) -> dict[str, dict[str, FloatArray]]:
+def sample_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str, FloatArray]]:
     """Offsets ``(n, 6)`` of the joints in joint axes, second end relative to first, by source and
-    joint, on the straight way between two poses.
+    joint.
 
     Args:
         machine: With its errors.
-        start: At share 0.
-        end: At share 1.
-        shares: ``(n,)`` of the way.
+        places: Where they are read in ``n`` poses.
 
     Raises:
         ModelError: A place lies outside the table of a profile.
     """
     found: dict[str, dict[str, FloatArray]] = {}
-    for name, place in start.rails.items():
+    for name, own in places.rails.items():
         joint = machine.joints[name]
         if joint.errors is None:
             continue
-        places = (1.0 - shares) * place + shares * end.rails[name]
         try:
-            own = joint.errors.offset(places)
+            found[name] = {name: places.signs[name] * joint.errors.offset(own)}
         except ProfileError as error:
             raise ModelError(
                 f"errors of joint {name}: {error}; give the table values up to there, or keep the axis within it"
             ) from error
-        found[name] = {name: start.signs[name] * own}
-    for name, place in start.positions.items():
+    for name, positions in places.positions.items():
         axis = machine.axes[name]
         if axis.errors is None:
             continue
-        positions = (1.0 - shares) * place + shares * end.positions[name]
         direction = axis.direction if axis.kind == "linear" else np.zeros(3)
         try:
             motions = axis.errors.sample(positions, direction)
@@ -150,21 +156,18 @@ def sample_offsets(
             raise ModelError(
                 f"errors of axis {name}: {error}; give the table values up to there, or keep the axis within it"
             ) from error
-        found[name] = {}
-        for joint_name in axis.joints:
-            first, last = (each.levers[name, joint_name] for each in (start, end))
-            found[name][joint_name] = (1.0 - shares)[:, None] * (motions @ first.T) + shares[
-                :, None
-            ] * (motions @ last.T)
+        found[name] = {
+            joint_name: (places.levers[name, joint_name] @ motions[..., None])[..., 0]
+            for joint_name in axis.joints
+        }
     return found
 
 
 def find_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str, FloatArray]]:
     """Offsets ``(6,)`` of the joints in one pose by source and joint; see ``sample_offsets``."""
-    sampled = sample_offsets(machine, places, places, np.zeros(1))
     return {
         source: {joint: offset[0] for joint, offset in offsets.items()}
-        for source, offsets in sampled.items()
+        for source, offsets in sample_offsets(machine, places).items()
     }
 
 

@@ -2,10 +2,12 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray, rotate_dofs
+from headstock.geometry.mechanisms.kinematics import skew_matrices
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import turn_dofs
 from headstock.reduction.superelement_checks import rigid_motions
@@ -118,6 +120,59 @@ def stack_modes(
     for name, own in coupled.offsets.items():
         momenta[own] = coupled.matrices.masses[name] @ motions[own]
     return PosedModes(system, modes, motions, momenta)
+
+
+@dataclass(frozen=True, eq=False)
+class TurningBody:
+    """A body that is turned as the machine travels.
+
+    Attributes:
+        rows: Its dofs among the stacked ones.
+        travel: ``(n_own, 6)`` their motion where it moves as a rigid body, its centre of mass along
+            and itself about machine axes.
+        mass: ``(n_own, n_own)`` in machine axes.
+        rotation: ``(3, 3)`` from its own axes to the machine's.
+        kilograms: Its mass.
+        inertia: ``(3, 3)`` about its centre of mass, own axes.
+    """
+
+    rows: slice
+    travel: FloatArray
+    mass: FloatArray
+    rotation: FloatArray
+    kilograms: float
+    inertia: FloatArray
+
+
+def turn_with_bodies(posed: PosedModes, bodies: Sequence[TurningBody]) -> PosedModes:
+    """Modes in dofs that stay with the matter of bodies that turn.
+
+    A point of a body moves by ``t + [theta] R r``, with its place ``r`` in the body and the turn
+    ``R`` of the pose. Parallel transport by the product of such motions over the mass of the body
+    takes all of the coupling by speeds (Coriolis and gyroscopic terms) out of the equations; by that
+    of ``t`` and ``theta`` it would leave what the turning of the inertia brings about. Of an elastic
+    body that is so for the rigid part of its motion; its deformation is compared in machine axes.
+
+    Args:
+        posed: A machine in a pose.
+        bodies: Of the machine.
+    """
+    motions, momenta = [posed.motions], [posed.momenta]
+    for body in bodies:
+        own, travel = posed.momenta[body.rows], body.travel
+        rigid = np.linalg.solve(travel.T @ body.mass @ travel, travel.T @ own)
+        # the rigid part as it stands is taken off, and put back as a field of the body's points
+        motions.append(travel @ rigid)
+        momenta.append(-body.mass @ travel @ rigid)
+        motions.append(rigid[:3])
+        momenta.append(body.kilograms * rigid[:3])
+        moments = 0.5 * np.trace(body.inertia) * np.eye(3) - body.inertia
+        slope = skew_matrices(rigid[3:].T) @ body.rotation
+        motions.append(slope.reshape(len(slope), 9).T)
+        momenta.append((slope @ moments).reshape(len(slope), 9).T)
+    return dataclasses.replace(
+        posed, motions=np.concatenate(motions), momenta=np.concatenate(momenta)
+    )
 
 
 def find_rigid_travels(

@@ -53,6 +53,11 @@ class PathErrors:
     places: FloatArray
     gains: FloatArray
 
+    @property
+    def shortest(self) -> float:
+        """Shortest period of a wave along the path [m]; infinite without waves."""
+        return self.travel.shortest * self.path.length
+
     def offsets(self, move: SetPoint, times: FloatArray) -> FloatArray:
         """Offsets ``(n, k)`` at instants of a move, from those at its beginning [m, rad]."""
         return self.travel.sample(self._shares(move, times)) - self.travel.sample(np.zeros(1))
@@ -97,8 +102,7 @@ def find_path_errors(
     """
     if not has_errors(machine):
         return None
-    ends = [couple(superelements, machine, pose) for pose in (path.start, path.end)]
-    travel = plan_travel(machine, path, ends[0], ends[1])
+    travel = plan_travel(machine, superelements, np.array([0.0, 1.0]), (path.start, path.end))
     if travel is None:
         return None
     # Chebyshev points of the first kind; a single one is the middle
@@ -163,7 +167,7 @@ def respond_to_errors(
         push,
         channels=channels,
         samples=samples,
-        load_step=travel.shortest / move.feed / STEPS_PER_WAVE,
+        load_step=errors.shortest / move.feed / STEPS_PER_WAVE,
         low_frequency_limit_hz=low_frequency_limit_hz,
     )
 

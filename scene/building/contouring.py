@@ -11,6 +11,7 @@ from headstock.geometry.machine.machine import Pose, find_limit_fault
 from headstock.geometry.machine.tool_travel import find_tool_travel
 from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.scene.building.draft import Draft, check_name
+from headstock.scene.building.drives import FRICTION
 from headstock.scene.building.lobes import build_tool_mode
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings
@@ -155,7 +156,8 @@ def check_contouring(draft: Draft, findings: Findings) -> None:
             name for name, value in scene.effects.items() if value
         }:
             why = (
-                "is zero here: linear axes carry their bodies without turning them, so that no velocity enters small motions in first order"
+                "needs no switch here: linear axes do not turn what they carry, and what a guide that tilts does to a body that slides along it"
+                " is part of every way that follows its poses"
                 if name == "coriolis"
                 else "acts in [analyses.contouring] only, and this scene has none"
             )
@@ -178,7 +180,7 @@ def check_contouring(draft: Draft, findings: Findings) -> None:
             (*KEY, "radial_depth"),
             "is more than the radius of the tool; take less, or a larger tool",
         )
-    if table.tool_modes and table.model != "linear":
+    if table.tool_modes and table.model != "linear" and scene.is_lumped:
         findings.add((*KEY, "tool_modes"), 'need the linear model; write model = "linear"')
     _check_way(table, draft.folder, findings)
     for name, written in (("forces", table.forces), ("traces", table.traces)):
@@ -268,10 +270,11 @@ def _check_coupled(
             KEY,
             'no point says where the tool is; write [points] tcp = { tool = "spindle.tip", work = "table.top" }',
         )
-    if table.model != "linear":
+    if table.model != "linear" and not scene.effects.get(FRICTION):
         findings.add(
             (*KEY, "model"),
-            'only a lumped mechanism has the full equations; write model = "linear"',
+            "of a machine of components follows its friction alone, at the speeds of the motors, and nothing rubs here;"
+            ' write [effects] friction = true with drive_control, or model = "linear"',
         )
 
 
@@ -288,8 +291,11 @@ def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Fin
             key,
             "needs computed forces: measured ones contain it already; remove this, or write the material instead of forces",
         )
-    elif table.model != "linear":
-        findings.add(key, 'needs the linear model; write model = "linear" in [analyses.contouring]')
+    elif table.model != "linear" and scene.is_lumped:
+        findings.add(
+            key,
+            'needs the linear model of a lumped mechanism; write model = "linear" in [analyses.contouring]',
+        )
     elif table.steps_per_turn % table.mill.teeth:
         findings.add(
             ("analyses", "contouring", "steps_per_turn"),

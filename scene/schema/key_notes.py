@@ -81,7 +81,7 @@ NOTES = {
     "`damping = { rayleigh = { alpha = \"2 1/s\", beta = \"1e-5 s\" } }` (adds `alpha M + beta K` of the whole machine), or both; "
     "for `[analyses.contouring]` "
     "`cutting_force = true` (also along `[analyses.path]`), "
-    "`regeneration = true` (each tooth cuts the surface left by the previous ones), `coriolis = true`; "
+    "`regeneration = true` (each tooth cuts the surface left by the previous ones), `coriolis = true` (on mechanisms, also along `[analyses.path]`); "
     "`gravity_stiffening = true` (geometric stiffness of the forces that hold the machine's weight); `drive_control = true` puts the motors "
     "of `[drives]` under control, `screw_inertia = true` and `friction = true` add to it; default: all off",
     "Scene.free": "accept that the whole machine is not connected to ground",
@@ -246,7 +246,8 @@ NOTES = {
     " each time step takes their mean over it",
     "Contouring.lead": "length of the straight path before and after the block",
     "Contouring.averaging": "length of each of three moving averages that limit the jerk",
-    "Contouring.model": "`linear`: matrices along the path; `nonlinear`: the full equations",
+    "Contouring.model": "`linear`: matrices along the path; `nonlinear`: the full equations of a lumped mechanism, and on any machine friction at the"
+    " speeds of the motors",
     "Contouring.steps_per_turn": "time steps per turn of the spindle",
     "Contouring.point": "where the tool is, against the work; default: the scene's first point",
     "Contouring.modes_to": "modes of a machine of components kept in time; those above follow at once; default: twice the frequency at which "
@@ -359,7 +360,7 @@ NOTES = {
     "Frf.on_request": "run only when named: `--analysis frf`",
     "Contouring.on_request": "run only when named: `--analysis contouring`",
     "Path.pose_model": "`pose_dependent`: the machine's matrices change along the path; `frozen`: those at mid-path are used throughout; "
-    "default: `pose_dependent` without drive control, `frozen` with it",
+    "default: `pose_dependent`, but `frozen` for axes under control",
     "Path.on_request": "run only when named: `--analysis path`",
     "Limits.elements": "maximum number of elements of a component; default: 3 million, which no limit exceeds",
     "Limits.memory": "maximum estimated memory of a stage; default: what the computer, its batch system or control group allows",

@@ -2,6 +2,8 @@
 velocity); the work of each force is a state.
 """
 
+import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +17,28 @@ from headstock.solvers.second_order import Channel
 WORKS = 5  # of the drives, of the loads, lost in dampers, lost in friction, of the change of pose
 
 
-def friction_force(law: GuideFriction, velocity: FloatArray) -> FloatArray:
-    """Force against the motion [N].
+@dataclass(frozen=True, eq=False)
+class StackedFriction:
+    """Laws of ``d`` guides as arrays ``(d,)``; see :class:`GuideFriction`."""
+
+    coulomb: FloatArray
+    breakaway: FloatArray
+    stribeck_speed: FloatArray
+    viscous: FloatArray
+    smoothing: FloatArray
+
+
+def stack_laws(laws: Sequence[GuideFriction]) -> StackedFriction:
+    """Laws of several guides, to be evaluated together."""
+    names = [each.name for each in dataclasses.fields(StackedFriction)]
+    return StackedFriction(*(np.array([getattr(law, name) for law in laws]) for name in names))
+
+
+type FrictionLaw = GuideFriction | StackedFriction
+
+
+def friction_force(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
+    """Force against the motion [N]; of several guides at speeds ``(..., d)``.
 
     Source: Armstrong-Helouvry, Dupont and Canudas de Wit (1994), A survey of models, section 2.1
     (Stribeck curve with a Gaussian);
@@ -27,7 +49,7 @@ def friction_force(law: GuideFriction, velocity: FloatArray) -> FloatArray:
     )
 
 
-def friction_slope(law: GuideFriction, velocity: FloatArray) -> FloatArray:
+def friction_slope(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
     """Derivative of the force by the velocity [N s/m]; negative where friction falls with speed."""
     bend = np.tanh(velocity / law.smoothing)
     falling = -2.0 * velocity / law.stribeck_speed**2 * (_level(law, velocity) - law.coulomb)
@@ -36,7 +58,7 @@ def friction_slope(law: GuideFriction, velocity: FloatArray) -> FloatArray:
     )
 
 
-def _level(law: GuideFriction, velocity: FloatArray) -> FloatArray:
+def _level(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
     """Size of the dry part [N]."""
     return np.asarray(
         law.coulomb

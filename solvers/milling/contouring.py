@@ -121,6 +121,7 @@ def refine_motion(
     first: CompliantHistory,
     *,
     legs: FreeLegs | None = None,
+    pushed: FloatArray | None = None,
 ) -> CompliantHistory:
     """The nonlinear solution of the same steps, by sweeps from the linear one.
 
@@ -135,6 +136,8 @@ def refine_motion(
         first: The solution of the linear model.
         legs: Whose motors move beyond their set points; their coordinates follow the compliant
             ones, those of their controllers come last. None where motors follow them.
+        pushed: ``(n, c)`` loads on the springs beside those of the model, which the linear model has
+            already [N]; None for none.
 
     Raises:
         ConvergenceError: The sweeps do not settle.
@@ -144,6 +147,8 @@ def refine_motion(
     moving = len(model.mechanism.compliant) + (0 if legs is None else len(legs.names))
     for _ in range(MAX_SWEEPS):
         off = _unbalanced(model, drive, motion, force, history=found, states=states, legs=legs)
+        if pushed is not None:
+            off[:, : pushed.shape[1]] -= pushed
         left = motion
         if motion.rubbing is not None:
             own = motion.rubbing

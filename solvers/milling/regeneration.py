@@ -107,11 +107,11 @@ def march_regenerative(
         )
         for row, n in enumerate(range(part.start, part.stop)):
             if n > 0:
-                # the chip is seen where the tool would be with the acceleration of the step before
-                trial = steps.foresee(state)
-                state = steps.advance(n, state, load[n])
                 if cut.share[n] > 0.0:
-                    moved = tool[row] @ trial + rest[n] - place[np.maximum(n - looks, 0)]
+                    # the chip is seen where the tool would be with the acceleration of the step
+                    # before, so that its force and friction are solved for together
+                    ahead = tool[row] @ steps.foresee(state)
+                    moved = ahead + rest[n] - place[np.maximum(n - looks, 0)]
                     if flexibility is None:
                         force[n] = _cut_force(cut, n, moved)
                     else:
@@ -120,7 +120,7 @@ def march_regenerative(
                         force[n] = force[n - 1]
                         for _ in range(PASSES):
                             force[n] = _cut_force(cut, n, moved + flexibility[row] @ force[n])
-                    state += np.outer(steps.reach, steps.respond(n, force[n] @ tool[row]))
+                state = steps.advance(n, state, load[n] + force[n] @ tool[row])
             history[n] = state[:3]
             place[n] = tool[row] @ state[0] + rest[n]
             if flexibility is not None:

@@ -56,13 +56,19 @@ class LinearMotion:
         """Values ``(k, ...)`` at the nodes, at some of the steps."""
         return interpolate_nodes(self.times[part], self.nodes, values)
 
-    def tool_motion(self, compliant: FloatArray) -> FloatArray:
-        """``(n, 3)`` motion of the tool at coordinates ``(n, c)``, of those that are kept."""
+    def apply(self, values: FloatArray, others: FloatArray) -> FloatArray:
+        """``(n, p)`` products of matrices ``(k, p, c)`` at the nodes with vectors ``(n, c)`` at the
+        steps.
+        """
         parts = [
-            (self.between(self.tool, part) @ compliant[part][..., None])[..., 0]
-            for part in chunk_slices(len(compliant))
+            (self.between(values, part) @ others[part][..., None])[..., 0]
+            for part in chunk_slices(len(others))
         ]
         return np.concatenate(parts)
+
+    def tool_motion(self, compliant: FloatArray) -> FloatArray:
+        """``(n, 3)`` motion of the tool at coordinates ``(n, c)``, of those that are kept."""
+        return self.apply(self.tool, compliant)
 
     def tool_load(self, force: FloatArray) -> FloatArray:
         """``(n, c)`` load of forces ``(n, 3)`` on the tool."""
@@ -79,11 +85,7 @@ class LinearMotion:
         rest = np.zeros((len(self.times), 3)) if self.rest is None else self.rest
         if self.flexibility is None:
             return rest
-        parts = [
-            (self.between(self.flexibility, part) @ force[part][..., None])[..., 0]
-            for part in chunk_slices(len(force))
-        ]
-        return rest + np.concatenate(parts)
+        return rest + self.apply(self.flexibility, force)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ A step of the system is linear but for these few forces: their coordinates' spee
 found by Newton's method, the others follow.
 """
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,12 @@ from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import GuideFriction
-from headstock.solvers.control.friction_loop import friction_force, friction_slope
+from headstock.solvers.control.friction_loop import (
+    StackedFriction,
+    friction_force,
+    friction_slope,
+    stack_laws,
+)
 from headstock.solvers.errors import ConvergenceError
 
 MOST_PASSES = 60
@@ -34,12 +40,13 @@ class Rubbing:
     speeds: FloatArray
     counted: FloatArray
 
+    @functools.cached_property
+    def _stacked(self) -> StackedFriction:
+        return stack_laws(self.laws)
+
     def force(self, speeds: FloatArray) -> FloatArray:
         """Forces ``(..., d)`` against motions at speeds ``(..., d)`` [N]."""
-        return np.stack(
-            [friction_force(law, speeds[..., number]) for number, law in enumerate(self.laws)],
-            axis=-1,
-        )
+        return friction_force(self._stacked, speeds)
 
     def settle(self, step: int, free: FloatArray, gain: FloatArray) -> FloatArray:
         """Forces ``(d,)`` that act on the coordinates at a step beside those counted [N].
@@ -53,16 +60,14 @@ class Rubbing:
             ConvergenceError: Newton's method does not settle.
         """
         target, counted = self.speeds[step] + free, self.counted[step]
-        scale = np.abs(target).max() + max(law.smoothing for law in self.laws)
+        scale = np.abs(target).max() + self._stacked.smoothing.max()
         now = target
         rubbed = self.force(now) - counted
         off = now + gain @ rubbed - target
         for _ in range(MOST_PASSES):
             if np.abs(off).max() <= SETTLED * scale:
                 return np.asarray(-rubbed)
-            slopes = np.array(
-                [float(friction_slope(law, now[number])) for number, law in enumerate(self.laws)]
-            )
+            slopes = friction_slope(self._stacked, now)
             change = np.linalg.solve(np.eye(len(now)) + gain * slopes, -off)
             share, missed = 1.0, np.abs(off).max()
             while True:

@@ -64,7 +64,11 @@ class SampledMotion:
         modes: How many modes are kept.
         error: Largest error of splines through the others at the poses added last; of splines
             through all it is about a sixteenth.
+        swing: What modes carried over steps of twice the length are turned by beside these [rad].
         highest_hz: Highest natural frequency, anywhere on the way, of a mode kept by half or more.
+        complete: No mode is left out or fades.
+        along: Places of the way at times ``(n,)``, where it was not sampled by time; None where it
+            was.
     """
 
     breaks: FloatArray
@@ -72,7 +76,10 @@ class SampledMotion:
     poses: int
     modes: int
     error: float
+    swing: float
     highest_hz: float
+    complete: bool
+    along: Callable[[FloatArray], FloatArray] | None = None
 
     def at(self, times: FloatArray, *names: str) -> SampledPlant:
         """The matrices at times ``(n,)`` [s]; of fields that are not named nothing.
@@ -81,7 +88,8 @@ class SampledMotion:
             times: Before the first and after the last one the outermost pose holds.
             names: Of fields; all where none is named.
         """
-        inside = np.clip(times, self.breaks[0], self.breaks[-1])
+        way = times if self.along is None else self.along(times)
+        inside = np.clip(way, self.breaks[0], self.breaks[-1])
         places = np.clip(
             np.searchsorted(self.breaks, inside, side="right") - 1, 0, len(self.pieces) - 1
         )
@@ -154,7 +162,7 @@ def sample_motion(
         wanted = dict.fromkeys(time for grid in finer for time in grid)
         if len(wanted) > MOST_SAMPLES:
             raise AccuracyError(
-                f"{MOST_SAMPLES} poses along the contour do not suffice to follow its matrices to {MISS_TOLERANCE:g}; "
+                f"{MOST_SAMPLES} poses along the way do not suffice to follow its matrices to {MISS_TOLERANCE:g}; "
                 'write a lower modes_to, or pose_model = "frozen"'
             )
         seen |= {time: look(time) for time in wanted if time not in seen}
@@ -163,10 +171,11 @@ def sample_motion(
         turns = transport_modes(poses, kept)
         carried = {time: _carry(pose, turns[time], channels) for time, pose in poses.items()}
         misses = [_miss(grid, fine, carried) for grid, fine in zip(grids, finer, strict=True)]
+        swings = [_swing(fine, carried) for fine in finer]
         wide = {
             piece
-            for piece, (miss, fine) in enumerate(zip(misses, finer, strict=True))
-            if miss > MISS_TOLERANCE or _swing(fine, carried) > TURN_TOLERANCE / len(spans)
+            for piece, (miss, swing) in enumerate(zip(misses, swings, strict=True))
+            if miss > MISS_TOLERANCE or swing > TURN_TOLERANCE / len(spans)
         }
         if not wide:
             return SampledMotion(
@@ -175,7 +184,9 @@ def sample_motion(
                 poses=len(poses),
                 modes=kept,
                 error=max(misses),
+                swing=sum(swings),
                 highest_hz=highest_hz,
+                complete=all(pose.coordinates.complete for pose in poses.values()),
             )
 
 
@@ -288,7 +299,12 @@ def _swing(finer: Sequence[float], carried: Mapping[float, CarriedPose]) -> floa
 
 
 def follow_motion(
-    sampled: SampledMotion, times: FloatArray, given: Callable[[FloatArray], FloatArray]
+    sampled: SampledMotion,
+    times: FloatArray,
+    given: Callable[[FloatArray], FloatArray],
+    *,
+    node_spacing: float = NODE_SPACING,
+    load_spacing: float = LOAD_SPACING,
 ) -> LinearMotion:
     """The linear system along a way: matrices at nodes, loads of the rigid motion at finer ones.
 
@@ -297,8 +313,10 @@ def follow_motion(
             input is gravity, others follow.
         times: ``(n,)`` even steps [s].
         given: Values ``(n, r)`` of the inputs from the fourth on, at times ``(n,)``.
+        node_spacing: Time between which matrices are linear [s].
+        load_spacing: Time between which loads are linear [s].
     """
-    nodes, load_nodes = even_nodes(times, NODE_SPACING), even_nodes(times, LOAD_SPACING)
+    nodes, load_nodes = even_nodes(times, node_spacing), even_nodes(times, load_spacing)
     found = sampled.at(nodes)
     loads, rests = [], []
     for part in chunk_slices(len(load_nodes)):

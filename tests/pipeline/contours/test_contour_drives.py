@@ -14,7 +14,7 @@ from headstock.geometry.machine.drives import AxisControl, Drive, TorqueRipple, 
 from headstock.geometry.mechanisms.exechon import solve_tool_pose
 from headstock.geometry.parts.components import RayleighDamping
 from headstock.meshing.components.meshing import describe_component
-from headstock.pipeline.contours import coupled_contour, lumped_contour, way_motors
+from headstock.pipeline.contours import coupled_contour, lumped_contour
 from headstock.pipeline.contours.coupled_contour import CoupledRun, run_coupled_contour
 from headstock.pipeline.contours.lumped_contour import run_lumped_contour
 from headstock.pipeline.planning.planner import plan_scene
@@ -28,8 +28,15 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.solvers.control.dead_time import stack_blocks
-from headstock.solvers.control.drive_loops import close_loops, make_controller, set_channels
-from headstock.solvers.control.friction_loop import friction_force
+from headstock.solvers.control.drive_loops import (
+    ClosedLoop,
+    close_loops,
+    make_controller,
+    set_channels,
+)
+from headstock.solvers.control.drive_trains import DriveTrain
+from headstock.solvers.control.driven_motion import solve_motion
+from headstock.solvers.control.friction_loop import friction_channels, friction_force
 from headstock.solvers.linear.time_response import solve_stepped_response
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.generalized_alpha import MotionState
@@ -48,6 +55,8 @@ pytestmark = pytest.mark.slow
 
 MILL = Path(__file__).parents[2] / "data" / "mill.toml"
 UNTIL = 0.12
+AIR = "effects.cutting_force=false"
+SLOWLY = 'analyses.contouring.spindle="3000 rpm"'  # a quarter of the steps in time
 
 
 @pytest.fixture(scope="module")
@@ -116,10 +125,10 @@ def test_legs_of_components_are_driven_along_the_contour_as_lumped_ones(
     variant: str, tripteor: Tripteor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # matrices are linear between nodes, in modes here and in springs there
-    for module in (contouring, sampled_motion):
+    for module in (contouring, coupled_contour):
         monkeypatch.setattr(module, "NODE_SPACING", 5e-3)
-    for module in (contouring, sampled_motion, way_motors):
         monkeypatch.setattr(module, "LOAD_SPACING", 2e-4)
+    monkeypatch.setattr(sampled_motion, "LOAD_SPACING", 2e-4)
     monkeypatch.setattr(lumped_contour, "NODE_SPACING", 1e-3)
     rubbing = "effects.friction=true"
     scene = load_prompt(tmp_path, "lumped+controlled", rubbing)
@@ -150,52 +159,113 @@ DRIVE = (
 )
 
 
-@pytest.mark.parametrize("scale", ["", ', encoder = "scale"', ', encoder = "scale", scale = "tcp"'])
-def test_axes_leave_the_contour_as_the_closed_loop_in_absolute_coordinates(
-    scale: str, tmp_path: Path
-) -> None:
-    settings = [
+@dataclasses.dataclass
+class ClosedAxes:
+    """A contour of the mill's axes under control, and its loops in absolute coordinates."""
+
+    run: CoupledRun
+    trains: tuple[DriveTrain, ...]
+    loop: ClosedLoop
+    tool: FloatArray
+    given: FloatArray
+
+    @property
+    def deviation(self) -> FloatArray:
+        return self.run.gap - self.run.gap[0]
+
+
+def close_axes(folder: Path, drive: str, until: float, *settings: str) -> ClosedAxes:
+    overrides = [
         "effects.drive_control=true",
         "effects.cutting_force=false",
         'analyses.contouring.pose_model="frozen"',
         'analyses.contouring.modes_to="50 kHz"',
-        *(f"drives.{axis}={{ {DRIVE}{scale} }}" for axis in "XY"),
+        *(f"drives.{axis}={{ {drive} }}" for axis in "XY"),
+        *settings,
     ]
-    scene = keep_analyses(load_scene(MILL, overrides=settings), ["contouring"])
-    state, request = build_state(tmp_path, scene), request_of(scene)
-    run = run_contour(state, 0.25)
+    scene = keep_analyses(load_scene(MILL, overrides=overrides), ["contouring"])
+    state, request = build_state(folder, scene), request_of(scene)
+    run = run_contour(state, until)
     plan = plan_contour(request.contour)
     way = coupled_contour._plan_way(state, request, plan.path)
     driven = drive_machine(
         couple_pose(state.parts, way.pose_at(plan.cuts[0].middle)), lambda message: None
     )
     tool = [(request.point or "", dof) for dof in "xyz"]
-    space = close_loops(driven.system, driven.trains, outputs=tool).space
-    points = plan.path.at(run.times)
-    travel = {"X": 0, "Y": 1}
+    loop = close_loops(
+        driven.system, driven.trains, inputs=friction_channels(driven.trains), outputs=tool
+    )
+    points, travel = plan.path.at(run.times), {"X": 0, "Y": 1}
     columns = {
-        kind: values - (values[0] if kind == "position" else 0.0)
-        for kind, values in (
-            ("position", points.position),
-            ("velocity", points.velocity),
-            ("acceleration", points.acceleration),
-        )
+        "position": points.position - points.position[0],
+        "velocity": points.velocity,
+        "acceleration": points.acceleration,
     }
     given = np.stack(
         [columns[kind][:, travel[axis]] for axis, kind in set_channels(driven.trains)], axis=1
     )
-    steps = np.stack([given[:-1], given[1:]], axis=1)
-    moved = solve_stepped_response(space, run.times, steps).outputs[:, :3]
-    expected = moved - columns["position"]
+    return ClosedAxes(run, driven.trains, loop, columns["position"], given)
+
+
+@pytest.mark.parametrize("scale", ["", ', encoder = "scale"', ', encoder = "scale", scale = "tcp"'])
+def test_axes_leave_the_contour_as_the_closed_loop_in_absolute_coordinates(
+    scale: str, tmp_path: Path
+) -> None:
+    closed = close_axes(tmp_path, f"{DRIVE}{scale}", 0.25)
+    steps = np.stack([closed.given[:-1], closed.given[1:]], axis=1)
+    found = solve_stepped_response(closed.loop.space, closed.run.times, steps)
+    expected = found.outputs[:, :3] - closed.tool
     size = np.abs(expected).max()
     assert size > 1e-5
-    assert np.abs(run.gap - run.gap[0] - expected).max() < 2e-3 * size
+    assert np.abs(closed.deviation - expected).max() < 2e-3 * size
+
+
+def test_friction_at_the_speeds_of_motors_acts_on_axes_as_in_absolute_coordinates(
+    tmp_path: Path,
+) -> None:
+    rubbing = (
+        f'{DRIVE}, friction = {{ coulomb = "60 N", breakaway = "90 N", viscous = "300 N s/m",'
+        ' stribeck_speed = "10 mm/s", smoothing = "1 mm/s" }'
+    )
+    settings = ("effects.friction=true", 'analyses.contouring.model="nonlinear"')
+    closed = close_axes(tmp_path, rubbing, 0.12, *settings)
+    times = closed.run.times[::8]
+
+    def given(instant: float) -> FloatArray:
+        return np.array([np.interp(instant, closed.run.times, row) for row in closed.given.T])
+
+    moved = solve_motion(closed.loop, given, times, tolerance=1e-5).outputs[:, :3]
+    expected = moved - closed.tool[::8]
+    size = np.abs(expected).max()
+    assert size > 1e-5
+    assert np.abs(closed.deviation[::8] - expected).max() < 5e-3 * size
+    assert any("speeds of the motors" in text for text in closed.run.assumed)
+
+
+def test_friction_at_the_speeds_of_motors_acts_on_legs_of_components_as_on_lumped_ones(
+    tripteor: Tripteor, tmp_path: Path
+) -> None:
+    settings = ("effects.friction=true", 'analyses.contouring.model="nonlinear"', AIR, SLOWLY)
+    scene = load_prompt(tmp_path, "lumped+controlled", *settings)
+    lumped = run_lumped_contour(
+        tripteor.scene,
+        tripteor.model,
+        request_of(scene),
+        until=0.06,
+        drives=tuple(scene.drives.values()),
+    )
+    found = run_contour(
+        build_state(tmp_path, load_prompt(tmp_path, "components+controlled", *settings)), 0.06
+    )
+    size = np.abs(lumped.gap).max()
+    assert size > 1e-6
+    assert np.abs(found.gap - lumped.gap).max() < 1e-2 * size
 
 
 def test_coriolis_forces_act_on_legs_of_components_as_on_lumped_ones(
     tripteor: Tripteor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in (contouring, sampled_motion):
+    for module in (contouring, coupled_contour):
         monkeypatch.setattr(module, "NODE_SPACING", 5e-3)
         monkeypatch.setattr(module, "LOAD_SPACING", 2e-4)
     monkeypatch.setattr(lumped_contour, "NODE_SPACING", 1e-3)

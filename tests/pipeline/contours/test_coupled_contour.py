@@ -386,9 +386,9 @@ def test_a_motor_turns_itself_and_its_screw() -> None:
     [
         ('analyses.contouring.side="500 mm"', "leads axis X too far"),
         ('analyses.contouring.at=["0 mm","0 mm","50 mm"]', "no axis moves the tool along z"),
-        ('analyses.contouring.model="nonlinear"', "only a lumped mechanism"),
+        ('analyses.contouring.model="nonlinear"', "nothing rubs here"),
         ('analyses.contouring.point="tpc"', "tcp"),
-        ("effects.coriolis=true", "is zero here"),
+        ("effects.coriolis=true", "needs no switch here"),
         (
             'analyses.contouring.polyline=[["0 mm","0 mm","0 mm"],["1 m","0 mm","0 mm"]]',
             "write either",

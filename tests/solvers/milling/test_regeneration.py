@@ -2,12 +2,16 @@
 a limit cycle.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.drives import GuideFriction
+from headstock.solvers.control.friction_loop import friction_force
 from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import (
     CuttingCoefficients,
@@ -17,17 +21,20 @@ from headstock.solvers.milling.forces import (
     regeneration_stiffness,
 )
 from headstock.solvers.milling.regeneration import (
+    CuttingPhase,
     RegenerativeCut,
     cutting_phases,
     march_regenerative,
 )
 from headstock.solvers.milling.stability import largest_multiplier, milling_gains, tip_dynamics
 from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
+from headstock.solvers.paths.rubbing import Rubbing
 
 COEFFICIENTS = CuttingCoefficients((600e6, 180e6, 0.0), (18e3, 20e3, 0.0), "test")
 STEPS, TURNS, MASS, HZ, ZETA = 96, 120, 2.0, 700.0, 0.03
 SPINDLE = 2.0 * np.pi * 200.0
 FEED = 0.1e-3
+ENTRY = 0.01  # seconds in which the tool enters
 
 
 def cut_of(depth: float, runout: float = 0.0) -> MillingCut:
@@ -129,6 +136,74 @@ def test_waves_grow_where_the_multiplier_says_so_and_end_in_a_limit_cycle(depth:
         assert multiplier > 1.05
         assert 0.3 * FEED < late < 20.0 * FEED and late < 3.0 * early
         assert (force[-10 * STEPS :] == 0.0).all(axis=1).any()
+
+
+def test_a_cut_and_friction_meet_as_in_a_fine_integration_of_the_delay_equation() -> None:
+    # one edge that always cuts, and dry friction on the motion along the feed
+    law = GuideFriction(40.0, 60.0, stribeck_speed=5e-3, viscous=200.0, smoothing=2e-3)
+    phase = CuttingPhase(
+        normals=np.array([[0.6], [0.8]]),
+        chip=np.array([[-1.2e6], [-2.0e6], [0.0]]),
+        edge=np.array([[-20.0], [-30.0], [0.0]]),
+        runout=np.zeros((3, 1)),
+    )
+    motion = machine(8)
+    count, still = len(motion.times), np.zeros((len(motion.times), 1))
+    rubbing = Rubbing(np.array([0], dtype=np.intp), (law,), still, still)
+    cut = RegenerativeCut(
+        (phase,),
+        STEPS // 4,
+        np.full(count, FEED),
+        np.minimum(motion.times / ENTRY, 1.0),
+        np.broadcast_to(np.eye(3), (count, 3, 3)),
+    )
+    load = 300.0 * np.sin(2.0 * np.pi * 90.0 * motion.times)[:, None] * np.array([1.0, 0.3])
+    found, plain = (
+        march_regenerative(each, load, cut)[0].compliant
+        for each in (replace(motion, rubbing=rubbing), motion)
+    )
+    exact = _integrate_finely(law, phase, motion.times)
+    size = np.abs(exact).max()
+    assert np.abs(plain - exact).max() > 0.05 * size
+    assert np.abs(found - exact).max() < 5e-3 * size
+
+
+def _integrate_finely(law: GuideFriction, phase: CuttingPhase, times: FloatArray) -> FloatArray:
+    """Motion ``(n, 2)`` by scipy, one tooth period after the other: what is older is known."""
+    omega, period = 2.0 * np.pi * HZ, float(times[1]) * (STEPS // 4)
+    pieces: list[Callable[[float], FloatArray]] = []
+
+    def before(time: float) -> FloatArray:
+        if time <= 0.0:
+            return np.zeros(2)
+        return pieces[min(int(time / period), len(pieces) - 1)](time)[:2]
+
+    def rate(time: float, state: FloatArray) -> FloatArray:
+        place, speed = state[:2], state[2:]
+        chips = [
+            (place - before(time - wave * period) + [wave * FEED, 0.0]) @ phase.normals[:, 0]
+            for wave in (1, 2, 3)
+        ]
+        chip = min(chips)
+        force = 300.0 * np.sin(2.0 * np.pi * 90.0 * time) * np.array([1.0, 0.3])
+        if chip > 0.0:
+            share = min(time / ENTRY, 1.0)
+            force = force + share * (phase.chip[:2, 0] * chip + phase.edge[:2, 0])
+        force[0] -= friction_force(law, speed[0])
+        own = force / MASS - 2.0 * ZETA * omega * speed - omega**2 * place
+        return np.concatenate([speed, own])
+
+    state, found = np.zeros(4), []
+    for number in range(round((times[-1] + times[1]) / period)):
+        ends = (number * period, (number + 1) * period)
+        within = times[(times >= ends[0] - 1e-9) & (times < ends[1] - 1e-9)]
+        run = solve_ivp(
+            rate, ends, state, "RK45", rtol=1e-7, atol=1e-12, max_step=1e-4, dense_output=True
+        )
+        pieces.append(run.sol)
+        state = run.y[:, -1]
+        found.append(run.sol(within)[:2].T)
+    return np.concatenate(found)
 
 
 def test_steps_that_miss_a_tooth_are_refused() -> None:

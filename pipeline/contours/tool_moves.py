@@ -1,0 +1,436 @@
+"""Straight moves of the tool of a mechanism, lumped or of components: its deviation with drives,
+errors, the cut and the forces of its speeds, by the steps in time of contours.
+"""
+
+import dataclasses
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy  # whose interpolation, a third of a second, is loaded where it is used
+
+from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.geometry.machine.drives import Drive
+from headstock.geometry.mechanisms.exechon import LENGTHS
+from headstock.geometry.mechanisms.tool_mechanism import tool_pose
+from headstock.pipeline.answers.path import FollowedPoses
+from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, WayErrors, find_way_errors
+from headstock.pipeline.contours.way_motors import WayMotors, close_way, lead_motors, plan_motors
+from headstock.pipeline.contours.ways import (
+    GRAVITY_LOAD,
+    RigidWay,
+    has_coriolis,
+    mechanism_way,
+    place_machine,
+    place_model,
+)
+from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.stages.carried_bodies import move_bodies
+from headstock.pipeline.stages.control import drive_machine
+from headstock.pipeline.stages.machine import damp_system
+from headstock.pipeline.stages.path import (
+    STEPS_PER_TURN,
+    SolvedMoves,
+    answer_path,
+    choose_model,
+    cutting_loads,
+    run_path_stage,
+    sample_path,
+)
+from headstock.pipeline.stages.run_state import Outcome, RunState
+from headstock.scene.requests import PathRequest
+from headstock.scene.scene import SceneMechanism
+from headstock.solvers.control.drive_trains import SCALE
+from headstock.solvers.control.stability import require_stable
+from headstock.solvers.errors import UnstableControlError
+from headstock.solvers.milling.straight_path import StraightPath, UnitTravel
+from headstock.solvers.milling.tool_path import PathPoints
+from headstock.solvers.paths.linear_motion import (
+    CompliantHistory,
+    LinearMotion,
+    chunk_slices,
+    even_nodes,
+    interpolate_nodes,
+    march_linear,
+)
+from headstock.solvers.paths.response import PathDeviation, filter_deviation
+from headstock.solvers.paths.sampled_motion import (
+    SampledMotion,
+    follow_motion,
+    sample_motion,
+)
+from headstock.solvers.paths.set_points import SetPoint, sample_move
+from headstock.solvers.paths.varying_system import PlantChannels
+from headstock.solvers.second_order import Channel
+
+STEPS_PER_SWING = 24  # of the highest mode that is kept
+NODES = 65  # positions of the line between which the rigid motion is interpolated
+NODE_SPACING = 5e-3  # of its matrices in time: on ramps the place is no line in time [s]
+BEFORE = 2  # steps before the move begins: the first one is at rest
+TWICE = 2.0  # as high as modes are kept, to judge what is left out
+
+
+@dataclass(frozen=True, eq=False)
+class ToolLine:
+    """The straight line of a mechanism's tool.
+
+    Attributes:
+        state: Of the run.
+        request: The moves along it.
+        mechanism: Of the scene.
+        start: ``(3,)`` where it begins, machine frame [m].
+        along: ``(3,)`` direction of the travel.
+        direction: ``(3,)`` of the tool.
+        drives: Of legs under control.
+        errors: Along it; None for none.
+    """
+
+    state: RunState
+    request: PathRequest
+    mechanism: SceneMechanism
+    start: FloatArray
+    along: FloatArray
+    direction: FloatArray
+    drives: tuple[Drive, ...]
+    errors: WayErrors | None
+
+    @property
+    def tool(self) -> tuple[Channel, ...]:
+        """Where the cut pushes; without one, where the first output is."""
+        cut = self.request.cut
+        at = self.request.outputs[0][0] if cut is None else cut.at
+        return tuple((at, dof) for dof in DIRECTIONS)
+
+    @functools.cached_property
+    def nodes(self) -> FloatArray:
+        """Positions ``(k,)`` between which the rigid motion is interpolated [m]."""
+        return np.asarray(np.linspace(0.0, self.request.path.length, NODES), dtype=float)
+
+    def unit_travel(self, speed: float, acceleration: float) -> UnitTravel:
+        """The line at a constant speed and acceleration [m/s, m/s^2]."""
+        return UnitTravel(
+            self.start, self.along, speed, acceleration, (0.0, self.request.path.length)
+        )
+
+    @functools.cached_property
+    def unit_ways(self) -> tuple[RigidWay, RigidWay]:
+        """Ways of the bodies at unit speed, and at unit acceleration, over positions."""
+        return (self._unit_way(1.0, 0.0), self._unit_way(0.0, 1.0))
+
+    def _unit_way(self, speed: float, acceleration: float) -> RigidWay:
+        way = mechanism_way(
+            self.state,
+            self.mechanism,
+            self.unit_travel(speed, acceleration),
+            pose_at=self.request.path.pose_at,
+            direction=self.direction,
+        )
+        law = scipy.interpolate.make_interp_spline(self.nodes, way.amounts(self.nodes), k=3)
+        return dataclasses.replace(way, amounts=lambda positions: np.asarray(law(positions)))
+
+    @functools.cached_property
+    def unit_motors(self) -> tuple[WayMotors, WayMotors] | None:
+        """Motors at unit speed, and at unit acceleration, over positions; None without control."""
+        found = [
+            plan_motors(
+                self.state,
+                self.unit_travel(speed, acceleration),
+                (*self.tool, *self.request.outputs),
+                amounts=way.amounts,
+                direction=self.direction,
+            )
+            for (speed, acceleration), way in zip(
+                ((1.0, 0.0), (0.0, 1.0)), self.unit_ways, strict=True
+            )
+        ]
+        speeding, pulling = found
+        return None if speeding is None or pulling is None else (speeding, pulling)
+
+    def way(self, path: StraightPath) -> RigidWay:
+        """How the bodies follow a move: by its acceleration, and by the square of its speed; with the
+        errors on the way.
+        """
+        speeding, pulling = self.unit_ways
+
+        def amounts(times: FloatArray) -> FloatArray:
+            now = path.travel(times)
+            fast = speeding.amounts(now.positions) * now.speeds[:, None] ** 2
+            return np.asarray(fast + pulling.amounts(now.positions) * now.accelerations[:, None])
+
+        def motion(times: FloatArray) -> tuple[FloatArray, FloatArray]:
+            now = path.travel(times)
+            return now.positions, now.speeds
+
+        way = dataclasses.replace(speeding, amounts=amounts)
+        return way if self.errors is None else self.errors.join(way, motion)
+
+    def sample(self, up_to_hz: float, *, follows: bool) -> SampledMotion:
+        """The machine at positions of the line, or in its middle everywhere."""
+        length = self.request.path.length
+        first = StraightPath(
+            self.start, self.along, self.request.moves[0], 1.0 / self.request.sampling_hz
+        )
+        way = self.way(first)
+        scales = ((drive.name, SCALE) for drive in self.drives)
+        channels = PlantChannels(
+            inputs=(*self.tool, GRAVITY_LOAD, *way.channels),
+            outputs=(*self.tool, *self.request.outputs, *scales),
+            up_to_hz=up_to_hz,
+        )
+        place = place_machine(self.state, way, {}, self.drives)
+        if follows:
+            return sample_motion(place, [0.0, length], channels)
+        held = place(0.5 * length)
+        return sample_motion(lambda where: held, [0.0, length], channels)
+
+
+def solve_tool_moves(state: RunState, request: PathRequest) -> SolvedMoves:
+    """Deviation of the tool of a mechanism over every move.
+
+    Raises:
+        PoseError: It cannot follow the line.
+        ModelError: The machine is free to move, or a rigid guide has errors.
+        UnstableControlError: A control loop is unstable.
+    """
+    line = _lay_line(state, request)
+    if line.drives:
+        _require_stable(line)
+    up_to_hz = choose_model(request).up_to_hz or 0.0
+    frozen = line.sample(up_to_hz, follows=False)
+    kept = tuple(_solve_move(line, frozen, move) for move in request.moves)
+    disturbed = line.errors is not None or any(drive.ripple for drive in line.drives)
+    if not request.follows_pose:
+        return SolvedMoves(kept, kept, disturbed=disturbed)
+    sampled = line.sample(up_to_hz, follows=True)
+    found = tuple(_solve_move(line, sampled, move) for move in request.moves)
+    return SolvedMoves(
+        found, kept, _judge_poses(line, sampled, found, kept, up_to_hz), disturbed=disturbed
+    )
+
+
+def run_any_path_stage(state: RunState, stage: Stage) -> Outcome:
+    """Deviation at every output along the path, of axes or of the tool of a mechanism."""
+    request = state.scene.analyses.path
+    if state.scene.mechanism is None or request is None or not state.is_root:
+        return run_path_stage(state, stage)
+    _judge_speeds(state, state.scene.mechanism, request)
+    model = place_model(state)(request.path.pose_at(0.5 * request.path.length))
+    system = damp_system(state.scene, model.system, model.all_modes)
+    return answer_path(
+        state,
+        request,
+        frequencies_hz=model.all_modes.frequencies_hz,
+        damped=system.damping is not None or system.hysteretic is not None,
+        solve=lambda: solve_tool_moves(state, request),
+    )
+
+
+def _lay_line(state: RunState, request: PathRequest) -> ToolLine:
+    mechanism = state.scene.mechanism
+    if mechanism is None:
+        raise ValueError("a line of a tool needs a mechanism")
+    ends = [
+        tool_pose(mechanism, pose.positions)[0] for pose in (request.path.start, request.path.end)
+    ]
+    nodes: FloatArray = np.asarray(np.linspace(0.0, request.path.length, NODES), dtype=float)
+    return ToolLine(
+        state=state,
+        request=request,
+        mechanism=mechanism,
+        start=ends[0],
+        along=np.asarray((ends[1] - ends[0]) / request.path.length),
+        direction=tool_pose(mechanism, request.path.start.positions)[1],
+        drives=tuple(drive for drive in state.scene.drives.values() if drive.axis in LENGTHS),
+        errors=find_way_errors(state, request.path.pose_at, nodes),
+    )
+
+
+def _require_stable(line: ToolLine) -> None:
+    """Refuse loops that are unstable at an end or in the middle of a line.
+
+    Raises:
+        UnstableControlError: A pole grows.
+    """
+    model_at, path = place_model(line.state), line.request.path
+    for share in (0.0, 0.5, 1.0):
+        driven = drive_machine(model_at(path.pose_at(share * path.length)), line.state.warn)
+        try:
+            require_stable(driven.system, driven.trains)
+        except UnstableControlError as error:
+            raise UnstableControlError(
+                f"{1e3 * share * path.length:.4g} mm along the path {error}",
+                axis=error.axis,
+                frequency_hz=error.frequency_hz,
+            ) from error
+
+
+def _count_steps(line: ToolLine, sampled: SampledMotion, move: SetPoint) -> int:
+    """Steps in time per sample."""
+    rates = [STEPS_PER_SWING * sampled.highest_hz]
+    if line.errors is not None:
+        rates.append(STEPS_PER_WAVE * move.feed / line.errors.shortest)
+    if line.request.cut is not None:
+        rates.append(STEPS_PER_TURN * line.request.cut.cut.spindle / (2.0 * math.pi))
+    # a leg is at most as fast as the tool
+    rates += [
+        STEPS_PER_WAVE * move.feed * wave.per_turn / drive.lead
+        for drive in line.drives
+        for wave in drive.ripple
+    ]
+    return max(1, math.ceil(max(rates) / line.request.sampling_hz))
+
+
+def _solve_move(line: ToolLine, sampled: SampledMotion, move: SetPoint) -> PathDeviation:
+    """Deviation over one move, from the equilibrium at its beginning."""
+    samples = sample_path(line.request, move)
+    parts = _count_steps(line, sampled, move)
+    step = float(samples[1] - samples[0]) / parts
+    times = step * np.arange(-BEFORE, parts * (len(samples) - 1) + 1, dtype=np.float64)
+    path = StraightPath(line.start, line.along, move, step)
+    way = line.way(path)
+    given = np.concatenate([way.given(times[part]) for part in chunk_slices(len(times))])
+    sampled = dataclasses.replace(sampled, along=lambda now: sample_move(move, now).positions)
+    motion = follow_motion(
+        sampled,
+        times,
+        lambda now: interpolate_nodes(now, times, given),
+        node_spacing=NODE_SPACING,
+        load_spacing=step,
+    )
+    outputs = slice(len(line.tool), len(line.tool) + len(line.request.outputs))
+    found = sampled.at(motion.nodes, "rows", "direct")
+    rows, direct = found.rows[:, outputs], found.direct[:, outputs]
+    motors = None
+    if line.unit_motors is not None:
+        motors = lead_motors(*line.unit_motors, line.nodes, path.travel)
+    if motors is not None:
+        servo = close_way(
+            motors, sampled, motion, scales=outputs.stop, friction="true", load_spacing=step
+        )
+        motion = servo.motion
+        moved = motors.at(motion.nodes).outputs[:, outputs]
+        rows = np.concatenate([rows, moved], axis=2)
+        states = motion.mass.shape[-1] - rows.shape[-1]
+        rows = np.pad(rows, ((0, 0), (0, 0), (0, states)))
+    force = _cut_forces(line, move, times)
+    history = march_linear(motion, motion.load + motion.tool_load(force))
+    limit_hz = choose_model(line.request).low_frequency_limit_hz
+    split = _split_motion(motion, rows, history, limit_hz=0.0 if motors else limit_hz)
+    pulled = motion.apply(direct[:, :, len(line.tool) + 1 :], given[:, 1:])
+    total = split.total + pulled + motion.apply(direct[:, :, : len(line.tool)], force)
+    at_once = split.quasi_static + pulled
+    total, at_once, slow = (
+        (part - part[0])[BEFORE::parts] for part in (total, at_once, split.low_frequency)
+    )
+    return PathDeviation(samples, total, at_once, slow, total - at_once - slow)
+
+
+def _cut_forces(line: ToolLine, move: SetPoint, times: FloatArray) -> FloatArray:
+    """Forces on the tool ``(n, 3)``, machine frame [N]."""
+    force = np.zeros((len(times), 3))
+    if line.request.cut is not None:
+        cutting = times >= 0.0
+        speeds = sample_move(move, times[cutting]).speeds
+        force[cutting] = cutting_loads(line.request.cut, line.along)(times[cutting], speeds)
+    return force
+
+
+@dataclass(frozen=True, eq=False)
+class _SplitMotion:
+    """Motion at the outputs ``(n, p)`` beside that by weight alone, of the modes that are kept: all
+    of it, what is held statically, and that of modes slower than a ramp.
+    """
+
+    total: FloatArray
+    quasi_static: FloatArray
+    low_frequency: FloatArray
+
+
+def _split_motion(
+    motion: LinearMotion, rows: FloatArray, history: CompliantHistory, *, limit_hz: float
+) -> _SplitMotion:
+    """Take the motion at the outputs apart.
+
+    Args:
+        motion: The linear model.
+        rows: ``(k, p, c)`` motion at the outputs at its nodes.
+        history: Of its coordinates.
+        limit_hz: Modes below do not follow a ramp; zero for none, as of closed loops [Hz].
+    """
+    held = np.swapaxes(
+        np.linalg.solve(np.swapaxes(motion.stiffness, 1, 2), np.swapaxes(rows, 1, 2)), 1, 2
+    )
+    slow = np.zeros_like(rows)
+    if limit_hz > 0.0:
+        values, vectors = np.linalg.eigh(motion.stiffness)
+        below = vectors * (values < (2.0 * np.pi * limit_hz) ** 2)[:, None, :]
+        projector = below @ np.swapaxes(below, 1, 2)
+        slow = rows @ projector
+        held = held - held @ projector
+    weight = interpolate_nodes(motion.times, motion.nodes, motion.gravity_deflection)
+    moved = history.compliant - weight
+    return _SplitMotion(
+        motion.apply(rows, moved),
+        motion.apply(held, motion.load) - motion.apply(rows - slow, weight),
+        motion.apply(slow, moved),
+    )
+
+
+def _judge_poses(
+    line: ToolLine,
+    sampled: SampledMotion,
+    found: tuple[PathDeviation, ...],
+    kept: tuple[PathDeviation, ...],
+    up_to_hz: float,
+) -> FollowedPoses:
+    """What following the poses took, and what it is worth: that modes are kept only up to a
+    frequency is judged in the middle, with twice as many.
+    """
+
+    def show(deviation: PathDeviation) -> FloatArray:
+        return filter_deviation(deviation, line.request.low_pass).total
+
+    truncation = 0.0
+    if not sampled.complete:
+        finer = line.sample(TWICE * up_to_hz, follows=False)
+        full = show(_solve_move(line, finer, line.request.moves[-1]))
+        most = max(float(np.abs(full).max()), float(np.finfo(float).tiny))
+        truncation = float(np.abs(show(kept[-1]) - full).max()) / most
+    return FollowedPoses(
+        sampled_poses=sampled.poses,
+        error=sampled.error,
+        rotation_error=sampled.swing,
+        modes=sampled.modes,
+        next_hz=None if sampled.complete else up_to_hz,
+        steps=max(len(even_nodes(each.times, NODE_SPACING)) for each in found),
+        truncation=truncation,
+        effect=tuple(
+            float(np.abs(show(ours) - show(theirs)).max())
+            for ours, theirs in zip(found, kept, strict=True)
+        ),
+    )
+
+
+def _judge_speeds(state: RunState, mechanism: SceneMechanism, request: PathRequest) -> None:
+    """Say what Coriolis and centrifugal forces would do, where they are left out."""
+    if has_coriolis(state):
+        return
+    line, move = _lay_line(state, request), request.moves[-1]
+    point = line.start + 0.5 * request.path.length * line.along
+    reach = move.feed / move.ramp.time_constant
+    sizes = []
+    for speed, acceleration in ((move.feed, 0.0), (0.0, reach)):
+        moved = move_bodies(
+            mechanism,
+            state.parts,
+            np.zeros(1),
+            PathPoints(point[None], speed * line.along[None], acceleration * line.along[None]),
+            line.direction,
+            velocity_terms=speed > 0.0,
+        )
+        sizes.append(max(float(np.abs(motion[0, :3]).max()) for motion in moved.values()))
+    state.warn(
+        f"path analysis: Coriolis and centrifugal forces are left out; at {6e4 * move.feed:g} mm/min speeds accelerate bodies by"
+        f" {100.0 * sizes[0] / sizes[1]:.2g} % of what ramps do; write [effects] coriolis = true"
+    )

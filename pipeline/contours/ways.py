@@ -1,0 +1,324 @@
+"""A machine on its way: how the rigid machine follows a path, and the compliant one in any of its
+poses with what acts on it there. Contours and straight moves of a tool go along the same ways.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.machine.drives import Drive
+from headstock.geometry.machine.joints import Axis
+from headstock.geometry.machine.machine import Machine, Pose
+from headstock.geometry.machine.tool_travel import ToolTravel
+from headstock.geometry.mechanisms.exechon import LENGTHS
+from headstock.pipeline.contours.contour_run import CORIOLIS
+from headstock.pipeline.stages.carried_bodies import move_bodies
+from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
+from headstock.pipeline.stages.mechanism import LumpedPose, build_mechanism, place_pose
+from headstock.pipeline.stages.run_state import PoseModel, RunState
+from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.drives import find_scales
+from headstock.reduction.coupling.memo import CouplingMemo
+from headstock.reduction.coupling.path_loads import (
+    TurningBody,
+    body_loads,
+    body_travel,
+    inertia_load,
+    stack_modes,
+    turn_with_bodies,
+)
+from headstock.scene.scene import SceneMechanism
+from headstock.solvers.control.drive_trains import SCALE
+from headstock.solvers.milling.path_drives import move_markers
+from headstock.solvers.milling.tool_path import ToolPath
+from headstock.solvers.paths.varying_system import PosedModes
+from headstock.solvers.second_order import Channel, SecondOrderSystem
+
+GRAVITY_LOAD: Channel = ("gravity", "load")
+FORCE = "force"
+Amounts = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class RigidWay:
+    """How the rigid machine follows a path.
+
+    Attributes:
+        pose_at: The pose at a place of the way: a time of a contour, a position of a straight move.
+        loads: Channels of the load by its inertia, in the order of the amounts, of a machine in a
+            pose.
+        amounts: Accelerations ``(n, r)`` of these channels at times ``(n,)``.
+        channels: Their names.
+        axis_motion: Speed and acceleration ``(n,)`` of an axis at times; None of a mechanism.
+        leg_forces: Forces ``(n, d)`` that hold up and accelerate the legs of a mechanism themselves,
+            between their drives and their screws, at times; None of axes.
+    """
+
+    pose_at: Callable[[float], Pose]
+    loads: Callable[[PoseModel], dict[Channel, FloatArray]]
+    amounts: Amounts
+    channels: tuple[Channel, ...]
+    axis_motion: Callable[[str, FloatArray], tuple[FloatArray, FloatArray]] | None = None
+    leg_forces: Amounts | None = None
+
+    def given(self, times: FloatArray) -> FloatArray:
+        """Values ``(n, 1 + r)`` of weight and of these channels at times ``(n,)``."""
+        return np.concatenate([np.ones((len(times), 1)), self.amounts(times)], axis=1)
+
+
+def has_coriolis(state: RunState) -> bool:
+    """Whether the speeds of a mechanism accelerate it: its bodies turn, those of linear axes do not."""
+    return CORIOLIS in state.scene.effects and state.scene.mechanism is not None
+
+
+def find_screws(machine: Machine) -> dict[str, tuple[str, Axis | None]]:
+    """Ball screws that drive a machine: name of the drive to its joint and axis; those of a
+    mechanism have the name of their joint.
+    """
+    found: dict[str, tuple[str, Axis | None]] = {}
+    for axis in machine.axes.values():
+        for name in axis.joints:
+            if machine.joints[name].kind == "ball_screw" and axis.kind == "linear":
+                found.setdefault(axis.name, (name, axis))
+    if machine.mechanism is not None:
+        taken = {joint for joint, _ in found.values()}
+        found |= {
+            name: (name, None)
+            for name, joint in machine.joints.items()
+            if joint.kind == "ball_screw" and name not in taken
+        }
+    return found
+
+
+def axes_way(machine: Machine, travel: ToolTravel, path: ToolPath) -> RigidWay:
+    """Linear axes that follow a path."""
+    channels = tuple((name, "acceleration") for name in travel.axes)
+    directions = {
+        name: dict.fromkeys(machine.axes[name].moves, machine.axes[name].direction)
+        for name in travel.axes
+    }
+
+    def pose_at(time: float) -> Pose:
+        places = travel.axis_positions(path.at(np.array([time])).position)[0]
+        return Pose(f"t = {time:.4g} s", dict(zip(travel.axes, places.tolist(), strict=True)))
+
+    def amounts(times: FloatArray) -> FloatArray:
+        return travel.axis_positions(path.at(times).acceleration)
+
+    def axis_motion(name: str, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        number, points = travel.axes.index(name), path.at(times)
+        return (
+            travel.axis_positions(points.velocity)[:, number],
+            travel.axis_positions(points.acceleration)[:, number],
+        )
+
+    return RigidWay(
+        pose_at,
+        lambda model: {
+            channel: inertia_load(_coupled(model), directions[channel[0]]) for channel in channels
+        },
+        amounts,
+        channels,
+        axis_motion,
+    )
+
+
+def mechanism_way(
+    state: RunState,
+    mechanism: SceneMechanism,
+    path: ToolPath,
+    *,
+    pose_at: Callable[[float], Pose],
+    direction: FloatArray,
+) -> RigidWay:
+    """A mechanism that leads its tool along a path without turning it.
+
+    Args:
+        state: Of the run.
+        mechanism: Of the scene, lumped or of components.
+        path: Of the tool.
+        pose_at: The pose at a place of the way.
+        direction: ``(3,)`` of the tool, machine frame.
+    """
+    parts, mounted = state.parts, mechanism.mounted
+    carried = {name: marker for name, marker in mechanism.carries.items() if name in parts.reduced}
+    channels = tuple((name, f"acceleration {dof}") for name in carried for dof in DOF_NAMES)
+    screws = find_screws(state.scene.machine)
+
+    def amounts(times: FloatArray) -> FloatArray:
+        moved = move_bodies(
+            mechanism,
+            parts,
+            times,
+            path.at(times),
+            direction,
+            velocity_terms=has_coriolis(state),
+        )
+        return np.concatenate(list(moved.values()), axis=1)
+
+    def loads(model: PoseModel) -> dict[Channel, FloatArray]:
+        found: dict[Channel, FloatArray] = {}
+        for name in carried:
+            own = (
+                model.body_loads(name)
+                if isinstance(model, LumpedPose)
+                else body_loads(_coupled(model), name)
+            )
+            found |= {
+                (name, f"acceleration {dof}"): own[:, number]
+                for number, dof in enumerate(DOF_NAMES)
+            }
+        return found
+
+    def leg_forces(times: FloatArray) -> FloatArray:
+        moved, pulled = move_markers(mounted, times, path.at(times), direction), amounts(times)
+        gravity = np.zeros(3) if parts.plan.gravity is None else np.asarray(parts.plan.gravity)
+        found, names = np.zeros((len(times), len(screws))), list(carried)
+        for number, (joint, _) in enumerate(screws.values()):
+            leg = state.scene.machine.joints[joint].ends[0].component
+            if leg not in carried:
+                continue
+            rotation = moved.rotations[:, mounted.mechanism.markers.index(carried[leg])]
+            axis = state.scene.machine.joints[joint].rotation[:, 0]
+            along = rotation @ axis @ mounted.mounting.rotation.T
+            center = pulled[:, 6 * names.index(leg) : 6 * names.index(leg) + 3]
+            weight = parts.superelements[leg].mass_kg
+            found[:, number] = weight * ((center - gravity) * along).sum(axis=1)
+        return found
+
+    return RigidWay(pose_at, loads, amounts, channels, leg_forces=leg_forces)
+
+
+def place_machine(
+    state: RunState,
+    way: RigidWay,
+    screws: Mapping[str, tuple[str, Axis | None]],
+    drives: Sequence[Drive],
+) -> Callable[[float], PosedModes]:
+    """The machine at a place of the way: damped as the scene says, with every channel.
+
+    Args:
+        state: Of the run.
+        way: Of the rigid machine.
+        screws: Whose forces are outputs.
+        drives: What whose linear scales read is an output.
+    """
+    model_at, undamped = place_model(state), False
+    mechanism = state.scene.mechanism
+    turning = (
+        ()
+        if mechanism is None or not has_coriolis(state)
+        else tuple(name for name in mechanism.carries if name in state.parts.reduced)
+    )
+
+    def place(where: float) -> PosedModes:
+        nonlocal undamped
+        model = model_at(way.pose_at(where))
+        for message in warn_of_no_damping(state.scene, model.system):
+            state.warn(message)
+        system = damp_system(state.scene, model.system, model.all_modes)
+        if system.damping is None and system.hysteretic is None and not undamped:
+            undamped = True
+            state.warn(
+                'the way is followed without damping: write [effects] damping = { modal = "2 %" }'
+            )
+        weight = model.loads.get("gravity", np.zeros(len(system.mass)))
+        scales = {
+            (drive.name, SCALE): row
+            for drive, row in zip(drives, _scale_rows(model, drives), strict=True)
+        }
+        coupled = model.coupled
+        rows = {} if coupled is None else _screw_rows(coupled, screws)
+        system = dataclasses.replace(
+            system,
+            inputs={**system.inputs, GRAVITY_LOAD: weight, **way.loads(model)},
+            outputs={**system.outputs, **rows, **scales},
+        )
+        posed = _stack(model, system)
+        return posed if not turning else turn_with_bodies(posed, _turning_bodies(model, turning))
+
+    return place
+
+
+def place_model(state: RunState) -> Callable[[Pose], PoseModel]:
+    """What puts the machine of a scene, lumped or of components, into a pose."""
+    parts, memo = state.parts, CouplingMemo()
+    if state.scene.is_lumped:
+        lumped = build_mechanism(parts, parts.superelements)
+        return lambda pose: place_pose(parts, pose, lumped, parts.superelements)
+
+    def build(pose: Pose) -> CoupledPose:
+        coupled = couple(
+            parts.superelements,
+            state.scene.machine,
+            pose,
+            gravity=parts.plan.gravity,
+            memo=memo,
+        )
+        for message in coupled.warnings:
+            state.warn(message)
+        return CoupledPose(parts, pose, coupled)
+
+    return build
+
+
+def _coupled(model: PoseModel) -> CoupledMachine:
+    if model.coupled is None:
+        raise ValueError("a lumped mechanism has no superelements")
+    return model.coupled
+
+
+def _stack(model: PoseModel, system: SecondOrderSystem) -> PosedModes:
+    if isinstance(model, LumpedPose):
+        return model.stack_modes(system)
+    return stack_modes(system, model.all_modes, _coupled(model))
+
+
+def _turning_bodies(model: PoseModel, names: Sequence[str]) -> list[TurningBody]:
+    """Bodies that a mechanism turns as it carries them."""
+    found = []
+    for name in names:
+        body = model.parts.superelements[name]
+        if isinstance(model, LumpedPose):
+            travel, mass = np.eye(6), model.body_masses[name]
+        else:
+            coupled = _coupled(model)
+            travel, mass = body_travel(coupled, name), coupled.matrices.masses[name]
+        found.append(
+            TurningBody(
+                rows=model.offsets[name],
+                travel=travel,
+                mass=mass,
+                rotation=model.placements[name].rotation,
+                kilograms=body.mass_kg,
+                inertia=body.inertia,
+            )
+        )
+    return found
+
+
+def _scale_rows(model: PoseModel, drives: Sequence[Drive]) -> list[FloatArray]:
+    """What the linear scale of each drive reads with locked motors ``(n,)``."""
+    if not isinstance(model, LumpedPose):
+        return find_scales(_coupled(model), model.parts.scene.machine, drives)
+    unit = np.eye(len(model.system.mass))
+    # a scale reads the leg up to its joint at the platform, its spring along itself included
+    return [unit[2 * LENGTHS.index(drive.axis) + 1] for drive in drives]
+
+
+def _screw_rows(
+    coupled: CoupledMachine, screws: Mapping[str, tuple[str, Axis | None]]
+) -> dict[Channel, FloatArray]:
+    """Row ``(n,)`` of the force with which each screw pushes its nut, along the axis [N]."""
+    joints = {joint.name: joint for joint in coupled.joint_springs}
+    found: dict[Channel, FloatArray] = {}
+    for name, (joint, axis) in screws.items():
+        spring = joints[joint]
+        along = (
+            1.0 if axis is None else float(np.sign(spring.frame.rotation[:, 0] @ axis.direction))
+        )
+        found[name, FORCE] = along * (spring.stiffness @ spring.rows)[0]
+    return found

@@ -1,0 +1,343 @@
+"""Straight moves of the tool of a mechanism, lumped and of components, with drives, errors, the cut and
+the forces of speeds: against the equations of contours in the coordinates of the springs, and
+against static solutions.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.drives import Drive, ripple_force
+from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
+from headstock.meshing.components.meshing import describe_component
+from headstock.pipeline.answers.path import PathResult
+from headstock.pipeline.contours import tool_moves
+from headstock.pipeline.contours.lumped_contour import _close_legs
+from headstock.pipeline.contours.tool_moves import run_any_path_stage
+from headstock.pipeline.contours.ways import place_model
+from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.stages.control import drive_machine
+from headstock.pipeline.stages.run_state import ReducedComponent, RunState
+from headstock.pipeline.storage.store import Store
+from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.scene import keep_analyses
+from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.drive_trains import FORCE
+from headstock.solvers.linear.state_space import StateSpace
+from headstock.solvers.linear.time_response import solve_stepped_response
+from headstock.solvers.mechanisms.modes import PoseDamping
+from headstock.solvers.milling import contouring
+from headstock.solvers.milling.contouring import linear_motion
+from headstock.solvers.milling.forces import cutting_forces
+from headstock.solvers.milling.path_drives import PathDrive, follow_path
+from headstock.solvers.milling.straight_path import StraightPath
+from headstock.solvers.paths.linear_motion import LinearMotion, interpolate_nodes, march_linear
+from headstock.solvers.paths.set_points import sample_move
+from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
+from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
+
+START, END = np.array([-0.006, 0.047, 0.207]), np.array([0.006, 0.053, 0.213])
+ALONG = (END - START) / np.linalg.norm(END - START)
+PATH = (
+    'analyses.path={from={X="-6 mm",Y="47 mm",Z="207 mm"},to={X="6 mm",Y="53 mm",Z="213 mm"},feeds=["3 m/min"],'
+    'time_constant="50 ms",ramp="s_curve",jerk_time="20 ms",residual_time="50 ms",sampling="2 kHz"}'
+)
+CUT = (
+    'analyses.path.cut={mill={diameter="20 mm",teeth=4,helix="30 deg"},spindle="3000 rpm",axial_depth="5 mm",'
+    'radial_depth="2 mm",material="al7075-t6"}'
+)
+FROZEN = 'analyses.path.pose_model="frozen"'
+PARTS = 4  # steps per sample of the reference
+
+
+@pytest.fixture(scope="module")
+def tripteor() -> Tripteor:
+    return load_tripteor()
+
+
+def build_state(folder: Path, variant: str, *settings: str) -> RunState:
+    scene = keep_analyses(
+        load_scene(TRIPTEOR, variant=variant, overrides=[PATH, *settings]), ["path"]
+    )
+    plan = plan_scene(scene)
+    reduced = {
+        name: ReducedComponent(reduce_rigid(part, describe_component(part)))
+        for name, part in plan.components.items()
+    }
+    return RunState(scene, plan, MPI.COMM_SELF, Store(folder / "store"), reduced=reduced)
+
+
+def solve(folder: Path, variant: str, *settings: str) -> PathResult:
+    (found,) = run_any_path_stage(
+        build_state(folder, variant, *settings), Stage("path", None, "")
+    ).answers
+    assert isinstance(found, PathResult)
+    return found
+
+
+def total(found: PathResult) -> FloatArray:
+    return found.runs[0].curves.deviation.total[:, :3]
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> PathResult:
+    """The lumped mechanism with motors that follow their set points."""
+    return solve(tmp_path_factory.mktemp("plain"), "lumped")
+
+
+@dataclasses.dataclass
+class Reference:
+    """The move by the equations of contours, in the coordinates of the springs."""
+
+    tripteor: Tripteor
+    times: FloatArray
+    drive: PathDrive
+    motion: LinearMotion
+    velocity_terms: bool = True
+
+    def tool(self, moved: FloatArray) -> FloatArray:
+        """Deviation of the tool at the samples, from that at rest."""
+        turned = moved @ self.tripteor.scene.mounted.mounting.rotation.T
+        return np.asarray((turned - turned[0])[2::PARTS])
+
+    def march(self, load: FloatArray | float = 0.0) -> FloatArray:
+        history = march_linear(self.motion, self.motion.load + load)
+        return self.tool(self.motion.tool_motion(history.compliant - self.rest))
+
+    @property
+    def rest(self) -> FloatArray:
+        return interpolate_nodes(self.times, self.motion.nodes, self.motion.gravity_deflection)
+
+
+def refer(
+    tripteor: Tripteor,
+    found: PathResult,
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    drives: Sequence[Drive] = (),
+    velocity_terms: bool = True,
+) -> Reference:
+    # their matrices and loads are linear between nodes
+    monkeypatch.setattr(contouring, "NODE_SPACING", 5e-3)
+    monkeypatch.setattr(contouring, "LOAD_SPACING", 2e-4)
+    request = load_scene(TRIPTEOR, variant="lumped", overrides=[PATH]).analyses.path
+    assert request is not None
+    samples, scene = found.runs[0].curves.deviation.times, tripteor.scene
+    step = float(samples[1] - samples[0]) / PARTS
+    times = step * np.arange(-2, PARTS * (len(samples) - 1) + 1, dtype=np.float64)
+    path = StraightPath(START, ALONG, request.moves[0], step)
+    nodes: FloatArray = np.asarray(np.linspace(times[0], times[-1], 300), dtype=float)
+    drive = follow_path(scene.mounted, nodes, path.at(nodes), scene.tool)
+    model = dataclasses.replace(tripteor.model, velocity_terms=velocity_terms)
+    names = tuple(each.axis for each in drives)
+    motion = linear_motion(model, drive, times, PoseDamping((0.02,)), names)
+    if drives:
+        motion = _close_legs(model, drive, motion, drives, "true").motion
+    return Reference(tripteor, times, drive, motion, velocity_terms)
+
+
+def test_a_tool_leaves_its_line_as_the_equations_of_contours_say(
+    plain: PathResult, tripteor: Tripteor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = refer(tripteor, plain, monkeypatch).march()
+    size = np.abs(expected).max()
+    assert size > 5e-6
+    assert np.abs(total(plain) - expected).max() < 1e-3 * size
+    curves = plain.runs[0].curves
+    assert np.abs(curves.frozen[:, :3] - expected).max() > 5e-3 * size
+    parts = curves.deviation
+    assert np.abs(parts.quasi_static + parts.dynamic - parts.total).max() < 1e-12
+
+
+def test_speeds_accelerate_a_line_as_the_equations_of_contours_say(
+    plain: PathResult, tripteor: Tripteor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without = solve(tmp_path, "lumped", "effects.coriolis=false")
+    mine = total(plain) - total(without)
+    acting, left_out = (
+        refer(tripteor, plain, monkeypatch, velocity_terms=terms).march() for terms in (True, False)
+    )
+    expected = acting - left_out
+    size = np.abs(expected).max()
+    assert size > 1e-8
+    assert np.abs(mine - expected).max() < 1e-2 * size
+
+
+def test_rigid_legs_of_components_leave_it_as_lumped_ones_with_gravity_stiffening(
+    plain: PathResult, tmp_path: Path
+) -> None:
+    stiffening = "effects.gravity_stiffening=true"
+    lumped, legs = (
+        total(solve(tmp_path, variant, stiffening, FROZEN)) for variant in ("lumped", "components")
+    )
+    change = np.abs(plain.runs[0].curves.frozen[:, :3] - lumped).max()
+    assert change > 1e-6 * np.abs(legs).max()
+    assert np.abs(legs - lumped).max() < 1e-2 * change
+
+
+def test_legs_under_control_with_friction_leave_a_line_as_lumped_contours_do(
+    plain: PathResult, tripteor: Tripteor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tool_moves, "STEPS_PER_SWING", 12)
+    state = build_state(tmp_path, "lumped+controlled", "effects.friction=true")
+    (found,) = run_any_path_stage(state, Stage("path", None, "")).answers
+    assert isinstance(found, PathResult)
+    given = refer(tripteor, plain, monkeypatch, drives=tuple(state.scene.drives.values()))
+    expected = given.march()
+    size = np.abs(expected).max()
+    assert size > 1e-5
+    assert np.abs(total(found) - expected).max() < 5e-3 * size
+
+
+def test_legs_of_components_under_control_leave_it_as_lumped_ones(tmp_path: Path) -> None:
+    lumped, legs = (
+        total(solve(tmp_path, f"{variant}+controlled", FROZEN))
+        for variant in ("lumped", "components")
+    )
+    assert np.abs(lumped).max() > 1e-5
+    assert np.abs(legs - lumped).max() < 1e-9 * np.abs(lumped).max()
+
+
+def test_errors_of_legs_lead_a_tool_off_as_their_springs_at_rest_elsewhere_do(
+    plain: PathResult, tripteor: Tripteor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    errors = (
+        'mechanism.errors={leg_1={waves=[{period="2 mm",amplitude="3 um"}]},'
+        'leg_3={polynomial=["0 um","20 um"],over="100 mm"}}'
+    )
+    found = solve(tmp_path, "lumped", "effects.guide_errors=true", errors)
+    assert found.runs[0].cruises
+    given = refer(tripteor, plain, monkeypatch)
+    law, known = given.drive.at(given.times).position, tripteor.model.mechanism
+    q1, q3 = (law[:, known.driven.index(LENGTHS[leg])] for leg in (0, 2))
+    offsets = np.zeros_like(given.motion.load)
+    offsets[:, 1], offsets[:, 5] = 3e-6 * np.sin(2.0 * np.pi * q1 / 2e-3), 2e-4 * q3
+    expected = given.march(given.motion.apply(given.motion.stiffness, offsets))
+    size = np.abs(expected).max()
+    assert np.abs(expected - total(plain)).max() > 1e-6
+    assert np.abs(total(found) - expected).max() < 2e-3 * size
+
+
+def test_errors_of_screws_of_components_lead_a_tool_off_as_statics_say_in_every_pose(
+    plain: PathResult, tmp_path: Path
+) -> None:
+    state = build_state(
+        tmp_path,
+        "components",
+        "effects.guide_errors=true",
+        'joints.screw_1.errors={axial={polynomial=["0 um","20 um"],over="100 mm"}}',
+    )
+    (found,) = run_any_path_stage(state, Stage("path", None, "")).answers
+    assert isinstance(found, PathResult)
+    mine, path = total(found) - total(plain), state.scene.analyses.path
+    assert path is not None
+    some = slice(200, 500, 100)
+    expected = []
+    for position in (0.0, *found.runs[0].curves.positions[some]):
+        point = place_model(state)(path.path.pose_at(float(position))).solve_point("tcp").answer
+        assert point.displacements is not None
+        expected.append(point.displacements[GUIDE_ERRORS][:3])
+    moved = np.array(expected[1:]) - expected[0]
+    assert np.abs(moved).max() > 1e-6
+    assert np.abs(mine[some] - moved).max() < 1e-2 * np.abs(moved).max()
+
+
+def test_a_cut_pushes_a_tool_off_its_line_as_far_as_statics_say(
+    plain: PathResult, tmp_path: Path
+) -> None:
+    state = build_state(tmp_path, "lumped", CUT, FROZEN)
+    (found,) = run_any_path_stage(state, Stage("path", None, "")).answers
+    assert isinstance(found, PathResult)
+    request = state.scene.analyses.path
+    assert request is not None and request.cut is not None
+    turn = 2.0 * np.pi / request.cut.cut.spindle
+    count = round(turn * request.sampling_hz)
+    assert count == 40
+    late = slice(500, 500 + 2 * count)
+    times = found.runs[0].curves.deviation.times
+    feed = request.moves[0].feed
+    assert np.allclose(sample_move(request.moves[0], times[late]).speeds, feed)
+    flat = ALONG * np.array([1.0, 1.0, 0.0])
+    size = float(np.linalg.norm(flat))
+    up = np.array([0.0, 0.0, 1.0])
+    frame = np.array([flat / size, np.cross(up, flat / size), up])
+    fine = np.arange(0.0, turn, turn / 960)
+    force = cutting_forces(request.cut.cut, fine, np.full(len(fine), size * feed)).mean(axis=0)
+    middle = place_model(state)(request.path.pose_at(0.5 * request.path.length))
+    expected = middle.solve_point("tcp").answer.compliance[:3, :3] @ (force @ frame)
+    mine = (total(found) - plain.runs[0].curves.frozen[:, :3])[late].mean(axis=0)
+    assert np.abs(mine - expected).max() < 2e-2 * np.abs(expected).max()
+
+
+def test_torque_ripple_shakes_a_tool_as_the_closed_loop_at_its_frequency_does(
+    tmp_path: Path,
+) -> None:
+    settings = ("effects.torque_ripple=true", FROZEN)
+    ripple = 'drives.leg_1.torque_ripple=[{torque="0.5 N m",per_turn=8}]'
+    state = build_state(tmp_path, "lumped+controlled", *settings, ripple)
+    quiet = solve(tmp_path, "lumped+controlled", FROZEN)
+    (found,) = run_any_path_stage(state, Stage("path", None, "")).answers
+    assert isinstance(found, PathResult)
+    request, drive = state.scene.analyses.path, state.scene.drives["leg_1"]
+    assert request is not None and drive.ripple
+    middle = place_model(state)(request.path.pose_at(0.5 * request.path.length))
+    driven = drive_machine(middle, state.warn)
+    tool = [("tcp", dof) for dof in "xyz"]
+    loop = close_loops(
+        driven.system, driven.trains, inputs=[(drive.name, FORCE)], outputs=tool
+    ).space
+    # the force in time along the leg, as the closed loop in absolute coordinates answers it
+    times = found.runs[0].curves.deviation.times
+    scene = state.scene.mechanism
+    assert scene is not None
+    lengths = [
+        solve_tool_pose(scene.mounted, START + place * ALONG, scene.tool)[
+            scene.mounted.mechanism.index("q1")
+        ]
+        for place in found.runs[0].curves.positions[::5]
+    ]
+    force = ripple_force(drive, np.interp(times, times[::5], lengths))
+    expected = _respond(loop, times, force - force[0])
+    mine = total(found) - total(quiet)
+    size = np.abs(expected).max()
+    assert size > 1e-8
+    assert np.abs(mine - expected).max() < 2e-2 * size
+
+
+def _respond(loop: StateSpace, times: FloatArray, force: FloatArray) -> FloatArray:
+    column = [loop.inputs.index(channel) for channel in loop.inputs if channel[1] == FORCE]
+    alone = StateSpace(
+        loop.a,
+        loop.b[:, column],
+        loop.c[:3],
+        loop.d[:3, column],
+        (("leg_1", FORCE),),
+        (),
+        loop.states,
+    )
+    steps = np.stack([force[:-1, None], force[1:, None]], axis=1)
+    return solve_stepped_response(alone, times, steps).outputs
+
+
+@pytest.mark.parametrize(
+    ("variant", "setting", "message"),
+    [
+        ("lumped", 'analyses.path.to={X="9 m"}', "outside 600 to 1600 mm"),
+        ("lumped", 'analyses.path.to={q1="1 m"}', "along X, Y and Z"),
+        ("lumped", 'analyses.path.to={X="9 deg"}', "measured as"),
+        ("lumped", 'analyses.path.outputs=[["platform","z"]]', "knows points only"),
+        ("components+controlled", 'analyses.path.outputs=[["platform","z"]]', "points only"),
+    ],
+)
+def test_what_a_tool_path_cannot_have_is_refused(variant: str, setting: str, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        load_scene(TRIPTEOR, variant=variant, overrides=[PATH, setting])

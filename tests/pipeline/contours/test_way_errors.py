@@ -1,0 +1,114 @@
+"""Errors of legs, screws and axes along a contour: a tool that travels slowly beside them stands where
+statics say.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Pose
+from headstock.meshing.components.meshing import describe_component
+from headstock.pipeline.contours.coupled_contour import _plan_way, run_coupled_contour
+from headstock.pipeline.contours.lumped_contour import run_lumped_contour
+from headstock.pipeline.contours.ways import place_model
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.stages.run_state import ReducedComponent, RunState
+from headstock.pipeline.storage.store import Store
+from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
+from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import keep_analyses
+from headstock.solvers.milling.tool_path import plan_contour
+from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
+from headstock.validation.mechanisms.tripteor_machine import load_tripteor
+
+MILL = Path(__file__).parents[2] / "data" / "mill.toml"
+UNTIL = 0.2
+AIR = "effects.cutting_force=false"
+FINELY = 'analyses.contouring.spindle="3000 rpm"'  # steps in time
+
+
+def build_state(folder: Path, scene: Path | str, variant: str | None, *settings: str) -> RunState:
+    loaded = keep_analyses(
+        load_scene(scene, variant=variant, overrides=[AIR, FINELY, *settings]), ["contouring"]
+    )
+    plan = plan_scene(loaded)
+    reduced = {
+        name: ReducedComponent(reduce_rigid(part, describe_component(part)))
+        for name, part in plan.components.items()
+    }
+    return RunState(loaded, plan, MPI.COMM_SELF, Store(folder / "store"), reduced=reduced)
+
+
+def stand(state: RunState, poses: list[Pose]) -> FloatArray:
+    """Where errors alone move the tool in poses."""
+    found = []
+    for pose in poses:
+        point = place_model(state)(pose).solve_point("tcp").answer
+        assert point.displacements is not None
+        found.append(point.displacements[GUIDE_ERRORS][:3])
+    return np.array(found)
+
+
+@pytest.mark.parametrize(
+    ("scene", "variant", "errors"),
+    [
+        (
+            TRIPTEOR,
+            "components",
+            'joints.screw_1.errors={axial={polynomial=["0 um","20 um"],over="100 mm"}}',
+        ),
+        (
+            MILL,
+            None,
+            'axes.Y.errors={EZ={polynomial=["0 um","50 um","50 um"],over="50 mm"},EC={polynomial=["0 urad","20 urad"],over="50 mm"}}',
+        ),
+    ],
+    ids=["screw of a leg", "error motions of an axis"],
+)
+def test_a_contour_leads_the_tool_where_statics_of_its_poses_say(
+    scene: Path | str, variant: str | None, errors: str, tmp_path: Path
+) -> None:
+    gaps = []
+    for settings in ((), ("effects.guide_errors=true", errors)):
+        state = build_state(tmp_path, scene, variant, *settings)
+        request = state.scene.analyses.contouring
+        assert request is not None
+        run = run_coupled_contour(state, request, until=UNTIL)
+        gaps.append(run.gap)
+    some = np.arange(len(run.times) // 2, len(run.times), len(run.times) // 8)
+    way = _plan_way(state, request, plan_contour(request.contour).path)
+    expected = stand(state, [way.pose_at(float(time)) for time in run.times[some]])
+    moved = (gaps[1] - gaps[0])[some]
+    assert np.abs(expected).max() > 5e-7
+    assert np.abs(moved - expected).max() < 5e-3 * np.abs(expected).max()
+    change = np.ptp(expected, axis=0).max()
+    assert change > 3e-7
+    assert np.abs((moved - moved[0]) - (expected - expected[0])).max() < 2e-2 * change
+
+
+@pytest.mark.parametrize("model", ["linear", "nonlinear"])
+def test_errors_of_lumped_legs_lead_their_contour_where_statics_of_its_poses_say(
+    model: str, tmp_path: Path
+) -> None:
+    errors = 'mechanism.errors={leg_1={polynomial=["0 um","20 um"],over="100 mm"}}'
+    tripteor, gaps = load_tripteor(), []
+    for settings in ((), ("effects.guide_errors=true", errors)):
+        state = build_state(
+            tmp_path, TRIPTEOR, "lumped", f'analyses.contouring.model="{model}"', *settings
+        )
+        request, mechanism = state.scene.analyses.contouring, state.scene.mechanism
+        assert request is not None and mechanism is not None
+        until = UNTIL if model == "linear" else 0.25 * UNTIL  # sweeps take their time
+        run = run_lumped_contour(mechanism, tripteor.model, request, until=until)
+        gaps.append(run.gap)
+    some = np.arange(len(run.times) // 2, len(run.times), len(run.times) // 8)
+    places = plan_contour(request.contour).path.at(run.times[some]).position
+    poses = [Pose("", dict(zip("XYZ", place.tolist(), strict=True))) for place in places]
+    expected = stand(state, poses)
+    size = np.abs(expected).max()
+    assert size > 1e-6
+    assert np.abs((gaps[1] - gaps[0])[some] - expected).max() < 5e-3 * size

@@ -1,0 +1,139 @@
+"""A mass that slides along an arm that tilts: Coriolis forces of linear axes come out of matrices that
+change along the path.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+from scipy.integrate import solve_ivp
+
+from headstock.geometry.frames import FloatArray
+from headstock.meshing.components.meshing import describe_component
+from headstock.pipeline.answers.path import PathResult
+from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.stages.path import run_path_stage
+from headstock.pipeline.stages.run_state import ReducedComponent, RunState
+from headstock.pipeline.storage.store import Store
+from headstock.reduction.components.rigid import reduce_rigid
+from headstock.scene.building.loader import load_scene
+
+STIFFNESS = 32000.0  # of the hinge [N m/rad]
+SCENE = """
+name = "A slider on an arm on a torsion spring"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7800 kg/m^3"
+[components.arm]
+solid = { box = ["1200 mm", "60 mm", "40 mm"] }
+material = "steel"
+fidelity = "rigid"
+interfaces = { top = { face = "z+" }, bottom = { face = "z-" } }
+[components.slider]
+solid = { box = ["100 mm", "200 mm", "200 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "40 mm"]
+fidelity = "rigid"
+interfaces = { foot = { face = "z-" }, top = { face = "z+" } }
+[joints.hinge]
+between = ["arm.bottom", "ground"]
+kind = "spring"
+at = ["-600 mm", "0 mm", "20 mm"]
+stiffness = { x = "rigid", y = "rigid", z = "rigid", rx = "rigid", ry = "32000 N m/rad", rz = "rigid" }
+[joints.guide]
+between = ["slider.foot", "arm.top"]
+kind = "prismatic"
+axis = "x"
+[joints.screw]
+between = ["slider.foot", "arm.top"]
+kind = "ball_screw"
+axis = "x"
+stiffness = { axial = "100 N/um" }
+[axes.X]
+joints = ["guide", "screw"]
+direction = "x"
+[points]
+tcp = { tool = "slider.foot", work = "ground" }
+[analyses.path]
+from = { X = "-400 mm" }
+to = { X = "400 mm" }
+feeds = ["24 m/min"]
+time_constant = "300 ms"
+sampling = "1 kHz"
+outputs = [["tcp", "z"]]
+"""
+
+
+def test_a_mass_slides_along_an_arm_that_tilts_as_lagranges_equation_says(tmp_path: Path) -> None:
+    path = tmp_path / "arm.toml"
+    path.write_text(SCENE)
+    scene = load_scene(path)
+    plan = plan_scene(scene)
+    parts = {
+        name: reduce_rigid(part, describe_component(part)) for name, part in plan.components.items()
+    }
+    reduced = {name: ReducedComponent(part) for name, part in parts.items()}
+    state = RunState(scene, plan, MPI.COMM_SELF, Store(tmp_path / "store"), reduced=reduced)
+    (found,) = run_path_stage(state, Stage("path", None, "")).answers
+    assert isinstance(found, PathResult)
+    curves = found.runs[0].curves
+    assert scene.analyses.path is not None
+    move, arm, slider = scene.analyses.path.moves[0], parts["arm"], parts["slider"]
+    mass, height = slider.mass_kg, 0.02 + 0.1  # of its middle over the hinge
+    still = arm.inertia[1, 1] + arm.mass_kg * 0.6**2 + slider.inertia[1, 1] + mass * height**2
+
+    ramp, feed = move.ramp.time_constant, move.feed
+    # beginning, and speed and acceleration there, of each part of the move
+    pieces = [
+        (0.0, 0.0, feed / ramp),
+        (ramp, feed, 0.0),
+        (move.braking, feed, -feed / ramp),
+        (move.duration, 0.0, 0.0),
+    ]
+    times = curves.deviation.times
+
+    def rate(
+        time: float,
+        state: FloatArray,
+        begin: tuple[float, float, float],
+        place: float,
+        coriolis: float,
+    ) -> FloatArray:
+        """Of the turn ``phi`` of the arm about y, which leads the slider to ``(s + h phi, h - s phi)``,
+        and of its speed.
+        """
+        low, speed, pull = begin
+        since = time - low
+        v, s = speed + pull * since, place + speed * since + 0.5 * pull * since**2
+        moment = -mass * height * pull - (STIFFNESS + coriolis * mass * s * pull) * state[0]
+        moment -= coriolis * 2.0 * mass * s * v * state[1]
+        return np.array([state[1], moment / (still + mass * s**2)])
+
+    def tilt(coriolis: float) -> FloatArray:
+        state, place, found = np.zeros(2), 0.2, []
+        for begin, end in zip(pieces, [*(each[0] for each in pieces[1:]), times[-1]], strict=True):
+            low, speed, pull = begin
+            run = solve_ivp(
+                rate,
+                (low, end),
+                state,
+                args=(begin, place, coriolis),
+                rtol=1e-7,
+                atol=1e-11,
+                max_step=5e-3,
+                dense_output=True,
+            )
+            found.append(run.sol(times[(times >= low) & (times < end)])[0])
+            state = run.y[:, -1]
+            place += speed * (end - low) + 0.5 * pull * (end - low) ** 2
+        return np.append(np.concatenate(found), state[0])
+
+    places = 0.2 + curves.positions
+    expected = -places * tilt(1.0)
+    size = np.abs(expected).max()
+    # terms with the square of the speed are left out: (v / L)^2 over the square of the frequency
+    assert np.abs(curves.deviation.total[:, 0] - expected).max() < 6e-3 * size
+    without = -places * tilt(0.0)
+    assert np.abs(without - expected).max() > 0.1 * size
