@@ -112,7 +112,7 @@ def find_way_errors(
     return WayErrors(
         channels=channels,
         loads=loads,
-        offsets=lambda places: travel.sample(places) / UNIT,
+        offsets=lambda places: np.asarray(travel.sample(places) / UNIT),
         rated=tuple(rated),
         ends=ends,
         shortest=travel.shortest,
@@ -146,7 +146,9 @@ def _leg_errors(mechanism: SceneMechanism, poses: list[Pose], nodes: FloatArray)
     return WayErrors(
         channels=channels,
         loads=loads,
-        offsets=lambda places: sample_leg_errors(mechanism.leg_errors, law(places)) / UNIT,
+        offsets=lambda places: np.asarray(
+            sample_leg_errors(mechanism.leg_errors, law(places)) / UNIT
+        ),
         rated=(),
         ends=(float(nodes[0]), float(nodes[-1])),
         shortest=float(min(periods, default=np.inf)),

@@ -160,10 +160,12 @@ def turn_with_bodies(posed: PosedModes, bodies: Sequence[TurningBody]) -> PosedM
     motions, momenta = [posed.motions], [posed.momenta]
     for body in bodies:
         own, travel = posed.momenta[body.rows], body.travel
-        rigid = np.linalg.solve(travel.T @ body.mass @ travel, travel.T @ own)
+        rigid: FloatArray = np.asarray(
+            np.linalg.solve(travel.T @ body.mass @ travel, travel.T @ own)
+        )
         # the rigid part as it stands is taken off, and put back as a field of the body's points
         motions.append(travel @ rigid)
-        momenta.append(-body.mass @ travel @ rigid)
+        momenta.append(np.asarray(-(body.mass @ (travel @ rigid))))
         motions.append(rigid[:3])
         momenta.append(body.kilograms * rigid[:3])
         moments = 0.5 * np.trace(body.inertia) * np.eye(3) - body.inertia

@@ -36,7 +36,8 @@ class StraightPath:
         before, after = (
             sample_move(self.move, times + side * self.step).speeds for side in (-0.5, 0.5)
         )
-        return PathMotion(now.positions, now.speeds, (after - before) / self.step)
+        pulls = np.asarray((after - before) / self.step)
+        return PathMotion(now.positions, now.speeds, pulls)
 
     @property
     def span(self) -> tuple[float, float]:

@@ -23,7 +23,6 @@ CASE = "tripteor-marks"
 # assumed, equal in both directions across the tool
 SPINDLE = ToolMode("spindle", 700.0, 0.03, 30e6, np.eye(3)[:, :2])
 TOOL = ToolMode("tool", 1800.0, 0.02, 15e6, np.eye(3)[:, :2])
-REGENERATIVE_STEPS = 96  # a turn
 AT_CORNERS = "both from a corner"
 
 
@@ -41,11 +40,10 @@ def vary_contour() -> Iterator[tuple[str, ContouringRequest]]:
         "runout of 5 um",
         dataclasses.replace(corners, cut=dataclasses.replace(corners.cut, mill=mill)),
     )
-    steps = REGENERATIVE_STEPS
-    waves = dataclasses.replace(corners, regeneration=True, steps_per_turn=steps)
+    waves = dataclasses.replace(corners, regeneration=True)
     yield "regeneration", waves
     modes = (SPINDLE, TOOL)
-    yield "spindle and tool", dataclasses.replace(corners, tool_modes=modes, steps_per_turn=steps)
+    yield "spindle and tool", dataclasses.replace(corners, tool_modes=modes)
     yield "spindle, tool and regeneration", dataclasses.replace(waves, tool_modes=modes)
 
 
@@ -60,9 +58,13 @@ def enter_from_corners(request: ContouringRequest) -> PolylineContour:
     if not isinstance(block, SquareContour):
         raise ValueError("corners are those of a block")
     reach, (x, y) = 0.5 * block.side + block.offset, block.center
-    corners = [(1, -1), (-1, -1), (-1, 1), (1, 1), (1, -1)]
+    corners = [
+        (x + reach * side, y + reach * end) for side, end in ((1, -1), (-1, -1), (-1, 1), (1, 1))
+    ]
+    # the tool leaves the last face beyond its end
+    corners.append((x + reach, y - reach - block.offset))
     return PolylineContour(
-        points=tuple((x + reach * side, y + reach * end) for side, end in corners),
+        points=tuple(corners),
         feeds=(block.feed,) * 4,
         radius=block.offset,
         height=block.height,

@@ -171,7 +171,7 @@ class ClosedAxes:
 
     @property
     def deviation(self) -> FloatArray:
-        return self.run.gap - self.run.gap[0]
+        return np.asarray(self.run.gap - self.run.gap[0])
 
 
 def close_axes(folder: Path, drive: str, until: float, *settings: str) -> ClosedAxes:

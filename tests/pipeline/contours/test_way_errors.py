@@ -20,6 +20,7 @@ from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.scene.building.loader import load_scene
+from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import keep_analyses
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
@@ -31,7 +32,7 @@ AIR = "effects.cutting_force=false"
 FINELY = 'analyses.contouring.spindle="3000 rpm"'  # steps in time
 
 
-def build_state(folder: Path, scene: Path | str, variant: str | None, *settings: str) -> RunState:
+def build_state(folder: Path, scene: Path, variant: str | None, *settings: str) -> RunState:
     loaded = keep_analyses(
         load_scene(scene, variant=variant, overrides=[AIR, FINELY, *settings]), ["contouring"]
     )
@@ -41,6 +42,11 @@ def build_state(folder: Path, scene: Path | str, variant: str | None, *settings:
         for name, part in plan.components.items()
     }
     return RunState(loaded, plan, MPI.COMM_SELF, Store(folder / "store"), reduced=reduced)
+
+
+def request_of(state: RunState) -> ContouringRequest:
+    assert state.scene.analyses.contouring is not None
+    return state.scene.analyses.contouring
 
 
 def stand(state: RunState, poses: list[Pose]) -> FloatArray:
@@ -70,15 +76,14 @@ def stand(state: RunState, poses: list[Pose]) -> FloatArray:
     ids=["screw of a leg", "error motions of an axis"],
 )
 def test_a_contour_leads_the_tool_where_statics_of_its_poses_say(
-    scene: Path | str, variant: str | None, errors: str, tmp_path: Path
+    scene: Path, variant: str | None, errors: str, tmp_path: Path
 ) -> None:
     gaps = []
     for settings in ((), ("effects.guide_errors=true", errors)):
         state = build_state(tmp_path, scene, variant, *settings)
-        request = state.scene.analyses.contouring
-        assert request is not None
-        run = run_coupled_contour(state, request, until=UNTIL)
+        run = run_coupled_contour(state, request_of(state), until=UNTIL)
         gaps.append(run.gap)
+    request = request_of(state)
     some = np.arange(len(run.times) // 2, len(run.times), len(run.times) // 8)
     way = _plan_way(state, request, plan_contour(request.contour).path)
     expected = stand(state, [way.pose_at(float(time)) for time in run.times[some]])
@@ -100,8 +105,8 @@ def test_errors_of_lumped_legs_lead_their_contour_where_statics_of_its_poses_say
         state = build_state(
             tmp_path, TRIPTEOR, "lumped", f'analyses.contouring.model="{model}"', *settings
         )
-        request, mechanism = state.scene.analyses.contouring, state.scene.mechanism
-        assert request is not None and mechanism is not None
+        request, mechanism = request_of(state), state.scene.mechanism
+        assert mechanism is not None
         until = UNTIL if model == "linear" else 0.25 * UNTIL  # sweeps take their time
         run = run_lumped_contour(mechanism, tripteor.model, request, until=until)
         gaps.append(run.gap)

@@ -181,7 +181,7 @@ def _integrate_finely(law: GuideFriction, phase: CuttingPhase, times: FloatArray
     def rate(time: float, state: FloatArray) -> FloatArray:
         place, speed = state[:2], state[2:]
         chips = [
-            (place - before(time - wave * period) + [wave * FEED, 0.0]) @ phase.normals[:, 0]
+            float((place - before(time - wave * period) + [wave * FEED, 0.0]) @ phase.normals[:, 0])
             for wave in (1, 2, 3)
         ]
         chip = min(chips)
