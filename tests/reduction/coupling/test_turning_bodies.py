@@ -59,7 +59,7 @@ def push(times: FloatArray | float) -> FloatArray:
 
 def whirl(*, turns: bool) -> FloatArray:
     """Motion of the tip ``(n, 2)`` by steps along the way that spinning is."""
-    times = np.arange(0.0, WHOLE, 2e-4)
+    times: FloatArray = np.asarray(np.arange(0.0, WHOLE, 2e-4), dtype=float)
     channels = PlantChannels((*TIP, WEIGHT), TIP, up_to_hz=500.0)
     sampled = sample_motion(
         lambda angle: place_rotor(angle, turns=turns), [0.0, SPIN * WHOLE], channels
@@ -79,7 +79,7 @@ def test_a_spinning_rotor_whirls_as_its_gyroscopic_equations_say() -> None:
         moment += AXIAL * SPIN * np.array([-speed[1], speed[0]])
         return np.concatenate([speed, moment / ACROSS])
 
-    times = np.arange(0.0, WHOLE, 2e-4)
+    times: FloatArray = np.asarray(np.arange(0.0, WHOLE, 2e-4), dtype=float)
     found = solve_ivp(
         rate, (0.0, WHOLE), np.zeros(4), t_eval=times, rtol=1e-8, atol=1e-14, max_step=1e-3
     )
