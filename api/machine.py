@@ -204,13 +204,13 @@ class Machine(Noun, schema=SceneTable):
         return validate_against(SceneTable, self.scene.raw, Findings(str(self.scene.path)))
 
     def change(
-        self, *, variant: str | None = None, set: Mapping[str, object] | None = None
+        self, set: Mapping[str, object] | None = None, *, variant: str | None = None
     ) -> "Machine":
         """The machine with a variant of its own and other values.
 
         Args:
-            variant: Name; several joined by ``+``.
             set: Dotted key to value, applied after the variant.
+            variant: Name; several joined by ``+``.
 
         Raises:
             SceneError: The result has problems.

@@ -46,9 +46,8 @@ watch = [
 ]
 store = "cold"
 
-[studies.cost.reference_run]
-"components.part.mesh" = {{ size = "{finest:g} mm", growth = 0.3, rim_size = "{rim:g} mm", details = "0 mm" }}
-"components.part.reduction" = {{ modes = 30 }}
+[studies.cost.reference_run]  # whose rims and inner edges are as fine as their errors ask for
+accuracy = "{closest:g} %"
 
 [studies.cost.families.size]
 label = "second-order tets (tet10)"
@@ -74,27 +73,23 @@ class PartScene:
         fixed: Patch of its foot, in the words of a scene.
         loaded: Patch of its load.
         sizes: Of its elements, from coarse to fine [mm].
-        finest: Of the reference [mm].
-        rim: Of the reference, at the rims of interfaces [mm].
+        closest: Accuracy of the reference [%].
     """
 
     fixed: str
     loaded: str
     sizes: tuple[float, float, float]
-    finest: float
-    rim: float
+    closest: float = 0.25
 
 
 SCENES = {
-    "angle": PartScene('face = "z-"', 'face = "z+"', (16.0, 10.0, 6.0), 4.0, 0.8),
-    "housing": PartScene('face = "z-"', 'face = "x+"', (40.0, 20.0, 12.0), 9.0, 2.0),
-    "elbow": PartScene('face = "z+"', 'face = "x-"', (30.0, 16.0, 10.0), 7.0, 1.5),
+    "angle": PartScene('face = "z-"', 'face = "z+"', (16.0, 10.0, 6.0)),
+    "housing": PartScene('face = "z-"', 'face = "x+"', (40.0, 20.0, 12.0)),
+    "elbow": PartScene('face = "z+"', 'face = "x-"', (30.0, 16.0, 10.0)),
     "bolt_plate": PartScene(
         'face = "x-"',
         'face = "z+", rect = { center = ["560 mm", "200 mm"], size = ["60 mm", "120 mm"] }',
         (40.0, 25.0, 15.0),
-        10.0,
-        2.0,
     ),
 }
 

@@ -91,7 +91,9 @@ HEX_CALIBRATION, HEX_HOLD_OUT = (
     range(FIRST_HEX + 9, FIRST_HEX + 24),
 )
 ADAPTED_PARTS = range(FIRST_ADAPTED, FIRST_ADAPTED + 12)  # nothing was fitted on them
-ADAPTED_STEP = 0.2  # what the next mesh should miss of the energy that one misses
+# what the next mesh should miss of the energy that one misses, of the judged and of the true ones
+ADAPTED_STEP, TRUE_STEP = 0.2, 0.1
+LARGE = 60_000  # points, from which on a true mesh is fine enough
 FRESH, NEW_PARTS = (
     PRODUCT + 1,
     24,
@@ -197,7 +199,7 @@ def keep_measured[Measured: "DataclassInstance"](
 
 def measure_part(part: CoveragePart) -> PartCoverage:
     """Errors and estimates of a part on each of its meshes."""
-    reference = _solve(part, part.reference, TRUE_MODES, PARTNERS)
+    reference = _solve_reference(part)
     elastic = reference.modes.frequencies_hz[reference.modes.rigid_count :]
     grid = np.linspace(0.2 * elastic[0], 1.15 * elastic[4], LINES)
     right, _ = _respond(reference.coupled, grid, finer=True)
@@ -210,7 +212,7 @@ def measure_part(part: CoveragePart) -> PartCoverage:
             tables.append(_compare(judged, reference))
             lines.append(_cover_lines(judged.coupled, grid, right, doubt))
             if rounds and not meshes:
-                meshes, rounds = [_follow_errors(judged)], rounds - 1
+                meshes, rounds = [_follow_errors(judged, ADAPTED_STEP)], rounds - 1
         except HeadstockError as error:
             failures.append(f"{type(error).__name__}: {error}")
     rows = np.concatenate([np.zeros((4, 0)), *tables], axis=1)
@@ -218,6 +220,17 @@ def measure_part(part: CoveragePart) -> PartCoverage:
     return PartCoverage(
         part.seed, part.kind, rows[0], rows[1], rows[2], rows[3], covered, "; ".join(failures)
     )
+
+
+def _solve_reference(part: CoveragePart) -> _Solved:
+    """The true mesh: one that follows errors as often as those that it judges, in larger steps, as
+    long as it is not too large.
+    """
+    reference = _solve(part, part.reference, TRUE_MODES, PARTNERS)
+    for _ in range(part.rounds):
+        if len(reference.mesh.points) < LARGE:
+            reference = _solve(part, _follow_errors(reference, TRUE_STEP), TRUE_MODES, PARTNERS)
+    return reference
 
 
 def _solve(
@@ -272,13 +285,12 @@ def _number_motions(coupled: CoupledMachine, modes: ModalResult, budget: PointBu
     return np.asarray(coupled.basis @ np.hstack([strained, pushed]))
 
 
-def _follow_errors(judged: _Solved) -> MeshSettings:
+def _follow_errors(solved: _Solved, step: float) -> MeshSettings:
     """The sizes that all watched numbers together ask for."""
-    element = judged.coupled.layout.superelements["part"]
-    energies = find_cell_errors(judged.body, judged.mesh, element, judged.motions).sum(axis=1)
-    return give_sizes(
-        judged.body, spread_error(judged.mesh, energies, ADAPTED_STEP, judged.body.mesh.sizes)
-    ).mesh
+    element = solved.coupled.layout.superelements["part"]
+    energies = find_cell_errors(solved.body, solved.mesh, element, solved.motions).sum(axis=1)
+    sizes = spread_error(solved.mesh, energies, step, solved.body.mesh.sizes)
+    return give_sizes(solved.body, sizes).mesh
 
 
 def _compare(judged: _Solved, reference: _Solved) -> FloatArray:
