@@ -79,6 +79,7 @@ from headstock.app.tables.volumetric import (
 from headstock.app.texts.bounded_values import (
     error_words,
     largest_shares,
+    limit_error_words,
     raise_digits,
     response_error_words,
     show_bound,
@@ -557,6 +558,7 @@ def report_environment() -> jinja2.Environment:
         "draw_transient": draw_transient,
         "list_moved": list_moved,
         "transient_words": transient_words,
+        "limit_error_words": limit_error_words,
         "transient_stem": transient_stem,
         "draw_rows": draw_rows,
         "list_ports": list_channels,

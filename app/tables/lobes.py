@@ -50,6 +50,7 @@ LOWEST_LOBE_COLUMNS: tuple[Column[LobeRow], ...] = (
         screen=">lowest mm",
         report="Lowest limit [mm]",
         digits=3,
+        error=lambda row: row.direction["lowest_error_mm"],
     ),
     Column(
         lambda row: row.lobe["rpm"],
@@ -58,7 +59,11 @@ LOWEST_LOBE_COLUMNS: tuple[Column[LobeRow], ...] = (
         show=_show_speed,
     ),
     Column(
-        lambda row: row.lobe["chatter_hz"], screen=">chatter Hz", report="Chatter [Hz]", digits=4
+        lambda row: row.lobe["chatter_hz"],
+        screen=">chatter Hz",
+        report="Chatter [Hz]",
+        digits=4,
+        error=lambda row: row.direction["chatter_error_hz"],
     ),
     Column(lambda row: row.lobe["mode"], screen="<mode", report="Mode"),
     Column(lambda row: row.lobe["part"], report="Part"),

@@ -47,6 +47,7 @@ from headstock.app.texts.bounded_values import (
     accuracy_words,
     error_words,
     largest_shares,
+    limit_error_words,
     model_words,
     response_error_words,
     show_bound,
@@ -206,6 +207,8 @@ def print_summary(
             _lobes_title(summary["lobes"]),
             tell_rows(LOWEST_LOBE_COLUMNS, list_lowest_lobes(summary["lobes"])),
         )
+        for words in limit_error_words(summary["lobes"]):
+            console.print(f"  {words}", markup=False)
     for pose, transient in summary.get("transient", {}).items():
         print_table(
             console,

@@ -21,6 +21,7 @@ from headstock.pipeline.answers.estimates import (
     show_share,
 )
 from headstock.pipeline.answers.frf import ResponseSummary
+from headstock.pipeline.answers.lobes import LobesSummary
 from headstock.pipeline.answers.transient import TransientSummary
 
 MOST_DIGITS = 5  # significant ones of a value, however small its error is
@@ -268,6 +269,27 @@ def response_error_words(response: ResponseSummary) -> list[str]:
         words.append(f"no bound above {bounded_to:.4g} Hz")
     if left_out:
         words.append(f"not in ±: {'; '.join(left_out)}")
+    return words
+
+
+def limit_error_words(lobes: Mapping[str, LobesSummary]) -> list[str]:
+    """Where the errors of the lowest limits come from, and what is not in them."""
+    directions = [own for found in lobes.values() for own in found["directions"]]
+    largest: dict[str, float] = {}
+    for own in directions:
+        for source, size in own["lowest_error_share"].items():
+            if own["lowest"] is not None and size is not None:
+                share = size / own["lowest"]["limit_depth_mm"]
+                largest[source] = max(largest.get(source, 0.0), share)
+    words = []
+    if largest:
+        parts = ", ".join(
+            f"{source} up to {show_share(share)}" for source, share in largest.items()
+        )
+        words.append(f"± of a lowest limit, carried through zeroth order, from {parts}")
+    left_out = dict.fromkeys(words for own in directions for words in own["error_left_out"])
+    if left_out:
+        words.append(f"{'not in ±' if largest else NO_BOUND}: {'; '.join(left_out)}")
     return words
 
 

@@ -1,6 +1,6 @@
 """Stability lobes as results: the types, and how they read in ``summary.json`` and ``results.h5``."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, TypedDict
 
 import h5py
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.estimates import Estimate, scale_shares
 
 MM = 1e3
 RPM = 30.0 / np.pi
@@ -59,11 +60,18 @@ class LobeSeries(TypedDict):
 
 
 class DirectionSummary(TypedDict):
-    """Lobes of a direction of travel."""
+    """Lobes of a direction of travel; errors are those of the lowest limit and of its chatter, by
+    source, null where no bound is known.
+    """
 
     direction: list[float]
     name: str
     lowest: LobeSummary | None
+    lowest_error_mm: float | None
+    lowest_error_share: dict[str, float | None]
+    chatter_error_hz: float | None
+    chatter_error_share: dict[str, float | None]
+    error_left_out: list[str]
     lowest_any_speed_mm: float | None
     best_speeds: list[BestSpeedSummary]
     lobes: list[LobeSummary]
@@ -134,6 +142,19 @@ class LimitCheck:
         return self.below < 1.0 <= self.above
 
 
+@dataclass(frozen=True)
+class LimitErrors:
+    """How far the lowest limit may be off.
+
+    Attributes:
+        depth: Of the limit depth [m].
+        chatter: Of the frequency of chatter [Hz].
+    """
+
+    depth: Estimate = field(default_factory=Estimate)
+    chatter: Estimate = field(default_factory=Estimate)
+
+
 @dataclass(frozen=True, eq=False)
 class DirectionLobes:
     """Lobes of a direction of travel.
@@ -149,6 +170,7 @@ class DirectionLobes:
         best: Indices of the speeds with the deepest limits between lobes, the deepest first.
         checks: At a sample of speeds and at minima.
         bisected: How many limits were found by bisection.
+        errors: Of the lowest limit.
     """
 
     direction: tuple[float, float, float]
@@ -161,6 +183,7 @@ class DirectionLobes:
     best: tuple[int, ...]
     checks: tuple[LimitCheck, ...]
     bisected: int
+    errors: LimitErrors = field(default_factory=LimitErrors)
 
     @property
     def lowest(self) -> Lobe | None:
@@ -203,7 +226,8 @@ class PoseLobes(Answer):
         r"lobes/.*/speeds": "rad/s",
         r"lobes/.*/direction": "1",
         r"lobes/.*/(limit_depth|zeroth_order)": "m",
-        r"lobes/.*/chatter_hz": "Hz",
+        r"lobes/.*/lowest_error": "m",
+        r"lobes/.*/(chatter_hz|chatter_error_hz)": "Hz",
     }
 
     def summarise(self) -> LobesSummary:
@@ -230,14 +254,25 @@ class PoseLobes(Answer):
             inner["direction"] = np.array(own.direction)
             inner["limit_depth"], inner["zeroth_order"] = own.depths, own.zeroth
             inner["chatter_hz"] = HZ * own.chatter
+            for name, error in (
+                ("lowest_error", own.errors.depth.total),
+                ("chatter_error_hz", own.errors.chatter.total),
+            ):
+                inner[name] = np.nan if error is None else error
 
     def _summarise(self, own: DirectionLobes) -> DirectionSummary:
         rpm = RPM * self.speeds
-        lowest = own.lowest
+        lowest, errors = own.lowest, own.errors
+        size = errors.depth.total
         return {
             "direction": list(own.direction),
             "name": name_direction(own.direction),
             "lowest": None if lowest is None else self._summarise_lobe(own, lowest),
+            "lowest_error_mm": None if size is None else MM * size,
+            "lowest_error_share": scale_shares(errors.depth, MM),
+            "chatter_error_hz": errors.chatter.total,
+            "chatter_error_share": scale_shares(errors.chatter, 1.0),
+            "error_left_out": list(errors.depth.left_out),
             "lowest_any_speed_mm": MM * own.lowest_any_speed
             if np.isfinite(own.lowest_any_speed)
             else None,

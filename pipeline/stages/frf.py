@@ -124,6 +124,21 @@ def estimate_response_errors(
         modes: All undamped modes of the system.
         response: What is judged.
     """
+    channels = (input_columns(system, response.inputs), output_rows(system, response.outputs))
+    space = project_response(
+        system,
+        find_error_sources(parts, coupled),
+        modes,
+        channels,
+        float(response.frequencies_hz.max()),
+    )
+    errors = bound_response_errors(space, response.frequencies_hz)
+    left_out = name_what_is_left_out(parts, coupled).left_out
+    return ResponseEstimate(errors, space, (*left_out, *_name_direct_loads(parts, response)))
+
+
+def find_error_sources(parts: MachineParts, coupled: CoupledMachine) -> ErrorSources:
+    """Components with modes left out or with a mesh, and their loss where it acts."""
     lossy = DAMPING in parts.scene.effects and not parts.scene.modal_damping
     truncated, meshed = truncated_parts(coupled), meshed_parts(coupled)
     names = [
@@ -132,17 +147,7 @@ def estimate_response_errors(
         if lossy and name in truncated.keys() | meshed.keys()
     ]
     losses = {name: parts.plan.components[name].material.loss_factor for name in names}
-    channels = (input_columns(system, response.inputs), output_rows(system, response.outputs))
-    space = project_response(
-        system,
-        ErrorSources(truncated, meshed, losses),
-        modes,
-        channels,
-        float(response.frequencies_hz.max()),
-    )
-    errors = bound_response_errors(space, response.frequencies_hz)
-    left_out = name_what_is_left_out(parts, coupled).left_out
-    return ResponseEstimate(errors, space, (*left_out, *_name_direct_loads(parts, response)))
+    return ErrorSources(truncated, meshed, losses)
 
 
 def _name_direct_loads(parts: MachineParts, response: FrequencyResponse) -> tuple[str, ...]:

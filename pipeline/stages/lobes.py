@@ -14,18 +14,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.pipeline.answers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.answers.lobes import (
     HZ,
     DirectionLobes,
     LimitCheck,
+    LimitErrors,
     Lobe,
     PoseLobes,
     name_direction,
 )
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.frf import peaks_have_tops
+from headstock.pipeline.stages.estimates import name_what_is_left_out
+from headstock.pipeline.stages.frf import find_error_sources, peaks_have_tops
 from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState, Solved, pose_model
+from headstock.reduction.estimates.limit_errors import (
+    FinerModels,
+    LimitChanges,
+    LowestLimit,
+    change_models,
+    find_limit_changes,
+)
+from headstock.reduction.estimates.response_errors import (
+    ErrorSources,
+    SystemChange,
+    project_response,
+)
 from headstock.scene.reading.receptances import read_receptances
 from headstock.scene.requests import LobesRequest
 from headstock.solvers.errors import ModelError
@@ -66,7 +81,12 @@ from headstock.solvers.milling.tool_dynamics import (
     couple_assembly,
     split_tip_motion,
 )
-from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+from headstock.solvers.second_order import (
+    ComplexArray,
+    SecondOrderSystem,
+    input_columns,
+    output_rows,
+)
 
 Tip = TipDynamics | TipPoles
 
@@ -147,26 +167,37 @@ def prepare_point(machine: PoseModel) -> CuttingPoint:
     channels = [(request.at, direction) for direction in DIRECTIONS]
     model = prepare_frf(system, inputs=channels, outputs=channels, modes=modes)
     assembly: Assembly = request.tool_modes
-    reach = request.reach_hz
     if request.tool_receptance is not None:
         assembly = read_receptances(request.tool_receptance, request.up)
-        reach = float(assembly.frequencies_hz[-1])
-    poles = find_peaks(model, reach)
+    poles = find_peaks(model, _reach(request, assembly))
     if not peaks_have_tops(poles, request.up_to_hz):
         raise ModelError(
             "a mode in the range has no damping, so every cut chatters; give joints or materials damping, or write"
             " [effects] damping = { modal = 0.02 }"
         )
+    omega = _spread_lines(request, assembly, poles)
+    own = model.form.evaluate(omega)
+    coupled = couple_assembly(own, omega, assembly)
+    return CuttingPoint(request, system, model, assembly, omega, own, coupled)
+
+
+def _reach(request: LobesRequest, assembly: Assembly) -> float:
+    """Highest frequency at which the tip is looked at [Hz]."""
+    if isinstance(assembly, MeasuredAssembly):
+        return float(assembly.frequencies_hz[-1])
+    return request.reach_hz
+
+
+def _spread_lines(request: LobesRequest, assembly: Assembly, poles: ComplexArray) -> FloatArray:
+    """Angular frequencies ``(f,)``: even, and denser at the poles of machine and tool."""
+    reach = _reach(request, assembly)
     poles = poles[poles.imag <= (1.0 + REACHED) * 2.0 * np.pi * reach]
     of_tool = [2.0 * np.pi * mode.hz * (1j - mode.damping) for mode in request.tool_modes]
     base: FloatArray = np.linspace(0.0, reach, LINES + 1, dtype=np.float64)[1:]
     if isinstance(assembly, MeasuredAssembly):
         base = np.asarray(np.union1d(base, assembly.frequencies_hz), dtype=np.float64)
         base = base[(base > 0.0) & (base >= assembly.frequencies_hz[0])]
-    omega = 2.0 * np.pi * refine_grid(base, np.concatenate([poles, of_tool]))
-    own = model.form.evaluate(omega)
-    coupled = couple_assembly(own, omega, assembly)
-    return CuttingPoint(request, system, model, assembly, omega, own, coupled)
+    return np.asarray(2.0 * np.pi * refine_grid(base, np.concatenate([poles, of_tool])))
 
 
 def travel_frame(
@@ -197,6 +228,8 @@ def solve_lobes(machine: PoseModel, *, whole: bool = True) -> Solved[PoseLobes]:
         _solve_direction(machine, point, direction, tip, whole=whole)
         for direction in request.directions
     )
+    if whole:
+        found = _judge_limits(machine, point, found)
     low = request.immersion < request.low_immersion
     warnings = [] if tip is None else _warn_of_checks(machine, found)
     if tip is None and low:
@@ -294,6 +327,83 @@ def _solve_direction(
         checks=tuple(checks),
         bisected=bisected,
     )
+
+
+def _judge_limits(
+    machine: PoseModel, point: CuttingPoint, found: tuple[DirectionLobes, ...]
+) -> tuple[DirectionLobes, ...]:
+    """Directions of travel with the errors of their lowest limits; a limit found by bisection has
+    the relative error of its zeroth order.
+    """
+    request, coupled, parts = point.request, machine.coupled, machine.parts
+    if coupled is None:
+        return found
+    left_out = name_what_is_left_out(parts, coupled).left_out
+    models = _find_finer_models(machine, request, find_error_sources(parts, coupled))
+    if models is None:
+        nothing = LimitErrors(Estimate({}, left_out), Estimate({}, left_out))
+        return tuple(dataclasses.replace(own, errors=nothing) for own in found)
+    stiffness = mean_cutting_stiffness(request.mill, request.coefficients, request.radial_depth)
+
+    def find_lowest(frame: FloatArray, model: FrfModel) -> LowestLimit:
+        def tip(omega: FloatArray) -> ComplexArray:
+            machine_alone = model.form.evaluate(omega)
+            return frame @ couple_assembly(machine_alone, omega, point.assembly) @ frame.T
+
+        poles = find_peaks(model, _reach(request, point.assembly))
+        diagram = find_lobes(
+            tip,
+            _spread_lines(request, point.assembly, poles),
+            stiffness,
+            teeth=request.mill.teeth,
+            speeds=request.speeds,
+            deepest=request.deepest,
+        )
+        place = int(np.argmin(diagram.depths))
+        return LowestLimit(float(diagram.depths[place]), float(diagram.chatter[place]))
+
+    judged = []
+    for own in found:
+        if own.lowest is not None:
+            find = functools.partial(find_lowest, travel_frame(own.direction, request.up))
+            changes = find_limit_changes(models, find)
+            scale = float(own.depths[own.lowest.place]) / changes.plain.depth
+            own = dataclasses.replace(own, errors=_list_errors(changes, scale, left_out))
+        judged.append(own)
+    return tuple(judged)
+
+
+def _find_finer_models(
+    machine: PoseModel, request: LobesRequest, sources: ErrorSources
+) -> FinerModels | None:
+    """The machine where it cuts as finer models may have it; None without any source of error."""
+    if not (sources.truncated or sources.meshed):
+        return None
+    ports = [(request.at, direction) for direction in DIRECTIONS]
+    channels = input_columns(machine.system, ports), output_rows(machine.system, ports)
+    space = project_response(machine.system, sources, machine.all_modes, channels, request.reach_hz)
+
+    def respond(change: SystemChange | None) -> FrfModel:
+        # ratios of modes are those of the changed ones
+        system = damp_system(machine.parts.scene, space.changed_system(ports, change))
+        return prepare_frf(system, inputs=ports, outputs=ports)
+
+    return change_models(space, respond)
+
+
+def _list_errors(changes: LimitChanges, scale: float, left_out: tuple[str, ...]) -> LimitErrors:
+    """Changes by source as estimates, those of depths times a scale."""
+    depths: dict[str, float | None] = {}
+    chatter: dict[str, float | None] = {}
+    for source, size in (
+        (DISCRETISATION, changes.mesh),
+        (CURVED_FACES, changes.faces),
+        (REDUCTION, changes.modes),
+    ):
+        if size is not None:
+            depths[source] = scale * size.depth if np.isfinite(size.depth) else None
+            chatter[source] = HZ * size.chatter if np.isfinite(size.chatter) else None
+    return LimitErrors(Estimate(depths, left_out), Estimate(chatter, left_out))
 
 
 @dataclass(frozen=True, eq=False)

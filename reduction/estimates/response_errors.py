@@ -2,7 +2,7 @@
 kept, in a small trial space.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +12,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.reduction.estimates.frequency_errors import TruncatedPart, new_directions
 from headstock.reduction.estimates.mesh_errors import MeshedPart
 from headstock.solvers.linear.modal_analysis import ModalResult
-from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+from headstock.solvers.linear.symmetric_matrices import symmetrise
+from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
 
 # times the highest frequency: modes of the trial space; static responses stand for those above
 REACH = 2.0
@@ -144,6 +145,31 @@ class ResponseSpace:
             )
             dynamic += np.broadcast_to(shares, squares.shape)[:, None, None] * added
         return dynamic
+
+    def changed_system(
+        self, channels: Sequence[Channel], change: SystemChange | None = None
+    ) -> SecondOrderSystem:
+        """The machine in the trial space as a system of its own.
+
+        Args:
+            channels: Names of its loads, which are its outputs too.
+            change: What is added, such as by finer meshes; None for nothing.
+        """
+        added = change or SystemChange(
+            np.zeros(self._mass.shape, dtype=complex), np.zeros_like(self._mass)
+        )
+        hysteretic: FloatArray = np.asarray(added.stiffness.imag)
+        if self._hysteretic is not None:
+            hysteretic = hysteretic + self._hysteretic
+        return SecondOrderSystem(
+            mass=symmetrise(self._mass + added.mass),
+            damping=None if self._damping is None else symmetrise(self._damping),
+            stiffness=symmetrise(self._stiffness + added.stiffness.real),
+            inputs={channel: self.loads[:, place] for place, channel in enumerate(channels)},
+            outputs={channel: self.rows[place] for place, channel in enumerate(channels)},
+            labels=tuple(f"trial.{number}" for number in range(len(self._mass))),
+            hysteretic=symmetrise(hysteretic) if hysteretic.any() else None,
+        )
 
     def squares(self, change: SystemChange | None = None) -> FloatArray:
         """``omega^2`` of the undamped modes ``(m,)``, with a change or without."""

@@ -1,0 +1,113 @@
+"""How far the lowest limit depth may be off, compared with limits of a finer mesh and of more modes."""
+
+from pathlib import Path
+
+import h5py
+import pytest
+from mpi4py import MPI
+
+from common import present
+from headstock.app.report.report import render_report
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION
+from headstock.pipeline.answers.lobes import HZ, DirectionLobes, PoseLobes
+from headstock.pipeline.results.files import RESULTS_FILE
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+
+pytestmark = [pytest.mark.fem, pytest.mark.process]
+
+SCENE = """
+name = "column"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.column]
+solid = { box = ["60 mm", "100 mm", "400 mm"] }
+material = "steel"
+interfaces = { foot = { face = "z-", coupling = "rigid" }, top = { face = "z+", coupling = "average" } }
+[components.column.mesh]
+size = "100 mm"
+[joints.clamp]
+between = ["ground", "column.foot"]
+kind = "rigid"
+[points]
+tcp = { tool = "column.top", work = "ground" }
+[effects]
+damping = { modal = "3 %" }
+[analyses.lobes]
+speeds = ["3000 rpm", "15000 rpm", 800]
+mill = { diameter = "12 mm", teeth = 4, helix = "30 deg" }
+material = "al7075-t6"
+radial_depth = "12 mm"
+up_to = "3 kHz"
+directions = ["x"]
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("lobes")
+
+
+@pytest.fixture(scope="module")
+def runs(folder: Path) -> dict[str, Results]:
+    (folder / "scene.toml").write_text(SCENE)
+    changes = {
+        "coarse": [],
+        "fine": ['components.column.mesh={ size = "22 mm", cells = "hex" }'],
+        "few": ["components.column.reduction.modes=0"],
+    }
+    return {
+        name: run_scene(
+            load_scene(folder / "scene.toml", overrides=overrides),
+            folder / name,
+            comm=MPI.COMM_SELF,
+            store=Store(folder / "store"),
+        )
+        for name, overrides in changes.items()
+    }
+
+
+def find_direction(results: Results) -> DirectionLobes:
+    (found,) = find_answers(results.answers, PoseLobes)
+    return found.directions[0]
+
+
+@pytest.mark.parametrize(
+    ("model", "truth", "source", "largest"),
+    [("coarse", "fine", DISCRETISATION, 4.0), ("few", "coarse", REDUCTION, 1.3)],
+)
+def test_a_lowest_limit_and_its_chatter_lie_within_their_errors_of_a_finer_model(
+    runs: dict[str, Results], model: str, truth: str, source: str, largest: float
+) -> None:
+    own, other = (find_direction(runs[name]) for name in (model, truth))
+    first, second = present(own.lowest).place, present(other.lowest).place
+    off = abs(float(own.depths[first] - other.depths[second]))
+    assert off > 2e-3 * own.depths[first]
+    error = present(own.errors.depth.shares[source])
+    assert off < error < largest * off
+    off = HZ * abs(float(own.chatter[first] - other.chatter[second]))
+    error = present(own.errors.chatter.shares[source])
+    assert off < error < largest * off
+
+
+def test_errors_of_lowest_limits_stand_in_table_summary_and_file(
+    runs: dict[str, Results], folder: Path
+) -> None:
+
+    own = find_direction(runs["few"])
+    summary = summarise(runs["few"])
+    direction = summary["lobes"]["reference"]["directions"][0]
+    assert direction["lowest_error_mm"] == pytest.approx(1e3 * present(own.errors.depth.total))
+    assert set(direction["chatter_error_share"]) == {DISCRETISATION, REDUCTION}
+    with h5py.File(folder / "few" / RESULTS_FILE) as file:
+        group = file["lobes/reference/x"]
+        assert group["lowest_error"][()] == present(own.errors.depth.total)
+        assert group["chatter_error_hz"][()] == present(own.errors.chatter.total)
+    page = render_report(summary)
+    assert "± of a lowest limit, carried through zeroth order, from discretisation up to" in page
