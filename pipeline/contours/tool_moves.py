@@ -27,7 +27,7 @@ from headstock.pipeline.contours.ways import (
 )
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.carried_bodies import move_bodies
-from headstock.pipeline.stages.control import drive_machine
+from headstock.pipeline.stages.control import drive_along
 from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.path import (
     STEPS_PER_TURN,
@@ -42,8 +42,6 @@ from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.requests import PathRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.control.drive_trains import SCALE
-from headstock.solvers.control.stability import require_stable
-from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.milling.straight_path import StraightPath, UnitTravel
 from headstock.solvers.milling.tool_path import PathPoints
 from headstock.solvers.paths.linear_motion import (
@@ -254,15 +252,8 @@ def _require_stable(line: ToolLine) -> None:
     """
     model_at, path = place_model(line.state), line.request.path
     for share in (0.0, 0.5, 1.0):
-        driven = drive_machine(model_at(path.pose_at(share * path.length)), line.state.warn)
-        try:
-            require_stable(driven.system, driven.trains)
-        except UnstableControlError as error:
-            raise UnstableControlError(
-                f"{1e3 * share * path.length:.4g} mm along the path {error}",
-                axis=error.axis,
-                frequency_hz=error.frequency_hz,
-            ) from error
+        position = share * path.length
+        drive_along(model_at(path.pose_at(position)), position, line.state.warn)
 
 
 def _count_steps(line: ToolLine, sampled: SampledMotion, move: SetPoint) -> int:

@@ -85,6 +85,29 @@ def drive_machine(model: PoseModel, warn: Callable[[str], None]) -> DrivenMachin
     return DrivenMachine(released.model, modes, damped, released.trains)
 
 
+def drive_along(model: PoseModel, position: float, warn: Callable[[str], None]) -> DrivenMachine:
+    """The machine at a place of a path, with its motors free and its loops stable.
+
+    Args:
+        model: In the pose of that place.
+        position: From the start of the path [m].
+        warn: Called with what is to be said of it.
+
+    Raises:
+        UnstableControlError: A pole grows.
+    """
+    driven = drive_machine(model, warn)
+    try:
+        require_stable(driven.system, driven.trains)
+    except UnstableControlError as error:
+        raise UnstableControlError(
+            f"{1e3 * position:.4g} mm along the path {error}",
+            axis=error.axis,
+            frequency_hz=error.frequency_hz,
+        ) from error
+    return driven
+
+
 def run_control_stage(state: RunState, stage: Stage) -> Outcome:
     """Poles, margins and tracking error of the closed loops; an unstable one is a failure, and the
     run goes on.

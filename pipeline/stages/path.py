@@ -19,7 +19,7 @@ from headstock.geometry.machine.machine import Machine, travel_directions
 from headstock.pipeline.answers.path import FollowedPoses, PathCurves, PathResult, PathRun
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import MODE_MARGIN, path_band
-from headstock.pipeline.stages.control import drive_machine
+from headstock.pipeline.stages.control import drive_along, drive_machine
 from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import couple
@@ -470,15 +470,7 @@ def _close_along(
     )
 
     def place(position: float) -> PosedModes:
-        driven = drive_machine(_couple_at(state, request, position), state.warn)
-        try:
-            require_stable(driven.system, driven.trains)
-        except UnstableControlError as error:
-            raise UnstableControlError(
-                f"{1e3 * position:.4g} mm along the path {error}",
-                axis=error.axis,
-                frequency_hz=error.frequency_hz,
-            ) from error
+        driven = drive_along(_couple_at(state, request, position), position, state.warn)
         system = add_driven_path_input(
             driven.system, driven.coupled, driven.trains, directions, travels
         )
