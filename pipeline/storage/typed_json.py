@@ -65,7 +65,7 @@ def _encode_array(array: AnyArray, keep: Callable[[AnyArray], str] | None) -> Co
         return {"stored": keep(array)}
     flat = np.ascontiguousarray(array).ravel()
     values = flat.astype(complex).view(float) if array.dtype.kind == "c" else flat
-    return {"array": [array.dtype.str, list(array.shape), list(values.tolist())]}
+    return {"array": [array.dtype.str, list(array.shape), [*values.tolist()]]}
 
 
 def fetch_nothing(name: str) -> AnyArray:

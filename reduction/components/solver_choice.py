@@ -46,9 +46,10 @@ def predict_factor_entries(dofs: int, extents: Sequence[float] | None) -> float:
     sides = [float(side) for side in (extents if extents is not None else (1.0, 1.0, 1.0))]
     nodes = max(dofs, 1) / 3.0
     spacing = (sides[0] * sides[1] * sides[2] / nodes) ** (1.0 / 3.0)
-    counts = [max(side / spacing, 1.0) for side in sides]
+    counts: list[float] = [max(side / spacing, 1.0) for side in sides]
     # how many of a piece's two faces across each axis are cuts, in the mean over all pieces
-    faces, pieces, entries = [0.0, 0.0, 0.0], 1.0, 0.0
+    faces = [0.0, 0.0, 0.0]
+    pieces, entries = 1.0, 0.0
     while counts[0] * counts[1] * counts[2] > LEAF_NODES:
         axis = counts.index(max(counts))
         across = counts[0] * counts[1] * counts[2] / counts[axis]

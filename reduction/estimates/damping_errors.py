@@ -125,7 +125,7 @@ class _StiffnessChanges:
         return found
 
     def _is_silent(self, shapes: ComplexArray) -> bool:
-        parts = np.hstack([shapes.real, shapes.imag])
+        parts: FloatArray = np.hstack([shapes.real, shapes.imag])
         energy = np.einsum(
             "im,ij,jm->", parts, self._coupled.system.stiffness, parts, optimize=True
         )

@@ -63,7 +63,7 @@ def _list_parts(name: str, chain: TomlTable, table: ChainTable) -> dict[str, Tom
     """
     written = chain["stiffness"], chain["masses"], chain.get("damping")
     springs, masses, dampers = (value if isinstance(value, list) else [] for value in written)
-    shared = {key: chain[key] for key in ("axis", "loss_factor") if key in chain}
+    shared: TomlTable = {key: chain[key] for key in ("axis", "loss_factor") if key in chain}
     components: TomlTable = {}
     joints: TomlTable = {}
     before = chain["from"]

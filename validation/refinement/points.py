@@ -125,7 +125,7 @@ def collect_points(beam: ReferenceBeam, records: Sequence[StudyRecord]) -> list[
                     RefinementPoint(
                         cast(ModelKind, measured["kind"]),
                         measured["ndof"],
-                        cast(Group, group),
+                        group,
                         own,
                         macs,
                         seconds[0],

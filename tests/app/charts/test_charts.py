@@ -1,6 +1,7 @@
 """Charts: every series is drawn and named, axes hold numbers with units, labels do not touch."""
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -232,7 +233,7 @@ def test_a_comparison_of_single_parts_names_no_weak_links() -> None:
 
 
 def test_colour_bars_of_a_sweep_hold_whole_numbers_not_offsets(figures: list[Figure]) -> None:
-    summary = {
+    summary: dict[str, Any] = {
         "kind": "grid",
         "axes": ["X", "Y"],
         "units": ["m", "rad"],
