@@ -3,9 +3,10 @@ not see.
 """
 
 import ast
-import subprocess
 import tomllib
 from pathlib import Path
+
+from vulture import Vulture
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -38,7 +39,15 @@ def typed_keys(folders: list[str]) -> set[str]:
 
 
 settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["vulture"]
-names = [*settings["ignore_names"], *sorted(typed_keys(settings["paths"]))]
-raise SystemExit(
-    subprocess.run(["vulture", "--ignore-names", ",".join(names)], cwd=ROOT, check=False).returncode
+# vulture compares every name with every pattern; the keys are so many that they are looked up here
+vulture = Vulture(
+    ignore_names=settings["ignore_names"], ignore_decorators=settings["ignore_decorators"]
 )
+vulture.scavenge([str(ROOT / path) for path in settings["paths"]])
+keys = typed_keys(settings["paths"])
+found = [
+    item for item in vulture.get_unused_code(settings["min_confidence"]) if item.name not in keys
+]
+for item in found:
+    print(item.get_report())
+raise SystemExit(bool(found))
