@@ -258,7 +258,12 @@ def sweep(
         results = None
         if comm.rank == 0:
             results = collect_results(
-                job.scene, chosen, outcome.complete(), outcome.superelements, key=outcome.key
+                job.scene,
+                chosen,
+                outcome.complete(),
+                outcome.superelements,
+                key=outcome.key,
+                remarks=outcome.remarks,
             )
             results = name_tracked_modes(outcome.parts, results)
             if output is not None:

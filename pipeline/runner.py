@@ -58,6 +58,7 @@ from headstock.pipeline.storage.content_keys import library_versions
 from headstock.pipeline.storage.outputs import PendingOutputs, prepare_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
+from headstock.scene.building.lobes import require_feed_of_run
 from headstock.scene.scene import Scene
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import all_cores_on_root
@@ -117,9 +118,11 @@ def run_scene(
         What was found; complete on rank 0 only.
 
     Raises:
+        SceneError: Lobes along the feed are asked for in poses that are on no path.
         HeadstockError: A computation or a file failed; earlier files are untouched.
         SharedFailure: It failed on rank 0 of several; on every rank.
     """
+    make_on_root(comm, lambda: require_feed_of_run(scene))
     make_on_root(comm, lambda: prepare_output(output, (RESULTS_FILE, SUMMARY_FILE)))
     rounds = _StageRunner(
         scene.limits.time_s,

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath
 from headstock.solvers.linear.load_history import LoadHistory
@@ -17,6 +19,8 @@ from headstock.solvers.paths.set_points import SetPoint
 from headstock.solvers.second_order import Channel, Motion
 
 LOAD = "load"  # direction of an input that is a load of the scene
+PARALLEL = 1e-6  # what is left of a direction across the tool
+FEED = "feed"  # name of the direction of travel that a path has in each pose
 
 
 @dataclass(frozen=True)
@@ -254,6 +258,19 @@ class VolumetricRequest:
         return f"position error of {', '.join(self.at)} in {poses} poses of {', '.join(names[:-1])} and {names[-1]}"
 
 
+@dataclass(frozen=True)
+class Travel:
+    """A direction in which a tool travels; the part lies on the right of it.
+
+    Attributes:
+        name: ``x``, ``-y``, three numbers, or ``feed``.
+        along: Machine frame; None for the feed, which differs from pose to pose.
+    """
+
+    name: str
+    along: tuple[float, float, float] | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class LobesRequest:
     """Stability lobes, in named poses.
@@ -264,7 +281,7 @@ class LobesRequest:
         material: Its name.
         radial_depth: [m].
         speeds: ``(n,)`` rising speeds of the spindle [rad/s].
-        directions: Of the travel, machine frame; the part lies on the right of it.
+        directions: Of the travel.
         at: Point where the tool is.
         up: Direction from the tool's tip to its holder, machine frame.
         up_to_hz: Modes of the machine count up to here [Hz].
@@ -274,6 +291,7 @@ class LobesRequest:
         checked: Share of the speeds at which the limit is checked.
         low_immersion: Radial depth over diameter below which every limit is found by bisection.
         poses: All of them when empty.
+        path: Whose feed counts in a run; None without a path analysis.
     """
 
     mill: EndMill
@@ -281,7 +299,7 @@ class LobesRequest:
     material: str
     radial_depth: float
     speeds: FloatArray
-    directions: tuple[tuple[float, float, float], ...]
+    directions: tuple[Travel, ...]
     at: str
     up: tuple[float, float, float]
     up_to_hz: float
@@ -291,6 +309,26 @@ class LobesRequest:
     checked: float = 0.005
     low_immersion: float = 0.1
     poses: tuple[str, ...] = ()
+    path: MachinePath | None = None
+
+    @property
+    def asks_for_feed(self) -> bool:
+        """Whether one of the directions is that of the feed."""
+        return any(travel.along is None for travel in self.directions)
+
+    def travels(self, feed: FloatArray) -> tuple[Travel, ...]:
+        """Directions of travel in a pose; without the feed where it is not across the tool.
+
+        Args:
+            feed: ``(3,)`` machine frame; NaN where there is none.
+        """
+        x, y, z = map(float, feed)
+        across = np.linalg.norm(np.cross(self.up, feed)) > PARALLEL * np.linalg.norm(self.up)
+        return tuple(
+            travel if travel.along else Travel(travel.name, (x, y, z))
+            for travel in self.directions
+            if travel.along or across
+        )
 
     @property
     def immersion(self) -> float:

@@ -96,8 +96,8 @@ def sweep_on_slurm(
     key = sweep_key(job.scene)
     with claim_output(job.folder, (SCRIPT_FILE,), (FOLDER,)):
         done = {
-            name
-            for name, found in read_journals(job.folder, key).items()
+            found.positions.tobytes()
+            for found in read_journals(job.folder, key).values()
             if not (request.retry and found.state == "failed")
         }
         tasks = min(request.options.tasks, len(job.sweep.positions))
@@ -215,7 +215,8 @@ def _watch(submission: Submission) -> dict[int, TaskState]:
 
 def _wait(job: SweepJob, submission: Submission, key: str) -> None:
     states = _watch(submission)
-    if missing := list_missing(job.sweep, read_journals(job.folder, key), submission.tasks):
+    done = {found.positions.tobytes() for found in read_journals(job.folder, key).values()}
+    if missing := list_missing(job.sweep, done, submission.tasks):
         raise SlurmError(describe_missing(job.folder, job.sweep, submission, missing, states))
 
 

@@ -143,7 +143,12 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | No
         failed = False
         if comm.rank == 0:
             results = collect_results(
-                job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key
+                job.scene,
+                job.sweep,
+                outcome.complete(),
+                outcome.superelements,
+                key=outcome.key,
+                remarks=outcome.remarks,
             )
             results = name_tracked_modes(outcome.parts, results)
             summary = summarise_sweep(results)

@@ -61,8 +61,10 @@ def plan(
         from headstock.app.terminal.progress import show_progress
         from headstock.app.terminal.summary import print_plan
         from headstock.pipeline.planning.planner import plan_scene
+        from headstock.scene.building.lobes import require_feed_of_run
 
         loaded = load_checked(scene, variant, set_)
+        require_feed_of_run(loaded)
         if loaded.accuracy is None:
             with show_progress() as progress:
 

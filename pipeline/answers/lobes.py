@@ -160,7 +160,8 @@ class DirectionLobes:
     """Lobes of a direction of travel.
 
     Attributes:
-        direction: Of the travel, machine frame.
+        name: Of the direction of travel.
+        direction: Machine frame.
         depths: ``(n,)`` limit depth [m].
         zeroth: ``(n,)`` the same by zeroth order.
         chatter: ``(n,)`` angular frequency of chatter by zeroth order [rad/s]; NaN where there is none.
@@ -173,6 +174,7 @@ class DirectionLobes:
         errors: Of the lowest limit.
     """
 
+    name: str
     direction: tuple[float, float, float]
     depths: FloatArray
     zeroth: FloatArray
@@ -250,7 +252,7 @@ class PoseLobes(Answer):
         group = file.create_group(f"lobes/{self.pose}")
         group["speeds"] = self.speeds
         for own in self.directions:
-            inner = group.create_group(name_direction(own.direction))
+            inner = group.create_group(own.name)
             inner["direction"] = np.array(own.direction)
             inner["limit_depth"], inner["zeroth_order"] = own.depths, own.zeroth
             inner["chatter_hz"] = HZ * own.chatter
@@ -266,7 +268,7 @@ class PoseLobes(Answer):
         size = errors.depth.total
         return {
             "direction": list(own.direction),
-            "name": name_direction(own.direction),
+            "name": own.name,
             "lowest": None if lowest is None else self._summarise_lobe(own, lowest),
             "lowest_error_mm": None if size is None else MM * size,
             "lowest_error_share": scale_shares(errors.depth, MM),
@@ -316,11 +318,3 @@ class PoseLobes(Answer):
             "mode_share": lobe.mode_share,
             "part": lobe.part,
         }
-
-
-def name_direction(direction: tuple[float, float, float]) -> str:
-    """``x``, ``-y``, or three numbers where it is along no axis."""
-    for letter, value in zip("xyz", direction, strict=True):
-        if abs(value) > 1.0 - 1e-9:
-            return f"{'-' if value < 0.0 else ''}{letter}"
-    return " ".join(f"{value:.4g}" for value in direction)

@@ -7,13 +7,15 @@ Only rank 0 has anything to do.
 import dataclasses
 import functools
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.geometry.machine.feed import NO_FEED, Feed, find_feed
+from headstock.geometry.machine.machine import Machine, Pose
 from headstock.pipeline.answers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.answers.lobes import (
     HZ,
@@ -22,7 +24,6 @@ from headstock.pipeline.answers.lobes import (
     LimitErrors,
     Lobe,
     PoseLobes,
-    name_direction,
 )
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.estimates import name_what_is_left_out
@@ -41,8 +42,9 @@ from headstock.reduction.estimates.response_errors import (
     SystemChange,
     project_response,
 )
+from headstock.reduction.superelement import Superelement
 from headstock.scene.reading.receptances import read_receptances
-from headstock.scene.requests import LobesRequest
+from headstock.scene.requests import LobesRequest, Travel
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import equivalent_viscous
 from headstock.solvers.linear.frequency_response import (
@@ -136,7 +138,7 @@ def run_lobes_stage(state: RunState, stage: Stage) -> Outcome:
         return Outcome()
     model = pose_model(state)
     try:
-        solved = solve_lobes(model)
+        solved = solve_lobes(model, _feed_of_path(model, lobes_request(model)))
     except ModelError as error:
         return Outcome(failures=(f"lobes in pose {model.pose.name}: {error}",))
     lowest = min(
@@ -146,6 +148,44 @@ def run_lobes_stage(state: RunState, stage: Stage) -> Outcome:
     confirmed = sum(check.confirmed for check in checks)
     detail = f"lowest limit depth {1e3 * lowest:.3g} mm, {confirmed} of {len(checks)} checked limits confirmed"
     return Outcome(detail=detail, answers=(solved.answer,), warnings=solved.warnings)
+
+
+def trace_feed(
+    machine: Machine, superelements: Mapping[str, Superelement], at: str, poses: Sequence[Pose]
+) -> Feed:
+    """Where the tool at a point is fed to, in poses one after the other."""
+    point = machine.points[at]
+    end = point.tool
+    tip: FloatArray = np.zeros(3)
+    if end.component is not None and end.interface is not None:
+        tip = superelements[end.component].interface_maps[end.interface].frame.origin
+    return find_feed(machine, point, tip, poses)
+
+
+def _feed_of_path(model: PoseModel, request: LobesRequest) -> FloatArray:
+    """``(3,)`` in a pose, machine frame, while the axes of the path analysis move as on its path;
+    NaN where nobody asks.
+
+    Raises:
+        ModelError: The tool does not move across its axis.
+    """
+    path, pose = request.path, model.pose
+    if path is None or not request.asks_for_feed:
+        return NO_FEED
+    ends = [
+        Pose(
+            pose.name,
+            {**pose.positions, **{axis: end.positions.get(axis, 0.0) for axis in path.axes}},
+        )
+        for end in (path.start, path.end)
+    ]
+    parts = model.parts
+    feed = trace_feed(parts.scene.machine, parts.superelements, request.at, ends).directions[0]
+    if len(request.travels(feed)) < len(request.directions):
+        raise ModelError(
+            f"along [analyses.path] the tool at {request.at} does not move across its axis in this pose, so there is no feed"
+        )
+    return np.asarray(feed)
 
 
 def lobes_request(machine: PoseModel) -> LobesRequest:
@@ -210,11 +250,15 @@ def travel_frame(
     return np.array([along, np.cross(axis, along), axis])
 
 
-def solve_lobes(machine: PoseModel, *, whole: bool = True) -> Solved[PoseLobes]:
+def solve_lobes(
+    machine: PoseModel, feed: FloatArray = NO_FEED, *, whole: bool = True
+) -> Solved[PoseLobes]:
     """Lobes of a machine in a pose with the damping of its scene.
 
     Args:
         machine: In the pose.
+        feed: ``(3,)`` direction of the feed, machine frame; NaN where there is none, and then no
+            lobes along it.
         whole: Find the mode behind every lobe, check the best speeds, and look for unstable islands
             below every limit that is checked; else below and at the lowest one only.
 
@@ -225,8 +269,8 @@ def solve_lobes(machine: PoseModel, *, whole: bool = True) -> Solved[PoseLobes]:
     request = point.request
     tip = None if isinstance(point.assembly, MeasuredAssembly) else reduced_tip(machine, point)
     found = tuple(
-        _solve_direction(machine, point, direction, tip, whole=whole)
-        for direction in request.directions
+        _solve_direction(machine, point, travel, tip, whole=whole)
+        for travel in request.travels(feed)
     )
     if whole:
         found = _judge_limits(machine, point, found)
@@ -279,12 +323,15 @@ def reduced_tip(machine: PoseModel, point: CuttingPoint) -> Tip:
 def _solve_direction(
     machine: PoseModel,
     point: CuttingPoint,
-    direction: tuple[float, float, float],
+    travel: Travel,
     tip: Tip | None,
     *,
     whole: bool,
 ) -> DirectionLobes:
-    request, frame = point.request, travel_frame(direction, point.request.up)
+    request = point.request
+    if travel.along is None:
+        raise ValueError("a direction of travel is not known")
+    frame = travel_frame(travel.along, request.up)
     stiffness = mean_cutting_stiffness(request.mill, request.coefficients, request.radial_depth)
     diagram = find_lobes(
         lambda omega: frame @ point.tip(omega) @ frame.T,
@@ -316,7 +363,8 @@ def _solve_direction(
         depths = np.where(np.isnan(found), depths, found)
     lobes, owner = _group(point, diagram, depths, stiffness, frame, machine, whole=whole)
     return DirectionLobes(
-        direction=direction,
+        name=travel.name,
+        direction=travel.along,
         depths=depths,
         zeroth=diagram.depths,
         chatter=diagram.chatter,
@@ -615,7 +663,7 @@ def _describe_tool(request: LobesRequest) -> str:
 def _warn_of_checks(machine: PoseModel, found: tuple[DirectionLobes, ...]) -> list[str]:
     """What checks did not confirm, in all directions of travel."""
     failed = [
-        (float(own.depths[check.place] / check.depth - 1.0), name_direction(own.direction))
+        (float(own.depths[check.place] / check.depth - 1.0), own.name)
         for own in found
         for check in own.checks
         if not check.confirmed

@@ -57,7 +57,7 @@ from headstock.scene.building.loads import (
     check_probes,
     check_supports,
 )
-from headstock.scene.building.lobes import build_lobes, check_lobes
+from headstock.scene.building.lobes import build_lobes, check_lobes, require_feed_of_sweep
 from headstock.scene.building.mechanism import (
     build_map,
     build_mechanism,
@@ -258,8 +258,8 @@ def prepare_sweep(scene: Scene, name: str, *, overrides: Sequence[str] = ()) -> 
         overrides: Those with which the scene was loaded.
 
     Raises:
-        SceneError: The variant does not fit, or a carriage hangs over the end of its rail in a pose
-            of the sweep.
+        SceneError: The variant does not fit, a carriage hangs over the end of its rail in a pose of
+            the sweep, or its poses have no feed and lobes ask for it.
     """
     if variant := scene.sweeps[name].variant:
         scene = load_scene(
@@ -270,6 +270,7 @@ def prepare_sweep(scene: Scene, name: str, *, overrides: Sequence[str] = ()) -> 
     findings = Findings(str(scene.path))
     check_sweep_carriages(scene.machine, scene.sweeps[name], findings)
     findings.raise_if_any()
+    require_feed_of_sweep(scene, scene.sweeps[name])
     return scene
 
 

@@ -5,18 +5,21 @@ from pathlib import Path
 import numpy as np
 
 from headstock.scene.building.draft import Draft, check_name, check_pose_names
+from headstock.scene.building.path import build_path
 from headstock.scene.reading.files import resolve_file
-from headstock.scene.reading.findings import Findings
+from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.requests import LobesRequest
+from headstock.scene.requests import FEED, PARALLEL, LobesRequest, Travel
+from headstock.scene.scene import Scene
 from headstock.scene.schema.mechanism import ToolModeTable
 from headstock.scene.schema.scene import SceneTable
+from headstock.scene.studies import Sweep
 from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill
 from headstock.solvers.milling.tool_dynamics import ToolMode, across_axis
 
 KEY: KeyPath = ("analyses", "lobes")
 SUFFIXES = (".csv",)
-PARALLEL = 1e-6  # what is left of a direction across the tool
+FIXED = 'write directions that are the same in every pose, such as "x"'
 
 
 def build_lobes(scene: SceneTable, poses: tuple[str, ...], folder: Path) -> LobesRequest | None:
@@ -33,7 +36,7 @@ def build_lobes(scene: SceneTable, poses: tuple[str, ...], folder: Path) -> Lobe
     table = scene.analyses.lobes
     if table is None:
         return None
-    mill = table.mill
+    mill, path = table.mill, scene.analyses.path
     return LobesRequest(
         mill=EndMill(mill.diameter, mill.teeth, mill.helix, mill.runout),
         coefficients=CUTTING_MATERIALS[table.material],
@@ -42,7 +45,7 @@ def build_lobes(scene: SceneTable, poses: tuple[str, ...], folder: Path) -> Lobe
         speeds=np.linspace(
             table.speeds.low, table.speeds.high, table.speeds.count, dtype=np.float64
         ),
-        directions=tuple(table.directions),
+        directions=tuple(map(_build_travel, table.directions)),
         at=table.at or next(iter(scene.points)),
         up=table.up,
         up_to_hz=table.up_to,
@@ -54,7 +57,17 @@ def build_lobes(scene: SceneTable, poses: tuple[str, ...], folder: Path) -> Lobe
         checked=table.checked,
         low_immersion=table.low_immersion,
         poses=tuple(table.poses or poses),
+        path=None if path is None else build_path(scene, path),
     )
+
+
+def _build_travel(direction: str | tuple[float, float, float]) -> Travel:
+    if isinstance(direction, str):
+        return Travel(direction)
+    for letter, value in zip("xyz", direction, strict=True):
+        if abs(value) > 1.0 - 1e-9:
+            return Travel(f"{'-' if value < 0.0 else ''}{letter}", direction)
+    return Travel(" ".join(f"{value:.4g}" for value in direction), direction)
 
 
 def build_tool_mode(table: ToolModeTable, up: tuple[float, float, float]) -> ToolMode:
@@ -85,8 +98,18 @@ def check_lobes(draft: Draft, findings: Findings) -> None:
     elif not draft.sections.get("points"):
         findings.add(KEY, 'there is no point where the tool cuts; write [points], or at = "tcp"')
     up = np.array(table.up) / np.linalg.norm(table.up)
+    has_path = scene.analyses.path is not None or any(
+        sweep.path is not None for sweep in scene.sweeps.values()
+    )
     for index, direction in enumerate(table.directions):
-        if np.linalg.norm(np.cross(up, direction)) < PARALLEL:
+        if isinstance(direction, str):
+            if not has_path:
+                findings.add_for(
+                    "lobes",
+                    (*KEY, "directions", index),
+                    f"is the direction along a path, and the scene has none; write a sweep with a path, [analyses.path], or {FIXED}",
+                )
+        elif np.linalg.norm(np.cross(up, direction)) < PARALLEL:
             findings.add(
                 (*KEY, "directions", index),
                 "points along the tool; the tool travels across its axis: write another direction, or another up",
@@ -102,3 +125,47 @@ def check_lobes(draft: Draft, findings: Findings) -> None:
             "without damping every cut chatters; write [effects] damping = true and give joints or materials damping,"
             " or damping = { modal = 0.02 }",
         )
+
+
+def require_feed_of_run(scene: Scene) -> None:
+    """Refuse lobes along the feed in poses that are on no path.
+
+    Raises:
+        SceneError: The scene has no path analysis.
+    """
+    lobes = scene.analyses.lobes
+    if lobes is not None and lobes.asks_for_feed and lobes.path is None:
+        raise _refuse_feed(
+            scene,
+            lobes,
+            f"a pose alone has no feed; sweep a path (./headstock sweep), write [analyses.path], or {FIXED}",
+        )
+
+
+def require_feed_of_sweep(scene: Scene, sweep: Sweep) -> None:
+    """Refuse lobes along the feed in poses that do not follow each other.
+
+    Raises:
+        SceneError: The sweep is no path.
+    """
+    lobes = scene.analyses.lobes
+    if lobes is not None and lobes.asks_for_feed and sweep.kind != "path":
+        raise _refuse_feed(
+            scene,
+            lobes,
+            f"sweep {sweep.name} is a {sweep.kind} of poses, which has no feed; write it as a path, or {FIXED}",
+        )
+
+
+def refuse_still_feed(scene: Scene, lobes: LobesRequest) -> SceneError:
+    """The refusal of a path along which the tool stands still in its work."""
+    return _refuse_feed(
+        scene,
+        lobes,
+        f"along the path the tool at {lobes.at} does not move against its work; write another path, or {FIXED}",
+    )
+
+
+def _refuse_feed(scene: Scene, lobes: LobesRequest, message: str) -> SceneError:
+    index = [travel.name for travel in lobes.directions].index(FEED)
+    return SceneError([scene.findings.describe((*KEY, "directions", index), message)])

@@ -400,7 +400,8 @@ NOTES = {
     "Lobes.mill": "the milling tool",
     "Lobes.radial_depth": "depth of cut across the tool, at most its diameter",
     "Lobes.material": "workpiece material; its cutting coefficients and their source are in `solvers/milling/forces.py`",
-    "Lobes.directions": "directions of the travel; the part lies on its right",
+    "Lobes.directions": "directions of the travel; the part lies on its right. `feed` is that of a path, "
+    "see [lobes](lobes.md#over-the-workspace-and-along-a-path)",
     "Lobes.at": "point where the tool is; default: the first one",
     "Lobes.up": "direction from the tool's tip to its holder",
     "Lobes.up_to": "modes of the machine count up to here; those of `tool_modes` always do",

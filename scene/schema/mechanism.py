@@ -8,9 +8,11 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from headstock.scene.reading.tool_positions import MOST_CORNERS
 from headstock.scene.reading.units import ANGULAR_SPEED
+from headstock.scene.requests import FEED
 from headstock.scene.schema.components import Rotations
 from headstock.scene.schema.guide_errors import ProfileTable
 from headstock.scene.schema.types import (
+    THREE_NUMBERS,
     Angle,
     AxisPosition,
     Between,
@@ -37,6 +39,7 @@ from headstock.scene.schema.types import (
     Text,
     one_of,
     problem,
+    read_direction,
 )
 
 Pair = Annotated[list[Length], Field(min_length=2, max_length=2)]
@@ -220,6 +223,31 @@ Speeds = Annotated[
 ]
 
 
+def _read_travel(value: object) -> object:
+    return value if value == FEED else read_direction(value)
+
+
+Travel = Annotated[
+    Literal["feed"] | tuple[float, float, float],
+    BeforeValidator(_read_travel),
+    JsonForm(
+        {
+            "description": "x, -z ..., three plain numbers, or feed",
+            "examples": ["x", "feed", [1, 1, 0]],
+            "anyOf": [
+                {
+                    "enum": [
+                        FEED,
+                        *(f"{sign}{letter}" for sign in ("", "+", "-") for letter in "xyz"),
+                    ]
+                },
+                THREE_NUMBERS,
+            ],
+        }
+    ),
+]
+
+
 class LobesTable(RequestTable):
     """Stability lobes: limit depth of cut over the speed of the spindle, the part on the right of the
     travel.
@@ -229,7 +257,7 @@ class LobesTable(RequestTable):
     mill: MillTable
     radial_depth: PositiveLength
     material: Literal["al7075-t6", "al7075-t6-dry", "al6061-t6"]
-    directions: Annotated[list[Direction], Field(min_length=1, max_length=12)] = [
+    directions: Annotated[list[Travel], Field(min_length=1, max_length=12)] = [
         (1.0, 0.0, 0.0),
         (0.0, 1.0, 0.0),
     ]

@@ -35,6 +35,7 @@ UNITS = {
     r"static/.*/largest": "m/N",
     r"static/.*/compliance": "m/N",
     r"lobes/.*/speeds": "rad/s",
+    r"lobes/.*/directions": "1",
     r"lobes/.*/limit_depth": "m",
     r"lobes/.*/chatter_hz": "Hz",
     r"lobes/.*/mode": "",
@@ -92,6 +93,7 @@ def _fill(file: h5py.File, results: SweepResults) -> None:
         group = file.create_group(f"lobes/{name}")
         group["speeds"], group["limit_depth"] = limits.speeds, limits.depths
         group["chatter_hz"], group["mode"] = limits.chatter_hz, _words(limits.modes)
+        group["directions"] = limits.directions
     mark_units(file, UNITS)
 
 
@@ -138,11 +140,12 @@ class PointMapSummary(TypedDict):
 
 
 class LimitMapSummary(TypedDict):
-    """Limit depth of cut of a direction of travel over the poses, and the depth that is stable in all
+    """Limit depth of cut of a direction of travel over the poses, its vector in each of them, and the depth that is stable in all
     of them over the speeds; every speed of every pose is in ``sweep.h5``. The common best speed is
     the one whose limit is deepest in the worst pose.
     """
 
+    directions: Numbers
     lowest_mm: Numbers
     lowest_rpm: Numbers
     best_mm: Numbers
@@ -271,6 +274,7 @@ def _summarise_limits(limits: LimitMap) -> LimitMapSummary:
     filled = np.where(known[:, None], limits.depths, 0.0)
     best = int(np.argmax(everywhere)) if known.any() else None
     return {
+        "directions": _nulls(limits.directions),
         "lowest_mm": _nulls(np.where(known, MM * filled.min(axis=1), np.nan)),
         "lowest_rpm": _nulls(np.where(known, rpm[np.argmin(filled, axis=1)], np.nan)),
         "best_mm": _nulls(np.where(known, MM * filled.max(axis=1), np.nan)),

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.feed import NO_FEED
 from headstock.pipeline.storage.journals import Journal, JournalForm, read_journal
 from headstock.pipeline.storage.outputs import TakenOutputError, make_part, read_growing_file
 
@@ -64,6 +65,8 @@ class PoseResult:
         condition: ``(0 or 1,)`` condition number of a mechanism.
         figures: ``(q, f)`` of the frequency response, per input port and as ``FIGURES`` names them;
             NaN where there is none.
+        feed: ``(3,)`` direction in which the tool is fed along a path, machine frame; NaN where
+            nobody asks or it does not move across its axis.
         limits: ``(d, n)`` limit depth of cut by direction of travel and speed of the spindle [m].
         chatter_hz: ``(d,)`` frequency of chatter at the lowest limit; NaN where there is none.
         chatter_modes: ``d`` names of the mode behind it.
@@ -82,10 +85,26 @@ class PoseResult:
     link_shares: FloatArray = field(default_factory=lambda: np.zeros(0))
     condition: FloatArray = field(default_factory=lambda: np.zeros(0))
     figures: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    feed: FloatArray = field(default_factory=NO_FEED.copy)
     limits: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     chatter_hz: FloatArray = field(default_factory=lambda: np.zeros(0))
     chatter_modes: tuple[str, ...] = ()
     limit_checks: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def identity(self) -> bytes:
+        """What it is the result of."""
+        return identify_pose(self.positions, self.feed)
+
+
+def identify_pose(positions: FloatArray, feed: FloatArray) -> bytes:
+    """A pose of a sweep among those in which the same is computed.
+
+    Args:
+        positions: ``(k,)`` [m, rad].
+        feed: ``(3,)``; a path may go through a pose more than once.
+    """
+    return positions.tobytes() + feed.tobytes()
 
 
 def encode_result(result: PoseResult) -> bytes:
@@ -156,7 +175,7 @@ def open_journal(folder: Path, key: str, name: str) -> Journal:
 
 
 def read_journals(folder: Path, key: str) -> dict[bytes, PoseResult]:
-    """Finished poses by the bytes of their positions; a pose that succeeded in one journal counts
+    """Finished poses by what identifies them; a pose that succeeded in one journal counts
     before one that failed.
 
     Raises:
@@ -167,7 +186,7 @@ def read_journals(folder: Path, key: str) -> dict[bytes, PoseResult]:
         for record in read_journal(path, pose_form(key)):
             with contextlib.suppress(ValueError):
                 result = decode_result(record)
-                name = result.positions.tobytes()
+                name = result.identity
                 if name not in found or found[name].state == "failed":
                     found[name] = result
     return found

@@ -62,7 +62,7 @@ def share_mechanism(parts: MachineParts, superelements: Mapping[str, Superelemen
 
 
 def solve_lumped_poses(
-    shared: LumpedPoses, poses: list[Pose], positions: FloatArray
+    shared: LumpedPoses, poses: list[Pose], positions: FloatArray, feeds: FloatArray
 ) -> list[PoseResult]:
     """What the scene asks for in many poses.
 
@@ -70,6 +70,7 @@ def solve_lumped_poses(
         shared: What all poses share.
         poses: Of the tool.
         positions: The same as ``(n, k)``, for the results.
+        feeds: ``(n, 3)`` direction of the feed; NaN where there is none.
     """
     tools = [tool_pose(shared.mechanism, pose.positions) for pose in poses]
     survey = survey_tool_poses(
@@ -83,10 +84,16 @@ def solve_lumped_poses(
     for number, pose in enumerate(poses):
         if not taken[number]:
             results.append(
-                PoseResult(positions[number], "unreachable", _why_not(shared.mechanism, pose))
+                PoseResult(
+                    positions[number],
+                    "unreachable",
+                    _why_not(shared.mechanism, pose),
+                    feed=feeds[number],
+                )
             )
             continue
-        found = replace(next(solved), condition=np.array([survey.condition[number]]))
+        condition = np.array([survey.condition[number]])
+        found = replace(next(solved), condition=condition, feed=feeds[number])
         analyses = shared.parts.scene.analyses
         if analyses.frf is not None or analyses.lobes is not None:
             model = place_pose(shared.parts, pose, shared.model, shared.superelements)

@@ -7,12 +7,13 @@ import numpy as np
 
 from headstock.geometry.errors import HeadstockError, PoseError
 from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.geometry.machine.feed import NO_FEED
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.pipeline.answers.lobes import HZ
 from headstock.pipeline.answers.mechanism import describe_state
 from headstock.pipeline.stages.frf import respond
-from headstock.pipeline.stages.lobes import solve_lobes
+from headstock.pipeline.stages.lobes import lobes_request, solve_lobes
 from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.coupling.coupling import couple
@@ -60,7 +61,9 @@ def share_machine(parts: MachineParts, superelements: Mapping[str, Superelement]
     return MachinePoses(parts, superelements, CouplingMemo(channels))
 
 
-def solve_machine_pose(shared: MachinePoses, pose: Pose, positions: FloatArray) -> PoseResult:
+def solve_machine_pose(
+    shared: MachinePoses, pose: Pose, positions: FloatArray, feed: FloatArray = NO_FEED
+) -> PoseResult:
     """Couple in a pose and compute what the scene asks for; what cannot be computed is said in the
     result.
 
@@ -68,14 +71,16 @@ def solve_machine_pose(shared: MachinePoses, pose: Pose, positions: FloatArray) 
         shared: What all poses share.
         pose: Axis positions.
         positions: The same as ``(k,)``, for the result.
+        feed: ``(3,)`` direction of the feed; NaN where there is none.
     """
+    found = PoseResult(positions, feed=feed)
     try:
         coupled = couple(shared.superelements, shared.parts.scene.machine, pose, memo=shared.memo)
     except PoseError as error:
-        return PoseResult(positions, "unreachable", str(error))
+        return replace(found, state="unreachable", error=str(error))
     except POSE_ERRORS as error:
-        return PoseResult(positions, "failed", f"coupling: {error}")
-    found = PoseResult(positions, condition=_find_condition(shared, pose))
+        return replace(found, state="failed", error=f"coupling: {error}")
+    found = replace(found, condition=_find_condition(shared, pose))
     errors: list[str] = []
     model = CoupledPose(shared.parts, pose, coupled, RESOLVED)
     for name, add in (
@@ -204,21 +209,24 @@ def add_limits(model: PoseModel, found: PoseResult) -> PoseResult:
 
     Args:
         model: The machine in the pose.
-        found: The result so far.
+        found: The result so far, with the direction of the feed.
     """
-    lobes = solve_lobes(model, whole=False).answer.directions
-    lowest = [own.lowest for own in lobes]
-    checks = [check for own in lobes for check in own.checks]
+    request, solved = lobes_request(model), solve_lobes(model, found.feed, whole=False).answer
+    by_name = {own.name: own for own in solved.directions}
+    unknown = np.full(len(request.speeds), np.nan)
+    limits, chatter, modes = [], [], []
+    for travel in request.directions:
+        own = by_name.get(travel.name)
+        lowest = None if own is None else own.lowest
+        limits.append(unknown if own is None else own.depths)
+        chatter.append(np.nan if own is None or lowest is None else HZ * own.chatter[lowest.place])
+        modes.append("" if lowest is None else lowest.mode)
+    checks = [check for own in solved.directions for check in own.checks]
     return replace(
         found,
-        limits=np.array([own.depths for own in lobes]),
-        chatter_hz=np.array(
-            [
-                np.nan if lobe is None else HZ * own.chatter[lobe.place]
-                for own, lobe in zip(lobes, lowest, strict=True)
-            ]
-        ),
-        chatter_modes=tuple("" if lobe is None else lobe.mode for lobe in lowest),
+        limits=np.array(limits),
+        chatter_hz=np.array(chatter),
+        chatter_modes=tuple(modes),
         limit_checks=np.array([len(checks), sum(check.confirmed for check in checks)], dtype=float),
     )
 

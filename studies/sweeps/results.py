@@ -11,7 +11,6 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.estimates import Estimate
-from headstock.pipeline.answers.lobes import name_direction
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import PointCompliance
 from headstock.pipeline.stages.machine import couple_pose
@@ -59,12 +58,14 @@ class LimitMap:
     """Limit depth of cut over poses and speeds, for one direction of travel.
 
     Attributes:
+        directions: ``(n, 3)`` of the travel in each pose, machine frame; NaN where there is none.
         speeds: ``(s,)`` of the spindle [rad/s].
         depths: ``(n, s)`` [m]; NaN where there is none.
         chatter_hz: ``(n,)`` frequency of chatter at the lowest limit of each pose.
         modes: ``n`` names of the mode behind it.
     """
 
+    directions: FloatArray
     speeds: FloatArray
     depths: FloatArray
     chatter_hz: FloatArray
@@ -153,6 +154,7 @@ def collect_results(
     superelements: Mapping[str, Superelement],
     *,
     key: str,
+    remarks: tuple[str, ...] = (),
 ) -> SweepResults:
     """Arrays over all poses from the results of each, modes followed from pose to pose.
 
@@ -162,6 +164,7 @@ def collect_results(
         found: One result per pose, in order.
         superelements: By component name, in the order of the shapes' dofs.
         key: Of the results.
+        remarks: For the user.
     """
     shapes = _stack_shapes(found)
     modes = tracked = None
@@ -195,6 +198,7 @@ def collect_results(
         figures={channel: _figures(found, place) for place, channel in enumerate(channels)},
         limits=_map_limits(scene.analyses.lobes, found),
         limit_checks=_count_checks(found),
+        warnings=remarks,
     )
 
 
@@ -206,13 +210,14 @@ def _map_limits(request: LobesRequest | None, found: Sequence[PoseResult]) -> di
     depths = np.array([result.limits if result.limits.size else blank for result in found])
     chatter = np.array([result.chatter_hz if result.limits.size else unknown for result in found])
     return {
-        name_direction(direction): LimitMap(
+        travel.name: LimitMap(
+            np.array([result.feed if travel.along is None else travel.along for result in found]),
             request.speeds,
             depths[:, place],
             chatter[:, place],
             tuple(result.chatter_modes[place] if result.chatter_modes else "" for result in found),
         )
-        for place, direction in enumerate(request.directions)
+        for place, travel in enumerate(request.directions)
     }
 
 

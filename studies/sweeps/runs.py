@@ -5,14 +5,17 @@ pose kept in a journal.
 import dataclasses
 import hashlib
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.feed import NO_FEED
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.stages.lobes import trace_feed
 from headstock.pipeline.stages.run_state import MachineParts, Observer, RunState
 from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.storage.content_keys import (
@@ -26,11 +29,18 @@ from headstock.pipeline.storage.content_keys import (
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.reduction.superelement import Superelement
+from headstock.scene.building.lobes import refuse_still_feed
 from headstock.scene.requests import Analyses
 from headstock.scene.scene import Scene
-from headstock.scene.studies import Sweep, sweep_pose
+from headstock.scene.studies import Sweep, describe_positions, sweep_pose
 from headstock.solvers.ranks import make_on_root, share_from_root
-from headstock.studies.sweeps.journals import PoseResult, encode_result, open_journal, read_journals
+from headstock.studies.sweeps.journals import (
+    PoseResult,
+    encode_result,
+    identify_pose,
+    open_journal,
+    read_journals,
+)
 from headstock.studies.sweeps.lumped_poses import (
     POSES_AT_ONCE,
     LumpedPoses,
@@ -43,6 +53,7 @@ from headstock.studies.sweeps.machine_poses import share_machine, solve_machine_
 IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants", "compare", "poses")
 SWEPT_ANALYSES = ("static", "modal", "frf", "lobes")
 POLL_SECONDS = 0.005
+POSES_NAMED = 3  # in a remark
 
 
 @dataclass(frozen=True)
@@ -82,6 +93,7 @@ class SweepOutcome:
         key: Of everything a pose's result depends on.
         results: One per pose, in order; None for poses that another part computes.
         computed: How many this job computed, on all ranks.
+        remarks: On the direction of the feed.
         parts: What the machine is made of; complete on rank 0.
         superelements: By component name, without their recovery.
     """
@@ -89,6 +101,7 @@ class SweepOutcome:
     key: str
     results: tuple[PoseResult | None, ...]
     computed: int
+    remarks: tuple[str, ...]
     parts: MachineParts
     superelements: dict[str, Superelement]
 
@@ -144,29 +157,73 @@ def run_sweep(
         HeadstockError: A component cannot be reduced.
     """
     key = make_on_root(comm, lambda: sweep_key(job.scene))
-    waiting = make_on_root(comm, lambda: _find_waiting(job, key))
     parts, superelements = _make_components(job, comm, observer)
+    feed, remarks = make_on_root(comm, lambda: _find_feed(job, superelements))
+    names = list(map(identify_pose, job.sweep.positions, feed))
+    waiting = make_on_root(comm, lambda: _find_waiting(job, key, names))
     mine = waiting[comm.rank :: comm.size]
     if mine:
         with open_journal(
             job.folder, key, f"{job.part.number}of{job.part.of}-{comm.rank}"
         ) as journal:
-            for result in _solve_poses(job, parts, superelements, mine):
+            for result in _solve_poses(job, parts, superelements, feed, mine):
                 journal.append(encode_result(result))
     _wait_for_all(comm)
     known = read_journals(job.folder, key) if comm.rank == 0 else {}
-    results = tuple(known.get(positions.tobytes()) for positions in job.sweep.positions)
-    return SweepOutcome(key, results, len(waiting), parts, superelements)
+    results = tuple(map(known.get, names))
+    return SweepOutcome(key, results, len(waiting), remarks, parts, superelements)
 
 
-def _find_waiting(job: SweepJob, key: str) -> list[int]:
+def _find_feed(
+    job: SweepJob, superelements: Mapping[str, Superelement]
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """Direction of the feed in every pose ``(n, 3)``, NaN where nobody asks or the tool does not
+    move across its axis, and what is said of it.
+
+    Raises:
+        SceneError: The tool moves nowhere along the path.
+    """
+    sweep, request = job.sweep, job.scene.analyses.lobes
+    count = len(sweep.positions)
+    if request is None or not request.asks_for_feed:
+        return np.tile(NO_FEED, (count, 1)), ()
+    poses = [sweep_pose(sweep, number) for number in range(count)]
+    found = trace_feed(job.scene.machine, superelements, request.at, poses)
+    if not np.isfinite(found.directions).any():
+        raise refuse_still_feed(job.scene, request)
+    along_axis = [
+        number
+        for number, feed in enumerate(found.directions)
+        if np.isfinite(feed).all() and len(request.travels(feed)) < len(request.directions)
+    ]
+    directions = found.directions.copy()
+    directions[along_axis] = np.nan
+    remarks = (
+        ("the way has a corner, so the feed is that of the move that ends there", found.corners),
+        ("the tool stands still in its work, so the feed is that of the way through its place", found.standing),
+        ("the tool is fed along its axis, so there is no limit depth", along_axis),
+    )  # fmt: skip
+    return directions, tuple(
+        f"lobes along the feed: in {_list_poses(sweep, numbers)} {what}"
+        for what, numbers in remarks
+        if numbers
+    )
+
+
+def _list_poses(sweep: Sweep, numbers: Sequence[int]) -> str:
+    """``pose 3 (X 10 mm)``, or how many and the first ones."""
+    shown = ", ".join(
+        f"{number + 1} ({describe_positions(sweep, number)})" for number in numbers[:POSES_NAMED]
+    )
+    if len(numbers) == 1:
+        return f"pose {shown}"
+    return f"{len(numbers)} poses, {shown}{', ...' if len(numbers) > POSES_NAMED else ''},"
+
+
+def _find_waiting(job: SweepJob, key: str, names: list[bytes]) -> list[int]:
     known = read_journals(job.folder, key)
     done = {name for name, result in known.items() if not (job.retry and result.state == "failed")}
-    waiting = [
-        number
-        for number, positions in enumerate(job.sweep.positions)
-        if positions.tobytes() not in done
-    ]
+    waiting = [number for number, name in enumerate(names) if name not in done]
     return [number for number in waiting if number % job.part.of == job.part.number - 1]
 
 
@@ -186,20 +243,24 @@ def _make_components(
 
 
 def _solve_poses(
-    job: SweepJob, parts: MachineParts, superelements: dict[str, Superelement], numbers: list[int]
+    job: SweepJob,
+    parts: MachineParts,
+    superelements: dict[str, Superelement],
+    feed: FloatArray,
+    numbers: list[int],
 ) -> Iterator[PoseResult]:
     if not job.scene.is_lumped:
         shared = share_machine(parts, superelements)
         for number in numbers:
             yield solve_machine_pose(
-                shared, sweep_pose(job.sweep, number), job.sweep.positions[number]
+                shared, sweep_pose(job.sweep, number), job.sweep.positions[number], feed[number]
             )
         return
     mechanism: LumpedPoses = share_mechanism(parts, superelements)
     for start in range(0, len(numbers), POSES_AT_ONCE):
         chunk = numbers[start : start + POSES_AT_ONCE]
         poses = [sweep_pose(job.sweep, number) for number in chunk]
-        yield from solve_lumped_poses(mechanism, poses, job.sweep.positions[np.array(chunk)])
+        yield from solve_lumped_poses(mechanism, poses, job.sweep.positions[chunk], feed[chunk])
 
 
 def _wait_for_all(comm: MPI.Comm) -> None:

@@ -196,12 +196,14 @@ def test_a_finer_grid_takes_the_poses_it_shares_with_the_coarse_one(tmp_path: Pa
 def test_a_pose_that_fails_is_named_and_the_others_are_computed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail_in_one(shared: MachinePoses, pose: Pose, positions: FloatArray) -> PoseResult:
+    def fail_in_one(
+        shared: MachinePoses, pose: Pose, positions: FloatArray, feed: FloatArray
+    ) -> PoseResult:
         if pose.positions["X"] == 0.0:
             return PoseResult(
                 positions, "failed", f"coupling: {ModelError('the machine fell apart')}"
             )
-        return solve_machine_pose(shared, pose, positions)
+        return solve_machine_pose(shared, pose, positions, feed)
 
     with monkeypatch.context() as patch:
         patch.setattr(headstock.studies.sweeps.runs, "solve_machine_pose", fail_in_one)

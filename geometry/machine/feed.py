@@ -1,0 +1,100 @@
+"""Direction in which a tool is fed through its work, in poses one after the other."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.errors import PoseError
+from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.machine.machine import Machine, Point, Pose, place_components
+
+STANDSTILL = 1e-9  # of the longest step between two poses
+NO_FEED: FloatArray = np.full(3, np.nan)
+CORNER = np.radians(40.0)  # a way that turns more than that in a pose has a corner there
+
+
+@dataclass(frozen=True, eq=False)
+class Feed:
+    """Where a tool is fed to in each of ``n`` poses.
+
+    Attributes:
+        directions: ``(n, 3)`` unit vectors of the motion against the work, machine frame; NaN where
+            the machine cannot take the pose, and everywhere if the tool never moves.
+        corners: Poses in which the way turns; the direction is that of the move that ends there.
+        standing: Poses from or to which the tool does not move against the work; the direction is
+            that of the way through its place.
+    """
+
+    directions: FloatArray
+    corners: tuple[int, ...] = ()
+    standing: tuple[int, ...] = ()
+
+
+def find_feed(machine: Machine, point: Point, tip: FloatArray, poses: Sequence[Pose]) -> Feed:
+    """Tangents of the way of a tool through its work.
+
+    Central differences, exact for parabolas whatever the distances of the poses; one-sided where
+    the way begins and ends. Poses that the machine cannot take are passed over.
+
+    Args:
+        machine: Its components, axes and mechanism.
+        point: The tool and its work.
+        tip: ``(3,)`` of the tool in the frame of its component [m].
+        poses: One after the other.
+
+    Raises:
+        ValueError: A pose names an unknown axis or leaves an axis' limits.
+    """
+    directions = np.full((len(poses), 3), np.nan)
+    taken, places, turns = [], [], []
+    for number, pose in enumerate(poses):
+        try:
+            frames = place_components(machine, pose)
+        except PoseError:
+            continue
+        tool, work = (
+            Frame(np.zeros(3)) if end.component is None else frames[end.component]
+            for end in (point.tool, point.work)
+        )
+        taken.append(number)
+        places.append(work.rotation.T @ (tool.origin + tool.rotation @ tip - work.origin))
+        turns.append(work.rotation)
+    if len(taken) < 2:
+        return Feed(directions)
+    way: FloatArray = np.asarray(places)
+    lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    moves = lengths > STANDSTILL * lengths.max()
+    if not moves.any():
+        return Feed(directions)
+    # poses of one place share its direction
+    place_of = np.concatenate([[0], np.cumsum(moves)])
+    tangents, turning = _tangents(way[np.concatenate([[True], moves])])
+    directions[taken] = np.einsum("nij,nj->ni", np.asarray(turns), tangents[place_of])
+    alone = np.bincount(place_of) == 1
+    return Feed(
+        directions,
+        tuple(taken[place] for place in np.flatnonzero(turning[place_of])),
+        tuple(taken[place] for place in np.flatnonzero(~alone[place_of])),
+    )
+
+
+def _tangents(way: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Unit tangents ``(m, 3)`` in the points ``(m, 3)`` of a way, no two neighbours alike, and which
+    points are corners ``(m,)``.
+    """
+    steps = np.diff(way, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)[:, None]
+    units = steps / lengths
+    corners = np.zeros(len(way), dtype=bool)
+    corners[1:-1] = (units[:-1] * units[1:]).sum(axis=1) < np.cos(CORNER)
+    before, after = lengths[:-1], lengths[1:]
+    middle = np.where(corners[1:-1, None], units[:-1], after * units[:-1] + before * units[1:])
+    # the parabola through three points, where none of them is a corner
+    ends = [units[0], units[-1]]
+    if len(way) > 2 and not corners[1]:
+        ends[0] = (2.0 * before[0] + after[0]) * units[0] - before[0] * units[1]
+    if len(way) > 2 and not corners[-2]:
+        ends[1] = (2.0 * after[-1] + before[-1]) * units[-1] - after[-1] * units[-2]
+    found = np.vstack([ends[0], middle, ends[1]])
+    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True)), corners
