@@ -22,6 +22,8 @@ IndexArray = NDArray[np.intp]
 Receptance = Callable[[FloatArray], ComplexArray]
 REFINEMENTS = 6  # secant steps between two lines of the grid, at most
 SETTLED = 1e-8  # phase that is left where they end [rad]
+PEAKS = 0.9  # of the largest line: a peak between two lines may exceed it
+ZOOMS, ZOOM_LINES = 4, 17  # each zoom makes the lines around a peak eight times as dense
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +127,6 @@ def find_lobes(
     """
     values = chip_eigenvalues(receptance(omega), stiffness)
     periods: FloatArray = np.asarray(2.0 * np.pi / (teeth * speeds), dtype=float)
-    largest = float(values.real.max())
     found = [_crossings(omega, values[:, branch], periods) for branch in range(2)]
     place, waves, near, level, slope = (np.concatenate(parts) for parts in zip(*found, strict=True))
     # of all frequencies that may chatter at a speed the one with the thinnest limit
@@ -150,6 +151,8 @@ def find_lobes(
     eigenvalues = np.zeros(len(speeds), dtype=complex)
     chatter[at[limited]], counts[at[limited]] = near[limited], waves[limited]
     eigenvalues[at[limited]] = level[limited]
+    # beyond the last line a refined frequency may lie a little deeper than any line
+    largest = max(_largest_real(receptance, stiffness, omega, values), *level.real)
     return LobeDiagram(
         speeds,
         depths,
@@ -158,6 +161,36 @@ def find_lobes(
         eigenvalues,
         0.5 / largest if largest > 0.0 else np.inf,
     )
+
+
+def _largest_real(
+    receptance: Receptance, stiffness: FloatArray, omega: FloatArray, values: ComplexArray
+) -> float:
+    """Largest real part of an eigenvalue at any frequency [1/m], by lines ever denser around the peaks.
+
+    Args:
+        receptance: As in :func:`find_lobes`.
+        stiffness: ``(3, 2)``.
+        omega: ``(f,)`` [rad/s].
+        values: ``(f, 2)`` eigenvalues there.
+    """
+    level = values.real.max(axis=1)
+    before, after = np.append(-np.inf, level[:-1]), np.append(level[1:], -np.inf)
+    largest = float(level.max())
+    peaks = np.flatnonzero((level >= before) & (level >= after) & (level > PEAKS * largest))
+    low, high = omega[np.maximum(peaks - 1, 0)], omega[np.minimum(peaks + 1, len(omega) - 1)]
+    for _ in range(ZOOMS if largest > 0.0 else 0):
+        lines = np.linspace(low, high, ZOOM_LINES, axis=1)
+        half, root = _split_eigenvalues(receptance(lines.ravel()), stiffness)
+        level = (half.real + np.abs(root.real)).reshape(lines.shape)
+        best = np.argmax(level, axis=1)
+        largest = max(largest, float(level.max()))
+        rows = np.arange(len(peaks))
+        low, high = (
+            lines[rows, np.maximum(best - 1, 0)],
+            lines[rows, np.minimum(best + 1, ZOOM_LINES - 1)],
+        )
+    return largest
 
 
 def _phase(values: ComplexArray) -> FloatArray:

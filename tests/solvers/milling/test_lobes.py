@@ -174,6 +174,21 @@ def test_lowest_limit_is_that_of_the_published_chain_of_formulas() -> None:
     assert found.depths.min() == pytest.approx(min(limits), rel=1e-3)
 
 
+@pytest.mark.parametrize(("lines", "radial_depth"), [(200, 0.002), (200, 0.012), (400, 0.012)])
+def test_no_limit_is_below_the_lowest_at_any_speed_which_is_that_of_one_mode(
+    lines: int, radial_depth: float
+) -> None:
+    """2 k zeta (1 +- zeta) over the mean stiffness, from lines up to half a bandwidth apart."""
+    _, zeta, stiffness = ONE_MODE[0]
+    mill = EndMill(0.02, 2)
+    speeds: FloatArray = np.asarray(np.linspace(2000.0, 12000.0, 2000) * TURN / 60.0, dtype=float)
+    found = lobes_of(ONE_MODE, mill, radial_depth, speeds, lines=lines)
+    mean = float(mean_cutting_stiffness(mill, CHIP, radial_depth)[0, 0])
+    exact = 2.0 * stiffness * zeta * (1.0 - np.sign(mean) * zeta) / abs(mean)
+    assert found.lowest == pytest.approx(exact, rel=1e-6)
+    assert found.lowest <= found.depths.min() < 1.001 * found.lowest
+
+
 def test_refinement_makes_limits_independent_of_the_grid() -> None:
     speeds: FloatArray = np.asarray(np.linspace(3000.0, 12000.0, 60) * TURN / 60.0, dtype=float)
     coarse, fine = (
