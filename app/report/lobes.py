@@ -9,6 +9,8 @@ import numpy as np
 from markupsafe import Markup
 
 from headstock.app.report import svg
+from headstock.app.tables.lobes import show_best_depth
+from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.app.texts.curves import even_ticks
 from headstock.pipeline.answers.lobes import DirectionSummary, LobesSummary
 
@@ -17,7 +19,9 @@ COLORS = ("#2f6db3", "#d08a4a", "#6a9a5b", "#8a6bb0", "#b5566e", "#5d8f8f", "#8c
 HEADROOM = 1.15
 MOST_OVER_LOWEST = 12.0  # of the axis over the lowest limit: one deep pocket does not flatten lobes
 LETTER = 6.2  # width of a letter of the legend
+LOWEST, BEST, CHECKED = "#b5566e", "#6a9a5b", "#8a6bb0"
 Scale = Callable[[float], float]
+Sign = Callable[[float, float, str], Markup]
 
 
 def draw_lobes(found: LobesSummary, identity: str) -> Markup:
@@ -89,37 +93,57 @@ def _draw_direction(found: DirectionSummary, top: float) -> tuple[Markup, float]
     if not every:
         known = dict(zip(series["rpm"], series["limit_depth_mm"], strict=True))
         parts += [
-            _circle(across(check["rpm"]), up(known[check["rpm"]]), "#8a6bb0")
+            _circle(across(check["rpm"]), up(known[check["rpm"]]), CHECKED)
             for check in found["checks"]
         ]
     parts += [_mark_lowest(found, across, up), _mark_best(found, across, up)]
-    y = base + 32.0
-    x = float(LEFT)
-    for mode in modes:
+    dots = [("lowest limit, with its ±" if found["lowest_error_mm"] else "lowest limit", LOWEST)]
+    dots += [("best speeds", BEST)] if found["best_speeds"] else []
+    dots += (
+        [("checked or found by Floquet multipliers", CHECKED)]
+        if found["checks"] and not every
+        else []
+    )
+    legend, y = _legend(found, colors, dots if found["lowest"] else [], base + 32.0)
+    return Markup("").join([*parts, *legend]), y + 22.0
+
+
+def _legend(
+    found: DirectionSummary, colors: dict[str, str], dots: list[tuple[str, str]], y: float
+) -> tuple[list[Markup], float]:
+    """Lines of modes and dots with their words, and where the last row is."""
+    entries: list[tuple[Sign, str, str]] = []
+    for mode, color in colors.items():
         hz = next(lobe["mode_hz"] for lobe in found["lobes"] if lobe["mode"] == mode)
-        words = mode + (f", {hz:.0f} Hz" if hz is not None else "")
-        width = 26.0 + LETTER * len(words)
+        entries.append((_stroke, mode + (f", {hz:.0f} Hz" if hz is not None else ""), color))
+    entries += [(_circle, words, color) for words, color in dots]
+    parts, x = [], float(LEFT)
+    for sign, words, color in entries:
+        width = 30.0 + LETTER * len(words)
         if x > LEFT and x + width > WIDTH - RIGHT:
             x, y = float(LEFT), y + LINE
-        parts.append(
-            Markup('<rect x="{:.0f}" y="{:.0f}" width="16" height="3" fill="{}"/>').format(
-                x, y - 5.0, colors[mode]
-            )
-        )
-        parts.append(svg.text(x + 21.0, y, words, size=10.5))
+        parts += [sign(x + 8.0, y - 3.5, color), svg.text(x + 21.0, y, words, size=10.5)]
         x += width
-    return Markup("").join(parts), y + 22.0
+    return parts, y
 
 
 def _mark_lowest(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
     lowest = found["lowest"]
     if lowest is None:
         return Markup("")
-    x, y = across(lowest["rpm"]), up(lowest["limit_depth_mm"])
-    words = f"{lowest['limit_depth_mm']:.3g} mm, chatter {lowest['chatter_hz']:.0f} Hz"
-    return _circle(x, y, "#b5566e") + svg.text(
-        min(max(x, LEFT + 70.0), WIDTH - RIGHT - 80.0), y + 16, words, anchor="middle", size=10.5
-    )
+    depth, error = lowest["limit_depth_mm"], found["lowest_error_mm"]
+    x, y = across(lowest["rpm"]), up(depth)
+    limit = _tell(depth, error)
+    chatter = _tell(lowest["chatter_hz"], found["chatter_error_hz"])
+    parts = [_circle(x, y, LOWEST)]
+    if error is not None:
+        ends = [up(depth + error), up(max(depth - error, 0.0))]
+        parts.append(_line([(x, end) for end in ends], LOWEST, 1.2))
+        parts += [_line([(x - 5.0, end), (x + 5.0, end)], LOWEST, 1.2) for end in ends]
+    words = f"{limit} mm, chatter {chatter} Hz"
+    beside = min(max(x, LEFT + 90.0), WIDTH - RIGHT - 100.0)
+    parts.append(svg.text(beside, y + 18, words, anchor="middle", size=10.5))
+    return Markup("").join(parts)
 
 
 def _mark_best(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
@@ -127,15 +151,26 @@ def _mark_best(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
     taken: list[float] = []
     for best in found["best_speeds"]:
         x, y = across(best["rpm"]), up(best["limit_depth_mm"])
-        parts.append(_circle(x, y, "#6a9a5b"))
+        parts.append(_circle(x, y, BEST))
         if all(abs(x - other) > 110.0 for other in taken):
             taken.append(x)
-            words = f"{best['limit_depth_mm']:.3g} mm at {best['rpm']:.0f} rpm"
+            words = f"{show_best_depth(best)} mm at {best['rpm']:.0f} rpm"
             anchor = "end" if x > WIDTH - 130.0 else "start"
             parts.append(
                 svg.text(x + (-7 if anchor == "end" else 7), y - 4, words, anchor=anchor, size=10.5)
             )
     return Markup("").join(parts)
+
+
+def _tell(value: float, error: float | None) -> str:
+    """A value with its ±, where one is known."""
+    if error is None:
+        return f"{value:.3g}"
+    return f"{show_bounded(value, error)} {show_bound(value, error)}"
+
+
+def _stroke(x: float, y: float, color: str) -> Markup:
+    return _line([(x - 8.0, y), (x + 8.0, y)], color, 3.0)
 
 
 def _circle(x: float, y: float, color: str) -> Markup:

@@ -4,7 +4,12 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from headstock.app.tables.table import Column, PlainTable, show_percent
-from headstock.pipeline.answers.lobes import DirectionSummary, LobesSummary, LobeSummary
+from headstock.pipeline.answers.lobes import (
+    BestSpeedSummary,
+    DirectionSummary,
+    LobesSummary,
+    LobeSummary,
+)
 from headstock.pipeline.results.mode_files import file_stem
 
 
@@ -30,9 +35,14 @@ def _show_speed(value: float) -> str:
     return f"{value:.0f}"
 
 
+def show_best_depth(best: BestSpeedSummary) -> str:
+    """Limit depth at a best speed [mm]; that it is above the deepest cut where there is none."""
+    return f"{'' if best['limited'] else 'above '}{best['limit_depth_mm']:.3g}"
+
+
 def _tell_best(direction: DirectionSummary) -> str | None:
     best = direction["best_speeds"][:1]
-    return f"{best[0]['limit_depth_mm']:.3g} at {best[0]['rpm']:.0f}" if best else None
+    return f"{show_best_depth(best[0])} at {best[0]['rpm']:.0f}" if best else None
 
 
 def _tell_checks(direction: DirectionSummary) -> str:

@@ -289,7 +289,8 @@ def limit_error_words(lobes: Mapping[str, LobesSummary]) -> list[str]:
         words.append(f"± of a lowest limit, carried through zeroth order, from {parts}")
     left_out = dict.fromkeys(words for own in directions for words in own["error_left_out"])
     if left_out:
-        words.append(f"{'not in ±' if largest else NO_BOUND}: {'; '.join(left_out)}")
+        what = "not in ±" if largest else "no ± of the lowest limits"
+        words.append(f"{what}: {'; '.join(left_out)}")
     return words
 
 

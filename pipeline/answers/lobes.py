@@ -32,10 +32,11 @@ class LobeSummary(TypedDict):
 
 
 class BestSpeedSummary(TypedDict):
-    """A speed between two lobes."""
+    """A speed between two lobes; not limited where no cut up to the deepest one chatters."""
 
     rpm: float
     limit_depth_mm: float
+    limited: bool
 
 
 class LimitCheckSummary(TypedDict):
@@ -279,7 +280,11 @@ class PoseLobes(Answer):
             if np.isfinite(own.lowest_any_speed)
             else None,
             "best_speeds": [
-                {"rpm": float(rpm[place]), "limit_depth_mm": float(MM * own.depths[place])}
+                {
+                    "rpm": float(rpm[place]),
+                    "limit_depth_mm": float(MM * own.depths[place]),
+                    "limited": bool(own.depths[place] < self.deepest),
+                }
                 for place in own.best
             ],
             "lobes": [self._summarise_lobe(own, lobe) for lobe in own.lobes],

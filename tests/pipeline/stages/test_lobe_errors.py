@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 from common import present
 from headstock.app.report.report import render_report
+from headstock.app.texts.bounded_values import show_bound
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION
 from headstock.pipeline.answers.lobes import HZ, DirectionLobes, PoseLobes
@@ -110,4 +111,8 @@ def test_errors_of_lowest_limits_stand_in_table_summary_and_file(
         assert group["lowest_error"][()] == present(own.errors.depth.total)
         assert group["chatter_error_hz"][()] == present(own.errors.chatter.total)
     page = render_report(summary)
+    lowest = present(direction["lowest"])
+    shown = show_bound(lowest["limit_depth_mm"], direction["lowest_error_mm"])
+    assert f"{shown} mm, chatter " in page
+    assert "lowest limit, with its ±" in page
     assert "± of a lowest limit, carried through zeroth order, from discretisation up to" in page
