@@ -3,10 +3,12 @@ tell.
 """
 
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from headstock.app.report.milled_faces import draw_milled_faces
 from headstock.app.report.path import draw_contour
@@ -17,17 +19,22 @@ from headstock.app.tables.contouring import (
     tabulate_profiles,
 )
 from headstock.geometry.errors import PoseError
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.lobes import DirectionLobes, PoseLobes
 from headstock.pipeline.contours.contouring import evaluate_contour
 from headstock.pipeline.contours.lumped_contour import run_lumped_contour
 from headstock.pipeline.contours.milled_faces import mill_faces
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.forces import ForceFileError, ForceRecord
-from headstock.scene.requests import ContouringRequest
+from headstock.scene.requests import Analyses, ContouringRequest
 from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, tool_compliance
 from headstock.solvers.milling.path_drives import follow_path
 from headstock.solvers.milling.tool_dynamics import ToolMode
-from headstock.solvers.milling.tool_path import SquareContour
+from headstock.solvers.milling.tool_path import SquareContour, plan_contour
 from headstock.validation.mechanisms.contouring_cases import contour_request
-from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
+from headstock.validation.mechanisms.tripteor_machine import SCENE, Tripteor, load_tripteor
 
 pytestmark = pytest.mark.slow
 
@@ -143,3 +150,62 @@ def test_effects_that_are_not_named_are_left_out(machine: Tripteor) -> None:
     cut = run_lumped_contour(machine.scene, machine.model, request, until=until)
     assert np.abs(waves.force).max() == pytest.approx(np.abs(cut.force).max(), rel=0.05)
     assert 1e-9 < np.abs(waves.gap - cut.gap).max() < 3e-6
+
+
+def lobes_on_a_face(request: ContouringRequest, rpm: float, folder: Path) -> DirectionLobes:
+    """In the middle of the first face; zeroth order is checked and mended at every speed."""
+    face, cut = plan_contour(request.contour).cuts[0], request.cut
+    contour = changed_block(request)
+    place = face.start + 0.5 * face.length * face.travel + contour.offset * face.outward
+    x, y, z = place.tolist()
+    overrides = (
+        f'poses.face={{ X = "{x} m", Y = "{y} m", Z = "{z} m" }}',
+        f'analyses.lobes={{ speeds = ["{rpm} rpm", "{1.01 * rpm} rpm", 2], radial_depth = "{cut.radial_depth} m", '
+        f'mill = {{ diameter = "{cut.mill.diameter} m", teeth = {cut.mill.teeth}, helix = "{cut.mill.helix} rad" }}, '
+        f'material = "{request.material}", directions = [{face.travel.tolist()}], checked = 1.0, poses = ["face"] }}',
+    )
+    scene = load_scene(SCENE, variant="lumped", overrides=overrides)
+    scene = dataclasses.replace(scene, analyses=Analyses(lobes=scene.analyses.lobes))
+    found = run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+    (lobes,) = find_answers(found.answers, PoseLobes)
+    return lobes.directions[0]
+
+
+@pytest.mark.parametrize(
+    ("rpm", "off"),
+    [
+        (2000.0, 0.4),
+        pytest.param(3000.0, 0.0, marks=pytest.mark.trials),
+        pytest.param(4000.0, 0.0, marks=pytest.mark.trials),
+    ],
+)
+def test_waves_decay_below_the_lobes_of_a_lumped_mechanism_and_grow_above_in_time(
+    machine: Tripteor, tmp_path: Path, rpm: float, off: float
+) -> None:
+    """Regeneration marched along a straight cut; at 2000 rpm zeroth order alone is 40 % off."""
+    request = contour_request("al7075-t6")
+    block = changed_block(request, side=0.06, lead=0.012, feed=0.04)
+    request = dataclasses.replace(request, contour=block, regeneration=True, steps_per_turn=48)
+    lobes = lobes_on_a_face(request, rpm, tmp_path)
+    limit = float(lobes.depths[0])
+    assert lobes.zeroth[0] / limit - 1.0 == pytest.approx(off, abs=0.05)
+    begins, growth = plan_contour(block).cuts[0].begins, {}
+    for share in (0.9, 1.1):
+        cut = dataclasses.replace(
+            request.cut, axial_depth=share * limit, spindle=rpm * np.pi / 30.0
+        )
+        deeper = dataclasses.replace(request, cut=cut)
+        run = run_lumped_contour(machine.scene, machine.model, deeper, until=begins + 1.0)
+        delay = request.steps_per_turn // cut.mill.teeth
+        # what differs from one tooth to the next is no forced motion
+        waves = np.abs(run.gap[delay:] - run.gap[:-delay]).max(axis=1)
+        since = run.times[delay:] - begins
+        early, late = (
+            waves[(since > start) & (since < start + 0.15)].max() for start in (0.35, 0.85)
+        )
+        growth[share] = float(np.log(late / early))
+    assert growth[0.9] < -0.2
+    assert growth[1.1] > 0.2
+    # the border lies where the logarithm passes zero
+    border = 0.9 + 0.2 * growth[0.9] / (growth[0.9] - growth[1.1])
+    assert border == pytest.approx(1.0, abs=0.04)
