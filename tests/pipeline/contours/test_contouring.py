@@ -157,7 +157,7 @@ def lobes_on_a_face(request: ContouringRequest, rpm: float, folder: Path) -> Dir
     face, cut = plan_contour(request.contour).cuts[0], request.cut
     contour = changed_block(request)
     place = face.start + 0.5 * face.length * face.travel + contour.offset * face.outward
-    x, y, z = place.tolist()
+    x, y, z = map(float, place)
     overrides = (
         f'poses.face={{ X = "{x} m", Y = "{y} m", Z = "{z} m" }}',
         f'analyses.lobes={{ speeds = ["{rpm} rpm", "{1.01 * rpm} rpm", 2], radial_depth = "{cut.radial_depth} m", '
