@@ -102,6 +102,7 @@ def run_script(folder: Path) -> None:
     assert done.returncode == 0, done.stderr[-3000:]
 
 
+@pytest.mark.trials
 @pytest.mark.mpi
 def test_every_rank_gets_what_one_process_gets(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -117,6 +117,7 @@ prior_sigma = 0.05
 """
 
 
+@pytest.mark.trials
 def test_a_fit_is_that_of_the_command_line(scene: Path, tmp_path: Path) -> None:
     targets, ends = tmp_path / "targets.toml", list[bool]()
     targets.write_text(TARGETS)

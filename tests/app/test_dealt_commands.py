@@ -125,6 +125,7 @@ def test_the_trials_of_effects_dealt_out_to_ranks_are_those_of_one(
     assert two[1].count("Summary of effects") == two[1].count("Summary of models") == 1
 
 
+@pytest.mark.trials
 def test_the_variants_of_a_comparison_dealt_out_to_ranks_are_those_of_one(
     scene: Path, tmp_path: Path
 ) -> None:

@@ -191,6 +191,7 @@ COMMANDS = (
     "show {scene} -o {out}.png --json {json}",
     "converge {scene} --set components.x_slider.fidelity=elastic --accuracy 20% --most-dofs 6000 -o {out} --json {json}",
 )
+LONG_COMMANDS = ("effects", "show", "converge")
 # what differs from one run to the next, and names of files
 NOT_FOUND = (
     "second",
@@ -243,7 +244,7 @@ def found(value: object) -> object:
 @pytest.mark.parametrize(
     "text",
     [
-        pytest.param(text, marks=[pytest.mark.trials] * text.startswith("effects"))
+        pytest.param(text, marks=[pytest.mark.trials] * text.startswith(LONG_COMMANDS))
         for text in COMMANDS
     ],
 )

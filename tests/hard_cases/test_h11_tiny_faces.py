@@ -109,6 +109,7 @@ def test_a_face_of_a_thousandth_of_the_length_keeps_its_facets_and_area(write_st
     assert_faithful(part(path, {"foot": "z-", "ledge": f"face:{tiny}"}, size=0.01))
 
 
+@pytest.mark.trials
 def test_a_part_like_a_sieve_is_refused_with_numbers_before_meshing(write_step: Write) -> None:
     holes = [
         (3, gmsh.model.occ.addCylinder(4 + 4 * i, 4 + 4 * j, -1, 0, 0, 42, 0.5))

@@ -94,6 +94,7 @@ def screw_frequency(places: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(1.0 / compliance / MASS) / (2.0 * np.pi))
 
 
+@pytest.mark.trials
 def test_over_1000_poses_each_curve_is_one_closed_form_from_end_to_end(scene_file: Path) -> None:
     results = run(scene_file, "travel")
     places = results.sweep.positions[:, 0]

@@ -28,6 +28,7 @@ def read_mesh(path: Path, text: str) -> None:
     mesh_component(Component("part", MeshFile(path, 1.0), STEEL))
 
 
+@pytest.mark.trials
 def test_sixteen_damaged_files_are_read_or_refused_by_name(tmp_path: Path) -> None:
     outcome = run_file_fuzz(16, seed=46, root=tmp_path)
     assert outcome.faults == []

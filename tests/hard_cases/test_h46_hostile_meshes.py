@@ -108,6 +108,7 @@ def test_arrays_of_another_size_than_stated_are_named(write: Callable[[str], Pat
         read_file(path)
 
 
+@pytest.mark.trials
 def test_a_bomb_of_compressed_zeros_is_stopped(write: Callable[[str], Path]) -> None:
     path = write("part.med")
     with h5py.File(path, "a") as file:

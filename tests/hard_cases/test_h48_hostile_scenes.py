@@ -116,6 +116,7 @@ def test_a_hostile_scene_is_answered_within_a_second(
     assert answers[name][1] < SECONDS_ALLOWED
 
 
+@pytest.mark.trials
 def test_three_hundred_damaged_scenes_load_or_are_refused(tmp_path: Path) -> None:
     outcome = run_scene_fuzz(300, seed=48, root=tmp_path)
     assert outcome.faults == []

@@ -66,6 +66,7 @@ def test_the_columns_frequencies_are_those_of_a_fine_mesh_within_half_a_percent_
     assert (column_hz > np.array(FINE_COLUMN_HZ) * (1.0 - 1e-4)).all()
 
 
+@pytest.mark.trials
 def test_the_column_bends_like_a_column_without_holes_pads_and_foot(column_hz: FloatArray) -> None:
     plain = HollowColumn((0.3, 0.3, 0.86), wall=0.022, cap=0.024, rib=0.016, ribs_z=2, ribs_y=1)
     bare = cantilever_frequencies(plain, CAST_IRON, 0.05, 2)[:2]
@@ -96,6 +97,7 @@ def test_the_column_bends_as_beam_theory_says(column_hz: FloatArray) -> None:
     assert column_hz == pytest.approx(expected, rel=0.12)
 
 
+@pytest.mark.trials
 def test_the_brackets_reduced_modes_are_those_of_its_full_model() -> None:
     component, supports = clamped(SUPPORT, STEEL, 0.007, 4)
     mesh = mesh_component(component, supports)
@@ -144,6 +146,7 @@ def generator(tmp_path: Path) -> Iterator[Path]:
     assert not gmsh.isInitialized()
 
 
+@pytest.mark.trials
 def test_the_generator_makes_the_committed_part(generator: Path, survey: CadSurvey) -> None:
     made, kept = survey_step(StepFile(generator)), survey
     assert [face.kind for face in made.faces] == [face.kind for face in kept.faces]

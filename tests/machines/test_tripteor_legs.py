@@ -82,6 +82,7 @@ def test_a_softer_second_road_is_seen(
     )
 
 
+@pytest.mark.trials
 def test_legs_alone_do_not_do_and_a_frame_that_sways_does() -> None:
     rms = {row.quantity.partition(":")[0]: row.value for row in check_compliances(MPI.COMM_SELF)}
     assert rms["elastic legs alone"] > 0.15 and rms["and sway of the frame along x"] < 0.06

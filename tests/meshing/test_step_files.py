@@ -224,6 +224,7 @@ def test_a_part_from_solidworks_is_meshed_with_its_inverted_elements_repaired_an
     assert areas == pytest.approx(mesh.quality.cad_areas, rel=1e-3)
 
 
+@pytest.mark.trials
 def test_a_cast_column_with_227_faces_is_meshed_within_the_default_budget(
     make_component: Make,
 ) -> None:
@@ -240,6 +241,7 @@ def test_a_cast_column_with_227_faces_is_meshed_within_the_default_budget(
     assert areas["rail"] == pytest.approx(0.056 * 0.78, rel=1e-9)
 
 
+@pytest.mark.trials
 def test_a_fine_curved_patch_does_not_refine_the_whole_part(make_component: Make) -> None:
     coarse = mesh_component(make_component(StepFile(SUPPORT), {"foot": Patch("z-")}, size=0.004))
     screw = {"foot": Patch("z-"), "screw": (Patch("face:8"), Patch("face:35"))}  # 3 mm in diameter
@@ -399,6 +401,7 @@ def perforated(tmp_path: Path, kernel: None) -> Path:
     return tmp_path / "perforated.step"
 
 
+@pytest.mark.trials
 def test_the_dofs_of_a_plate_with_many_small_holes_are_foreseen_within_a_factor_of_two(
     make_component: Make, perforated: Path
 ) -> None:

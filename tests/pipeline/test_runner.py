@@ -503,12 +503,17 @@ RICH = {"modes": 14, "gravity": True, "verify": True}
     "poorer",
     [
         {"modes": 6, "gravity": True},
-        {"modes": 6},
-        {"modes": 1, "verify": True},
-        {"modes": 0},
         {"modes_to_hz": 9000.0},
-        {"static_only": True},
-        {"static_only": True, "gravity": True},
+        *(
+            pytest.param(poorer, marks=pytest.mark.trials)
+            for poorer in (
+                {"modes": 6},
+                {"modes": 1, "verify": True},
+                {"modes": 0},
+                {"static_only": True},
+                {"static_only": True, "gravity": True},
+            )
+        ),
     ],
     ids=lambda wanted: " ".join(f"{key}={value}" for key, value in wanted.items()),
 )

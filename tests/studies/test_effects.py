@@ -91,6 +91,7 @@ def test_time_within_the_noise_is_no_cost() -> None:
     ]
 
 
+@pytest.mark.trials
 def test_every_effect_is_tried_and_the_strongest_comes_first(tmp_path: Path) -> None:
     plan = SceneChoice(
         SCENE,

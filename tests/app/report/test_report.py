@@ -571,6 +571,7 @@ def ball(count: int) -> Skin:
     return Skin(points, triangles, np.zeros((0, 2), dtype=np.int64), "mesh")
 
 
+@pytest.mark.trials
 def test_a_huge_machine_is_drawn_with_fewer_shapes_and_the_page_says_that_and_how_coarse_it_is(
     run_folder: Path,
 ) -> None:

@@ -19,6 +19,7 @@ def load_part(*settings: str) -> Component:
     return load_scene(SUPPORT, overrides=settings).machine.components["support"]
 
 
+@pytest.mark.trials
 def test_a_mesh_without_small_radii_is_smaller_keeps_its_interfaces_and_says_what_it_lacks() -> (
     None
 ):

@@ -68,6 +68,7 @@ def test_elements_are_small_at_the_rim_of_a_rigid_face_and_nowhere_else(
     assert np.median(edges_near(mesh, np.array([0.015, 0.2, 0.1]), 0.02)) > 0.015
 
 
+@pytest.mark.trials
 def test_elements_grow_from_a_strip_far_narrower_than_they_are(make_component: Make) -> None:
     strip = Patch("x+", "strip", (0.0, 0.0, 0.25), (0.0005,), "y")
     component = make_component(

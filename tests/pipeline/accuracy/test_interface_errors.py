@@ -110,7 +110,7 @@ def numbers(results: Results) -> list[tuple[float, float, float]]:
     ("coupling", "least", "most"),
     [
         ('"rigid"', 0.02, 0.1),
-        ('"average"', 0.01, 0.1),
+        pytest.param('"average"', 0.01, 0.1, marks=pytest.mark.trials),
         ("{ flexible = 12 }", 1e-3, 0.08),
         ('{ flexible = 12, form = "weak" }', 1e-3, 0.05),
     ],
@@ -276,7 +276,9 @@ def test_where_six_motions_are_enough_an_open_joint_keeps_them(folder: Path) -> 
     [
         (', coupling = "rigid"', "", False),
         ("", ', interfaces = "none"', False),
-        (', coupling = "average"', ', interfaces = "all"', True),
+        pytest.param(
+            ', coupling = "average"', ', interfaces = "all"', True, marks=pytest.mark.trials
+        ),
     ],
 )
 def test_what_is_written_stays_unless_all_may_be_chosen(

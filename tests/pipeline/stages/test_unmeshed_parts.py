@@ -97,6 +97,7 @@ def test_parts_from_files_are_drawn_and_weighed_from_files_read_once(
     )
 
 
+@pytest.mark.trials
 def test_another_part_has_other_properties_in_the_store(folder: Path) -> None:
     masses = []
     for unit in ("1 m", "1 m", "0.5 m"):

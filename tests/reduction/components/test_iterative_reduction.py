@@ -37,8 +37,8 @@ def reduce_by(
     ("shape", "kind", "couplings"),
     [
         (COLUMN, "tet10", ("rigid", "rigid")),
-        (BLOCK, "tet10", ("rigid", "average")),
-        (COLUMN, "tet10", ("average", "average")),
+        pytest.param(BLOCK, "tet10", ("rigid", "average"), marks=pytest.mark.trials),
+        pytest.param(COLUMN, "tet10", ("average", "average"), marks=pytest.mark.trials),
         (BLOCK, "tet10", ("average",)),
         (COLUMN, "tet10", ()),
         (COLUMN, "hex27", ("rigid", "average")),

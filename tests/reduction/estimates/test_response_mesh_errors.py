@@ -145,6 +145,7 @@ def test_a_free_machine_has_a_finite_error_on_every_line(
     np.testing.assert_allclose(mesh[1], mesh[0], atol=0.1 * np.abs(mesh[0]).max())
 
 
+@pytest.mark.trials
 def test_estimates_are_within_a_factor_of_three_and_rank_lines_and_meshes_as_the_true_errors_do(
     column: Callable[..., CoupledMachine],
 ) -> None:

@@ -73,6 +73,7 @@ def scene(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.trials
 def test_parameters_of_the_scene_are_found_again(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
