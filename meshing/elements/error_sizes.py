@@ -19,7 +19,9 @@ EDGE_OVER_SIZE = 1.1  # of tetrahedra that gmsh makes for a size, in the mean
 SMOOTH_RATE, SINGULAR_RATE = 4.0, 1.5
 SHARP_COSINE = float(np.cos(np.radians(50.0)))  # of facets that meet at an inner edge
 FINEST_STEP = 0.2  # from one mesh to the next an estimate can be trusted for this much
-MOST_TIMES = 12.0  # as many cells; where it was very coarse, the next mesh tells what is needed
+# times as many cells: as a new mesh is computed from the start, few more cost little; where the old one
+# was very coarse, the next tells what is needed
+LEAST_TIMES, MOST_TIMES = 1.25, 12.0
 HALVINGS = 60
 NEIGHBOURS = 4
 
@@ -60,8 +62,8 @@ def find_singular(mesh: ComponentMesh) -> NDArray[np.bool_]:
 def spread_error(
     mesh: ComponentMesh, energies: FloatArray, share: float, before: SizeField | None = None
 ) -> SizeField:
-    """The sizes with which the fewest cells miss so much of what a mesh misses, or what twelve times
-    as many can; none is larger than those of the mesh.
+    """The sizes with which the fewest cells miss so much of what a mesh misses, a quarter more of them
+    at least and twelve times as many at most; none is larger than those of the mesh.
 
     A cell misses ``e s^p`` when its size becomes ``s`` times what it is, with a power ``p`` that is
     smaller where stresses are singular. The fewest cells are needed where ``p e s^(p + 3)`` is equal
@@ -94,7 +96,8 @@ def spread_error(
         middle = np.sqrt(low * high)
         finer = steps(middle)
         missed, cells = float(energies @ finer**rates), float(crowd @ finer**-3.0)
-        enough = missed <= share * total or cells > MOST_TIMES * crowd.sum()
+        times = cells / crowd.sum()
+        enough = (missed <= share * total and times >= LEAST_TIMES) or times > MOST_TIMES
         low, high = (middle, high) if enough else (low, middle)
     # at a corner, as many cells per volume as the mean of those that meet in it
     ends = field.tets.ravel()

@@ -183,12 +183,13 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
 
 def follows_errors(component: Component) -> bool:
     """Whether the sizes of a mesh follow the errors of its cells from place to place."""
-    return component.fidelity == "elastic" and isinstance(component.solid, StepFile)
+    meshed = component.fidelity == "elastic" and not isinstance(component.solid, MeshFile)
+    return meshed and component.mesh.cells == "tet"
 
 
 def give_sizes(component: Component, sizes: SizeField) -> Component:
     """The component with other element sizes from place to place."""
-    mesh = dataclasses.replace(component.mesh, size=float(sizes.sizes.max()), sizes=sizes)
+    mesh = MeshSettings(float(sizes.sizes.max()), sizes=sizes, details=component.mesh.details)
     return dataclasses.replace(component, mesh=mesh)
 
 
