@@ -12,12 +12,11 @@ from headstock.app.pictures.numbered import LabelledSurface
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
 from headstock.geometry.parts.cad_faces import (
     CadFace,
-    SuggestedInterface,
     Vector,
     find_holes,
     name_faces,
-    suggest_interfaces,
 )
+from headstock.geometry.parts.interface_suggestions import LikelyInterface, likely_interfaces
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.components.cad_survey import CadSurvey, survey_step
 from headstock.meshing.components.mesh_survey import suggest_sets, survey_mesh
@@ -132,33 +131,35 @@ def survey_part(
     return mesh, survey_mesh(mesh, unit)
 
 
-def part_suggestions(survey: CadSurvey) -> list[SuggestedInterface]:
+def part_suggestions(survey: CadSurvey) -> list[LikelyInterface]:
     """Named sets of a mesh file first, then what the faces suggest."""
     named = suggest_sets(survey)
     taken = {found.name for found in named}
     return [
         *named,
-        *(found for found in suggest_interfaces(survey.faces) if found.name not in taken),
+        *(found for found in likely_interfaces(survey.faces) if found.name not in taken),
     ]
 
 
-def format_suggestions(name: str, suggestions: Sequence[SuggestedInterface]) -> str:
+def format_suggestions(name: str, suggestions: Sequence[LikelyInterface]) -> str:
     """Suggested interfaces as TOML to paste."""
     lines = [f"[components.{name}.interfaces]"]
     for found in suggestions:
         if len(found.faces) == 1:
             lines.append(f'{found.name} = {{ face = "{found.faces[0]}" }}  # {found.reason}')
             continue
-        patches = [f'{{ face = "{face}" }}' for face in found.faces]
-        short = f"{found.name} = {{ patches = [{', '.join(patches)}] }}  # {found.reason}"
+        rows = patch_rows(found)
+        short = f"{found.name} = {{ patches = [{', '.join(rows)}] }}  # {found.reason}"
         # arrays may run over several lines, inline tables may not
-        lines += [short] if len(short) <= SHORT_LINE else _spread(found, patches)
+        spread = [f"{found.name}.patches = [  # {found.reason}", *(f"    {r}," for r in rows), "]"]
+        lines += [short] if len(short) <= SHORT_LINE else spread
     return "\n".join(lines)
 
 
-def _spread(found: SuggestedInterface, patches: Sequence[str]) -> list[str]:
-    rows = [", ".join(patches[start : start + 4]) for start in range(0, len(patches), 4)]
-    return [f"{found.name}.patches = [  # {found.reason}", *(f"    {row}," for row in rows), "]"]
+def patch_rows(found: LikelyInterface) -> list[str]:
+    """The patches of an interface in TOML, four in a line."""
+    patches = [f'{{ face = "{face}" }}' for face in found.faces]
+    return [", ".join(patches[start : start + 4]) for start in range(0, len(patches), 4)]
 
 
 def _show_part(

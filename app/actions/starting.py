@@ -11,23 +11,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import click
-import numpy as np
 
 from headstock.app.actions.editor_schema import scene_schema
 from headstock.app.actions.showing import (
     PART_SUFFIXES,
     format_suggestions,
     part_suggestions,
+    patch_rows,
     survey_part,
 )
 from headstock.app.terminal.console import make_console
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.parts.cad_faces import (
-    CadFace,
-    SuggestedInterface,
-    name_faces,
-    suggest_interfaces,
-)
+from headstock.geometry.parts.interface_suggestions import LikelyInterface, likely_interfaces
 from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.components.cad_survey import CadSurvey
 from headstock.meshing.components.meshing import mesh_component
@@ -62,7 +57,7 @@ fidelity = "elastic"                # "rigid": six degrees of freedom and no mes
 {clamp}
 [analyses.modal]                    # natural frequencies and modes
 count = {count}
-"""
+{variant}"""
 CLAMP = """
 [joints.clamp]                      # {foot} is fixed to the ground: rigidly, or by the springs of a mount
 between = ["ground", "{part}.{foot}"]
@@ -75,6 +70,14 @@ tcp = {{ tool = "{part}.{tip}", work = "ground" }}
 
 [analyses.static]                   # compliance at the points, and which part of the machine it comes from
 at = "tcp"
+"""
+SCREWED = """
+[variants.screws]                   # run with --variant screws: fixed at {reason} alone
+"joints.clamp.between" = ["ground", "{part}.{screws}"]
+"components.{part}.interfaces.{foot}.coupling" = "average"
+"components.{part}.interfaces.{screws}.patches" = [
+{patches}
+]
 """
 FREE = "free = true                         # no support: six rigid-body modes come first\n"
 FIXED_MODES, FREE_MODES = 6, 12
@@ -112,6 +115,7 @@ def start_scene(request: StartRequest) -> int:
             f"{request.part.name} is no STEP or mesh file ({', '.join(PART_SUFFIXES)})"
         )
     files: list[Path] = []
+    choice = None
     if request.part is None:
         text, doubt = _box_scene(folder), None
     else:
@@ -120,6 +124,7 @@ def start_scene(request: StartRequest) -> int:
         text = write_part_scene(
             request.part, survey, _scene_name(folder), solid=request.solid, unit=unit
         )
+        choice = _describe_choice(likely_interfaces(survey.faces))
         files = [request.part]
         if isinstance(solid, MeshFile):
             files += solid.beside
@@ -134,7 +139,8 @@ def start_scene(request: StartRequest) -> int:
     if doubt is not None:
         console.print(f"warning: {doubt}", style="yellow", markup=False)
     scene = folder / _scene_name(folder)
-    if request.part is not None:
+    if choice is not None:
+        console.print(choice, markup=False)
         _try_mesh(scene)
     # as the reader types it: the launcher says how it was called
     command = shlex.quote(os.environ.get("HEADSTOCK_COMMAND", "headstock"))
@@ -204,6 +210,7 @@ def _box_scene(folder: Path) -> str:
         free="",
         clamp=CLAMP.format(part=PART_NAME, foot="foot", tip="tip"),
         count=FIXED_MODES,
+        variant="",
     )
 
 
@@ -230,15 +237,23 @@ def write_part_scene(
     Raises:
         HeadstockError: It has no two planes to hold it at.
     """
-    foot, tip = _choose_ends(survey.faces, suggest_interfaces(survey.faces))
+    found = likely_interfaces(survey.faces)
+    foot, tip = _choose_ends(found)
+    screws = next((one for one in found if one.role == "screws" and not free), None)
     others = [
-        found
-        for found in part_suggestions(survey)
-        if found.faces not in (foot.faces, tip.faces) and found.name not in (foot.name, tip.name)
+        one
+        for one in part_suggestions(survey)
+        if one.faces not in (foot.faces, tip.faces)
+        and one.name not in (foot.name, tip.name)
+        and one != screws
     ]
     chosen = [tip] if free else [foot, tip]
     table, *lines = format_suggestions(PART_NAME, chosen).splitlines()
     lines[-1] = lines[-1].replace(" }", ', coupling = "average" }', 1)
+    if others:
+        lines.append(
+            "# others; an area stiffens the part unless its coupling is average, even where nothing acts on it:"
+        )
     lines += [f"# {line}" for line in format_suggestions(PART_NAME, others).splitlines()[1:]]
     choice = "" if solid is None else f", solid = {_quote(solid)}"
     shape = f"{{ step = {_quote(part.name)}{choice} }}"
@@ -256,6 +271,7 @@ def write_part_scene(
         free=FREE if free else "",
         clamp="" if free else CLAMP.format(part=PART_NAME, foot=foot.name, tip=tip.name),
         count=FREE_MODES if free else FIXED_MODES,
+        variant="" if screws is None else _screwed(foot, screws),
     )
     # a finished mesh has the size it has
     return (
@@ -267,34 +283,36 @@ def write_part_scene(
     )
 
 
-def _choose_ends(
-    faces: Sequence[CadFace], suggestions: Sequence[SuggestedInterface]
-) -> tuple[SuggestedInterface, SuggestedInterface]:
-    """What to hold and where to look: the opposing planes, the lower one first, else the largest
-    plane and the farthest other.
+def _choose_ends(found: Sequence[LikelyInterface]) -> tuple[LikelyInterface, LikelyInterface]:
+    """What to hold and where to look.
+
+    Raises:
+        HeadstockError: There is no such pair.
     """
-    ends = [found for found in suggestions if found.reason.startswith("plane")]
-    if len(ends) == 2:
-        return (
-            (ends[1], ends[0])
-            if ends[1].name in ("bottom", "back", "right")
-            else (ends[0], ends[1])
-        )
-    planes = sorted((face for face in faces if face.kind == "plane"), key=lambda face: -face.area)
-    if len(planes) < 2:
+    ends = {one.role: one for one in found}
+    if "foot" not in ends:
         raise HeadstockError(
             "the part has no two plane faces to hold it by; write the scene by hand, see docs/scene_reference.md"
         )
-    names = name_faces(faces)
-    farthest = max(
-        planes[1:],
-        key=lambda face: float(np.linalg.norm(np.subtract(face.center, planes[0].center))),
-    )
-    foot = SuggestedInterface(
-        "foot", (names[planes[0].number],), f"plane, {planes[0].area * 1e4:.4g} cm^2"
-    )
-    return foot, SuggestedInterface(
-        "tip", (names[farthest.number],), f"plane, {farthest.area * 1e4:.4g} cm^2"
+    return ends["foot"], ends["tip"]
+
+
+def _describe_choice(found: Sequence[LikelyInterface]) -> str:
+    """Where the part is held and loaded, which the reader may want to change."""
+    foot, tip = _choose_ends(found)
+    lines = [
+        f"fixed at {foot.name}: {foot.reason}",
+        f"loaded at {tip.name}: {tip.reason}",
+        *(f"--variant {one.name}: fixed at {one.reason}" for one in found if one.role == "screws"),
+        "other faces and holes are in the scene as comments",
+    ]
+    return "\n".join(lines)
+
+
+def _screwed(foot: LikelyInterface, screws: LikelyInterface) -> str:
+    patches = "\n".join(f"    {row}," for row in patch_rows(screws))
+    return SCREWED.format(
+        part=PART_NAME, foot=foot.name, screws=screws.name, reason=screws.reason, patches=patches
     )
 
 

@@ -1,4 +1,4 @@
-"""The faces of a CAD part: ends, holes and names, and which of them are likely interfaces."""
+"""The faces of a CAD part: ends, holes and names."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,18 +16,6 @@ SAME_DIRECTION = 1e-6
 WHOLE_SHARE = (
     0.7  # of a cylinder's area: crossing holes take some off, and half a turn is the end of a slot
 )
-DIRECTION_NAMES = {
-    (0, 1): "front",
-    (0, -1): "back",
-    (1, 1): "left",
-    (1, -1): "right",
-    (2, 1): "top",
-    (2, -1): "bottom",
-}
-CANDIDATES = 24
-MOST_PATTERNS = 4
-SMALLEST_PATTERN = 2
-PARALLEL = 1.0 - 1e-6
 
 
 @dataclass(frozen=True)
@@ -79,12 +67,14 @@ class Hole:
         radius: [m].
         axis: Unit direction.
         place: The middle of its axis [m].
+        depth: Length along the axis [m].
     """
 
     faces: tuple[int, ...]
     radius: float
     axis: Vector
     place: Vector
+    depth: float
 
 
 class FittedCylinder(NamedTuple):
@@ -135,29 +125,38 @@ def find_holes(faces: Sequence[CadFace]) -> list[Hole]:
                 radius,
                 mates[0].axis,
                 (float(x), float(y), float(z)),
+                high - low,
             )
         )
     return holes
+
+
+def find_ends(faces: Sequence[CadFace]) -> dict[str, tuple[CadFace, ...]]:
+    """The flat faces in the planes at the ends of a part, by the name that selects them: ``z-``."""
+    extent = part_extent(faces)
+    found: dict[str, tuple[CadFace, ...]] = {}
+    for name, (axis, sign) in FACE_DIRECTIONS.items():
+        end = max(sign * (face.high if sign > 0.0 else face.low)[axis] for face in faces)
+        chosen = tuple(
+            face
+            for face in faces
+            if face.kind == "plane"
+            and abs(face.normal[axis]) > 1.0 - SAME_DIRECTION
+            and abs(sign * face.center[axis] - end) <= SAME_PLACE * extent
+        )
+        if chosen:
+            found[name] = chosen
+    return found
 
 
 def name_faces(faces: Sequence[CadFace]) -> dict[int, str]:
     """A name for each face by number: ``z-`` and the like where that selects this face alone, else
     ``face:N``.
     """
-    extent = part_extent(faces)
-    names = {face.number: f"face:{face.number}" for face in faces}
-    for name, (axis, sign) in FACE_DIRECTIONS.items():
-        end = max(sign * (face.high if sign > 0.0 else face.low)[axis] for face in faces)
-        chosen = [
-            face
-            for face in faces
-            if face.kind == "plane"
-            and abs(face.normal[axis]) > 1.0 - SAME_DIRECTION
-            and abs(sign * face.center[axis] - end) <= SAME_PLACE * extent
-        ]
-        if len(chosen) == 1:
-            names[chosen[0].number] = name
-    return names
+    alone = {
+        chosen[0].number: name for name, chosen in find_ends(faces).items() if len(chosen) == 1
+    }
+    return {face.number: alone.get(face.number, f"face:{face.number}") for face in faces}
 
 
 def part_extent(faces: Sequence[CadFace]) -> float:
@@ -176,97 +175,4 @@ def _share_cylinder(first: CadFace, second: CadFace, extent: float) -> bool:
         and abs(axis @ np.array(second.axis)) > 1.0 - SAME_DIRECTION
         and float(np.linalg.norm(apart - (apart @ axis) * axis)) <= tolerance
         and min(first.span[1], second.span[1]) - max(first.span[0], second.span[0]) > -tolerance
-    )
-
-
-@dataclass(frozen=True)
-class SuggestedInterface:
-    """An interface to paste into a scene.
-
-    Attributes:
-        name: A name that is unique among the suggestions.
-        faces: What ``face = ...`` takes, one per patch.
-        reason: What was found.
-    """
-
-    name: str
-    faces: tuple[str, ...]
-    reason: str
-
-
-def suggest_interfaces(faces: Sequence[CadFace]) -> list[SuggestedInterface]:
-    """Interfaces worth a look; empty where a part has neither opposing planes nor holes."""
-    names = name_faces(faces)
-    found: dict[str, SuggestedInterface] = {}
-    for face in _opposing_planes(faces):
-        axis = int(np.argmax(np.abs(face.normal)))
-        upright = abs(face.normal[axis]) > PARALLEL
-        name = (
-            DIRECTION_NAMES[axis, int(np.sign(face.normal[axis]))]
-            if upright
-            else f"face_{face.number}"
-        )
-        found[name] = SuggestedInterface(
-            name, (names[face.number],), f"plane, {face.area * 1e4:.4g} cm^2"
-        )
-    patterns = _hole_patterns(find_holes(faces), part_extent(faces))
-    for number, holes in enumerate(
-        [pattern for pattern in patterns if len(pattern) >= SMALLEST_PATTERN][:MOST_PATTERNS], 1
-    ):
-        chosen = tuple(names[face] for hole in holes for face in hole.faces)
-        reason = f"{len(holes)} holes of {2e3 * holes[0].radius:.4g} mm"
-        found[f"holes_{number}"] = SuggestedInterface(f"holes_{number}", chosen, reason)
-    single = max(
-        (pattern[0] for pattern in patterns if len(pattern) == 1),
-        key=lambda hole: hole.radius,
-        default=None,
-    )
-    if single is not None:
-        chosen = tuple(names[face] for face in single.faces)
-        found["bore"] = SuggestedInterface("bore", chosen, f"hole of {2e3 * single.radius:.4g} mm")
-    return list(found.values())
-
-
-def _opposing_planes(faces: Sequence[CadFace]) -> tuple[CadFace, ...]:
-    """The two planes that look away from each other with most between them: smaller area times
-    distance.
-    """
-    planes = sorted((face for face in faces if face.kind == "plane"), key=lambda face: -face.area)[
-        :CANDIDATES
-    ]
-    best: tuple[float, tuple[CadFace, ...]] = (0.0, ())
-    for index, first in enumerate(planes):
-        for second in planes[index + 1 :]:
-            normal = np.array(second.normal)
-            apart = float((np.array(second.center) - np.array(first.center)) @ normal)
-            if (
-                normal @ np.array(first.normal) < -PARALLEL
-                and min(first.area, second.area) * apart > best[0]
-            ):
-                best = (min(first.area, second.area) * apart, (first, second))
-    return best[1]
-
-
-def _hole_patterns(holes: Sequence[Hole], extent: float) -> list[list[Hole]]:
-    """Holes of one radius, with parallel axes and at one height along them; patterns of many holes
-    first.
-    """
-    patterns: list[list[Hole]] = []
-    for hole in holes:
-        for pattern in patterns:
-            if _match(pattern[0], hole, SAME_PLACE * extent):
-                pattern.append(hole)
-                break
-        else:
-            patterns.append([hole])
-    return sorted(patterns, key=len, reverse=True)
-
-
-def _match(first: Hole, second: Hole, tolerance: float) -> bool:
-    axis = np.array(first.axis)
-    apart = np.array(second.place) - np.array(first.place)
-    return (
-        abs(first.radius - second.radius) <= tolerance
-        and abs(axis @ np.array(second.axis)) > PARALLEL
-        and abs(float(axis @ apart)) <= tolerance
     )

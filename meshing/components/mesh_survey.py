@@ -7,8 +7,8 @@ from typing import cast
 
 import numpy as np
 
-from headstock.geometry.parts.cad_faces import SuggestedInterface
 from headstock.geometry.parts.components import Patch
+from headstock.geometry.parts.interface_suggestions import LikelyInterface
 from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.component_mesh import CellKind
 from headstock.meshing.components.cad_survey import CadSurvey, NamedSet
@@ -61,14 +61,14 @@ def survey_mesh(solid: MeshFile, unit: str | None = None) -> CadSurvey:
     return CadSurvey(faces, points, triangles, owners[sources], unit, tuple(sets))
 
 
-def suggest_sets(survey: CadSurvey) -> list[SuggestedInterface]:
+def suggest_sets(survey: CadSurvey) -> list[LikelyInterface]:
     """Interfaces from the named sets of a file."""
-    found: dict[str, SuggestedInterface] = {}
+    found: dict[str, LikelyInterface] = {}
     for one in survey.sets[:MOST_SUGGESTED]:
         name = re.sub(r"\W+", "_", one.name, flags=re.ASCII).strip("_")
         if not name or name[0].isdigit():
             name = f"set_{name}"
         if name not in found and '"' not in one.name and "\\" not in one.name:
             reason = f"set of {one.facets} facets, {one.area * 1e4:.4g} cm^2"
-            found[name] = SuggestedInterface(name, (f"set:{one.name}",), reason)
+            found[name] = LikelyInterface(name, (f"set:{one.name}",), reason, "set")
     return list(found.values())

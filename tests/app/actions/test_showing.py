@@ -261,7 +261,10 @@ def test_a_new_scene_of_a_part_checks_and_holds_a_copy_of_it(
     assert main(["check", "mine/mine.toml"]) == 0
     scene = load_scene(folder / "mine" / "mine.toml")
     assert set(scene.machine.components["part"].interfaces) == {"bottom", "top"}
-    assert "next: 'my clone/headstock' run mine/mine.toml" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "fixed at bottom: plane, 7.662 cm^2: 34.45 × 27.01 mm at (-8, 0, -10) mm\n" in said
+    assert "loaded at top: plane, 3.534 cm^2" in said
+    assert "next: 'my clone/headstock' run mine/mine.toml" in said
 
 
 @pytest.mark.trials
@@ -271,15 +274,38 @@ def test_suggestions_left_as_comments_are_valid_when_the_comment_signs_go(folder
     lines = path.read_text().splitlines()
     start = lines.index("[components.part.interfaces]")
     end = lines.index("", start)
-    lines[start:end] = [line.removeprefix("# ") for line in lines[start:end]]
+    lines[start:end] = [
+        line if line.startswith("# others") else line.removeprefix("# ")
+        for line in lines[start:end]
+    ]
     path.write_text("\n".join(lines))
-    assert set(load_scene(path).machine.components["part"].interfaces) == {
-        "bottom",
-        "top",
-        "holes_1",
-        "holes_2",
-        "bore",
-    }
+    interfaces = set(load_scene(path).machine.components["part"].interfaces)
+    assert interfaces >= {"bottom", "top", "holes_1", "holes_2", "bore", "face_19", "face_17"}
+
+
+def test_the_scene_of_a_plate_with_screw_holes_has_a_variant_that_is_fixed_at_them_alone(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    gmsh.initialize(interruptible=False, readConfigFiles=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        occ = gmsh.model.occ
+        plate = occ.addBox(0, 0, 0, 80, 60, 20)
+        holes = [(3, occ.addCylinder(x, y, 0, 0, 0, 20, 4)) for x in (15, 65) for y in (15, 45)]
+        occ.cut([(3, plate)], holes)
+        occ.synchronize()
+        gmsh.write(str(folder / "plate.step"))
+    finally:
+        gmsh.finalize()
+    assert main(["new", "mine", "--part", "plate.step"]) == 0
+    assert "--variant screws: fixed at 4 holes of 8 mm" in capsys.readouterr().out
+    scene = load_scene(folder / "mine" / "mine.toml", variant="screws")
+    assert "screws" in str(scene.machine.joints["clamp"].ends)
+    interfaces = scene.machine.components["part"].interfaces
+    assert len(interfaces["screws"].patches) == 4
+    assert {name: one.coupling for name, one in interfaces.items()} == {
+        "bottom": "average", "top": "average", "screws": "rigid",
+    }  # fmt: skip
 
 
 def test_a_part_that_cannot_be_meshed_is_not_called_ready(
