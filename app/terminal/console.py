@@ -3,13 +3,15 @@
 """
 
 import os
+import re
 import sys
-from collections.abc import Sequence
-from typing import TextIO
+from collections.abc import Iterable, Sequence
+from typing import Any, TextIO
 
 from rich import box
 from rich.cells import cell_len
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
@@ -18,13 +20,34 @@ from headstock.scene.scene import Scene
 WIDTH_WITHOUT_TERMINAL = 100
 
 
-class _PipedConsole(Console):
-    """Lets a command end as others do when the next one in a pipe closes it, without rich's own
-    exit.
+# rich breaks lines at every kind of space; this stands for one where it must not
+UNBROKEN_SPACE = "\ue000"
+BEFORE_PERCENT = re.compile(r"(?<=\d) (?=%)")
+
+
+class Screen(Console):
+    """A console that keeps a number and its per cent sign in one line, and lets a command end as
+    others do when the next one in a pipe closes it, without rich's own exit.
     """
 
     def on_broken_pipe(self) -> None:
+        """End as other commands do."""
         raise BrokenPipeError
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """A text with what may not be torn apart marked."""
+        return super().render_str(_keep_percents(text), **options)
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
+        """What is written, marks as spaces."""
+        for segment in super().render(renderable, options):
+            yield segment._replace(text=segment.text.replace(UNBROKEN_SPACE, " "))
+
+
+def _keep_percents(text: str) -> str:
+    return BEFORE_PERCENT.sub(UNBROKEN_SPACE, text)
 
 
 def is_terminal(stream: TextIO) -> bool:
@@ -38,9 +61,7 @@ def make_console(*, stderr: bool = False) -> Console:
     """A console that does not colour numbers, 100 columns wide where there is no terminal."""
     terminal = is_terminal(sys.stderr if stderr else sys.stdout)
     width = None if terminal or "COLUMNS" in os.environ else WIDTH_WITHOUT_TERMINAL
-    return _PipedConsole(
-        stderr=stderr, highlight=False, width=width, emoji=False, force_terminal=terminal
-    )
+    return Screen(stderr=stderr, highlight=False, width=width, emoji=False, force_terminal=terminal)
 
 
 def print_remarks(remarks: Sequence[str]) -> None:
@@ -106,7 +127,7 @@ def make_table(*headings: str) -> Table:
 def add_row(table: Table, *cells: str) -> None:
     """Add a row of plain text."""
     # names come from scenes: a bracket in one is no markup
-    table.add_row(*(Text(cell) for cell in cells))
+    table.add_row(*(Text(_keep_percents(cell)) for cell in cells))
 
 
 def print_table(console: Console, title: str, table: Table) -> None:

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 from scipy.spatial import cKDTree
 
 from common import present, sketch
@@ -30,6 +29,7 @@ from headstock.app.report.viewer_data import (
     script_json,
 )
 from headstock.app.tables.table import Column
+from headstock.app.terminal.console import Screen
 from headstock.app.terminal.summary import tell_rows
 from headstock.geometry.frames import FloatArray, Frame, rigid_map
 from headstock.geometry.parts.skins import Skin
@@ -701,7 +701,7 @@ def test_roundoff_beside_numbers_in_the_same_unit_is_shown_as_zero() -> None:
         "0.5000",
     ]
     screen = io.StringIO()
-    Console(file=screen, width=60).print(tell_rows(columns, rows[:2]))
+    Screen(file=screen, width=60).print(tell_rows(columns, rows[:2]))
     cells = [word for word in screen.getvalue().split() if word[0].isdigit()]
     assert cells == ["1", "12.5", "0", "2", "11", "0"]
 

@@ -6,12 +6,11 @@ import io
 import re
 
 import pytest
-from rich.console import Console
 
 from common import sketch
 from headstock.app.tables.run import list_tables
 from headstock.app.tables.static import shared_budget
-from headstock.app.terminal.console import add_row, make_table, print_table
+from headstock.app.terminal.console import Screen, add_row, make_console, make_table, print_table
 from headstock.app.terminal.summary import describe_position, print_summary
 from headstock.app.texts.bounded_values import (
     bound_size,
@@ -87,7 +86,7 @@ WORDS = (
 
 def print_narrow(width: int | None, *, terminal: bool = True) -> str:
     stream = io.StringIO()
-    console = Console(file=stream, width=width, force_terminal=terminal, color_system=None)
+    console = Screen(file=stream, width=width, force_terminal=terminal, color_system=None)
     table = make_table(
         ">no.", ">undamped Hz", "<± Hz", ">damped Hz", ">damping", "mode", "strain energy in"
     )
@@ -216,3 +215,19 @@ def test_what_one_part_alone_gives_is_no_budget(capsys: pytest.CaptureFixture[st
     point["budget"]["x"] = {"column": 0.75, "clamp": 0.25}
     print_summary(summary, seconds=1.0, folder="out")
     assert "budget x  column                    75.0 %" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("columns", [40, 41, 42, 43, 80])
+def test_a_per_cent_sign_stays_with_its_number(
+    columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    console = make_console()
+    table = make_table(">no.", "strain energy in")
+    shares = ", ".join(f"pad_{number} {20 + number} %" for number in range(12))
+    add_row(table, "1", shares)
+    print_table(console, "Modes", table)
+    console.print(shares, markup=False)
+    shown = capsys.readouterr().out
+    assert not re.search(r"\d *\n *%", shown)
+    assert len(re.findall(r"\d %", shown)) == 24
