@@ -57,9 +57,16 @@ STAGE_SECONDS = {
 STEPS_PER_SECOND = 3e4  # of a contour of a lumped mechanism
 # of a machine of components in its modes: elastic legs of the Tripteor up to 1 kHz, 41 modes (docs/contouring.md)
 COUPLED_STEPS_PER_SECOND = 6.6e3
-# a lumped contour whose drives are under control takes so many times as long; the states of
-# controllers are few beside the modes of components
-CONTROLLED_COST = 7.0
+# the same with waves of the teeth before, with the full equations (of a lumped mechanism) or friction
+# at the speeds of the motors (of components), and with both; CPU seconds of the Tripteor, lumped and with
+# rigid legs under control, blocks of 5 to 30 mm, on a busy core of a virtual AMD EPYC
+REGENERATIVE_STEPS_PER_SECOND = 7e3
+NONLINEAR_STEPS_PER_SECOND = 900.0
+COUPLED_REGENERATIVE_STEPS_PER_SECOND = 750.0
+COUPLED_NONLINEAR_STEPS_PER_SECOND = 2.3e3
+COUPLED_BOTH_STEPS_PER_SECOND = 700.0
+# a lumped contour whose drives are under control takes so many times as long (1.2 to 1.5, as above)
+CONTROLLED_COST = 1.5
 POSES_PER_SECOND = 7e3  # of a map
 COUPLINGS_PER_SECOND = 60.0  # of a volumetric map
 MOST_GUESSED_MODES = 300
@@ -68,6 +75,25 @@ CONTROL_POINT_DOFS = 4
 # estimates are refused only where they exceed the limit by more than their own error; the run
 # itself stops at the limit
 TIME_MARGIN = 2.0
+
+
+def contour_rate(*, lumped: bool, nonlinear: bool, regenerative: bool) -> float:
+    """Time steps of a contour per second of processor time.
+
+    Args:
+        lumped: A lumped mechanism, which has no regeneration in the full equations.
+        nonlinear: The full equations, or friction at the speeds of the motors.
+        regenerative: Teeth meet the waves of those before.
+    """
+    if lumped:
+        if nonlinear:
+            return NONLINEAR_STEPS_PER_SECOND
+        return REGENERATIVE_STEPS_PER_SECOND if regenerative else STEPS_PER_SECOND
+    if nonlinear and regenerative:
+        return COUPLED_BOTH_STEPS_PER_SECOND
+    if nonlinear:
+        return COUPLED_NONLINEAR_STEPS_PER_SECOND
+    return COUPLED_REGENERATIVE_STEPS_PER_SECOND if regenerative else COUPLED_STEPS_PER_SECOND
 
 
 class BudgetError(HeadstockError):

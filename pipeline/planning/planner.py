@@ -20,13 +20,12 @@ from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFil
 from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
 from headstock.pipeline.planning.budgets import (
     CONTROLLED_COST,
-    COUPLED_STEPS_PER_SECOND,
     COUPLINGS_PER_SECOND,
     POSES_PER_SECOND,
     STAGE_SECONDS,
-    STEPS_PER_SECOND,
     check_cells,
     check_time,
+    contour_rate,
     displacement_dofs,
     iterative_memory_mb,
     iterative_seconds,
@@ -148,7 +147,12 @@ def plan_scene(
     if scene.analyses.contouring is not None:
         steps = contour_steps(scene.analyses.contouring)
         steps *= CONTROLLED_COST if scene.drives and scene.is_lumped else 1.0
-        rate = STEPS_PER_SECOND if scene.is_lumped else COUPLED_STEPS_PER_SECOND
+        contour = scene.analyses.contouring
+        rate = contour_rate(
+            lumped=scene.is_lumped,
+            nonlinear=contour.model == "nonlinear",
+            regenerative=contour.regeneration and contour.cutting,
+        )
         what = scene.analyses.contouring.describe() + _name_acting(scene)
         stages.append(Stage("contour", None, what, estimated_seconds=steps / rate))
     if scene.analyses.path is not None:

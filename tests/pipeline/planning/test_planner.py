@@ -27,6 +27,7 @@ from headstock.pipeline.planning.planner import (
     default_mode_count,
     plan_scene,
 )
+from headstock.scene.building.loader import load_scene
 from headstock.scene.requests import Analyses, FrfRequest, ModalRequest, StaticRequest
 from headstock.scene.scene import Limits, Scene
 
@@ -313,3 +314,22 @@ def test_every_stage_has_a_reason() -> None:
     )
     stages = plan_scene(scene).stages
     assert len(stages) > 3 and all(stage.reason for stage in stages)
+
+
+def test_a_contour_that_looks_back_or_repeats_its_steps_is_planned_for_longer() -> None:
+    """Seconds of a block of 5 mm on rigid legs under control took 5.7, 31, 10 and 33."""
+    scene = Path(__file__).parents[3] / "machines" / "tripteor.toml"
+    base = (
+        "effects.friction=true",
+        'analyses.contouring.side="5 mm"',
+        "analyses.contouring.on_request=false",
+        "analyses.contouring.steps_per_turn=80",
+    )
+    nonlinear, waves = 'analyses.contouring.model="nonlinear"', "effects.regeneration=true"
+    planned = []
+    for more in ((), (waves,), (nonlinear,), (nonlinear, waves)):
+        loaded = load_scene(scene, variant="components+controlled", overrides=(*base, *more))
+        stages = {stage.kind: stage.estimated_seconds for stage in plan_scene(loaded).stages}
+        planned.append(stages["contour"] or 0.0)
+    for seconds, taken in zip(planned, (5.7, 31.0, 10.0, 33.0), strict=True):
+        assert 0.5 * taken < seconds < 1.5 * taken
