@@ -177,6 +177,8 @@ def test_the_site_builds_and_none_of_its_links_is_broken(tmp_path: Path) -> None
     assert {path.stem for path in (ROOT / "docs").glob("*.md")} <= pages
     assert "hs.load" in (tmp_path / "site" / "notebooks" / "first_machine.html").read_text()
     assert "identify" in (tmp_path / "site" / "api.html").read_text()
+    # a script from a network: search was hidden where there is none
+    assert 'src="http' not in (tmp_path / "site" / "index.html").read_text()
 
 
 def test_the_list_of_hard_cases_is_what_their_tests_say_of_themselves() -> None:
