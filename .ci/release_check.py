@@ -36,6 +36,7 @@ NOT_IN_WHEEL = ("app/report/viewer/package*.json", "*.md", "*/.npmrc", "*/.gitig
 # files that others made, or that hold what others made, and where their licence is
 FOREIGN = {
     "app/report/viewer/viewer.bundle.js": "app/report/viewer/LICENSES.txt",
+    "docs/javascripts/iframe-worker.js": "docs/javascripts/iframe-worker.LICENSE",
     "tests/data/support.step": "tests/data/support.LICENSE",
 }
 # files of kinds that come from others as a rule, and what of this project writes them
