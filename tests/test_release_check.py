@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 # what the checks read of a tree
 READ = (
     *("pyproject.toml", "CITATION.cff", "CHANGELOG.md", "LICENSE", "Dockerfile", "environment.yml"),
-    *("environment", "app/report/viewer", "tests/data", "machines"),
+    *("environment", "app/report/viewer", "docs/javascripts", "tests/data", "machines"),
     *("app/report/response_cursor.js", "app/report/sweep_maps.js"),
 )
 
