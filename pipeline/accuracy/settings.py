@@ -57,7 +57,6 @@ REDUCTION_SHARE = 0.25  # of the accuracy, left to the modes
 # errors fall like size^2 between smooth fields (4) and the rims of rigid interfaces in blocks of
 # hexes (about 1)
 DEFAULT_RATE, SLOWEST_RATE, FASTEST_RATE = 2.2, 0.8, 4.0
-FILE_RATE = 1.5  # CAD parts have sharp inner edges all over
 # five times the dofs: where errors fall slowly, more would overshoot
 LEAST_STEP, LARGEST_STEP = (
     0.85,
@@ -164,7 +163,7 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
         raise ValueError("a mesh without a size cannot be refined")
     step = float(
         np.clip(
-            ratio ** (1.0 / observed_rate(trials, _expected_rate(component))),
+            ratio ** (1.0 / observed_rate(trials)),
             LARGEST_STEP,
             LEAST_STEP,
         )
@@ -209,8 +208,6 @@ def _shrink(component: Component, mesh: MeshSettings, step: float) -> MeshSettin
         finer = dataclasses.replace(
             finer, growth=_round(max(LEAST_GROWTH, np.sqrt(step) * mesh.growth))
         )
-    if mesh.details is not None:
-        finer = dataclasses.replace(finer, details=_round(step * mesh.details))
     if mesh.rim_size is not None:
         finer = dataclasses.replace(finer, rim_size=_round(step**RIM_POWER * mesh.rim_size))
     return finer
@@ -275,10 +272,6 @@ def observed_rate(trials: tuple[Trial, ...], expected: float = DEFAULT_RATE) -> 
     return max(estimated, min(counted, expected))
 
 
-def _expected_rate(component: Component) -> float:
-    return FILE_RATE if isinstance(component.solid, StepFile) else DEFAULT_RATE
-
-
 def _rate(finer: float, better: float) -> float:
     if finer <= 1.0 or better <= 1.0:
         return SLOWEST_RATE
@@ -287,7 +280,7 @@ def _rate(finer: float, better: float) -> float:
 
 def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
     solid = component.solid
-    step = min(1.0, (accuracy / START_ACCURACY) ** (1.0 / _expected_rate(component)))
+    step = min(1.0, (accuracy / START_ACCURACY) ** (1.0 / DEFAULT_RATE))
     if isinstance(solid, StepFile):
         size = COARSER_PART * automatic_size(component)
         return MeshSettings(_round(size), details=_round(DETAIL_SHARE * size))
