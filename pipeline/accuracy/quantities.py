@@ -18,7 +18,7 @@ from headstock.pipeline.stages.run_state import RunState
 
 # What ± takes at most to cover 95 % of true errors (`validate coverage`), hexahedra with less in
 # proportion, counts until a component was refined: then its rounds tell how good its estimates are.
-MESH_SAFETY = 1.8
+MESH_SAFETY = 1.55
 Owner = tuple[str, str]  # component, source of error
 # key of a number and owner to what the estimate is multiplied by
 Factors = Mapping[tuple[str, Owner], float]

@@ -42,8 +42,8 @@ ENERGY_DEGREES = {("tet", 1): 2, ("tet", 2): 4, ("hex", 1): 3, ("hex", 2): 5}
 # on parts of `validate coverage` and tried on others; second-order hexahedra that fill a wall alone
 # need more than those with neighbours across.
 SAFETY: dict[tuple[Family, int], float] = {
-    ("tet", 1): 1.8,
-    ("tet", 2): 1.8,
+    ("tet", 1): 1.55,
+    ("tet", 2): 1.55,
     ("hex", 1): 1.8,
     ("hex", 2): 1.4,
 }
