@@ -16,8 +16,9 @@ from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.stages.run_state import RunState
 
-# What ± takes at most to cover 95 % of true errors (`validate coverage`), hexahedra with less in
-# proportion, counts until a component was refined: then its rounds tell how good its estimates are.
+# What ± takes to cover 95 % of true errors (`validate coverage`), hexahedra with less in proportion,
+# counts until a component was refined: then its rounds tell how good its estimates are, between a
+# share of them and more than ± takes (LEAST_FACTOR, MOST_FACTOR).
 MESH_SAFETY = 1.55
 Owner = tuple[str, str]  # component, source of error
 # key of a number and owner to what the estimate is multiplied by
@@ -29,6 +30,7 @@ LEVEL_SAFETY = 1.5
 # In walls and beside grid lines of patches estimates of hexahedra came out up to four times the
 # true error; no less than this share of them counts.
 LEAST_FACTOR = 0.4
+MOST_FACTOR = 1.8  # the smallest estimates are little more than half of the true error
 # One that moved little by chance counts as much as this share of the largest factor among numbers
 # with at least half of the component's largest error.
 SHARED, DECISIVE = 0.7, 0.5
@@ -242,7 +244,7 @@ def weigh_estimates(
         decisive = DECISIVE * max(part for part, _ in own.values())
         least = SHARED * max(ratio for part, ratio in own.values() if part >= decisive)
         for key, (_, ratio) in own.items():
-            found = float(np.clip(max(ratio, least), LEAST_FACTOR, MESH_SAFETY))
+            found = float(np.clip(max(ratio, least), LEAST_FACTOR, MOST_FACTOR))
             close = steps[owner[0]] > CLOSE
             factors[key, owner] = min(found, known.get((key, owner), found)) if close else found
     return factors

@@ -5,6 +5,7 @@ import pytest
 from headstock.pipeline.accuracy.quantities import (
     LEAST_FACTOR,
     MESH_SAFETY,
+    MOST_FACTOR,
     SHARED,
     Quantity,
     count_safely,
@@ -39,7 +40,7 @@ def test_what_is_counted_covers_the_true_error_without_waste(
 ) -> None:
     counted, true = rounds(effectivity, rate=rate)
     assert counted >= true
-    assert counted <= MESH_SAFETY * effectivity * true
+    assert counted <= MOST_FACTOR * effectivity * true
     # one and a half times the true error, but for the least that counts
     assert counted <= max(1.6, LEAST_FACTOR * effectivity) * true
 
