@@ -36,7 +36,7 @@ from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import AccuracyGoal, Scene
 
 # Share of the accuracy that the next round aims at: one that misses by little costs another one
-LEAST_AIM, MOST_AIM = 0.64, 0.95
+AIM = 0.75
 ERROR_STEP = 0.9  # by which the error of an owner is thought to fall at a time
 # errors fall with about the second power of the mesh size; processor time grows with its third
 COST_POWER = 1.5
@@ -216,7 +216,6 @@ def _wanted_ratios(
         for other in groups[owner]
     }
     bounded = [quantity for quantity in short if np.isfinite(quantity.error)]
-    aims = {quantity.key: accuracy * choose_aim(accuracy / quantity.error) for quantity in bounded}
     while bounded:
         left = {
             quantity.key: {
@@ -224,9 +223,8 @@ def _wanted_ratios(
             }
             for quantity in bounded
         }
-        key = max(left, key=lambda key: sum(left[key].values()) / aims[key])
-        worst = left[key]
-        if sum(worst.values()) <= aims[key]:
+        worst = max(left.values(), key=lambda parts: sum(parts.values()))
+        if sum(worst.values()) <= AIM * accuracy:
             break
 
         def gain(owner: Owner, worst: Mapping[Owner, float] = worst) -> float:
@@ -240,16 +238,6 @@ def _wanted_ratios(
         for other in groups[best]:
             ratios[other] = ERROR_STEP * ratios.get(other, 1.0)
     return ratios
-
-
-def choose_aim(fall: float) -> float:
-    """Share of the accuracy that a round aims at: as far below it as the error is above, as rounds come
-    out above their aim by some part of what they take.
-
-    Args:
-        fall: The accuracy over the error of the round before.
-    """
-    return float(np.clip(fall, LEAST_AIM, MOST_AIM))
 
 
 def _added_seconds(seconds: float, ratio: float) -> float:

@@ -107,7 +107,8 @@ def test_a_mesh_whose_error_is_small_enough_gets_the_fewest_more_cells() -> None
     )
     same = spread_error(graded, np.ones(len(graded.cells)), 1.0)
     again = mesh_component(give_sizes(BEAM, same))
-    assert len(again.cells) == pytest.approx(LEAST_TIMES * len(graded.cells), rel=0.15)
+    # as many where gmsh makes cells of EDGE_OVER_SIZE; a beam takes a quarter more
+    assert 0.9 * LEAST_TIMES < len(again.cells) / len(graded.cells) < 1.3 * LEAST_TIMES
     assert same.cells == pytest.approx(len(again.cells), rel=0.35)
 
 

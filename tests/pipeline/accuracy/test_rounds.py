@@ -8,7 +8,7 @@ import pytest
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.accuracy.quantities import Owner, Quantity
-from headstock.pipeline.accuracy.rounds import _wanted_ratios, choose_aim
+from headstock.pipeline.accuracy.rounds import AIM, _wanted_ratios
 from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
@@ -32,12 +32,7 @@ def test_numbers_that_just_miss_refine_the_body_at_fault_alone_and_no_further_th
     just = number(0.028, 0.004)
     ratios = _wanted_ratios([just, number(0.001, 0.001, key="f2")], 0.03, PARTS, EQUAL)
     assert set(ratios) == {MESH["base"]}
-    assert 0.8 * 0.03 < left_over(just, ratios) <= 0.95 * 0.03
-
-
-def test_a_round_aims_the_lower_the_further_an_error_has_to_fall() -> None:
-    aims = [choose_aim(fall) for fall in (0.99, 0.5, 0.3, 0.01)]
-    assert aims[0] == 0.95 and aims[-1] == 0.64 and aims == sorted(aims, reverse=True)
+    assert 0.8 * AIM * 0.03 < left_over(just, ratios) <= AIM * 0.03
 
 
 def test_every_number_is_expected_to_be_right() -> None:
@@ -49,11 +44,7 @@ def test_every_number_is_expected_to_be_right() -> None:
             for row in range(len(parts))
         ]
         ratios = _wanted_ratios(numbers, 0.03, PARTS, EQUAL)
-        assert all(
-            left_over(one, ratios) <= choose_aim(0.03 / one.error) * 0.03
-            for one in numbers
-            if one.error > 0.03
-        )
+        assert all(left_over(one, ratios) <= AIM * 0.03 for one in numbers if one.error > 0.03)
 
 
 def test_of_bodies_that_make_as_much_of_the_error_the_cheaper_one_is_refined() -> None:
