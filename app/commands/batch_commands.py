@@ -220,7 +220,7 @@ def sweep(
 def compare(
     scene: SceneFile,
     variants: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
             "--variants",
             metavar="A,B,C",
@@ -235,7 +235,7 @@ def compare(
         ),
     ] = True,
     fidelity: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
             "--fidelity",
             metavar="A,B",

@@ -233,6 +233,7 @@ def read_percent(text: str) -> float:
     return share
 
 
-def split_list(text: str | None) -> tuple[str, ...]:
-    """The parts of ``A, B,C``."""
-    return tuple(part.strip() for part in (text or "").split(",") if part.strip())
+def split_list(texts: list[str] | None) -> tuple[str, ...]:
+    """The parts of ``A, B,C``, of an option given once or more often."""
+    parts = (part.strip() for text in texts or [] for part in text.split(","))
+    return tuple(part for part in parts if part)

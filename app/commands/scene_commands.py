@@ -164,7 +164,7 @@ def effects(
     analysis: Names = None,
     set_: Overrides = None,
     only: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
             "--only",
             metavar="A,B",

@@ -110,6 +110,16 @@ def test_a_variant_keeps_every_letter_before_it_and_has_a_name_of_its_own(tmp_pa
     assert windows.count("\n") == windows.count("\r\n")
 
 
+def test_words_of_an_option_given_twice_are_all_taken(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    listed = []
+    for only in (["--only", "modes,mesh"], ["--only", "modes", "--only", "mesh"]):
+        assert main(["effects", str(MACHINES / "three_axis.toml"), "--list", *only]) == 0
+        listed.append(capsys.readouterr().out)
+    assert listed[0] == listed[1] and "mesh" in listed[0] and "modes" in listed[0]
+
+
 def test_the_command_writes_a_scene_that_checks_and_runs_and_overwrites_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
