@@ -20,6 +20,7 @@ from headstock.pipeline.accuracy.replay import write_sizes
 from headstock.pipeline.accuracy.search import AccuracySearch, search_settings
 from headstock.pipeline.contours.contouring import run_contour_stage
 from headstock.pipeline.contours.tool_moves import run_any_path_stage
+from headstock.pipeline.lobes.lobes import run_lobes_stage
 from headstock.pipeline.planning.budgets import check_elapsed
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
@@ -34,7 +35,6 @@ from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.views import MachineView
 from headstock.pipeline.stages.control import run_control_stage
 from headstock.pipeline.stages.frf import run_frf_stage
-from headstock.pipeline.stages.lobes import run_lobes_stage
 from headstock.pipeline.stages.machine import run_couple_stage
 from headstock.pipeline.stages.map import run_map_stage
 from headstock.pipeline.stages.mechanism import run_place_stage

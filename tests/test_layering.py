@@ -72,6 +72,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "stages": {"planning", "storage", "answers", "results"},
         "preview": {"planning", "storage", "answers", "results", "stages"},
         "contours": {"planning", "storage", "answers", "results", "stages"},
+        "lobes": {"planning", "storage", "answers", "results", "stages"},
         "accuracy": {"planning", "storage", "answers", "results", "stages", "contours"},
     },
     "studies": {"parameters": set(), "sweeps": set(), "identification": set()},

@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from headstock.app.charts.charts import INK, calm_axes, encode_figure, line_style, new_figure
+from headstock.app.charts.charts import DPI, INK, calm_axes, encode_figure, line_style, new_figure
 from headstock.app.tables.sweep_quantities import Quantity, list_quantities
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import SCENE_UNITS
@@ -14,6 +15,9 @@ from headstock.studies.sweeps.files import SweepSummary, SweptAxes
 from headstock.studies.sweeps.results import LimitMap
 
 PER_ROW = 3
+FIELD_INCHES = (4.0, 3.5)
+# left, bottom, width, height of a field's map and of its colours, in fields
+MAP_SHARE, BAR_SHARE = (0.14, 0.13, 0.68, 0.79), (0.84, 0.13, 0.03, 0.79)
 MANY = 60  # poses that need no markers
 LEGEND_LINES = 20  # beside a chart
 DEEPEST_SHOWN = (
@@ -144,22 +148,34 @@ def middle_plane(summary: SweepSummary, values: FloatArray, axes: list[int]) -> 
 
 
 def _draw_maps(summary: SweepSummary, quantities: list[Quantity], axes: list[int]) -> bytes:
-    rows = -(-len(quantities) // PER_ROW)
-    figure = new_figure(12.0, 0.4 + 3.5 * rows)
+    rows, columns = -(-len(quantities) // PER_ROW), min(PER_ROW, len(quantities))
+    # fields of one size at places of their own: to measure every label takes longer than to draw all
+    wide, high = FIELD_INCHES
+    figure = Figure(figsize=(wide * columns, high * rows), dpi=DPI)
     positions = np.array(summary["positions"], dtype=float)
     spans = []
     for axis in axes:
         factor, word = SCENE_UNITS[summary["units"][axis]]
         spans.append((factor * np.unique(positions[:, axis]), f"{summary['axes'][axis]} [{word}]"))
-    for number, quantity in enumerate(quantities, start=1):
-        frame = figure.add_subplot(rows, min(PER_ROW, len(quantities)), number)
+    for number, quantity in enumerate(quantities):
+        frame, beside = (
+            figure.add_axes(
+                (
+                    (number % columns + left) / columns,
+                    (rows - 1 - number // columns + bottom) / rows,
+                    width / columns,
+                    height / rows,
+                )
+            )
+            for left, bottom, width, height in (MAP_SHARE, BAR_SHARE)
+        )
         mesh = frame.pcolormesh(
             spans[0][0],
             spans[1][0],
             middle_plane(summary, quantity.values, axes).T,
             shading="nearest",
         )
-        bar = figure.colorbar(mesh, ax=frame)
+        bar = figure.colorbar(mesh, cax=beside)
         bar.ax.tick_params(labelsize=7)
         # the numbers themselves, no "+1.108" in a corner
         bar.ax.ticklabel_format(axis="y", useOffset=False)

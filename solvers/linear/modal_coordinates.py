@@ -12,7 +12,13 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest, solve_modal
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.linear.symmetric_matrices import find_null_space, is_symmetric
-from headstock.solvers.second_order import Channel, SecondOrderSystem, input_columns, output_rows
+from headstock.solvers.second_order import (
+    Channel,
+    ComplexArray,
+    SecondOrderSystem,
+    input_columns,
+    output_rows,
+)
 
 NEGLIGIBLE = 1e-10  # of the largest residual flexibility
 FASTEST = 4.0  # times the limit: residual modes are no faster, so that time steps need not be finer
@@ -262,6 +268,25 @@ def rigid_response(
         np.linalg.norm(coordinates.outputs, axis=1), np.linalg.norm(coordinates.inputs, axis=0)
     )
     return moved @ pushed, size > SEEN_LIMIT * reach
+
+
+def modal_motion(
+    coordinates: ModalCoordinates, omega: FloatArray, loads: ComplexArray
+) -> ComplexArray:
+    """``(k, m)`` modal coordinates under harmonic modal loads ``(k, m)`` at angular frequencies
+    ``(k,)``.
+    """
+    square, size = omega[:, None] ** 2, len(coordinates.eigenvalues)
+    terms = (coordinates.viscous, coordinates.hysteretic)
+    viscous, hysteretic = (np.zeros((size, size)) if term is None else term for term in terms)
+    if all(is_diagonal(term) for term in terms):
+        lost = omega[:, None] * viscous.diagonal() + hysteretic.diagonal()
+        return np.asarray(loads / (coordinates.eigenvalues - square + 1j * lost))
+    moved = np.empty_like(loads)
+    for row, value in enumerate(omega):
+        matrix = np.diag(coordinates.eigenvalues - value**2) + 1j * (value * viscous + hysteretic)
+        moved[row] = np.linalg.solve(matrix, loads[row])
+    return moved
 
 
 def damps_rigid_motion(coordinates: ModalCoordinates) -> bool:

@@ -225,15 +225,16 @@ def chip_stiffness(cut: MillingCut, times: FloatArray) -> FloatArray:
         times: ``(n,)`` [s].
     """
     lag = 2.0 * np.pi * np.arange(cut.mill.teeth) / cut.mill.teeth
-    low = -cut.spindle * times[:, None] - lag
+    low = -cut.spindle * times - lag[:, None]
     twist = 2.0 * cut.axial_depth * np.tan(cut.mill.helix) / cut.mill.diameter
     if abs(twist) < STRAIGHT:
         sine, cosine = np.sin(low), np.cos(low)
         products = np.array([sine * sine, sine * cosine, cosine * cosine, sine, cosine])
-        means = products * _engaged(cut, sine, cosine)
+        means = (products * _engaged(cut, sine, cosine)).sum(axis=1)
     else:
-        means = (_engaged_products(cut, low + twist) - _engaged_products(cut, low)) / twist
-    squares, mixed, others, across, along = cut.axial_depth * means.sum(axis=-1)
+        ends = np.stack([low, low + twist], axis=1)
+        means = np.diff(_engaged_products(cut, ends), axis=1)[:, 0] / twist
+    squares, mixed, others, across, along = cut.axial_depth * means
     tangential, radial, axial = cut.coefficients.chip
     upwards = -np.sign(cut.mill.helix or 1.0) * axial
     stiffness = [
@@ -246,22 +247,31 @@ def chip_stiffness(cut: MillingCut, times: FloatArray) -> FloatArray:
 
 def _engaged_products(cut: MillingCut, theta: FloatArray) -> FloatArray:
     """``(5, ...)`` integrals of sin^2, sin cos, cos^2, sin and cos over angles up to ``theta`` at
-    which a tooth cuts, from the beginning of one cut on.
+    which a tooth cuts, from the beginning of one cut on, all teeth ``(z, ...)`` together.
     """
     begin = -0.5 * np.pi
     arc = -np.arcsin(np.clip(1.0 - 2.0 * cut.radial_depth / cut.mill.diameter, -1.0, 1.0)) - begin
-    turns, within = np.divmod(theta - begin, 2.0 * np.pi)
+    turns = np.floor((theta - begin) / (2.0 * np.pi))
     # from -pi/2 on the sine is minus the cosine of the angle since then, the cosine its sine
-    since = np.minimum(within, arc)
-    whole = _integrate_products(np.array(arc)).reshape(5, *(1,) * theta.ndim)
-    return np.asarray(_integrate_products(since) + turns * whole)
+    since = np.minimum(theta - begin - 2.0 * np.pi * turns, arc)
+    whole = np.multiply.outer(_integrate_products(np.array([arc])), turns.sum(axis=0))
+    return np.asarray(_integrate_products(since) + whole)
 
 
-def _integrate_products(angle: FloatArray) -> FloatArray:
-    """``(5, ...)`` integrals from -pi/2 on over an angle."""
-    sine, cosine = np.sin(angle), np.cos(angle)
-    half, mixed = 0.5 * angle, 0.5 * sine * cosine
-    return np.array([half + mixed, -0.5 * sine**2, half - mixed, -sine, 1.0 - cosine])
+def _integrate_products(angles: FloatArray) -> FloatArray:
+    """``(5, ...)`` integrals from -pi/2 on over angles ``(z, ...)``, in sum."""
+    sine, cosine = np.sin(angles), np.cos(angles)
+    half, mixed = 0.5 * angles.sum(axis=0), 0.5 * (sine * cosine).sum(axis=0)
+    square = (sine * sine).sum(axis=0)
+    return np.array(
+        [
+            half + mixed,
+            -0.5 * square,
+            half - mixed,
+            -sine.sum(axis=0),
+            len(angles) - cosine.sum(axis=0),
+        ]
+    )
 
 
 # axial terms are zero where the table gives none

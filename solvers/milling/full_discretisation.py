@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.fft
 import scipy.linalg
 from numpy.typing import NDArray
 
@@ -26,10 +27,11 @@ IndexArray = NDArray[np.intp]
 SAMPLES = 4  # of the engagement in each step
 STEPS_PER_CHATTER = 36  # of a swing
 FEWEST_STEPS = 64
-STEPS_PER_MEMORY = 18  # of the fastest swing that the memory of the last period resolves
-LEAST_DEGREES = 16  # of its polynomials, besides pi for each of these swings
+STEPS_PER_MEMORY = 36  # of the fastest swing that the memory of the last period resolves
+LEAST_DEGREES = 21  # of its polynomials, besides pi for each of these swings
 SQUARINGS = 12  # of the matrix over a period, at most
 FEWEST_SQUARINGS = 6  # before the first look at what is left
+TIMES = 4  # that each power is applied
 RESIDUAL = 1e-7  # of the largest multiplier: where squaring ends
 DOMINANT = 16  # multipliers that are left of it
 NEGLIGIBLE = 3e-3  # of the inverse of a gain: receptance of all poles that are left out
@@ -189,8 +191,8 @@ def node_gains(cut: MillingCut, steps: int) -> FloatArray:
     fine = chip_stiffness(cut, places * cut.tooth_period / steps)
     within = (np.arange(SAMPLES) + 0.5) / SAMPLES
     parts = fine.reshape(steps, SAMPLES, *fine.shape[1:])
-    rising = np.tensordot(parts, within / SAMPLES, axes=(1, 0))
-    falling = np.tensordot(parts, (1.0 - within) / SAMPLES, axes=(1, 0))
+    weights = np.stack([within, 1.0 - within]) / SAMPLES
+    rising, falling = np.einsum("hs,ns...->hn...", weights, parts)
     return np.asarray(falling + np.roll(rising, 1, axis=0))
 
 
@@ -208,13 +210,14 @@ def period_matrix(response: StepResponse, gains: FloatArray) -> FloatArray:
     cutting = np.flatnonzero(np.abs(every).max(axis=(1, 2)) > 0.0)
     if not len(cutting):
         return response.end
-    projected = _project(response, tuple(map(int, cutting)))
+    pushed = np.flatnonzero(np.abs(every).max(axis=(0, 2)) > 0.0)
+    projected = _project(response, tuple(map(int, cutting)), tuple(map(int, pushed)))
     memory, start = projected.memory, projected.start
-    nodes, kept = memory.shape
-    driven = every[cutting][:, :, None, :] * memory[:, None, :, None]  # (c, r, k, p)
-    both = projected.responses @ driven.reshape(nodes * gains.shape[1], len(start))
+    acting = np.moveaxis(every[np.ix_(cutting, pushed)], 0, 1)
+    driven = acting[..., None] * memory[:, None, :]  # (r, c, p, k)
+    both = projected.responses @ driven.reshape(-1, len(start))
     through, at_end = both[: len(start)], both[len(start) :]
-    solved = np.linalg.inv(np.eye(kept * gains.shape[2]) - through)
+    solved = np.linalg.inv(np.eye(len(start)) - through)
     ends = at_end @ solved
     return np.block(
         [[response.end + ends @ start, -ends], [solved @ start, np.eye(len(start)) - solved]]
@@ -223,13 +226,13 @@ def period_matrix(response: StepResponse, gains: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class _Projected:
-    """Responses at the nodes that cut, in polynomials over them.
+    """Responses at the nodes that cut, in polynomials over them, to the forces that a cut has.
 
     Attributes:
         memory: ``(c, k)`` the polynomials.
-        responses: ``(k p + n, c r)`` coefficients of the outputs, and the state at the end, per force
+        responses: ``(p k + n, r c)`` coefficients of the outputs, and the state at the end, per force
             at the nodes.
-        start: ``(k p, n)`` coefficients of the outputs per state at the start.
+        start: ``(p k, n)`` coefficients of the outputs per state at the start.
     """
 
     memory: FloatArray
@@ -238,23 +241,34 @@ class _Projected:
 
 
 @functools.lru_cache(maxsize=8)
-def _project(response: StepResponse, nodes: tuple[int, ...]) -> _Projected:
-    memory, places = _memory(nodes), np.array(nodes)
-    count, (outputs, forces) = len(nodes), response.late.shape[1:]
-    lag = places[:, None] - places[None, :]
-    # no force acts back in time, and none rises up to the first node
-    later, rises = (lag >= 0)[:, :, None, None], (places > 0)[None, :, None, None]
-    reach = np.maximum(lag, 0)
-    kernel = later * (response.early[reach] + rises * response.late[reach])  # (c, c, p, r)
-    own = (memory.T @ kernel.reshape(count, -1)).reshape(-1, count, outputs, forces)
-    own = own.swapaxes(1, 2).reshape(-1, count * forces)
-    at_end = (response.end_early[places] + response.end_late[places]).swapaxes(0, 1)
-    start = np.tensordot(memory, response.free[places], axes=(0, 0))
+def _project(response: StepResponse, nodes: tuple[int, ...], forces: tuple[int, ...]) -> _Projected:
+    memory, places, some = _memory(nodes), np.array(nodes), np.array(forces)
+    early, late = response.early[..., some], response.late[..., some]
+    spread = np.zeros((response.steps + 1, memory.shape[1]))
+    spread[places] = memory
+    own = _correlate(early + late, spread)[..., places]
+    if not places[0]:  # no force rises up to the first node
+        own[..., 0] = np.einsum("cpr,ck->pkr", early[places], memory)
+    ends = np.ix_(places, range(len(response.end)), some)
+    at_end = np.moveaxis(response.end_early[ends] + response.end_late[ends], 0, -1)
+    start = memory.T @ np.moveaxis(response.free[places], 1, 0)
+    columns = own.shape[2] * len(places)
     return _Projected(
         memory,
-        np.concatenate([own, at_end.reshape(-1, count * forces)]),
+        np.concatenate([own.reshape(-1, columns), at_end.reshape(-1, columns)]),
         start.reshape(-1, start.shape[2]),
     )
+
+
+def _correlate(responses: FloatArray, functions: FloatArray) -> FloatArray:
+    """``(p, k, r, n)`` sums of functions ``(n, k)`` times responses ``(n, p, r)`` that begin at each
+    place, by Fourier transforms.
+    """
+    length = scipy.fft.next_fast_len(2 * len(functions) - 1, real=True)
+    back = scipy.fft.rfft(np.moveaxis(responses, 0, -1), length).conj()
+    ahead = scipy.fft.rfft(functions.T, length)
+    both = back[:, None] * ahead[:, None]
+    return np.asarray(scipy.fft.irfft(both, length)[..., : len(functions)])
 
 
 @functools.lru_cache(maxsize=64)
@@ -280,13 +294,15 @@ def spectral_radius(matrix: FloatArray) -> float:
     """
     if len(matrix) <= 4 * DOMINANT:
         return _solve_all(matrix)
-    power, start = matrix, _start_vectors(len(matrix))
+    power, space = matrix, _start_vectors(len(matrix))
     for squaring in range(SQUARINGS):
         power = power @ power
         power *= 1.0 / np.abs(power).max()
-        if squaring < FEWEST_SQUARINGS:
+        if squaring + 1 < FEWEST_SQUARINGS:
             continue
-        space = np.linalg.qr(power @ start)[0]
+        for _ in range(TIMES):
+            space = power @ space
+        space = np.linalg.qr(space)[0]
         moved = matrix @ space
         values, vectors = np.linalg.eig(space.T @ moved)
         first = int(np.argmax(np.abs(values)))

@@ -12,8 +12,9 @@ from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.pipeline.answers.lobes import HZ
 from headstock.pipeline.answers.mechanism import describe_state
+from headstock.pipeline.lobes.cutting_point import lobes_request
+from headstock.pipeline.lobes.lobes import solve_lobes
 from headstock.pipeline.stages.frf import respond
-from headstock.pipeline.stages.lobes import lobes_request, solve_lobes
 from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.coupling.coupling import couple

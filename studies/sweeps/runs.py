@@ -15,7 +15,6 @@ from mpi4py import MPI
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.feed import NO_FEED
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.stages.lobes import trace_feed
 from headstock.pipeline.stages.run_state import MachineParts, Observer, RunState
 from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.storage.content_keys import (
@@ -28,6 +27,7 @@ from headstock.pipeline.storage.content_keys import (
 )
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.pipeline.storage.store import Store, default_store_root
+from headstock.reduction.motions.feed import trace_feed
 from headstock.reduction.superelement import Superelement
 from headstock.scene.building.lobes import refuse_still_feed
 from headstock.scene.requests import Analyses

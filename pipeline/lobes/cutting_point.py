@@ -1,0 +1,177 @@
+"""A machine in a pose where it cuts: its receptance at the tip, and the tip in few coordinates."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.pipeline.stages.frf import peaks_have_tops
+from headstock.pipeline.stages.machine import damp_system
+from headstock.pipeline.stages.run_state import PoseModel
+from headstock.scene.reading.receptances import read_receptances
+from headstock.scene.requests import LobesRequest
+from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.damping import equivalent_viscous
+from headstock.solvers.linear.frequency_response import (
+    FrfModel,
+    find_peaks,
+    prepare_frf,
+    refine_grid,
+)
+from headstock.solvers.linear.modal_coordinates import reduce_to_modes
+from headstock.solvers.milling.lobes import (
+    LobeDiagram,
+    Receptance,
+    find_lobes,
+    mean_cutting_stiffness,
+)
+from headstock.solvers.milling.stability import TipDynamics, TipPoles, find_poles, tip_dynamics
+from headstock.solvers.milling.tool_dynamics import (
+    Assembly,
+    MeasuredAssembly,
+    attach_tool_modes,
+    couple_assembly,
+)
+from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+
+LINES = 1200  # of the even grid
+REACHED = 0.01  # beyond it: peaks that still matter to the grid
+
+
+@dataclass(frozen=True, eq=False)
+class CuttingPoint:
+    """A machine in a pose with what stands between it and the tip.
+
+    Attributes:
+        request: What is asked for.
+        system: The machine with its damping.
+        model: Its response at the point.
+        assembly: Modes of spindle and tool, or measured.
+        omega: ``(f,)`` grid of angular frequencies.
+        machine: ``(f, 3, 3)`` its receptance there, machine axes.
+        coupled: ``(f, 3, 3)`` that of the tip.
+    """
+
+    request: LobesRequest
+    system: SecondOrderSystem
+    model: FrfModel
+    assembly: Assembly
+    omega: FloatArray
+    machine: ComplexArray
+    coupled: ComplexArray
+
+    def tip(self, omega: FloatArray) -> ComplexArray:
+        """Receptance of the tip ``(f, 3, 3)``, machine axes."""
+        if omega is self.omega:
+            return self.coupled
+        return couple_assembly(self.model.form.evaluate(omega), omega, self.assembly)
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """``(3, 2)`` mean cutting stiffness per depth, axes of the travel [N/m^2]."""
+        request = self.request
+        return mean_cutting_stiffness(request.mill, request.coefficients, request.radial_depth)
+
+    def find_diagram(
+        self, frame: FloatArray, tip: Receptance | None = None, omega: FloatArray | None = None
+    ) -> LobeDiagram:
+        """Limits by zeroth order along a travel.
+
+        Args:
+            frame: ``(3, 3)`` rows from :func:`travel_frame`.
+            tip: Another receptance of the tip, machine axes.
+            omega: ``(f,)`` another grid of angular frequencies for it.
+        """
+        tip, request = tip or self.tip, self.request
+        return find_lobes(
+            lambda lines: turn_response(tip(lines), frame),
+            self.omega if omega is None else omega,
+            self.stiffness,
+            teeth=request.mill.teeth,
+            speeds=request.speeds,
+            deepest=request.deepest,
+        )
+
+
+def lobes_request(machine: PoseModel) -> LobesRequest:
+    """The lobes its scene asks for."""
+    request = machine.parts.scene.analyses.lobes
+    if request is None:
+        raise ValueError("lobes need an analysis in the scene")
+    return request
+
+
+def prepare_point(machine: PoseModel) -> CuttingPoint:
+    """The machine at the point where it cuts.
+
+    Raises:
+        ModelError: A mode in the range has no damping.
+    """
+    request, modes = lobes_request(machine), machine.all_modes
+    system = damp_system(machine.parts.scene, machine.system, modes)
+    channels = [(request.at, direction) for direction in DIRECTIONS]
+    model = prepare_frf(system, inputs=channels, outputs=channels, modes=modes)
+    assembly: Assembly = request.tool_modes
+    if request.tool_receptance is not None:
+        assembly = read_receptances(request.tool_receptance, request.up)
+    poles = find_peaks(model, highest_hz(request, assembly))
+    if not peaks_have_tops(poles, request.up_to_hz):
+        raise ModelError(
+            "a mode in the range has no damping, so every cut chatters; give joints or materials damping, or write"
+            " [effects] damping = { modal = 0.02 }"
+        )
+    omega = spread_lines(request, assembly, poles)
+    own = model.form.evaluate(omega)
+    coupled = couple_assembly(own, omega, assembly)
+    return CuttingPoint(request, system, model, assembly, omega, own, coupled)
+
+
+def highest_hz(request: LobesRequest, assembly: Assembly) -> float:
+    """Highest frequency at which the tip is looked at [Hz]."""
+    if isinstance(assembly, MeasuredAssembly):
+        return float(assembly.frequencies_hz[-1])
+    return request.reach_hz
+
+
+def spread_lines(request: LobesRequest, assembly: Assembly, poles: ComplexArray) -> FloatArray:
+    """Angular frequencies ``(f,)``: even, and denser at the poles of machine and tool."""
+    reach = highest_hz(request, assembly)
+    poles = poles[poles.imag <= (1.0 + REACHED) * 2.0 * np.pi * reach]
+    of_tool = [2.0 * np.pi * mode.hz * (1j - mode.damping) for mode in request.tool_modes]
+    base: FloatArray = np.linspace(0.0, reach, LINES + 1, dtype=np.float64)[1:]
+    if isinstance(assembly, MeasuredAssembly):
+        base = np.asarray(np.union1d(base, assembly.frequencies_hz), dtype=np.float64)
+        base = base[(base > 0.0) & (base >= assembly.frequencies_hz[0])]
+    return np.asarray(2.0 * np.pi * refine_grid(base, np.concatenate([poles, of_tool])))
+
+
+def turn_response(response: ComplexArray, frame: FloatArray) -> ComplexArray:
+    """A receptance ``(f, 3, 3)`` in other axes, the rows of a frame ``(3, 3)``."""
+    turned = response.reshape(-1, 9) @ np.kron(frame, frame).T
+    return np.asarray(turned.reshape(response.shape))
+
+
+def travel_frame(
+    direction: tuple[float, float, float], up: tuple[float, float, float]
+) -> FloatArray:
+    """``(3, 3)`` rows along the travel, away from the part on its right, and up along the tool."""
+    axis = np.array(up) / np.linalg.norm(up)
+    along = np.array(direction) - (np.array(direction) @ axis) * axis
+    along /= np.linalg.norm(along)
+    return np.array([along, np.cross(axis, along), axis])
+
+
+def reduced_tip(machine: PoseModel, point: CuttingPoint) -> TipDynamics | TipPoles:
+    """The tip in few coordinates, machine axes: modes of the machine up to the reach and residual
+    modes for the rest, spindle and tool on them; structural damping as viscous.
+    """
+    request, modes = point.request, machine.all_modes
+    channels = [(request.at, direction) for direction in DIRECTIONS]
+    system = equivalent_viscous(point.system, modes)
+    small = reduce_to_modes(system, channels, request.reach_hz, modes)
+    if request.tool_modes:
+        small = attach_tool_modes(small, request.at, request.tool_modes)
+    rows = np.array([small.outputs[channel] for channel in channels])
+    damping = np.zeros_like(small.mass) if small.damping is None else small.damping
+    tip = tip_dynamics(small.mass, damping, small.stiffness, forced=rows)
+    return find_poles(tip) or tip
