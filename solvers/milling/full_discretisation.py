@@ -249,7 +249,7 @@ def _project(response: StepResponse, nodes: tuple[int, ...], forces: tuple[int, 
     own = _correlate(early + late, spread)[..., places]
     if not places[0]:  # no force rises up to the first node
         own[..., 0] = np.einsum("cpr,ck->pkr", early[places], memory)
-    ends = np.ix_(places, range(len(response.end)), some)
+    ends = np.ix_(places, np.arange(len(response.end)), some)
     at_end = np.moveaxis(response.end_early[ends] + response.end_late[ends], 0, -1)
     start = memory.T @ np.moveaxis(response.free[places], 1, 0)
     columns = own.shape[2] * len(places)
