@@ -39,6 +39,7 @@ SEEN = 1.5  # pixels; smaller areas get no label
 TEXT_SHADE = 0.65
 NOTE_REACHES = (1.0, 1.7)
 LEADER = "#475467"
+PLATE = {"boxstyle": "round,pad=0.15", "facecolor": (1.0, 1.0, 1.0, 0.85), "linewidth": 0.0}
 LETTER, LINE = 7.0, 12.0  # pixels of text
 LEADERS = [
     (22 * np.cos(angle), -22 * np.sin(angle))
@@ -140,7 +141,10 @@ def draw_numbered(surface: LabelledSurface) -> tuple[bytes, set[int]]:
             text = axes.text(
                 *label.text_at, label.text, fontsize=8, ha="center", va="center", color=label.color
             )
-            text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
+            if label.owner:
+                text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
+            else:
+                text.set_bbox(PLATE)  # coloured letters are hard to read on coloured bodies
             labelled.add(label.owner)
         axes.set_xlim(-0.5, width - 0.5)
         axes.set_ylim(height - 0.5, -0.5)

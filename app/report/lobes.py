@@ -19,6 +19,7 @@ COLORS = ("#2f6db3", "#d08a4a", "#6a9a5b", "#8a6bb0", "#b5566e", "#5d8f8f", "#8c
 HEADROOM = 1.15
 MOST_OVER_LOWEST = 12.0  # of the axis over the lowest limit: one deep pocket does not flatten lobes
 LETTER = 6.2  # width of a letter of the legend
+LABEL = 130.0  # width of the text at a best speed
 LOWEST, BEST, CHECKED = "#b5566e", "#6a9a5b", "#8a6bb0"
 Scale = Callable[[float], float]
 Sign = Callable[[float, float, str], Markup]
@@ -149,13 +150,17 @@ def _mark_lowest(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
 def _mark_best(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
     parts = []
     taken: list[float] = []
+    line = list(zip(found["series"]["rpm"], found["series"]["limit_depth_mm"], strict=True))
     for best in found["best_speeds"]:
         x, y = across(best["rpm"]), up(best["limit_depth_mm"])
         parts.append(_circle(x, y, BEST))
         if all(abs(x - other) > 110.0 for other in taken):
             taken.append(x)
             words = f"{show_best_depth(best)} mm at {best['rpm']:.0f} rpm"
-            anchor = "end" if x > WIDTH - 130.0 else "start"
+            # on the side where the line falls, so that it does not cross the text
+            beside = [d for s, d in line if 0.0 < across(s) - x < LABEL]
+            rises = max(beside, default=0.0) > best["limit_depth_mm"]
+            anchor = "end" if x > WIDTH - LABEL or (rises and x > LEFT + LABEL) else "start"
             parts.append(
                 svg.text(x + (-7 if anchor == "end" else 7), y - 4, words, anchor=anchor, size=10.5)
             )

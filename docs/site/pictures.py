@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 from PIL import Image
 
 from headstock.app.pictures.picture import Marks, Picture, frame_picture
@@ -27,9 +26,11 @@ SIZE = (640, 440)
 DPI = 100
 FIRST, SECOND = (0.62, 0.72, 0.85), (0.93, 0.78, 0.55)
 PATCH = (0.85, 0.30, 0.25)
-AXIS_COLORS = ((0.80, 0.10, 0.10), (0.05, 0.50, 0.15), (0.10, 0.25, 0.80))
+AXIS_COLORS = ((0.72, 0.05, 0.05), (0.05, 0.50, 0.15), (0.10, 0.25, 0.80))
 LENGTH = 0.11  # of the arrows [m]
-LABEL = 1.5  # of their length, where the text is
+LABEL = 1.65  # of their length, where the text is
+# behind the text: on a body coloured letters are hard to read
+PLATE = {"boxstyle": "round,pad=0.2", "facecolor": (1.0, 1.0, 1.0, 0.88), "linewidth": 0.0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,8 +224,7 @@ def label_axes(
     spots = frame_picture(picture).project(places, SIZE)
     for number, (text, color) in enumerate(zip(texts, AXIS_COLORS, strict=False)):
         x, y = float(spots[number, 0]), float(spots[number, 1])
-        note = axes.text(x, y, text, fontsize=15, color=color, ha="center", va="center")
-        note.set_path_effects([withStroke(linewidth=3.0, foreground="white")])
+        axes.text(x, y, text, fontsize=15, color=color, ha="center", va="center", bbox=PLATE)
     axes.set_xlim(-0.5, width - 0.5)
     axes.set_ylim(height - 0.5, -0.5)
     canvas.print_png(path)

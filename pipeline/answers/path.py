@@ -235,11 +235,10 @@ class PathResult(Answer):
         }
 
     def fill(self, file: h5py.File) -> None:
-        """Write the curves of every feed."""
+        """Write the curves of every feed, in the order of the scene."""
+        feeds = file.create_group("path", track_order=True)
         for run in self.runs:
-            fill_path(
-                file.create_group(f"path/{run.curves.name.replace('/', ' per ')}"), run.curves
-            )
+            fill_path(feeds.create_group(run.curves.name.replace("/", " per ")), run.curves)
 
 
 def _summarise_run(run: PathRun) -> FeedSummary:
