@@ -8,9 +8,9 @@ import tempfile
 from pathlib import Path
 
 from PIL import Image
-from saving import save_picture
 
 PROJECT = Path(__file__).resolve().parent.parent.parent
+IMAGES = PROJECT / "docs" / "images"
 SHELL = re.compile(r"^```sh\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 WIDTH = 1000  # of a picture [px]
 # a picture of the document, and the file that the commands leave
@@ -38,7 +38,7 @@ def main() -> None:
         for picture, file in PICTURES.items():
             image = Image.open(folder / "tutorial" / file).convert("RGB")
             image.thumbnail((WIDTH, WIDTH))
-            save_picture(image, picture)
+            image.quantize(128).save(IMAGES / f"{picture}.png", optimize=True)
 
 
 if __name__ == "__main__":
