@@ -24,6 +24,7 @@ import pytest
 import typer
 
 from headstock.app.command_line import app
+from headstock.app.commands.options import split_list
 from headstock.scene.building.loader import build_scene, load_scene, read_tables
 from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.scene import Scene
@@ -199,7 +200,7 @@ def missing_names(given: Mapping[str, Any]) -> list[str]:
     ]
     if faults or not re.fullmatch(r"machines/.*\.toml", named):
         return faults
-    variants = [given.get("variant"), *filter(None, str(given.get("variants") or "").split(","))]
+    variants = [given.get("variant"), *split_list(given.get("variants"))]
     for variant in variants:
         load(named, variant, tuple(given.get("set_") or ()))
     scene = load(named, given.get("variant"), tuple(given.get("set_") or ()))
