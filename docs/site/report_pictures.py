@@ -1,4 +1,4 @@
-"""Pictures of reports, machines and validation cases, each by the command that its page shows:
+"""Pictures of charts in reports, of machines and validation cases:
 ``python3 docs/site/report_pictures.py [NAME ...]``, outside of the environment: it needs a chromium
 beside ``./headstock``, and nothing but Python.
 """
@@ -15,7 +15,7 @@ PROJECT = Path(__file__).resolve().parent.parent.parent
 HEADSTOCK = PROJECT / "headstock"
 SCALE = 1.5  # pixels of the picture per pixel of a report
 TALLEST = 1600  # part of a report [px]
-DRAW_MS = 15000  # for the 3D view
+DRAW_MS = 15000
 SECONDS = 600
 
 
@@ -26,13 +26,11 @@ class Shot:
     Attributes:
         command: What makes the report's folder, without ``./headstock`` and ``-o``.
         keep: CSS selectors of elements, and of the children that they keep.
-        shape: What the 3D view shows, as a report's address names it.
         width: Of the window [px].
     """
 
     command: str
     keep: tuple[tuple[str, str], ...]
-    shape: str = ""
     width: int = 1240
 
 
@@ -52,11 +50,6 @@ class Output:
 
 
 PICTURES: dict[str, Shot | Output] = {
-    "report": Shot(
-        "run machines/three_axis.toml",
-        ((".page", "header.title, header.title + p, nav, .keys, p.text, #machine"),),
-        shape="mode:7",
-    ),
     "path": Shot(
         "run machines/three_axis.toml --variant calibrated+BE --analysis path",
         ((".page", "#path"), ("#path", "h2, .lead, .block"), (".block", "h3, svg")),
@@ -64,15 +57,6 @@ PICTURES: dict[str, Shot | Output] = {
     "lobes": Shot(
         "run machines/three_axis.toml --variant R --analysis lobes",
         ((".page", "#lobes"), ("#lobes", ".block"), (".block", "svg")),
-    ),
-    "tripteor_elastic_legs": Shot(
-        "run machines/tripteor.toml --variant elastic_legs",
-        (
-            (".page", "#machine"),
-            ("#machine", ".machine"),
-            (".machine > div:first-child", ".stage-frame"),
-        ),
-        shape="mode:3",
     ),
     # from two of four sides
     "show": Output("show machines/three_axis.toml --pose measured", "machine.png", share=0.513),
@@ -124,10 +108,9 @@ def photograph(report: Path, shot: Shot) -> Path:
     subprocess.run(
         [
             *(chromium, "--headless", "--no-sandbox", "--hide-scrollbars"),
-            *("--force-prefers-reduced-motion", "--enable-unsafe-swiftshader"),
             *(f"--window-size={shot.width},{TALLEST}", f"--force-device-scale-factor={SCALE}"),
             *(f"--timeout={DRAW_MS}", f"--screenshot={picture}"),
-            f"{page.as_uri()}#shape={shot.shape}",
+            page.as_uri(),
         ],
         check=True,
         timeout=SECONDS,

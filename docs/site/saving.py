@@ -22,14 +22,8 @@ def main() -> None:
     chosen = parser.parse_args()
     image = Image.open(chosen.picture).convert("RGB")
     upper = image.crop((0, 0, image.width, round(chosen.share * image.height)))
-    save_picture(_crop_margins(upper), chosen.name)
-
-
-def save_picture(image: Image.Image, name: str) -> None:
-    """Write a picture of the documents, in few colours."""
-    image.convert("RGB").quantize(COLORS, kmeans=REFINEMENTS).save(
-        IMAGES / f"{name}.png", optimize=True
-    )
+    few = _crop_margins(upper).quantize(COLORS, kmeans=REFINEMENTS)
+    few.save(IMAGES / f"{chosen.name}.png", optimize=True)
 
 
 def _crop_margins(image: Image.Image) -> Image.Image:
