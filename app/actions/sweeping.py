@@ -4,6 +4,7 @@ of an array job.
 
 import contextlib
 import dataclasses
+import itertools
 import re
 import time
 from dataclasses import dataclass
@@ -140,7 +141,7 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | No
         if comm.rank == 0:
             print_sweep_header(job, ranks=comm.size)
         outcome = run_sweep(job, comm=comm, observer=print_stage)
-        failed = False
+        results, summary = None, None
         if comm.rank == 0:
             results = collect_results(
                 job.scene,
@@ -152,7 +153,12 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | No
             )
             results = name_tracked_modes(outcome.parts, results)
             summary = summarise_sweep(results)
-            remarks = _publish(summary, results, request, job.folder, origin)
+            _write_numbers(summary, results, request, job.folder, origin)
+        figures = _draw_together(comm, summary, results)
+        failed = False
+        if summary is not None and results is not None:
+            remarks = _write_pictures(summary, figures, job.folder, origin)
+            remove_other_journals(job.folder, results.key)
             print_sweep(
                 summary,
                 results,
@@ -180,16 +186,31 @@ def _sweep_elsewhere(
     )
 
 
-def _publish(
+def _draw_together(
+    comm: MPI.Comm, summary: SweepSummary | None, results: SweepResults | None
+) -> dict[str, bytes]:
+    """Pictures of a sweep by name, on rank 0; every rank draws its share; collective.
+
+    Args:
+        comm: Of all ranks.
+        summary: On rank 0.
+        results: On rank 0.
+    """
+    known = None if summary is None or results is None else (summary, results.limits)
+    share = draw_sweep(*share_from_root(comm, known), slice(comm.rank, None, comm.size))
+    shares = [each.items() for each in comm.gather(share) or ()]
+    # dealt out in turn, so taken back in turn
+    return dict(filter(None, itertools.chain.from_iterable(itertools.zip_longest(*shares))))
+
+
+def _write_numbers(
     summary: SweepSummary,
     results: SweepResults,
     request: SweepRequest,
     folder: Path,
     origin: Provenance | None,
-) -> list[str]:
-    """Write every file of a sweep: results, pictures and the page, and where they come from;
-    remarks for the user.
-    """
+) -> None:
+    """Write the results of a sweep, and where they come from."""
     words = None if origin is None else origin.summarise()
     if words is not None:
         # apart from the results, which are the same bytes whenever and wherever they are computed
@@ -203,10 +224,15 @@ def _publish(
             dump_summary(summary if words is None else {**summary, "provenance": words}).encode(),
         )
     write_output(folder / CSV_FILE, encode_csv(tabulate_sweep(summary)))
-    figures = draw_sweep(summary, results.limits)
+
+
+def _write_pictures(
+    summary: SweepSummary, figures: dict[str, bytes], folder: Path, origin: Provenance | None
+) -> list[str]:
+    """Write pictures and page of a sweep; remarks for the user."""
     remarks = write_beside(folder, {f"{name}.png": image for name, image in figures.items()})
+    words = None if origin is None else origin.summarise()
     write_output(folder / REPORT_FILE, render_sweep(summary, figures, words).encode())
-    remove_other_journals(folder, results.key)
     return remarks
 
 

@@ -1,6 +1,7 @@
 """Maps and curves of a sweep as images, by matplotlib."""
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -25,13 +26,16 @@ DEEPEST_SHOWN = (
 )
 
 
-def draw_sweep(summary: SweepSummary, limits: Mapping[str, LimitMap]) -> dict[str, bytes]:
+def draw_sweep(
+    summary: SweepSummary, limits: Mapping[str, LimitMap], share: slice = slice(None)
+) -> dict[str, bytes]:
     """Pictures of a sweep by name: maps over a plane, curves along one axis or a way; a volume in
     its middle planes; limit depths of cut over speeds and poses.
 
     Args:
         summary: As ``summarise_sweep`` gives it.
         limits: Limit depths of cut by the name of the direction of travel.
+        share: Which of the pictures.
     """
     quantities = [
         quantity for quantity in list_quantities(summary) if np.isfinite(quantity.values).any()
@@ -43,17 +47,19 @@ def draw_sweep(summary: SweepSummary, limits: Mapping[str, LimitMap]) -> dict[st
         ],
         "lobes": [quantity for quantity in quantities if quantity.name.startswith("lobes_")],
     }
-    common = {}
-    if summary["lobes"]:
-        common = {"limits": _draw_limits(summary, limits), "common_limits": _draw_common(summary)}
     moving = [axis for axis, count in enumerate(summary["shape"]) if count > 1]
     plane = summary["kind"] == "grid" and len(moving) >= 2
-    found = {
-        name: _draw_maps(summary, members, moving[:2]) if plane else _draw_curves(summary, members)
+    pictures: dict[str, Callable[[], bytes]] = {
+        name: functools.partial(_draw_maps, summary, members, moving[:2])
+        if plane
+        else functools.partial(_draw_curves, summary, members)
         for name, members in families.items()
         if members
     }
-    return found | common
+    if summary["lobes"]:
+        pictures["limits"] = functools.partial(_draw_limits, summary, limits)
+        pictures["common_limits"] = functools.partial(_draw_common, summary)
+    return {name: draw() for name, draw in list(pictures.items())[share]}
 
 
 def _draw_limits(summary: SweepSummary, limits: Mapping[str, LimitMap]) -> bytes:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.errors import PoseError
-from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.frames import BoolArray, FloatArray, Frame
 from headstock.geometry.machine.machine import Machine, Point, Pose, place_components
 
 STANDSTILL = 1e-9  # of the longest step between two poses
@@ -35,7 +35,8 @@ def find_feed(machine: Machine, point: Point, tip: FloatArray, poses: Sequence[P
     """Tangents of the way of a tool through its work.
 
     Central differences, exact for parabolas whatever the distances of the poses; one-sided where
-    the way begins and ends. Poses that the machine cannot take are passed over.
+    the way begins and ends, unless it is closed without a corner there. Poses that the machine
+    cannot take are passed over.
 
     Args:
         machine: Its components, axes and mechanism.
@@ -79,7 +80,7 @@ def find_feed(machine: Machine, point: Point, tip: FloatArray, poses: Sequence[P
     )
 
 
-def _tangents(way: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _tangents(way: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Unit tangents ``(m, 3)`` in the points ``(m, 3)`` of a way, no two neighbours alike, and which
     points are corners ``(m,)``.
     """
@@ -87,14 +88,42 @@ def _tangents(way: FloatArray) -> tuple[FloatArray, FloatArray]:
     lengths = np.linalg.norm(steps, axis=1)[:, None]
     units = steps / lengths
     corners = np.zeros(len(way), dtype=bool)
-    corners[1:-1] = (units[:-1] * units[1:]).sum(axis=1) < np.cos(CORNER)
-    before, after = lengths[:-1], lengths[1:]
-    middle = np.where(corners[1:-1, None], units[:-1], after * units[:-1] + before * units[1:])
+    corners[1:-1] = _turns(units[:-1], units[1:])
     # the parabola through three points, where none of them is a corner
+    middle = _between(units[:-1], units[1:], lengths[:-1], lengths[1:])
+    middle = np.where(corners[1:-1, None], units[:-1], middle)
     ends = [units[0], units[-1]]
-    if len(way) > 2 and not corners[1]:
-        ends[0] = (2.0 * before[0] + after[0]) * units[0] - before[0] * units[1]
-    if len(way) > 2 and not corners[-2]:
-        ends[1] = (2.0 * after[-1] + before[-1]) * units[-1] - after[-1] * units[-2]
+    if _is_closed(way) and not _turns(units[-1], units[0]):
+        ends = [_between(units[-1], units[0], lengths[-1], lengths[0])] * 2
+    elif len(way) > 2:
+        if not corners[1]:
+            ends[0] = (2.0 * lengths[0] + lengths[1]) * units[0] - lengths[0] * units[1]
+        if not corners[-2]:
+            ends[1] = (2.0 * lengths[-1] + lengths[-2]) * units[-1] - lengths[-1] * units[-2]
     found = np.vstack([ends[0], middle, ends[1]])
     return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True)), corners
+
+
+def _is_closed(way: FloatArray) -> bool:
+    """Whether a way ends where it begins."""
+    gap, reach = np.linalg.norm(way[-1] - way[0]), np.ptp(way, axis=0).max()
+    return bool(gap <= STANDSTILL * reach)
+
+
+def _turns(before: FloatArray, after: FloatArray) -> BoolArray:
+    """Whether a way has a corner between moves along unit vectors ``(..., 3)``."""
+    return np.asarray((before * after).sum(axis=-1) < np.cos(CORNER))
+
+
+def _between(
+    before: FloatArray, after: FloatArray, length_before: FloatArray, length_after: FloatArray
+) -> FloatArray:
+    """Direction of the parabola in the middle one of three points ``(..., 3)``, not of unit length.
+
+    Args:
+        before: ``(..., 3)`` unit vector of the move that ends there.
+        after: ``(..., 3)`` of the next one.
+        length_before: ``(..., 1)`` [m].
+        length_after: ``(..., 1)`` [m].
+    """
+    return np.asarray(length_after * before + length_before * after)

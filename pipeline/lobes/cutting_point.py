@@ -1,5 +1,6 @@
 """A machine in a pose where it cuts: its receptance at the tip, and the tip in few coordinates."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from headstock.solvers.linear.frequency_response import (
     refine_grid,
 )
 from headstock.solvers.linear.modal_coordinates import reduce_to_modes
+from headstock.solvers.linear.response_forms import narrow_band
 from headstock.solvers.milling.lobes import (
     LobeDiagram,
     Receptance,
@@ -35,6 +37,7 @@ from headstock.solvers.milling.tool_dynamics import (
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
 LINES = 1200  # of the even grid
+BEYOND = 1.05  # of the highest line: up to there frequencies of chatter are refined
 REACHED = 0.01  # beyond it: peaks that still matter to the grid
 
 
@@ -121,6 +124,7 @@ def prepare_point(machine: PoseModel) -> CuttingPoint:
             " [effects] damping = { modal = 0.02 }"
         )
     omega = spread_lines(request, assembly, poles)
+    model = dataclasses.replace(model, form=narrow_band(model.form, BEYOND * float(omega.max())))
     own = model.form.evaluate(omega)
     coupled = couple_assembly(own, omega, assembly)
     return CuttingPoint(request, system, model, assembly, omega, own, coupled)

@@ -1,9 +1,8 @@
 """Limits of stability checked and found by Floquet multipliers."""
 
-import dataclasses
 import functools
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,8 +39,8 @@ class Trials:
     tip: TipDynamics | TipPoles
     diagram: LobeDiagram
 
-    def multiplier(self, place: int) -> Callable[[float], float]:
-        """Of a depth of cut [m] at a speed."""
+    def multiplier(self, place: int, depths: Collection[float] = ()) -> Callable[[float], float]:
+        """Of a depth of cut [m] at a speed; depths that are known to be tried take less time."""
         request, speed = self.request, float(self.diagram.speeds[place])
         cut = MillingCut(
             request.mill, request.coefficients, speed, request.deepest, request.radial_depth
@@ -50,29 +49,35 @@ class Trials:
         hz = HZ * chatter if np.isfinite(chatter) else request.reach_hz
         steps = steps_per_period(FINEST_CHATTER * hz, cut.tooth_period)
         usual = ABOVE * float(self.diagram.depths[place])
-
-        @functools.cache
-        def gains(depth: float) -> FloatArray:
-            return node_gains(dataclasses.replace(cut, axial_depth=depth), steps)
-
-        stiffest = float(np.linalg.norm(gains(usual), axis=(1, 2)).max())
+        planned = {usual, *depths}
+        ready = dict(zip(planned, node_gains(cut, steps, planned), strict=True))
+        stiffest = float(np.linalg.norm(ready[usual], axis=(1, 2)).max())
 
         @functools.cache
         def respond(share: float) -> StepResponse:
             """With the poles that matter up to a share of the usual depth."""
             return step_response(self.tip, cut.tooth_period, steps, stiffest=share * stiffest)
 
+        @functools.cache
         def size(depth: float) -> float:
             share = max(1.0, 2.0 ** np.ceil(np.log2(depth / usual)))
-            return largest_multiplier(respond(share), gains(depth))
+            gains = ready[depth] if depth in ready else node_gains(cut, steps, [depth])[0]
+            return largest_multiplier(respond(share), gains)
 
         return size
 
-    def check(self, place: int, islands: tuple[float, ...] = ()) -> LimitCheck:
-        """Below and above a limit, and at shares of it where unstable islands may lie."""
-        depth, multiplier = float(self.diagram.depths[place]), self.multiplier(place)
-        below = max(multiplier(share * depth) for share in (*islands, BELOW))
-        return LimitCheck(place, depth, below, multiplier(ABOVE * depth))
+    def check(self, place: int, islands: tuple[float, ...] = ()) -> tuple[LimitCheck, float]:
+        """A limit tried below and above, and at shares of it where unstable islands may lie; and the
+        limit depth [m], by bisection between what was tried where that fails.
+        """
+        depth = float(self.diagram.depths[place])
+        stable, unstable = [share * depth for share in (*islands, BELOW)], ABOVE * depth
+        multiplier = self.multiplier(place, stable)
+        check = LimitCheck(place, depth, max(map(multiplier, stable)), multiplier(unstable))
+        if check.confirmed:
+            return check, depth
+        deepest = self.request.deepest
+        return check, scan_limit_depth(multiplier, depth, deepest, (*stable, unstable))
 
     def limit(self, place: int) -> float:
         """Limit depth at a speed by bisection [m]."""

@@ -4,7 +4,6 @@ Only rank 0 has anything to do.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.feed import NO_FEED
@@ -144,25 +143,19 @@ def _solve_direction(
     diagram = point.find_diagram(frame)
     depths, checks, bisected = diagram.depths.copy(), [], 0
     if tip is not None:
-        found = np.full(len(depths), np.nan)
         trials = Trials(request, turn_tip(tip, frame), diagram)
         if request.immersion < request.low_immersion:
-            places: NDArray[np.intp] = np.arange(len(depths))
+            depths = np.array([trials.limit(place) for place in range(len(depths))])
+            bisected = len(depths)
         else:
             drawn = choose_speeds(request, machine.pose, diagram)
             chosen = {*drawn, *(best_speeds(depths) if whole else ())}
             lowest, thorough = int(np.argmin(depths)), whole or request.checked >= 1.0
-            checks = [
-                trials.check(place, ISLANDS if thorough or place == lowest else ())
-                for place in sorted(chosen)
-            ]
-            places = np.array(
-                [check.place for check in checks if not check.confirmed], dtype=np.intp
-            )
-        for place in places:
-            found[place] = trials.limit(int(place))
-        bisected = len(places)
-        depths = np.where(np.isnan(found), depths, found)
+            for place in sorted(chosen):
+                islands = ISLANDS if thorough or place == lowest else ()
+                check, depths[place] = trials.check(place, islands)
+                checks.append(check)
+                bisected += not check.confirmed
     lobes, owner = group_lobes(point, diagram, depths, frame, machine, whole=whole)
     return DirectionLobes(
         name=travel.name,

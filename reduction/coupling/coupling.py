@@ -17,8 +17,6 @@ from headstock.reduction.coupling.dof_layout import (
     label_dofs,
     lay_out_dofs,
     scale_dofs,
-    split_constraints,
-    turn_dofs,
 )
 from headstock.reduction.coupling.elimination import Elimination, eliminate_constraints
 from headstock.reduction.coupling.gravity_stiffness import find_gravity_stiffness, warn_of_stress
@@ -51,6 +49,7 @@ from headstock.reduction.superelement import Superelement
 from headstock.solvers.second_order import SecondOrderSystem
 
 LOCAL_SHARE = 0.99
+EQUAL_SHARES = 1e-9  # shares of a coordinate that differ by less are equal: the first names it
 FREE_ROTATION_TOLERANCE = 1e-12
 UNSEEN_LEVEL = 1e-9  # of the largest singular value of what joints see of free rotations
 
@@ -148,8 +147,8 @@ def couple(
     matrices = component_matrices(layout, memo, _rayleigh_dampings(machine, superelements))
     springs = place_joints(machine, layout)
     shapes = couple_shapes(machine, layout)
-    constraints, sources = _constraint_rows(layout, springs, shapes)
-    grading = grade_springs(springs, layout, matrices.stiffnesses)
+    constraints, sources = _constraint_rows(layout, matrices, springs, shapes)
+    grading = grade_springs(springs, layout, matrices.stiffnesses, memo)
     elimination = eliminate_constraints(
         constraints,
         grading.group_rows(springs),
@@ -256,7 +255,10 @@ def _rayleigh_dampings(
 
 
 def _constraint_rows(
-    layout: DofLayout, springs: tuple[PlacedJoint, ...], shapes: ShapeRows
+    layout: DofLayout,
+    matrices: ComponentMatrices,
+    springs: tuple[PlacedJoint, ...],
+    shapes: ShapeRows,
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """Rows ``(m, n_all)`` that must vanish, and where each comes from. Shared interfaces first:
     joints count as redundant.
@@ -273,11 +275,10 @@ def _constraint_rows(
         for row in (*spring.rows[list(spring.fixed)], *(spring.stiffness @ spring.rows))
     ]
     joined = np.array(acting).reshape(len(acting), layout.size)
-    for name, superelement in layout.superelements.items():
-        effective, free_rotations = split_constraints(superelement)
-        turn = turn_dofs(superelement, layout.placements[name])
-        seen = joined[:, layout.offsets[name]] @ (free_rotations @ turn).T
-        own = np.vstack([effective, _find_unseen(seen) @ free_rotations]) @ turn
+    for name, effective in matrices.constraints.items():
+        free_rotations = matrices.free_rotations[name]
+        seen = joined[:, layout.offsets[name]] @ free_rotations.T
+        own = np.vstack([effective, _find_unseen(seen) @ free_rotations])
         block = np.zeros((len(own), layout.size))
         block[:, layout.offsets[name]] = own
         rows.append(block)
@@ -318,11 +319,10 @@ def _label_coordinates(layout: DofLayout, basis: FloatArray) -> tuple[str, ...]:
     names = label_dofs(layout)
     weights = (basis / scale_dofs(layout)[:, None]) ** 2
     totals = weights.sum(axis=0)
+    largest = np.argmax(weights >= weights.max(axis=0) - EQUAL_SHARES * totals, axis=0)
+    local = weights[largest, np.arange(len(totals))] >= LOCAL_SHARE * totals
     return tuple(
-        names[int(row)] + ("" if weights[row, column] >= LOCAL_SHARE * totals[column] else " ~")
-        for column, row in enumerate(
-            np.argmax(np.round(weights / np.maximum(totals, np.finfo(float).tiny), 9), axis=0)
-        )
+        names[int(row)] + ("" if alone else " ~") for row, alone in zip(largest, local, strict=True)
     )
 
 

@@ -70,10 +70,10 @@ def eliminate_constraints(
     (1990) on graded matrices.
     """
     rows = [_normalised(block * scale) for block in (constraints, *groups)]
-    sets = _find_sets(rows)
+    memo = memo or CouplingMemo()
+    sets = _find_sets(rows, memo)
     touched = np.concatenate([np.zeros(0, dtype=np.int64), *(one.dofs for one in sets)])
     untouched = np.setdiff1d(np.arange(len(scale)), touched)
-    memo = memo or CouplingMemo()
     splits = [_split_set(rows, one, memo) for one in sets]
     # coordinates that stretch nothing first, then from the most compliant group to the stiffest: a
     # graded matrix, whose small entries no stiff spring's digits are added to. Every set of dofs
@@ -122,17 +122,22 @@ class _Split:
     redundant: IntArray
 
 
-def _find_sets(rows: Sequence[FloatArray]) -> list[_Set]:
+def _find_sets(rows: Sequence[FloatArray], memo: CouplingMemo) -> list[_Set]:
     """The sets of dofs that rows tie together: a machine of many bodies falls into one for each
     face at which bodies meet.
     """
-    pattern = csr_matrix(np.vstack([block != 0.0 for block in rows]))
-    count, size = pattern.shape
-    graph = bmat([[csr_matrix((count, count)), pattern], [pattern.T, csr_matrix((size, size))]])
-    names = connected_components(graph, directed=False)[1]
+    pattern = np.vstack([block != 0.0 for block in rows])
     ends = np.cumsum([len(block) for block in rows])[:-1]
+    return memo.recall("sets of dofs", (pattern, ends), functools.partial(_tie_dofs, pattern, ends))
+
+
+def _tie_dofs(pattern: BoolArray, ends: IntArray) -> list[_Set]:
+    """Sets by where rows ``(m, n_all)`` have entries, and the numbers at which their blocks end."""
+    sparse, (count, size) = csr_matrix(pattern), pattern.shape
+    graph = bmat([[csr_matrix((count, count)), sparse], [sparse.T, csr_matrix((size, size))]])
+    names = connected_components(graph, directed=False)[1]
     row_names, dof_names = np.split(names[:count], ends), names[count:]
-    touched = np.flatnonzero(np.diff(pattern.tocsc().indptr))
+    touched = np.flatnonzero(pattern.any(axis=0))
     return [
         _Set(
             touched[dof_names[touched] == name],

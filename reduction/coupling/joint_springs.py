@@ -3,6 +3,7 @@ groups of like stiffness.
 """
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -24,6 +25,8 @@ from headstock.reduction.coupling.dof_layout import (
     turn_dofs,
 )
 from headstock.reduction.coupling.elimination import Elimination
+from headstock.reduction.coupling.memo import CouplingMemo
+from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.symmetric_matrices import is_symmetric
 
@@ -398,7 +401,10 @@ class SpringGrading:
 
 
 def grade_springs(
-    springs: Sequence[PlacedJoint], layout: DofLayout, stiffnesses: Mapping[str, FloatArray]
+    springs: Sequence[PlacedJoint],
+    layout: DofLayout,
+    stiffnesses: Mapping[str, FloatArray],
+    memo: CouplingMemo,
 ) -> SpringGrading:
     """Sort the springs of all joints by stiffness, rotational ones over the square of a length of
     the machine.
@@ -407,6 +413,7 @@ def grade_springs(
         springs: Joints as placed.
         layout: Components and the characteristic length of the machine.
         stiffnesses: ``(n, n)`` of each component in machine axes.
+        memo: Keeps deformations of components for the next pose.
     """
     if not all(is_symmetric(spring.stiffness) for spring in springs):
         return SpringGrading((), (), ())
@@ -421,7 +428,7 @@ def grade_springs(
     if not parts:
         return SpringGrading((), (), ())
     most_compliant = parts[-1]
-    deformations = _stiff_deformations(layout, stiffnesses, abs(most_compliant.level))
+    deformations = _stiff_deformations(layout, stiffnesses, abs(most_compliant.level), memo)
     if abs(parts[0].level) <= GRADING_RATIO * abs(most_compliant.level):
         return SpringGrading((), (), (), deformations)
     groups: list[list[SpringDirection]] = []
@@ -441,7 +448,10 @@ def grade_springs(
 
 
 def _stiff_deformations(
-    layout: DofLayout, stiffnesses: Mapping[str, FloatArray], most_compliant: float
+    layout: DofLayout,
+    stiffnesses: Mapping[str, FloatArray],
+    most_compliant: float,
+    memo: CouplingMemo,
 ) -> tuple[FloatArray, ...]:
     """Rows of the boundary dofs of far stiffer components, less the rigid motion of the first node
     of each.
@@ -463,11 +473,19 @@ def _stiff_deformations(
         ):
             continue
         rows = np.zeros((boundary - DOFS_OF_A_BODY, layout.size))
-        rows[:, own] = free_deformations(element)[: len(rows)] @ turn_dofs(
-            element, layout.placements[name]
-        )
+        placement = layout.placements[name]
+        rows[:, own] = memo.recall(
+            f"deformations {name}",
+            (element, placement.rotation),
+            functools.partial(_turned_deformations, element, placement),
+        )[: len(rows)]
         blocks.append(rows)
     return (np.vstack(blocks),) if blocks else ()
+
+
+def _turned_deformations(element: Superelement, placement: Frame) -> FloatArray:
+    """Rows ``(n - 6, n)`` of a component in machine axes."""
+    return np.asarray(free_deformations(element) @ turn_dofs(element, placement))
 
 
 def _acts(spring: PlacedJoint, part: SpringDirection) -> bool:

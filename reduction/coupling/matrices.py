@@ -8,13 +8,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.frames import FloatArray, Frame, rotate_dofs
 from headstock.geometry.parts.components import RayleighDamping
-from headstock.reduction.coupling.dof_layout import DofLayout, clean_stiffness, turn_dofs
+from headstock.reduction.coupling.dof_layout import (
+    DofLayout,
+    clean_stiffness,
+    split_constraints,
+    turn_dofs,
+)
 from headstock.reduction.coupling.elimination import Elimination
 from headstock.reduction.coupling.joint_springs import PlacedJoint, SpringGrading
 from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.reduction.superelement import Superelement
+from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.linear.symmetric_matrices import symmetrise
 
 ROUNDOFF = 1e-15  # a diagonal entry below this share of the terms it is the sum of is roundoff
@@ -22,11 +28,23 @@ ROUNDOFF = 1e-15  # a diagonal entry below this share of the terms it is the sum
 
 @dataclass(frozen=True, eq=False)
 class ComponentMatrices:
-    """Matrices of each component with boundary dofs in machine axes."""
+    """Matrices of each component with boundary dofs in machine axes.
+
+    Attributes:
+        stiffnesses: ``(n_c, n_c)``.
+        masses: ``(n_c, n_c)``.
+        dampings: ``(n_c, n_c)`` of those that have any.
+        rigid: ``(n_c, 6)`` dofs per rigid motion about the origin of its frame.
+        constraints: ``(m, n_c)`` rows that must vanish.
+        free_rotations: ``(k, n_c)`` rows that fix what the component does not feel.
+    """
 
     stiffnesses: dict[str, FloatArray]
     masses: dict[str, FloatArray]
     dampings: dict[str, FloatArray]
+    rigid: dict[str, FloatArray]
+    constraints: dict[str, FloatArray]
+    free_rotations: dict[str, FloatArray]
 
 
 def component_matrices(
@@ -43,28 +61,36 @@ def component_matrices(
             bring; None for none.
     """
     memo = memo or CouplingMemo()
-    stiffnesses, masses, dampings = {}, {}, {}
+    parts: dict[str, _TurnedComponent] = {}
     for name, superelement in layout.superelements.items():
         placement, added = layout.placements[name], (rayleigh or {}).get(name, RayleighDamping())
-        make = functools.partial(_turned_matrices, superelement, placement, added)
+        make = functools.partial(_turn_component, superelement, placement, added)
         made_of = (superelement, placement.rotation, np.array([added.alpha, added.beta]))
-        stiffnesses[name], masses[name], damping = memo.recall(f"matrices {name}", made_of, make)
-        if damping is not None:
-            dampings[name] = damping
-    return ComponentMatrices(stiffnesses, masses, dampings)
+        parts[name] = memo.recall(f"matrices {name}", made_of, make)
+    return ComponentMatrices(
+        {name: part.stiffness for name, part in parts.items()},
+        {name: part.mass for name, part in parts.items()},
+        {name: part.damping for name, part in parts.items() if part.damping is not None},
+        {name: part.rigid for name, part in parts.items()},
+        {name: part.constraints for name, part in parts.items()},
+        {name: part.free_rotations for name, part in parts.items()},
+    )
 
 
-class _TurnedMatrices(NamedTuple):
-    """Matrices ``(n, n)`` of a component in machine axes."""
+class _TurnedComponent(NamedTuple):
+    """A component in machine axes; see :class:`ComponentMatrices`."""
 
     stiffness: FloatArray
     mass: FloatArray
     damping: FloatArray | None
+    rigid: FloatArray
+    constraints: FloatArray
+    free_rotations: FloatArray
 
 
-def _turned_matrices(
+def _turn_component(
     superelement: Superelement, placement: Frame, rayleigh: RayleighDamping
-) -> _TurnedMatrices:
+) -> _TurnedComponent:
     turn = turn_dofs(superelement, placement)
     stiffness = _congruence(turn, clean_stiffness(superelement))
     mass = _congruence(turn, superelement.mass)
@@ -73,7 +99,11 @@ def _turned_matrices(
         # constraint modes and fixed-interface modes project both matrices, so the sum is exact
         added = rayleigh.alpha * mass + rayleigh.beta * stiffness
         damping = added if damping is None else damping + added
-    return _TurnedMatrices(stiffness, mass, damping)
+    rigid = rigid_motions(superelement, np.zeros(3)) @ rotate_dofs(placement.rotation.T)
+    effective, free_rotations = split_constraints(superelement)
+    return _TurnedComponent(
+        stiffness, mass, damping, turn.T @ rigid, effective @ turn, free_rotations @ turn
+    )
 
 
 def sum_stiffness(

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import qr
 
-from headstock.geometry.frames import FloatArray, rotate_dofs
+from headstock.geometry.frames import FloatArray, rigid_transfer
 from headstock.reduction.coupling.coupling import CoupledMachine
-from headstock.reduction.coupling.dof_layout import turn_dofs
-from headstock.reduction.superelement_checks import characteristic_length, dof_scale, rigid_motions
+from headstock.reduction.superelement_checks import characteristic_length, dof_scale
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.static_response import BalancedResult, solve_balanced
 from headstock.solvers.linear.symmetric_matrices import find_null_space
@@ -72,11 +71,9 @@ def rigid_dofs(coupled: CoupledMachine, name: str, point: FloatArray) -> FloatAr
         name: The component.
         point: ``(3,)`` point about which it rotates, machine frame [m].
     """
-    superelement, placement = coupled.layout.superelements[name], coupled.placements[name]
-    own = rigid_motions(
-        superelement, placement.rotation.T @ (point - placement.origin)
-    ) @ rotate_dofs(placement.rotation.T)
-    return np.asarray(turn_dofs(superelement, placement).T @ own)
+    return np.asarray(
+        coupled.matrices.rigid[name] @ rigid_transfer(point, coupled.placements[name].origin)
+    )
 
 
 def _body_motion(coupled: CoupledMachine, name: str, stacked: FloatArray) -> BodyMotion:

@@ -335,9 +335,10 @@ def _turning_share(axis: FloatArray, places: FloatArray, field: FloatArray) -> f
     slice along it.
     """
     turning = 0.0
+    around = np.cross(axis, places)
     order = np.argsort(places @ axis, kind="stable")
     for slice_ in np.array_split(order, SLICES):
-        tangents = np.cross(axis, places[slice_])
+        tangents = around[slice_]
         tangents = tangents - tangents.mean(axis=0) if len(slice_) else tangents
         size = float((tangents**2).sum())
         if size > 0.0:

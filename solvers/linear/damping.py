@@ -39,7 +39,9 @@ def add_modal_damping(
     every = np.zeros(count)
     flexible = np.arange(modes.rigid_count, count)
     every[flexible] = given[np.minimum(flexible - modes.rigid_count, len(given) - 1)]
-    return _add_damping(system, modes, np.diag(4.0 * np.pi * every * modes.frequencies_hz))
+    weighed = system.mass @ modes.shapes
+    loss = 4.0 * np.pi * every * modes.frequencies_hz
+    return _add_damping(system, (weighed * loss) @ weighed.T)
 
 
 def equivalent_viscous(
@@ -69,14 +71,11 @@ def equivalent_viscous(
     loss[flexible, flexible] = (shapes.T @ system.hysteretic @ shapes) / np.sqrt(
         np.outer(omega, omega)
     )
-    return _add_damping(dataclasses.replace(system, hysteretic=None), modes, loss)
-
-
-def _add_damping(
-    system: SecondOrderSystem, modes: ModalResult, modal: FloatArray
-) -> SecondOrderSystem:
     weighed = system.mass @ modes.shapes
-    added = weighed @ modal @ weighed.T
+    return _add_damping(dataclasses.replace(system, hysteretic=None), weighed @ loss @ weighed.T)
+
+
+def _add_damping(system: SecondOrderSystem, added: FloatArray) -> SecondOrderSystem:
     added = 0.5 * (added + added.T)
     return dataclasses.replace(
         system, damping=added if system.damping is None else system.damping + added

@@ -278,10 +278,11 @@ def modal_motion(
     """
     square, size = omega[:, None] ** 2, len(coordinates.eigenvalues)
     terms = (coordinates.viscous, coordinates.hysteretic)
-    viscous, hysteretic = (np.zeros((size, size)) if term is None else term for term in terms)
     if all(is_diagonal(term) for term in terms):
-        lost = omega[:, None] * viscous.diagonal() + hysteretic.diagonal()
+        viscous, hysteretic = (0.0 if term is None else term.diagonal() for term in terms)
+        lost = omega[:, None] * viscous + hysteretic
         return np.asarray(loads / (coordinates.eigenvalues - square + 1j * lost))
+    viscous, hysteretic = (np.zeros((size, size)) if term is None else term for term in terms)
     moved = np.empty_like(loads)
     for row, value in enumerate(omega):
         matrix = np.diag(coordinates.eigenvalues - value**2) + 1j * (value * viscous + hysteretic)

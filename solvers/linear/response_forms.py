@@ -86,23 +86,21 @@ class ModalSum:
         """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN on an
         undamped pole that is seen.
         """
-        found: ComplexArray = self._sum(omega) + self.rest.evaluate(omega)
-        return found
+        band = self.within(float(omega.max())) if len(omega) >= MANY else self
+        if band is not self:
+            return band.evaluate(omega)
+        return self.add_up(omega) + self.rest.evaluate(omega)
 
-    def _sum(self, omega: FloatArray) -> ComplexArray:
-        """The sum over the modes; that over many far ones by a polynomial in the frequency."""
-        highest = float(omega.max(initial=0.0))
+    def within(self, highest: float) -> "ModalSum | BandSum":
+        """The same up to an angular frequency [rad/s], faster where many modes lie far beyond."""
         far = np.abs(self.poles()) > FAR * highest
-        if len(omega) < MANY or far.sum() < MANY:
-            return self._sum_each(omega)
+        if far.sum() < MANY:
+            return self
         nodes = np.polynomial.chebyshev.chebpts1(SMOOTH_NODES)
-        values = self._keep(far)._sum_each(0.5 * highest * (1.0 + nodes))
-        vander = np.polynomial.chebyshev.chebvander
-        weights = vander(2.0 * omega / highest - 1.0, SMOOTH_NODES - 1) @ np.linalg.inv(
-            vander(nodes, SMOOTH_NODES - 1)
-        )
-        smooth = (weights @ values.reshape(SMOOTH_NODES, -1)).reshape(-1, *values.shape[1:])
-        return self._keep(~far)._sum_each(omega) + smooth
+        values = self._keep(far).add_up(0.5 * highest * (1.0 + nodes))
+        vander = np.polynomial.chebyshev.chebvander(nodes, SMOOTH_NODES - 1)
+        coefficients = np.linalg.solve(vander, values.reshape(SMOOTH_NODES, -1))
+        return BandSum(self, self._keep(~far), highest, coefficients)
 
     def _keep(self, modes: NDArray[np.bool_]) -> "ModalSum":
         return ModalSum(
@@ -114,7 +112,8 @@ class ModalSum:
             self.rest,
         )
 
-    def _sum_each(self, omega: FloatArray) -> ComplexArray:
+    def add_up(self, omega: FloatArray) -> ComplexArray:
+        """The sum alone."""
         square = omega[:, None] ** 2
         real, imaginary = self.eigenvalues - square, omega[:, None] * self.viscous + self.hysteretic
         size = real**2 + imaginary**2
@@ -136,6 +135,41 @@ class ModalSum:
         """Pole of each mode at positive frequencies [rad/s]; of an overdamped one the slower."""
         root = np.sqrt(0.25 * self.viscous**2 - self.eigenvalues - 1j * self.hysteretic)
         return np.asarray(-0.5 * self.viscous + np.where(root.imag < 0.0, -root, root))
+
+
+@dataclass(frozen=True, eq=False)
+class BandSum:
+    """A sum over modes in a band of frequencies: over those far beyond by a polynomial.
+
+    Attributes:
+        every: The sum over all modes, for frequencies beyond the band.
+        near: That over the modes in and near the band.
+        highest: Of the band [rad/s].
+        coefficients: ``(SMOOTH_NODES, n_outputs n_inputs)`` of Chebyshev polynomials over the band.
+    """
+
+    every: ModalSum
+    near: ModalSum
+    highest: float
+    coefficients: ComplexArray
+
+    def evaluate(self, omega: FloatArray) -> ComplexArray:
+        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies."""
+        if omega.max(initial=0.0) > self.highest:
+            return self.every.evaluate(omega)
+        places = 2.0 * omega / self.highest - 1.0
+        smooth = np.polynomial.chebyshev.chebvander(places, SMOOTH_NODES - 1) @ self.coefficients
+        found = self.near.add_up(omega) + self.every.rest.evaluate(omega)
+        return np.asarray(found + smooth.reshape(found.shape))
+
+    def poles(self) -> ComplexArray:
+        """Those of all modes [rad/s]."""
+        return self.every.poles()
+
+
+def narrow_band(form: ResponseForm, highest: float) -> ResponseForm:
+    """The same response, faster up to an angular frequency [rad/s] where it is a sum over modes."""
+    return form.within(highest) if isinstance(form, ModalSum) else form
 
 
 def sum_over_modes(coordinates: ModalCoordinates) -> ModalSum:

@@ -216,25 +216,30 @@ def regeneration_stiffness(cut: MillingCut, times: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("njs,njsa,njsb->nab", width, force, normal))
 
 
-def chip_stiffness(cut: MillingCut, times: FloatArray) -> FloatArray:
-    """As :func:`regeneration_stiffness`, ``(n, 3, 2)`` for motions along and away, with the helix in
-    closed form instead of slices.
+def chip_stiffness(cut: MillingCut, times: FloatArray, depths: FloatArray) -> FloatArray:
+    """As :func:`regeneration_stiffness`, ``(d, n, 3, 2)`` for motions along and away, with the helix
+    in closed form instead of slices.
 
     Args:
-        cut: Tool, material and engagement.
+        cut: Tool, material and engagement; its axial depth has no part in it.
         times: ``(n,)`` [s].
+        depths: ``(d,)`` axial depths [m].
     """
     lag = 2.0 * np.pi * np.arange(cut.mill.teeth) / cut.mill.teeth
     low = -cut.spindle * times - lag[:, None]
-    twist = 2.0 * cut.axial_depth * np.tan(cut.mill.helix) / cut.mill.diameter
-    if abs(twist) < STRAIGHT:
+    twists = 2.0 * depths * np.tan(cut.mill.helix) / cut.mill.diameter
+    straight = np.abs(twists) < STRAIGHT
+    means = np.zeros((5, len(depths), len(times)))
+    if straight.any():
         sine, cosine = np.sin(low), np.cos(low)
         products = np.array([sine * sine, sine * cosine, cosine * cosine, sine, cosine])
-        means = (products * _engaged(cut, sine, cosine)).sum(axis=1)
-    else:
-        ends = np.stack([low, low + twist], axis=1)
-        means = np.diff(_engaged_products(cut, ends), axis=1)[:, 0] / twist
-    squares, mixed, others, across, along = cut.axial_depth * means
+        means[:, straight] = (products * _engaged(cut, sine, cosine)).sum(axis=1)[:, None]
+    if not straight.all():
+        twist = twists[~straight, None]
+        ends = np.concatenate([low[:, None], low[:, None] + twist], axis=1)
+        begin, *_ = products = np.moveaxis(_engaged_products(cut, ends), 1, 0)
+        means[:, ~straight] = np.moveaxis((products[1:] - begin) / twist[:, None], 0, 1)
+    squares, mixed, others, across, along = depths[:, None] * means
     tangential, radial, axial = cut.coefficients.chip
     upwards = -np.sign(cut.mill.helix or 1.0) * axial
     stiffness = [
@@ -242,7 +247,7 @@ def chip_stiffness(cut: MillingCut, times: FloatArray) -> FloatArray:
         [tangential * others - radial * mixed, tangential * mixed - radial * squares],
         [upwards * along, upwards * across],
     ]
-    return np.moveaxis(np.array(stiffness), -1, 0)
+    return np.moveaxis(np.array(stiffness), (0, 1), (-2, -1))
 
 
 def _engaged_products(cut: MillingCut, theta: FloatArray) -> FloatArray:

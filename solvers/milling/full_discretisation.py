@@ -10,7 +10,7 @@ independent method.
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +37,7 @@ DOMINANT = 16  # multipliers that are left of it
 NEGLIGIBLE = 3e-3  # of the inverse of a gain: receptance of all poles that are left out
 SMALL = 1e-2  # exponent below which a series takes the place of differences
 SCAN_BEGIN, SCAN_FACTOR = 0.35, 1.3  # of the depth that is expected, and from depth to depth
+KNOWN_FACTOR = 1.6  # up to a depth that costs nothing
 DEPTH_TOLERANCE = 5e-4  # relative
 MOST_TRIALS = 60
 SMALLEST = 1e-12  # multiplier that has a logarithm
@@ -50,22 +51,22 @@ class StepResponse:
     Attributes:
         steps: ``m``.
         rest: Size of the largest multiplier of poles that are left out.
-        free: ``(m + 1, p, n)`` outputs at the nodes per state at the start.
-        early: ``(m + 1, p, r)`` outputs ``k`` steps after the node at which a force begins to fall.
-        late: ``(m + 1, p, r)`` outputs ``k`` steps after the node up to which a force rises.
+        free: ``(p, n, m + 1)`` outputs at the nodes per state at the start.
+        early: ``(p, r, m + 1)`` outputs ``k`` steps after the node at which a force begins to fall.
+        whole: ``(p, r, m + 1)`` outputs ``k`` steps after the node up to which a force rises, and from
+            which on it falls.
         end: ``(n, n)`` state at the end per state at the start.
-        end_early: ``(m + 1, n, r)`` state at the end per force that falls from node ``j`` on.
-        end_late: ``(m + 1, n, r)`` state at the end per force that rises up to node ``j``.
+        end_whole: ``(n, r, m + 1)`` state at the end per force that rises up to node ``j``, but the
+            first, and falls from there on, but from the last.
     """
 
     steps: int
     rest: float
     free: FloatArray
     early: FloatArray
-    late: FloatArray
+    whole: FloatArray
     end: FloatArray
-    end_early: FloatArray
-    end_late: FloatArray
+    end_whole: FloatArray
 
 
 def step_response(
@@ -106,34 +107,30 @@ def _by_poles(tip: TipPoles, period: float, steps: int, rest: float) -> StepResp
     rising = step * _ramp(swing)
     falling = step * _constant(swing) - rising
     # a pair of poles moves as the real part of a complex coordinate
-    moved = tip.outputs.T[:, :, None] * power[:, None]  # (q, p, m + 1)
-    free = np.concatenate([moved.real, moved.imag]).transpose(2, 1, 0)
-    early, late = (
-        np.einsum("qpk,qr->kpr", moved, share[:, None] * tip.inputs, optimize=True).real
-        for share in (falling, rising)
-    )
-    none = np.zeros((1, *early.shape[1:]))
+    moved = tip.outputs[:, :, None] * power  # (p, q, m + 1)
+    free = np.concatenate([moved.real, moved.imag], axis=1)
+    early, late = (((share[:, None] * tip.inputs).T @ moved).real for share in (falling, rising))
+    early = _one_step_later(early)
     last = power[:, -1]
     end = np.block(
         [[np.diag(last.real), np.diag(last.imag)], [np.diag(-last.imag), np.diag(last.real)]]
     )
 
-    def at_end(share: ComplexArray) -> FloatArray:
-        """``(m, n, r)`` state at the end per force in each step."""
-        forced = power[:, steps - 1 :: -1].T[:, :, None] * (share[:, None] * tip.inputs)
-        return np.concatenate([forced.real, -forced.imag], axis=1)
+    def at_end(share: ComplexArray) -> ComplexArray:
+        """``(q, r, m)`` coordinates at the end per force in each step."""
+        pushed = share[:, None] * tip.inputs
+        return np.asarray(pushed[:, :, None] * power[:, None, steps - 1 :: -1])
 
-    idle = np.zeros((1, len(end), tip.inputs.shape[1]))
-    return StepResponse(
-        steps,
-        rest,
-        free,
-        np.concatenate([none, early[:-1]]),
-        late,
-        end,
-        np.concatenate([at_end(falling), idle]),
-        np.concatenate([idle, at_end(rising)]),
-    )
+    forced = np.zeros((*tip.inputs.shape, steps + 1), dtype=complex)
+    forced[..., :-1] += at_end(falling)
+    forced[..., 1:] += at_end(rising)
+    end_whole = np.concatenate([forced.real, -forced.imag])
+    return StepResponse(steps, rest, free, early, early + late, end, end_whole)
+
+
+def _one_step_later(responses: FloatArray) -> FloatArray:
+    """Responses ``(..., m + 1)`` that begin at the next node."""
+    return np.concatenate([np.zeros_like(responses[..., :1]), responses[..., :-1]], axis=-1)
 
 
 def _constant(swing: ComplexArray) -> ComplexArray:
@@ -165,35 +162,38 @@ def _by_exponential(tip: TipDynamics, period: float, steps: int) -> StepResponse
         states_early.append(own @ states_early[-1])
         states_late.append(own @ states_late[-1])
     outputs = np.array(free)
+    begun = _one_step_later(np.moveaxis(outputs @ early, 0, -1))
     none = np.zeros((1, size, forces))
-    falling, rising = np.array(states_early), np.array(states_late)
+    falling, rising = (np.array(each)[:steps][::-1] for each in (states_early, states_late))
+    at_end = np.concatenate([falling, none]) + np.concatenate([none, rising])
     return StepResponse(
         steps,
         0.0,
-        outputs,
-        np.concatenate([0.0 * outputs[:1] @ early, outputs[:-1] @ early]),
-        outputs @ late,
+        np.moveaxis(outputs, 0, -1),
+        begun,
+        begun + np.moveaxis(outputs @ late, 0, -1),
         np.linalg.matrix_power(own, steps),
-        np.concatenate([falling[:steps][::-1], none]),
-        np.concatenate([none, rising[:steps][::-1]]),
+        np.moveaxis(at_end, 0, -1),
     )
 
 
-def node_gains(cut: MillingCut, steps: int) -> FloatArray:
-    """``(m, 3, 2)`` cutting stiffness at the nodes of a tooth period, each the mean over both steps
-    beside it with the weight of a hat [N/m].
+def node_gains(cut: MillingCut, steps: int, depths: Collection[float] = ()) -> FloatArray:
+    """``(d, m, 3, 2)`` cutting stiffness at the nodes of a tooth period, each the mean over both
+    steps beside it with the weight of a hat [N/m].
 
     Args:
         cut: Tool, material and engagement.
         steps: ``m`` per period.
+        depths: ``(d,)`` axial depths [m]; by default that of the cut alone.
     """
     places = (np.arange(steps * SAMPLES) + 0.5) / SAMPLES
-    fine = chip_stiffness(cut, places * cut.tooth_period / steps)
+    tried = np.array([*depths] or [cut.axial_depth])
+    fine = chip_stiffness(cut, places * cut.tooth_period / steps, tried)
     within = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    parts = fine.reshape(steps, SAMPLES, *fine.shape[1:])
+    parts = fine.reshape(len(tried), steps, SAMPLES, *fine.shape[2:])
     weights = np.stack([within, 1.0 - within]) / SAMPLES
-    rising, falling = np.einsum("hs,ns...->hn...", weights, parts)
-    return np.asarray(falling + np.roll(rising, 1, axis=0))
+    rising, falling = np.einsum("hs,dns...->hdn...", weights, parts)
+    return np.asarray(falling + np.roll(rising, 1, axis=1))
 
 
 def period_matrix(response: StepResponse, gains: FloatArray) -> FloatArray:
@@ -243,15 +243,14 @@ class _Projected:
 @functools.lru_cache(maxsize=8)
 def _project(response: StepResponse, nodes: tuple[int, ...], forces: tuple[int, ...]) -> _Projected:
     memory, places, some = _memory(nodes), np.array(nodes), np.array(forces)
-    early, late = response.early[..., some], response.late[..., some]
+    early, whole = response.early[:, some], response.whole[:, some]
     spread = np.zeros((response.steps + 1, memory.shape[1]))
     spread[places] = memory
-    own = _correlate(early + late, spread)[..., places]
+    own = _correlate(whole, spread)[..., places]
     if not places[0]:  # no force rises up to the first node
-        own[..., 0] = np.einsum("cpr,ck->pkr", early[places], memory)
-    ends = np.ix_(places, np.arange(len(response.end)), some)
-    at_end = np.moveaxis(response.end_early[ends] + response.end_late[ends], 0, -1)
-    start = memory.T @ np.moveaxis(response.free[places], 1, 0)
+        own[..., 0] = np.moveaxis(early[..., places] @ memory, 1, 2)
+    at_end = response.end_whole[:, some][..., places]
+    start = np.swapaxes(response.free[..., places] @ memory, 1, 2)
     columns = own.shape[2] * len(places)
     return _Projected(
         memory,
@@ -261,11 +260,11 @@ def _project(response: StepResponse, nodes: tuple[int, ...], forces: tuple[int, 
 
 
 def _correlate(responses: FloatArray, functions: FloatArray) -> FloatArray:
-    """``(p, k, r, n)`` sums of functions ``(n, k)`` times responses ``(n, p, r)`` that begin at each
+    """``(p, k, r, n)`` sums of functions ``(n, k)`` times responses ``(p, r, n)`` that begin at each
     place, by Fourier transforms.
     """
     length = scipy.fft.next_fast_len(2 * len(functions) - 1, real=True)
-    back = scipy.fft.rfft(np.moveaxis(responses, 0, -1), length).conj()
+    back = scipy.fft.rfft(responses, length).conj()
     ahead = scipy.fft.rfft(functions.T, length)
     both = back[:, None] * ahead[:, None]
     return np.asarray(scipy.fft.irfft(both, length)[..., : len(functions)])
@@ -328,7 +327,7 @@ def cut_multiplier(response: StepResponse, cut: MillingCut) -> float:
         response: Of the tip over the tooth period of the cut.
         cut: Tool, material and engagement.
     """
-    return largest_multiplier(response, node_gains(cut, response.steps))
+    return largest_multiplier(response, node_gains(cut, response.steps)[0])
 
 
 def largest_multiplier(response: StepResponse, gains: FloatArray) -> float:
@@ -342,29 +341,32 @@ def steps_per_period(chatter_hz: float, period: float) -> int:
 
 
 def scan_limit_depth(
-    multiplier: Callable[[float], float], expected: float, deepest: float
+    multiplier: Callable[[float], float],
+    expected: float,
+    deepest: float,
+    known: Collection[float] = (),
 ) -> float:
     """Thinnest depth of cut that chatters: depths are tried from below the expected one upwards,
-    then the border between two of them is
-    enclosed by secants [m].
+    then the border between two of them is enclosed by secants [m].
 
     Args:
         multiplier: Size of the largest Floquet multiplier at a depth [m].
         expected: Depth near which the limit is expected [m].
         deepest: Returned where no cut chatters.
+        known: Depths whose multipliers cost nothing, tried in place of others near them [m].
     """
 
     @functools.cache
     def growth(depth: float) -> float:
         return float(np.log(max(multiplier(depth), SMALLEST)))
 
-    low, high = 0.0, min(SCAN_BEGIN * expected, deepest)
-    for _ in range(MOST_TRIALS):
+    low = high = 0.0
+    for depth in _scan_depths(expected, deepest, known):
+        low, high = high, depth
         if growth(high) >= 0.0:
             break
-        if high >= deepest:
-            return deepest
-        low, high = high, min(SCAN_FACTOR * high, deepest)
+    else:
+        return deepest
     while low == 0.0 and high > DEPTH_TOLERANCE * expected:
         # it chatters below: down to where it does not
         if growth(0.5 * high) < 0.0:
@@ -374,6 +376,20 @@ def scan_limit_depth(
     if low == 0.0:
         return 0.0
     return _find_border(growth, low, high)
+
+
+def _scan_depths(expected: float, deepest: float, known: Collection[float]) -> Iterator[float]:
+    """Depths rising from below the expected one to the deepest [m], known ones where they are near."""
+    depth = SCAN_BEGIN * expected
+    near = [each for each in known if each <= SCAN_FACTOR * depth]
+    depth = min(near, default=depth)
+    for _ in range(MOST_TRIALS):
+        if depth >= deepest:
+            break
+        yield depth
+        ahead = [each for each in known if depth < each <= KNOWN_FACTOR * depth]
+        depth = min(ahead, default=SCAN_FACTOR * depth)
+    yield deepest
 
 
 def _find_border(growth: Callable[[float], float], low: float, high: float) -> float:

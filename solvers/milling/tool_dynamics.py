@@ -100,26 +100,18 @@ def couple_assembly(machine: ComplexArray, omega: FloatArray, assembly: Assembly
     """
     if isinstance(assembly, MeasuredAssembly):
         return _couple_measured(machine, omega, assembly)
-    found = machine
+    # frequencies last, so that every product runs along them
+    found = np.ascontiguousarray(np.moveaxis(machine, 0, -1))
     for mode in assembly:
         # x = A (f + omega^2 m D D^T x) with A of the machine and the spring in series
-        square, axes = (omega**2 * mode.mass)[:, None, None], mode.directions
-        series = found + mode.projector / _springs(mode, omega)[:, None, None]
-        moved = axes.T @ series  # of the mass, per force at the tip
-        own = _invert_small(np.eye(axes.shape[1]) - square * (moved @ axes))
-        found = series + square * ((series @ axes) @ (own @ moved))
-    return found
-
-
-def _invert_small(matrices: ComplexArray) -> ComplexArray:
-    """Inverses ``(f, d, d)``, in closed form where ``d`` is one or two."""
-    if matrices.shape[-1] == 1:
-        return 1.0 / matrices
-    if matrices.shape[-1] > 2:
-        return np.asarray(np.linalg.inv(matrices))
-    first, second, third, fourth = np.moveaxis(matrices.reshape(-1, 4), 1, 0)
-    adjugate = np.stack([fourth, -second, -third, first], axis=1).reshape(-1, 2, 2)
-    return np.asarray(adjugate / (first * fourth - second * third)[:, None, None])
+        square = omega**2 * mode.mass
+        found = found + mode.projector[:, :, None] / _springs(mode, omega)
+        # column by column of D (Sherman and Morrison 1950)
+        for axis in mode.directions.T:
+            pushed, moved = axis @ found, np.tensordot(axis, found, axes=1)
+            share = square / (1.0 - square * (axis @ pushed))
+            found += (share * pushed)[:, None] * moved
+    return np.moveaxis(found, -1, 0)
 
 
 def _springs(mode: ToolMode, omega: FloatArray) -> ComplexArray:

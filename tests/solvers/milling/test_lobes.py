@@ -242,7 +242,7 @@ def test_fast_multipliers_are_those_of_all_modes_and_the_whole_memory(
         for depth in (0.3e-3, 3e-3, 20e-3):
             cut = MillingCut(EndMill(0.02, teeth, helix), CHIP, speed, depth, radial_depth)
             steps = steps_per_period(600.0, cut.tooth_period)
-            gains = node_gains(cut, steps)
+            gains = node_gains(cut, steps)[0]
             stiffest = float(np.linalg.norm(gains, axis=(1, 2)).max())
             response = step_response(poles, cut.tooth_period, steps, stiffest=stiffest)
             cases.append((cut, steps, gains, cut_multiplier(response, cut)))
@@ -291,6 +291,19 @@ def test_a_border_is_found_by_few_secants_though_another_multiplier_is_larger_be
 
     assert scan_limit_depth(multiplier, 1e-3, 0.05) == pytest.approx(1.07e-3, rel=2e-4)
     assert len(tried) == len(set(tried)) <= 11
+    known = (0.45e-3, 0.7e-3, 0.95e-3, 1.05e-3)
+    tried.clear()
+    found = scan_limit_depth(multiplier, 1e-3, 0.05, known)
+    assert found == pytest.approx(1.07e-3, rel=2e-4)
+    assert set(known) < set(tried) and len(set(tried) - set(known)) <= 6
+
+
+def test_an_island_that_a_known_depth_lies_in_is_the_limit() -> None:
+    def multiplier(depth: float) -> float:
+        return 1.01 if 0.6e-3 < depth < 0.8e-3 or depth > 1.4e-3 else 0.99
+
+    found = scan_limit_depth(multiplier, 1e-3, 0.05, (0.45e-3, 0.7e-3, 0.95e-3, 1.05e-3))
+    assert found == pytest.approx(0.6e-3, rel=1e-3)
 
 
 def test_flip_lobes_of_a_low_immersion_are_where_theory_has_them() -> None:
@@ -304,7 +317,7 @@ def test_flip_lobes_of_a_low_immersion_are_where_theory_has_them() -> None:
     limit = floquet_limit(ONE_MODE, cut, plain)
     assert limit < 0.7 * plain
     response = step_response(tip_of(ONE_MODE), cut.tooth_period, 200)
-    gains = node_gains(dataclasses.replace(cut, axial_depth=limit), 200)
+    gains = node_gains(dataclasses.replace(cut, axial_depth=limit), 200)[0]
     values = np.linalg.eigvals(period_matrix(response, gains))
     assert abs(values[np.argmax(np.abs(values))] + 1.0) < 2e-3
 

@@ -8,6 +8,8 @@ import pytest
 from mpi4py import MPI
 
 from headstock.app.tables.sweep_quantities import limit_words
+from headstock.geometry.machine.feed import Feed, find_feed
+from headstock.geometry.machine.machine import Pose
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import PoseLobes
 from headstock.pipeline.runner import run_scene
@@ -94,6 +96,25 @@ def test_on_a_circle_limits_are_those_of_the_axes_and_of_the_diagonal(tmp_path: 
     for pose, name in ((1, "y"), (3, "0.7071 0.7071 0"), (5, "x")):
         np.testing.assert_allclose(feed.depths[pose], results.limits[name].depths[pose], rtol=1e-6)
     assert results.warnings == ()
+
+
+def way_of(corners: list[tuple[float, float]]) -> Feed:
+    """Feed of a point that X and Y of the three-axis machine lead through places [mm]."""
+    machine = load_scene(MACHINES / "three_axis.toml", variant="R").machine
+    poses = [Pose(str(n), {"X": 1e-3 * x, "Y": 1e-3 * y}) for n, (x, y) in enumerate(corners)]
+    return find_feed(machine, machine.points["tcp"], np.zeros(3), poses)
+
+
+def test_a_closed_circle_has_its_tangent_at_the_seam_but_a_square_has_a_corner() -> None:
+    angles = np.radians([0.0, 15.0, 40.0, 60.0, *np.arange(90.0, 346.0, 15.0), 360.0])
+    circle = way_of([(RADIUS * np.cos(a), RADIUS * np.sin(a)) for a in angles])
+    # the table moves along X, so the tool travels against it
+    tangents = np.column_stack([np.sin(angles), np.cos(angles), np.zeros(len(angles))])
+    np.testing.assert_allclose(circle.directions[[0, -1]], tangents[[0, -1]], atol=1e-9)
+    assert circle.corners == circle.standing == ()
+    square = way_of([(0, 0), (50, 0), (50, 50), (0, 50), (0, 0)])
+    np.testing.assert_allclose(square.directions[[0, -1]], [[-1, 0, 0], [0, -1, 0]], atol=1e-12)
+    assert square.corners == (1, 2, 3)
 
 
 @pytest.mark.parametrize("variant", ["lumped", "components"])
