@@ -47,6 +47,7 @@ from headstock.solvers.paths.varying_response import (
 from headstock.solvers.paths.varying_system import PlantChannels, SampledPlant, VaryingSystem
 from headstock.solvers.second_order import Channel
 
+LEAST = 1e-9  # size of a pole [rad/s]: below it one does not move
 REMEMBERED = 32  # loops of instants that an implicit integrator asks for again
 
 
@@ -78,7 +79,7 @@ class VaryingLoop:
         travels: Of each drive.
         count: How many of the outputs are wanted.
         low_frequency_limit_hz: Poles below this frequency are rigid-body motion on the drives and
-            mounts [Hz].
+            mounts; as many along the whole path [Hz].
         loads: On the machine; None for none.
     """
 
@@ -183,7 +184,9 @@ def make_loop_table(loop: VaryingLoop, size: float) -> LoopTable:
     steps = tabulate_steps(
         lambda place: _exact_step(loop, place, size), float(loop.plant.positions[-1]), size
     )
-    views = [_observe_loop(loop, float(place)) for place in steps.spline.x]
+    inputs = [_drive_inputs(loop, float(place)) for place in steps.spline.x]
+    parting = _part_poles([own.space.a for own in inputs], loop.low_frequency_limit_hz)
+    views = [_observe_loop(loop, *each) for each in zip(inputs, parting, strict=True)]
     return LoopTable(
         steps,
         *(
@@ -433,18 +436,42 @@ def _exact_step(loop: VaryingLoop, position: float, size: float) -> FloatArray:
     return np.hstack([found[:, :ends], level - rise, rise])
 
 
-def _observe_loop(loop: VaryingLoop, position: float) -> tuple[FloatArray, ...]:
-    """Rows, direct, low-frequency, slow and quasi-static matrices of a table at a position.
+def _part_poles(states: Sequence[FloatArray], limit_hz: float) -> FloatArray:
+    """Size that parts low-frequency poles from the others in each pose ``(k,)`` [rad/s]: as many
+    everywhere, though a pole may pass the limit; of possible numbers that with the widest gap.
+
+    Args:
+        states: ``(n, n)`` of the loop in each pose.
+        limit_hz: Below it poles are low-frequency ones [Hz].
+    """
+    sizes = np.sort([np.abs(np.linalg.eigvals(a)) for a in states], axis=1)
+    below = (sizes < 2.0 * np.pi * limit_hz).sum(axis=1)
+    # with a pole at least below and one above all
+    ends = np.column_stack([np.full(len(sizes), LEAST), sizes, np.full(len(sizes), np.inf)])
+    ends = np.maximum(ends, LEAST)
+    count = max(
+        range(below.min(), below.max() + 1),
+        key=lambda number: float((ends[:, number + 1] / ends[:, number]).min()),
+    )
+    return np.asarray(np.sqrt(ends[:, count] * ends[:, count + 1]))
+
+
+def _observe_loop(loop: VaryingLoop, inputs: _Inputs, parting: float) -> tuple[FloatArray, ...]:
+    """Rows, direct, low-frequency, slow and quasi-static matrices of a table in a pose.
+
+    Args:
+        loop: Along the path.
+        inputs: In the pose.
+        parting: Size below which poles are low-frequency ones [rad/s].
 
     Source: ``A X_s = -B_s``, ``A X_v = X_s - B_v``, ``A X_a = X_v - B_a``.
     """
-    inputs = _drive_inputs(loop, position)
     rows = inputs.space.c[: loop.count]
     factors = scipy.linalg.lu_factor(inputs.space.a)
     place = scipy.linalg.lu_solve(factors, -inputs.b[:, 0])
     speed = scipy.linalg.lu_solve(factors, place - inputs.b[:, 1])
     pull = scipy.linalg.lu_solve(factors, speed - inputs.b[:, 2])
-    low_frequency = rows @ project_slow(inputs.space.a, 2.0 * np.pi * loop.low_frequency_limit_hz)
+    low_frequency = rows @ project_slow(inputs.space.a, parting)
     held = rows @ np.column_stack([place, speed, pull]) + inputs.d[:, :3]
     held[:, 2] -= low_frequency @ pull
     return rows, inputs.d, low_frequency, low_frequency @ np.column_stack([place, speed]), held

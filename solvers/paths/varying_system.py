@@ -12,7 +12,7 @@ linear parametric reduced-order models, SIAM J. Sci. Comput. 33, 2169 (consisten
 """
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -28,7 +28,7 @@ from headstock.solvers.linear.modal_coordinates import (
     keep_modes,
     to_modal_coordinates,
 )
-from headstock.solvers.paths.response import PathModel, static_share
+from headstock.solvers.paths.response import PathModel
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 FIRST_POSES = 5
@@ -88,7 +88,8 @@ class SampledPose:
         damping: ``(m, m)`` viscous.
         load: ``(m,)`` per unit acceleration along the path.
         rows: ``(p, m)`` motion at the outputs.
-        low_frequency: ``(p, m)`` motion at the outputs of the low-frequency modes alone.
+        low_frequency: ``(p, m)`` motion at the outputs of the low-frequency modes alone, which are those
+            in the middle of the path.
         quasi_static: ``(p,)`` quasi-static deviation per unit acceleration, of everything but the
             low-frequency modes.
         rest: ``(p,)`` what the modes kept do not represent.
@@ -220,13 +221,16 @@ def sample_system(
     """
     if model.up_to_hz is None:
         raise ValueError("a system along a path keeps modes up to a frequency")
-    return _sample(
-        place,
-        length,
-        PlantChannels((model.source,), model.outputs, model.up_to_hz),
-        lambda pose, turn: _turn_pose(pose, turn, model),
-        SampledPose,
-    )
+    limit = 2.0 * np.pi * model.low_frequency_limit_hz
+
+    def turn_poses(
+        poses: Mapping[float, PoseModes], turns: Mapping[float, FloatArray]
+    ) -> dict[float, SampledPose]:
+        slow = int(np.count_nonzero(poses[middle_of(poses)].coordinates.omega < limit))
+        return {place: _turn_pose(pose, turns[place], slow) for place, pose in poses.items()}
+
+    channels = PlantChannels((model.source,), model.outputs, model.up_to_hz)
+    return _sample(place, length, channels, turn_poses, SampledPose)
 
 
 def sample_plant(
@@ -238,14 +242,20 @@ def sample_plant(
         ModelError: A damper acts on a dof without mass.
         AccuracyError: The greatest number of sampled poses does not suffice.
     """
-    return _sample(place, length, channels, turn_plant, SampledPlant)
+
+    def turn_poses(
+        poses: Mapping[float, PoseModes], turns: Mapping[float, FloatArray]
+    ) -> dict[float, SampledPlant]:
+        return {place: turn_plant(pose, turns[place]) for place, pose in poses.items()}
+
+    return _sample(place, length, channels, turn_poses, SampledPlant)
 
 
 def _sample[S: PoseSample](
     place: Callable[[float], PosedModes],
     length: float,
     channels: PlantChannels,
-    turn_pose: "Callable[[PoseModes, FloatArray], S]",
+    turn_poses: "Callable[[Mapping[float, PoseModes], Mapping[float, FloatArray]], dict[float, S]]",
     make: Callable[..., S],
 ) -> VaryingSystem[S]:
     first = [float(value) for value in np.linspace(0.0, length, FIRST_POSES)]
@@ -257,9 +267,7 @@ def _sample[S: PoseSample](
         poses = dict(sorted(poses.items()))
         kept, next_hz = count_kept_modes(poses, channels.up_to_hz)
         turns = transport_modes(poses, kept)
-        sampled_poses = {
-            position: turn_pose(pose, turns[position]) for position, pose in poses.items()
-        }
+        sampled_poses = turn_poses(poses, turns)
         scales = _scales(sampled_poses)
         splines = _interpolate({position: sampled_poses[position] for position in before})
         misses = [
@@ -337,12 +345,18 @@ def count_kept_modes(poses: Mapping[float, PoseModes], up_to_hz: float) -> tuple
     return kept, np.inf if kept == most else min(float(part[kept]) for part in frequencies)
 
 
+def middle_of(positions: Iterable[float]) -> float:
+    """Of rising positions the one nearest to the middle of the path."""
+    known = list(positions)
+    return min(known, key=lambda position: abs(position - 0.5 * (known[0] + known[-1])))
+
+
 def transport_modes(poses: Mapping[float, PoseModes], kept: int) -> dict[float, FloatArray]:
     """How the modes of each pose are turned ``(m, m)`` so that they agree with their neighbours';
     those of the middle stay.
     """
     positions = list(poses)
-    middle = len(positions) // 2
+    middle = positions.index(middle_of(positions))
     turns = {positions[middle]: np.eye(kept)}
     for path in (positions[middle:], positions[middle::-1]):
         for before, after in itertools.pairwise(path):
@@ -362,28 +376,34 @@ def match_modes(before: PoseModes, after: PoseModes, kept: int) -> FloatArray:
     return np.asarray(left @ right)
 
 
-def _turn_pose(pose: PoseModes, turn: FloatArray, model: PathModel) -> SampledPose:
+def _turn_pose(pose: PoseModes, turn: FloatArray, slow: int) -> SampledPose:
+    """A pose in carried modes.
+
+    Args:
+        pose: Its modes.
+        turn: ``(m, m)`` modes are this times the carried ones.
+        slow: How many of the carried modes are low-frequency ones: the same along the path, so that
+            a mode whose frequency passes the limit is no step in what is interpolated.
+    """
     kept = len(turn)
     found = pose.coordinates
-    eigenvalues, rows, load = (
-        found.eigenvalues[:kept],
-        found.outputs[:, :kept],
-        found.inputs[:kept, 0],
-    )
+    rows, load = found.outputs[:, :kept] @ turn, turn.T @ found.inputs[:kept, 0]
     damping = np.zeros((kept, kept)) if found.viscous is None else found.viscous[:kept, :kept]
     # matrices in the turned modes q = T q': T^T Omega^2 T is full where close modes mix, and smooth
-    # along the path. What the other modes add to the quasi-static deviation (rest) is all of it
-    # less the part of the fast modes kept
-    below = found.omega[:kept] < 2.0 * np.pi * model.low_frequency_limit_hz
-    quasi_static = static_share(found, model.low_frequency_limit_hz)
+    # along the path
+    stiffness = turn.T @ (found.eigenvalues[:kept, None] * turn)
+    rest = (found.outputs[:, kept:] / found.eigenvalues[kept:]) @ found.inputs[kept:, 0]
+    if not found.complete:
+        rest = rest + found.residual[:, 0]
+    held = np.linalg.solve(stiffness[slow:, slow:], load[slow:])
     return SampledPose(
-        stiffness=turn.T @ (eigenvalues[:, None] * turn),
+        stiffness=stiffness,
         damping=turn.T @ damping @ turn,
-        load=turn.T @ load,
-        rows=rows @ turn,
-        low_frequency=np.where(below, rows, 0.0) @ turn,
-        quasi_static=quasi_static,
-        rest=quasi_static - (rows[:, ~below] / eigenvalues[~below]) @ load[~below],
+        load=load,
+        rows=rows,
+        low_frequency=np.where(np.arange(kept) < slow, rows, 0.0),
+        quasi_static=rest + rows[:, slow:] @ held,
+        rest=rest,
     )
 
 
@@ -412,7 +432,7 @@ def turn_plant(pose: PoseModes, turn: FloatArray) -> SampledPlant:
 
 
 def _scales(sampled_poses: Mapping[float, PoseSample]) -> FloatArray:
-    middle = sampled_poses[list(sampled_poses)[len(sampled_poses) // 2]]
+    middle = sampled_poses[middle_of(sampled_poses)]
     return np.asarray(
         np.sqrt(np.maximum(middle.stiffness.diagonal(), (2.0 * np.pi * LEAST_HZ) ** 2))
     )
@@ -470,7 +490,7 @@ def compare_transports(
     along all.
     """
     kept = len(next(iter(turns.values())))
-    middle = list(poses)[len(poses) // 2]
+    middle = middle_of(poses)
     coarse = transport_modes(
         {position: poses[position] for position in poses if position in some or position == middle},
         kept,

@@ -279,6 +279,19 @@ def test_parts_are_those_of_the_pose() -> None:
     )
 
 
+def test_a_pole_that_passes_the_limit_on_the_way_counts_as_what_it_is_all_along() -> None:
+    """The base sways at 48 to 64 Hz; all else is below 18 Hz or above 170 Hz."""
+    loop = make_loop(Case())
+    passed, above = (
+        solve_varying_control(
+            dataclasses.replace(loop, low_frequency_limit_hz=limit), MOVE, samples(1000.0)
+        )
+        for limit in (55.0, 100.0)
+    )
+    np.testing.assert_array_equal(passed.low_frequency, above.low_frequency)
+    np.testing.assert_array_equal(passed.quasi_static, above.quasi_static)
+
+
 def test_poles_between_sampled_poses_are_those_of_the_machine_there() -> None:
     case = Case()
     loop = make_loop(case)

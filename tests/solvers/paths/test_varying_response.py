@@ -2,6 +2,8 @@
 integrator at tight tolerance.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -124,6 +126,29 @@ def test_a_changing_system_follows_an_integrator_at_tight_tolerance() -> None:
         found.times,
     )
     assert np.abs(frozen.total[:, 0] - reference).max() > 0.1 * size
+
+
+def test_a_mode_may_pass_the_limit_of_low_frequencies_on_the_way() -> None:
+    """Its part of the deviation is that of a limit that it does not pass; the total is the same."""
+    ends, middle = (
+        [float(place_chain(place).modes.frequencies_hz[0]) for place in places]
+        for places in ((0.0, LENGTH), (0.5 * LENGTH,))
+    )
+    limit = 0.5 * (middle[0] + max(ends))
+    assert min(ends) < limit < max(ends)
+    parts = {}
+    for name, hz in (("passed", limit), ("above", 1.1 * max(ends)), ("below", 0.9 * min(ends))):
+        model = dataclasses.replace(MODEL, low_frequency_limit_hz=hz)
+        parts[name] = solve(sample_system(place_chain, LENGTH, model))
+    size = np.abs(parts["below"].total).max()
+    for part in ("total", "quasi_static", "low_frequency", "dynamic"):
+        passed, above = getattr(parts["passed"], part), getattr(parts["above"], part)
+        np.testing.assert_allclose(passed, above, atol=1e-4 * size)
+    np.testing.assert_allclose(parts["passed"].total, parts["below"].total, atol=1e-4 * size)
+    assert (
+        np.abs(parts["below"].low_frequency).max()
+        < 0.1 * np.abs(parts["passed"].low_frequency).max()
+    )
 
 
 def test_the_error_falls_with_the_square_of_the_step() -> None:
